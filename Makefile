@@ -1,0 +1,56 @@
+# Everything runs in .venv, which the first target that needs it makes and fills from the
+# lock files; later calls install nothing until a lock or pyproject.toml changes.
+#
+#   PYTHON=/path/to/python3.12   the interpreter to make .venv with (default: first that fits)
+#   ARGS='...'                   more arguments for `make test` and `make repro`
+
+STAMP := .venv/installed
+VENV := .venv/bin/python
+PIP := $(VENV) -m pip --disable-pip-version-check
+
+# The stages that DVC starts are found by name; with this, in .venv first.
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
+
+.DEFAULT_GOAL := help
+.PHONY: help repro test lint bench doctor venv lock clean
+
+help: ## show this list
+	@grep -hE '^[a-z]+:.*## ' Makefile | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 10
+
+repro: $(STAMP) ## environment, then every stage of the pipeline that is out of date
+	@$(VENV) -m dvc repro $(ARGS)
+	@echo
+	@echo "Results: results/tables (numbers), results/figures (plots), results/<scene>/renders (images)."
+	@echo "On the command line: dvc metrics show; dvc plots show   (after: . .venv/bin/activate)"
+
+test: $(STAMP) ## all tests
+	@$(VENV) -m pytest $(ARGS)
+
+lint: $(STAMP) ## ruff (rules and format) and mypy: what pre-commit runs too
+	$(VENV) -m ruff check .
+	$(VENV) -m ruff format --check .
+	$(VENV) -m mypy
+
+bench: $(STAMP) ## the speed figures, as ratios measured side by side in one process
+	@$(VENV) -m benchmarks $(ARGS)
+
+doctor: $(STAMP) ## what works on this machine, what is missing, what mends it
+	@.venv/bin/gpf doctor
+
+venv: $(STAMP) ## only the environment
+
+$(STAMP): requirements.lock requirements-nodeps.lock pyproject.toml
+	@$(PIP) --version >/dev/null 2>&1 || sh tools/make_venv.sh
+	$(PIP) install -r requirements.lock
+	@$(PIP) install --no-deps --no-build-isolation --use-pep517 -r requirements-nodeps.lock \
+	  || echo "Warning: the packages of requirements-nodeps.lock could not be installed; LPIPS and" \
+	     "FLIP will be null in the tables. \`make doctor\` names the commands that add them." >&2
+	$(PIP) install --no-deps --no-build-isolation -e .
+	@touch $(STAMP)
+
+lock: ## resolve requirements.in anew into requirements.lock (CONTRIBUTING.md)
+	@sh tools/make_lock.sh
+
+clean: ## remove .venv, caches and build leftovers; results and DVC's cache stay
+	rm -rf .venv build *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

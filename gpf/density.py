@@ -1,0 +1,133 @@
+"""Photons and points -> irradiance: the radius schedule and the kernel density estimate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.spatial_hash import SpatialHash
+from gpf.structs import Photons
+
+# Two surfaces whose normals differ by more than about 45° do not share photons: the other side of
+# a thin wall and the wall around a corner are in the dark about each other.
+SAME_SURFACE_COSINE = 0.7
+
+# A point with this depth budget takes photons of any depth.
+UNLIMITED = 255
+
+
+def next_radius(radius: float, t: int, alpha: float) -> float:
+    """r_{t+1} = r_t √((t + α) / (t + 1)), t counted from 1 (Knaus and Zwicker 2011)."""
+    return float(radius * np.sqrt((t + alpha) / (t + 1)))
+
+
+def radius_at(t: int, initial_radius: float, alpha: float) -> float:
+    """Radius of pass ``t`` (from 1) in closed form, so that passes are independent given t.
+
+    r_t² = r_1² Γ(t + α) / (Γ(1 + α) Γ(t + 1)) from the recurrence of :func:`next_radius`.
+    """
+    from scipy.special import gammaln
+
+    log_ratio = gammaln(t + alpha) - gammaln(1 + alpha) - gammaln(t + 1)
+    return float(initial_radius * np.exp(0.5 * log_ratio))
+
+
+def pack_tag(n: mi.Normal3f, budget: mi.UInt32 | int = UNLIMITED) -> mi.Float:
+    """A unit normal (8 bits a coordinate) and a depth budget (8 bits) as the bits of one float."""
+    bits = mi.Vector3u(dr.round((n + 1) * 127.5))
+    budget = dr.minimum(mi.UInt32(budget), UNLIMITED)
+    return dr.reinterpret_array(mi.Float, bits.x | (bits.y << 8) | (bits.z << 16) | (budget << 24))
+
+
+def unpack_normal(tag: mi.Float) -> mi.Normal3f:
+    """The normal in a tag, to 4e-3 a coordinate (the length, too)."""
+    bits = dr.reinterpret_array(mi.UInt32, tag)
+    packed = mi.Normal3f(
+        mi.Float(bits & 255), mi.Float((bits >> 8) & 255), mi.Float((bits >> 16) & 255)
+    )
+    return packed * (1 / 127.5) - 1
+
+
+def unpack_budget(tag: mi.Float) -> mi.UInt32:
+    """The depth budget in a tag."""
+    return dr.reinterpret_array(mi.UInt32, tag) >> 24
+
+
+def same_surface(record: mi.Vector4f, n: mi.Normal3f) -> mi.Bool:
+    """Whether the normal in a record's tag belongs to the surface that ``n`` belongs to."""
+    return dr.dot(unpack_normal(record.w), n) > SAME_SURFACE_COSINE
+
+
+class IrradianceGatherer:
+    """Irradiance at given points, summed up as photons land: nothing is stored but the sums.
+
+    The hash holds the points, and each photon visits those within ``radius``:
+
+        E(x) = 1 / (π r²) Σ Φ_i    over photons with |x - x_i| ≤ r on the same surface.
+
+    Sorting some 10^5 points per pass costs less than storing and sorting several photons per path.
+
+    Parameters
+    ----------
+    p, n: positions and oriented normals, (N, 3).
+    valid: points that take part, (N,).
+    budget: greatest depth of a photon that a point accepts, (N,), below :data:`UNLIMITED`.
+    radius: kernel radius, world units.
+    bounds: corners of the scene's bounding box.
+    """
+
+    def __init__(
+        self,
+        p: mi.Point3f,
+        n: mi.Normal3f,
+        valid: mi.Bool,
+        radius: float,
+        bounds: Any,
+        budget: mi.UInt32 | int = UNLIMITED,
+    ) -> None:
+        tag = pack_tag(n, budget)
+        self.hash = SpatialHash(p, cell=2.02 * radius, bounds=bounds, valid=valid, tag=tag)
+        self._radius = dr.opaque(mi.Float, radius)
+        self._sums = dr.zeros(mi.Float, 4 * dr.width(p))
+
+    def deposit(self, photons: Photons, active: mi.Bool) -> None:
+        """Add the photons' power to the points around them; to be called from a photon walk."""
+        power = mi.Vector4f(*photons.power, 0)
+        depth = dr.minimum(photons.depth, UNLIMITED)
+
+        def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
+            counts = inside & same_surface(record, photons.n)
+            counts &= depth <= unpack_budget(record.w)
+            dr.scatter_add(self._sums, power, index, counts)
+            return state
+
+        self.hash.visit(photons.p, self._radius, add, mi.UInt32(0), active)
+
+    def irradiance(self) -> mi.Color3f:
+        """E, W/m², (N, 3); 0 at invalid points."""
+        sums = dr.gather(mi.Vector4f, self._sums, self.hash.slot)
+        return mi.Color3f(sums.x, sums.y, sums.z) / (dr.pi * dr.square(self._radius))
+
+
+def estimate_irradiance(photons: Photons, radius: float, bounds: Any) -> mi.Color3f:
+    """Kernel density estimate of E at the photons' own positions, (N, 3).
+
+    A photon counts itself, which makes the estimate positive everywhere.
+    """
+    grid = SpatialHash(photons.p, cell=2.02 * radius, bounds=bounds, tag=pack_tag(photons.n))
+    power = dr.gather(mi.Color3f, photons.power, grid.order)
+    power = dr.ravel(mi.Vector4f(power.x, power.y, power.z, 0))
+    dr.eval(power)
+
+    def add(total, index, record, distance2, inside):  # type: ignore[no-untyped-def]
+        counts = inside & same_surface(record, photons.n)
+        value = dr.gather(mi.Vector4f, power, index, counts)
+        return total + mi.Color3f(value.x, value.y, value.z)
+
+    total = grid.visit(
+        photons.p, dr.opaque(mi.Float, radius), add, mi.Color3f(0), mi.Bool(True)
+    )
+    return total / (dr.pi * radius * radius)

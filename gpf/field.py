@@ -1,0 +1,239 @@
+"""The Gaussian photon field: irradiance at any surface point, blended from nearby Gaussians."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.artifacts import read_tensors, write_tensors
+from gpf.density import pack_tag, same_surface
+from gpf.gaussians import Gaussians, whitening_rows
+from gpf.spatial_hash import SpatialHash
+from gpf.structs import VisiblePoints, to_numpy
+
+# Keeps the sum of weights away from zero: where every Gaussian of a neighbourhood is too narrow to
+# reach the query point, the blend becomes their plain mean instead of black.
+WEIGHT_FLOOR = 1e-6
+
+# The supplement's falloff reaches zero at this multiple of the k-th neighbour's distance.
+SUPPLEMENT_REACH = 1.5
+
+
+@dataclass(frozen=True)
+class FieldSettings:
+    """How a field is queried.
+
+    Attributes
+    ----------
+    search_radius: r of the ball query, world units.
+    k: neighbours at least; where the ball holds fewer, the k nearest are taken instead.
+    neighbours: ``both`` as described, ``radius`` the ball alone, ``knn`` the k nearest alone.
+    blend: ``divided`` by the sum of weights, or the plain ``sum``.
+    stores: ``irradiance`` (multiplied by the reflectance / π at the hit) or ``radiance``.
+    normal_test: whether Gaussians of another surface (normals more than 45° apart) are ignored.
+    """
+
+    search_radius: float
+    k: int = 3
+    neighbours: Literal["both", "radius", "knn"] = "both"
+    blend: Literal["divided", "sum"] = "divided"
+    stores: Literal["irradiance", "radiance"] = "irradiance"
+    normal_test: bool = True
+
+
+def blend_weight(
+    d: mi.Vector3f,
+    rows: tuple[mi.Vector3f, mi.Vector3f, mi.Vector3f],
+    support2: mi.Float,
+) -> mi.Float:
+    """w = ψ(|d|) (exp(-|M d|²/2) + ε) with ψ(t) = (1 - t²/R²)², zero at the support's edge R.
+
+    ψ goes to zero where a Gaussian enters or leaves the neighbourhood, so that the blend has no
+    seams there.
+    """
+    u = mi.Vector3f(*(dr.dot(row, d) for row in rows))
+    falloff = dr.square(dr.maximum(1 - dr.squared_norm(d) / support2, 0))
+    return falloff * (dr.exp(-0.5 * dr.squared_norm(u)) + WEIGHT_FLOOR)
+
+
+class GaussianPhotonField:
+    """Gaussians and how to blend them.
+
+    The value at a point x on a surface with normal n is
+
+        E(x) = Σ w_i c_i / Σ w_i,   i in N(x)
+        N(x) = Ball(x, r), or the k nearest Gaussians where the ball holds fewer than k.
+
+    Parameters
+    ----------
+    gaussians: the primitives, (N).
+    settings: how to query them.
+    bounds: corners of the scene's bounding box.
+    record: JSON-like facts about how the field came to be; saved with it.
+    """
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        settings: FieldSettings,
+        bounds: tuple[Any, Any],
+        record: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.settings = settings
+        self.bounds = bounds
+        self.record = dict(record or {})
+        self.update(gaussians)
+
+    def update(self, gaussians: Gaussians) -> None:
+        """Take new Gaussians and rebuild the neighbour search."""
+        self.gaussians = gaussians
+        self.hash = SpatialHash(
+            gaussians.means,
+            cell=2.02 * self.settings.search_radius,
+            bounds=self.bounds,
+            tag=pack_tag(gaussians.normals),
+            far=True,
+        )
+        order = self.hash.order
+        rows = whitening_rows(gaussians.log_scales, gaussians.quats)
+        self._packets = []
+        for k in range(3):
+            row = dr.gather(mi.Vector3f, rows[k], order)
+            colour = dr.gather(mi.Float, gaussians.irradiance[k], order)
+            self._packets.append(dr.ravel(mi.Vector4f(row.x, row.y, row.z, colour)))
+        dr.eval(self._packets)
+        self._radius = dr.opaque(mi.Float, self.settings.search_radius)
+        self._limit = dr.opaque(mi.Float, self.hash.extent)
+
+    def accepts(self, record: mi.Vector4f, n: mi.Normal3f) -> mi.Bool:
+        """Whether the Gaussian of a record may answer for a surface with normal ``n``."""
+        return same_surface(record, n) if self.settings.normal_test else mi.Bool(True)
+
+    def _term(
+        self, x: mi.Point3f, mean: mi.Point3f, index: mi.UInt32, support2: mi.Float, active: mi.Bool
+    ) -> tuple[mi.Float, mi.Color3f]:
+        """Weight and weighted colour of one neighbour; zero where inactive."""
+        packets = [dr.gather(mi.Vector4f, p, index, active) for p in self._packets]
+        rows = tuple(mi.Vector3f(p.x, p.y, p.z) for p in packets)
+        weight = dr.select(active, blend_weight(x - mean, rows, support2), 0)  # type: ignore[arg-type]
+        return weight, weight * mi.Color3f(*(p.w for p in packets))
+
+    @dr.syntax
+    def query(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool):
+        """The stored quantity at surface points.
+
+        Parameters
+        ----------
+        x, n: positions and viewer-side normals, (N, 3).
+
+        Returns
+        -------
+        value: irradiance (or radiance, see the settings), (N, 3); 0 where nothing is known.
+        reach: distance within which the answer's neighbours lie, in units of the search radius,
+            (N,): 1 inside dense regions, more where the supplement had to go further, infinite
+            where there was no neighbour at all.
+        """
+        settings = self.settings
+        radius2 = self._radius * self._radius
+        count = mi.UInt32(0)
+        total = mi.Float(0)
+        colour = mi.Color3f(0)
+
+        def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
+            count, total, colour = state
+            inside &= self.accepts(record, n)
+            mean = mi.Point3f(record.x, record.y, record.z)
+            weight, weighted = self._term(x, mean, index, radius2, inside)
+            return count + dr.select(inside, 1, 0), total + weight, colour + weighted
+
+        if dr.hint(settings.neighbours != "knn", mode="scalar"):
+            count, total, colour = self.hash.visit(
+                x, self._radius, add, (count, total, colour), active
+            )
+        reach = mi.Float(1)
+
+        if dr.hint(settings.neighbours != "radius", mode="scalar"):
+            sparse = active & (count < settings.k)
+            index, distance2 = self.hash.nearest(
+                x,
+                settings.k,
+                2 * self._radius,
+                self._limit,
+                lambda record: self.accepts(record, n),
+                sparse,
+            )
+            farthest2 = mi.Float(0)
+            for j in range(settings.k):
+                farthest2 = dr.select(distance2[j] < dr.inf, distance2[j], farthest2)
+            support2 = farthest2 * (SUPPLEMENT_REACH * SUPPLEMENT_REACH) + dr.epsilon(mi.Float)
+            total = dr.select(sparse, 0, total)
+            colour = dr.select(sparse, 0, colour)
+            for j in range(settings.k):
+                found = sparse & (distance2[j] < dr.inf)
+                record = dr.gather(mi.Vector4f, self.hash.records, index[j], found)
+                mean = mi.Point3f(record.x, record.y, record.z)
+                weight, weighted = self._term(x, mean, index[j], support2, found)
+                total += weight
+                colour += weighted
+            reach = dr.select(sparse, dr.sqrt(farthest2 / radius2), reach)
+
+        known = active & (total > 0)
+        value = colour
+        if dr.hint(settings.blend == "divided", mode="scalar"):
+            value = colour / total
+        return dr.select(known, value, 0), dr.select(known, reach, dr.inf)
+
+    def radiance(self, points: VisiblePoints) -> tuple[mi.Color3f, mi.Float]:
+        """L at visible points, (N, 3), and the reach of the answer (see :meth:`query`), (N,)."""
+        value, reach = self.query(points.p, points.n, points.valid)
+        if self.settings.stores == "irradiance":
+            return points.radiance(value), reach
+        reflected = dr.select(points.valid, points.throughput * value, 0)
+        return points.emission + reflected, reach
+
+    def __repr__(self) -> str:
+        count = dr.width(self.gaussians.means)
+        return f"GaussianPhotonField[{count} Gaussians, {self.settings}]"
+
+    def save(self, path: Path) -> None:
+        """Write the field; exact in float32."""
+        g = self.gaussians
+        tensors = {
+            "means": to_numpy(g.means),
+            "log_scales": to_numpy(g.log_scales),
+            "quats": np.stack([np.asarray(c.numpy()) for c in (g.quats.x, g.quats.y, g.quats.z, g.quats.w)], 1),
+            "irradiance": to_numpy(g.irradiance),
+            "normals": to_numpy(g.normals),
+        }
+        metadata = {
+            "settings": asdict(self.settings),
+            "bounds": [[float(b[i]) for i in range(3)] for b in self.bounds],
+            "record": self.record,
+        }
+        write_tensors(path, "field", tensors, metadata)
+
+    @classmethod
+    def load(cls, path: Path) -> GaussianPhotonField:
+        """Read a field.
+
+        Raises
+        ------
+        UserError: the file is missing, truncated, or of another kind or schema version.
+        """
+        tensors, metadata = read_tensors(Path(path), "field", "train")
+        q = tensors["quats"]
+        gaussians = Gaussians(
+            means=mi.Point3f(np.ascontiguousarray(tensors["means"].T)),
+            log_scales=mi.Vector3f(np.ascontiguousarray(tensors["log_scales"].T)),
+            quats=mi.Quaternion4f(*(mi.Float(np.ascontiguousarray(q[:, i])) for i in range(4))),
+            irradiance=mi.Color3f(np.ascontiguousarray(tensors["irradiance"].T)),
+            normals=mi.Normal3f(np.ascontiguousarray(tensors["normals"].T)),
+        )
+        bounds = tuple(mi.ScalarPoint3f(b) for b in metadata["bounds"])
+        return cls(gaussians, FieldSettings(**metadata["settings"]), bounds, metadata["record"])  # type: ignore[arg-type]

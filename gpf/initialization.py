@@ -1,0 +1,71 @@
+"""Photons -> initial Gaussians."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.density import estimate_irradiance
+from gpf.gaussians import Gaussians
+from gpf.structs import Photons
+
+
+@dataclass(frozen=True)
+class InitializationSettings:
+    """How the Gaussians start.
+
+    Attributes
+    ----------
+    gaussians: number M of primitives.
+    source: ``photons``: means and normals of M photons, chosen at random; ``random``: uniform in
+        the scene's bounding box, with random normals.
+    colour: ``density``: kernel estimate of E at the photon; ``flux``: the photon's own power Φ.
+    scale: initial standard deviation of all axes, world units.
+    density_radius: kernel radius of the estimate, world units.
+    """
+
+    gaussians: int = 100_000
+    source: Literal["photons", "random"] = "photons"
+    colour: Literal["density", "flux"] = "density"
+    scale: float = 0.01
+    density_radius: float = 0.02
+
+
+def initialize_gaussians(
+    photons: Photons, settings: InitializationSettings, bounds: tuple[Any, Any], seed: int
+) -> Gaussians:
+    """One Gaussian for each of M photons: mean at the photon, random orientation, equal scales.
+
+    With fewer than M photons, all of them are used: the field then has fewer Gaussians.
+    """
+    rng = np.random.default_rng(seed)
+    available = dr.width(photons.p)
+    if settings.colour == "density":
+        value = estimate_irradiance(photons, settings.density_radius, bounds)
+    else:
+        value = photons.power
+    count = min(settings.gaussians, available)
+    chosen = mi.UInt32(np.sort(rng.permutation(available)[:count]).astype(np.uint32))
+    means = dr.gather(mi.Point3f, photons.p, chosen)
+    normals = dr.gather(mi.Normal3f, photons.n, chosen)
+    irradiance = dr.gather(mi.Color3f, value, chosen)
+    if settings.source == "random":
+        lower, upper = (np.array([b[i] for i in range(3)]) for b in bounds)
+        means = mi.Point3f(rng.uniform(lower, upper, (count, 3)).T.astype(np.float32))
+        directions = rng.normal(size=(count, 3))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        normals = mi.Normal3f(directions.T.astype(np.float32))
+    quats = rng.normal(size=(4, count)).astype(np.float32)
+    gaussians = Gaussians(
+        means=means,
+        log_scales=dr.full(mi.Vector3f, float(np.log(settings.scale)), count),
+        quats=mi.Quaternion4f(*(mi.Float(q) for q in quats)),
+        irradiance=irradiance,
+        normals=normals,
+    )
+    dr.eval(gaussians)
+    return gaussians

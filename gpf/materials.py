@@ -1,0 +1,71 @@
+"""The diffuse lobe of a Mitsuba BSDF, apart from its glossy and specular ones.
+
+Photons are stored, and camera rays end, where a surface has a diffuse component. What happens
+there needs that component alone. Of Mitsuba's BSDFs the diffuse lobes are separable in good
+approximation (exactly so for ``diffuse``, ``plastic`` and ``roughplastic``, also inside
+``twosided``, ``mask``, ``bumpmap`` and ``normalmap``):
+
+    f_d(wi, wo) = g(wi) ρ(wo) / π    with g(n) = 1.
+
+ρ is evaluated where a camera ray ends, g where a photon lands; their product needs no pairing of
+photons and points.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+
+def diffuse_context(mode: mi.TransportMode | None = None) -> mi.BSDFContext:
+    """A context that enables diffuse components only."""
+    context = mi.BSDFContext(mode or mi.TransportMode.Radiance)
+    context.type_mask = int(mi.BSDFFlags.Diffuse)
+    return context
+
+
+def specular_context(mode: mi.TransportMode | None = None) -> mi.BSDFContext:
+    """A context that enables everything but diffuse components."""
+    context = mi.BSDFContext(mode or mi.TransportMode.Radiance)
+    context.type_mask = int(mi.BSDFFlags.All) & ~int(mi.BSDFFlags.Diffuse)
+    return context
+
+
+def has_diffuse(bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f) -> mi.Bool:
+    """Whether the side of the surface that ``si.wi`` lies on has a diffuse component, (N,)."""
+    flags = bsdf.flags()
+    two_sided = mi.has_flag(flags, mi.BSDFFlags.BackSide)
+    return mi.has_flag(flags, mi.BSDFFlags.Diffuse) & ((si.wi.z > 0) | two_sided)
+
+
+def is_layered(bsdf: mi.BSDFPtr) -> mi.Bool:
+    """Whether a BSDF has diffuse and other components, (N,)."""
+    flags = bsdf.flags()
+    others = mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta)
+    others |= mi.has_flag(flags, mi.BSDFFlags.Null)
+    return mi.has_flag(flags, mi.BSDFFlags.Diffuse) & others
+
+
+def diffuse_reflectance(
+    bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, active: mi.Bool
+) -> mi.Color3f:
+    """ρ(wo) = π f_d(n, wo) for ``wo = si.wi``, (N, 3): light comes along the normal.
+
+    Evaluated with the roles of the two directions exchanged (the lobe is symmetric).
+    """
+    normal = mi.Vector3f(0, 0, dr.select(si.wi.z > 0, 1, -1))
+    return dr.pi * bsdf.eval(diffuse_context(), si, normal, active)
+
+
+def diffuse_transfer(bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Color3f:
+    """g(wi) = f_d(wi, n) / f_d(n, n) for ``wi = si.wi``, (N, 3); 1 where the lobe is Lambertian.
+
+    Only layered BSDFs are evaluated: without a second component the lobe has no angular
+    dependence. A black lobe gives 1.
+    """
+    active = active & is_layered(bsdf)
+    slanted = diffuse_reflectance(bsdf, si, active)
+    upright = mi.SurfaceInteraction3f(si)
+    upright.wi = mi.Vector3f(0, 0, dr.select(si.wi.z > 0, 1, -1))
+    straight = diffuse_reflectance(bsdf, upright, active)
+    return dr.select(active & (straight > 0), slanted / straight, 1)

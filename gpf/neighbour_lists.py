@@ -1,0 +1,95 @@
+"""Neighbour lists of supervised points: what a query would visit, written down for many steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from gpf.field import SUPPLEMENT_REACH, GaussianPhotonField
+from gpf.structs import SurfacePoints
+
+# Gaussians move a little between rebuilds: the lists hold those that may enter the ball meanwhile.
+LIST_MARGIN = 1.1
+
+
+@dataclass
+class NeighbourLists:
+    """Lists of Gaussians for P points in compressed rows.
+
+    Attributes
+    ----------
+    starts: where a point's list starts, (P + 1,).
+    indices: Gaussians, numbered as in ``field.gaussians``, (pairs,).
+    support2: squared support R² of the blend's falloff at each point, (P,).
+    """
+
+    starts: mi.UInt32
+    indices: mi.UInt32
+    support2: mi.Float
+
+
+@dr.syntax
+def _list_neighbours(field, points, fill, indices, offset):  # type: ignore[no-untyped-def]
+    """Count neighbours of every point, or write them from ``offset`` on when ``fill``."""
+    settings = field.settings
+    radius = dr.opaque(mi.Float, settings.search_radius)
+    listed = dr.opaque(mi.Float, settings.search_radius * LIST_MARGIN)
+    radius2 = radius * radius
+    order = field.hash.order
+
+    def write(index, slot, active):  # type: ignore[no-untyped-def]
+        if fill:
+            original = dr.gather(mi.UInt32, order, index, active)
+            dr.scatter(indices, original, slot, active)
+
+    def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
+        within, count = state
+        inside &= field.accepts(record, points.n)
+        write(index, offset + count, inside)
+        near = inside & (distance2 <= radius2)
+        return within + dr.select(near, 1, 0), count + dr.select(inside, 1, 0)
+
+    within = mi.UInt32(0)
+    count = mi.UInt32(0)
+    active = dr.full(mi.Bool, True, dr.width(points.p))
+    if dr.hint(settings.neighbours != "knn", mode="scalar"):
+        within, count = field.hash.visit(points.p, listed, add, (within, count), active)
+    support2 = mi.Float(radius2)
+    if dr.hint(settings.neighbours != "radius", mode="scalar"):
+        sparse = within < settings.k
+        index, distance2 = field.hash.nearest(
+            points.p,
+            settings.k,
+            2 * radius,
+            dr.opaque(mi.Float, field.hash.extent),
+            lambda record: field.accepts(record, points.n),
+            sparse,
+        )
+        farthest2 = mi.Float(0)
+        found = mi.UInt32(0)
+        for j in range(settings.k):
+            exists = sparse & (distance2[j] < dr.inf)
+            write(index[j], offset + found, exists)
+            found += dr.select(exists, 1, 0)
+            farthest2 = dr.select(exists, distance2[j], farthest2)
+        count = dr.select(sparse, found, count)
+        reach2 = farthest2 * (SUPPLEMENT_REACH * SUPPLEMENT_REACH) + dr.epsilon(mi.Float)
+        support2 = dr.select(sparse, reach2, support2)
+    return count, support2
+
+
+def list_neighbours(field: GaussianPhotonField, points: SurfacePoints) -> NeighbourLists:
+    """The Gaussians that :meth:`GaussianPhotonField.query` would blend at each point."""
+    none = dr.zeros(mi.UInt32, 1)
+    count, support2 = _list_neighbours(field, points, False, none, mi.UInt32(0))
+    dr.eval(count, support2)
+    ends = dr.prefix_reduce(dr.ReduceOp.Add, count, exclusive=False)
+    starts = dr.concat([mi.UInt32(0), ends])
+    pairs = int(ends[dr.width(ends) - 1])
+    indices = dr.zeros(mi.UInt32, max(pairs, 1))
+    offset = dr.gather(mi.UInt32, starts, dr.arange(mi.UInt32, dr.width(points.p)))
+    filled, _ = _list_neighbours(field, points, True, indices, offset)
+    dr.eval(filled, indices, starts)
+    return NeighbourLists(starts, indices, support2)

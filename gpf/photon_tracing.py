@@ -1,0 +1,165 @@
+"""Lights -> photons: the only photon walk of the project.
+
+What happens where a photon meets a diffuse surface is up to the caller's ``deposit``: the
+density estimate adds its power to nearby points without storing it, :func:`record_photons`
+keeps it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import drjit as dr
+import mitsuba as mi
+
+from gpf.materials import diffuse_transfer, has_diffuse
+from gpf.structs import Photons
+
+Deposit = Callable[[Photons, "mi.Bool"], None]
+
+
+@dr.syntax
+def trace_photons(
+    scene: mi.Scene,
+    deposit: Deposit,
+    paths: int,
+    seed: int,
+    max_depth: int = -1,
+    rr_depth: int = 5,
+) -> None:
+    """Trace ``paths`` photon paths from the emitters and deposit them on diffuse surfaces.
+
+    Parameters
+    ----------
+    deposit: called inside a traced loop as ``deposit(photons, active)`` for each surface
+        interaction; it acts by side effects masked with ``active``.
+    paths: number of emitted paths, the width of the wavefront.
+    max_depth: the longest path from emitter to camera that a photon may be part of, counted in
+        edges as Mitsuba's ``path`` does; -1 is no limit. A photon's last edge to the camera is
+        not its own, so it interacts at most ``max_depth - 1`` times.
+    rr_depth: number of interactions after which Russian roulette may end a path.
+
+    Flux is conserved: the expected sum of deposited power at depth 0 is the part of the emitters'
+    power that falls on diffuse surfaces first.
+    """
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, paths)
+    context = mi.BSDFContext(mi.TransportMode.Importance)
+    deepest = dr.opaque(mi.UInt32, max_depth - 1 if max_depth > 0 else 0xFFFFFFFF)
+    roulette_from = dr.opaque(mi.UInt32, rr_depth)
+
+    ray, power, _ = scene.sample_emitter_ray(
+        mi.Float(0),
+        sampler.next_1d(),
+        sampler.next_2d(),
+        sampler.next_2d(),
+        mi.Bool(True),
+    )
+    power /= dr.opaque(mi.Float, paths)
+    brightest = dr.max(power)
+    depth = mi.UInt32(0)
+    active = (brightest > 0) & (deepest > 0)
+
+    while active:
+        si = scene.ray_intersect(ray, active=active)
+        active &= si.is_valid()
+        bsdf = si.bsdf(ray)
+
+        # Mitsuba's adjoint of shading normals (Veach 1997, 5.3): flux arrives at the geometric
+        # surface, the BSDF sees the shading frame.
+        wi = si.to_world(si.wi)
+        wi_dot_ng = dr.dot(si.n, wi)
+        active &= wi_dot_ng * si.wi.z > 0
+
+        stored = active & has_diffuse(bsdf, si)
+        slant = dr.abs(si.wi.z / wi_dot_ng)
+        photons = Photons(
+            p=si.p,
+            n=mi.Normal3f(dr.mulsign(si.n, wi_dot_ng)),
+            power=power * slant * diffuse_transfer(bsdf, si, stored),
+            depth=depth,
+        )
+        deposit(photons, stored)
+
+        sample, weight = bsdf.sample(
+            context, si, sampler.next_1d(active), sampler.next_2d(active), active
+        )
+        wo = si.to_world(sample.wo)
+        wo_dot_ng = dr.dot(si.n, wo)
+        leaks = wo_dot_ng * sample.wo.z <= 0
+        correction = dr.abs((si.wi.z * wo_dot_ng) / (sample.wo.z * wi_dot_ng))
+        power *= dr.select(leaks, 0, weight * correction)
+        ray = si.spawn_ray(wo)
+        depth += 1
+
+        # Russian roulette keeps the surviving photons' power near its initial value.
+        survival = dr.minimum(dr.max(power) / brightest, 0.95)
+        roulette = depth >= roulette_from
+        lives = ~roulette | (sampler.next_1d(active) < survival)
+        power[roulette] = power / survival
+        active &= lives & (dr.max(power) > 0) & (depth < deepest)
+
+
+def record_photons(
+    scene: mi.Scene,
+    *,
+    paths: int,
+    seed: int,
+    max_depth: int = -1,
+    rr_depth: int = 5,
+    capacity: int | None = None,
+) -> Photons:
+    """Trace photons and keep them: (N,) with N the number of deposits.
+
+    ``capacity`` bounds N (default: 16 per path); deposits past it would bias the result, so more
+    of them are an error.
+    """
+    recorder = _Recorder(capacity or 16 * paths)
+    trace_photons(
+        scene, recorder.deposit, paths=paths, seed=seed, max_depth=max_depth, rr_depth=rr_depth
+    )
+    return recorder.photons()
+
+
+class _Recorder:
+    """Appends photons to preallocated packets from inside a traced loop."""
+
+    def __init__(self, capacity: int) -> None:
+        self.capacity = capacity
+        self.count = dr.zeros(mi.UInt32, 1)
+        self.place = dr.zeros(mi.Float, 4 * capacity)
+        self.power = dr.zeros(mi.Float, 4 * capacity)
+        self.normal = dr.zeros(mi.Float, 4 * capacity)
+
+    def deposit(self, photons: Photons, active: mi.Bool) -> None:
+        slot = dr.scatter_inc(self.count, mi.UInt32(0), active)
+        active = active & (slot < self.capacity)
+        depth = mi.Float(photons.depth)
+        dr.scatter(self.place, mi.Vector4f(*photons.p, depth), slot, active)
+        dr.scatter(self.power, mi.Vector4f(*photons.power, 0), slot, active)
+        dr.scatter(self.normal, mi.Vector4f(*photons.n, 0), slot, active)
+
+    def photons(self) -> Photons:
+        dr.eval(self.count, self.place, self.power, self.normal)
+        count = int(self.count[0])
+        if count > self.capacity:
+            raise ValueError(
+                f"record_photons: {count} photons met diffuse surfaces, but there is room for "
+                f"{self.capacity}. Pass a larger capacity, or trace fewer paths."
+            )
+        index = dr.arange(mi.UInt32, count)
+        place = dr.gather(mi.Vector4f, self.place, index)
+        power = dr.gather(mi.Vector4f, self.power, index)
+        normal = dr.gather(mi.Vector4f, self.normal, index)
+        # Slots are handed out in the order in which threads arrive. Sorting makes a photon map a
+        # function of its seed alone.
+        order = dr.argsort(dr.reinterpret_array(mi.UInt32, place.x))
+        place, power, normal = (dr.gather(mi.Vector4f, v, order) for v in (place, power, normal))
+        photons = Photons(
+            p=mi.Point3f(place.x, place.y, place.z),
+            n=mi.Normal3f(normal.x, normal.y, normal.z),
+            power=mi.Color3f(power.x, power.y, power.z),
+            depth=mi.UInt32(place.w),
+        )
+        dr.eval(photons)
+        return photons

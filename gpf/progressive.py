@@ -1,0 +1,140 @@
+"""Stochastic progressive photon mapping: passes that are independent given their index.
+
+One pass traces photons and gathers them with the radius of that pass at any number of points: the
+visible points of one view or of several, and points whose irradiance is a training target. The
+estimate is the mean over passes (Knaus and Zwicker 2011).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.density import UNLIMITED, IrradianceGatherer, radius_at
+from gpf.photon_tracing import record_photons, trace_photons
+from gpf.spatial_hash import SpatialHash
+from gpf.structs import VisiblePoints
+from gpf.visible_points import find_visible_points
+
+
+@dataclass(frozen=True)
+class PassSettings:
+    """What all passes have in common.
+
+    Attributes
+    ----------
+    photons_per_pass: emitted photon paths.
+    initial_radius: kernel radius of the first pass, world units.
+    alpha: radius reduction, in (0, 1); see :func:`gpf.density.next_radius`.
+    max_depth: longest path in edges, as in Mitsuba's ``path``; -1 is no limit.
+    rr_depth: interactions before Russian roulette.
+    """
+
+    photons_per_pass: int = 100_000
+    initial_radius: float = 0.02
+    alpha: float = 0.7
+    max_depth: int = -1
+    rr_depth: int = 5
+
+
+def pass_seed(seed: int, t: int, stream: int) -> int:
+    """A 32-bit seed for stream ``stream`` of pass ``t``: a function of its arguments alone."""
+    return int(np.random.SeedSequence([seed, t, stream]).generate_state(1)[0])
+
+
+def scene_bounds(scene: mi.Scene) -> tuple[Any, Any]:
+    """Two opposite corners of the scene's bounding box."""
+    box = scene.bbox()
+    return box.min, box.max
+
+
+def gather_pass(
+    scene: mi.Scene, points: VisiblePoints, t: int, settings: PassSettings, seed: int
+) -> mi.Color3f:
+    """Irradiance at ``points`` from the photons of pass ``t`` (from 1), W/m², (N, 3)."""
+    # A whole path has the camera's depth + 1 edges, the photon's depth + 1 edges.
+    budget: Any = UNLIMITED
+    if settings.max_depth > 0:
+        budget = dr.minimum(settings.max_depth - 2 - points.depth, UNLIMITED - 1)
+    gatherer = IrradianceGatherer(
+        points.p,
+        points.n,
+        points.valid,
+        radius=radius_at(t, settings.initial_radius, settings.alpha),
+        bounds=scene_bounds(scene),
+        budget=budget,
+    )
+    trace_photons(
+        scene,
+        gatherer.deposit,
+        paths=settings.photons_per_pass,
+        seed=pass_seed(seed, t, stream=0),
+        max_depth=settings.max_depth,
+        rr_depth=settings.rr_depth,
+    )
+    return gatherer.irradiance()
+
+
+@dataclass
+class FilmSamples:
+    """One visible point per film sample, and where on the film it belongs.
+
+    Attributes
+    ----------
+    points: visible points, (N,), pixel by pixel, x fastest.
+    weight: importance of the ray, (N, 3).
+    position: film position in pixels, (N, 2).
+    wavelengths: of the ray; empty in RGB variants.
+    """
+
+    points: VisiblePoints
+    weight: mi.Color3f
+    position: mi.Vector2f
+    wavelengths: Any
+
+
+def sample_film(
+    scene: mi.Scene,
+    sensor: mi.Sensor,
+    sampler: mi.Sampler,
+    max_depth: int = -1,
+    rr_depth: int = 5,
+) -> FilmSamples:
+    """Visible points of one wavefront of camera rays; the sampler has been seeded for it."""
+    ray, weight, position = mi.ad.integrators.common.ADIntegrator.sample_rays(None, scene, sensor, sampler)
+    points = find_visible_points(scene, sampler, mi.Ray3f(ray), max_depth, rr_depth)
+    return FilmSamples(points, weight, position, ray.wavelengths)
+
+
+def propose_radius(
+    scene: mi.Scene,
+    points: VisiblePoints,
+    photons_per_pass: int,
+    seed: int = 0,
+    photons_in_disc: float = 16.0,
+) -> float:
+    """A radius for which a typical visible point gathers ``photons_in_disc`` photons per pass.
+
+    A pilot pass measures the photon density at the points (distance to the 8th nearest photon,
+    median over up to 4096 points). The radius is clamped to 1e-4 … 5e-2 of the scene's diagonal.
+    """
+    k = 8
+    bounds = scene_bounds(scene)
+    diagonal = float(dr.norm(bounds[1] - bounds[0]))
+    paths = min(photons_per_pass, 50_000)
+    photons = record_photons(scene, paths=paths, seed=pass_seed(seed, 0, stream=2))
+    lanes = dr.compress(points.valid)
+    if dr.width(lanes) == 0 or dr.width(photons.p) < k:
+        return 1e-2 * diagonal
+    rng = np.random.default_rng(pass_seed(seed, 0, stream=3))
+    chosen = mi.UInt32(rng.integers(0, dr.width(lanes), 4096).astype(np.uint32))
+    x = dr.gather(mi.Point3f, points.p, dr.gather(mi.UInt32, lanes, chosen))
+    grid = SpatialHash(photons.p, cell=1e-2 * diagonal, bounds=bounds, far=True)
+    _, distance2 = grid.nearest(x, k, mi.Float(5e-3 * diagonal), mi.Float(grid.extent))
+    typical2 = float(np.median(distance2[k - 1].numpy()))
+    radius = np.sqrt(typical2 * photons_in_disc / k * paths / photons_per_pass)
+    return float(np.clip(radius, 1e-4 * diagonal, 5e-2 * diagonal))

@@ -1,0 +1,254 @@
+"""The only neighbour search of the project: points sorted by grid cell.
+
+Points are sorted by the linear index of their cell, x fastest. A query walks the rows of cells
+that its ball touches; the cells of one row are one contiguous run of points. Where the grid would
+have far more cells than there are points, rows share buckets (a hash), and a point counts only for
+the row in which it really lies: results are exact either way.
+
+Searches for the k nearest may have to look far. They use further levels of the same points, each
+with cells four times as large, so that no search walks more than a few rows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+# What a query calls for each candidate: body(state, index, record, distance², inside) -> state.
+Body = Callable[[Any, "mi.UInt32", "mi.Vector4f", "mi.Float", "mi.Bool"], Any]
+
+NOT_FOUND = 0xFFFFFFFF
+
+# Edge length of a level's cells over that of the level below.
+_LEVEL_RATIO = 4
+
+
+@dataclass
+class _Grid:
+    """Constants of one level: where a point's cell lies, and where its bucket is in the tables."""
+
+    inv_cell: mi.Float
+    last_x: mi.Float
+    last_y: mi.Float
+    last_z: mi.Float
+    stride_y: mi.UInt32
+    stride_z: mi.UInt32
+    mask: mi.UInt32
+    first_bucket: mi.UInt32
+
+
+class SpatialHash:
+    """Sorted points with exact radius and k-nearest queries.
+
+    Parameters
+    ----------
+    points: positions, (N, 3).
+    cell: edge length of a grid cell, world units; twice the usual query radius is fastest.
+    bounds: two opposite corners of a box around the points. Points outside are found too, only
+        more slowly.
+    valid: points that take part, (N,); all by default.
+    tag: a number that travels with each point as ``record.w``, (N,); 0 by default.
+    far: whether to build the levels that :meth:`nearest` needs.
+
+    Attributes
+    ----------
+    order: index into ``points`` of each sorted entry, level after level, (levels N,).
+    slot: place of each point in the sorted order of the first level, (N,).
+    records: ``x, y, z, tag`` of the sorted entries, flat, (4 levels N,).
+    extent: the diagonal of the bounds, world units.
+    """
+
+    def __init__(
+        self,
+        points: mi.Point3f,
+        *,
+        cell: float,
+        bounds: tuple[Any, Any],
+        valid: mi.Bool | None = None,
+        tag: mi.Float | None = None,
+        far: bool = False,
+    ) -> None:
+        size = dr.width(points)
+        lower = [float(bounds[0][i]) for i in range(3)]
+        edges = [float(bounds[1][i]) - lower[i] for i in range(3)]
+        self.extent = max(math.hypot(*edges), cell)
+        levels = 1
+        while far and cell * _LEVEL_RATIO ** (levels - 1) < self.extent:
+            levels += 1
+
+        # What changes from build to build is opaque: kernels are compiled once.
+        self._lower = mi.Point3f(*(dr.opaque(mi.Float, v) for v in lower))
+        self._slack = dr.opaque(mi.Float, 1e-6 * self.extent)
+        self._cell = dr.opaque(mi.Float, cell)
+        self._wraps = False
+        grids, starts, orders = [], [], []
+        buckets_before = 0
+        for level in range(levels):
+            constants, buckets = self._plan(cell * _LEVEL_RATIO**level, edges, size)
+            grid = _Grid(*constants, first_bucket=buckets_before)  # type: ignore[arg-type]
+            grids.append(grid)
+            order, start = self._sort(_opaque(grid), points, valid, buckets, level * size)
+            orders.append(order)
+            starts.append(start)
+            buckets_before += buckets + 2
+        self._first = _opaque(grids[0])
+        self._levels = _stack(grids)
+        self._last_level = dr.opaque(mi.UInt32, levels - 1)
+        self._starts = dr.concat(starts) if levels > 1 else starts[0]
+        self.order = dr.concat(orders) if levels > 1 else orders[0]
+        self.slot = dr.zeros(mi.UInt32, size)
+        dr.scatter(self.slot, dr.arange(mi.UInt32, size), orders[0])
+        p = dr.gather(mi.Point3f, points, self.order)
+        w = mi.Float(0) if tag is None else dr.gather(mi.Float, tag, self.order)
+        self.records = dr.ravel(mi.Vector4f(p.x, p.y, p.z, w))
+        dr.eval(self._starts, self.order, self.slot, self.records)
+
+    def _plan(self, cell: float, edges: list[float], size: int) -> tuple[tuple[Any, ...], int]:
+        """Constants of a level with cells of the given size, and its number of buckets."""
+        shape = [max(1, int(e / cell) + 1) for e in edges]
+        cells = shape[0] * shape[1] * shape[2]
+        # A power of two, so that folding a row's index into the table is one `and`.
+        table = 1 << (min(cells, max(4 * size, 1 << 16)) - 1).bit_length()
+        self._wraps |= cells > table
+        strides = shape[0], shape[0] * shape[1] & 0xFFFFFFFF
+        last = [n - 1 for n in shape]
+        return (1 / cell, *last, *strides, table - 1), table + shape[0]
+
+    def _sort(
+        self, grid: _Grid, points: mi.Point3f, valid: mi.Bool | None, buckets: int, first: int
+    ) -> tuple[mi.UInt32, mi.UInt32]:
+        """Order of the points by bucket, and where each bucket starts, counted from ``first``."""
+        c = self._cell_of(grid, points)
+        bucket = self._row(grid, c.y, c.z) - grid.first_bucket + mi.UInt32(c.x)
+        if valid is not None:
+            bucket = dr.select(valid, bucket, buckets + 1)
+        counts = dr.zeros(mi.UInt32, buckets + 2)
+        dr.scatter_add(counts, mi.UInt32(1), bucket)
+        starts = dr.prefix_reduce(dr.ReduceOp.Add, counts, exclusive=True)
+        return dr.argsort(bucket), starts + dr.opaque(mi.UInt32, first)
+
+    def _cell_of(self, grid: _Grid, p: mi.Point3f) -> mi.Vector3i:
+        # Clamping is monotone: whatever lies outside the bounds joins the outermost cells.
+        last = mi.Vector3f(grid.last_x, grid.last_y, grid.last_z)
+        return mi.Vector3i(dr.clip((p - self._lower) * grid.inv_cell, 0, last))
+
+    def _row(self, grid: _Grid, y: mi.Int32, z: mi.Int32) -> mi.UInt32:
+        index = mi.UInt32(y) * grid.stride_y + mi.UInt32(z) * grid.stride_z
+        return (index & grid.mask) + grid.first_bucket
+
+    def visit(
+        self, x: mi.Point3f, radius: mi.Float, body: Body, state: Any, active: mi.Bool
+    ) -> Any:
+        """Call ``body`` for every point that may lie within ``radius`` of ``x``; return the state.
+
+        ``body(state, index, record, distance², inside)`` returns the new state. ``index`` is the
+        point's place in the sorted order, ``record`` its packet, and ``inside`` tells whether
+        ``distance <= radius``. Side effects in ``body`` have to be masked by ``inside``.
+        """
+        return self._scan(self._first, x, radius, body, state, active)
+
+    @dr.syntax
+    def _scan(self, grid: _Grid, x: mi.Point3f, radius: mi.Float, body: Body, state, active):  # type: ignore[no-untyped-def]
+        reach = radius + self._slack
+        first = self._cell_of(grid, x - reach)
+        last = self._cell_of(grid, x + reach)
+        radius2 = radius * radius
+        z = mi.Int32(first.z)
+        while active & (z <= last.z):
+            y = mi.Int32(first.y)
+            while active & (y <= last.y):
+                row = self._row(grid, y, z)
+                index = dr.gather(mi.UInt32, self._starts, row + mi.UInt32(first.x), active)
+                end = dr.gather(mi.UInt32, self._starts, row + mi.UInt32(last.x) + 1, active)
+                while active & (index < end):
+                    record = dr.gather(mi.Vector4f, self.records, index, active)
+                    p = mi.Point3f(record.x, record.y, record.z)
+                    distance2 = dr.squared_norm(p - x)
+                    inside = distance2 <= radius2
+                    if dr.hint(self._wraps, mode="scalar"):
+                        c = self._cell_of(grid, p)
+                        inside &= (c.y == y) & (c.z == z)
+                    state = body(state, index, record, distance2, inside)
+                    index += 1
+                y += 1
+            z += 1
+        return state
+
+    @dr.syntax
+    def nearest(self, x: mi.Point3f, k: int, start: mi.Float, limit: mi.Float, accept=None, active=True):  # type: ignore[no-untyped-def]
+        """The ``k`` nearest points of each query, nearest first.
+
+        Balls of radius ``start``, 2 ``start``, … are searched until one holds ``k`` points that
+        ``accept`` (called with their records) admits, or until its radius reaches ``limit``:
+        everything within the last ball is known exactly. Needs ``far=True``.
+
+        Returns
+        -------
+        index: list of ``k`` arrays (N,), places in the sorted order. A missing neighbour has
+            index :data:`NOT_FOUND` and an infinite distance.
+        distance2: list of ``k`` arrays (N,), squared distances, ascending.
+        """
+        index = [dr.full(mi.UInt32, NOT_FOUND, dr.width(x)) for _ in range(k)]
+        distance2 = [dr.full(mi.Float, dr.inf, dr.width(x)) for _ in range(k)]
+        radius = mi.Float(start)
+        searching = mi.Bool(active)
+        while searching:
+            grid = self._level_for(radius, searching)
+            index, distance2 = self._scan(
+                grid, x, radius, _insert(accept), _nothing_found(k), mi.Bool(searching)
+            )
+            searching &= (distance2[k - 1] == dr.inf) & (radius < limit)
+            radius *= 2
+        return index, distance2
+
+    def _level_for(self, radius: mi.Float, active: mi.Bool) -> _Grid:
+        """The first level whose cells are at least as large as the radius."""
+        steps = dr.ceil(dr.log2(radius / self._cell) / math.log2(_LEVEL_RATIO))
+        level = dr.minimum(mi.UInt32(dr.maximum(steps, 0)), self._last_level)
+        names = [f.name for f in fields(_Grid)]
+        tables = [getattr(self._levels, name) for name in names]
+        return _Grid(*(dr.gather(type(t), t, level, active) for t in tables))
+
+
+def _opaque(grid: _Grid) -> _Grid:
+    values = [getattr(grid, f.name) for f in fields(_Grid)]
+    return _Grid(*(dr.opaque(_type_of(f.name), v) for f, v in zip(fields(_Grid), values, strict=True)))
+
+
+def _stack(grids: list[_Grid]) -> _Grid:
+    return _Grid(*(_type_of(f.name)([getattr(g, f.name) for g in grids]) for f in fields(_Grid)))
+
+
+def _type_of(name: str) -> Any:
+    return mi.Float if name.startswith(("inv", "last")) else mi.UInt32
+
+
+def _nothing_found(k: int) -> tuple[list[mi.UInt32], list[mi.Float]]:
+    return [mi.UInt32(NOT_FOUND)] * k, [mi.Float(dr.inf)] * k
+
+
+def _insert(accept: Callable[[mi.Vector4f], mi.Bool] | None) -> Body:
+    """A body that keeps the nearest candidates in ascending order (an insertion network)."""
+
+    def body(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
+        indices, distances = state
+        if accept is not None:
+            inside = inside & accept(record)
+        distance = dr.select(inside, distance2, dr.inf)
+        new_indices, new_distances = [], []
+        for best, best_index in zip(distances, indices, strict=True):
+            closer = distance < best
+            new_distances.append(dr.select(closer, distance, best))
+            new_indices.append(dr.select(closer, index, best_index))
+            distance, index = (
+                dr.select(closer, best, distance),
+                dr.select(closer, best_index, index),
+            )
+        return new_indices, new_distances
+
+    return body

@@ -1,0 +1,87 @@
+"""Arrays of structures that travel between the rooms: Dr.Jit PyTrees with shapes and units.
+
+``N`` is the width of the wavefront. Every field holds one entry per lane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+
+@dataclass
+class Photons:
+    """Photons where they met surfaces that have a diffuse component.
+
+    Attributes
+    ----------
+    p: position, world units, (N, 3).
+    n: geometric normal on the side from which the photon came, unit length, (N, 3).
+    power: flux Φ in watts, already divided by the number of traced paths, (N, 3). It carries the
+        dependence of the diffuse lobe on the direction of incidence (see
+        :func:`gpf.materials.diffuse_transfer`), so that a sum of powers over an area is the
+        irradiance-like quantity E for which the reflected radiance is ``f_d(n, wo) E``.
+    depth: number of surface interactions before this one, (N,); 0 is light straight from a lamp.
+    """
+
+    p: mi.Point3f
+    n: mi.Normal3f
+    power: mi.Color3f
+    depth: mi.UInt32
+
+
+@dataclass
+class VisiblePoints:
+    """First diffuse hits of camera rays, followed through glossy and specular bounces.
+
+    Attributes
+    ----------
+    p: position, world units, (N, 3).
+    n: geometric normal on the viewer's side, unit length, (N, 3).
+    reflectance: diffuse reflectance π f_d(n, wo) at the hit, dimensionless, (N, 3).
+    throughput: β, what a unit of radiance at the hit contributes to the ray, (N, 3).
+    emission: radiance that the ray gathered from emitters on the way, hit included, (N, 3).
+    depth: number of bounces before the hit, (N,).
+    valid: whether the ray ended on a diffuse surface, (N,).
+    """
+
+    p: mi.Point3f
+    n: mi.Normal3f
+    reflectance: mi.Color3f
+    throughput: mi.Color3f
+    emission: mi.Color3f
+    depth: mi.UInt32
+    valid: mi.Bool
+
+    def radiance(self, irradiance: mi.Color3f) -> mi.Color3f:
+        """L = L_e + β ρ/π E, for the irradiance E at the points, W/m²."""
+        reflected = self.throughput * self.reflectance * irradiance * dr.inv_pi
+        return self.emission + dr.select(self.valid, reflected, 0)
+
+
+@dataclass
+class SurfacePoints:
+    """Points on surfaces with a known target.
+
+    Attributes
+    ----------
+    p: position, world units, (P, 3).
+    n: unit normal, (P, 3).
+    target: what the field should answer there (irradiance or radiance), (P, 3).
+    weight: weight of the point in the loss, (P,).
+    """
+
+    p: mi.Point3f
+    n: mi.Normal3f
+    target: mi.Color3f
+    weight: mi.Float
+
+
+def to_numpy(value: Any) -> np.ndarray:
+    """Dr.Jit array (…, N) to a numpy array with one row per lane, (N, …)."""
+    array = np.asarray(value.numpy())
+    return np.ascontiguousarray(array.T) if array.ndim == 2 else array

@@ -1,0 +1,249 @@
+"""Fitting the field: Adam on batches of supervised points, forward and backward in one kernel.
+
+A step is two kernels. The first runs over Gaussians: it applies Adam to the last gradients and
+writes what a query reads. The second runs over a batch of points: it blends each point's
+neighbours, compares with the target, visits the neighbours again and adds their gradients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.blending import (
+    Packets,
+    accumulate_gradients,
+    blend_neighbours,
+    pack,
+    parameters,
+    unpack_gradients,
+    with_parameters,
+)
+from gpf.field import GaussianPhotonField
+from gpf.gaussians import Gaussians
+from gpf.neighbour_lists import list_neighbours
+from gpf.structs import SurfacePoints
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """Adam's step sizes. Means are in units of the search radius, irradiance in units of the mean
+    target; log scales and quaternions have none."""
+
+    means: float = 2e-3
+    log_scales: float = 5e-3
+    quats: float = 5e-3
+    irradiance: float = 2e-2
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How the field is fitted.
+
+    Attributes
+    ----------
+    steps: optimiser steps.
+    batch: supervised points per step.
+    rates: initial learning rates; they decay to ``final_rate`` times that on a cosine.
+    rebuild_every: steps between rebuilds of the neighbour lists.
+    evaluate_every: steps between evaluations on the held-out points.
+    held_out: share of the points that training does not see; the state with the smallest error
+        there is kept.
+    anisotropic: whether the three scales of a Gaussian are free of each other.
+    seed: of the split and the batches.
+    """
+
+    steps: int = 1000
+    batch: int = 32_768
+    rates: LearningRates = field(default_factory=LearningRates)
+    final_rate: float = 0.1
+    rebuild_every: int = 100
+    evaluate_every: int = 50
+    held_out: float = 0.1
+    anisotropic: bool = True
+    seed: int = 0
+
+
+@dataclass
+class Adam:
+    """Adam's moments, one array per parameter, (N,) each."""
+
+    first: list[mi.Float]
+    second: list[mi.Float]
+
+    def step(
+        self, values: list[mi.Float], gradients: list[mi.Float], rates: list[mi.Float], t: int
+    ) -> list[mi.Float]:
+        """New parameters after step ``t`` (from 1); Kingma and Ba 2015, β = (.9, .999)."""
+        correct1 = dr.opaque(mi.Float, 1 / (1 - 0.9**t))
+        correct2 = dr.opaque(mi.Float, 1 / (1 - 0.999**t))
+        result = []
+        for k, (value, gradient) in enumerate(zip(values, gradients, strict=True)):
+            self.first[k] = dr.lerp(gradient, self.first[k], 0.9)
+            self.second[k] = dr.lerp(dr.square(gradient), self.second[k], 0.999)
+            change = self.first[k] * correct1 / (dr.sqrt(self.second[k] * correct2) + 1e-15)
+            result.append(value - rates[k] * change)
+        return result
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What training reports: after ``step`` steps, the root mean square errors of the last batch
+    and of the held-out points, both in units of the mean target."""
+
+    step: int
+    training_error: float
+    held_out_error: float
+    best_error: float
+
+
+class Trainer:
+    """Fits a field to supervised points.
+
+    The field's Gaussians are replaced by the best state when :meth:`run` returns.
+
+    Parameters
+    ----------
+    field: where to start.
+    points: positions, normals and targets, (P); shuffled copies are made.
+    """
+
+    def __init__(
+        self, field: GaussianPhotonField, points: SurfacePoints, settings: TrainingSettings
+    ) -> None:
+        self.field, self.settings = field, settings
+        self.rng_seed = settings.seed
+        count = dr.width(points.p)
+        rng = np.random.default_rng(settings.seed)
+        split = rng.random(count) < settings.held_out
+        self.training = select_points(points, np.flatnonzero(~split))
+        self.held_out = select_points(points, np.flatnonzero(split))
+
+        mean_target = np.mean(np.asarray(self.training.target.numpy()))
+        self.unit = float(mean_target) if mean_target > 0 else 1.0
+        for part in (self.training, self.held_out):
+            part.target /= self.unit
+        dr.eval(self.training, self.held_out)
+
+        g = field.gaussians
+        self.gaussians = replace(g, irradiance=g.irradiance / self.unit)
+        size = dr.width(g.means)
+        self.adam = Adam(
+            [dr.zeros(mi.Float, size) for _ in parameters(g)],
+            [dr.zeros(mi.Float, size) for _ in parameters(g)],
+        )
+        self.step_count = 0
+        self.best_error = float("inf")
+        self.best = self.gaussians
+        self.rebuild()
+
+    def rebuild(self) -> None:
+        """Rebuild the neighbour search and the lists of all points."""
+        self.field.update(self.gaussians)
+        self.lists = list_neighbours(self.field, self.training)
+        self.held_out_lists = list_neighbours(self.field, self.held_out)
+
+    def rates(self) -> list[mi.Float]:
+        """Learning rates of this step, one per parameter; a cosine from 1 to ``final_rate``."""
+        s = self.settings
+        done = min(self.step_count / max(s.steps, 1), 1.0)
+        decay = s.final_rate + (1 - s.final_rate) * 0.5 * (1 + np.cos(np.pi * done))
+        r = s.rates
+        unit = self.field.settings.search_radius
+        values = [r.means * unit] * 3 + [r.log_scales] * 3 + [r.quats] * 4 + [r.irradiance] * 3
+        return [dr.opaque(mi.Float, v * decay) for v in values]
+
+    def step(self) -> mi.Float:
+        """One optimiser step; returns the squared errors of its batch, (B,)."""
+        s = self.settings
+        size = dr.width(self.gaussians.means)
+        packets = pack(self.gaussians)
+        gradients = Packets(
+            dr.zeros(mi.Float, 4 * size), [dr.zeros(mi.Float, 4 * size) for _ in range(3)]
+        )
+        chosen = self.batch()
+        scale = dr.opaque(mi.Float, 1 / (3 * dr.width(chosen)))
+        divided = self.field.settings.blend == "divided"
+        dr.eval(packets)
+        errors = accumulate_gradients(
+            self.training, self.lists, chosen, packets, gradients, scale, divided
+        )
+        dr.eval(errors, gradients)
+        values = self.adam.step(
+            parameters(self.gaussians),
+            unpack_gradients(self.gaussians, gradients, s.anisotropic),
+            self.rates(),
+            self.step_count + 1,
+        )
+        self.gaussians = with_parameters(self.gaussians, values)
+        dr.eval(self.gaussians, self.adam.first, self.adam.second)
+        self.step_count += 1
+        return errors
+
+    def batch(self) -> mi.UInt32:
+        """A stratified random batch: one point of each run of P / B consecutive ones.
+
+        Points come in image order, so that the lanes of a packet stay close to each other.
+        """
+        count = dr.width(self.training.p)
+        size = min(self.settings.batch, count)
+        rng = mi.PCG32(size, self.settings.seed, self.step_count)
+        place = (mi.Float(dr.arange(mi.UInt32, size)) + rng.next_float32()) * (count / size)
+        return dr.minimum(mi.UInt32(place), count - 1)
+
+    def evaluate(self) -> float:
+        """Root mean square error on the held-out points, in units of the mean target."""
+        if dr.width(self.held_out.p) == 0:
+            return 0.0
+        every = dr.arange(mi.UInt32, dr.width(self.held_out.p))
+        divided = self.field.settings.blend == "divided"
+        packets = pack(self.gaussians)
+        dr.eval(packets)
+        blend, _ = blend_neighbours(
+            self.held_out, self.held_out_lists, every, packets, divided
+        )
+        error = self.held_out.weight * dr.squared_norm(blend - self.held_out.target)
+        return float(np.sqrt(dr.mean(error)[0] / 3))
+
+    def run(
+        self,
+        report: Callable[[Progress], None] = lambda progress: None,
+        tick: Callable[[int], None] = lambda step: None,
+    ) -> GaussianPhotonField:
+        """Train to the end and return the field in its best state.
+
+        ``report`` is called after each evaluation, ``tick`` after each step.
+        """
+        s = self.settings
+        while self.step_count < s.steps:
+            errors = self.step()
+            done = self.step_count
+            if done % s.rebuild_every == 0:
+                self.rebuild()
+            if done % s.evaluate_every == 0 or done == s.steps:
+                held_out = self.evaluate()
+                if held_out < self.best_error:
+                    self.best_error, self.best = held_out, self.gaussians
+                training = float(np.sqrt(dr.mean(errors)[0] / 3))
+                report(Progress(done, training, held_out, self.best_error))
+            tick(done)
+        best = replace(self.best, irradiance=self.best.irradiance * self.unit)
+        self.field.update(best)
+        return self.field
+
+
+def select_points(points: SurfacePoints, rows: np.ndarray) -> SurfacePoints:
+    """The given rows of a set of points."""
+    index = mi.UInt32(rows.astype(np.uint32))
+    selected = SurfacePoints(
+        p=dr.gather(mi.Point3f, points.p, index),
+        n=dr.gather(mi.Normal3f, points.n, index),
+        target=dr.gather(mi.Color3f, points.target, index),
+        weight=dr.gather(mi.Float, points.weight, index),
+    )
+    dr.eval(selected)
+    return selected

@@ -1,0 +1,98 @@
+"""Camera -> visible points: the only camera walk of the project."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from gpf.materials import diffuse_reflectance, has_diffuse, specular_context
+from gpf.structs import VisiblePoints
+
+
+@dr.syntax
+def find_visible_points(
+    scene: mi.Scene,
+    sampler: mi.Sampler,
+    ray: mi.Ray3f,
+    max_depth: int = -1,
+    rr_depth: int = 5,
+    active: mi.Bool | bool = True,
+) -> VisiblePoints:
+    """Follow rays through glossy and specular bounces to their first diffuse hit.
+
+    Where a BSDF has a diffuse component and others, one of the two parts is chosen at random, with
+    probabilities in proportion to what they reflect; the other is made up for in the throughput.
+    Emitters that the ray meets before or at its end are added with the throughput of the path so
+    far: photons account for light that arrives at diffuse surfaces, and for nothing else.
+
+    Parameters
+    ----------
+    ray: one ray per lane of the sampler's wavefront, (N,).
+    max_depth: longest path in edges, as in Mitsuba's ``path``; -1 is no limit. The walk ends after
+        ``max_depth`` edges; a visible point needs one more for its light.
+    rr_depth: number of bounces after which Russian roulette may end a ray.
+    """
+    context = specular_context()
+    deepest = dr.opaque(mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF)
+    roulette_from = dr.opaque(mi.UInt32, rr_depth)
+
+    ray = mi.Ray3f(ray)
+    throughput = mi.Color3f(1)
+    emission = mi.Color3f(0)
+    eta = mi.Float(1)
+    depth = mi.UInt32(0)
+    p = mi.Point3f(0)
+    n = mi.Normal3f(0)
+    reflectance = mi.Color3f(0)
+    valid = mi.Bool(False)
+    active = mi.Bool(active) & (deepest > 0)
+
+    while active:
+        si = scene.ray_intersect(ray, active=active)
+        emission += dr.select(active, throughput * si.emitter(scene).eval(si, active), 0)
+        active &= si.is_valid() & (depth + 1 < deepest)
+        bsdf = si.bsdf(ray)
+
+        diffuse = active & has_diffuse(bsdf, si)
+        diffuse_part = diffuse_reflectance(bsdf, si, diffuse)
+        sample, weight = bsdf.sample(
+            context, si, sampler.next_1d(active), sampler.next_2d(active), active
+        )
+        wo = si.to_world(sample.wo)
+
+        # Which part to follow. The sampled weight stands for the albedo of the other lobes; the
+        # choice may depend on it, for the number that decides is drawn independently.
+        from_diffuse = dr.max(diffuse_part)
+        from_others = dr.max(weight)
+        share = dr.select(diffuse, from_diffuse / (from_diffuse + from_others), 0)
+        share = dr.select(diffuse & (from_diffuse + from_others <= 0), 1, share)
+        ends = diffuse & (sampler.next_1d(active) < share)
+        throughput /= dr.select(ends, share, 1 - share)
+
+        if ends:
+            p = mi.Point3f(si.p)
+            n = mi.Normal3f(dr.mulsign(si.n, -dr.dot(si.n, ray.d)))
+            reflectance = mi.Color3f(diffuse_part)
+            valid = mi.Bool(True)
+        active &= ~ends
+        if active:
+            throughput *= weight
+            eta *= sample.eta
+            ray = si.spawn_ray(wo)
+            depth += 1
+
+        survival = dr.minimum(dr.max(throughput) * dr.square(eta), 0.95)
+        roulette = active & (depth >= roulette_from)
+        lives = ~roulette | (sampler.next_1d(active) < survival)
+        throughput[roulette] = throughput / survival
+        active &= lives & (dr.max(throughput) > 0)
+
+    return VisiblePoints(
+        p=p,
+        n=n,
+        reflectance=reflectance,
+        throughput=throughput,
+        emission=emission,
+        depth=depth,
+        valid=valid,
+    )

@@ -1,0 +1,80 @@
+"""YAML files that people write: read, checked against a model, and objected to in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from gpf.errors import UserError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def suggest(word: str, known: Sequence[str], introduction: str) -> str:
+    """A line for the user: the known word that is closest, if any is close, and all known ones."""
+    close = get_close_matches(word, known, n=1)
+    question = f"Did you mean {close[0]!r}? " if close else ""
+    return f"{question}{introduction} {', '.join(known) if known else 'none'}."
+
+
+def read_yaml(file: Path, model: type[Model], if_missing: str) -> Model:
+    """Read a YAML file into a model.
+
+    The model forbids keys that it does not know. A validator of its own that raises a
+    ``PydanticCustomError`` may give what the user can do as ``{"todo": ...}``.
+
+    Raises
+    ------
+    UserError: the file is missing (then ``if_missing`` says what to do), is not YAML, repeats a
+        key, has an unknown key, lacks one or has a value out of range. The first of these is told.
+    """
+    try:
+        data = YAML(typ="safe").load(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UserError(str(file), "cannot be read", if_missing) from error
+    except (YAMLError, UnicodeDecodeError) as error:
+        what = " ".join(str(error).split())
+        raise UserError(str(file), f"is not YAML: {what}", "Correct that line.") from error
+    try:
+        return model.model_validate({} if data is None else data)
+    except ValidationError as error:
+        raise _explain(file, model, error) from error
+
+
+def _explain(file: Path, model: type[BaseModel], error: ValidationError) -> UserError:
+    first = error.errors()[0]
+    place = ".".join(str(part) for part in first["loc"])
+    where = f"{file}: {place}" if place else str(file)
+    if first["type"] == "extra_forbidden":
+        *path, key = first["loc"]
+        for part in path:
+            if isinstance(part, str):  # a number is a place in a list
+                model = _model_in(model.model_fields[part].annotation)
+        known = sorted(model.model_fields)
+        return UserError(where, "is an unknown key", suggest(str(key), known, "Known here are"))
+    if first["type"] == "missing":
+        return UserError(where, "is missing", "Add it.")
+    todo = first.get("ctx", {}).get("todo")
+    if todo is not None:
+        return UserError(where, first["msg"], todo)
+    arrived = repr(first["input"])
+    arrived = arrived if len(arrived) <= 60 else f"{arrived[:57]}..."
+    return UserError(where, f"is {arrived}", f"{first['msg']}.")
+
+
+def _model_in(annotation: object) -> type[BaseModel]:
+    """The model inside an annotation such as ``tuple[Annotated[View, ...], ...] | None``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for part in get_args(annotation):
+        try:
+            return _model_in(part)
+        except LookupError:
+            continue
+    raise LookupError(annotation)

@@ -1,0 +1,59 @@
+"""What a method costs over many views: preparation once, then so much per view."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas
+
+
+@dataclass(frozen=True)
+class CostLine:
+    """The cost of a method in seconds as a straight line over the number of views."""
+
+    name: str
+    preparation_seconds: float
+    per_view_seconds: float
+
+    def __post_init__(self) -> None:
+        """Refuse times that cannot be."""
+        for field in ("preparation_seconds", "per_view_seconds"):
+            seconds = getattr(self, field)
+            if not (math.isfinite(seconds) and seconds >= 0):
+                raise ValueError(
+                    f"{field} of {self.name} is {seconds}; give a finite time of 0 s or more"
+                )
+
+    def total(self, views: int) -> float:
+        """Seconds for ``views`` views, the preparation counted once."""
+        return self.preparation_seconds + views * self.per_view_seconds
+
+
+def break_even(a: CostLine, b: CostLine, limit: int = 10_000) -> int | None:
+    """Find the smallest number of views from which on ``a`` is cheaper than ``b``.
+
+    That is the smallest n >= 1 with ``a.total(m) < b.total(m)`` for all m >= n.
+    ``None`` if there is none up to ``limit``; so also where ``a`` is cheaper at
+    first and loses that lead, because it costs more per view.
+    """
+    if a.per_view_seconds > b.per_view_seconds:
+        return None
+    return next((n for n in range(1, limit + 1) if a.total(n) < b.total(n)), None)
+
+
+def cumulative(
+    lines: Sequence[CostLine], views: Iterable[int] = range(1, 101)
+) -> "pandas.DataFrame":
+    """Seconds over numbers of views: a column ``views`` and one per line, by its name."""
+    import pandas
+
+    names = [line.name for line in lines]
+    if len(set(names)) < len(names) or "views" in names:
+        raise ValueError(f"the lines are named {names}; each needs a name of its own, not 'views'")
+    counts = list(views)
+    if any(count < 0 for count in counts):
+        raise ValueError(f"the numbers of views go down to {min(counts)}; give 0 or more")
+    columns = {line.name: [line.total(n) for n in counts] for line in lines}
+    return pandas.DataFrame({"views": counts} | columns)

@@ -1,0 +1,108 @@
+"""Builds the water of this scene: a wavy surface and the flat sheet that closes it at z = 1.
+
+The box is x, z in [-1, 1], y in [0, 2], open at +z; the water fills it from the floor up to the
+surface. Two meshes make one closed skin, normals outwards (surface up, sheet towards +z), so that
+a dielectric's ``int_ior`` holds inside the water:
+
+- ``surface.ply``: a height field y = h(x, z) with analytic normals, over the whole box;
+- ``sheet.ply``: the part of the plane z = 1 below the surface's own edge, whose vertices it takes
+  over bit for bit, so that neither a gap nor an overlap lets light by.
+
+Both reach ``MARGIN`` into the walls, the floor and the back, which are opaque: there is no slit
+along the water line. Needs numpy alone, no random numbers, and gives the same bytes every time.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+CELLS = 224  # along x and along z: 2 * 224 * 224 = 100,352 triangles
+MARGIN = 0.001  # how far the water reaches into the walls
+LOWEST, HIGHEST = 1.326, 1.667  # of the surface
+GOLDEN = (5**0.5 - 1) / 2
+
+# (wavelength, root-mean-square amplitude before the heights are scaled, number of directions).
+# The lens of a crest has the focal length 2.25 R (IOR 1.8, radius of curvature R): the middle
+# bands focus near the floor, the long one tilts the pattern, the short ones draw its filaments.
+BANDS = ((1.7, 1.0, 3), (0.95, 0.75, 5), (0.55, 0.34, 7), (0.31, 0.11, 9), (0.17, 0.03, 11))
+
+
+def waves() -> np.ndarray:
+    """Sine waves as rows (k_x, k_z, amplitude, phase), spread evenly by the golden ratio."""
+    rows = []
+    for wavelength, amplitude, count in BANDS:
+        for i in range(count):
+            n = len(rows) + 1
+            angle = 2 * np.pi * (n * GOLDEN % 1)
+            # Wavelengths within 15% of the band's own: no two waves beat in step.
+            k = 2 * np.pi / (wavelength * (0.85 + 0.3 * ((i + 0.5) * GOLDEN % 1)))
+            phase = 2 * np.pi * (n * n * GOLDEN % 1)
+            rows.append((k * np.cos(angle), k * np.sin(angle), amplitude / count**0.5, phase))
+    return np.array(rows)
+
+
+def heights(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Heights (len(z), len(x)) and unit normals (len(z), len(x), 3) on the grid z by x.
+
+    The sum of waves is scaled so that its extremes on the grid are LOWEST and HIGHEST; the normal
+    of y = h is (-dh/dx, 1, -dh/dz), normalised.
+    """
+    total, slope_x, slope_z = (np.zeros((len(z), len(x))) for _ in range(3))
+    for k_x, k_z, amplitude, phase in waves():
+        angle = k_x * x[None, :] + k_z * z[:, None] + phase
+        total += amplitude * np.sin(angle)
+        slope_x += amplitude * k_x * np.cos(angle)
+        slope_z += amplitude * k_z * np.cos(angle)
+    scale = (HIGHEST - LOWEST) / (total.max() - total.min())
+    height = LOWEST + scale * (total - total.min())
+    normal = np.stack([-scale * slope_x, np.ones_like(total), -scale * slope_z], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    # A sine may differ in its last bit between machines; six decimals do not.
+    return np.round(height, 6), np.round(normal, 6)
+
+
+def write_ply(
+    path: Path, points: np.ndarray, faces: np.ndarray, normals: np.ndarray | None
+) -> None:
+    """Binary little-endian PLY: points (n, 3), faces (m, 3) and, unless None, normals (n, 3)."""
+    names = ["x", "y", "z"] + ([] if normals is None else ["nx", "ny", "nz"])
+    columns = points if normals is None else np.hstack([points, normals])
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    header += [f"property float {name}" for name in names]
+    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+    table = np.zeros(len(faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
+    table["count"], table["index"] = 3, faces
+    with path.open("wb") as file:
+        file.write(("\n".join(header) + "\n").encode("ascii"))
+        file.write(np.ascontiguousarray(columns, dtype="<f4").tobytes())
+        file.write(table.tobytes())
+
+
+def strip(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Two triangles for each quad between two rows of vertex indices, counter-clockwise."""
+    a, b, c, d = lower[:-1], lower[1:], upper[1:], upper[:-1]
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def build(folder: Path) -> list[Path]:
+    """Write ``meshes/surface.ply`` and ``meshes/sheet.ply`` below ``folder``; return the paths."""
+    x = np.round(np.linspace(-1 - MARGIN, 1 + MARGIN, CELLS + 1), 6)
+    z = np.round(np.linspace(1, -1 - MARGIN, CELLS + 1), 6)  # row 0: the edge the sheet shares
+    height, normal = heights(x, z)
+    grid = np.arange(height.size).reshape(height.shape)
+    surface = np.stack([np.tile(x, (len(z), 1)), height, np.tile(z[:, None], len(x))], axis=-1)
+    faces = np.concatenate([strip(grid[i], grid[i + 1]) for i in range(CELLS)])
+
+    edge = surface[0]
+    bottom = edge * [1, 0, 1] - [0, MARGIN, 0]
+    columns = np.arange(len(x))
+    sheet = strip(columns, columns + len(x))
+
+    meshes = folder / "meshes"
+    meshes.mkdir(parents=True, exist_ok=True)
+    paths = [meshes / "surface.ply", meshes / "sheet.ply"]
+    write_ply(paths[0], surface.reshape(-1, 3), faces, normal.reshape(-1, 3))
+    write_ply(paths[1], np.concatenate([bottom, edge]), sheet, None)
+    return paths

