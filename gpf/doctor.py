@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from gpf.runtime import (
@@ -75,25 +74,24 @@ def diagnose() -> list[Check]:
 
 def print_report(checks: Sequence[Check], console: Console | None = None) -> int:
     """Print one line per check with its remedy; return 0 if nothing required fails, else 1."""
-    console = console or Console(highlight=False)
+    console = console or Console()
     words = {
-        True: Text("ok", "green"),
+        True: Text("ok   ", "green"),
         False: Text("FAILS", "bold red"),
-        None: Text("note", "yellow"),
+        None: Text("note ", "yellow"),
     }
-    table = Table.grid(padding=(0, 2))
     for check in checks:
-        table.add_row(words[check.ok], Text(check.name), Text(check.detail))
+        line = Text.assemble(words[check.ok], f"  {check.name:<13}  {check.detail}")
         if check.ok is not True and check.remedy:
-            table.add_row("", "", Text(f"-> {spell_out(check.remedy)}", "bold"))
-    console.print(table)
+            line.append(f"\n       -> {spell_out(check.remedy)}", "bold")
+        console.print(line, soft_wrap=True)  # whole lines: commands are there to be copied
     failed = [check.name for check in checks if check.ok is False]
     notes = [check.name for check in checks if check.ok is None]
     if failed:
-        console.print(f"\nTo be mended: {', '.join(failed)}.")
+        console.print(f"\nTo be mended: {', '.join(failed)}.", soft_wrap=True)
     else:
         optional = f" (optional: {', '.join(notes)})" if notes else ""
-        console.print(f"\nAll that is required works{optional}.")
+        console.print(f"\nAll that is required works{optional}.", soft_wrap=True)
     return 1 if failed else 0
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from gpf.density import estimate_irradiance
 from gpf.gaussians import Gaussians
+from gpf.spatial_hash import SpatialHash
 from gpf.structs import Photons
 
 
@@ -69,3 +70,24 @@ def initialize_gaussians(
     )
     dr.eval(gaussians)
     return gaussians
+
+
+def propose_search_radius(
+    photons: Photons, gaussians: int, at: np.ndarray, bounds: tuple[Any, Any], neighbours: int = 8
+) -> float:
+    """A radius within which a typical supervised point has ``neighbours`` Gaussians.
+
+    Measured as the median distance from up to 4096 of the points ``at`` (P, 3) to their nearest
+    photons, with as many photons as there will be Gaussians.
+    """
+    rng = np.random.default_rng(0)
+    available = dr.width(photons.p)
+    chosen = mi.UInt32(rng.permutation(available)[:gaussians].astype(np.uint32))
+    means = dr.gather(mi.Point3f, photons.p, chosen)
+    diagonal = float(np.linalg.norm([bounds[1][i] - bounds[0][i] for i in range(3)]))
+    grid = SpatialHash(means, cell=1e-2 * diagonal, bounds=bounds, far=True)
+    sample = at[rng.integers(0, len(at), min(len(at), 4096))]
+    x = mi.Point3f(np.ascontiguousarray(sample.T, dtype=np.float32))
+    k = min(neighbours, dr.width(means))
+    _, distance2 = grid.nearest(x, k, mi.Float(5e-3 * diagonal), mi.Float(grid.extent))
+    return float(np.sqrt(np.median(distance2[k - 1].numpy())))

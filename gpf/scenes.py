@@ -24,25 +24,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gpf.errors import UserError
-from gpf.views import SceneViews, make_sensor, read_views
+from gpf.views import SceneViews, read_views
+from gpf.views import make_sensor as make_sensor
 from gpf.yaml_files import suggest
 
 if TYPE_CHECKING:
     import mitsuba as mi
-
-__all__ = [
-    "build_scene",
-    "check_scene",
-    "list_scenes",
-    "load_scene",
-    "load_scene_file",
-    "load_views",
-    "make_sensor",
-    "scene_files",
-    "scene_folder",
-    "scene_info",
-    "scenes_root",
-]
 
 
 def scenes_root() -> Path:
@@ -107,7 +94,7 @@ def load_scene(
 def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene:
     """Load a Mitsuba scene file and check that photon mapping can do something with it.
 
-    ``width`` and ``height`` become the file's parameters ``resx`` and ``resy`` where it declares
+    ``width`` and ``height`` become the file's parameters ``resx`` and ``resy`` where it uses
     them; the sensors that :func:`make_sensor` makes do not depend on them.
 
     Loaded with ``optimize=False``. The optimisation merges shapes that share a material: their ids
@@ -128,8 +115,9 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
         if (file.parent / "build.py").exists():
             todo = f"Run `gpf stage scene --scene {file.parent.name}`, which builds it."
         raise UserError(str(file), f"refers to {missing[0]}{more}, which does not exist", todo)
-    declared = {node.get("name") for node in _parse(file).iter("default")}
-    sizes = {key: value for key, value in (("resx", width), ("resy", height)) if key in declared}
+    # Mitsuba takes a parameter that the file does not use for a mistake.
+    text = file.read_text(encoding="utf-8")
+    sizes = {key: n for key, n in (("resx", width), ("resy", height)) if f'"${key}"' in text}
     try:
         scene = mi.load_file(str(file), optimize=False, **sizes)
     except RuntimeError as error:
@@ -212,7 +200,7 @@ def build_scene(name: str, root: Path | None = None) -> list[Path]:
     spec = importlib.util.spec_from_file_location(f"scene_builder_{name}", script)
     assert spec is not None and spec.loader is not None  # the path ends in .py
     module = importlib.util.module_from_spec(spec)
-    staging = Path(tempfile.mkdtemp(dir=folder, prefix=".build-"))
+    staging = Path(tempfile.mkdtemp(dir=folder, prefix=".build-", suffix=".partial"))
     try:
         spec.loader.exec_module(module)
         if not hasattr(module, "build"):
@@ -224,6 +212,30 @@ def build_scene(name: str, root: Path | None = None) -> list[Path]:
             os.replace(source, target)
             made.append(target)
         return made
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def freeze_scene(name: str, target: Path, root: Path | None = None) -> None:
+    """Make ``target`` a complete copy of a scene: its files, and what its builder generates.
+
+    Nothing else remains in ``target``. The files of :func:`scene_files` other than the builder are
+    copied, so that a frozen scene depends on no other folder.
+    """
+    folder = scene_folder(name, root)
+    build_scene(name, root)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    staging = Path(tempfile.mkdtemp(dir=target.parent, prefix=".freeze-"))
+    try:
+        for source in scene_files(name, root):
+            if source.name == "build.py":
+                continue
+            place = staging / source.relative_to(folder)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, place)
+        shutil.rmtree(target, ignore_errors=True)
+        os.replace(staging, target)
+        target.chmod(0o755)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
 

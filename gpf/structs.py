@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import drjit as dr
@@ -79,6 +80,30 @@ class SurfacePoints:
     n: mi.Normal3f
     target: mi.Color3f
     weight: mi.Float
+
+
+def concatenate(parts: Sequence[Any]) -> Any:
+    """Join structures or arrays lane after lane; single-lane fields are spread out first."""
+    if is_dataclass(parts[0]):
+        widths = [dr.width(part) for part in parts]
+        joined = {}
+        for f in fields(parts[0]):
+            values = [getattr(part, f.name) for part in parts]
+            joined[f.name] = _concatenate(values, widths)
+        return type(parts[0])(**joined)
+    return _concatenate(parts, [dr.width(part) for part in parts])
+
+
+def _concatenate(values: Sequence[Any], widths: Sequence[int]) -> Any:
+    kind = type(values[0])
+    if dr.depth_v(kind) > 1:
+        columns = zip(*values, strict=True)
+        return kind(*(_concatenate(column, widths) for column in columns))
+    spread = [
+        dr.gather(kind, value, dr.arange(mi.UInt32, width) if dr.width(value) > 1 else dr.zeros(mi.UInt32, width))
+        for value, width in zip(values, widths, strict=True)
+    ]
+    return dr.concat(spread)
 
 
 def to_numpy(value: Any) -> np.ndarray:

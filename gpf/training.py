@@ -7,13 +7,16 @@ neighbours, compares with the target, visits the neighbours again and adds their
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.artifacts import read_tensors, write_tensors
 from gpf.blending import (
     Packets,
     accumulate_gradients,
@@ -116,7 +119,6 @@ class Trainer:
         self, field: GaussianPhotonField, points: SurfacePoints, settings: TrainingSettings
     ) -> None:
         self.field, self.settings = field, settings
-        self.rng_seed = settings.seed
         count = dr.width(points.p)
         rng = np.random.default_rng(settings.seed)
         split = rng.random(count) < settings.held_out
@@ -234,6 +236,34 @@ class Trainer:
         best = replace(self.best, irradiance=self.best.irradiance * self.unit)
         self.field.update(best)
         return self.field
+
+    def save(self, path: Path, fingerprint: Mapping[str, Any]) -> None:
+        """Write a checkpoint, atomically: parameters, moments and the best state so far."""
+        states = {
+            "parameters": parameters(self.gaussians),
+            "best": parameters(self.best),
+            "first": self.adam.first,
+            "second": self.adam.second,
+        }
+        tensors = {name: np.stack([v.numpy() for v in values]) for name, values in states.items()}
+        metadata = {"step": self.step_count, "best_error": self.best_error, **fingerprint}
+        write_tensors(path, "checkpoint", tensors, metadata)
+
+    def restore(self, path: Path, fingerprint: Mapping[str, Any]) -> bool:
+        """Continue from a checkpoint if there is one that the same parameters made."""
+        if not path.exists():
+            return False
+        tensors, metadata = read_tensors(path, "checkpoint", "train")
+        step, best_error = metadata.pop("step"), metadata.pop("best_error")
+        if metadata != dict(fingerprint):
+            return False
+        arrays = {name: [mi.Float(row) for row in value] for name, value in tensors.items()}
+        self.gaussians = with_parameters(self.gaussians, arrays["parameters"])
+        self.best = with_parameters(self.gaussians, arrays["best"])
+        self.adam = Adam(arrays["first"], arrays["second"])
+        self.step_count, self.best_error = step, best_error
+        self.rebuild()
+        return True
 
 
 def select_points(points: SurfacePoints, rows: np.ndarray) -> SurfacePoints:

@@ -26,7 +26,7 @@ if llvm[0] >= LLVM_MINIMUM:
     print(json.dumps({"llvm_sum": run(drjit.llvm)}), flush=True)
 """
 PROBE_SUM = 20.0
-TIMEOUT = 120.0
+TIMEOUT = 60.0
 """Seconds after which a trial is given up."""
 
 
@@ -44,13 +44,16 @@ def run_probe() -> dict[str, Any]:
 
 def run_python(code: str) -> tuple[int, str, str]:
     """Run ``code`` in a fresh interpreter: (exit status, negative for a signal; output; errors)."""
-    try:
-        done = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, timeout=TIMEOUT
-        )
-    except subprocess.TimeoutExpired:
-        return 1, "", f"no answer within {TIMEOUT:g} seconds"
-    return done.returncode, done.stdout, done.stderr
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            output, errors = process.communicate(timeout=TIMEOUT)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            output, _ = process.communicate()  # what it reached before it hung
+            return 1, output, f"no answer within {TIMEOUT:g} seconds"
+        return process.returncode, output, errors
 
 
 def last_line(text: str) -> str:

@@ -60,8 +60,7 @@ def test_what_fails_is_status_1_with_its_command() -> None:
         Check("one", False, "[old] 1.0", "pip install one"), Check("two", None, "", "")
     )
     assert status == 1
-    assert "FAILS" in text
-    assert "[old] 1.0" in text  # brackets are text here, not rich's markup
+    assert "FAILS  one            [old] 1.0\n" in text  # brackets are text here, not rich's markup
     assert "-m pip install one" in text
     assert "To be mended: one." in text
 
@@ -276,10 +275,9 @@ def test_the_last_words_of_a_failed_trial_are_kept(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_trial_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trials, "TIMEOUT", 0.2)
-    status, _, errors = trials.run_python("import time; time.sleep(60)")
-    assert status == 1
-    assert "no answer within 0.2 seconds" in errors
+    monkeypatch.setattr(trials, "TIMEOUT", 0.5)
+    code = "import time; print('so far', flush=True); time.sleep(60)"
+    assert trials.run_python(code) == (1, "so far\n", "no answer within 0.5 seconds")
 
 
 def test_this_machine_is_examined() -> None:

@@ -1,0 +1,138 @@
+"""params.yaml, typed: one frozen model per section; unknown keys and bad values are errors.
+
+The comments in params.yaml explain the keys to users; the docstrings here say what they become.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gpf.yaml_files import read_yaml
+
+Count = Annotated[int, Field(ge=1)]
+Seed = Annotated[int, Field(ge=0, lt=2**31)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, lt=1)]
+Automatic = Literal["auto"]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Runtime(_Section):
+    """Where kernels run."""
+
+    variant: Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb"] = "auto"
+
+
+class Film(_Section):
+    """Size of all images; the width follows from the scene's aspect."""
+
+    height: Annotated[int, Field(ge=4, le=8192)] = 256
+
+
+class Reference(_Section):
+    """SPPM references and targets (:mod:`gpf.reference`)."""
+
+    passes: Count = 250
+    photons_per_pass: Count = 100_000
+    initial_radius: Positive | Automatic = "auto"
+    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.7
+    rr_depth: Count = 5
+    surface_points: Annotated[int, Field(ge=0)] = 100_000
+    seed: Seed = 1
+    checkpoint_seconds: Positive = 30.0
+
+
+class Photons(_Section):
+    """The photons that become Gaussians (:mod:`gpf.photon_tracing`)."""
+
+    paths: Count = 100_000
+    rr_depth: Count = 5
+    seed: Seed = 2
+
+
+class FieldSection(_Section):
+    """The field's make and its query (:mod:`gpf.field`, :mod:`gpf.initialization`)."""
+
+    gaussians: Count = 100_000
+    initialization: Literal["photons", "random"] = "photons"
+    initial_colour: Literal["density", "flux"] = "density"
+    initial_scale: Positive | Automatic = "auto"
+    search_radius: Positive | Automatic = "auto"
+    neighbours: Literal["both", "radius", "knn"] = "both"
+    k: Annotated[int, Field(ge=1, le=32)] = 3
+    blend: Literal["divided", "sum"] = "divided"
+    stores: Literal["irradiance", "radiance"] = "irradiance"
+    normal_test: bool = True
+    anisotropic: bool = True
+
+
+class Rates(_Section):
+    """Adam's learning rates (:class:`gpf.training.LearningRates`)."""
+
+    means: NotNegative = 2e-3
+    log_scales: NotNegative = 5e-3
+    quats: NotNegative = 5e-3
+    irradiance: NotNegative = 2e-2
+
+
+class Train(_Section):
+    """Fitting the field (:mod:`gpf.training`)."""
+
+    steps: Annotated[int, Field(ge=0)] = 600
+    batch: Count = 32_768
+    points: Literal["views", "surface", "both"] = "both"
+    loss: Literal["squared", "relative"] = "squared"
+    rates: Rates = Rates()
+    final_rate: Annotated[float, Field(gt=0, le=1)] = 0.1
+    rebuild_every: Count = 100
+    evaluate_every: Count = 50
+    held_out: Share = 0.1
+    seed: Seed = 3
+    checkpoint_seconds: Positive = 30.0
+
+
+class Render(_Section):
+    """Rendering novel views from the field (:mod:`gpf.integrators.gpf`)."""
+
+    spp: Count = 64
+    rr_depth: Count = 5
+    seed: Seed = 4
+
+
+class Metrics(_Section):
+    """What images are compared by (:mod:`metrics.image`)."""
+
+    relmse_epsilon: Positive = 0.01
+
+
+class Amortize(_Section):
+    """Cumulative cost over the number of views (:mod:`metrics.cost`)."""
+
+    views: Annotated[int, Field(ge=2, le=100_000)] = 100
+
+
+class Params(_Section):
+    """The whole params.yaml."""
+
+    scenes: Annotated[tuple[str, ...], Field(min_length=1)]
+    runtime: Runtime = Runtime()
+    film: Film = Film()
+    reference: Reference = Reference()
+    photons: Photons = Photons()
+    field: FieldSection = FieldSection()
+    train: Train = Train()
+    render: Render = Render()
+    metrics: Metrics = Metrics()
+    amortize: Amortize = Amortize()
+
+
+def read_params(file: Path = Path("params.yaml")) -> Params:
+    """Read and check params.yaml; a :class:`gpf.errors.UserError` says what is wrong with it."""
+    return read_yaml(file, Params, "Run `gpf` in the project's folder, which has a params.yaml.")

@@ -1,0 +1,157 @@
+"""What training learns from: surface points with their irradiance, from views and surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.artifacts import read_tensors, write_tensors
+from gpf.density import estimate_irradiance
+from gpf.errors import UserError
+from gpf.photon_tracing import record_photons
+from gpf.progressive import PassSettings, pass_seed, scene_bounds
+from gpf.structs import SurfacePoints, VisiblePoints
+
+# The source of a target that comes from a sample of the scene's surfaces, not from a view.
+SURFACE = -1
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Supervised points, as numpy arrays of P rows.
+
+    Attributes
+    ----------
+    position, normal: world units and unit vectors, (P, 3).
+    irradiance: the target E, W/m², (P, 3).
+    reflectance: diffuse reflectance at the point; 1 for surface samples, (P, 3).
+    source: number of the training view that sees the point, or :data:`SURFACE`, (P,).
+    """
+
+    position: np.ndarray
+    normal: np.ndarray
+    irradiance: np.ndarray
+    reflectance: np.ndarray
+    source: np.ndarray
+
+    @classmethod
+    def from_view(cls, layers: Mapping[str, np.ndarray], number: int) -> Targets:
+        """Targets of one view, from the layers of its reference, in image order."""
+        valid = layers["valid"] > 0.5
+        names = ("position", "normal", "irradiance", "reflectance")
+        source = np.full(int(valid.sum()), number, np.int32)
+        return cls(*(layers[name][valid] for name in names), source)
+
+    @classmethod
+    def from_surfaces(cls, tensors: Mapping[str, np.ndarray]) -> Targets:
+        """Targets at samples of the scene's surfaces."""
+        position = tensors["position"]
+        ones = np.ones_like(position)
+        source = np.full(len(position), SURFACE, np.int32)
+        return cls(position, tensors["normal"], tensors["irradiance"], ones, source)
+
+    @staticmethod
+    def join(parts: Sequence[Targets]) -> Targets:
+        """All parts, one after the other."""
+        joined = (np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Targets))
+        return Targets(*joined)
+
+    def save(self, path: Path) -> None:
+        """Write the targets."""
+        write_tensors(path, "targets", {k: v for k, v in vars(self).items()}, {})
+
+    @classmethod
+    def load(cls, path: Path) -> Targets:
+        """Read targets."""
+        tensors, _ = read_tensors(path, "targets", "reference")
+        return cls(**tensors)
+
+    def select(self, points: Literal["views", "surface", "both"]) -> Targets:
+        """The targets that come from views, from surfaces, or all."""
+        if points == "both":
+            return self
+        rows = (self.source == SURFACE) == (points == "surface")
+        return Targets(**{name: value[rows] for name, value in vars(self).items()})
+
+    def supervised_points(
+        self,
+        points: Literal["views", "surface", "both"],
+        stores: Literal["irradiance", "radiance"],
+        loss: Literal["squared", "relative"],
+    ) -> SurfacePoints:
+        """Points as training takes them.
+
+        ``stores`` chooses what the field is to answer: E, or the outgoing radiance ρ/π E, for
+        which only views know ρ. ``loss`` chooses the points' weights: all alike, or
+        1 / (E² + mean(E)²), normalised to mean 1, so that a relative error counts.
+        """
+        chosen = self.select("views" if stores == "radiance" else points)
+        if len(chosen.position) == 0:
+            raise UserError(
+                "params.yaml: train.points",
+                f"{points!r} selects none of {len(self.position)} targets",
+                "Choose another, or set reference.surface_points above 0.",
+            )
+        target = chosen.irradiance
+        if stores == "radiance":
+            target = target * chosen.reflectance / np.pi
+        weight = np.ones(len(target))
+        if loss == "relative":
+            level = target.mean(axis=1)
+            weight = 1 / (level**2 + level.mean() ** 2)
+            weight /= weight.mean()
+
+        def columns(array: np.ndarray) -> np.ndarray:
+            return np.ascontiguousarray(array.T, dtype=np.float32)
+
+        return SurfacePoints(
+            p=mi.Point3f(columns(chosen.position)),
+            n=mi.Normal3f(columns(chosen.normal)),
+            target=mi.Color3f(columns(target)),
+            weight=mi.Float(weight.astype(np.float32)),
+        )
+
+
+def sample_surface_points(
+    scene: Any, count: int, settings: PassSettings, seed: int
+) -> VisiblePoints:
+    """Samples of the lit diffuse surfaces: positions of photons, half of them thinned out.
+
+    One half is drawn from all photons alike, so that bright regions have many; the other with
+    probabilities in inverse proportion to the local density, which makes it nearly uniform over
+    the lit area.
+    """
+    photons = record_photons(
+        scene,
+        paths=settings.photons_per_pass,
+        seed=pass_seed(seed, 0, stream=4),
+        rr_depth=settings.rr_depth,
+    )
+    available = dr.width(photons.p)
+    if available == 0:
+        raise UserError(
+            "scene", "no photon reached a diffuse surface", "Check where the emitters point."
+        )
+    photons.power = mi.Color3f(dr.full(mi.Float, 1, available))
+    density = estimate_irradiance(photons, settings.initial_radius, scene_bounds(scene))
+    sparse = 1 / np.asarray(density.x.numpy(), dtype=np.float64)
+    rng = np.random.default_rng(pass_seed(seed, 0, stream=5))
+    count = min(count, available)
+    first = rng.choice(available, count // 2, replace=False)
+    second = rng.choice(available, count - count // 2, replace=False, p=sparse / sparse.sum())
+    index = mi.UInt32(np.sort(np.concatenate([first, second])).astype(np.uint32))
+    return VisiblePoints(
+        p=dr.gather(mi.Point3f, photons.p, index),
+        n=dr.gather(mi.Normal3f, photons.n, index),
+        reflectance=mi.Color3f(1),
+        throughput=mi.Color3f(1),
+        emission=mi.Color3f(0),
+        depth=mi.UInt32(0),
+        valid=dr.full(mi.Bool, True, count),
+    )

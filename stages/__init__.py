@@ -1,0 +1,1 @@
+"""The pipeline: one thin command per stage, which `dvc.yaml` strings together."""

@@ -1,0 +1,117 @@
+"""Stage `amortize`: what n views cost, with all preparation, and from which n the field pays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import pandas as pd
+
+from gpf.artifacts import read_json, write_atomically, write_json, write_text
+from metrics.cost import CostLine, break_even, cumulative
+from metrics.worth import worth_passes
+from stages.metrics import mean_convergence
+from stages.progress import console
+from stages.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The field's cost line and those that it is compared with."""
+
+    field: CostLine
+    others: tuple[CostLine, ...]
+
+
+def cost_lines(work: Workspace) -> Comparison:
+    """Cost lines from what the stages measured (wall seconds without compilation)."""
+    seconds = {
+        stage: {name: part["wall_seconds"] for name, part in cost["parts"].items()}
+        for stage in ("reference", "photons", "train", "render")
+        for cost in [read_json(work.cost(stage), stage)]
+    }
+    reference = read_json(work.cost("reference"), "reference")["facts"]
+    render = read_json(work.cost("render"), "render")["facts"]
+    per_pass = reference["seconds_per_single_view_pass"]
+    passes = work.params.reference.passes
+    quality = read_json(work.metrics("gpf"), "metrics")["mean"]["psnr"]
+    equal = worth_passes(quality, mean_convergence(work))
+
+    preparation = (
+        seconds["reference"]["radius"]
+        + seconds["reference"]["train"]
+        + sum(seconds["photons"].values())
+        + sum(seconds["train"].values())
+    )
+    spp = render["spp"]
+    return Comparison(
+        CostLine(f"GPF, {spp} spp", preparation, seconds["render"]["render"] / render["views"]),
+        (
+            CostLine(f"SPPM, {passes} passes", 0.0, passes * per_pass),
+            CostLine(f"SPPM at equal quality ({equal} passes)", 0.0, equal.passes * per_pass),
+        ),
+    )
+
+
+def amortize(scene_name: str) -> None:
+    """Write the table and the figure of cumulative cost, and print the break-even counts."""
+    work = Workspace.open(scene_name)
+    lines = cost_lines(work)
+    table = cumulative([lines.field, *lines.others], range(1, work.params.amortize.views + 1))
+    write_text(work.root / "tables" / f"cost_{scene_name}.csv", table.to_csv(index=False))
+    counts = {other.name: break_even(lines.field, other) for other in lines.others}
+    write_json(
+        work.folder / "amortize.json",
+        {
+            "break_even_views": counts,
+            "preparation_seconds": lines.field.preparation_seconds,
+            "seconds_per_view": {
+                line.name: line.per_view_seconds for line in (lines.field, *lines.others)
+            },
+        },
+    )
+    _draw(work, lines, table, counts)
+    for name, count in counts.items():
+        views = "never" if count is None else f"from view {count} on"
+        console.print(f"{scene_name}: {lines.field.name} costs less than {name} {views}")
+
+
+def _draw(
+    work: Workspace, lines: Comparison, table: pd.DataFrame, counts: dict[str, int | None]
+) -> None:
+    figure, axes = plt.subplots(figsize=(6.4, 4.2), layout="constrained")
+    styles = ("-", "--", ":")
+    for line, style in zip((lines.field, *lines.others), styles, strict=True):
+        axes.plot(table["views"], table[line.name], style, color="black", label=line.name)
+    for name, count in counts.items():
+        if count is not None and count <= table["views"].iloc[-1]:
+            cost = table.loc[table["views"] == count, lines.field.name].iloc[0]
+            axes.plot(count, cost, "o", color="black", markersize=5)
+            axes.annotate(
+                f"{count} view{'s' if count > 1 else ''}",
+                (count, cost),
+                textcoords="offset points",
+                xytext=(6, -12),
+            )
+            del name
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="views",
+        ylabel="seconds in all, preparation included",
+        title=f"{work.scene}: cost of n views",
+    )
+    axes.legend(frameon=False)
+    axes.grid(True, which="both", alpha=0.2)
+    for suffix in (".svg", ".png"):
+        path = work.root / "figures" / f"cost_{work.scene}{suffix}"
+        write_atomically(path, lambda p: figure.savefig(p, dpi=120, metadata=_NO_DATE.get(p.suffix)))
+    plt.close(figure)
+
+
+# Without a date, the same numbers give the same file.
+_NO_DATE = {".svg": {"Date": None}}

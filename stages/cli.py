@@ -1,0 +1,86 @@
+"""The command line: `gpf stage NAME --scene SCENE`, `gpf profile`, `gpf scene`, `gpf doctor`."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from gpf.errors import UserError
+
+app = typer.Typer(
+    help="Gaussian photon fields: photon mapping whose result serves every view.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+scene_app = typer.Typer(help="The scenes of the project.", no_args_is_help=True)
+app.add_typer(scene_app, name="scene")
+
+# Stage -> module and function. Imported when called: a stage pays for its own imports alone.
+STAGES = {
+    "scene": ("stages.scene", "prepare_scene"),
+    "reference": ("stages.reference", "render_references"),
+    "photons": ("stages.photons", "trace"),
+    "train": ("stages.train", "train_field"),
+    "render": ("stages.render", "render_views"),
+    "metrics": ("stages.metrics", "compare_images"),
+    "amortize": ("stages.amortize", "amortize"),
+}
+StageName = StrEnum("StageName", list(STAGES))  # type: ignore[misc]
+
+
+@app.command()
+def stage(
+    name: Annotated[StageName, typer.Argument(help="The stage to run.")],
+    scene: Annotated[str, typer.Option(help="The scene to run it for.")],
+) -> None:
+    """Run one stage of the pipeline for one scene, from what the stages before it left."""
+    module, function = STAGES[name.value]
+    getattr(importlib.import_module(module), function)(scene)
+
+
+@app.command()
+def profile(
+    name: Annotated[str, typer.Argument(help="smoke, desk, full or paper.")],
+) -> None:
+    """Rewrite params.yaml with the sizes of a profile, and say what changed."""
+    from stages.profiles import apply_profile
+
+    apply_profile(name)
+
+
+@app.command()
+def doctor() -> None:
+    """Tell what works on this machine, what is missing, and what mends it."""
+    from gpf.doctor import diagnose, print_report
+
+    raise typer.Exit(print_report(diagnose()))
+
+
+@scene_app.command("list")
+def list_all() -> None:
+    """List the scenes."""
+    from gpf.scenes import list_scenes
+
+    for name in list_scenes():
+        typer.echo(name)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; what the user can mend ends in a message and exit code 2."""
+    try:
+        app(args=list(sys.argv[1:] if arguments is None else arguments))
+    except UserError as error:
+        typer.secho(f"error: {error}", fg="red", err=True)
+        sys.exit(UserError.exit_code)
+    except KeyboardInterrupt:
+        typer.echo("\nstopped; the next run goes on from the last checkpoint", err=True)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,55 @@
+"""Profiles: sets of sizes that are written into params.yaml, comments and all else left alone."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+
+from gpf.artifacts import write_text
+from gpf.config import Params, read_params
+from gpf.errors import UserError
+from gpf.yaml_files import suggest
+from stages.progress import console
+
+
+def read_profiles() -> Mapping[str, Mapping[str, Any]]:
+    """Profile name -> dotted key of params.yaml -> value."""
+    text = Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8")
+    profiles: Mapping[str, Mapping[str, Any]] = YAML(typ="safe").load(text)
+    return profiles
+
+
+def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
+    """Write a profile's values into ``file`` and print each that changed."""
+    profiles = read_profiles()
+    if name not in profiles:
+        raise UserError(
+            f"profile {name!r}", "does not exist", suggest(name, list(profiles), "Profiles are")
+        )
+    read_params(file)
+    yaml = YAML()
+    yaml.preserve_quotes = True
+    yaml.width = 100
+    document = yaml.load(file.read_text(encoding="utf-8"))
+    changes = 0
+    for key, value in profiles[name].items():
+        section, _, leaf = key.partition(".")
+        before = document[section][leaf] if leaf in document.setdefault(section, {}) else None
+        if before != value:
+            document[section][leaf] = value
+            changes += 1
+            console.print(f"{key}: {before} -> {value}", highlight=False)
+    Params.model_validate(YAML(typ="safe").load(_dump(yaml, document)))
+    if changes:
+        write_text(file, _dump(yaml, document))
+    console.print(f"{file}: profile {name}, {changes} values changed", highlight=False)
+
+
+def _dump(yaml: YAML, document: Any) -> str:
+    stream = io.StringIO()
+    yaml.dump(document, stream)
+    return stream.getvalue()

@@ -1,0 +1,194 @@
+"""Stage `reference`: SPPM references of all views, and the targets that training learns from.
+
+Three groups of passes, each with a seed of its own: training views (their fixed visible points and
+samples of the scene's surfaces become targets), novel views (the judges), and novel views once
+more (the ceiling: how well does SPPM agree with itself). Within a group the views share their
+photons; between groups nothing is shared, or noise that the field learned would count as quality.
+A view whose file was made by the same scene, camera and parameters is left alone.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.artifacts import read_tensors, write_tensors
+from gpf.errors import UserError
+from gpf.images import check_finite, read_exr, read_record, write_exr
+from gpf.progressive import PassSettings, pass_seed, propose_radius, sample_film
+from gpf.reference import ReferenceRenderer, settings_record, time_single_view_pass
+from gpf.structs import VisiblePoints, to_numpy
+from gpf.supervision import Targets, sample_surface_points
+from gpf.views import View
+from stages.costs import CostMeter
+from stages.progress import progress_bar
+from stages.workspace import Workspace
+
+GROUPS = ("train", "novel", "ceiling")
+
+
+def render_references(scene_name: str) -> None:
+    """Render what is missing of the references, the ceiling and the targets."""
+    work = Workspace.open(scene_name)
+    scene = work.load_scene()
+    costs = CostMeter()
+    with costs.measure("radius"):
+        settings = pass_settings(work, scene)
+    for group in GROUPS:
+        _render_group(work, scene, group, settings, costs)
+    with costs.measure("probe"):
+        seconds = time_single_view_pass(
+            scene, work.sensor(work.views.train[0]), settings, work.params.reference.seed
+        )
+    costs.facts |= {"seconds_per_single_view_pass": seconds, **settings_record(settings, 0)}
+    costs.write(work.cost("reference"))
+
+
+def pass_settings(work: Workspace, scene: Any) -> PassSettings:
+    """Settings of the passes; an automatic radius is measured at the first training view."""
+    section = work.params.reference
+    radius = section.initial_radius
+    if radius == "auto":
+        radius = work.views.search_radius or _measure_radius(work, scene)
+    return PassSettings(
+        photons_per_pass=section.photons_per_pass,
+        initial_radius=radius,
+        alpha=section.alpha,
+        rr_depth=section.rr_depth,
+    )
+
+
+def _measure_radius(work: Workspace, scene: Any) -> float:
+    section = work.params.reference
+    width, height = work.film_size
+    sampler = mi.load_dict({"type": "independent", "sample_count": 1})
+    sampler.seed(pass_seed(section.seed, 0, stream=1), width * height)
+    film = sample_film(scene, work.sensor(work.views.train[0]), sampler)
+    return propose_radius(scene, film.points, section.photons_per_pass, section.seed)
+
+
+def _render_group(
+    work: Workspace, scene: Any, group: str, settings: PassSettings, costs: CostMeter
+) -> None:
+    section = work.params.reference
+    seed = pass_seed(section.seed, 0, stream=100 + GROUPS.index(group))
+    record = {
+        "group": group,
+        "passes": section.passes,
+        "scene": work.scene_digest,
+        "size": list(work.film_size),
+        **settings_record(settings, seed),
+    }
+    views = work.views.train if group == "train" else work.views.novel
+    missing = [view for view in views if not _is_current(work, group, view, record)]
+    surfaces = group == "train" and section.surface_points > 0
+    surfaces_missing = surfaces and not _has_surfaces(work, record)
+    if missing or surfaces_missing:
+        extra = None
+        if surfaces_missing:
+            extra = sample_surface_points(scene, section.surface_points, settings, seed)
+        _accumulate(work, scene, group, missing, extra, settings, seed, record, costs)
+    if group == "train":
+        _collect_targets(work, views, surfaces)
+
+
+def _view_record(record: dict[str, Any], view: View) -> dict[str, Any]:
+    return {**record, "view": view.model_dump(mode="json")}
+
+
+def _is_current(work: Workspace, group: str, view: View, record: dict[str, Any]) -> bool:
+    path = work.ceiling(view.name) if group == "ceiling" else work.reference(view.name)
+    found = read_record(path)
+    return found is not None and found.items() >= _view_record(record, view).items()
+
+
+def _has_surfaces(work: Workspace, record: dict[str, Any]) -> bool:
+    if not work.surfaces.exists():
+        return False
+    try:
+        _, metadata = read_tensors(work.surfaces, "surfaces", "reference")
+    except UserError:
+        return False
+    return metadata == _surface_record(work, record)
+
+
+def _surface_record(work: Workspace, record: dict[str, Any]) -> dict[str, Any]:
+    return {**record, "surface_points": work.params.reference.surface_points}
+
+
+def _accumulate(
+    work: Workspace,
+    scene: Any,
+    group: str,
+    views: Sequence[View],
+    extra: VisiblePoints | None,
+    settings: PassSettings,
+    seed: int,
+    record: dict[str, Any],
+    costs: CostMeter,
+) -> None:
+    """Run the passes of a group, with checkpoints, and write its files."""
+    section = work.params.reference
+    sensors = {view.name: work.sensor(view) for view in views}
+    snapshots = snapshot_passes(section.passes) if group == "ceiling" else []
+    renderer = ReferenceRenderer(
+        scene, sensors, settings, seed, extra=extra, fixed=group != "ceiling"
+    )
+    fingerprint = {**record, "views": [view.model_dump(mode="json") for view in views]}
+    checkpoint = work.checkpoint("reference", group)
+    renderer.restore(checkpoint, fingerprint)
+    images: dict[str, dict[str, np.ndarray]] = {view.name: {} for view in views}
+    saved = time.monotonic()
+
+    title = f"{work.scene}: {group} references"
+    with progress_bar(title, section.passes) as advance, costs.measure(group):
+        while renderer.passes_done < section.passes:
+            renderer.run_pass()
+            done = renderer.passes_done
+            advance(done)
+            if done in snapshots:
+                for view in views:
+                    images[view.name][f"sppm_{done}"] = renderer.image(view.name)
+            elif not snapshots and time.monotonic() - saved > section.checkpoint_seconds:
+                renderer.save(checkpoint, fingerprint)
+                saved = time.monotonic()
+
+    for view in views:
+        if group == "ceiling":
+            path, layers = work.ceiling(view.name), images[view.name]
+        else:
+            path, layers = work.reference(view.name), renderer.view(view.name).layers()
+        for name, image in layers.items():
+            if image.ndim == 3:
+                check_finite(image, f"{work.scene}, view {view.name}, {name}")
+        write_exr(path, layers, _view_record(record, view))
+    if extra is not None:
+        tensors = {
+            "position": to_numpy(extra.p),
+            "normal": to_numpy(extra.n),
+            "irradiance": renderer.extra_irradiance(),
+        }
+        write_tensors(work.surfaces, "surfaces", tensors, _surface_record(work, record))
+    checkpoint.unlink(missing_ok=True)
+
+
+def snapshot_passes(passes: int) -> list[int]:
+    """Pass counts at which the ceiling is recorded: 1, 3, 10, 30, … and the last."""
+    counts = [n * 10**e for e in range(7) for n in (1, 3)]
+    return [*(n for n in counts if n < passes), passes]
+
+
+def _collect_targets(work: Workspace, views: Sequence[View], surfaces: bool) -> None:
+    """Write the supervised points of all training views and surfaces into one file."""
+    parts = []
+    for k, view in enumerate(views):
+        layers, _ = read_exr(work.reference(view.name), "reference")
+        parts.append(Targets.from_view(layers, k))
+    if surfaces:
+        tensors, _ = read_tensors(work.surfaces, "surfaces", "reference")
+        parts.append(Targets.from_surfaces(tensors))
+    Targets.join(parts).save(work.targets)

@@ -1,0 +1,48 @@
+"""Stage `render`: novel views from the fitted field."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.field import GaussianPhotonField
+from gpf.images import check_finite, write_exr, write_png
+from stages.costs import CostMeter
+from stages.progress import progress_bar
+from stages.workspace import Workspace
+
+
+def render_views(scene_name: str) -> None:
+    """Render every novel view, as EXR and as a preview."""
+    work = Workspace.open(scene_name)
+    section = work.params.render
+    scene = work.load_scene()
+    integrator = mi.load_dict({"type": "gpf", "rr_depth": section.rr_depth, "coverage": True})
+    integrator.field = GaussianPhotonField.load(work.field)
+    costs = CostMeter()
+    shares = []
+    views = work.views.novel
+    with progress_bar(f"{scene_name}: rendering", len(views)) as advance:
+        for k, view in enumerate(views):
+            sensor = work.sensor(view)
+            with costs.measure("render"):
+                image = np.array(
+                    mi.render(
+                        scene,
+                        integrator=integrator,
+                        sensor=sensor,
+                        spp=section.spp,
+                        seed=section.seed + k,
+                    )
+                )
+            radiance, coverage = image[..., :3], image[..., 3]
+            check_finite(radiance, f"{scene_name}, view {view.name}")
+            shares.append(float(np.mean(coverage > 1.5)))
+            record = {"method": "gpf", "spp": section.spp, "view": view.model_dump(mode="json")}
+            path = work.render("gpf", view.name)
+            write_exr(path, {"radiance": radiance, "coverage": coverage}, record)
+            write_png(path.with_suffix(".png"), radiance, work.views.exposure)
+            advance(k + 1)
+    costs.facts |= {"views": len(views), "spp": section.spp, "weakly_covered": shares}
+    costs.facts["field_megabytes"] = work.field.stat().st_size / 1e6
+    costs.write(work.cost("render"))

@@ -1,0 +1,132 @@
+"""Stage `train`: photons and targets -> fitted field."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+from dvclive import Live
+
+from gpf.artifacts import read_tensors
+from gpf.field import FieldSettings, GaussianPhotonField
+from gpf.initialization import (
+    InitializationSettings,
+    initialize_gaussians,
+    propose_search_radius,
+)
+from gpf.progressive import scene_bounds
+from gpf.structs import Photons
+from gpf.supervision import Targets
+from gpf.training import LearningRates, Progress, Trainer, TrainingSettings
+from stages.costs import CostMeter
+from stages.progress import progress_bar
+from stages.workspace import Workspace
+
+
+def train_field(scene_name: str) -> None:
+    """Fit a field, keep its best state, and record the curves."""
+    work = Workspace.open(scene_name)
+    section = work.params.train
+    costs = CostMeter()
+    targets = Targets.load(work.targets)
+    photons = _load_photons(work)
+    bounds = scene_bounds(work.load_scene())
+
+    with costs.measure("initialization"):
+        field = _initial_field(work, photons, targets, bounds)
+    points = targets.supervised_points(section.points, work.params.field.stores, section.loss)
+    settings = TrainingSettings(
+        steps=section.steps,
+        batch=section.batch,
+        rates=LearningRates(**section.rates.model_dump()),
+        final_rate=section.final_rate,
+        rebuild_every=section.rebuild_every,
+        evaluate_every=section.evaluate_every,
+        held_out=section.held_out,
+        anisotropic=work.params.field.anisotropic,
+        seed=section.seed,
+    )
+    with costs.measure("training"):
+        trainer = Trainer(field, points, settings)
+    fingerprint = {"targets": work.digest(work.targets), "photons": work.digest(work.photons)}
+    fingerprint |= {"params": {k: v.model_dump() for k, v in (("train", section), ("field", work.params.field))}}
+    checkpoint = work.checkpoint("train")
+    trainer.restore(checkpoint, fingerprint)
+
+    curves = work.folder / "training"
+    saved = time.monotonic()
+    with Live(str(curves), save_dvc_exp=False, dvcyaml=None, report=None, monitor_system=False) as live:
+
+        def report(progress: Progress) -> None:
+            live.step = progress.step
+            live.log_metric("training_error", progress.training_error)
+            live.log_metric("held_out_error", progress.held_out_error)
+            live.next_step()
+
+        with progress_bar(f"{scene_name}: training", section.steps) as advance:
+
+            def tick(step: int) -> None:
+                nonlocal saved
+                advance(step)
+                if time.monotonic() - saved > section.checkpoint_seconds:
+                    trainer.save(checkpoint, fingerprint)
+                    saved = time.monotonic()
+
+            with costs.measure("training"):
+                trained = trainer.run(report, tick)
+    trained.record = {
+        "scene": work.scene_digest,
+        "steps": trainer.step_count,
+        "held_out_error": trainer.best_error,
+        "params": fingerprint["params"],
+    }
+    trained.save(work.field)
+    checkpoint.unlink(missing_ok=True)
+    costs.facts |= {"held_out_error": trainer.best_error, **asdict(trained.settings)}
+    costs.write(work.cost("train"))
+
+
+def _load_photons(work: Workspace) -> Photons:
+    tensors, _ = read_tensors(work.photons, "photons", "photons")
+
+    def columns(name: str) -> np.ndarray:
+        return np.ascontiguousarray(tensors[name].T)
+
+    return Photons(
+        p=mi.Point3f(columns("position")),
+        n=mi.Normal3f(columns("normal")),
+        power=mi.Color3f(columns("power")),
+        depth=mi.UInt32(tensors["depth"]),
+    )
+
+
+def _initial_field(
+    work: Workspace, photons: Photons, targets: Targets, bounds: tuple[Any, Any]
+) -> GaussianPhotonField:
+    section = work.params.field
+    radius = section.search_radius
+    if radius == "auto":
+        radius = work.views.search_radius or propose_search_radius(
+            photons, section.gaussians, targets.position, bounds
+        )
+    scale = 0.5 * radius if section.initial_scale == "auto" else section.initial_scale
+    initial = InitializationSettings(
+        gaussians=section.gaussians,
+        source=section.initialization,
+        colour=section.initial_colour,
+        scale=scale,
+        density_radius=radius,
+    )
+    gaussians = initialize_gaussians(photons, initial, bounds, seed=work.params.train.seed)
+    settings = FieldSettings(
+        search_radius=radius,
+        k=section.k,
+        neighbours=section.neighbours,
+        blend=section.blend,
+        stores=section.stores,
+        normal_test=section.normal_test,
+    )
+    return GaussianPhotonField(gaussians, settings, bounds)

@@ -1,0 +1,119 @@
+"""Where the pipeline's files lie, and what every stage starts with."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from gpf.config import Params, read_params
+from gpf.runtime import choose_variant
+from gpf.scenes import load_scene_file, scene_folder
+from gpf.views import SceneViews, View, make_sensor, read_views
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The parameters, and the files of one scene under ``results/``."""
+
+    params: Params
+    scene: str
+    root: Path = Path("results")
+
+    @classmethod
+    def open(cls, scene: str) -> Workspace:
+        """Read params.yaml, check that the scene exists, and choose the variant."""
+        params = read_params()
+        scene_folder(scene)
+        choose_variant(params.runtime.variant)
+        return cls(params, scene)
+
+    @property
+    def folder(self) -> Path:
+        """All that belongs to the scene."""
+        return self.root / self.scene
+
+    @property
+    def frozen_scene(self) -> Path:
+        """The scene as the stage ``scene`` built it."""
+        return self.folder / "scene"
+
+    @property
+    def targets(self) -> Path:
+        """Supervised points and their irradiance."""
+        return self.folder / "targets.safetensors"
+
+    @property
+    def surfaces(self) -> Path:
+        """Irradiance at samples of the scene's surfaces."""
+        return self.folder / "reference" / "surfaces.safetensors"
+
+    @property
+    def photons(self) -> Path:
+        """The photons that become Gaussians."""
+        return self.folder / "photons.safetensors"
+
+    @property
+    def field(self) -> Path:
+        """The fitted field."""
+        return self.folder / "field.safetensors"
+
+    def reference(self, view: str) -> Path:
+        """The reference image of a view."""
+        return self.folder / "reference" / f"{view}.exr"
+
+    def ceiling(self, view: str) -> Path:
+        """A second, independent reference of a novel view, at several numbers of passes."""
+        return self.folder / "ceiling" / f"{view}.exr"
+
+    def render(self, method: str, view: str) -> Path:
+        """A method's image of a view."""
+        return self.folder / "renders" / method / f"{view}.exr"
+
+    def metrics(self, method: str) -> Path:
+        """How a method's images compare with the references."""
+        return self.folder / "metrics" / f"{method}.json"
+
+    def cost(self, stage: str) -> Path:
+        """What a stage cost."""
+        return self.folder / "costs" / f"{stage}.json"
+
+    def checkpoint(self, stage: str, part: str = "all") -> Path:
+        """Where a stage keeps what it would lose if it were stopped."""
+        return self.folder / "checkpoints" / f"{stage}-{part}.safetensors"
+
+    @cached_property
+    def views(self) -> SceneViews:
+        """The cameras of the frozen scene."""
+        return read_views(self.frozen_scene / "views.yaml")
+
+    @cached_property
+    def scene_digest(self) -> str:
+        """A hash of all that the scene consists of, its views aside."""
+        digest = hashlib.sha256()
+        for path in sorted(self.frozen_scene.rglob("*")):
+            if path.is_file() and path.name != "views.yaml":
+                digest.update(path.relative_to(self.frozen_scene).as_posix().encode())
+                digest.update(path.read_bytes())
+        return digest.hexdigest()[:16]
+
+    @staticmethod
+    def digest(path: Path) -> str:
+        """A hash of a file's content; empty if there is none."""
+        return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.exists() else ""
+
+    def load_scene(self) -> Any:
+        """The Mitsuba scene, checked."""
+        width, height = self.film_size
+        return load_scene_file(self.frozen_scene / "scene.xml", width, height)
+
+    @property
+    def film_size(self) -> tuple[int, int]:
+        """Width and height of all images."""
+        return self.views.size(self.params.film.height)
+
+    def sensor(self, view: View) -> Any:
+        """A Mitsuba sensor for a view, at the size that params.yaml asks for."""
+        return make_sensor(view, *self.film_size)
