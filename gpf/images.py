@@ -60,11 +60,10 @@ def read_exr(path: Path, maker: str) -> tuple[dict[str, np.ndarray], dict[str, A
     again = f"Delete it and run `gpf stage {maker}` again."
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            header = file.header()
+            record = json.loads(file.header().get(_RECORD, "{}"))
             channels = {name: c.pixels.copy() for name, c in file.channels().items()}
     except Exception as error:  # OpenEXR raises several kinds, none of them its own
         raise UserError(str(path), f"is truncated or not an EXR ({error})", again) from error
-    record = json.loads(header.get(_RECORD, "{}"))
     if record.get("schema_version") != SCHEMA_VERSION:
         version = record.get("schema_version", "none")
         raise UserError(
@@ -83,11 +82,13 @@ def read_exr(path: Path, maker: str) -> tuple[dict[str, np.ndarray], dict[str, A
 
 def read_record(path: Path) -> dict[str, Any] | None:
     """What made an EXR, or None where there is no readable one."""
+    if not path.exists():
+        return None
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
             record: dict[str, Any] = json.loads(file.header().get(_RECORD, "{}"))
             return record
-    except Exception:  # missing, truncated, foreign: all the same to the caller
+    except Exception:  # truncated, foreign: all the same to the caller
         return None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 import zlib
 from collections.abc import Callable, Mapping
@@ -145,26 +146,30 @@ class ReferenceRenderer:
         """Mean irradiance at the extra points so far, (S, 3)."""
         return to_numpy(self.irradiance[-1]) / self.passes_done
 
-    def save(self, path: Path, fingerprint: Mapping[str, Any]) -> None:
-        """Write a checkpoint, atomically."""
+    def save(self, path: Path, fingerprint: Mapping[str, Any], note: Any = None) -> None:
+        """Write a checkpoint, atomically; ``note`` is kept for the one who restores it."""
         tensors = {f"radiance/{n}": to_numpy(v) for n, v in self.radiance.items()}
         tensors |= {f"irradiance/{k}": to_numpy(v) for k, v in enumerate(self.irradiance)}
-        write_tensors(path, "checkpoint", tensors, {"done": self.passes_done, **fingerprint})
+        metadata = {"done": self.passes_done, "note": note, "fingerprint": dict(fingerprint)}
+        write_tensors(path, "checkpoint", tensors, metadata)
 
-    def restore(self, path: Path, fingerprint: Mapping[str, Any]) -> bool:
-        """Continue from a checkpoint if there is one that the same parameters made."""
+    def restore(self, path: Path, fingerprint: Mapping[str, Any]) -> Any:
+        """Continue from a checkpoint if there is one that the same parameters made.
+
+        Returns its note, or None where there is no such checkpoint.
+        """
         if not path.exists():
-            return False
+            return None
         tensors, metadata = read_tensors(path, "checkpoint", "reference")
-        done = metadata.pop("done")
-        if metadata != dict(fingerprint):
-            return False
+        if metadata["fingerprint"] != json.loads(json.dumps(fingerprint)):
+            return None
         for name in self.radiance:
-            self.radiance[name] = mi.Color3f(tensors[f"radiance/{name}"].T)
+            self.radiance[name] = mi.Color3f(np.ascontiguousarray(tensors[f"radiance/{name}"].T))
         for k in range(len(self.irradiance)):
-            self.irradiance[k] = mi.Color3f(tensors[f"irradiance/{k}"].T)
-        self.passes_done = done
-        return True
+            value = np.ascontiguousarray(tensors[f"irradiance/{k}"].T)
+            self.irradiance[k] = mi.Color3f(value)
+        self.passes_done = metadata["done"]
+        return metadata["note"]
 
 
 def time_single_view_pass(

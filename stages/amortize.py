@@ -43,7 +43,7 @@ def cost_lines(work: Workspace) -> Comparison:
 
     preparation = (
         seconds["reference"]["radius"]
-        + seconds["reference"]["train"]
+        + sum(s for part, s in seconds["reference"].items() if part.startswith("train/"))
         + sum(seconds["photons"].values())
         + sum(seconds["train"].values())
     )

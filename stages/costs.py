@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,9 @@ from gpf.artifacts import write_json
 from gpf.runtime import device_description
 
 
+KINDS = ("wall_seconds", "cpu_seconds", "compile_seconds")
+
+
 class CostMeter:
     """Measures named parts of a stage.
 
@@ -22,9 +26,14 @@ class CostMeter:
     it is near zero from the second run on.
     """
 
-    def __init__(self) -> None:
-        self.parts: dict[str, dict[str, float]] = {}
+    def __init__(self, parts: Mapping[str, Mapping[str, float]] | None = None) -> None:
+        self.parts: dict[str, dict[str, float]] = {k: dict(v) for k, v in (parts or {}).items()}
         self.facts: dict[str, Any] = {}
+
+    @classmethod
+    def load(cls, path: Path) -> CostMeter:
+        """Start from the parts of an earlier run, for a stage that redoes only what changed."""
+        return cls(json.loads(path.read_text())["parts"] if path.exists() else None)
 
     @contextmanager
     def measure(self, part: str) -> Iterator[None]:
@@ -32,19 +41,32 @@ class CostMeter:
         dr.sync_thread()
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
-            wall, cpu = time.perf_counter(), time.process_time()
+            self._started = time.perf_counter(), time.process_time()
             try:
                 yield
             finally:
-                dr.sync_thread()
-                wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-                compiled = _compile_seconds()
-        entry = self.parts.setdefault(
-            part, {"wall_seconds": 0.0, "cpu_seconds": 0.0, "compile_seconds": 0.0}
-        )
-        entry["wall_seconds"] += max(wall - compiled, 0.0)
-        entry["cpu_seconds"] += max(cpu - compiled, 0.0)
+                self.parts[part] = self.so_far(part)
+                del self._started
+
+    def so_far(self, part: str) -> dict[str, float]:
+        """What ``part``, which is being measured, has cost up to now."""
+        dr.sync_thread()
+        now = time.perf_counter(), time.process_time()
+        compiled = _compile_seconds()
+        entry = dict(self.parts.get(part, dict.fromkeys(KINDS, 0.0)))
+        entry["wall_seconds"] += now[0] - self._started[0] - compiled
+        entry["cpu_seconds"] += now[1] - self._started[1] - compiled
         entry["compile_seconds"] += compiled
+        # What follows is counted from here.
+        self._started = now
+        self.parts[part] = entry
+        return entry
+
+    def share(self, part: str, names: Sequence[str]) -> None:
+        """Replace a part by equal shares of it, ``part/name`` for each name."""
+        whole = self.parts.pop(part)
+        for name in names:
+            self.parts[f"{part}/{name}"] = {k: v / len(names) for k, v in whole.items()}
 
     def write(self, path: Path) -> None:
         """Write the parts, further facts and a description of the machine."""

@@ -35,7 +35,9 @@ def render_references(scene_name: str) -> None:
     """Render what is missing of the references, the ceiling and the targets."""
     work = Workspace.open(scene_name)
     scene = work.load_scene()
-    costs = CostMeter()
+    costs = CostMeter.load(work.cost("reference"))
+    costs.parts.pop("radius", None)
+    costs.parts.pop("probe", None)
     with costs.measure("radius"):
         settings = pass_settings(work, scene)
     for group in GROUPS:
@@ -140,7 +142,9 @@ def _accumulate(
     )
     fingerprint = {**record, "views": [view.model_dump(mode="json") for view in views]}
     checkpoint = work.checkpoint("reference", group)
-    renderer.restore(checkpoint, fingerprint)
+    spent = renderer.restore(checkpoint, fingerprint)
+    if spent:
+        costs.parts[group] = spent
     images: dict[str, dict[str, np.ndarray]] = {view.name: {} for view in views}
     saved = time.monotonic()
 
@@ -154,9 +158,10 @@ def _accumulate(
                 for view in views:
                     images[view.name][f"sppm_{done}"] = renderer.image(view.name)
             elif not snapshots and time.monotonic() - saved > section.checkpoint_seconds:
-                renderer.save(checkpoint, fingerprint)
+                renderer.save(checkpoint, fingerprint, costs.so_far(group))
                 saved = time.monotonic()
 
+    costs.share(group, [*sensors, *(["surfaces"] if extra is not None else [])])
     for view in views:
         if group == "ceiling":
             path, layers = work.ceiling(view.name), images[view.name]
