@@ -34,7 +34,9 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
         os.replace(temporary, path)
     except OSError as error:
         raise UserError(
-            str(path), f"could not be written ({error})", "Free some disk space or check the folder."
+            str(path),
+            f"could not be written ({error})",
+            "Free some disk space or check the folder.",
         ) from error
     finally:
         temporary.unlink(missing_ok=True)
@@ -94,7 +96,9 @@ def read_tensors(path: Path, kind: str, maker: str) -> tuple[dict[str, np.ndarra
         raise UserError(str(path), f"is truncated or damaged ({error})", again) from error
     version = header.get("schema_version", "none")
     if header.get("kind") != kind:
-        raise UserError(str(path), f"holds {header.get('kind', 'something else')}, not {kind}", again)
+        raise UserError(
+            str(path), f"holds {header.get('kind', 'something else')}, not {kind}", again
+        )
     if version != str(SCHEMA_VERSION):
         raise UserError(
             str(path), f"has schema version {version}; this program reads {SCHEMA_VERSION}", again

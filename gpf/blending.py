@@ -60,7 +60,9 @@ def unpack_gradients(g: Gaussians, gradients: Packets, anisotropic: bool) -> lis
     means = dr.gather(mi.Vector4f, gradients.means, index)
     rows = [dr.gather(mi.Vector4f, r, index) for r in gradients.rows]
     scales, quats = whitening_adjoint(
-        g.log_scales, g.quats, tuple(mi.Vector3f(r.x, r.y, r.z) for r in rows)  # type: ignore[arg-type]
+        g.log_scales,
+        g.quats,
+        tuple(mi.Vector3f(r.x, r.y, r.z) for r in rows),  # type: ignore[arg-type]
     )
     if not anisotropic:
         scales = mi.Vector3f(dr.mean(scales))
@@ -70,7 +72,7 @@ def unpack_gradients(g: Gaussians, gradients: Packets, anisotropic: bool) -> lis
 @dr.syntax
 def blend_neighbours(
     points: SurfacePoints, lists: NeighbourLists, chosen: mi.UInt32, packets: Packets, divided: bool
-):
+) -> tuple[mi.Color3f, mi.Float]:
     """The field's value at the chosen points, (B, 3), and 1 / Z, (B,)."""
     x = dr.gather(mi.Point3f, points.p, chosen)
     support2 = dr.gather(mi.Float, lists.support2, chosen)
@@ -97,7 +99,7 @@ def accumulate_gradients(
     gradients: Packets,
     scale: mi.Float,
     divided: bool,
-):
+) -> mi.Float:
     """Squared error of a batch, (B,); adds its gradients to ``gradients``.
 
     The blend is E = Σ w_i c_i / Z with w_i = ψ_i (exp(-m_i/2) + ε) and Z = Σ w_i (Z = 1 for the

@@ -39,7 +39,7 @@ class Film(_Section):
 class Reference(_Section):
     """SPPM references and targets (:mod:`gpf.reference`)."""
 
-    passes: Count = 250
+    passes: Annotated[int, Field(ge=4)] = 250
     photons_per_pass: Count = 100_000
     initial_radius: Positive | Automatic = "auto"
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.7

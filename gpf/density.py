@@ -15,6 +15,9 @@ from gpf.structs import Photons
 # a thin wall and the wall around a corner are in the dark about each other.
 SAME_SURFACE_COSINE = 0.7
 
+# Bytes that the sums' copies, one per thread, may take.
+_COPIES_LIMIT = 1 << 29
+
 # A point with this depth budget takes photons of any depth.
 UNLIMITED = 255
 
@@ -92,6 +95,10 @@ class IrradianceGatherer:
         self.hash = SpatialHash(p, cell=2.02 * radius, bounds=bounds, valid=valid, tag=tag)
         self._radius = dr.opaque(mi.Float, radius)
         self._sums = dr.zeros(mi.Float, 4 * dr.width(p))
+        # On the CPU, one copy of the sums per thread is three times as fast as atomics.
+        copies = 16 * dr.width(p) * dr.thread_count()
+        expand = dr.backend_v(mi.Float) == dr.JitBackend.LLVM and copies < _COPIES_LIMIT
+        self._mode = dr.ReduceMode.Expand if expand else dr.ReduceMode.Auto
 
     def deposit(self, photons: Photons, active: mi.Bool) -> None:
         """Add the photons' power to the points around them; to be called from a photon walk."""
@@ -101,7 +108,7 @@ class IrradianceGatherer:
         def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
             counts = inside & same_surface(record, photons.n)
             counts &= depth <= unpack_budget(record.w)
-            dr.scatter_add(self._sums, power, index, counts)
+            dr.scatter_reduce(dr.ReduceOp.Add, self._sums, power, index, counts, self._mode)
             return state
 
         self.hash.visit(photons.p, self._radius, add, mi.UInt32(0), active)
@@ -127,7 +134,5 @@ def estimate_irradiance(photons: Photons, radius: float, bounds: Any) -> mi.Colo
         value = dr.gather(mi.Vector4f, power, index, counts)
         return total + mi.Color3f(value.x, value.y, value.z)
 
-    total = grid.visit(
-        photons.p, dr.opaque(mi.Float, radius), add, mi.Color3f(0), mi.Bool(True)
-    )
+    total = grid.visit(photons.p, dr.opaque(mi.Float, radius), add, mi.Color3f(0), mi.Bool(True))
     return total / (dr.pi * radius * radius)

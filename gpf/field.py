@@ -125,7 +125,7 @@ class GaussianPhotonField:
         return weight, weight * mi.Color3f(*(p.w for p in packets))
 
     @dr.syntax
-    def query(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool):
+    def query(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> tuple[mi.Color3f, mi.Float]:
         """The stored quantity at surface points.
 
         Parameters
@@ -207,7 +207,9 @@ class GaussianPhotonField:
         tensors = {
             "means": to_numpy(g.means),
             "log_scales": to_numpy(g.log_scales),
-            "quats": np.stack([np.asarray(c.numpy()) for c in (g.quats.x, g.quats.y, g.quats.z, g.quats.w)], 1),
+            "quats": np.stack(
+                [np.asarray(c.numpy()) for c in (g.quats.x, g.quats.y, g.quats.z, g.quats.w)], 1
+            ),
             "irradiance": to_numpy(g.irradiance),
             "normals": to_numpy(g.normals),
         }

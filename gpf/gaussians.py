@@ -70,9 +70,7 @@ def whitening_adjoint(
     """
     columns = rotation_columns(quats)
     inv = dr.exp(-log_scales)
-    grad_scales = mi.Vector3f(
-        *(-dr.dot(columns[k], grad_rows[k]) * inv[k] for k in range(3))
-    )
+    grad_scales = mi.Vector3f(*(-dr.dot(columns[k], grad_rows[k]) * inv[k] for k in range(3)))
     # local[k] = Rᵀ ∂L/∂R_k
     local = [
         mi.Vector3f(*(dr.dot(columns[j], grad_rows[k]) * inv[k] for j in range(3)))

@@ -17,7 +17,7 @@ import numpy as np
 from gpf.density import UNLIMITED, IrradianceGatherer, radius_at
 from gpf.photon_tracing import record_photons, trace_photons
 from gpf.spatial_hash import SpatialHash
-from gpf.structs import VisiblePoints
+from gpf.structs import VisiblePoints, scene_bounds
 from gpf.visible_points import find_visible_points
 
 
@@ -44,12 +44,6 @@ class PassSettings:
 def pass_seed(seed: int, t: int, stream: int) -> int:
     """A 32-bit seed for stream ``stream`` of pass ``t``: a function of its arguments alone."""
     return int(np.random.SeedSequence([seed, t, stream]).generate_state(1)[0])
-
-
-def scene_bounds(scene: mi.Scene) -> tuple[Any, Any]:
-    """Two opposite corners of the scene's bounding box."""
-    box = scene.bbox()
-    return box.min, box.max
 
 
 def gather_pass(
@@ -105,7 +99,9 @@ def sample_film(
     rr_depth: int = 5,
 ) -> FilmSamples:
     """Visible points of one wavefront of camera rays; the sampler has been seeded for it."""
-    ray, weight, position = mi.ad.integrators.common.ADIntegrator.sample_rays(None, scene, sensor, sampler)
+    ray, weight, position = mi.ad.integrators.common.ADIntegrator.sample_rays(
+        None, scene, sensor, sampler
+    )
     points = find_visible_points(scene, sampler, mi.Ray3f(ray), max_depth, rr_depth)
     return FilmSamples(points, weight, position, ray.wavelengths)
 

@@ -100,9 +100,7 @@ class ReferenceRenderer:
         for points in moving:
             dr.eval(points)
         parts = moving + self.fixed
-        irradiance = gather_pass(
-            self.scene, concatenate(parts), t, self.settings, self.seed
-        )
+        irradiance = gather_pass(self.scene, concatenate(parts), t, self.settings, self.seed)
         first = 0
         for k, points in enumerate(parts):
             size = dr.width(points.p)

@@ -188,29 +188,31 @@ def scene_info(scene: mi.Scene) -> dict[str, Any]:
     }
 
 
-def build_scene(name: str, root: Path | None = None) -> list[Path]:
+def build_scene(name: str, root: Path | None = None, target: Path | None = None) -> list[Path]:
     """Run a scene's ``build.py``, if it has one, and return the files that it made.
 
-    The builder works in a temporary folder; a file goes to its place once all are complete.
+    They go below ``target``, by default the scene's own folder. The builder works in a temporary
+    folder; a file goes to its place once all are complete.
     """
     folder = scene_folder(name, root)
+    target = target or folder
     script = folder / "build.py"
     if not script.exists():
         return []
     spec = importlib.util.spec_from_file_location(f"scene_builder_{name}", script)
     assert spec is not None and spec.loader is not None  # the path ends in .py
     module = importlib.util.module_from_spec(spec)
-    staging = Path(tempfile.mkdtemp(dir=folder, prefix=".build-", suffix=".partial"))
+    staging = Path(tempfile.mkdtemp(dir=target, prefix=".build-"))
     try:
         spec.loader.exec_module(module)
         if not hasattr(module, "build"):
             raise UserError(str(script), "has no function build", "Define build(folder: Path).")
         made = []
         for source in module.build(staging):
-            target = folder / source.relative_to(staging)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            os.replace(source, target)
-            made.append(target)
+            place = target / source.relative_to(staging)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(source, place)
+            made.append(place)
         return made
     finally:
         shutil.rmtree(staging, ignore_errors=True)
@@ -223,12 +225,12 @@ def freeze_scene(name: str, target: Path, root: Path | None = None) -> None:
     copied, so that a frozen scene depends on no other folder.
     """
     folder = scene_folder(name, root)
-    build_scene(name, root)
     target.parent.mkdir(parents=True, exist_ok=True)
     staging = Path(tempfile.mkdtemp(dir=target.parent, prefix=".freeze-"))
     try:
+        made = {p.relative_to(staging) for p in build_scene(name, root, staging)}
         for source in scene_files(name, root):
-            if source.name == "build.py":
+            if source.name == "build.py" or source.relative_to(folder) in made:
                 continue
             place = staging / source.relative_to(folder)
             place.parent.mkdir(parents=True, exist_ok=True)

@@ -89,8 +89,7 @@ class SpatialHash:
         grids, starts, orders = [], [], []
         buckets_before = 0
         for level in range(levels):
-            constants, buckets = self._plan(cell * _LEVEL_RATIO**level, edges, size)
-            grid = _Grid(*constants, first_bucket=buckets_before)  # type: ignore[arg-type]
+            grid, buckets = self._plan(cell * _LEVEL_RATIO**level, edges, size, buckets_before)
             grids.append(grid)
             order, start = self._sort(_opaque(grid), points, valid, buckets, level * size)
             orders.append(order)
@@ -108,16 +107,18 @@ class SpatialHash:
         self.records = dr.ravel(mi.Vector4f(p.x, p.y, p.z, w))
         dr.eval(self._starts, self.order, self.slot, self.records)
 
-    def _plan(self, cell: float, edges: list[float], size: int) -> tuple[tuple[Any, ...], int]:
+    def _plan(
+        self, cell: float, edges: list[float], size: int, first_bucket: int
+    ) -> tuple[_Grid, int]:
         """Constants of a level with cells of the given size, and its number of buckets."""
-        shape = [max(1, int(e / cell) + 1) for e in edges]
-        cells = shape[0] * shape[1] * shape[2]
+        x, y, z = (max(1, int(e / cell) + 1) for e in edges)
         # A power of two, so that folding a row's index into the table is one `and`.
-        table = 1 << (min(cells, max(4 * size, 1 << 16)) - 1).bit_length()
-        self._wraps |= cells > table
-        strides = shape[0], shape[0] * shape[1] & 0xFFFFFFFF
-        last = [n - 1 for n in shape]
-        return (1 / cell, *last, *strides, table - 1), table + shape[0]
+        table = 1 << (min(x * y * z, max(4 * size, 1 << 16)) - 1).bit_length()
+        self._wraps |= x * y * z > table
+        # The product may exceed 32 bits; only what the mask keeps of it matters.
+        stride_z = x * y & 0xFFFFFFFF
+        grid = _Grid(1 / cell, x - 1, y - 1, z - 1, x, stride_z, table - 1, first_bucket)
+        return grid, table + x
 
     def _sort(
         self, grid: _Grid, points: mi.Point3f, valid: mi.Bool | None, buckets: int, first: int
@@ -180,7 +181,15 @@ class SpatialHash:
         return state
 
     @dr.syntax
-    def nearest(self, x: mi.Point3f, k: int, start: mi.Float, limit: mi.Float, accept=None, active=True):  # type: ignore[no-untyped-def]
+    def nearest(
+        self,
+        x: mi.Point3f,
+        k: int,
+        start: mi.Float,
+        limit: mi.Float,
+        accept: Callable[[mi.Vector4f], mi.Bool] | None = None,
+        active: mi.Bool | bool = True,
+    ) -> tuple[list[mi.UInt32], list[mi.Float]]:
         """The ``k`` nearest points of each query, nearest first.
 
         Balls of radius ``start``, 2 ``start``, … are searched until one holds ``k`` points that
@@ -217,7 +226,9 @@ class SpatialHash:
 
 def _opaque(grid: _Grid) -> _Grid:
     values = [getattr(grid, f.name) for f in fields(_Grid)]
-    return _Grid(*(dr.opaque(_type_of(f.name), v) for f, v in zip(fields(_Grid), values, strict=True)))
+    return _Grid(
+        *(dr.opaque(_type_of(f.name), v) for f, v in zip(fields(_Grid), values, strict=True))
+    )
 
 
 def _stack(grids: list[_Grid]) -> _Grid:

@@ -82,6 +82,12 @@ class SurfacePoints:
     weight: mi.Float
 
 
+def scene_bounds(scene: mi.Scene) -> tuple[Any, Any]:
+    """Two opposite corners of the scene's bounding box, world units."""
+    box = scene.bbox()
+    return box.min, box.max
+
+
 def concatenate(parts: Sequence[Any]) -> Any:
     """Join structures or arrays lane after lane; single-lane fields are spread out first."""
     if is_dataclass(parts[0]):
@@ -90,7 +96,8 @@ def concatenate(parts: Sequence[Any]) -> Any:
         for f in fields(parts[0]):
             values = [getattr(part, f.name) for part in parts]
             joined[f.name] = _concatenate(values, widths)
-        return type(parts[0])(**joined)
+        kind: Any = type(parts[0])
+        return kind(**joined)
     return _concatenate(parts, [dr.width(part) for part in parts])
 
 
@@ -100,7 +107,11 @@ def _concatenate(values: Sequence[Any], widths: Sequence[int]) -> Any:
         columns = zip(*values, strict=True)
         return kind(*(_concatenate(column, widths) for column in columns))
     spread = [
-        dr.gather(kind, value, dr.arange(mi.UInt32, width) if dr.width(value) > 1 else dr.zeros(mi.UInt32, width))
+        dr.gather(
+            kind,
+            value,
+            dr.arange(mi.UInt32, width) if dr.width(value) > 1 else dr.zeros(mi.UInt32, width),
+        )
         for value, width in zip(values, widths, strict=True)
     ]
     return dr.concat(spread)

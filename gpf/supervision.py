@@ -5,18 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from gpf.artifacts import read_tensors, write_tensors
-from gpf.density import estimate_irradiance
 from gpf.errors import UserError
-from gpf.photon_tracing import record_photons
-from gpf.progressive import PassSettings, pass_seed, scene_bounds
-from gpf.structs import SurfacePoints, VisiblePoints
+from gpf.structs import SurfacePoints
 
 # The source of a target that comes from a sample of the scene's surfaces, not from a view.
 SURFACE = -1
@@ -46,7 +42,7 @@ class Targets:
         valid = layers["valid"] > 0.5
         names = ("position", "normal", "irradiance", "reflectance")
         source = np.full(int(valid.sum()), number, np.int32)
-        return cls(*(layers[name][valid] for name in names), source)
+        return cls(**{name: layers[name][valid] for name in names}, source=source)
 
     @classmethod
     def from_surfaces(cls, tensors: Mapping[str, np.ndarray]) -> Targets:
@@ -59,8 +55,8 @@ class Targets:
     @staticmethod
     def join(parts: Sequence[Targets]) -> Targets:
         """All parts, one after the other."""
-        joined = (np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Targets))
-        return Targets(*joined)
+        names = [f.name for f in fields(Targets)]
+        return Targets(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names})
 
     def save(self, path: Path) -> None:
         """Write the targets."""
@@ -116,42 +112,3 @@ class Targets:
             target=mi.Color3f(columns(target)),
             weight=mi.Float(weight.astype(np.float32)),
         )
-
-
-def sample_surface_points(
-    scene: Any, count: int, settings: PassSettings, seed: int
-) -> VisiblePoints:
-    """Samples of the lit diffuse surfaces: positions of photons, half of them thinned out.
-
-    One half is drawn from all photons alike, so that bright regions have many; the other with
-    probabilities in inverse proportion to the local density, which makes it nearly uniform over
-    the lit area.
-    """
-    photons = record_photons(
-        scene,
-        paths=settings.photons_per_pass,
-        seed=pass_seed(seed, 0, stream=4),
-        rr_depth=settings.rr_depth,
-    )
-    available = dr.width(photons.p)
-    if available == 0:
-        raise UserError(
-            "scene", "no photon reached a diffuse surface", "Check where the emitters point."
-        )
-    photons.power = mi.Color3f(dr.full(mi.Float, 1, available))
-    density = estimate_irradiance(photons, settings.initial_radius, scene_bounds(scene))
-    sparse = 1 / np.asarray(density.x.numpy(), dtype=np.float64)
-    rng = np.random.default_rng(pass_seed(seed, 0, stream=5))
-    count = min(count, available)
-    first = rng.choice(available, count // 2, replace=False)
-    second = rng.choice(available, count - count // 2, replace=False, p=sparse / sparse.sum())
-    index = mi.UInt32(np.sort(np.concatenate([first, second])).astype(np.uint32))
-    return VisiblePoints(
-        p=dr.gather(mi.Point3f, photons.p, index),
-        n=dr.gather(mi.Normal3f, photons.n, index),
-        reflectance=mi.Color3f(1),
-        throughput=mi.Color3f(1),
-        emission=mi.Color3f(0),
-        depth=mi.UInt32(0),
-        valid=dr.full(mi.Bool, True, count),
-    )

@@ -27,7 +27,6 @@ from gpf.blending import (
     with_parameters,
 )
 from gpf.field import GaussianPhotonField
-from gpf.gaussians import Gaussians
 from gpf.neighbour_lists import list_neighbours
 from gpf.structs import SurfacePoints
 
@@ -205,9 +204,7 @@ class Trainer:
         divided = self.field.settings.blend == "divided"
         packets = pack(self.gaussians)
         dr.eval(packets)
-        blend, _ = blend_neighbours(
-            self.held_out, self.held_out_lists, every, packets, divided
-        )
+        blend, _ = blend_neighbours(self.held_out, self.held_out_lists, every, packets, divided)
         error = self.held_out.weight * dr.squared_norm(blend - self.held_out.target)
         return float(np.sqrt(dr.mean(error)[0] / 3))
 

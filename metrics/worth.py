@@ -52,3 +52,9 @@ def worth_passes(psnr: float, curve: Mapping[int, float]) -> Worth:
     if psnr > heights[-1]:
         return Worth(float(passes[-1]), ">")
     return Worth(float(np.exp(np.interp(psnr, heights, np.log(passes)))))
+
+
+def snapshot_passes(passes: int) -> list[int]:
+    """Numbers of passes at which a curve is measured: 1, 3, 10, ... below ``passes``, and it."""
+    counts = [n * 10**e for e in range(7) for n in (1, 3)]
+    return [*(n for n in counts if n < passes), passes]

@@ -14,7 +14,6 @@ import pandas as pd
 from gpf.artifacts import read_json, write_atomically, write_json, write_text
 from metrics.cost import CostLine, break_even, cumulative
 from metrics.worth import worth_passes
-from stages.metrics import mean_convergence
 from stages.progress import console
 from stages.workspace import Workspace
 
@@ -55,6 +54,12 @@ def cost_lines(work: Workspace) -> Comparison:
             CostLine(f"SPPM at equal quality ({equal} passes)", 0.0, equal.passes * per_pass),
         ),
     )
+
+
+def mean_convergence(work: Workspace) -> dict[int, float]:
+    """PSNR of SPPM against the reference by number of passes, mean over novel views."""
+    rows = read_json(work.metrics("convergence"), "metrics")
+    return {int(row["passes"]): float(row["psnr"]) for row in rows}
 
 
 def amortize(scene_name: str) -> None:
@@ -109,7 +114,9 @@ def _draw(
     axes.grid(True, which="both", alpha=0.2)
     for suffix in (".svg", ".png"):
         path = work.root / "figures" / f"cost_{work.scene}{suffix}"
-        write_atomically(path, lambda p: figure.savefig(p, dpi=120, metadata=_NO_DATE.get(p.suffix)))
+        write_atomically(
+            path, lambda p: figure.savefig(p, dpi=120, metadata=_NO_DATE.get(p.suffix))
+        )
     plt.close(figure)
 
 

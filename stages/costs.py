@@ -14,7 +14,6 @@ import drjit as dr
 from gpf.artifacts import write_json
 from gpf.runtime import device_description
 
-
 KINDS = ("wall_seconds", "cpu_seconds", "compile_seconds")
 
 

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gpf.artifacts import read_json, write_json, write_text
+from gpf.artifacts import write_json, write_text
 from gpf.images import read_exr
 from metrics.image import compare, flip_exposures, psnr
-from metrics.worth import worth_passes
+from metrics.worth import snapshot_passes, worth_passes
 from stages.progress import progress_bar
-from stages.reference import snapshot_passes
 from stages.workspace import Workspace
 
 NUMBERS = ("psnr", "ssim", "lpips", "flip", "flip_hdr", "relmse")
@@ -28,9 +27,8 @@ def compare_images(scene_name: str) -> None:
         name: read_exr(work.reference(name), "reference")[0]["radiance"] for name in names
     }
     passes = snapshot_passes(work.params.reference.passes)
-    methods = {"gpf": "gpf", f"sppm_{passes[-1]}": f"sppm_{passes[-1]}"}
-    if 3 in passes:
-        methods["sppm_3"] = "sppm_3"
+    # Method -> layer of the ceiling's EXR, or the field's own image.
+    methods = {"gpf": "gpf", "sppm_3": "sppm_3", "ceiling": f"sppm_{passes[-1]}"}
     start, stop = flip_exposures(list(references.values()))
 
     results: dict[str, Any] = {method: {} for method in methods}
@@ -39,16 +37,16 @@ def compare_images(scene_name: str) -> None:
         for done, name in enumerate(names, start=1):
             layers, _ = read_exr(work.ceiling(name), "reference")
             layers["gpf"] = read_exr(work.render("gpf", name), "render")[0]["radiance"]
-            for method in methods:
+            for method, layer in methods.items():
                 results[method][name] = compare(
-                    layers[method], references[name], exposure, start, stop, epsilon
+                    layers[layer], references[name], exposure, start, stop, epsilon
                 )
             curves[name] = {
                 n: psnr(layers[f"sppm_{n}"], references[name], exposure) for n in passes
             }
             advance(done)
 
-    rows = []
+    rows, summaries = [], {}
     for method, views in results.items():
         summary = {key: _mean([views[name][key] for name in names]) for key in NUMBERS}
         reasons = {k: v for name in names for k, v in views[name]["reasons"].items()}
@@ -58,7 +56,9 @@ def compare_images(scene_name: str) -> None:
                 name: str(worth_passes(views[name]["psnr"], curves[name])) for name in names
             }
         write_json(work.metrics(method), report)
+        summaries[method] = summary
         rows.append({"scene": scene_name, "method": method, **summary})
+    write_json(work.metrics("summary"), summaries)
     mean_curve = {n: float(np.mean([curves[name][n] for name in names])) for n in passes}
     write_json(
         work.metrics("convergence"),
@@ -66,12 +66,6 @@ def compare_images(scene_name: str) -> None:
     )
     table = pd.DataFrame(rows)
     write_text(work.root / "tables" / f"quality_{scene_name}.csv", table.to_csv(index=False))
-
-
-def mean_convergence(work: Workspace) -> dict[int, float]:
-    """PSNR of SPPM against the reference by number of passes, mean over novel views."""
-    rows = read_json(work.metrics("convergence"), "metrics")
-    return {int(row["passes"]): float(row["psnr"]) for row in rows}
 
 
 def _mean(values: list[float | None]) -> float | None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import drjit as dr
 
+from gpf.artifacts import write_tensors
 from gpf.errors import UserError
 from gpf.photon_tracing import record_photons
 from gpf.structs import to_numpy
-from gpf.artifacts import write_tensors
 from stages.costs import CostMeter
 from stages.workspace import Workspace
 

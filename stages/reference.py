@@ -9,21 +9,26 @@ A view whose file was made by the same scene, camera and parameters is left alon
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
+import gpf
 from gpf.artifacts import read_tensors, write_tensors
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr, read_record, write_exr
 from gpf.progressive import PassSettings, pass_seed, propose_radius, sample_film
 from gpf.reference import ReferenceRenderer, settings_record, time_single_view_pass
 from gpf.structs import VisiblePoints, to_numpy
-from gpf.supervision import Targets, sample_surface_points
+from gpf.supervision import Targets
+from gpf.surface_samples import sample_surface_points
 from gpf.views import View
+from metrics.worth import snapshot_passes
 from stages.costs import CostMeter
 from stages.progress import progress_bar
 from stages.workspace import Workspace
@@ -81,6 +86,7 @@ def _render_group(
     record = {
         "group": group,
         "passes": section.passes,
+        "code": code_digest(),
         "scene": work.scene_digest,
         "size": list(work.film_size),
         **settings_record(settings, seed),
@@ -96,6 +102,18 @@ def _render_group(
         _accumulate(work, scene, group, missing, extra, settings, seed, record, costs)
     if group == "train":
         _collect_targets(work, views, surfaces)
+
+
+def code_digest() -> str:
+    """A hash of the files that decide what a reference looks like."""
+    names = (
+        "density materials photon_tracing progressive reference spatial_hash structs "
+        "surface_samples visible_points"
+    )
+    digest = hashlib.sha256()
+    for name in names.split():
+        digest.update((Path(gpf.__file__).parent / f"{name}.py").read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def _view_record(record: dict[str, Any], view: View) -> dict[str, Any]:
@@ -179,12 +197,6 @@ def _accumulate(
         }
         write_tensors(work.surfaces, "surfaces", tensors, _surface_record(work, record))
     checkpoint.unlink(missing_ok=True)
-
-
-def snapshot_passes(passes: int) -> list[int]:
-    """Pass counts at which the ceiling is recorded: 1, 3, 10, 30, … and the last."""
-    counts = [n * 10**e for e in range(7) for n in (1, 3)]
-    return [*(n for n in counts if n < passes), passes]
 
 
 def _collect_targets(work: Workspace, views: Sequence[View], surfaces: bool) -> None:

@@ -17,8 +17,7 @@ from gpf.initialization import (
     initialize_gaussians,
     propose_search_radius,
 )
-from gpf.progressive import scene_bounds
-from gpf.structs import Photons
+from gpf.structs import Photons, scene_bounds
 from gpf.supervision import Targets
 from gpf.training import LearningRates, Progress, Trainer, TrainingSettings
 from stages.costs import CostMeter
@@ -51,14 +50,19 @@ def train_field(scene_name: str) -> None:
     )
     with costs.measure("training"):
         trainer = Trainer(field, points, settings)
-    fingerprint = {"targets": work.digest(work.targets), "photons": work.digest(work.photons)}
-    fingerprint |= {"params": {k: v.model_dump() for k, v in (("train", section), ("field", work.params.field))}}
+    fingerprint = {
+        "targets": work.digest(work.targets),
+        "photons": work.digest(work.photons),
+        "params": {"train": section.model_dump(), "field": work.params.field.model_dump()},
+    }
     checkpoint = work.checkpoint("train")
     trainer.restore(checkpoint, fingerprint)
 
     curves = work.folder / "training"
     saved = time.monotonic()
-    with Live(str(curves), save_dvc_exp=False, dvcyaml=None, report=None, monitor_system=False) as live:
+    with Live(
+        str(curves), save_dvc_exp=False, dvcyaml=None, report=None, monitor_system=False
+    ) as live:
 
         def report(progress: Progress) -> None:
             live.step = progress.step

@@ -104,9 +104,7 @@ def define() -> type:
                     if t == 1:
                         block = film.create_block()
                         block.set_coalesce(False)
-                    samples = sample_film(
-                        scene, sensor, sampler, self.depth_limit, self.rr_depth
-                    )
+                    samples = sample_film(scene, sensor, sampler, self.depth_limit, self.rr_depth)
                     irradiance = gather_pass(scene, samples.points, t, settings, seed)
                     mi.ad.integrators.common.ADIntegrator._splat_to_block(
                         block,

@@ -1,0 +1,52 @@
+"""Samples of the lit diffuse surfaces: points to supervise where no training view looks."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.density import estimate_irradiance
+from gpf.errors import UserError
+from gpf.photon_tracing import record_photons
+from gpf.progressive import PassSettings, pass_seed
+from gpf.structs import VisiblePoints, scene_bounds
+
+
+def sample_surface_points(
+    scene: mi.Scene, count: int, settings: PassSettings, seed: int
+) -> VisiblePoints:
+    """Positions of up to ``count`` photons, half of them thinned out.
+
+    One half is drawn from all photons alike, so that bright regions have many; the other with
+    probabilities in inverse proportion to the local density, which makes it nearly uniform over
+    the lit area.
+    """
+    photons = record_photons(
+        scene,
+        paths=settings.photons_per_pass,
+        seed=pass_seed(seed, 0, stream=4),
+        rr_depth=settings.rr_depth,
+    )
+    available = dr.width(photons.p)
+    if available == 0:
+        raise UserError(
+            "scene", "no photon reached a diffuse surface", "Check where the emitters point."
+        )
+    photons.power = mi.Color3f(dr.full(mi.Float, 1, available))
+    density = estimate_irradiance(photons, settings.initial_radius, scene_bounds(scene))
+    sparse = 1 / np.asarray(density.x.numpy(), dtype=np.float64)
+    rng = np.random.default_rng(pass_seed(seed, 0, stream=5))
+    count = min(count, available)
+    first = rng.choice(available, count // 2, replace=False)
+    second = rng.choice(available, count - count // 2, replace=False, p=sparse / sparse.sum())
+    index = mi.UInt32(np.sort(np.concatenate([first, second])).astype(np.uint32))
+    return VisiblePoints(
+        p=dr.gather(mi.Point3f, photons.p, index),
+        n=dr.gather(mi.Normal3f, photons.n, index),
+        reflectance=mi.Color3f(1),
+        throughput=mi.Color3f(1),
+        emission=mi.Color3f(0),
+        depth=mi.UInt32(0),
+        valid=dr.full(mi.Bool, True, count),
+    )
