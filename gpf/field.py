@@ -207,9 +207,7 @@ class GaussianPhotonField:
         tensors = {
             "means": to_numpy(g.means),
             "log_scales": to_numpy(g.log_scales),
-            "quats": np.stack(
-                [np.asarray(c.numpy()) for c in (g.quats.x, g.quats.y, g.quats.z, g.quats.w)], 1
-            ),
+            "quats": to_numpy(mi.Vector4f(g.quats.x, g.quats.y, g.quats.z, g.quats.w)),
             "irradiance": to_numpy(g.irradiance),
             "normals": to_numpy(g.normals),
         }

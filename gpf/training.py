@@ -27,6 +27,7 @@ from gpf.blending import (
     with_parameters,
 )
 from gpf.field import GaussianPhotonField
+from gpf.gaussians import Gaussians
 from gpf.neighbour_lists import list_neighbours
 from gpf.structs import SurfacePoints
 
@@ -208,6 +209,14 @@ class Trainer:
         error = self.held_out.weight * dr.squared_norm(blend - self.held_out.target)
         return float(np.sqrt(dr.mean(error)[0] / 3))
 
+    def advance(self, steps: int) -> mi.Float:
+        """Some steps, with the rebuilds that fall due; the squared errors of the last batch."""
+        for _ in range(steps):
+            errors = self.step()
+            if self.step_count % self.settings.rebuild_every == 0:
+                self.rebuild()
+        return errors
+
     def run(
         self,
         report: Callable[[Progress], None] = lambda progress: None,
@@ -219,10 +228,8 @@ class Trainer:
         """
         s = self.settings
         while self.step_count < s.steps:
-            errors = self.step()
+            errors = self.advance(1)
             done = self.step_count
-            if done % s.rebuild_every == 0:
-                self.rebuild()
             if done % s.evaluate_every == 0 or done == s.steps:
                 held_out = self.evaluate()
                 if held_out < self.best_error:
@@ -230,8 +237,12 @@ class Trainer:
                 training = float(np.sqrt(dr.mean(errors)[0] / 3))
                 report(Progress(done, training, held_out, self.best_error))
             tick(done)
-        best = replace(self.best, irradiance=self.best.irradiance * self.unit)
-        self.field.update(best)
+        return self.current_field(self.best)
+
+    def current_field(self, state: Gaussians | None = None) -> GaussianPhotonField:
+        """The field with the given state of its Gaussians, by default that of the last step."""
+        state = state or self.gaussians
+        self.field.update(replace(state, irradiance=state.irradiance * self.unit))
         return self.field
 
     def save(self, path: Path, fingerprint: Mapping[str, Any]) -> None:

@@ -92,7 +92,7 @@ def _draw(
     styles = ("-", "--", ":")
     for line, style in zip((lines.field, *lines.others), styles, strict=True):
         axes.plot(table["views"], table[line.name], style, color="black", label=line.name)
-    for name, count in counts.items():
+    for count in counts.values():
         if count is not None and count <= table["views"].iloc[-1]:
             cost = table.loc[table["views"] == count, lines.field.name].iloc[0]
             axes.plot(count, cost, "o", color="black", markersize=5)
@@ -102,7 +102,6 @@ def _draw(
                 textcoords="offset points",
                 xytext=(6, -12),
             )
-            del name
     axes.set(
         xscale="log",
         yscale="log",

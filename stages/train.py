@@ -31,25 +31,14 @@ def train_field(scene_name: str) -> None:
     section = work.params.train
     costs = CostMeter()
     targets = Targets.load(work.targets)
-    photons = _load_photons(work)
+    photons = load_photons(work)
     bounds = scene_bounds(work.load_scene())
 
     with costs.measure("initialization"):
-        field = _initial_field(work, photons, targets, bounds)
+        field = initial_field(work, photons, targets, bounds)
     points = targets.supervised_points(section.points, work.params.field.stores, section.loss)
-    settings = TrainingSettings(
-        steps=section.steps,
-        batch=section.batch,
-        rates=LearningRates(**section.rates.model_dump()),
-        final_rate=section.final_rate,
-        rebuild_every=section.rebuild_every,
-        evaluate_every=section.evaluate_every,
-        held_out=section.held_out,
-        anisotropic=work.params.field.anisotropic,
-        seed=section.seed,
-    )
     with costs.measure("training"):
-        trainer = Trainer(field, points, settings)
+        trainer = Trainer(field, points, training_settings(work))
     fingerprint = {
         "targets": work.digest(work.targets),
         "photons": work.digest(work.photons),
@@ -93,7 +82,24 @@ def train_field(scene_name: str) -> None:
     costs.write(work.cost("train"))
 
 
-def _load_photons(work: Workspace) -> Photons:
+def training_settings(work: Workspace) -> TrainingSettings:
+    """The library's settings from the sections of params.yaml."""
+    section = work.params.train
+    return TrainingSettings(
+        steps=section.steps,
+        batch=section.batch,
+        rates=LearningRates(**section.rates.model_dump()),
+        final_rate=section.final_rate,
+        rebuild_every=section.rebuild_every,
+        evaluate_every=section.evaluate_every,
+        held_out=section.held_out,
+        anisotropic=work.params.field.anisotropic,
+        seed=section.seed,
+    )
+
+
+def load_photons(work: Workspace) -> Photons:
+    """The photons that the stage `photons` kept."""
     tensors, _ = read_tensors(work.photons, "photons", "photons")
 
     def columns(name: str) -> np.ndarray:
@@ -107,9 +113,10 @@ def _load_photons(work: Workspace) -> Photons:
     )
 
 
-def _initial_field(
+def initial_field(
     work: Workspace, photons: Photons, targets: Targets, bounds: tuple[Any, Any]
 ) -> GaussianPhotonField:
+    """The field before training."""
     section = work.params.field
     radius = section.search_radius
     if radius == "auto":

@@ -1,0 +1,1 @@
+"""Speed figures, as ratios measured side by side in one process."""

@@ -1,0 +1,69 @@
+"""The Cornell box with a glass sphere: SPPM passes and field renders over Mitsuba's own floors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from benchmarks.timing import Timings, time_in_turn
+from gpf.field import FieldSettings, GaussianPhotonField
+from gpf.initialization import InitializationSettings, initialize_gaussians
+from gpf.photon_tracing import record_photons
+from gpf.progressive import PassSettings
+from gpf.reference import ReferenceRenderer
+from gpf.structs import scene_bounds
+
+PHOTONS = 100_000
+
+
+def load_scene(width: int, height: int) -> Any:
+    """Mitsuba's Cornell box with a glass sphere in place of the small box."""
+    scene = mi.cornell_box()
+    scene["sensor"]["film"].update(width=width, height=height, rfilter={"type": "box"})
+    del scene["small-box"]
+    scene["sphere"] = {
+        "type": "sphere",
+        "center": [0.335, -0.64, 0.38],
+        "radius": 0.35,
+        "bsdf": {"type": "dielectric", "int_ior": 1.5},
+    }
+    return mi.load_dict(scene)
+
+
+def measure(size: int, radius: float, rounds: int = 15) -> Timings:
+    """Time one SPPM pass, one sample per pixel from a field, `path` and `ptracer`, in turn."""
+    scene = load_scene(size, size)
+    # ptracer takes samples per pixel: a film of 400x250 makes exactly 100,000 paths.
+    particles = load_scene(400, 250)
+    path = mi.load_dict({"type": "path", "max_depth": 2})
+    ptracer = mi.load_dict({"type": "ptracer"})
+    field = mi.load_dict({"type": "gpf"})
+    field.field = _untrained_field(scene, radius)
+    sensors = {"view": scene.sensors()[0]}
+    passes = ReferenceRenderer(
+        scene, sensors, PassSettings(PHOTONS, initial_radius=radius), seed=0, fixed=False
+    )
+
+    def render(integrator: Any, of: Any, seed: int) -> None:
+        dr.eval(mi.render(of, integrator=integrator, spp=1, seed=seed))
+
+    return time_in_turn(
+        {
+            "path": lambda n: render(path, scene, n),
+            "ptracer": lambda n: render(ptracer, particles, n),
+            "sppm": lambda n: passes.run_pass(),
+            "gpf": lambda n: render(field, scene, n),
+        },
+        rounds,
+    )
+
+
+def _untrained_field(scene: Any, radius: float) -> GaussianPhotonField:
+    # What a query costs depends on where the Gaussians are, and training hardly moves them.
+    bounds = scene_bounds(scene)
+    photons = record_photons(scene, paths=PHOTONS, seed=1)
+    settings = InitializationSettings(gaussians=100_000, density_radius=radius)
+    gaussians = initialize_gaussians(photons, settings, bounds, seed=1)
+    return GaussianPhotonField(gaussians, FieldSettings(search_radius=radius), bounds)

@@ -1,0 +1,44 @@
+"""Timing of alternatives in turn, so that a noisy machine is noisy for all of them alike."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import drjit as dr
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Timings:
+    """Seconds of every round, by name."""
+
+    rounds: Mapping[str, np.ndarray]
+
+    def milliseconds(self, name: str) -> float:
+        """Median over rounds."""
+        return 1e3 * float(np.median(self.rounds[name]))
+
+    def ratio(self, name: str, *floor: str) -> float:
+        """Median over rounds of a time over the sum of others of the same round."""
+        total = sum(self.rounds[f] for f in floor)
+        return float(np.median(self.rounds[name] / total))
+
+
+def time_in_turn(
+    work: Mapping[str, Callable[[int], None]], rounds: int = 15, warm_up: int = 3
+) -> Timings:
+    """Run each piece of work once per round, in turn; each is called with the round's number.
+
+    Every call is followed by a sync, so that what it launched is in its own time.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in work}
+    for number in range(warm_up + rounds):
+        for name, call in work.items():
+            start = time.perf_counter()
+            call(number)
+            dr.sync_thread()
+            if number >= warm_up:
+                seconds[name].append(time.perf_counter() - start)
+    return Timings({name: np.array(values) for name, values in seconds.items()})

@@ -1,0 +1,313 @@
+"""Fitting: the optimiser's arithmetic, and training on a plane whose irradiance is known."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+import torch
+
+from gpf.blending import parameters
+from gpf.errors import UserError
+from gpf.field import FieldSettings, GaussianPhotonField
+from gpf.training import Adam, LearningRates, Progress, Trainer, TrainingSettings
+from tests.plain_field import ask, make_field, random_gaussians, surface_points
+
+UP = np.array([0.0, 0.0, 1.0])
+SETTINGS = TrainingSettings(
+    steps=60, batch=512, rebuild_every=20, evaluate_every=10, held_out=0.2, seed=5
+)
+
+
+# --- Adam -------------------------------------------------------------------------------------
+
+
+def run_adam(gradients: np.ndarray, start: np.ndarray, rate: float) -> np.ndarray:
+    """Values after each step; ``gradients`` are (steps, parameters, N)."""
+    count = len(start)
+    adam = Adam(
+        *([dr.zeros(mi.Float, start.shape[1]) for _ in range(count)] for _ in range(2))
+    )
+    values = [mi.Float(row.astype(np.float32)) for row in start]
+    rates = [mi.Float(rate)] * count
+    history = []
+    for t, rows in enumerate(gradients, start=1):
+        values = adam.step(values, [mi.Float(row.astype(np.float32)) for row in rows], rates, t)
+        history.append([np.array(v) for v in values])
+    return np.array(history)
+
+
+def test_adam_by_hand():
+    # First moments .2, .28, -.048; second .004, .004996, .008991; corrected by 1 - .9^t and
+    # 1 - .999^t.
+    found = run_adam(np.array([[[2.0]], [[1.0]], [[-3.0]]]), np.array([[5.0]]), 0.1)
+    steps = [
+        0.2 / 0.1 / np.sqrt(0.004 / 0.001),
+        0.28 / 0.19 / np.sqrt(0.004996 / 0.001999),
+        -0.048 / 0.271 / np.sqrt(0.013991004 / 0.002997001),
+    ]
+    assert steps == pytest.approx([1, 0.932175, -0.0819764], rel=1e-5)
+    np.testing.assert_allclose(found.ravel(), 5 - 0.1 * np.cumsum(steps), rtol=1e-6)
+
+
+def test_adam_is_torchs():
+    rng = np.random.default_rng(1)
+    start, gradients = rng.normal(size=(3, 8)), rng.normal(size=(20, 3, 8)) * 10.0 ** rng.integers(-6, 3, (1, 3, 8))
+    found = run_adam(gradients, start, 0.02)
+    tensor = torch.tensor(start, requires_grad=True)
+    optimiser = torch.optim.Adam([tensor], lr=0.02, eps=1e-15)
+    for step, rows in enumerate(gradients):
+        tensor.grad = torch.tensor(rows)
+        optimiser.step()
+        np.testing.assert_allclose(found[step], tensor.detach().numpy(), atol=2e-5)
+
+
+# --- a plane with a known irradiance ----------------------------------------------------------
+
+
+def irradiance_at(x: np.ndarray) -> np.ndarray:
+    """Smooth, and other in each channel and along each axis."""
+    a, b = x[:, 0], x[:, 1]
+    return np.column_stack([2 + np.sin(3 * a), 1 + b**2, 3 - 0.5 * a * b])
+
+
+def on_the_plane(rng: np.random.Generator, count: int) -> np.ndarray:
+    return np.column_stack([rng.uniform([-1, 0], [2, 2], (count, 2)), np.zeros(count)])
+
+
+def make_points(count: int = 2000, scale: float = 1.0):
+    x = on_the_plane(np.random.default_rng(1), count)
+    return surface_points(x, np.tile(UP, (count, 1)), scale * irradiance_at(x))
+
+
+def make_trainer(
+    settings: TrainingSettings = SETTINGS, scale: float = 1.0, points=None, isotropic: bool = False
+) -> Trainer:
+    rng = np.random.default_rng(2)
+    g = random_gaussians(rng, 250, sizes=(0.1, 0.2))
+    g = replace(
+        g,
+        means=on_the_plane(rng, 250).astype(np.float32),
+        normals=np.tile(UP, (250, 1)),
+        irradiance=scale * g.irradiance,
+        log_scales=np.full((250, 3), np.log(0.15)) if isotropic else g.log_scales,
+    )
+    field = make_field(g, FieldSettings(0.3, k=3))
+    return Trainer(field, points or make_points(scale=scale), settings)
+
+
+def run(trainer: Trainer) -> tuple[GaussianPhotonField, list[Progress]]:
+    reports: list[Progress] = []
+    return trainer.run(reports.append), reports
+
+
+def error_of(field: GaussianPhotonField, scale: float = 1.0) -> float:
+    """Root mean square error at new points, in units of the mean irradiance."""
+    x = on_the_plane(np.random.default_rng(3), 1500)
+    value, _ = ask(field, x, np.tile(UP, (1500, 1)))
+    expected = scale * irradiance_at(x)
+    return float(np.sqrt(np.mean((value - expected) ** 2)) / expected.mean())
+
+
+def arrays_of(field: GaussianPhotonField) -> np.ndarray:
+    return np.array([np.array(v) for v in parameters(field.gaussians)])
+
+
+def test_the_error_falls():
+    trainer = make_trainer(replace(SETTINGS, steps=200, rebuild_every=50, evaluate_every=50))
+    before = error_of(trainer.field.__class__(trainer.field.gaussians, trainer.field.settings, trainer.field.bounds))
+    field, reports = run(trainer)
+    assert [p.step for p in reports] == [50, 100, 150, 200]
+    errors = [p.held_out_error for p in reports]
+    assert errors == sorted(errors, reverse=True)
+    assert before > 0.3
+    assert error_of(field) < 0.05
+    # What training reports is what the field then shows elsewhere.
+    assert reports[-1].held_out_error == pytest.approx(error_of(field), rel=0.35)
+    assert reports[-1].training_error == pytest.approx(reports[-1].held_out_error, rel=0.5)
+
+
+def test_every_kind_of_parameter_is_trained():
+    trainer = make_trainer()
+    before = arrays_of(make_trainer().field)
+    before[10:] *= trainer.unit
+    after = arrays_of(run(trainer)[0])
+    moved = np.abs(after - before).max(axis=1)
+    assert (moved > 1e-3).all(), moved
+    normals = [np.array(t.field.gaussians.normals) for t in (trainer, make_trainer())]
+    np.testing.assert_array_equal(*normals)
+
+
+def test_the_best_state_is_kept():
+    # Rates at which training soon runs away.
+    wild = LearningRates(means=0.0, log_scales=0.2, quats=0.0, irradiance=1.0)
+    trainer = make_trainer(replace(SETTINGS, rates=wild, final_rate=1.0, evaluate_every=1, steps=30))
+    field, reports = run(trainer)
+    errors = [p.held_out_error for p in reports]
+    best = int(np.argmin(errors))
+    assert best < len(errors) - 1 and errors[-1] > 1.1 * errors[best]
+    assert reports[-1].best_error == errors[best] == trainer.best_error
+    held_out = trainer.held_out
+    value, _ = ask(field, np.array(held_out.p).T, np.array(held_out.n).T)
+    difference = value / trainer.unit - np.array(held_out.target).T
+    assert np.sqrt(np.mean(difference**2)) == pytest.approx(errors[best], rel=1e-3)
+
+
+def test_round_gaussians_stay_round():
+    trainer = make_trainer(replace(SETTINGS, anisotropic=False), isotropic=True)
+    field, reports = run(trainer)
+    scales = np.array(field.gaussians.log_scales)
+    assert np.abs(scales - np.log(0.15)).max() > 0.01
+    np.testing.assert_array_equal(scales[0], scales[1])
+    np.testing.assert_array_equal(scales[0], scales[2])
+    assert reports[-1].held_out_error < 0.75 * reports[0].held_out_error
+    free = np.array(run(make_trainer(isotropic=True))[0].gaussians.log_scales)
+    assert np.abs(free[0] - free[1]).max() > 0.01
+
+
+def test_the_same_seed_gives_the_same_field():
+    first, again = (arrays_of(run(make_trainer())[0]) for _ in range(2))
+    # Sums over points are taken in the order in which threads arrive.
+    np.testing.assert_allclose(first, again, atol=2e-3)
+    other = arrays_of(run(make_trainer(replace(SETTINGS, seed=6)))[0])
+    assert np.abs(first - other).max() > 0.02
+
+
+def test_the_unit_of_light_does_not_matter():
+    _, reports = run(make_trainer())
+    _, scaled = run(make_trainer(scale=1e4))
+    errors = [[p.held_out_error for p in r] for r in (reports, scaled)]
+    np.testing.assert_allclose(*errors, rtol=5e-3)
+
+
+def test_black_targets_train_to_black():
+    points = make_points(scale=0.0)
+    field, reports = run(make_trainer(replace(SETTINGS, steps=100), points=points))
+    assert np.isfinite(arrays_of(field)).all()
+    assert reports[-1].held_out_error < 0.5 * reports[0].held_out_error
+
+
+def test_no_steps_leave_the_field_as_it_was():
+    field, reports = run(make_trainer(replace(SETTINGS, steps=0)))
+    assert reports == []
+    expected = random_gaussians(np.random.default_rng(2), 250, sizes=(0.1, 0.2)).irradiance
+    np.testing.assert_allclose(np.array(field.gaussians.irradiance).T, expected, rtol=1e-5)
+
+
+def test_without_held_out_points_the_last_state_is_kept():
+    trainer = make_trainer(replace(SETTINGS, held_out=0.0))
+    assert dr.width(trainer.training.p) == 2000
+    field, _ = run(trainer)
+    last = arrays_of(field)
+    np.testing.assert_allclose(
+        last[:10], [np.array(v) for v in parameters(trainer.gaussians)][:10], rtol=1e-6
+    )
+    assert error_of(field) < 0.2
+
+
+# --- schedule and batches ---------------------------------------------------------------------
+
+
+def test_rates_fall_on_a_cosine():
+    rates = LearningRates(means=1e-3, log_scales=2e-3, quats=3e-3, irradiance=4e-3)
+    trainer = make_trainer(replace(SETTINGS, rates=rates, final_rate=0.25, steps=100))
+    full = np.array([1e-3 * 0.3] * 3 + [2e-3] * 3 + [3e-3] * 4 + [4e-3] * 3)
+    for step, share in ((0, 1), (50, 0.625), (100, 0.25)):
+        trainer.step_count = step
+        found = [float(rate[0]) for rate in trainer.rates()]
+        np.testing.assert_allclose(found, share * full, rtol=1e-5)
+
+
+def test_batches_take_one_point_of_each_stratum():
+    trainer = make_trainer(replace(SETTINGS, batch=100))
+    count = dr.width(trainer.training.p)
+    first = np.array(trainer.batch())
+    assert (first // (count / 100)).astype(int).tolist() == list(range(100))
+    trainer.step_count = 1
+    second = np.array(trainer.batch())
+    assert np.count_nonzero(first != second) > 70
+    offsets = np.concatenate([first, second]) % (count / 100) / (count / 100)
+    assert offsets.min() < 0.1 and offsets.max() > 0.85
+
+
+def test_a_batch_larger_than_the_points_is_all_of_them():
+    trainer = make_trainer(replace(SETTINGS, batch=100_000))
+    np.testing.assert_array_equal(
+        np.array(trainer.batch()), np.arange(dr.width(trainer.training.p))
+    )
+
+
+def test_lists_are_rebuilt_on_schedule(monkeypatch):
+    trainer = make_trainer(replace(SETTINGS, steps=50, rebuild_every=20))
+    at: list[int] = []
+    rebuild = trainer.rebuild
+    monkeypatch.setattr(trainer, "rebuild", lambda: (at.append(trainer.step_count), rebuild()))
+    ticks: list[int] = []
+    trainer.run(tick=ticks.append)
+    assert at == [20, 40]
+    assert ticks == list(range(1, 51))
+
+
+def test_points_are_split_once_and_completely():
+    trainer = make_trainer()
+    parts = [np.array(part.p).T for part in (trainer.training, trainer.held_out)]
+    assert 0.15 < len(parts[1]) / 2000 < 0.25
+    rows = [tuple(row) for part in parts for row in part.tolist()]
+    assert len(rows) == 2000 and set(rows) == {tuple(r) for r in np.array(make_points().p).T.tolist()}
+
+
+# --- checkpoints ------------------------------------------------------------------------------
+
+
+class Stopped(Exception):
+    """What stands for Ctrl-C."""
+
+
+def stop_at(step: int, trainer: Trainer, path: Path) -> Callable[[int], None]:
+    def tick(done: int) -> None:
+        if done == step:
+            trainer.save(path, {"run": [1, "a"]})
+        if done == step + 7:
+            raise Stopped
+
+    return tick
+
+
+def test_training_goes_on_from_a_checkpoint(tmp_path):
+    path = tmp_path / "checkpoint.safetensors"
+    trainer = make_trainer()
+    with pytest.raises(Stopped):
+        trainer.run(tick=stop_at(40, trainer, path))
+    best = trainer.best_error
+
+    resumed = make_trainer()
+    assert resumed.restore(path, {"run": [1, "a"]})
+    assert resumed.step_count == 40 and resumed.best_error == best
+    ticks: list[int] = []
+    field = resumed.run(tick=ticks.append)
+    assert ticks == list(range(41, 61))
+    whole, _ = run(make_trainer())
+    np.testing.assert_allclose(arrays_of(field), arrays_of(whole), atol=2e-3)
+
+
+def test_a_checkpoint_of_other_parameters_is_left_alone(tmp_path):
+    path = tmp_path / "checkpoint.safetensors"
+    trainer = make_trainer()
+    with pytest.raises(Stopped):
+        trainer.run(tick=stop_at(2, trainer, path))
+    fresh = make_trainer()
+    assert not fresh.restore(path, {"run": [2, "a"]})
+    assert not fresh.restore(tmp_path / "none.safetensors", {"run": [1, "a"]})
+    assert fresh.step_count == 0
+
+
+def test_a_truncated_checkpoint_is_said_in_words(tmp_path):
+    path = tmp_path / "checkpoint.safetensors"
+    trainer = make_trainer()
+    trainer.save(path, {})
+    path.write_bytes(path.read_bytes()[:500])
+    with pytest.raises(UserError, match=r"is truncated or damaged.*Delete it and run `gpf stage t"):
+        trainer.restore(path, {})
