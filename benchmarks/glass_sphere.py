@@ -42,9 +42,8 @@ def measure(size: int, radius: float, rounds: int = 15) -> Timings:
     field = mi.load_dict({"type": "gpf"})
     field.field = _untrained_field(scene, radius)
     sensors = {"view": scene.sensors()[0]}
-    passes = ReferenceRenderer(
-        scene, sensors, PassSettings(PHOTONS, initial_radius=radius), seed=0, fixed=False
-    )
+    settings = PassSettings(PHOTONS, initial_radius=radius)
+    passes = ReferenceRenderer(scene, sensors, {}, settings, seed=0)
 
     def render(integrator: Any, of: Any, seed: int) -> None:
         dr.eval(mi.render(of, integrator=integrator, spp=1, seed=seed))

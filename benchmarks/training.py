@@ -75,7 +75,9 @@ def time_training(scene_name: str) -> tuple[float, float, float]:
                         mi.render(
                             scene,
                             integrator=integrator,
-                            sensor=work.sensor(view),
+                            sensor=work.sensor(
+                                view, work.params.render.spp, work.params.render.sampler
+                            ),
                             spp=work.params.render.spp,
                             seed=work.params.render.seed + k,
                         )

@@ -23,12 +23,15 @@ SCHEMA_VERSION = 1
 
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     """Let ``write`` fill a temporary file beside ``path``, then put it in its place."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # The suffix stays: some writers choose a format by it.
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-    os.close(handle)
-    temporary = Path(name)
+    temporary = None
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # The suffix stays: some writers choose a format by it.
+        handle, name = tempfile.mkstemp(
+            dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix
+        )
+        os.close(handle)
+        temporary = Path(name)
         write(temporary)
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
@@ -39,7 +42,8 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
             "Free some disk space or check the folder.",
         ) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -74,7 +78,7 @@ def write_tensors(
         "metadata": json.dumps(dict(metadata), sort_keys=True),
     }
     arrays = {name: np.ascontiguousarray(value) for name, value in tensors.items()}
-    data = save(arrays, metadata=header)
+    data = _sort_header(save(arrays, metadata=header))
     write_atomically(path, lambda p: _ignore(p.write_bytes(data)))
 
 
@@ -104,6 +108,18 @@ def read_tensors(path: Path, kind: str, maker: str) -> tuple[dict[str, np.ndarra
             str(path), f"has schema version {version}; this program reads {SCHEMA_VERSION}", again
         )
     return tensors, json.loads(header["metadata"])
+
+
+def _sort_header(data: bytes) -> bytes:
+    """The same file with the keys of its header in order.
+
+    The library writes them in an order that changes from run to run; DVC would take the same
+    content for a change.
+    """
+    end = 8 + int.from_bytes(data[:8], "little")
+    header = json.dumps(json.loads(data[8:end]), sort_keys=True, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 8)  # the tensors behind it stay aligned
+    return len(header).to_bytes(8, "little") + header + data[end:]
 
 
 def _ignore(_: Any) -> None:

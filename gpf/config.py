@@ -5,10 +5,12 @@ The comments in params.yaml explain the keys to users; the docstrings here say w
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator
+from pydantic_core import PydanticCustomError
 
 from gpf.yaml_files import read_yaml
 
@@ -17,7 +19,18 @@ Seed = Annotated[int, Field(ge=0, lt=2**31)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, lt=1)]
-Automatic = Literal["auto"]
+
+
+def _check_length(value: object) -> float | Literal["auto"]:
+    """One check instead of a union, whose errors would name its branches instead of the key."""
+    if value == "auto":
+        return "auto"
+    if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf:
+        return float(value)
+    raise PydanticCustomError("length", "Input should be a number greater than 0, or auto")
+
+
+Length = Annotated[float | Literal["auto"], PlainValidator(_check_length)]
 
 
 class _Section(BaseModel):
@@ -41,10 +54,10 @@ class Reference(_Section):
 
     passes: Annotated[int, Field(ge=4)] = 250
     photons_per_pass: Count = 100_000
-    initial_radius: Positive | Automatic = "auto"
+    initial_radius: Length = "auto"
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.7
     rr_depth: Count = 5
-    surface_points: Annotated[int, Field(ge=0)] = 100_000
+    surface_points: Annotated[int, Field(ge=0)] = 300_000
     seed: Seed = 1
     checkpoint_seconds: Positive = 30.0
 
@@ -63,8 +76,8 @@ class FieldSection(_Section):
     gaussians: Count = 100_000
     initialization: Literal["photons", "random"] = "photons"
     initial_colour: Literal["density", "flux"] = "density"
-    initial_scale: Positive | Automatic = "auto"
-    search_radius: Positive | Automatic = "auto"
+    initial_scale: Length = "auto"
+    search_radius: Length = "auto"
     neighbours: Literal["both", "radius", "knn"] = "both"
     k: Annotated[int, Field(ge=1, le=32)] = 3
     blend: Literal["divided", "sum"] = "divided"
@@ -76,19 +89,19 @@ class FieldSection(_Section):
 class Rates(_Section):
     """Adam's learning rates (:class:`gpf.training.LearningRates`)."""
 
-    means: NotNegative = 2e-3
-    log_scales: NotNegative = 5e-3
-    quats: NotNegative = 5e-3
-    irradiance: NotNegative = 2e-2
+    means: NotNegative = 8e-3
+    log_scales: NotNegative = 2e-2
+    quats: NotNegative = 2e-2
+    irradiance: NotNegative = 8e-2
 
 
 class Train(_Section):
     """Fitting the field (:mod:`gpf.training`)."""
 
-    steps: Annotated[int, Field(ge=0)] = 600
+    steps: Annotated[int, Field(ge=0)] = 500
     batch: Count = 32_768
     points: Literal["views", "surface", "both"] = "both"
-    loss: Literal["squared", "relative"] = "squared"
+    loss: Literal["squared", "relative"] = "relative"
     rates: Rates = Rates()
     final_rate: Annotated[float, Field(gt=0, le=1)] = 0.1
     rebuild_every: Count = 100
@@ -102,6 +115,7 @@ class Render(_Section):
     """Rendering novel views from the field (:mod:`gpf.integrators.gpf`)."""
 
     spp: Count = 64
+    sampler: Literal["independent", "stratified", "multijitter", "ldsampler"] = "multijitter"
     rr_depth: Count = 5
     seed: Seed = 4
 

@@ -73,7 +73,7 @@ def initialize_gaussians(
 
 
 def propose_search_radius(
-    photons: Photons, gaussians: int, at: np.ndarray, bounds: tuple[Any, Any], neighbours: int = 8
+    photons: Photons, gaussians: int, at: np.ndarray, bounds: tuple[Any, Any], neighbours: int = 16
 ) -> float:
     """A radius within which a typical supervised point has ``neighbours`` Gaussians.
 

@@ -38,14 +38,6 @@ def has_diffuse(bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f) -> mi.Bool:
     return mi.has_flag(flags, mi.BSDFFlags.Diffuse) & ((si.wi.z > 0) | two_sided)
 
 
-def is_layered(bsdf: mi.BSDFPtr) -> mi.Bool:
-    """Whether a BSDF has diffuse and other components, (N,)."""
-    flags = bsdf.flags()
-    others = mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta)
-    others |= mi.has_flag(flags, mi.BSDFFlags.Null)
-    return mi.has_flag(flags, mi.BSDFFlags.Diffuse) & others
-
-
 def diffuse_reflectance(
     bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, active: mi.Bool
 ) -> mi.Color3f:
@@ -58,14 +50,16 @@ def diffuse_reflectance(
 
 
 def diffuse_transfer(bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Color3f:
-    """g(wi) = f_d(wi, n) / f_d(n, n) for ``wi = si.wi``, (N, 3); 1 where the lobe is Lambertian.
+    """g(wi) = f_d(n, wi) / f_d(n, n) for ``wi = si.wi``, (N, 3); 1 where the lobe is Lambertian.
 
-    Only layered BSDFs are evaluated: without a second component the lobe has no angular
-    dependence. A black lobe gives 1.
+    Evaluated as the BSDF's answer for ``wi`` over the cosine at the surface. Where the BSDF has a
+    normal of its own (``normalmap``, ``bumpmap``), the ratio of the two cosines is thus part of
+    it: a facet that faces the light gets more than its share. A black lobe gives 1.
     """
-    active = active & is_layered(bsdf)
-    slanted = diffuse_reflectance(bsdf, si, active)
+    normal = mi.Vector3f(0, 0, dr.select(si.wi.z > 0, 1, -1))
     upright = mi.SurfaceInteraction3f(si)
-    upright.wi = mi.Vector3f(0, 0, dr.select(si.wi.z > 0, 1, -1))
-    straight = diffuse_reflectance(bsdf, upright, active)
+    upright.wi = normal
+    context = diffuse_context()
+    slanted = bsdf.eval(context, upright, si.wi, active) / dr.abs(si.wi.z)
+    straight = bsdf.eval(context, upright, normal, active)
     return dr.select(active & (straight > 0), slanted / straight, 1)

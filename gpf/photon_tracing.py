@@ -48,13 +48,11 @@ def trace_photons(
     deepest = dr.opaque(mi.UInt32, max_depth - 1 if max_depth > 0 else 0xFFFFFFFF)
     roulette_from = dr.opaque(mi.UInt32, rr_depth)
 
-    ray, power, _ = scene.sample_emitter_ray(
-        mi.Float(0),
-        sampler.next_1d(),
-        sampler.next_2d(),
-        sampler.next_2d(),
-        mi.Bool(True),
+    choice, across, along = sampler.next_1d(), sampler.next_2d(), sampler.next_2d()
+    ray, power, emitter = scene.sample_emitter_ray(
+        mi.Float(0), choice, across, along, mi.Bool(True)
     )
+    ray.o = _spread_over_scene(scene, ray, emitter, across)
     power /= dr.opaque(mi.Float, paths)
     brightest = dr.max(power)
     depth = mi.UInt32(0)
@@ -100,6 +98,28 @@ def trace_photons(
         active &= lives & (dr.max(power) > 0) & (depth < deepest)
 
 
+def _spread_over_scene(
+    scene: mi.Scene, ray: mi.Ray3f, emitter: mi.EmitterPtr, sample: mi.Point2f
+) -> mi.Point3f:
+    """Origins of the emitted rays; those of an environment map on a disc across their direction.
+
+    Mitsuba 3.9 lays that disc across the direction before ``to_world``: from a turned map, too
+    many or too few rays would meet the scene.
+    """
+    environment = scene.environment()
+    if environment is None or environment.class_name() != "EnvironmentMapEmitter":
+        return ray.o
+    ball = scene.bbox().bounding_sphere()
+    # As far out as the emitter has it, whose weight contains the disc's area.
+    radius = dr.opaque(mi.Float, ball.radius * (1 + mi.math.RayEpsilon))
+    disc = mi.warp.square_to_uniform_disk_concentric(sample)
+    offset = mi.Frame3f(ray.d).to_world(mi.Vector3f(disc.x, disc.y, 0)) - ray.d
+    center = mi.Point3f(ball.center)
+    dr.make_opaque(center)
+    origin = center + radius * offset
+    return dr.select(emitter == mi.EmitterPtr(environment), origin, ray.o)
+
+
 def record_photons(
     scene: mi.Scene,
     *,
@@ -111,10 +131,11 @@ def record_photons(
 ) -> Photons:
     """Trace photons and keep them: (N,) with N the number of deposits.
 
-    ``capacity`` bounds N (default: 16 per path); deposits past it would bias the result, so more
-    of them are an error.
+    ``capacity`` bounds N; deposits past it would bias the result, so more of them are an error.
+    The default suffices for a closed white room: ``rr_depth`` interactions, then some 20 more
+    until Russian roulette ends a path.
     """
-    recorder = _Recorder(capacity or 16 * paths)
+    recorder = _Recorder(capacity or (min(rr_depth, 16) + 21) * paths)
     trace_photons(
         scene, recorder.deposit, paths=paths, seed=seed, max_depth=max_depth, rr_depth=rr_depth
     )
@@ -127,9 +148,9 @@ class _Recorder:
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
         self.count = dr.zeros(mi.UInt32, 1)
-        self.place = dr.zeros(mi.Float, 4 * capacity)
-        self.power = dr.zeros(mi.Float, 4 * capacity)
-        self.normal = dr.zeros(mi.Float, 4 * capacity)
+        self.place = dr.empty(mi.Float, 4 * capacity)
+        self.power = dr.empty(mi.Float, 4 * capacity)
+        self.normal = dr.empty(mi.Float, 4 * capacity)
 
     def deposit(self, photons: Photons, active: mi.Bool) -> None:
         slot = dr.scatter_inc(self.count, mi.UInt32(0), active)
@@ -152,8 +173,11 @@ class _Recorder:
         power = dr.gather(mi.Vector4f, self.power, index)
         normal = dr.gather(mi.Vector4f, self.normal, index)
         # Slots are handed out in the order in which threads arrive. Sorting makes a photon map a
-        # function of its seed alone.
-        order = dr.argsort(dr.reinterpret_array(mi.UInt32, place.x))
+        # function of its seed alone. One coordinate would not do: on a wall, photons share it.
+        order = index
+        for coordinate in (place.z, place.y, place.x):  # stable sorts, the main key last
+            key = dr.gather(mi.UInt32, dr.reinterpret_array(mi.UInt32, coordinate), order)
+            order = dr.gather(mi.UInt32, order, dr.argsort(key))
         place, power, normal = (dr.gather(mi.Vector4f, v, order) for v in (place, power, normal))
         photons = Photons(
             p=mi.Point3f(place.x, place.y, place.z),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -52,40 +52,28 @@ class ReferenceRenderer:
 
     Parameters
     ----------
-    sensors: one sensor per view, by name.
-    extra: further fixed points that are gathered at, e.g. samples of the scene's surfaces.
-    fixed: whether to gather at one fixed point per pixel too.
+    sensors: one sensor per view whose image is accumulated, by name.
+    points: fixed sets of points whose irradiance is accumulated, by name: the visible points of a
+        view (:func:`fixed_points`), samples of the scene's surfaces.
     """
 
     def __init__(
         self,
         scene: mi.Scene,
         sensors: Mapping[str, mi.Sensor],
+        points: Mapping[str, VisiblePoints],
         settings: PassSettings,
         seed: int,
-        extra: VisiblePoints | None = None,
-        fixed: bool = True,
     ) -> None:
         self.scene, self.sensors, self.settings, self.seed = scene, dict(sensors), settings, seed
+        self.points = dict(points)
+        dr.eval(self.points)
         self.passes_done = 0
-        self.sizes = {name: _film_size(sensor) for name, sensor in self.sensors.items()}
-        self.fixed: list[VisiblePoints] = []
-        if fixed:
-            self.fixed = [self._sample(name, t=0).points for name in self.sensors]
-        if extra is not None:
-            self.fixed.append(extra)
-        for points in self.fixed:
-            dr.eval(points)
+        self.sizes = {name: film_size(sensor) for name, sensor in self.sensors.items()}
         self.radiance = {n: dr.zeros(mi.Color3f, w * h) for n, (w, h) in self.sizes.items()}
-        self.irradiance = [dr.zeros(mi.Color3f, dr.width(points.p)) for points in self.fixed]
-
-    def _sample(self, name: str, t: int) -> Any:
-        """One film sample per pixel of a view, new for each pass."""
-        width, height = self.sizes[name]
-        sampler = mi.load_dict({"type": "independent", "sample_count": 1})
-        sampler.seed(pass_seed(self.seed, t, zlib.crc32(name.encode())), width * height)
-        s = self.settings
-        return sample_film(self.scene, self.sensors[name], sampler, s.max_depth, s.rr_depth)
+        self.irradiance = {
+            name: dr.zeros(mi.Color3f, dr.width(points.p)) for name, points in self.points.items()
+        }
 
     def run(self, passes: int, tick: Callable[[int], None] = lambda done: None) -> None:
         """Continue until ``passes`` passes are done; ``tick(done)`` after each."""
@@ -96,22 +84,18 @@ class ReferenceRenderer:
     def run_pass(self) -> None:
         """Add one pass."""
         t = self.passes_done + 1
-        moving = [self._sample(name, t).points for name in self.sensors]
-        for points in moving:
-            dr.eval(points)
-        parts = moving + self.fixed
-        irradiance = gather_pass(self.scene, concatenate(parts), t, self.settings, self.seed)
-        first = 0
-        for k, points in enumerate(parts):
-            size = dr.width(points.p)
-            lanes = dr.arange(mi.UInt32, size) + dr.opaque(mi.UInt32, first)
-            value = dr.gather(mi.Color3f, irradiance, lanes)
-            first += size
-            if k < len(moving):
-                name = list(self.sensors)[k]
-                self.radiance[name] += points.radiance(value)
-            else:
-                self.irradiance[k - len(moving)] += value
+        moving = {
+            name: sample_view(self.scene, sensor, name, self.settings, self.seed, t)
+            for name, sensor in self.sensors.items()
+        }
+        dr.eval(moving)
+        parts = [*moving.values(), *self.points.values()]
+        gathered = gather_pass(self.scene, concatenate(parts), t, self.settings, self.seed)
+        values = _split(gathered, [dr.width(part.p) for part in parts])
+        for name, points in moving.items():
+            self.radiance[name] += points.radiance(next(values))
+        for name in self.points:
+            self.irradiance[name] += next(values)
         dr.eval(self.radiance, self.irradiance)
         # Without waiting, passes pile up and the progress bar lies.
         dr.sync_thread()
@@ -123,31 +107,31 @@ class ReferenceRenderer:
         return to_numpy(self.radiance[name]).reshape(height, width, 3) / self.passes_done
 
     def view(self, name: str) -> ReferenceView:
-        """All that is known of a view so far; needs the fixed points."""
+        """All that is known so far of a view whose image and fixed points have the same name."""
         width, height = self.sizes[name]
-        k = list(self.sensors).index(name)
-        points = self.fixed[k]
+        points = self.points[name]
 
         def grid(value: Any) -> np.ndarray:
-            return to_numpy(value).reshape(height, width, -1).squeeze()
+            array = to_numpy(value)
+            return array.reshape(height, width, *array.shape[1:])
 
         return ReferenceView(
             radiance=self.image(name),
             position=grid(points.p),
             normal=grid(points.n),
             reflectance=grid(points.reflectance),
-            irradiance=grid(self.irradiance[k]) / self.passes_done,
-            valid=grid(mi.Float(dr.select(points.valid, mi.Float(1), 0))),
+            irradiance=grid(self.irradiance[name]) / self.passes_done,
+            valid=grid(dr.select(points.valid, mi.Float(1), 0)),
         )
 
-    def extra_irradiance(self) -> np.ndarray:
-        """Mean irradiance at the extra points so far, (S, 3)."""
-        return to_numpy(self.irradiance[-1]) / self.passes_done
+    def mean_irradiance(self, name: str) -> np.ndarray:
+        """Mean irradiance so far at a set of points, (N, 3)."""
+        return to_numpy(self.irradiance[name]) / self.passes_done
 
     def save(self, path: Path, fingerprint: Mapping[str, Any], note: Any = None) -> None:
         """Write a checkpoint, atomically; ``note`` is kept for the one who restores it."""
         tensors = {f"radiance/{n}": to_numpy(v) for n, v in self.radiance.items()}
-        tensors |= {f"irradiance/{k}": to_numpy(v) for k, v in enumerate(self.irradiance)}
+        tensors |= {f"irradiance/{n}": to_numpy(v) for n, v in self.irradiance.items()}
         metadata = {"done": self.passes_done, "note": note, "fingerprint": dict(fingerprint)}
         write_tensors(path, "checkpoint", tensors, metadata)
 
@@ -161,20 +145,32 @@ class ReferenceRenderer:
         tensors, metadata = read_tensors(path, "checkpoint", "reference")
         if metadata["fingerprint"] != json.loads(json.dumps(fingerprint)):
             return None
-        for name in self.radiance:
-            self.radiance[name] = mi.Color3f(np.ascontiguousarray(tensors[f"radiance/{name}"].T))
-        for k in range(len(self.irradiance)):
-            value = np.ascontiguousarray(tensors[f"irradiance/{k}"].T)
-            self.irradiance[k] = mi.Color3f(value)
+        for kind, sums in (("radiance", self.radiance), ("irradiance", self.irradiance)):
+            for name in sums:
+                sums[name] = mi.Color3f(np.ascontiguousarray(tensors[f"{kind}/{name}"].T))
         self.passes_done = metadata["done"]
         return metadata["note"]
 
 
-def time_single_view_pass(
-    scene: mi.Scene, sensor: mi.Sensor, settings: PassSettings, seed: int, passes: int = 8
-) -> float:
-    """Seconds that one pass takes for somebody who renders a single view; median, compiled."""
-    renderer = ReferenceRenderer(scene, {"timed": sensor}, settings, seed, fixed=False)
+def sample_view(
+    scene: mi.Scene, sensor: mi.Sensor, name: str, settings: PassSettings, seed: int, t: int
+) -> VisiblePoints:
+    """One visible point per pixel of a view, (W H,), new for each pass ``t``."""
+    width, height = film_size(sensor)
+    sampler = mi.load_dict({"type": "independent", "sample_count": 1})
+    sampler.seed(pass_seed(seed, t, zlib.crc32(name.encode())), width * height)
+    return sample_film(scene, sensor, sampler, settings.max_depth, settings.rr_depth).points
+
+
+def fixed_points(
+    scene: mi.Scene, sensor: mi.Sensor, name: str, settings: PassSettings, seed: int
+) -> VisiblePoints:
+    """One visible point per pixel that stays the same for all passes, (W H,)."""
+    return sample_view(scene, sensor, name, settings, seed, t=0)
+
+
+def time_pass(renderer: ReferenceRenderer, passes: int = 8) -> float:
+    """Seconds that a pass takes: the median of some, after two that compile."""
     seconds = []
     for _ in range(passes + 2):
         start = time.perf_counter()
@@ -188,6 +184,15 @@ def settings_record(settings: PassSettings, seed: int) -> dict[str, Any]:
     return {**asdict(settings), "seed": seed}
 
 
-def _film_size(sensor: mi.Sensor) -> tuple[int, int]:
+def film_size(sensor: mi.Sensor) -> tuple[int, int]:
+    """Width and height of a sensor's film, pixels."""
     size = sensor.film().crop_size()
     return int(size[0]), int(size[1])
+
+
+def _split(value: mi.Color3f, widths: Sequence[int]) -> Iterator[mi.Color3f]:
+    first = 0
+    for width in widths:
+        lanes = dr.arange(mi.UInt32, width) + dr.opaque(mi.UInt32, first)
+        yield dr.gather(mi.Color3f, value, lanes)
+        first += width

@@ -37,10 +37,10 @@ class LearningRates:
     """Adam's step sizes. Means are in units of the search radius, irradiance in units of the mean
     target; log scales and quaternions have none."""
 
-    means: float = 2e-3
-    log_scales: float = 5e-3
-    quats: float = 5e-3
-    irradiance: float = 2e-2
+    means: float = 8e-3
+    log_scales: float = 2e-2
+    quats: float = 2e-2
+    irradiance: float = 8e-2
 
 
 @dataclass(frozen=True)

@@ -40,9 +40,11 @@ def cost_lines(work: Workspace) -> Comparison:
     quality = read_json(work.metrics("gpf"), "metrics")["mean"]["psnr"]
     equal = worth_passes(quality, mean_convergence(work))
 
+    # The field needs the targets alone. The stage also makes images of the training views, for
+    # other methods and for people; they are not in this sum.
     preparation = (
         seconds["reference"]["radius"]
-        + sum(s for part, s in seconds["reference"].items() if part.startswith("train/"))
+        + passes * reference["seconds_per_target_pass"]
         + sum(seconds["photons"].values())
         + sum(seconds["train"].values())
     )

@@ -40,7 +40,13 @@ def stage(
 ) -> None:
     """Run one stage of the pipeline for one scene, from what the stages before it left."""
     module, function = STAGES[name.value]
-    getattr(importlib.import_module(module), function)(scene)
+    try:
+        getattr(importlib.import_module(module), function)(scene)
+    except BaseException as error:  # here and not in main: typer would not let it through
+        if not _is_interrupt(error):
+            raise
+        typer.echo("\nstopped; the next run goes on from the last checkpoint", err=True)
+        raise typer.Exit(130) from None
 
 
 @app.command()
@@ -70,6 +76,13 @@ def list_all() -> None:
         typer.echo(name)
 
 
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is what ended a stage: inside a loop, Dr.Jit makes another error of it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; what the user can mend ends in a message and exit code 2."""
     try:
@@ -77,9 +90,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except UserError as error:
         typer.secho(f"error: {error}", fg="red", err=True)
         sys.exit(UserError.exit_code)
-    except KeyboardInterrupt:
-        typer.echo("\nstopped; the next run goes on from the last checkpoint", err=True)
-        sys.exit(130)
 
 
 if __name__ == "__main__":

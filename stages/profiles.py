@@ -34,6 +34,7 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
     yaml = YAML()
     yaml.preserve_quotes = True
     yaml.width = 100
+    yaml.indent(mapping=2, sequence=4, offset=2)  # as params.yaml is written
     document = yaml.load(file.read_text(encoding="utf-8"))
     changes = 0
     for key, value in profiles[name].items():

@@ -23,7 +23,7 @@ from gpf.artifacts import read_tensors, write_tensors
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr, read_record, write_exr
 from gpf.progressive import PassSettings, pass_seed, propose_radius, sample_film
-from gpf.reference import ReferenceRenderer, settings_record, time_single_view_pass
+from gpf.reference import ReferenceRenderer, fixed_points, settings_record, time_pass
 from gpf.structs import VisiblePoints, to_numpy
 from gpf.supervision import Targets
 from gpf.surface_samples import sample_surface_points
@@ -34,6 +34,9 @@ from stages.progress import progress_bar
 from stages.workspace import Workspace
 
 GROUPS = ("train", "novel", "ceiling")
+
+# Name of the set of surface samples among the points of a group; no view can be called so.
+SURFACES = "surfaces of the scene"
 
 
 def render_references(scene_name: str) -> None:
@@ -48,10 +51,8 @@ def render_references(scene_name: str) -> None:
     for group in GROUPS:
         _render_group(work, scene, group, settings, costs)
     with costs.measure("probe"):
-        seconds = time_single_view_pass(
-            scene, work.sensor(work.views.train[0]), settings, work.params.reference.seed
-        )
-    costs.facts |= {"seconds_per_single_view_pass": seconds, **settings_record(settings, 0)}
+        costs.facts |= _time_passes(work, scene, settings)
+    costs.facts |= settings_record(settings, work.params.reference.seed)
     costs.write(work.cost("reference"))
 
 
@@ -67,6 +68,39 @@ def pass_settings(work: Workspace, scene: Any) -> PassSettings:
         alpha=section.alpha,
         rr_depth=section.rr_depth,
     )
+
+
+def _time_passes(work: Workspace, scene: Any, settings: PassSettings) -> dict[str, float]:
+    """What a pass costs for one view's image alone, and for the field's targets alone.
+
+    The stage's own passes serve both at once, and several views.
+    """
+    seed = work.params.reference.seed
+    view = work.views.train[0]
+    sensor = {view.name: work.sensor(view)}
+    points = _target_points(work, scene, work.views.train, True, settings, seed)
+    return {
+        "seconds_per_single_view_pass": time_pass(
+            ReferenceRenderer(scene, sensor, {}, settings, seed)
+        ),
+        "seconds_per_target_pass": time_pass(ReferenceRenderer(scene, {}, points, settings, seed)),
+    }
+
+
+def _target_points(
+    work: Workspace,
+    scene: Any,
+    views: Sequence[View],
+    surfaces: bool,
+    settings: PassSettings,
+    seed: int,
+) -> dict[str, VisiblePoints]:
+    """Fixed points of views, and samples of the surfaces where they are asked for."""
+    points = {v.name: fixed_points(scene, work.sensor(v), v.name, settings, seed) for v in views}
+    count = work.params.reference.surface_points
+    if surfaces and count > 0:
+        points[SURFACES] = sample_surface_points(scene, count, settings, seed)
+    return points
 
 
 def _measure_radius(work: Workspace, scene: Any) -> float:
@@ -96,10 +130,12 @@ def _render_group(
     surfaces = group == "train" and section.surface_points > 0
     surfaces_missing = surfaces and not _has_surfaces(work, record)
     if missing or surfaces_missing:
-        extra = None
-        if surfaces_missing:
-            extra = sample_surface_points(scene, section.surface_points, settings, seed)
-        _accumulate(work, scene, group, missing, extra, settings, seed, record, costs)
+        points = {}
+        if group != "ceiling":
+            points = _target_points(work, scene, missing, surfaces_missing, settings, seed)
+        sensors = {view.name: work.sensor(view) for view in missing}
+        renderer = ReferenceRenderer(scene, sensors, points, settings, seed)
+        _accumulate(work, renderer, group, missing, record, costs)
     if group == "train":
         _collect_targets(work, views, surfaces)
 
@@ -142,22 +178,15 @@ def _surface_record(work: Workspace, record: dict[str, Any]) -> dict[str, Any]:
 
 def _accumulate(
     work: Workspace,
-    scene: Any,
+    renderer: ReferenceRenderer,
     group: str,
     views: Sequence[View],
-    extra: VisiblePoints | None,
-    settings: PassSettings,
-    seed: int,
     record: dict[str, Any],
     costs: CostMeter,
 ) -> None:
     """Run the passes of a group, with checkpoints, and write its files."""
     section = work.params.reference
-    sensors = {view.name: work.sensor(view) for view in views}
     snapshots = snapshot_passes(section.passes) if group == "ceiling" else []
-    renderer = ReferenceRenderer(
-        scene, sensors, settings, seed, extra=extra, fixed=group != "ceiling"
-    )
     fingerprint = {**record, "views": [view.model_dump(mode="json") for view in views]}
     checkpoint = work.checkpoint("reference", group)
     spent = renderer.restore(checkpoint, fingerprint)
@@ -179,7 +208,7 @@ def _accumulate(
                 renderer.save(checkpoint, fingerprint, costs.so_far(group))
                 saved = time.monotonic()
 
-    costs.share(group, [*sensors, *(["surfaces"] if extra is not None else [])])
+    costs.share(group, sorted({*renderer.sensors, *renderer.points}))
     for view in views:
         if group == "ceiling":
             path, layers = work.ceiling(view.name), images[view.name]
@@ -189,11 +218,12 @@ def _accumulate(
             if image.ndim == 3:
                 check_finite(image, f"{work.scene}, view {view.name}, {name}")
         write_exr(path, layers, _view_record(record, view))
-    if extra is not None:
+    if SURFACES in renderer.points:
+        points = renderer.points[SURFACES]
         tensors = {
-            "position": to_numpy(extra.p),
-            "normal": to_numpy(extra.n),
-            "irradiance": renderer.extra_irradiance(),
+            "position": to_numpy(points.p),
+            "normal": to_numpy(points.n),
+            "irradiance": renderer.mean_irradiance(SURFACES),
         }
         write_tensors(work.surfaces, "surfaces", tensors, _surface_record(work, record))
     checkpoint.unlink(missing_ok=True)

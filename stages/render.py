@@ -24,7 +24,7 @@ def render_views(scene_name: str) -> None:
     views = work.views.novel
     with progress_bar(f"{scene_name}: rendering", len(views)) as advance:
         for k, view in enumerate(views):
-            sensor = work.sensor(view)
+            sensor = work.sensor(view, section.spp, section.sampler)
             with costs.measure("render"):
                 image = np.array(
                     mi.render(

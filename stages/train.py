@@ -123,7 +123,7 @@ def initial_field(
         radius = work.views.search_radius or propose_search_radius(
             photons, section.gaussians, targets.position, bounds
         )
-    scale = 0.5 * radius if section.initial_scale == "auto" else section.initial_scale
+    scale = 0.6 * radius if section.initial_scale == "auto" else section.initial_scale
     initial = InitializationSettings(
         gaussians=section.gaussians,
         source=section.initialization,

@@ -114,6 +114,6 @@ class Workspace:
         """Width and height of all images."""
         return self.views.size(self.params.film.height)
 
-    def sensor(self, view: View) -> Any:
+    def sensor(self, view: View, spp: int = 1, sampler: str = "independent") -> Any:
         """A Mitsuba sensor for a view, at the size that params.yaml asks for."""
-        return make_sensor(view, *self.film_size)
+        return make_sensor(view, *self.film_size, spp=spp, sampler=sampler)

@@ -141,9 +141,7 @@ def neighbours_of(
     return nearest, SUPPLEMENT_REACH * distance[nearest].max(initial=0)
 
 
-def weights_of(
-    g: PlainGaussians, indices: np.ndarray, support: float, x: np.ndarray
-) -> np.ndarray:
+def weights_of(g: PlainGaussians, indices: np.ndarray, support: float, x: np.ndarray) -> np.ndarray:
     d = x - g.means[indices]
     u = np.einsum("nij,nj->ni", g.rows()[indices], d)
     falloff = np.maximum(1 - (d**2).sum(1) / support**2, 0) ** 2

@@ -1,5 +1,7 @@
 """The hand-written adjoint of the blend against finite differences in double precision."""
 
+from itertools import pairwise
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -52,7 +54,7 @@ class Problem:
         self.points = surface_points(self.x, self.n, self.target, self.weight)
         self.lists = list_neighbours(make_field(self.g, self.settings), self.points)
         starts, indices = np.array(self.lists.starts), np.array(self.lists.indices)
-        self.rows = [indices[a:b] for a, b in zip(starts, starts[1:], strict=False)]
+        self.rows = [indices[a:b] for a, b in pairwise(starts)]
         support2 = np.broadcast_to(np.array(self.lists.support2), POINTS)
         self.supports = np.sqrt(support2.astype(float))
         self.divided = blend == "divided"

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from tests.plain_field import (
     UPPER,
     ask,
     bounds,
-    columns,
     flat_gaussians,
     make_field,
     neighbours_of,
@@ -45,14 +43,15 @@ def random_queries(rng, count, g):
 def test_query_is_its_plain_twin(neighbours, blend, normal_test):
     rng = np.random.default_rng(3)
     g = random_gaussians(rng, 150)
-    settings = FieldSettings(
-        0.5, k=3, neighbours=neighbours, blend=blend, normal_test=normal_test
-    )
+    settings = FieldSettings(0.5, k=3, neighbours=neighbours, blend=blend, normal_test=normal_test)
     x, n = random_queries(rng, 90, g)
     value, reach = ask(make_field(g, settings), x, n)
     expected, expected_reach = plain_query(g, settings, x, n)
     # Every case is among the queries: points with an answer from the ball and from further away.
-    in_ball = [len(neighbours_of(g, replace(settings, neighbours="radius"), *q)[0]) for q in zip(x, n, strict=True)]
+    in_ball = [
+        len(neighbours_of(g, replace(settings, neighbours="radius"), *q)[0])
+        for q in zip(x, n, strict=True)
+    ]
     assert min(in_ball) == 0 and max(in_ball) > settings.k and len(np.unique(in_ball)) > 4
     np.testing.assert_allclose(reach, expected_reach, rtol=1e-5)
     # A narrow Gaussian's exponent loses digits far out: where its weight is next to nothing.
@@ -129,7 +128,7 @@ def test_where_nothing_is_known_the_reach_is_infinite(settings, normal):
 def test_the_other_side_of_a_wall_does_not_count():
     g = flat_gaussians([[0, 0.5, 0.001], [0, 0.5, -0.001]], [[1, 0, 0], [0, 1, 0]])
     g.normals[1] = -UP
-    x = np.zeros((2, 3)) + [0, 0.5, 0]
+    x = np.tile([0, 0.5, 0.0], (2, 1))
     sides = np.array([UP, -UP])
     value, _ = ask(make_field(g, FieldSettings(0.1, k=1)), x, sides)
     np.testing.assert_allclose(value, [[1, 0, 0], [0, 1, 0]], atol=1e-6)
@@ -245,7 +244,8 @@ def test_no_seams_where_gaussians_enter_and_leave_the_ball():
     assert jumps(value) < 0.005
     hard = np.array(
         [
-            weights_of(g, indices, 1e9, point) @ g.irradiance[indices]
+            weights_of(g, indices, 1e9, point)
+            @ g.irradiance[indices]
             / weights_of(g, indices, 1e9, point).sum()
             for point in x
             for indices, _ in [neighbours_of(g, settings, point, UP)]

@@ -1,6 +1,7 @@
 """Neighbour lists hold what a query visits: no more, no less, and each in its own row."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import drjit as dr
 import mitsuba as mi
@@ -28,7 +29,7 @@ UP = np.array([0.0, 0.0, 1.0])
 def rows_of(lists: NeighbourLists, count: int) -> list[list[int]]:
     starts, indices = np.array(lists.starts), np.array(lists.indices)
     assert len(starts) == count + 1 and starts[0] == 0
-    return [indices[a:b].tolist() for a, b in zip(starts, starts[1:], strict=False)]
+    return [indices[a:b].tolist() for a, b in pairwise(starts)]
 
 
 def plain_rows(g, settings, x, n) -> tuple[list[set[int]], np.ndarray]:

@@ -27,7 +27,7 @@ def lit_floor(looks_down: bool = True) -> mi.Scene:
                 .translate([1.2, 0, 0.5])
                 .scale(0.1)
                 .rotate([1, 0, 0], 180 if looks_down else 0),
-                "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0}},
+                "bsdf": {"type": "conductor"},
                 "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [5, 4, 3]}},
             },
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import drjit as dr
@@ -57,21 +58,27 @@ def define() -> type:
         """
 
         def __init__(self, props: mi.Properties) -> None:
-            if not props.has_property("max_depth"):
+            if mi.is_spectral or mi.is_monochromatic or mi.is_polarized:
+                raise ValueError(f"sppm needs an RGB variant; this one is {mi.variant()}.")
+            if "max_depth" not in props:
                 props["max_depth"] = -1
-            limit = props["max_depth"]
+            if props.get("hide_emitters", False):
+                raise ValueError('"hide_emitters" is not available in sppm.')
+            self.depth_limit = _whole(props["max_depth"], "max_depth", -1)
+            _whole(props.get("rr_depth", 5), "rr_depth", 1)
             super().__init__(props)
-            self.passes = _positive(props.get("passes", 64), "passes")
-            self.photons_per_pass = _positive(
-                props.get("photons_per_pass", 100_000), "photons_per_pass"
+            self.passes = _whole(props.get("passes", 64), "passes", 1)
+            self.photons_per_pass = _whole(
+                props.get("photons_per_pass", 100_000), "photons_per_pass", 1
             )
             self.initial_radius = props.get("initial_radius", 0.0)
             self.alpha = props.get("alpha", 0.7)
-            self.depth_limit = limit
-            if self.initial_radius < 0:
-                raise ValueError(f'"initial_radius" is {self.initial_radius}; give 0 or more.')
-            if not 0 < self.alpha < 1:
-                raise ValueError(f'"alpha" is {self.alpha}; give a number between 0 and 1.')
+            if not (_is_number(self.initial_radius) and 0 <= self.initial_radius < math.inf):
+                raise ValueError(
+                    f'"initial_radius" is {self.initial_radius!r}; give a number of 0 or more.'
+                )
+            if not (_is_number(self.alpha) and 0 < self.alpha < 1):
+                raise ValueError(f'"alpha" is {self.alpha!r}; give a number between 0 and 1.')
 
         def settings(self, scene: mi.Scene, sensor: mi.Sensor, seed: int) -> PassSettings:
             """Settings of all passes, with the automatic radius measured where it is asked for."""
@@ -131,9 +138,13 @@ def define() -> type:
     return SPPM
 
 
-def _positive(value: int, name: str) -> int:
-    if value < 1:
-        raise ValueError(f'"{name}" is {value}; give 1 or more.')
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _whole(value: Any, name: str, least: int) -> int:
+    if not (_is_number(value) and isinstance(value, int) and value >= least):
+        raise ValueError(f'"{name}" is {value!r}; give a whole number of {least} or more.')
     return value
 
 

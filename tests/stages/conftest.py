@@ -1,0 +1,140 @@
+"""Projects in temporary folders, and the command line run in them."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ruamel.yaml import YAML
+
+from stages.cli import main
+from stages.profiles import apply_profile
+
+PROJECT = Path(__file__).parent.parent.parent
+SCENE = "cornell_box"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a call of the command line ended, and what it said."""
+
+    code: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Project:
+    """A folder with params.yaml and scenes/, and what has been made in it."""
+
+    folder: Path
+
+    @property
+    def results(self) -> Path:
+        """What the stages wrote for the scene."""
+        return self.folder / "results" / SCENE
+
+    def gpf(self, *arguments: str) -> Outcome:
+        """Run the command line in this folder; any other exception than SystemExit comes out."""
+        text = StringIO()
+        with (
+            chdir(self.folder),
+            redirect_stdout(text),
+            redirect_stderr(text),
+            pytest.raises(SystemExit) as caught,
+        ):
+            main(arguments)
+        return Outcome(int(caught.value.code or 0), " ".join(text.getvalue().split()))
+
+    def stage(self, name: str, scene: str = SCENE) -> Outcome:
+        """Run one stage."""
+        return self.gpf("stage", name, "--scene", scene)
+
+    def edit(self, file: str, **changes: Any) -> None:
+        """Set dotted keys of a YAML file; a key is written with __ for its dots."""
+        yaml = YAML()
+        path = self.folder / file
+        document = yaml.load(path.read_text(encoding="utf-8"))
+        for key, value in changes.items():
+            *sections, leaf = key.split("__")
+            place = document
+            for section in sections:
+                place = place[section]
+            place[leaf] = value
+        with path.open("w", encoding="utf-8") as stream:
+            yaml.dump(document, stream)
+
+    def replace(self, file: str, old: str, new: str) -> None:
+        """Replace a piece of text that has to be there."""
+        path = self.folder / file
+        text = path.read_text(encoding="utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new), encoding="utf-8")
+
+    def snapshot(self) -> dict[str, tuple[str, int]]:
+        """Content and time of change of every file below results/."""
+        return {
+            path.relative_to(self.folder).as_posix(): (
+                hashlib.sha256(path.read_bytes()).hexdigest(),
+                path.stat().st_mtime_ns,
+            )
+            for path in sorted((self.folder / "results").rglob("*"))
+            if path.is_file()
+        }
+
+    def copy(self, folder: Path) -> Project:
+        """The same in another folder, times of change included."""
+        shutil.copytree(self.folder, folder)
+        return Project(folder)
+
+
+def new_project(folder: Path) -> Project:
+    """The Cornell box at the sizes of `smoke`, in images of 20 by 16 pixels."""
+    source = PROJECT / "scenes" / SCENE
+    shutil.copytree(source, folder / "scenes" / SCENE)
+    shutil.copy(PROJECT / "params.yaml", folder)
+    project = Project(folder)
+    project.edit("params.yaml", scenes=[SCENE])
+    project.replace(f"scenes/{SCENE}/views.yaml", "aspect: 1.0", "aspect: 1.25")
+    with redirect_stderr(StringIO()):
+        apply_profile("smoke", folder / "params.yaml")
+    return project
+
+
+@pytest.fixture
+def fresh(tmp_path: Path) -> Project:
+    """A project in which nothing has run yet."""
+    return new_project(tmp_path / "project")
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Project:
+    """A project in which every stage has run once; not to be changed."""
+    project = new_project(tmp_path_factory.mktemp("built") / "project")
+    for stage in ("scene", "reference", "photons", "train", "render", "metrics", "amortize"):
+        outcome = project.stage(stage)
+        assert outcome.code == 0, (stage, outcome.text)
+    return project
+
+
+@pytest.fixture
+def finished(built: Project, tmp_path: Path) -> Project:
+    """A copy of a project in which every stage has run once."""
+    return built.copy(tmp_path / "project")
+
+
+@pytest.fixture
+def environment() -> Callable[..., dict[str, str]]:
+    """The environment for a process of its own that imports this project's packages."""
+
+    def make(**more: str) -> dict[str, str]:
+        return {**os.environ, "PYTHONPATH": str(PROJECT), "PYTHONWARNINGS": "default", **more}
+
+    return make

@@ -1,0 +1,125 @@
+"""Costs: counted for each part, across interruptions, with the compilation apart."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import drjit as dr
+import mitsuba as mi
+import pytest
+
+from gpf.errors import UserError
+from stages.costs import KINDS, CostMeter
+
+
+def busy(seconds: float) -> None:
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+
+
+def test_wall_and_cpu_time_of_a_part():
+    costs = CostMeter()
+    with costs.measure("asleep"):
+        time.sleep(0.2)
+    with costs.measure("busy"):
+        busy(0.1)
+    assert costs.parts.keys() == {"asleep", "busy"}
+    asleep, worked = costs.parts["asleep"], costs.parts["busy"]
+    assert asleep.keys() == set(KINDS)
+    assert 0.19 < asleep["wall_seconds"] < 1 and asleep["cpu_seconds"] < 0.1
+    assert 0.09 < worked["cpu_seconds"] < 1 and worked["wall_seconds"] > 0.09
+
+
+def test_a_part_measured_twice_adds_up():
+    costs = CostMeter()
+    for _ in range(2):
+        with costs.measure("part"):
+            time.sleep(0.1)
+    assert 0.19 < costs.parts["part"]["wall_seconds"] < 1
+
+
+def test_a_part_that_fails_is_counted_too():
+    costs = CostMeter()
+    with pytest.raises(KeyboardInterrupt), costs.measure("part"):
+        time.sleep(0.1)
+        raise KeyboardInterrupt
+    assert costs.parts["part"]["wall_seconds"] > 0.09
+
+
+def test_what_is_asked_for_in_between_is_not_counted_twice():
+    costs = CostMeter()
+    with costs.measure("part"):
+        time.sleep(0.1)
+        half = costs.so_far("part")
+        assert 0.09 < half["wall_seconds"] < 0.5
+        time.sleep(0.1)
+    assert 0.19 < costs.parts["part"]["wall_seconds"] < 0.29 + half["wall_seconds"]
+    # what was asked for is a record of its moment, not a view of the running total
+    assert half["wall_seconds"] < costs.parts["part"]["wall_seconds"]
+
+
+def test_compilation_is_counted_apart():
+    costs = CostMeter()
+    x = dr.arange(mi.Float, 1000)
+    dr.eval(x)
+    # A constant that no kernel on this machine has had: nothing is found in the cache.
+    odd = 1 + (time.time_ns() % 1_000_003) / 1e7
+
+    def work() -> None:
+        dr.eval(dr.sin(x * odd) + dr.exp(x / odd) * dr.tan(odd + x))
+
+    with costs.measure("first"):
+        work()
+    with costs.measure("second"):
+        work()
+    assert costs.parts["first"]["compile_seconds"] > 0
+    assert costs.parts["second"]["compile_seconds"] == 0
+    assert costs.parts["first"]["wall_seconds"] < 0.5
+
+
+def test_device_work_is_waited_for():
+    costs = CostMeter()
+    x = dr.arange(mi.Float, 2_000_000) + 1
+    dr.eval(x)
+    dr.sync_thread()
+    one, other = CostMeter(), CostMeter()
+    for meter, rounds in ((one, 1), (other, 40)):
+        for _ in range(2):  # the second time without compilation
+            meter.parts.clear()
+            with meter.measure("work"):
+                value = mi.Float(x)
+                for _ in range(rounds):
+                    value = dr.sin(value) + 1
+                    dr.eval(value)  # runs beside this thread
+    assert other.parts["work"]["wall_seconds"] > 5 * one.parts["work"]["wall_seconds"]
+    assert costs.parts == {}
+
+
+def test_a_part_is_shared_among_names():
+    costs = CostMeter({"group": {"wall_seconds": 6.0, "cpu_seconds": 12.0, "compile_seconds": 3.0}})
+    costs.share("group", ["a", "b", "c"])
+    expected = {"wall_seconds": 2.0, "cpu_seconds": 4.0, "compile_seconds": 1.0}
+    assert costs.parts == {f"group/{name}": expected for name in "abc"}
+
+
+def test_costs_go_on_from_their_file(tmp_path):
+    path = tmp_path / "costs" / "reference.json"
+    assert CostMeter.load(path).parts == {}
+    first = CostMeter()
+    with first.measure("old"):
+        time.sleep(0.05)
+    first.facts["views"] = 3
+    first.write(path)
+    written = json.loads(path.read_text())
+    assert written["facts"] == {"views": 3} and "cpu" in str(written["machine"]).lower()
+    again = CostMeter.load(path)
+    assert again.parts == first.parts and again.facts == {}
+
+
+def test_a_damaged_file_is_said_in_words(tmp_path):
+    path = tmp_path / "reference.json"
+    path.write_text('{"parts": {"old": {"wall')
+    with pytest.raises(UserError, match=r"reference\.json: is not JSON"):
+        CostMeter.load(path)

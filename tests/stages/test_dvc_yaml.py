@@ -1,0 +1,222 @@
+"""dvc.yaml declares what the stages really depend on: modules, parameters and files."""
+
+from __future__ import annotations
+
+import ast
+import functools
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+from gpf.config import Params
+from stages.cli import STAGES
+
+PROJECT = Path(__file__).parent.parent.parent
+PACKAGES = ("gpf", "stages", "metrics")
+
+# Whose change cannot change what a stage writes: they start things up, complain or report.
+NO_INFLUENCE = {
+    "gpf/__init__.py",
+    "gpf/config.py",
+    "gpf/errors.py",
+    "gpf/integrators/__init__.py",
+    "gpf/runtime.py",
+    "gpf/yaml_files.py",
+    "metrics/__init__.py",
+    "metrics/errors.py",
+    "stages/__init__.py",
+    "stages/progress.py",
+}
+# Loaded by name, where no import tells.
+LOADED = {"render": ["gpf/integrators/gpf.py"], "metrics": ["metrics/image.py"]}
+
+# Parameters that Workspace reads on the way, by the names that it reads them for.
+BEHIND = {"film_size": "film", "sensor": "film"}
+
+
+def pipeline() -> dict:
+    return YAML(typ="safe").load((PROJECT / "dvc.yaml").read_text(encoding="utf-8"))
+
+
+@functools.cache
+def imports_of(file: str) -> frozenset[str]:
+    """Files of the project that one of its files imports, wherever in it."""
+    found = set()
+    for node in ast.walk(ast.parse((PROJECT / file).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0 and node.module is not None, "relative import"
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        else:
+            continue
+        for name in names:
+            parts = name.split(".")
+            if parts[0] in PACKAGES:
+                for end in range(1, len(parts) + 1):
+                    place = "/".join(parts[:end])
+                    found |= {
+                        f for f in (f"{place}.py", f"{place}/__init__.py") if (PROJECT / f).exists()
+                    }
+    return frozenset(found)
+
+
+def closure(*files: str) -> set[str]:
+    """The files and all that they import, directly or not, but for those without influence."""
+    done: set[str] = set()
+    waiting = list(files)
+    while waiting:
+        file = waiting.pop()
+        if file not in done:
+            done.add(file)
+            # What has no influence passes none on.
+            waiting += [] if file in NO_INFLUENCE else imports_of(file)
+    return done - NO_INFLUENCE
+
+
+def stage_file(stage: str) -> str:
+    return STAGES[stage][0].replace(".", "/") + ".py"
+
+
+def covers(entries: list[str], file: str) -> bool:
+    return any(file == entry or file.startswith(f"{entry}/") for entry in entries)
+
+
+def deps(stage: str) -> list[str]:
+    return [str(entry) for entry in pipeline()["stages"][stage]["do"]["deps"]]
+
+
+def outs(stage: str) -> list[str]:
+    do = pipeline()["stages"][stage]["do"]
+    entries = [*do.get("outs", []), *do.get("metrics", []), *do.get("plots", [])]
+    return [entry if isinstance(entry, str) else next(iter(entry)) for entry in entries]
+
+
+def test_the_stages_are_those_of_the_command_line():
+    assert list(pipeline()["stages"]) == list(STAGES)
+    for name, stage in pipeline()["stages"].items():
+        assert stage["foreach"] == "${scenes}"
+        assert stage["do"]["cmd"] == f"gpf stage {name} --scene ${{item}}"
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_every_module_that_a_stage_imports_is_a_dependency(stage):
+    needed = closure(stage_file(stage), *LOADED.get(stage, []))
+    missing = sorted(file for file in needed if not covers(deps(stage), file))
+    assert missing == []
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_no_dependency_is_without_reason(stage):
+    """What a stage does not import should not make it run again."""
+    needed = closure(stage_file(stage), *LOADED.get(stage, []))
+    files = [entry for entry in deps(stage) if entry.split("/")[0] in PACKAGES]
+    assert all((PROJECT / entry).exists() for entry in files)
+    idle = [e for e in files if not any(covers([e], file) for file in needed)]
+    assert idle == []
+
+
+def read_params_of(file: str) -> set[str]:
+    """Dotted parameters that a stage's file reads, as far as its text shows."""
+    found = {"runtime"}
+    for function in ast.walk(ast.parse((PROJECT / file).read_text(encoding="utf-8"))):
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        nodes = list(ast.walk(function))
+        # `section = work.params.train` followed by section.steps reads train.steps.
+        aliases = {
+            node.targets[0].id: path
+            for node in nodes
+            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
+            for path in [params_path(node.value, {})]
+            if path
+        }
+        attributes = [node for node in nodes if isinstance(node, ast.Attribute)]
+        paths = {params_path(node, aliases) for node in attributes} - {None}
+        found |= {path for path in paths if not any(p.startswith(f"{path}.") for p in paths)}
+        found |= {BEHIND[node.attr] for node in attributes if node.attr in BEHIND}
+    return found
+
+
+def params_path(node: ast.AST, aliases: dict[str, str]) -> str | None:
+    """``train.steps`` for ``work.params.train.steps``, also by way of a local name."""
+    names: list[str] = []
+    while isinstance(node, ast.Attribute):
+        names.insert(0, node.attr)
+        node = node.value
+    if not isinstance(node, ast.Name):
+        return None
+    if node.id in aliases:
+        names = [*aliases[node.id].split("."), *names]
+    elif "params" in names:
+        names = names[names.index("params") + 1 :]
+    else:
+        return None
+    kept: list[str] = []
+    model = Params
+    for name in names:
+        if name not in getattr(model, "model_fields", {}):
+            break
+        kept.append(name)
+        model = model.model_fields[name].annotation
+    return ".".join(kept) or None
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_every_parameter_that_a_stage_reads_is_declared(stage):
+    declared = pipeline()["stages"][stage]["do"]["params"]
+    reads = read_params_of(stage_file(stage))
+    assert "runtime" in reads
+    missing = {
+        path
+        for path in reads
+        if not any(path == entry or path.startswith(f"{entry}.") for entry in declared)
+    }
+    assert missing == set()
+
+
+def test_the_reader_of_parameters_sees_them():
+    assert "train.steps" in read_params_of("stages/train.py")
+    assert "field.anisotropic" in read_params_of("stages/train.py")
+    assert {"reference.passes", "film"} <= read_params_of("stages/reference.py")
+    assert "reference.passes" in read_params_of("stages/metrics.py")
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_declared_parameters_exist(stage):
+    params = YAML(typ="safe").load((PROJECT / "params.yaml").read_text(encoding="utf-8"))
+    for entry in pipeline()["stages"][stage]["do"]["params"]:
+        place = params
+        for part in entry.split("."):
+            assert part in place, entry
+            place = place[part]
+
+
+def test_what_a_stage_takes_another_makes():
+    made = [entry for stage in STAGES for entry in outs(stage)]
+    for stage in STAGES:
+        for entry in deps(stage):
+            if entry.startswith("results/"):
+                assert covers(made, entry), (stage, entry)
+    assert len(made) == len(set(made))
+
+
+def test_all_that_the_pipeline_writes_is_an_output(built):
+    made = [entry.replace("${item}", "cornell_box") for stage in STAGES for entry in outs(stage)]
+    files = sorted(built.snapshot())
+    assert [file for file in files if not covers(made, file)] == []
+    assert [entry for entry in made if not any(covers([entry], file) for file in files)] == []
+
+
+def test_expensive_outputs_survive_a_rerun():
+    """DVC deletes outputs before a stage runs, unless they say that they persist."""
+    do = pipeline()["stages"]["reference"]["do"]
+    persist = {
+        name
+        for entry in do["outs"]
+        if isinstance(entry, dict)
+        for name, options in entry.items()
+        if options.get("persist")
+    }
+    assert {f"results/${{item}}/{name}" for name in ("reference", "ceiling")} <= persist

@@ -1,0 +1,389 @@
+"""The whole pipeline at `smoke`: what it leaves, what it redoes, and what survives Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gpf.artifacts import read_tensors
+from gpf.field import GaussianPhotonField
+from gpf.images import read_exr
+from gpf.reference import ReferenceRenderer
+from gpf.training import Trainer
+
+PROJECT = Path(__file__).parent.parent.parent
+TRAIN, NOVEL = ("front", "left", "right"), ("above", "floor", "inside", "ceiling")
+HEIGHT, WIDTH = 16, 20
+
+
+def files_below(folder: Path) -> set[str]:
+    return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+
+
+def assert_whole(folder: Path) -> None:
+    """No temporary files, and every image and tensor file can be read."""
+    for path in folder.rglob("*"):
+        assert not path.name.startswith("."), path
+        if path.suffix == ".exr":
+            read_exr(path, "reference")
+        if path.suffix == ".safetensors":
+            name = path.parent.name if path.parent.name == "checkpoints" else path.stem
+            read_tensors(path, name.removesuffix("s") if name == "checkpoints" else name, "any")
+
+
+# --- what it leaves ---------------------------------------------------------------------------
+
+
+def test_everything_that_should_exist_exists(built):
+    expected = {
+        "scene.json",
+        "scene/scene.xml",
+        "scene/views.yaml",
+        "reference/surfaces.safetensors",
+        "targets.safetensors",
+        "photons.safetensors",
+        "field.safetensors",
+        "amortize.json",
+        "training/metrics.json",
+        "training/plots/metrics/training_error.tsv",
+        "training/plots/metrics/held_out_error.tsv",
+        *(f"reference/{view}.exr" for view in TRAIN + NOVEL),
+        *(f"ceiling/{view}.exr" for view in NOVEL),
+        *(f"renders/gpf/{view}.{kind}" for view in NOVEL for kind in ("exr", "png")),
+        *(f"costs/{stage}.json" for stage in ("reference", "photons", "train", "render")),
+        *(
+            f"metrics/{name}.json"
+            for name in ("gpf", "sppm_3", "ceiling", "summary", "convergence")
+        ),
+    }
+    assert files_below(built.results) == expected
+    shared = files_below(built.folder / "results") - {f"cornell_box/{e}" for e in expected}
+    assert shared == {
+        "tables/quality_cornell_box.csv",
+        "tables/cost_cornell_box.csv",
+        "figures/cost_cornell_box.svg",
+        "figures/cost_cornell_box.png",
+    }
+    assert_whole(built.folder / "results")
+
+
+def test_images_are_lit_finite_and_of_the_right_size(built):
+    for view in TRAIN + NOVEL:
+        layers, record = read_exr(built.results / "reference" / f"{view}.exr", "reference")
+        assert record["passes"] == 4 and record["view"]["name"] == view
+        for name in ("radiance", "position", "normal", "reflectance", "irradiance"):
+            assert layers[name].shape == (HEIGHT, WIDTH, 3)
+            assert np.isfinite(layers[name]).all()
+        assert layers["radiance"].mean() > 0.01
+    for view in NOVEL:
+        ceiling, _ = read_exr(built.results / "ceiling" / f"{view}.exr", "reference")
+        assert ceiling.keys() == {"sppm_1", "sppm_3", "sppm_4"}
+        layers, _ = read_exr(built.results / "renders" / "gpf" / f"{view}.exr", "render")
+        reference, _ = read_exr(built.results / "reference" / f"{view}.exr", "reference")
+        assert layers["radiance"].shape == (HEIGHT, WIDTH, 3)
+        # Rough at these sizes, but the same scene from the same place.
+        difference = np.abs(layers["radiance"] - reference["radiance"]).mean()
+        assert difference < 0.5 * reference["radiance"].mean()
+
+
+def test_the_ceiling_is_independent_of_the_reference(built):
+    for view in NOVEL:
+        reference, _ = read_exr(built.results / "reference" / f"{view}.exr", "reference")
+        ceiling, _ = read_exr(built.results / "ceiling" / f"{view}.exr", "reference")
+        noise = reference["radiance"] - ceiling["sppm_4"]
+        assert np.mean(noise != 0) > 0.5
+        assert abs(noise.mean()) < 0.1 * reference["radiance"].mean()
+
+
+def test_targets_are_those_of_the_training_views_and_surfaces(built):
+    tensors, _ = read_tensors(built.results / "targets.safetensors", "targets", "reference")
+    counts = {
+        int(s): int(n)
+        for s, n in zip(*np.unique(tensors["source"], return_counts=True), strict=True)
+    }
+    assert counts.keys() == {-1, 0, 1, 2} and counts[-1] == 500
+    for k, view in enumerate(TRAIN):
+        layers, _ = read_exr(built.results / "reference" / f"{view}.exr", "reference")
+        assert counts[k] == layers["valid"].sum()
+    assert all(np.isfinite(value).all() for value in tensors.values())
+
+
+def test_the_field_is_fitted(built):
+    field = GaussianPhotonField.load(built.results / "field.safetensors")
+    assert field.record["steps"] == 20
+    assert 0 < field.record["held_out_error"] < 1
+    curve = pd.read_csv(built.results / "training/plots/metrics/held_out_error.tsv", sep="\t")
+    assert curve["step"].tolist() == [10, 20]
+    assert field.record["held_out_error"] == pytest.approx(curve["held_out_error"].min(), rel=1e-6)
+
+
+def test_numbers_are_finite_and_tell_the_methods_apart(built):
+    summary = json.loads((built.results / "metrics" / "summary.json").read_text())
+    assert summary.keys() == {"gpf", "sppm_3", "ceiling"}
+    for numbers in summary.values():
+        assert np.isfinite([v for v in numbers.values() if v is not None]).all()
+        assert numbers["psnr"] > 5 and 0 < numbers["ssim"] <= 1
+    assert summary["ceiling"]["psnr"] > summary["sppm_3"]["psnr"]
+    reasons = json.loads((built.results / "metrics" / "gpf.json").read_text())["reasons"]
+    missing = {key for key, value in summary["gpf"].items() if value is None}
+    assert missing == set(reasons)
+    convergence = json.loads((built.results / "metrics" / "convergence.json").read_text())
+    assert [row["passes"] for row in convergence] == [1, 3, 4]
+    assert sorted(row["psnr"] for row in convergence) == [row["psnr"] for row in convergence]
+
+
+def test_costs_are_counted_once_for_each_part(built):
+    for stage, parts in {
+        "reference": {
+            "radius",
+            "probe",
+            *(f"train/{name}" for name in (*TRAIN, "surfaces")),
+            *(f"{group}/{name}" for group in ("novel", "ceiling") for name in NOVEL),
+        },
+        "photons": {"photons"},
+        "train": {"initialization", "training"},
+        "render": {"render"},
+    }.items():
+        cost = json.loads((built.results / "costs" / f"{stage}.json").read_text())
+        assert cost["parts"].keys() == parts
+        for part in cost["parts"].values():
+            assert part.keys() == {"wall_seconds", "cpu_seconds", "compile_seconds"}
+            assert 0 < part["wall_seconds"] < 120
+        assert cost["machine"]
+    table = pd.read_csv(built.folder / "results/tables/cost_cornell_box.csv")
+    assert len(table) == 100 and np.isfinite(table.to_numpy()).all()
+    assert (table.drop(columns="views").diff().dropna() > 0).all(axis=None)
+    amortize = json.loads((built.results / "amortize.json").read_text())
+    assert len(amortize["break_even_views"]) == 2
+
+
+# --- what it redoes ---------------------------------------------------------------------------
+
+
+def changed(before: dict, after: dict) -> set[str]:
+    """Files that were written again or are new, below results/cornell_box."""
+    prefix = "results/cornell_box/"
+    return {name.removeprefix(prefix) for name in after if after[name] != before.get(name)}
+
+
+def test_a_second_run_renders_no_reference_again(finished):
+    before = finished.snapshot()
+    outcome = finished.stage("reference")
+    assert outcome.code == 0
+    after = finished.snapshot()
+    assert changed(before, after) == {"targets.safetensors", "costs/reference.json"}
+    # Written again, but the same: nothing that depends on it runs again.
+    assert (
+        after["results/cornell_box/targets.safetensors"][0]
+        == before["results/cornell_box/targets.safetensors"][0]
+    )
+    costs = [json.loads((finished.results / "costs/reference.json").read_text())]
+    assert len(costs[0]["parts"]) == 14
+
+
+def test_an_added_view_is_rendered_and_no_other(finished):
+    views = finished.folder / "scenes/cornell_box/views.yaml"
+    text = views.read_text()
+    line = "    - {name: extra, origin: [0.1, 0.2, 2.9], target: [0, -0.2, 0], fov: 45}\n"
+    views.write_text(text.replace("path:\n", line + "path:\n"))
+    assert finished.stage("scene").code == 0
+    before = finished.snapshot()
+    assert finished.stage("reference").code == 0
+    after = finished.snapshot()
+    assert changed(before, after) == {
+        "reference/extra.exr",
+        "ceiling/extra.exr",
+        "targets.safetensors",
+        "costs/reference.json",
+    }
+    assert (
+        after["results/cornell_box/targets.safetensors"][0]
+        == before["results/cornell_box/targets.safetensors"][0]
+    )
+    layers, _ = read_exr(finished.results / "reference/extra.exr", "reference")
+    assert np.isfinite(layers["radiance"]).all() and layers["radiance"].mean() > 0.01
+
+
+def test_a_view_does_not_depend_on_which_others_are_rendered_with_it(finished, built):
+    (finished.results / "reference/floor.exr").unlink()
+    (finished.results / "reference/left.exr").unlink()
+    assert finished.stage("reference").code == 0
+    for view in ("floor", "left"):
+        alone, _ = read_exr(finished.results / f"reference/{view}.exr", "reference")
+        among, _ = read_exr(built.results / f"reference/{view}.exr", "reference")
+        for name, value in among.items():
+            np.testing.assert_allclose(alone[name], value, rtol=1e-4, atol=1e-5, err_msg=name)
+
+
+def test_other_parameters_render_all_references_again(finished):
+    finished.edit("params.yaml", reference__passes=5)
+    before = finished.snapshot()
+    assert finished.stage("reference").code == 0
+    again = changed(before, finished.snapshot())
+    assert {f"reference/{view}.exr" for view in TRAIN + NOVEL} <= again
+    assert "reference/surfaces.safetensors" in again
+
+
+# --- Ctrl-C -----------------------------------------------------------------------------------
+
+
+def interrupt_after(monkeypatch, kind: type, method: str, calls: int) -> list[int]:
+    """Raise KeyboardInterrupt in place of the next call; the list counts the calls."""
+    original = getattr(kind, method)
+    seen: list[int] = []
+
+    def counted(self, *arguments):
+        if len(seen) == calls:
+            raise KeyboardInterrupt
+        seen.append(1)
+        return original(self, *arguments)
+
+    monkeypatch.setattr(kind, method, counted)
+    return seen
+
+
+def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monkeypatch):
+    fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
+    assert fresh.stage("scene").code == 0
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, ReferenceRenderer, "run_pass", 4 + 2)  # in the novel views
+        outcome = fresh.stage("reference")
+    assert outcome.code == 130
+    assert "stopped; the next run goes on from the last checkpoint" in outcome.text
+    assert "Traceback" not in outcome.text
+    assert_whole(fresh.folder / "results")
+    done = files_below(fresh.results)
+    assert {f"reference/{view}.exr" for view in TRAIN} <= done
+    assert not done & {f"reference/{view}.exr" for view in NOVEL}
+    assert "checkpoints/reference-novel.safetensors" in done
+
+    with monkeypatch.context() as patch:
+        passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
+        assert fresh.stage("reference").code == 0
+    # 2 of 4 for the novel views, 4 for the ceiling, 10 to time a pass
+    assert len(passes) == 2 + 4 + 10
+    assert not list((fresh.results / "checkpoints").glob("*"))
+    for view in TRAIN + NOVEL:
+        one, other = (
+            read_exr(p.results / f"reference/{view}.exr", "reference")[0]["radiance"]
+            for p in (fresh, built)
+        )
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
+
+
+def test_the_ceiling_goes_on_from_a_checkpoint_too(fresh, monkeypatch):
+    fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
+    assert fresh.stage("scene").code == 0
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, ReferenceRenderer, "run_pass", 4 + 4 + 3)
+        assert fresh.stage("reference").code == 130
+    assert_whole(fresh.folder / "results")
+    with monkeypatch.context() as patch:
+        passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
+        assert fresh.stage("reference").code == 0
+    assert len(passes) == 1 + 10
+    layers, _ = read_exr(fresh.results / "ceiling/above.exr", "reference")
+    assert layers.keys() == {"sppm_1", "sppm_3", "sppm_4"}
+
+
+def test_an_interrupted_training_goes_on_from_its_checkpoint(finished, monkeypatch):
+    finished.edit("params.yaml", train__checkpoint_seconds=1e-6)
+    (finished.results / "field.safetensors").unlink()
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, Trainer, "step", 12)
+        outcome = finished.stage("train")
+    assert outcome.code == 130 and "stopped; the next run goes on" in outcome.text
+    assert_whole(finished.folder / "results")
+    assert not (finished.results / "field.safetensors").exists()
+    with monkeypatch.context() as patch:
+        steps = interrupt_after(patch, Trainer, "step", 1000)
+        assert finished.stage("train").code == 0
+    assert len(steps) == 8
+    assert GaussianPhotonField.load(finished.results / "field.safetensors").record["steps"] == 20
+    # The whole curve is there, not only what came after the checkpoint.
+    curve = pd.read_csv(finished.results / "training/plots/metrics/held_out_error.tsv", sep="\t")
+    assert curve["step"].tolist() == [10, 20]
+
+
+@pytest.mark.slow
+def test_ctrl_c_in_a_process_of_its_own(fresh, environment):
+    fresh.edit("params.yaml", reference__checkpoint_seconds=0.01, reference__passes=100_000)
+    assert fresh.stage("scene").code == 0
+    with subprocess.Popen(
+        [sys.executable, "-m", "stages.cli", "stage", "reference", "--scene", "cornell_box"],
+        cwd=fresh.folder,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as process:
+        checkpoint = fresh.results / "checkpoints/reference-train.safetensors"
+        deadline = time.monotonic() + 90
+        while not checkpoint.exists() and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=30)
+    assert process.returncode == 130, output
+    assert "stopped; the next run goes on from the last checkpoint" in output
+    assert "Traceback" not in output
+    assert checkpoint.exists()
+    assert_whole(fresh.folder / "results")
+
+
+# --- DVC --------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_dvc_repro_twice_the_second_time_for_nothing(fresh, environment, tmp_path):
+    pytest.importorskip("dvc")
+    for name in ("dvc.yaml", ".dvcignore"):
+        shutil.copy(PROJECT / name, fresh.folder)
+    for name in ("gpf", "stages", "metrics"):
+        shutil.copytree(
+            PROJECT / name, fresh.folder / name, ignore=shutil.ignore_patterns("__pycache__")
+        )
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    # `gpf`, as an installation puts it beside python, but for the copy.
+    program = programs / "gpf"
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m stages.cli "$@"\n')
+    program.chmod(0o755)
+    path = os.pathsep.join([str(programs), str(Path(sys.executable).parent), os.environ["PATH"]])
+    variables = environment(PATH=path, PYTHONPATH=str(fresh.folder), PYTHONDONTWRITEBYTECODE="1")
+    variables |= {
+        f"GIT_{who}_{what}": "x@y" for who in ("AUTHOR", "COMMITTER") for what in ("NAME", "EMAIL")
+    }
+
+    def call(*arguments: str) -> str:
+        done = subprocess.run(
+            arguments, cwd=fresh.folder, env=variables, capture_output=True, text=True, timeout=280
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    def dvc(*arguments: str) -> str:
+        return call(sys.executable, "-m", "dvc", *arguments)
+
+    call("git", "init", "--quiet")
+    dvc("init", "--quiet")
+    call("git", "add", ".")
+    call("git", "commit", "--quiet", "-m", "project")
+    first = dvc("repro")
+    assert first.count("Running stage") == 7
+    files = files_below(fresh.folder / "results")
+    assert "cornell_box/amortize.json" in files and "figures/cost_cornell_box.svg" in files
+    before = fresh.snapshot()
+    second = dvc("repro")
+    assert "Running stage" not in second and second.count("didn't change, skipping") >= 7
+    assert "Data and pipelines are up to date" in second
+    assert fresh.snapshot() == before

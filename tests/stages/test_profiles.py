@@ -1,0 +1,122 @@
+"""Profiles: every one gives valid parameters, and switching rewrites params.yaml visibly."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+from gpf.config import Params, read_params
+from gpf.errors import UserError
+from stages.profiles import apply_profile, read_profiles
+
+PROJECT = Path(__file__).parent.parent.parent
+NAMES = ("smoke", "desk", "full", "paper")
+
+
+@pytest.fixture
+def params(tmp_path: Path) -> Path:
+    return Path(shutil.copy(PROJECT / "params.yaml", tmp_path))
+
+
+def values(file: Path) -> dict:
+    return YAML(typ="safe").load(file.read_text(encoding="utf-8"))
+
+
+def look_up(params: Params, key: str) -> object:
+    value: object = params
+    for part in key.split("."):
+        value = getattr(value, part)
+    return value
+
+
+def test_there_are_four():
+    assert tuple(read_profiles()) == NAMES
+
+
+def test_all_set_the_same_keys():
+    keys = [set(profile) for profile in read_profiles().values()]
+    assert all(k == keys[0] for k in keys)  # switching back and forth leaves nothing behind
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_profile_gives_valid_params(params, name):
+    apply_profile(name, params)
+    read = read_params(params)
+    for key, value in read_profiles()[name].items():
+        assert look_up(read, key) == value
+
+
+def test_the_projects_params_are_the_profile_desk():
+    read = read_params(PROJECT / "params.yaml")
+    found = {key: look_up(read, key) for key in read_profiles()["desk"]}
+    assert found == dict(read_profiles()["desk"])
+
+
+def test_desk_and_full_are_what_they_are_for():
+    profiles = read_profiles()
+    assert profiles["desk"]["film.height"] == profiles["full"]["film.height"] == 256
+    assert profiles["desk"]["reference.passes"] >= 250
+    assert profiles["full"]["reference.passes"] == 1000
+
+
+def test_switching_there_and_back_restores_the_file(params):
+    before = params.read_text(encoding="utf-8")
+    apply_profile("smoke", params)
+    assert params.read_text(encoding="utf-8") != before
+    apply_profile("desk", params)
+    assert params.read_text(encoding="utf-8") == before
+
+
+def test_comments_and_other_values_stay(params):
+    params.write_text(params.read_text().replace("  alpha: 0.7 ", "  alpha: 0.6 "))
+    lines = params.read_text(encoding="utf-8").splitlines()
+    apply_profile("smoke", params)
+    after = params.read_text(encoding="utf-8").splitlines()
+    assert len(lines) == len(after)
+    assert values(params)["reference"]["alpha"] == 0.6
+    changed = [new for old, new in zip(lines, after, strict=True) if old != new]
+    keys = {key.split(".")[1] for key in read_profiles()["smoke"]}
+    assert {line.split(":")[0].strip() for line in changed} <= keys
+    for old, new in zip(lines, after, strict=True):
+        assert [c.strip() for c in old.split("#")[1:]] == [c.strip() for c in new.split("#")[1:]]
+
+
+def test_what_changed_is_said(params, capfd):
+    apply_profile("full", params)
+    text = re.sub(r"\s+", " ", capfd.readouterr().err)
+    before = read_profiles()["desk"]["reference.passes"]
+    assert f"reference.passes: {before} -> 1000" in text
+    assert "photons.paths" not in text
+    assert re.search(r"params\.yaml: profile full, 1 values? changed", text)
+    apply_profile("full", params)
+    assert "0 values changed" in re.sub(r"\s+", " ", capfd.readouterr().err)
+
+
+def test_a_file_that_is_not_in_order_is_left_alone(params):
+    params.write_text(params.read_text().replace("  alpha: 0.7", "  alpha: 7"))
+    before = params.read_bytes()
+    with pytest.raises(UserError, match=r"reference\.alpha: is 7\. Input should be less than 1"):
+        apply_profile("smoke", params)
+    assert params.read_bytes() == before
+
+
+def test_a_section_that_is_left_out_is_added(params):
+    text = params.read_text(encoding="utf-8")
+    params.write_text(re.sub(r"render:\n(  .*\n)+", "", text), encoding="utf-8")
+    assert "render" not in values(params)
+    apply_profile("smoke", params)
+    assert values(params)["render"] == {"spp": 4}
+
+
+def test_an_unknown_profile_is_said_in_words(params):
+    before = params.read_bytes()
+    with pytest.raises(
+        UserError,
+        match=r"profile 'desc': does not exist\. Did you mean 'desk'\? Profiles are smoke, desk, f",
+    ):
+        apply_profile("desc", params)
+    assert params.read_bytes() == before

@@ -1,0 +1,147 @@
+"""params.yaml: what it may say, and the words for what it may not."""
+
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+from ruamel.yaml import YAML
+
+from gpf.config import Params, read_params
+from gpf.errors import UserError
+
+PROJECT = Path(__file__).parent.parent
+GOOD = """\
+scenes: [cornell_box]
+film:
+  height: 16
+reference:
+  passes: 4
+  initial_radius: auto
+field:
+  search_radius: 0.25
+train:
+  rates:
+    means: 0.002
+"""
+
+
+def read(tmp_path: Path, text: str) -> Params:
+    file = tmp_path / "params.yaml"
+    file.write_text(text, encoding="utf-8")
+    return read_params(file)
+
+
+def test_what_is_left_out_has_its_default(tmp_path):
+    params = read(tmp_path, GOOD)
+    assert params.scenes == ("cornell_box",)
+    assert (params.film.height, params.reference.passes) == (16, 4)
+    assert (params.reference.initial_radius, params.field.search_radius) == ("auto", 0.25)
+    assert (params.reference.alpha, params.field.k, params.train.rates.means) == (0.7, 3, 2e-3)
+    assert params.runtime.variant == "auto"
+
+
+def test_params_do_not_change(tmp_path):
+    params = read(tmp_path, GOOD)
+    with pytest.raises(ValidationError, match="frozen"):
+        params.film.height = 8
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "  passes: 4",
+            "  pases: 4",
+            r"params\.yaml: reference\.pases: is an unknown key\. Did you mean 'passes'\? Known "
+            r"here are alpha, checkpoint_seconds",
+        ),
+        ("film:", "films:", r"params\.yaml: films: is an unknown key\. Did you mean 'film'"),
+        (
+            "    means: 0.002",
+            "    mean: 1",
+            r"train\.rates\.mean: is an unknown key\. Did you mean",
+        ),
+        (
+            "  passes: 4",
+            "  passes: 3",
+            r"reference\.passes: is 3\. Input should be greater than or",
+        ),
+        ("  passes: 4", "  passes: -4", r"reference\.passes: is -4\. Input should be greater than"),
+        ("  passes: 4", "  passes: many", r"reference\.passes: is 'many'\. .* valid integer"),
+        ("  passes: 4", "  passes: 4.5", r"reference\.passes: is 4\.5\. .* valid integer"),
+        ("  passes: 4", "  passes:", r"reference\.passes: is None\. .* valid integer"),
+        (
+            "  passes: 4",
+            "  passes: yes",
+            r"reference\.passes: is '?(yes|True)'?\. .* valid integer",
+        ),
+        ("  height: 16", "  height: 3", r"film\.height: is 3\. .*greater than or equal to 4"),
+        ("    means: 0.002", "    means: -1", r"train\.rates\.means: is -1\. .*greater than or eq"),
+        ("    means: 0.002", "    means: .nan", r"train\.rates\.means: is nan\. Input should be"),
+        ("[cornell_box]", "[]", r"params\.yaml: scenes: is \[\]\. .*at least 1 item"),
+        ("[cornell_box]", "cornell_box", r"params\.yaml: scenes: is 'cornell_box'\. "),
+        ("scenes: [cornell_box]\n", "", r"params\.yaml: scenes: is missing\. Add it"),
+        ("film:\n  height: 16", "film: 16", r"params\.yaml: film: is 16\. .* valid dictionary"),
+        ("  height: 16", "  height: 16\n  height: 8", r"is not YAML: .*duplicate key .*height"),
+        ("film:", "film", r"params\.yaml: is not YAML"),
+    ],
+)
+def test_a_bad_value_is_said_in_words(tmp_path, old, new, words):
+    assert old in GOOD
+    with pytest.raises(UserError, match=words):
+        read(tmp_path, GOOD.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        (
+            "field.search_radius",
+            "-1",
+            r"field\.search_radius: is -1\. .* number greater than 0, or auto",
+        ),
+        (
+            "field.search_radius",
+            "wide",
+            r"field\.search_radius: is 'wide'\. .* greater than 0, or auto",
+        ),
+        (
+            "field.initial_scale",
+            ".inf",
+            r"field\.initial_scale: is inf\. .* greater than 0, or auto",
+        ),
+        ("field.initial_scale", "true", r"field\.initial_scale: is True\. .* 0, or auto"),
+        ("field.neighbours", "all", r"field\.neighbours: is 'all'\. .*'both', 'radius' or 'knn'"),
+        ("field.k", "0", r"field\.k: is 0\. .*greater than or equal to 1"),
+        ("field.normal_test", "7", r"field\.normal_test: is 7\. .*valid boolean"),
+        ("reference.alpha", "1.0", r"reference\.alpha: is 1\.0\. .*less than 1"),
+        ("train.held_out", "1", r"train\.held_out: is 1\. .*less than 1"),
+        ("train.final_rate", "0", r"train\.final_rate: is 0\. .*greater than 0"),
+        ("train.loss", "l1", r"train\.loss: is 'l1'\. .*'squared' or 'relative'"),
+        ("runtime.variant", "scalar_rgb", r"runtime\.variant: is 'scalar_rgb'\. .*'llvm_ad_rgb'"),
+        ("amortize.views", "1", r"amortize\.views: is 1\. .*greater than or equal to 2"),
+        ("photons.seed", "-1", r"photons\.seed: is -1\. .*greater than or equal to 0"),
+        ("render.spp", "0", r"render\.spp: is 0\. .*greater than or equal to 1"),
+        ("metrics.relmse_epsilon", "0", r"metrics\.relmse_epsilon: is 0\. .*greater than 0"),
+    ],
+)
+def test_a_value_out_of_range_names_its_key(tmp_path, key, value, words):
+    section, leaf = key.split(".")
+    with pytest.raises(UserError, match=rf"params\.yaml: {words}"):
+        read(tmp_path, f"scenes: [a]\n{section}:\n  {leaf}: {value}\n")
+
+
+def test_no_params_at_all(tmp_path):
+    with pytest.raises(UserError, match=r"params\.yaml: cannot be read\. Run `gpf` in the project"):
+        read_params(tmp_path / "params.yaml")
+
+
+def test_the_projects_own_params_say_everything():
+    params = read_params(PROJECT / "params.yaml")
+    written = YAML(typ="safe").load((PROJECT / "params.yaml").read_text(encoding="utf-8"))
+    # With every key there, people need not look for it, and DVC tracks it.
+    assert params.model_dump(mode="json").keys() == written.keys()
+    for name, section in params.model_dump(mode="json").items():
+        if isinstance(section, dict):
+            assert section.keys() == written[name].keys(), name
+    assert set(params.scenes) <= {p.parent.name for p in (PROJECT / "scenes").glob("*/scene.xml")}

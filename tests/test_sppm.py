@@ -1,0 +1,315 @@
+"""SPPM against ``path``, against known radiance, and as a plugin."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from tests.furnace import (
+    Scene,
+    bitmap,
+    block_means,
+    camera,
+    cornell_box,
+    diffuse,
+    facing,
+    floor,
+    furnace,
+    interior,
+    lamp,
+    point_light,
+    rectangle,
+    render,
+    rgb,
+    room,
+    sppm,
+    studio,
+    two_sided,
+    z_scores,
+)
+
+PATH = {"type": "path", "max_depth": -1}
+
+
+def compare(
+    scene: Scene,
+    passes: int = 10,
+    seeds: int = 4,
+    spp: int = 512,
+    mean: float = 5e-3,
+    block: int = 4,
+    bias: float = 0.01,
+    truth: Scene = PATH,
+    **options: float,
+) -> None:
+    """Compare away from edges, where the kernel is biased by design: it finds less than a disc.
+
+    The mean over all such pixels has to agree within ``mean``, blocks of pixels within noise; of
+    ``bias``, relative, we take no notice there, for the kernel blurs shadows.
+    """
+    depth = {"max_depth": truth["max_depth"]}
+    ours = render(scene, sppm(**options) | depth, passes, seeds)
+    theirs = render(scene, truth, spp, 6, first=100)
+    mask = interior(scene)
+    a, b = ours[:, mask].mean(1), theirs[:, mask].mean(1)
+    error = np.sqrt(a.var(0, ddof=1) / len(a) + b.var(0, ddof=1) / len(b)) / b.mean(0)
+    ratio = a.mean(0) / b.mean(0)
+    z = z_scores(block_means(ours, block, mask), block_means(theirs, block, mask), bias)
+    print(
+        "mask",
+        mask.mean(),
+        z.shape,
+        "ratio",
+        ratio,
+        "+-",
+        error,
+        a.std(0) / 2 / a.mean(0),
+        "z rms",
+        np.sqrt(np.mean(z**2)),
+        "max",
+        z.max(),
+    )
+    assert (error < mean / 2).all(), f"too noisy to tell: {error}"
+    np.testing.assert_allclose(ratio, 1, atol=mean)
+    assert np.sqrt(np.mean(z**2)) < 1.5 and z.max() < 7
+
+
+# --- against path -----------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("glass", [False, True], ids=["diffuse", "glass sphere"])
+def test_cornell_box(glass):
+    scene = cornell_box((48, 40), glass)
+    compare(scene, passes=16, spp=512, block=8, photons=200_000, radius=0.02)
+
+
+SKY = np.full((6, 12, 3), 0.2, dtype=np.float32)
+SKY[1, 2:5] = [9, 6, 3]  # a bright patch some way up
+
+LIGHTS = {
+    "area": lamp((1.4, -0.2, 1.6), (0, 0, 0), 0.8, 10, 8, 6),
+    "point": point_light((0.6, -0.4, 1.7), 3, 2, 1),
+    "spot": {
+        "type": "spot",
+        "to_world": facing((0.6, -0.4, 2.5), (0, 0.2, 0)),
+        "intensity": rgb(9, 6, 3),
+        "cutoff_angle": 35,
+        "beam_width": 20,
+    },
+    "directional": {"type": "directional", "direction": [1, 0.5, -2], "irradiance": rgb(3, 2, 1)},
+    "constant": {"type": "constant", "radiance": rgb(1, 2, 3)},
+    "envmap": {
+        "type": "envmap",
+        "bitmap": "sky",
+        "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], 90),
+    },
+    "projector": {
+        "type": "projector",
+        "to_world": facing((0.6, -1.4, 2.5), (0, 0.2, 0)),
+        "irradiance": bitmap(np.linspace(0.5, 3, 4 * 6 * 3).reshape(4, 6, 3)),
+        "fov": 60,
+    },
+}
+
+
+@pytest.mark.parametrize("kind", LIGHTS)
+def test_a_wall_lit_by_each_kind_of_emitter(kind):
+    light = LIGHTS[kind]
+    if kind == "envmap":
+        light = light | {"bitmap": mi.Bitmap(SKY)}
+    compare(lit_floor(light), mean=0.01, radius=0.1)
+
+
+def lit_floor(light: Scene) -> Scene:
+    return {
+        "type": "scene",
+        "sensor": camera((0.2, -2.5, 2), (0, 0.1, 0), 26, (12, 8)),
+        "floor": floor(diffuse(0.6, 0.5, 0.4), size=2.6),
+        "light": light,
+    }
+
+
+def test_a_floor_under_a_directional_area_light():
+    """Nothing for `path` to find, but known: L = ρ/π E, the same all over the beam."""
+    light = rectangle((0, 0, 1.7), (0, 0, 0), 3, 3, diffuse(0))
+    light["emitter"] = {"type": "directionalarea", "radiance": rgb(3, 2, 1)}
+    image = render(lit_floor(light), sppm(radius=0.1), 8, 1)[0]
+    expected = np.array([1.8, 1.0, 0.4]) / np.pi
+    np.testing.assert_allclose(image.mean((0, 1)), expected, rtol=0.01)
+    np.testing.assert_allclose(image, np.broadcast_to(expected, image.shape), rtol=0.2)
+
+
+TEXTURE = bitmap(np.random.default_rng(1).uniform(0.1, 0.9, (8, 9, 3)), filter_type="nearest")
+TILTED = np.array([0.35, -0.2, 0.9]) / np.linalg.norm([0.35, -0.2, 0.9])
+WHITE = diffuse(0.6, 0.5, 0.4)
+
+FLOORS = {
+    "plastic": {"type": "plastic", "diffuse_reflectance": rgb(0.6, 0.5, 0.4), "int_ior": 1.7},
+    "roughplastic": {
+        "type": "roughplastic",
+        "diffuse_reflectance": rgb(0.6, 0.5, 0.4),
+        "alpha": 0.25,
+        "nonlinear": True,
+    },
+    "bitmap texture": {"type": "diffuse", "reflectance": TEXTURE},
+    "rough conductor": {"type": "roughconductor", "material": "Al", "alpha": 0.3},
+    "blend": {
+        "type": "blendbsdf",
+        "weight": 0.4,
+        "a": WHITE,
+        "b": {"type": "roughconductor", "material": "Al", "alpha": 0.3},
+    },
+    "normal map": {
+        "type": "normalmap",
+        "material": WHITE,
+        "normalmap": bitmap(np.broadcast_to((TILTED + 1) / 2, (2, 2, 3))),
+    },
+}
+
+SHEETS = {
+    "thin dielectric": {"type": "thindielectric", "int_ior": 1.8},
+    "mask": {"type": "mask", "opacity": 0.6, "material": two_sided(0.6, 0.5, 0.4)},
+}
+
+
+@pytest.mark.parametrize("kind", FLOORS)
+def test_floors_of_every_material(kind):
+    compare(studio(FLOORS[kind], (24, 16)), radius=0.05)
+
+
+@pytest.mark.parametrize("kind", SHEETS)
+def test_sheets_that_let_light_through(kind):
+    """A sheet over half of the floor: seen through it, lit through it, in its shadow.
+
+    For masks, Mitsuba's ``path`` (3.9) counts the opacity twice, ``prb`` once.
+    """
+    sheet = rectangle((0.4, 0.2, 0.4), (0.4, 0.2, 0), 1.0, 1.2, SHEETS[kind])
+    truth = PATH | {"type": "prb"} if kind == "mask" else PATH
+    compare(studio(WHITE, (24, 16), sheet=sheet), radius=0.05, truth=truth)
+
+
+def test_principled_materials_are_right_or_refused():
+    """Their diffuse part cannot be told from the rest: an image with both twice would be wrong."""
+    scene = studio({"type": "principled", "base_color": rgb(0.6, 0.5, 0.4), "roughness": 0.4})
+    truth = render(scene, PATH, 256, 1).mean()
+    try:
+        image = render(scene, sppm(radius=0.05), 8, 1)
+    except (RuntimeError, ValueError) as error:
+        assert "principled" in str(error) or "principled" in str(error.__cause__)
+    else:
+        assert image.mean() == pytest.approx(truth, rel=0.02)
+
+
+# --- known radiance ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("light", ["point", "area"])
+@pytest.mark.parametrize("integrator", ["path", "ptracer", "sppm"])
+def test_furnace(integrator, light):
+    """Radiance 1 in every direction, whoever computes it."""
+    settings = {
+        "path": (PATH, 256),
+        "ptracer": ({"type": "ptracer", "max_depth": -1}, 20_000),
+        "sppm": (sppm(radius=0.1), 10),
+    }
+    images = render(furnace(light), *settings[integrator], seeds=4)
+    assert images.mean() == pytest.approx(1, abs=5e-3)
+    np.testing.assert_allclose(images.mean(0), 1, atol=0.08)
+    np.testing.assert_allclose(images.mean((0, 1, 2)), 1, atol=0.01)
+
+
+def test_a_directly_visible_lamp_counts_once():
+    """A black lamp has its own radiance to the last digit; a grey one reflects on top of it."""
+    scene = {
+        "type": "scene",
+        "sensor": camera((0, 0, 1), (0, 0, 0), 20),
+        "lamp": lamp((0, 0, 0), (0, 0, 1), 4, 3, 2, 1),
+    }
+    image = render(scene, sppm(1000), 3, 1)[0]
+    np.testing.assert_allclose(image, np.broadcast_to([3, 2, 1], image.shape), rtol=1e-5)
+
+    scene |= furnace("area")
+    image = render(scene, sppm(10_000, radius=0.1), 20, 1)[0]
+    np.testing.assert_allclose(image, 1, atol=0.25)
+    only_direct = render(scene, sppm(1000, max_depth=1), 1, 1)[0]
+    np.testing.assert_allclose(only_direct, 0.5, rtol=1e-5)
+
+
+def test_a_lamp_in_a_mirror_counts_once():
+    mirror = {"type": "conductor", "material": "none", "specular_reflectance": rgb(0.5, 0.4, 0.3)}
+    scene = {
+        "type": "scene",
+        "sensor": camera((0, -1, 1), (0, 0, 0), 10),
+        "mirror": floor(mirror),
+        "lamp": lamp((0, 2, 2), (0, 0, 0), 2.5, 3, 2, 1),
+    }
+    image = render(scene, sppm(1000), 3, 1)[0]
+    np.testing.assert_allclose(image, np.broadcast_to([1.5, 0.8, 0.3], image.shape), rtol=1e-5)
+
+
+# --- thin walls -------------------------------------------------------------------------------
+
+
+def thin_box(thickness: float) -> Scene:
+    """A lit box in a dark one: its walls are sheets, or two sheets a little apart."""
+    inner = room(two_sided(0.8), (0.5, 0.4, 0.3))
+    scene = {"type": "scene", "inner": inner, "outer": room(diffuse(0.8), (2, 2, 2))}
+    if thickness:
+        half = tuple(h + thickness for h in (0.5, 0.4, 0.3))
+        scene["shell"] = room(two_sided(0.8), half)
+    return scene | {"light": point_light((0.1, -0.1, 0.05), 5)}
+
+
+@pytest.mark.parametrize("thickness", [0, 0.01])
+def test_light_does_not_leak_through_a_thin_wall(thickness):
+    """The photons on its other side are nearer than the radius and must not count at all."""
+    scene = thin_box(thickness)
+    outside = scene | {"sensor": camera((1.6, 1.5, 1.4), (0, 0, 0), 40)}
+    dark = render(outside, sppm(50_000, radius=0.1), 4, 1)
+    np.testing.assert_array_equal(dark, 0)
+
+    inside = scene | {"sensor": camera((-0.3, 0.2, 0.1), (0.5, -0.2, -0.1), 60)}
+    assert render(inside, sppm(50_000, radius=0.1), 4, 1).min() > 1
+
+
+def test_a_wall_that_light_passes_is_lit_on_both_sides():
+    """The same box of glass: it is the wall that keeps the light in, not the camera."""
+    scene = thin_box(0) | {"sensor": camera((1.6, 1.5, 1.4), (0, 0, 0), 40)}
+    scene["inner"] = scene["inner"] | {"bsdf": {"type": "thindielectric"}}
+    assert render(scene, sppm(50_000, radius=0.1), 4, 1).min() > 0.05
+
+
+# --- path lengths -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("max_depth", [0, 1, 2, 3, 4, 6])
+def test_max_depth_means_what_it_means_in_path(max_depth):
+    """Mirror and glass: the same edges may lie on the camera's side or on the light's."""
+    scene = studio(
+        WHITE,
+        (24, 16),
+        mirror=rectangle((-0.9, 0.4, 0.5), (0.4, -0.4, 0.2), 0.9, 1.2, {"type": "conductor"}),
+        glass={
+            "type": "sphere",
+            "center": [0.4, 0, 0.36],
+            "radius": 0.35,
+            "bsdf": {"type": "dielectric", "int_ior": 1.5},
+        },
+    )
+    truth = {"type": "path", "max_depth": max_depth}
+    if max_depth < 2:
+        image = render(scene, sppm(1000) | truth | {"type": "sppm"}, 64, 1)[0]
+        expected = render(scene, truth, 64, 1)[0]
+        assert image.mean() == pytest.approx(expected.mean(), rel=0.02)
+        assert (image.max() > 0) == (max_depth > 0)
+    else:
+        compare(scene, passes=16, mean=0.01, radius=0.05, truth=truth)
