@@ -86,6 +86,7 @@ def define() -> type:
             if radius == 0:
                 sampler, _ = self.prepare(sensor, pass_seed(seed, 0, stream=1), 1, [])
                 film = sample_film(scene, sensor, sampler, self.depth_limit, self.rr_depth)
+                dr.eval(film)
                 radius = propose_radius(scene, film.points, self.photons_per_pass, seed)
             return PassSettings(
                 self.photons_per_pass, radius, self.alpha, self.depth_limit, self.rr_depth
@@ -112,6 +113,8 @@ def define() -> type:
                         block = film.create_block()
                         block.set_coalesce(False)
                     samples = sample_film(scene, sensor, sampler, self.depth_limit, self.rr_depth)
+                    # Or every kernel that needs the points would walk to them again.
+                    dr.eval(samples)
                     irradiance = gather_pass(scene, samples.points, t, settings, seed)
                     mi.ad.integrators.common.ADIntegrator._splat_to_block(
                         block,

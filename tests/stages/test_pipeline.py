@@ -147,7 +147,7 @@ def test_costs_are_counted_once_for_each_part(built):
         "reference": {
             "radius",
             "probe",
-            *(f"train/{name}" for name in (*TRAIN, "surfaces")),
+            *(f"train/{name}" for name in (*TRAIN, "surfaces of the scene")),
             *(f"{group}/{name}" for group in ("novel", "ceiling") for name in NOVEL),
         },
         "photons": {"photons"},
@@ -252,7 +252,13 @@ def interrupt_after(monkeypatch, kind: type, method: str, calls: int) -> list[in
     return seen
 
 
-def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monkeypatch):
+@pytest.fixture
+def no_probe(monkeypatch):
+    """The passes that are only timed would be counted, too."""
+    monkeypatch.setattr("stages.reference.time_pass", lambda renderer: 1.0)
+
+
+def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monkeypatch, no_probe):
     fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
     assert fresh.stage("scene").code == 0
     with monkeypatch.context() as patch:
@@ -270,8 +276,7 @@ def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monk
     with monkeypatch.context() as patch:
         passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
         assert fresh.stage("reference").code == 0
-    # 2 of 4 for the novel views, 4 for the ceiling, 10 to time a pass
-    assert len(passes) == 2 + 4 + 10
+    assert len(passes) == 2 + 4  # what was left for the novel views, and the ceiling
     assert not list((fresh.results / "checkpoints").glob("*"))
     for view in TRAIN + NOVEL:
         one, other = (
@@ -281,7 +286,22 @@ def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monk
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
 
 
-def test_the_ceiling_goes_on_from_a_checkpoint_too(fresh, monkeypatch):
+def test_a_checkpoint_of_other_surface_points_is_left_alone(fresh, monkeypatch, no_probe):
+    fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
+    assert fresh.stage("scene").code == 0
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, ReferenceRenderer, "run_pass", 2)
+        assert fresh.stage("reference").code == 130
+    fresh.edit("params.yaml", reference__surface_points=300)
+    with monkeypatch.context() as patch:
+        passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
+        assert fresh.stage("reference").code == 0
+    assert len(passes) == 3 * 4
+    tensors, _ = read_tensors(fresh.results / "targets.safetensors", "targets", "reference")
+    assert np.count_nonzero(tensors["source"] == -1) == 300
+
+
+def test_the_ceiling_goes_on_from_a_checkpoint_too(fresh, monkeypatch, no_probe):
     fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
     assert fresh.stage("scene").code == 0
     with monkeypatch.context() as patch:
@@ -291,7 +311,7 @@ def test_the_ceiling_goes_on_from_a_checkpoint_too(fresh, monkeypatch):
     with monkeypatch.context() as patch:
         passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
         assert fresh.stage("reference").code == 0
-    assert len(passes) == 1 + 10
+    assert len(passes) == 1
     layers, _ = read_exr(fresh.results / "ceiling/above.exr", "reference")
     assert layers.keys() == {"sppm_1", "sppm_3", "sppm_4"}
 

@@ -1,0 +1,70 @@
+"""`python -m gpf scene.xml`: render any Mitsuba scene, with the plugins `sppm` and `gpf` present.
+
+The native `mitsuba` command does not see plugins that are written in Python.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import gpf  # noqa: F401  (registers the plugins)
+from gpf.errors import UserError
+from gpf.runtime import choose_variant
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+
+
+@app.command()
+def render(
+    scene: Annotated[Path, typer.Argument(help="A Mitsuba 3 scene, XML.")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Default: the scene's name with .exr.")
+    ] = None,
+    variant: Annotated[str, typer.Option("-m", "--mode", help="Mitsuba variant.")] = "auto",
+    define: Annotated[
+        list[str] | None, typer.Option("-D", "--define", help="A parameter, name=value.")
+    ] = None,
+    sensor: Annotated[int, typer.Option("-s", "--sensor", help="Index of the sensor.")] = 0,
+    spp: Annotated[int, typer.Option(help="Samples per pixel; 0 is the scene's own.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed.")] = 0,
+) -> None:
+    """Render a scene to an image file, whose suffix chooses its format."""
+    import mitsuba as mi
+
+    choose_variant(variant)
+    values = {}
+    for item in define or []:
+        name, separator, value = item.partition("=")
+        if not separator:
+            raise UserError(f"-D {item}", "has no =", "Write -D name=value.")
+        values[name] = value
+    if not scene.is_file():
+        raise UserError(str(scene), "does not exist", "Check the path.")
+    try:
+        loaded = mi.load_file(str(scene), **values)
+    except RuntimeError as error:
+        what = " ".join(str(error).split())
+        raise UserError(str(scene), f"does not load: {what}", "Correct the scene.") from error
+    start = time.perf_counter()
+    image = mi.render(loaded, sensor=sensor, spp=spp, seed=seed)
+    target = output or scene.with_suffix(".exr")
+    mi.util.write_bitmap(str(target), image, write_async=False)
+    typer.echo(f"{target}: {time.perf_counter() - start:.1f} s")
+
+
+def main() -> None:
+    """Run the command; what the user can mend ends in a message and exit code 2."""
+    try:
+        app()
+    except UserError as error:
+        typer.secho(f"error: {error}", fg="red", err=True)
+        sys.exit(UserError.exit_code)
+
+
+if __name__ == "__main__":
+    main()
