@@ -13,6 +13,7 @@ import numpy as np
 
 from gpf.artifacts import read_tensors, write_tensors
 from gpf.density import pack_tag, same_surface
+from gpf.errors import UserError
 from gpf.gaussians import Gaussians, whitening_rows
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import VisiblePoints, to_numpy
@@ -21,7 +22,9 @@ from gpf.structs import VisiblePoints, to_numpy
 # reach the query point, the blend becomes their plain mean instead of black.
 WEIGHT_FLOOR = 1e-6
 
-# The supplement's falloff reaches zero at this multiple of the k-th neighbour's distance.
+# The supplement's falloff reaches zero a little beyond the (k + 1)-th neighbour, so that a tie of
+# all of them leaves weights above zero; where there is none, at this multiple of the farthest.
+SUPPLEMENT_SLACK = 1.0002
 SUPPLEMENT_REACH = 1.5
 
 
@@ -32,7 +35,7 @@ class FieldSettings:
     Attributes
     ----------
     search_radius: r of the ball query, world units.
-    k: neighbours at least; where the ball holds fewer, the k nearest are taken instead.
+    k: neighbours at least; where the ball holds no more, the k nearest are taken instead.
     neighbours: ``both`` as described, ``radius`` the ball alone, ``knn`` the k nearest alone.
     blend: ``divided`` by the sum of weights, or the plain ``sum``.
     stores: ``irradiance`` (multiplied by the reflectance / π at the hit) or ``radiance``.
@@ -62,13 +65,30 @@ def blend_weight(
     return falloff * (dr.exp(-0.5 * dr.squared_norm(u)) + WEIGHT_FLOOR)
 
 
+def supplement_support(distance2: list[mi.Float]) -> tuple[mi.Float, mi.Float]:
+    """Squared distance of the farthest of the k nearest, and squared support of their falloff.
+
+    ``distance2`` holds k + 1 squared distances, ascending, infinite where there is no neighbour.
+    """
+    farthest2 = mi.Float(0)
+    for distance in distance2[:-1]:
+        farthest2 = dr.select(distance < dr.inf, distance, farthest2)
+    beyond = distance2[-1]
+    support2 = dr.select(
+        beyond < dr.inf, beyond * SUPPLEMENT_SLACK, farthest2 * SUPPLEMENT_REACH**2
+    )
+    return farthest2, support2 + dr.epsilon(mi.Float)
+
+
 class GaussianPhotonField:
     """Gaussians and how to blend them.
 
     The value at a point x on a surface with normal n is
 
         E(x) = Σ w_i c_i / Σ w_i,   i in N(x)
-        N(x) = Ball(x, r), or the k nearest Gaussians where the ball holds fewer than k.
+        N(x) = Ball(x, max(r, d_{k+1})),   d_{k+1} the distance of the (k + 1)-th nearest:
+
+    the ball of radius r, or the k nearest Gaussians where the ball holds no more than k.
 
     Parameters
     ----------
@@ -159,19 +179,16 @@ class GaussianPhotonField:
         reach = mi.Float(1)
 
         if dr.hint(settings.neighbours != "radius", mode="scalar"):
-            sparse = active & (count < settings.k)
+            sparse = active & (count <= settings.k)
             index, distance2 = self.hash.nearest(
                 x,
-                settings.k,
+                settings.k + 1,
                 2 * self._radius,
                 self._limit,
                 lambda record: self.accepts(record, n),
                 sparse,
             )
-            farthest2 = mi.Float(0)
-            for j in range(settings.k):
-                farthest2 = dr.select(distance2[j] < dr.inf, distance2[j], farthest2)
-            support2 = farthest2 * (SUPPLEMENT_REACH * SUPPLEMENT_REACH) + dr.epsilon(mi.Float)
+            farthest2, support2 = supplement_support(distance2)
             total = dr.select(sparse, 0, total)
             colour = dr.select(sparse, 0, colour)
             for j in range(settings.k):
@@ -181,7 +198,7 @@ class GaussianPhotonField:
                 weight, weighted = self._term(x, mean, index[j], support2, found)
                 total += weight
                 colour += weighted
-            reach = dr.select(sparse, dr.sqrt(farthest2 / radius2), reach)
+            reach = dr.select(sparse, dr.maximum(dr.sqrt(farthest2 / radius2), reach), reach)
 
         known = active & (total > 0)
         value = colour
@@ -224,9 +241,16 @@ class GaussianPhotonField:
 
         Raises
         ------
-        UserError: the file is missing, truncated, or of another kind or schema version.
+        UserError: the file is missing, truncated, of another kind or schema version, or not finite.
         """
         tensors, metadata = read_tensors(Path(path), "field", "train")
+        for name, value in tensors.items():
+            if not np.isfinite(value).all():
+                raise UserError(
+                    str(path),
+                    f"has NaN or infinite values in {name}",
+                    "Look at the references, lower the learning rates, and run `gpf stage train`.",
+                )
         q = tensors["quats"]
         gaussians = Gaussians(
             means=mi.Point3f(np.ascontiguousarray(tensors["means"].T)),

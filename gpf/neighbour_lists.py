@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from gpf.field import SUPPLEMENT_REACH, GaussianPhotonField
+from gpf.field import GaussianPhotonField, supplement_support
 from gpf.structs import SurfacePoints
 
 # Gaussians move a little between rebuilds: the lists hold those that may enter the ball meanwhile.
@@ -31,8 +31,12 @@ class NeighbourLists:
 
 
 @dr.syntax
-def _list_neighbours(field, points, fill, indices, offset):  # type: ignore[no-untyped-def]
-    """Count neighbours of every point, or write them from ``offset`` on when ``fill``."""
+def _list_neighbours(field, points, fill, indices, offset, dense):  # type: ignore[no-untyped-def]
+    """Count neighbours of every point, or write them from ``offset`` on when ``fill``.
+
+    Only the balls of ``dense`` points are visited: a sparse point's row has no room for all that
+    lies within its margin.
+    """
     settings = field.settings
     radius = dr.opaque(mi.Float, settings.search_radius)
     listed = dr.opaque(mi.Float, settings.search_radius * LIST_MARGIN)
@@ -53,43 +57,44 @@ def _list_neighbours(field, points, fill, indices, offset):  # type: ignore[no-u
 
     within = mi.UInt32(0)
     count = mi.UInt32(0)
-    active = dr.full(mi.Bool, True, dr.width(points.p))
+    active = dr.full(mi.Bool, True, dr.width(points.p)) & dense
     if dr.hint(settings.neighbours != "knn", mode="scalar"):
         within, count = field.hash.visit(points.p, listed, add, (within, count), active)
-    support2 = mi.Float(radius2)
+    support2 = dr.full(mi.Float, 1, dr.width(points.p)) * radius2
+    sparse = mi.Bool(False)
     if dr.hint(settings.neighbours != "radius", mode="scalar"):
-        sparse = within < settings.k
+        sparse = within <= settings.k
         index, distance2 = field.hash.nearest(
             points.p,
-            settings.k,
+            settings.k + 1,
             2 * radius,
             dr.opaque(mi.Float, field.hash.extent),
             lambda record: field.accepts(record, points.n),
             sparse,
         )
-        farthest2 = mi.Float(0)
+        _, reach2 = supplement_support(distance2)
         found = mi.UInt32(0)
         for j in range(settings.k):
             exists = sparse & (distance2[j] < dr.inf)
             write(index[j], offset + found, exists)
             found += dr.select(exists, 1, 0)
-            farthest2 = dr.select(exists, distance2[j], farthest2)
         count = dr.select(sparse, found, count)
-        reach2 = farthest2 * (SUPPLEMENT_REACH * SUPPLEMENT_REACH) + dr.epsilon(mi.Float)
         support2 = dr.select(sparse, reach2, support2)
-    return count, support2
+    return count, support2, ~sparse
 
 
 def list_neighbours(field: GaussianPhotonField, points: SurfacePoints) -> NeighbourLists:
     """The Gaussians that :meth:`GaussianPhotonField.query` would blend at each point."""
     none = dr.zeros(mi.UInt32, 1)
-    count, support2 = _list_neighbours(field, points, False, none, mi.UInt32(0))
-    dr.eval(count, support2)
+    count, support2, dense = _list_neighbours(
+        field, points, False, none, mi.UInt32(0), mi.Bool(True)
+    )
+    dr.eval(count, support2, dense)
     ends = dr.prefix_reduce(dr.ReduceOp.Add, count, exclusive=False)
     starts = dr.concat([mi.UInt32(0), ends])
     pairs = int(ends[dr.width(ends) - 1])
     indices = dr.zeros(mi.UInt32, max(pairs, 1))
     offset = dr.gather(mi.UInt32, starts, dr.arange(mi.UInt32, dr.width(points.p)))
-    filled, _ = _list_neighbours(field, points, True, indices, offset)
+    filled, _, _ = _list_neighbours(field, points, True, indices, offset, dense)
     dr.eval(filled, indices, starts)
     return NeighbourLists(starts, indices, support2)

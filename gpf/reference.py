@@ -71,6 +71,7 @@ class ReferenceRenderer:
         self.passes_done = 0
         self.sizes = {name: film_size(sensor) for name, sensor in self.sensors.items()}
         self.radiance = {n: dr.zeros(mi.Color3f, w * h) for n, (w, h) in self.sizes.items()}
+        self.snapshots: dict[str, dict[str, np.ndarray]] = {name: {} for name in self.sensors}
         self.irradiance = {
             name: dr.zeros(mi.Color3f, dr.width(points.p)) for name, points in self.points.items()
         }
@@ -106,6 +107,11 @@ class ReferenceRenderer:
         width, height = self.sizes[name]
         return to_numpy(self.radiance[name]).reshape(height, width, 3) / self.passes_done
 
+    def take_snapshot(self) -> None:
+        """Keep the images as they are now, as ``sppm_n`` after n passes; checkpoints have them."""
+        for name, images in self.snapshots.items():
+            images[f"sppm_{self.passes_done}"] = self.image(name)
+
     def view(self, name: str) -> ReferenceView:
         """All that is known so far of a view whose image and fixed points have the same name."""
         width, height = self.sizes[name]
@@ -132,6 +138,11 @@ class ReferenceRenderer:
         """Write a checkpoint, atomically; ``note`` is kept for the one who restores it."""
         tensors = {f"radiance/{n}": to_numpy(v) for n, v in self.radiance.items()}
         tensors |= {f"irradiance/{n}": to_numpy(v) for n, v in self.irradiance.items()}
+        tensors |= {
+            f"snapshot/{n}/{key}": image
+            for n, images in self.snapshots.items()
+            for key, image in images.items()
+        }
         metadata = {"done": self.passes_done, "note": note, "fingerprint": dict(fingerprint)}
         write_tensors(path, "checkpoint", tensors, metadata)
 
@@ -148,6 +159,10 @@ class ReferenceRenderer:
         for kind, sums in (("radiance", self.radiance), ("irradiance", self.irradiance)):
             for name in sums:
                 sums[name] = mi.Color3f(np.ascontiguousarray(tensors[f"{kind}/{name}"].T))
+        for key, image in tensors.items():
+            if key.startswith("snapshot/"):
+                _, name, layer = key.split("/")
+                self.snapshots[name][layer] = image
         self.passes_done = metadata["done"]
         return metadata["note"]
 

@@ -222,7 +222,8 @@ def freeze_scene(name: str, target: Path, root: Path | None = None) -> None:
     """Make ``target`` a complete copy of a scene: its files, and what its builder generates.
 
     Nothing else remains in ``target``. The files of :func:`scene_files` other than the builder are
-    copied, so that a frozen scene depends on no other folder.
+    copied, so that a frozen scene depends on no other folder. It is loaded once before it takes the
+    place of an older one: a :class:`UserError` leaves that as it was.
     """
     folder = scene_folder(name, root)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -232,9 +233,21 @@ def freeze_scene(name: str, target: Path, root: Path | None = None) -> None:
         for source in scene_files(name, root):
             if source.name == "build.py" or source.relative_to(folder) in made:
                 continue
+            if not source.exists():
+                raise UserError(
+                    str(folder / "scene.xml"),
+                    f"refers to {source}, which does not exist",
+                    "Put it there, or correct the scene file.",
+                )
             place = staging / source.relative_to(folder)
             place.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, place)
+        try:
+            views = read_views(staging / "views.yaml")
+            load_scene_file(staging / "scene.xml", *views.size(16))
+        except UserError as error:  # what there was before stays
+            where, what = (t.replace(str(staging), str(folder)) for t in (error.where, error.what))
+            raise UserError(where, what, error.todo) from None
         shutil.rmtree(target, ignore_errors=True)
         os.replace(staging, target)
         target.chmod(0o755)

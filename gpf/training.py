@@ -128,8 +128,9 @@ class Trainer:
         mean_target = np.mean(np.asarray(self.training.target.numpy()))
         self.unit = float(mean_target) if mean_target > 0 else 1.0
         for part in (self.training, self.held_out):
-            part.target /= self.unit
-        dr.eval(self.training, self.held_out)
+            if dr.width(part.p) > 0:
+                part.target /= self.unit
+                dr.eval(part)
 
         g = field.gaussians
         self.gaussians = replace(g, irradiance=g.irradiance / self.unit)
@@ -147,7 +148,8 @@ class Trainer:
         """Rebuild the neighbour search and the lists of all points."""
         self.field.update(self.gaussians)
         self.lists = list_neighbours(self.field, self.training)
-        self.held_out_lists = list_neighbours(self.field, self.held_out)
+        if dr.width(self.held_out.p) > 0:
+            self.held_out_lists = list_neighbours(self.field, self.held_out)
 
     def rates(self) -> list[mi.Float]:
         """Learning rates of this step, one per parameter; a cosine from 1 to ``final_rate``."""
@@ -198,7 +200,7 @@ class Trainer:
         return dr.minimum(mi.UInt32(place), count - 1)
 
     def evaluate(self) -> float:
-        """Root mean square error on the held-out points, in units of the mean target."""
+        """Root mean square error on the held-out points, in units of the mean target; 0 if none."""
         if dr.width(self.held_out.p) == 0:
             return 0.0
         every = dr.arange(mi.UInt32, dr.width(self.held_out.p))
@@ -232,7 +234,7 @@ class Trainer:
             done = self.step_count
             if done % s.evaluate_every == 0 or done == s.steps:
                 held_out = self.evaluate()
-                if held_out < self.best_error:
+                if held_out <= self.best_error:  # without held-out points, the last state
                     self.best_error, self.best = held_out, self.gaussians
                 training = float(np.sqrt(dr.mean(errors)[0] / 3))
                 report(Progress(done, training, held_out, self.best_error))

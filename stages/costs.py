@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,7 +10,7 @@ from typing import Any
 
 import drjit as dr
 
-from gpf.artifacts import write_json
+from gpf.artifacts import read_json, write_json
 from gpf.runtime import device_description
 
 KINDS = ("wall_seconds", "cpu_seconds", "compile_seconds")
@@ -32,7 +31,7 @@ class CostMeter:
     @classmethod
     def load(cls, path: Path) -> CostMeter:
         """Start from the parts of an earlier run, for a stage that redoes only what changed."""
-        return cls(json.loads(path.read_text())["parts"] if path.exists() else None)
+        return cls(read_json(path, path.stem)["parts"] if path.exists() else None)
 
     @contextmanager
     def measure(self, part: str) -> Iterator[None]:

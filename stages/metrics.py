@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from gpf.artifacts import write_json, write_text
-from gpf.images import read_exr
+from gpf.errors import UserError
+from gpf.images import check_finite, read_exr
 from metrics.image import compare, flip_exposures, psnr
 from metrics.worth import snapshot_passes, worth_passes
 from stages.progress import progress_bar
@@ -26,6 +27,8 @@ def compare_images(scene_name: str) -> None:
     references = {
         name: read_exr(work.reference(name), "reference")[0]["radiance"] for name in names
     }
+    for name, image in references.items():
+        check_finite(image, str(work.reference(name)))
     passes = snapshot_passes(work.params.reference.passes)
     # Method -> layer of the ceiling's EXR, or the field's own image.
     methods = {"gpf": "gpf", "sppm_3": "sppm_3", "ceiling": f"sppm_{passes[-1]}"}
@@ -37,6 +40,7 @@ def compare_images(scene_name: str) -> None:
         for done, name in enumerate(names, start=1):
             layers, _ = read_exr(work.ceiling(name), "reference")
             layers["gpf"] = read_exr(work.render("gpf", name), "render")[0]["radiance"]
+            _check_layers(work, name, layers, references[name], passes)
             for method, layer in methods.items():
                 results[method][name] = compare(
                     layers[layer], references[name], exposure, start, stop, epsilon
@@ -66,6 +70,29 @@ def compare_images(scene_name: str) -> None:
     )
     table = pd.DataFrame(rows)
     write_text(work.root / "tables" / f"quality_{scene_name}.csv", table.to_csv(index=False))
+
+
+def _check_layers(
+    work: Workspace,
+    name: str,
+    layers: dict[str, np.ndarray],
+    reference: np.ndarray,
+    passes: list[int],
+) -> None:
+    """Refuse images that were made with other parameters than the references."""
+    for layer in ("gpf", *(f"sppm_{n}" for n in passes)):
+        path = work.render("gpf", name) if layer == "gpf" else work.ceiling(name)
+        stages = "`gpf stage reference` and `gpf stage render`"
+        if layer not in layers:
+            raise UserError(str(path), f"has no layer {layer}", f"Run {stages} again.")
+        if layers[layer].shape != reference.shape:
+            raise UserError(
+                str(path),
+                f"has {layers[layer].shape[1]}x{layers[layer].shape[0]} pixels, its reference "
+                f"{reference.shape[1]}x{reference.shape[0]}",
+                f"Run {stages} again.",
+            )
+        check_finite(layers[layer], str(path))
 
 
 def _mean(values: list[float | None]) -> float | None:

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 import gpf
 from gpf.artifacts import read_tensors, write_tensors
@@ -187,12 +187,15 @@ def _accumulate(
     """Run the passes of a group, with checkpoints, and write its files."""
     section = work.params.reference
     snapshots = snapshot_passes(section.passes) if group == "ceiling" else []
-    fingerprint = {**record, "views": [view.model_dump(mode="json") for view in views]}
+    fingerprint = {
+        **record,
+        "views": [view.model_dump(mode="json") for view in views],
+        "points": {name: dr.width(points.p) for name, points in renderer.points.items()},
+    }
     checkpoint = work.checkpoint("reference", group)
     spent = renderer.restore(checkpoint, fingerprint)
     if spent:
         costs.parts[group] = spent
-    images: dict[str, dict[str, np.ndarray]] = {view.name: {} for view in views}
     saved = time.monotonic()
 
     title = f"{work.scene}: {group} references"
@@ -202,16 +205,15 @@ def _accumulate(
             done = renderer.passes_done
             advance(done)
             if done in snapshots:
-                for view in views:
-                    images[view.name][f"sppm_{done}"] = renderer.image(view.name)
-            elif not snapshots and time.monotonic() - saved > section.checkpoint_seconds:
+                renderer.take_snapshot()
+            if done < section.passes and time.monotonic() - saved > section.checkpoint_seconds:
                 renderer.save(checkpoint, fingerprint, costs.so_far(group))
                 saved = time.monotonic()
 
     costs.share(group, sorted({*renderer.sensors, *renderer.points}))
     for view in views:
         if group == "ceiling":
-            path, layers = work.ceiling(view.name), images[view.name]
+            path, layers = work.ceiling(view.name), renderer.snapshots[view.name]
         else:
             path, layers = work.reference(view.name), renderer.view(view.name).layers()
         for name, image in layers.items():

@@ -34,9 +34,9 @@ def train_field(scene_name: str) -> None:
     photons = load_photons(work)
     bounds = scene_bounds(work.load_scene())
 
+    points = targets.supervised_points(section.points, work.params.field.stores, section.loss)
     with costs.measure("initialization"):
         field = initial_field(work, photons, targets, bounds)
-    points = targets.supervised_points(section.points, work.params.field.stores, section.loss)
     with costs.measure("training"):
         trainer = Trainer(field, points, training_settings(work))
     fingerprint = {
@@ -45,12 +45,17 @@ def train_field(scene_name: str) -> None:
         "params": {"train": section.model_dump(), "field": work.params.field.model_dump()},
     }
     checkpoint = work.checkpoint("train")
-    trainer.restore(checkpoint, fingerprint)
+    resumed = trainer.restore(checkpoint, fingerprint)
 
     curves = work.folder / "training"
     saved = time.monotonic()
     with Live(
-        str(curves), save_dvc_exp=False, dvcyaml=None, report=None, monitor_system=False
+        str(curves),
+        resume=resumed,
+        save_dvc_exp=False,
+        dvcyaml=None,
+        report=None,
+        monitor_system=False,
     ) as live:
 
         def report(progress: Progress) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gpf.config import Params, read_params
+from gpf.errors import UserError
 from gpf.runtime import choose_variant
 from gpf.scenes import load_scene_file, scene_folder
 from gpf.views import SceneViews, View, make_sensor, read_views
@@ -87,7 +88,14 @@ class Workspace:
     @cached_property
     def views(self) -> SceneViews:
         """The cameras of the frozen scene."""
-        return read_views(self.frozen_scene / "views.yaml")
+        file = self.frozen_scene / "views.yaml"
+        if not file.exists():
+            raise UserError(
+                str(self.frozen_scene),
+                "is missing",
+                f"Run `gpf stage scene --scene {self.scene}` first.",
+            )
+        return read_views(file)
 
     @cached_property
     def scene_digest(self) -> str:

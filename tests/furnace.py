@@ -133,14 +133,14 @@ def cornell_box(size: tuple[int, int] = (48, 40), glass: bool = False) -> Scene:
     return scene
 
 
-def studio(floor_bsdf: Scene, size: tuple[int, int] = (12, 8), **objects: Scene) -> Scene:
-    """A floor, a back wall and a lamp; the camera sees no edge of either but where they meet."""
+def studio(floor_bsdf: Scene, size: tuple[int, int] = (24, 16), **objects: Scene) -> Scene:
+    """A floor, a back wall and a lamp behind the camera; of all edges, only one is in view."""
     return {
         "type": "scene",
         "sensor": camera((0.2, -3, 2), (0, 0.3, 0.1), 30, size),
         "floor": floor(floor_bsdf),
         "wall": rectangle((0, 1.2, 0), (0, 0, 0), 6, 6, diffuse(0.7, 0.5, 0.3)),
-        "lamp": lamp((1.4, -0.2, 1.6), (0, 0, 0), 0.8, 10, 8, 6),
+        "lamp": lamp((1.2, -2.4, 3), (0, 0.2, 0), 1.2, 10, 8, 6),
     } | objects
 
 

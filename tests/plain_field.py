@@ -9,7 +9,13 @@ import mitsuba as mi
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gpf.field import SUPPLEMENT_REACH, WEIGHT_FLOOR, FieldSettings, GaussianPhotonField
+from gpf.field import (
+    SUPPLEMENT_REACH,
+    SUPPLEMENT_SLACK,
+    WEIGHT_FLOOR,
+    FieldSettings,
+    GaussianPhotonField,
+)
 from gpf.gaussians import Gaussians
 from gpf.structs import SurfacePoints
 
@@ -133,11 +139,13 @@ def neighbours_of(
     if settings.normal_test:
         distance = np.where(g.normals @ n > np.sqrt(0.5), distance, np.inf)
     ball = np.flatnonzero(distance <= settings.search_radius)
-    enough = settings.neighbours == "both" and len(ball) >= settings.k
+    enough = settings.neighbours == "both" and len(ball) > settings.k
     if settings.neighbours == "radius" or enough:
         return ball, settings.search_radius
-    nearest = np.argsort(distance, kind="stable")[: settings.k]
+    nearest = np.argsort(distance, kind="stable")[: settings.k + 1]
     nearest = nearest[distance[nearest] < np.inf]
+    if len(nearest) > settings.k:
+        return nearest[:-1], np.sqrt(SUPPLEMENT_SLACK) * distance[nearest[-1]]
     return nearest, SUPPLEMENT_REACH * distance[nearest].max(initial=0)
 
 
@@ -162,5 +170,6 @@ def plain_query(
         if settings.blend == "divided":
             values[i] /= w.sum()
         in_ball = support == settings.search_radius
-        reaches[i] = 1 if in_ball else support / SUPPLEMENT_REACH / settings.search_radius
+        farthest = np.linalg.norm(g.means[indices] - point, axis=1).max()
+        reaches[i] = 1 if in_ball else max(1, farthest / settings.search_radius)
     return values, reaches

@@ -41,7 +41,7 @@ PATH = {"type": "path", "max_depth": -1}
 
 def compare(
     scene: Scene,
-    passes: int = 10,
+    passes: int = 24,
     seeds: int = 4,
     spp: int = 512,
     mean: float = 5e-3,
@@ -183,7 +183,14 @@ SHEETS = {
 
 @pytest.mark.parametrize("kind", FLOORS)
 def test_floors_of_every_material(kind):
-    compare(studio(FLOORS[kind], (24, 16)), radius=0.05)
+    # What a normal map reflects onwards is a matter of its own, see below.
+    truth = PATH | {"max_depth": 2} if kind == "normal map" else PATH
+    compare(studio(FLOORS[kind]), radius=0.05, truth=truth)
+
+
+@pytest.mark.xfail(reason="Mitsuba samples normal maps without their adjoint, in `ptracer` as well")
+def test_light_that_a_normal_map_reflects_onwards():
+    compare(studio(FLOORS["normal map"]), radius=0.05)
 
 
 @pytest.mark.parametrize("kind", SHEETS)
@@ -194,7 +201,7 @@ def test_sheets_that_let_light_through(kind):
     """
     sheet = rectangle((0.4, 0.2, 0.4), (0.4, 0.2, 0), 1.0, 1.2, SHEETS[kind])
     truth = PATH | {"type": "prb"} if kind == "mask" else PATH
-    compare(studio(WHITE, (24, 16), sheet=sheet), radius=0.05, truth=truth)
+    compare(studio(WHITE, sheet=sheet), radius=0.05, truth=truth)
 
 
 def test_principled_materials_are_right_or_refused():
@@ -237,11 +244,8 @@ def test_a_directly_visible_lamp_counts_once():
     image = render(scene, sppm(1000), 3, 1)[0]
     np.testing.assert_allclose(image, np.broadcast_to([3, 2, 1], image.shape), rtol=1e-5)
 
-    scene |= furnace("area")
-    image = render(scene, sppm(10_000, radius=0.1), 20, 1)[0]
-    np.testing.assert_allclose(image, 1, atol=0.25)
-    only_direct = render(scene, sppm(1000, max_depth=1), 1, 1)[0]
-    np.testing.assert_allclose(only_direct, 0.5, rtol=1e-5)
+    image = render(furnace("area"), sppm(20_000, radius=0.1), 20, 1)[0]
+    np.testing.assert_allclose(image, 1, atol=0.1)
 
 
 def test_a_lamp_in_a_mirror_counts_once():
@@ -291,12 +295,11 @@ def test_a_wall_that_light_passes_is_lit_on_both_sides():
 # --- path lengths -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("max_depth", [0, 1, 2, 3, 4, 6])
+@pytest.mark.parametrize("max_depth", [2, 3, 4, 6])
 def test_max_depth_means_what_it_means_in_path(max_depth):
     """Mirror and glass: the same edges may lie on the camera's side or on the light's."""
     scene = studio(
         WHITE,
-        (24, 16),
         mirror=rectangle((-0.9, 0.4, 0.5), (0.4, -0.4, 0.2), 0.9, 1.2, {"type": "conductor"}),
         glass={
             "type": "sphere",
@@ -306,10 +309,14 @@ def test_max_depth_means_what_it_means_in_path(max_depth):
         },
     )
     truth = {"type": "path", "max_depth": max_depth}
+    compare(scene, mean=0.01, radius=0.05, truth=truth)
+
+
+@pytest.mark.parametrize(("max_depth", "radiance"), [(0, 0.0), (1, 0.5), (2, 0.75), (3, 0.875)])
+def test_the_furnace_grows_bounce_by_bounce(max_depth, radiance):
+    """½ from the sphere itself, half as much again from each bounce."""
+    integrator = sppm(5000, radius=0.2) | {"max_depth": max_depth}
+    image = render(furnace("area"), integrator, 8, 1)[0]
+    np.testing.assert_allclose(image.mean(), radiance, rtol=0.01)
     if max_depth < 2:
-        image = render(scene, sppm(1000) | truth | {"type": "sppm"}, 64, 1)[0]
-        expected = render(scene, truth, 64, 1)[0]
-        assert image.mean() == pytest.approx(expected.mean(), rel=0.02)
-        assert (image.max() > 0) == (max_depth > 0)
-    else:
-        compare(scene, passes=16, mean=0.01, radius=0.05, truth=truth)
+        np.testing.assert_allclose(image, radiance, rtol=1e-5)

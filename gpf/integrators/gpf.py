@@ -52,7 +52,7 @@ def define() -> type:
         """
 
         def __init__(self, props: mi.Properties) -> None:
-            if not props.has_property("max_depth"):
+            if "max_depth" not in props:
                 props["max_depth"] = -1
             self.depth_limit = props["max_depth"]
             path = props.get("field", "")
@@ -74,7 +74,8 @@ def define() -> type:
                 scene, sampler, mi.Ray3f(ray), self.depth_limit, self.rr_depth, active
             )
             radiance, reach = self.field.radiance(points)
-            aovs = [dr.select(points.valid, reach, 0)] if self.coverage else []
+            # Finite: the film takes infinite values for zero.
+            aovs = [dr.select(points.valid, dr.minimum(reach, 1e6), 0)] if self.coverage else []
             return radiance, points.valid, aovs, None
 
         def aov_names(self) -> list[str]:
