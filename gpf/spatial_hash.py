@@ -216,8 +216,8 @@ class SpatialHash:
         return index, distance2
 
     def _level_for(self, radius: mi.Float, active: mi.Bool) -> _Grid:
-        """The first level whose cells are at least as large as the radius."""
-        steps = dr.ceil(dr.log2(radius / self._cell) / math.log2(_LEVEL_RATIO))
+        """The first level whose cells are at least half as large as the radius."""
+        steps = dr.ceil(dr.log2(0.5 * radius / self._cell) / math.log2(_LEVEL_RATIO))
         level = dr.minimum(mi.UInt32(dr.maximum(steps, 0)), self._last_level)
         names = [f.name for f in fields(_Grid)]
         tables = [getattr(self._levels, name) for name in names]

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from gpf.camera_rays import sample_tiled_rays
 from gpf.field import GaussianPhotonField
 from gpf.visible_points import find_visible_points
 
@@ -77,6 +78,11 @@ def define() -> type:
             # Finite: the film takes infinite values for zero.
             aovs = [dr.select(points.valid, dr.minimum(reach, 1e6), 0)] if self.coverage else []
             return radiance, points.valid, aovs, None
+
+        def sample_rays(
+            self, scene: mi.Scene, sensor: mi.Sensor, sampler: mi.Sampler
+        ) -> tuple[Any, ...]:
+            return sample_tiled_rays(scene, sensor, sampler)
 
         def aov_names(self) -> list[str]:
             return ["coverage"] if self.coverage else []
