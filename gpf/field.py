@@ -27,6 +27,9 @@ WEIGHT_FLOOR = 1e-6
 SUPPLEMENT_SLACK = 1.0002
 SUPPLEMENT_REACH = 1.5
 
+# Radius of the supplement's first search, in units of the ball's: twice the ball's area.
+FIRST_REACH = 1.4
+
 
 @dataclass(frozen=True)
 class FieldSettings:
@@ -184,7 +187,7 @@ class GaussianPhotonField:
             index, distance2 = self.hash.nearest(
                 x,
                 settings.k + 1,
-                1.4 * self._radius,
+                FIRST_REACH * self._radius,
                 self._limit,
                 lambda record: self.accepts(record, n),
                 sparse,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from gpf.field import GaussianPhotonField, supplement_support
+from gpf.field import FIRST_REACH, GaussianPhotonField, supplement_support
 from gpf.structs import SurfacePoints
 
 # Gaussians move a little between rebuilds: the lists hold those that may enter the ball meanwhile.
@@ -67,7 +67,7 @@ def _list_neighbours(field, points, fill, indices, offset, dense):  # type: igno
         index, distance2 = field.hash.nearest(
             points.p,
             settings.k + 1,
-            2 * radius,
+            FIRST_REACH * radius,
             dr.opaque(mi.Float, field.hash.extent),
             lambda record: field.accepts(record, points.n),
             sparse,

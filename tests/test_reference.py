@@ -1,0 +1,272 @@
+"""References: views that share photons, checkpoints, and passes that know nothing of each other."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.errors import UserError
+from gpf.progressive import PassSettings, gather_pass, pass_seed
+from gpf.reference import (
+    ReferenceRenderer,
+    film_size,
+    fixed_points,
+    sample_view,
+    settings_record,
+    time_pass,
+)
+from gpf.structs import concatenate, to_numpy
+from tests.furnace import camera, cornell_box, furnace
+
+SETTINGS = PassSettings(photons_per_pass=5000, initial_radius=0.1)
+CAMERAS = {
+    "front": camera((0, -0.2, 3.6), (0, 0, 0), 45, (8, 6)),
+    "side": camera((-0.7, 0.3, 3), (0.3, -0.4, 0), 50, (5, 7)),
+}
+
+
+@pytest.fixture(scope="module")
+def scene() -> mi.Scene:
+    box = cornell_box(glass=True)
+    del box["sensor"]
+    return mi.load_dict(box)
+
+
+def start(
+    scene: mi.Scene, *names: str, seed: int = 3, settings: PassSettings = SETTINGS
+) -> ReferenceRenderer:
+    sensors = {name: mi.load_dict(CAMERAS[name]) for name in names}
+    points = {n: fixed_points(scene, sensor, n, settings, seed) for n, sensor in sensors.items()}
+    return ReferenceRenderer(scene, sensors, points, settings, seed)
+
+
+def test_shapes(scene):
+    renderer = start(scene, "front", "side")
+    renderer.run(2)
+    assert film_size(renderer.sensors["side"]) == (5, 7)
+    for name, (h, w) in {"front": (6, 8), "side": (7, 5)}.items():
+        for key, layer in renderer.view(name).layers().items():
+            assert layer.shape == ((h, w) if key == "valid" else (h, w, 3)), key
+            assert np.isfinite(layer).all()
+    with pytest.raises(KeyError):
+        renderer.view("back")
+
+
+def test_a_view_does_not_depend_on_the_others(scene):
+    """Up to the order in which photons are added up."""
+    together, front, side = (start(scene, *names) for names in (CAMERAS, ["front"], ["side"]))
+    for renderer in (together, front, side):
+        renderer.run(4)
+    for alone, name in ((front, "front"), (side, "side")):
+        for key, value in alone.view(name).layers().items():
+            np.testing.assert_allclose(
+                value, together.view(name).layers()[key], rtol=1e-5, atol=1e-6, err_msg=key
+            )
+    # Views are no copies of each other, and what is compared is not black.
+    assert front.image("front").min() >= 0 and front.image("front").mean() > 0.05
+    assert together.image("side").mean() != together.image("front").mean()
+
+
+def test_further_points_change_no_image(scene):
+    sensor = mi.load_dict(CAMERAS["front"])
+    points = {
+        "front": fixed_points(scene, sensor, "front", SETTINGS, 3),
+        "elsewhere": fixed_points(scene, mi.load_dict(CAMERAS["side"]), "side", SETTINGS, 3),
+    }
+    renderer = ReferenceRenderer(scene, {"front": sensor}, points, SETTINGS, 3)
+    plain = start(scene, "front", "side")
+    for each in (renderer, plain):
+        each.run(3)
+    np.testing.assert_allclose(renderer.image("front"), plain.image("front"), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        renderer.mean_irradiance("elsewhere"), plain.mean_irradiance("side"), rtol=1e-5, atol=1e-6
+    )
+
+
+def test_seed_and_name_give_other_samples(scene):
+    sensor = mi.load_dict(CAMERAS["front"])
+
+    def positions(name: str, seed: int, t: int) -> np.ndarray:
+        return to_numpy(sample_view(scene, sensor, name, SETTINGS, seed, t).p)
+
+    base = positions("front", 3, 1)
+    np.testing.assert_array_equal(base, positions("front", 3, 1))
+    for other in (("side", 3, 1), ("front", 4, 1), ("front", 3, 2)):
+        assert (positions(*other) != base).any(1).mean() > 0.9
+
+
+def test_pass_seeds_do_not_collide():
+    seeds = {pass_seed(s, t, k) for s in range(8) for t in range(64) for k in (0, 1, 2, 3, 12345)}
+    assert len(seeds) == 8 * 64 * 5
+    assert all(0 <= s < 2**32 for s in seeds)
+
+
+def test_passes_are_independent_given_their_index(scene):
+    """In any order, in any process: their sum is what a run in order finds."""
+    renderer = start(scene, "front")
+    points = renderer.points["front"]
+    single = {t: to_numpy(gather_pass(scene, points, t, SETTINGS, 3)) for t in (3, 1, 2)}
+    renderer.run(3)
+    mean = (single[1] + single[2] + single[3]) / 3
+    np.testing.assert_allclose(renderer.mean_irradiance("front"), mean, rtol=1e-5, atol=1e-5)
+    assert np.abs(single[1] - single[2]).max() > 0.1
+
+
+def test_the_kernel_shrinks_from_pass_to_pass(scene):
+    """Fewer points find photons: the radius of a pass is that of its index."""
+    points = start(scene, "front").points["front"]
+    few = PassSettings(photons_per_pass=2000, initial_radius=0.05)
+    found = [
+        np.mean([(to_numpy(gather_pass(scene, points, t, few, s)) > 0).mean() for s in range(8)])
+        for t in (1, 4000)
+    ]
+    # r_4000² / r_1² = 0.09
+    assert found[1] < 0.5 * found[0]
+
+
+def test_concatenation_keeps_every_lane_in_place(scene):
+    a, b = (start(scene, name).points[name] for name in CAMERAS)
+    joined = concatenate([a, b])
+    for field in ("p", "n", "reflectance", "throughput", "emission", "depth", "valid"):
+        parts = []
+        for points, width in ((a, 48), (b, 35)):
+            values = to_numpy(getattr(points, field))
+            parts.append(np.broadcast_to(values, (width, *values.shape[1:])))
+        np.testing.assert_array_equal(to_numpy(getattr(joined, field)), np.concatenate(parts))
+
+
+def test_furnace_values():
+    """L = 1 and E = π L / ρ at each fixed point; normals look inwards."""
+    scene = mi.load_dict(furnace("point"))
+    sensor = scene.sensors()[0]
+    settings = PassSettings(photons_per_pass=40_000, initial_radius=0.2)
+    points = {"view": fixed_points(scene, sensor, "view", settings, 1)}
+    renderer = ReferenceRenderer(scene, {"view": sensor}, points, settings, 1)
+    renderer.run(12)
+    view = renderer.view("view")
+    assert view.valid.min() == 1
+    np.testing.assert_allclose(view.reflectance, 0.5, rtol=1e-5)
+    np.testing.assert_allclose(view.irradiance, 2 * np.pi, rtol=0.08)
+    np.testing.assert_allclose(view.radiance, 1, rtol=0.08)
+    assert view.irradiance.mean() == pytest.approx(2 * np.pi, rel=0.01)
+    np.testing.assert_allclose(np.linalg.norm(view.position, axis=2), 1, atol=1e-5)
+    np.testing.assert_allclose(view.normal, -view.position, atol=1e-4)
+
+
+def test_pixels_lie_where_the_camera_sees_them():
+    """Within the pixel whose centre a ray of the camera goes through: no axis is swapped."""
+    scene = mi.load_dict(furnace("point"))
+    sensor = scene.sensors()[0]
+    points = {"view": fixed_points(scene, sensor, "view", SETTINGS, 1)}
+    renderer = ReferenceRenderer(scene, {"view": sensor}, points, SETTINGS, 1)
+    renderer.run(1)
+    y, x = (np.indices((6, 8)) + 0.5).reshape(2, -1).astype(np.float32)
+    ray, _ = sensor.sample_ray(0, 0, mi.Point2f(x / 8, y / 6), mi.Point2f(0.5))
+    centre = to_numpy(ray.d).reshape(6, 8, 3)
+    seen = renderer.view("view").position - to_numpy(ray.o).reshape(-1, 1, 3)[0]
+    seen /= np.linalg.norm(seen, axis=2, keepdims=True)
+    half_diagonal = np.hypot(0.5, 0.5) * 2 * np.tan(np.radians(30)) / 8
+    off = np.linalg.norm(seen - centre, axis=2)
+    assert off.max() < half_diagonal
+    assert off.mean() > half_diagonal / 10  # samples lie anywhere in their pixels
+
+
+def test_progress_is_told_pass_by_pass(scene):
+    renderer, told = start(scene, "front"), []
+    renderer.run(3, told.append)
+    renderer.run(3, told.append)
+    renderer.run(5, told.append)
+    assert told == [1, 2, 3, 4, 5] and renderer.passes_done == 5
+
+
+def test_a_checkpoint_continues_to_the_same_result(scene, tmp_path):
+    whole, first = start(scene, *CAMERAS), start(scene, *CAMERAS)
+    whole.run(3)
+    whole.take_snapshot()
+    whole.run(6)
+    first.run(3)
+    first.take_snapshot()
+    file = tmp_path / "passes.safetensors"
+    first.save(file, {"passes": 6, "seed": 3}, note={"seconds": 1.5})
+    second = start(scene, *CAMERAS)
+    assert second.restore(file, {"passes": 6, "seed": 3}) == {"seconds": 1.5}
+    assert second.passes_done == 3
+    second.run(6)
+    for name in CAMERAS:
+        for key, value in whole.view(name).layers().items():
+            np.testing.assert_allclose(
+                second.view(name).layers()[key], value, rtol=1e-6, atol=1e-6, err_msg=key
+            )
+        assert set(second.snapshots[name]) == {"sppm_3"}
+        np.testing.assert_allclose(
+            second.snapshots[name]["sppm_3"], whole.snapshots[name]["sppm_3"], rtol=1e-5, atol=1e-6
+        )
+
+
+def test_a_checkpoint_restores_to_the_bit(scene, tmp_path):
+    renderer, restored = start(scene, "side"), start(scene, "side")
+    renderer.run(2)
+    renderer.save(tmp_path / "a.safetensors", {})
+    restored.restore(tmp_path / "a.safetensors", {})
+    for key, value in renderer.view("side").layers().items():
+        np.testing.assert_array_equal(restored.view("side").layers()[key], value)
+
+
+@pytest.mark.parametrize(
+    "fingerprint", [{"seed": 4}, {"seed": 3, "alpha": 0.7}, {}], ids=["changed", "more", "less"]
+)
+def test_a_checkpoint_of_other_parameters_is_not_used(scene, tmp_path, fingerprint):
+    renderer = start(scene, "front")
+    renderer.run(2)
+    file = tmp_path / "passes.safetensors"
+    renderer.save(file, {"seed": 3}, note="kept")
+    fresh = start(scene, "front")
+    assert fresh.restore(file, fingerprint) is None
+    assert fresh.passes_done == 0
+    assert not any(to_numpy(fresh.radiance["front"]).ravel())
+    assert fresh.restore(tmp_path / "none.safetensors", {"seed": 3}) is None
+    assert fresh.restore(file, {"seed": 3}) == "kept"
+
+
+def test_fingerprints_are_compared_as_json(scene, tmp_path):
+    """What was a tuple when it was saved is a list when it is read."""
+    renderer = start(scene, "front")
+    renderer.run(1)
+    file = tmp_path / "passes.safetensors"
+    renderer.save(file, {"size": (8, 6)}, note=1)
+    assert start(scene, "front").restore(file, {"size": (8, 6)}) == 1
+
+
+def test_a_truncated_checkpoint_is_an_error_in_words(scene, tmp_path: Path):
+    renderer = start(scene, "front")
+    renderer.run(1)
+    file = tmp_path / "passes.safetensors"
+    renderer.save(file, {})
+    file.write_bytes(file.read_bytes()[:-40])
+    with pytest.raises(UserError, match=r"passes\.safetensors: is truncated.*gpf stage reference"):
+        start(scene, "front").restore(file, {})
+
+
+def test_settings_as_json():
+    record = settings_record(SETTINGS, 7)
+    assert json.loads(json.dumps(record)) == {
+        "photons_per_pass": 5000,
+        "initial_radius": 0.1,
+        "alpha": 0.7,
+        "max_depth": -1,
+        "rr_depth": 5,
+        "seed": 7,
+    }
+
+
+def test_the_time_of_a_pass_is_its_own(scene):
+    """More photons take longer; compilation does not count."""
+    slow = PassSettings(photons_per_pass=200_000, initial_radius=0.1)
+    few, many = (time_pass(start(scene, "front", settings=s), 4) for s in (SETTINGS, slow))
+    assert 0 < few < many < 5
+    dr.sync_thread()
