@@ -113,7 +113,7 @@ class SpatialHash:
         """Constants of a level with cells of the given size, and its number of buckets."""
         x, y, z = (max(1, int(e / cell) + 1) for e in edges)
         # A power of two, so that folding a row's index into the table is one `and`.
-        table = 1 << (min(x * y * z, max(4 * size, 1 << 16)) - 1).bit_length()
+        table = 1 << (min(x * y * z, max(4 * size, 1 << 20)) - 1).bit_length()
         self._wraps |= x * y * z > table
         # The product may exceed 32 bits; only what the mask keeps of it matters.
         stride_z = x * y & 0xFFFFFFFF

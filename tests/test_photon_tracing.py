@@ -335,7 +335,7 @@ def as_rows(photons: Photons) -> np.ndarray:
 
 
 def test_the_same_seed_gives_the_same_photons():
-    first, again = (record(closed_room(0.5), paths=200_000, seed=7) for _ in range(2))
+    first, again = (record(closed_room(0.5), paths=60_000, seed=7) for _ in range(2))
     a, b = as_rows(first), as_rows(again)
     assert a.shape == b.shape
     np.testing.assert_array_equal(a[np.lexsort(a.T)], b[np.lexsort(b.T)])
