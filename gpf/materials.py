@@ -16,6 +16,26 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+# Materials that answer for all their components whatever the context enables: their diffuse part
+# cannot be told from the rest, and would count twice.
+INSEPARABLE = {"Principled": "principled", "PrincipledThin": "principledthin"}
+
+
+def inseparable_materials(scene: mi.Scene) -> list[str]:
+    """Plugin names of the scene's materials that photon mapping cannot use, sorted; nested too."""
+    objects = mi.traverse(scene).hierarchy
+    found = {o.class_name() for o in objects if isinstance(o, mi.BSDF)}
+    return sorted(INSEPARABLE[name] for name in found & INSEPARABLE.keys())
+
+
+def require_separable(scene: mi.Scene) -> None:
+    """Raise a ``ValueError`` for a scene with a material that photon mapping cannot use."""
+    if names := inseparable_materials(scene):
+        raise ValueError(
+            f"the scene has materials of type {', '.join(names)}, whose diffuse part cannot be told "
+            "from the rest. Use plastic, roughplastic, or a blendbsdf of diffuse and a conductor."
+        )
+
 
 def diffuse_context(mode: mi.TransportMode | None = None) -> mi.BSDFContext:
     """A context that enables diffuse components only."""

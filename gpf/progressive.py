@@ -53,7 +53,7 @@ def gather_pass(
     # A whole path has the camera's depth + 1 edges, the photon's depth + 1 edges.
     budget: Any = UNLIMITED
     if settings.max_depth > 0:
-        budget = dr.minimum(settings.max_depth - 2 - points.depth, UNLIMITED - 1)
+        budget = dr.minimum(max(settings.max_depth - 2, 0) - points.depth, UNLIMITED - 1)
     gatherer = IrradianceGatherer(
         points.p,
         points.n,

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gpf.errors import UserError
+from gpf.materials import inseparable_materials
 from gpf.views import SceneViews, read_views
 from gpf.views import make_sensor as make_sensor
 from gpf.yaml_files import suggest
@@ -137,6 +138,12 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
     info = scene_info(scene)
     if info["emitters"]["count"] == 0:
         raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
+    if names := inseparable_materials(scene):
+        raise UserError(
+            where,
+            f"has materials of type {', '.join(names)}, whose diffuse part cannot be told apart",
+            "Use plastic, roughplastic, or a blendbsdf of diffuse and a conductor.",
+        )
     if not any(bsdf["queried"] for bsdf in info["bsdfs"].values()):
         raise UserError(
             where,

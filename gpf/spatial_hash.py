@@ -118,7 +118,9 @@ class SpatialHash:
         # The product may exceed 32 bits; only what the mask keeps of it matters.
         stride_z = x * y & 0xFFFFFFFF
         grid = _Grid(1 / cell, x - 1, y - 1, z - 1, x, stride_z, table - 1, first_bucket)
-        return grid, table + x
+        # Room for the last row's overhang. Kernels know the size of their tables: of few sizes, few
+        # are compiled.
+        return grid, table + (1 << (x + 1).bit_length()) - 2
 
     def _sort(
         self, grid: _Grid, points: mi.Point3f, valid: mi.Bool | None, buckets: int, first: int
@@ -127,7 +129,7 @@ class SpatialHash:
         c = self._cell_of(grid, points)
         bucket = self._row(grid, c.y, c.z) - grid.first_bucket + mi.UInt32(c.x)
         if valid is not None:
-            bucket = dr.select(valid, bucket, buckets + 1)
+            bucket = dr.select(valid, bucket, dr.opaque(mi.UInt32, buckets + 1))
         counts = dr.zeros(mi.UInt32, buckets + 2)
         dr.scatter_add(counts, mi.UInt32(1), bucket)
         starts = dr.prefix_reduce(dr.ReduceOp.Add, counts, exclusive=True)

@@ -10,6 +10,7 @@ import mitsuba as mi
 
 from gpf.camera_rays import sample_tiled_rays
 from gpf.field import GaussianPhotonField
+from gpf.materials import require_separable
 from gpf.visible_points import find_visible_points
 
 
@@ -59,6 +60,7 @@ def define() -> type:
             path = props.get("field", "")
             self.coverage = props.get("coverage", False)
             super().__init__(props)
+            self._checked: int | None = None
             self.field = GaussianPhotonField.load(Path(path)) if path else None
 
         def sample(  # type: ignore[no-untyped-def]
@@ -71,6 +73,9 @@ def define() -> type:
                     'The gpf integrator has no field: set its "field" property to the path of a '
                     "field.safetensors, or assign a GaussianPhotonField to its attribute field."
                 )
+            if self._checked != id(scene):
+                require_separable(scene)
+                self._checked = id(scene)
             points = find_visible_points(
                 scene, sampler, mi.Ray3f(ray), self.depth_limit, self.rr_depth, active
             )

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from gpf.materials import require_separable
 from gpf.progressive import PassSettings, gather_pass, pass_seed, propose_radius, sample_film
 
 
@@ -103,6 +104,7 @@ def define() -> type:
         ) -> Any:
             if isinstance(sensor, int):
                 sensor = scene.sensors()[sensor]
+            require_separable(scene)
             seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
             film = sensor.film()
             with dr.suspend_grad():
