@@ -32,8 +32,8 @@ def require_separable(scene: mi.Scene) -> None:
     """Raise a ``ValueError`` for a scene with a material that photon mapping cannot use."""
     if names := inseparable_materials(scene):
         raise ValueError(
-            f"the scene has materials of type {', '.join(names)}, whose diffuse part cannot be told "
-            "from the rest. Use plastic, roughplastic, or a blendbsdf of diffuse and a conductor."
+            f"the scene has materials of type {', '.join(names)}, whose diffuse part cannot be "
+            "told from the rest. Use plastic, roughplastic, or a blendbsdf with a diffuse part."
         )
 
 
