@@ -11,8 +11,6 @@ from benchmarks.timing import Timings, time_in_turn
 from gpf.field import FieldSettings, GaussianPhotonField
 from gpf.initialization import InitializationSettings, initialize_gaussians
 from gpf.photon_tracing import record_photons
-from gpf.progressive import PassSettings
-from gpf.reference import ReferenceRenderer
 from gpf.structs import scene_bounds
 
 PHOTONS = 100_000
@@ -41,9 +39,10 @@ def measure(size: int, radius: float, rounds: int = 15) -> Timings:
     ptracer = mi.load_dict({"type": "ptracer"})
     field = mi.load_dict({"type": "gpf"})
     field.field = _untrained_field(scene, radius)
-    sensors = {"view": scene.sensors()[0]}
-    settings = PassSettings(PHOTONS, initial_radius=radius)
-    passes = ReferenceRenderer(scene, sensors, {}, settings, seed=0)
+    # Rendered anew each round, so that every pass is a first one and has the full radius.
+    sppm = mi.load_dict(
+        {"type": "sppm", "photons_per_pass": PHOTONS, "initial_radius": radius, "max_depth": -1}
+    )
 
     def render(integrator: Any, of: Any, seed: int) -> None:
         dr.eval(mi.render(of, integrator=integrator, spp=1, seed=seed))
@@ -52,7 +51,7 @@ def measure(size: int, radius: float, rounds: int = 15) -> Timings:
         {
             "path": lambda n: render(path, scene, n),
             "ptracer": lambda n: render(ptracer, particles, n),
-            "sppm": lambda n: passes.run_pass(),
+            "sppm": lambda n: render(sppm, scene, n),
             "gpf": lambda n: render(field, scene, n),
         },
         rounds,

@@ -55,7 +55,7 @@ def time_training(scene_name: str) -> tuple[float, float, float]:
     settings = training_settings(work)
     curve: list[tuple[float, float]] = []
 
-    # Twice: the first run compiles.
+    # Twice: the first run compiles (once per kernel, not per step).
     for _ in range(2):
         curve.clear()
         start = time.perf_counter()

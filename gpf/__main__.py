@@ -50,10 +50,17 @@ def render(
     except RuntimeError as error:
         what = " ".join(str(error).split())
         raise UserError(str(scene), f"does not load: {what}", "Correct the scene.") from error
+    count = len(loaded.sensors())
+    if sensor not in range(count):
+        raise UserError(f"-s {sensor}", f"the scene has {count} sensors", "Count them from 0.")
     start = time.perf_counter()
-    image = mi.render(loaded, sensor=sensor, spp=spp, seed=seed)
     target = output or scene.with_suffix(".exr")
-    mi.util.write_bitmap(str(target), image, write_async=False)
+    try:
+        image = mi.render(loaded, sensor=sensor, spp=spp, seed=seed)
+        mi.util.write_bitmap(str(target), image, write_async=False)
+    except (RuntimeError, ValueError) as error:
+        what = " ".join(str(error.__cause__ or error).split())
+        raise UserError(str(scene), f"does not render: {what}", "See the message.") from error
     typer.echo(f"{target}: {time.perf_counter() - start:.1f} s")
 
 

@@ -98,7 +98,7 @@ class Rates(_Section):
 class Train(_Section):
     """Fitting the field (:mod:`gpf.training`)."""
 
-    steps: Annotated[int, Field(ge=0)] = 500
+    steps: Count = 500
     batch: Count = 32_768
     points: Literal["views", "surface", "both"] = "both"
     loss: Literal["squared", "relative"] = "relative"

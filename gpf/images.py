@@ -93,14 +93,17 @@ def read_record(path: Path) -> dict[str, Any] | None:
 
 
 def check_finite(image: np.ndarray, where: str) -> None:
-    """Raise a :class:`UserError` for an image with NaN or infinite values."""
+    """Raise a :class:`UserError` for NaN or infinite values in an image, or at points (N, 3)."""
     broken = ~np.isfinite(image).all(axis=-1)
     if broken.any():
-        y, x = np.argwhere(broken)[0]
+        first = np.argwhere(broken)[0]
+        image = broken.ndim == 2
+        place = f"x={first[1]}, y={first[0]}" if image else f"number {first[0]}"
+        kind = "pixels" if image else "points"
         raise UserError(
             where,
-            f"{int(broken.sum())} of {broken.size} pixels are NaN or infinite, the first at "
-            f"x={x}, y={y}",
+            f"{int(broken.sum())} of {broken.size} {kind} are NaN or infinite, the first at "
+            f"{place}",
             "Look for a zero-area emitter, a mesh with broken normals or a material with an "
             "albedo above one.",
         )

@@ -22,8 +22,8 @@ class InitializationSettings:
     Attributes
     ----------
     gaussians: number M of primitives.
-    source: ``photons``: means and normals of M photons, chosen at random; ``random``: uniform in
-        the scene's bounding box, with random normals.
+    source: ``photons``: means and normals of M photons, chosen at random; ``random``: means are
+        uniform in the scene's bounding box, with the normal of the nearest photon.
     colour: ``density``: kernel estimate of E at the photon; ``flux``: the photon's own power Φ.
     scale: initial standard deviation of all axes, world units.
     density_radius: kernel radius of the estimate, world units.
@@ -57,9 +57,11 @@ def initialize_gaussians(
     if settings.source == "random":
         lower, upper = (np.array([b[i] for i in range(3)]) for b in bounds)
         means = mi.Point3f(rng.uniform(lower, upper, (count, 3)).T.astype(np.float32))
-        directions = rng.normal(size=(count, 3))
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        normals = mi.Normal3f(directions.T.astype(np.float32))
+        cell = 1e-2 * float(np.linalg.norm(upper - lower))
+        grid = SpatialHash(photons.p, cell=cell, bounds=bounds, far=True)
+        nearest, _ = grid.nearest(means, 1, mi.Float(cell), mi.Float(2 * grid.extent))
+        photon = dr.gather(mi.UInt32, grid.order, nearest[0])
+        normals = dr.gather(mi.Normal3f, photons.n, photon)
     quats = rng.normal(size=(4, count)).astype(np.float32)
     gaussians = Gaussians(
         means=means,

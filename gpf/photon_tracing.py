@@ -12,6 +12,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 
+from gpf.errors import UserError
 from gpf.materials import diffuse_transfer, has_diffuse
 from gpf.structs import Photons
 
@@ -164,9 +165,10 @@ class _Recorder:
         dr.eval(self.count, self.place, self.power, self.normal)
         count = int(self.count[0])
         if count > self.capacity:
-            raise ValueError(
-                f"record_photons: {count} photons met diffuse surfaces, but there is room for "
-                f"{self.capacity}. Pass a larger capacity, or trace fewer paths."
+            raise UserError(
+                "record_photons",
+                f"{count} photons met diffuse surfaces, but there is room for {self.capacity}",
+                "Pass a larger capacity, or lower rr_depth (params.yaml: photons.rr_depth).",
             )
         index = dr.arange(mi.UInt32, count)
         place = dr.gather(mi.Vector4f, self.place, index)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -182,16 +181,6 @@ def fixed_points(
 ) -> VisiblePoints:
     """One visible point per pixel that stays the same for all passes, (W H,)."""
     return sample_view(scene, sensor, name, settings, seed, t=0)
-
-
-def time_pass(renderer: ReferenceRenderer, passes: int = 8) -> float:
-    """Seconds that a pass takes: the median of some, after two that compile."""
-    seconds = []
-    for _ in range(passes + 2):
-        start = time.perf_counter()
-        renderer.run_pass()
-        seconds.append(time.perf_counter() - start)
-    return float(np.median(seconds[2:]))
 
 
 def settings_record(settings: PassSettings, seed: int) -> dict[str, Any]:

@@ -238,6 +238,12 @@ def freeze_scene(name: str, target: Path, root: Path | None = None) -> None:
     try:
         made = {p.relative_to(staging) for p in build_scene(name, root, staging)}
         for source in scene_files(name, root):
+            if not source.resolve().is_relative_to(folder.resolve()):
+                raise UserError(
+                    str(folder / "scene.xml"),
+                    f"refers to {source}, which is outside of the scene's folder",
+                    "Copy it into the folder and refer to it by a relative path.",
+                )
             if source.name == "build.py" or source.relative_to(folder) in made:
                 continue
             if not source.exists():

@@ -7,8 +7,9 @@ neighbours, compares with the target, visits the neighbours again and adds their
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from gpf.blending import (
     unpack_gradients,
     with_parameters,
 )
+from gpf.errors import UserError
 from gpf.field import GaussianPhotonField
 from gpf.gaussians import Gaussians
 from gpf.neighbour_lists import list_neighbours
@@ -141,6 +143,7 @@ class Trainer:
         )
         self.step_count = 0
         self.best_error = float("inf")
+        self.history: list[Progress] = []
         self.best = self.gaussians
         self.rebuild()
 
@@ -195,8 +198,11 @@ class Trainer:
         """
         count = dr.width(self.training.p)
         size = min(self.settings.batch, count)
-        rng = mi.PCG32(size, self.settings.seed, self.step_count)
-        place = (mi.Float(dr.arange(mi.UInt32, size)) + rng.next_float32()) * (count / size)
+        # Opaque: what changes from step to step must not become part of the kernel.
+        seed, step = (dr.opaque(mi.UInt64, v) for v in (self.settings.seed, self.step_count))
+        rng = mi.PCG32(size, seed, step)
+        stride = dr.opaque(mi.Float, count / size)
+        place = (mi.Float(dr.arange(mi.UInt32, size)) + rng.next_float32()) * stride
         return dr.minimum(mi.UInt32(place), count - 1)
 
     def evaluate(self) -> float:
@@ -233,12 +239,22 @@ class Trainer:
             errors = self.advance(1)
             done = self.step_count
             if done % s.evaluate_every == 0 or done == s.steps:
+                if done % s.rebuild_every != 0:
+                    # On fresh lists: the best state is judged as the renderer will see it.
+                    self.rebuild()
                 held_out = self.evaluate()
                 if held_out <= self.best_error:  # without held-out points, the last state
                     self.best_error, self.best = held_out, self.gaussians
                 training = float(np.sqrt(dr.mean(errors)[0] / 3))
-                report(Progress(done, training, held_out, self.best_error))
+                self.history.append(Progress(done, training, held_out, self.best_error))
+                report(self.history[-1])
             tick(done)
+        if not np.isfinite(self.best_error):
+            raise UserError(
+                "training",
+                "diverged: the error on the held-out points was never finite",
+                "Look at the references, or lower the learning rates (params.yaml: train.rates).",
+            )
         return self.current_field(self.best)
 
     def current_field(self, state: Gaussians | None = None) -> GaussianPhotonField:
@@ -247,8 +263,11 @@ class Trainer:
         self.field.update(replace(state, irradiance=state.irradiance * self.unit))
         return self.field
 
-    def save(self, path: Path, fingerprint: Mapping[str, Any]) -> None:
-        """Write a checkpoint, atomically: parameters, moments and the best state so far."""
+    def save(self, path: Path, fingerprint: Mapping[str, Any], note: Any = None) -> None:
+        """Write a checkpoint, atomically: parameters, moments, the best state and the history.
+
+        ``note`` is kept for the one who restores it.
+        """
         states = {
             "parameters": parameters(self.gaussians),
             "best": parameters(self.best),
@@ -256,24 +275,33 @@ class Trainer:
             "second": self.adam.second,
         }
         tensors = {name: np.stack([v.numpy() for v in values]) for name, values in states.items()}
-        metadata = {"step": self.step_count, "best_error": self.best_error, **fingerprint}
+        metadata = {
+            "step": self.step_count,
+            "best_error": self.best_error,
+            "history": [asdict(progress) for progress in self.history],
+            "note": note,
+            "fingerprint": dict(fingerprint),
+        }
         write_tensors(path, "checkpoint", tensors, metadata)
 
-    def restore(self, path: Path, fingerprint: Mapping[str, Any]) -> bool:
-        """Continue from a checkpoint if there is one that the same parameters made."""
+    def restore(self, path: Path, fingerprint: Mapping[str, Any]) -> Any:
+        """Continue from a checkpoint if there is one that the same parameters made.
+
+        Returns its note, or None where there is no such checkpoint.
+        """
         if not path.exists():
-            return False
+            return None
         tensors, metadata = read_tensors(path, "checkpoint", "train")
-        step, best_error = metadata.pop("step"), metadata.pop("best_error")
-        if metadata != dict(fingerprint):
-            return False
+        if metadata["fingerprint"] != json.loads(json.dumps(fingerprint)):
+            return None
         arrays = {name: [mi.Float(row) for row in value] for name, value in tensors.items()}
         self.gaussians = with_parameters(self.gaussians, arrays["parameters"])
         self.best = with_parameters(self.gaussians, arrays["best"])
         self.adam = Adam(arrays["first"], arrays["second"])
-        self.step_count, self.best_error = step, best_error
+        self.step_count, self.best_error = metadata["step"], metadata["best_error"]
+        self.history = [Progress(**progress) for progress in metadata["history"]]
         self.rebuild()
-        return True
+        return metadata["note"]
 
 
 def select_points(points: SurfacePoints, rows: np.ndarray) -> SurfacePoints:

@@ -3,7 +3,6 @@
 The format, with every key::
 
     exposure: 2.5            # linear images are multiplied by it before they are compared or shown
-    search_radius: 0.02      # optional; left out, the radius follows from the photons
     aspect: 1.0              # width over height of every view
     fov_axis: x              # what every fov below refers to; that of the scene's own sensor
     views:
@@ -114,7 +113,6 @@ class SceneViews(_Model):
     views: ViewSets = ViewSets()
     path: CameraPath | None = None
     exposure: Positive = 1.0
-    search_radius: Positive | None = None
     aspect: Positive = 1.0
     fov_axis: FovAxis = "x"
 

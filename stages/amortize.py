@@ -24,6 +24,8 @@ class Comparison:
 
     field: CostLine
     others: tuple[CostLine, ...]
+    passes: int
+    equal_passes: str
 
 
 def cost_lines(work: Workspace) -> Comparison:
@@ -48,13 +50,14 @@ def cost_lines(work: Workspace) -> Comparison:
         + sum(seconds["photons"].values())
         + sum(seconds["train"].values())
     )
-    spp = render["spp"]
     return Comparison(
-        CostLine(f"GPF, {spp} spp", preparation, seconds["render"]["render"] / render["views"]),
+        CostLine("GPF", preparation, seconds["render"]["render"] / render["views"]),
         (
-            CostLine(f"SPPM, {passes} passes", 0.0, passes * per_pass),
-            CostLine(f"SPPM at equal quality ({equal} passes)", 0.0, equal.passes * per_pass),
+            CostLine("SPPM", 0.0, passes * per_pass),
+            CostLine("SPPM at equal quality", 0.0, equal.passes * per_pass),
         ),
+        passes,
+        str(equal),
     )
 
 
@@ -75,6 +78,7 @@ def amortize(scene_name: str) -> None:
         work.folder / "amortize.json",
         {
             "break_even_views": counts,
+            "passes": {"SPPM": lines.passes, "SPPM at equal quality": lines.equal_passes},
             "preparation_seconds": lines.field.preparation_seconds,
             "seconds_per_view": {
                 line.name: line.per_view_seconds for line in (lines.field, *lines.others)
@@ -83,8 +87,9 @@ def amortize(scene_name: str) -> None:
     )
     _draw(work, lines, table, counts)
     for name, count in counts.items():
+        passes = lines.passes if name == "SPPM" else lines.equal_passes
         views = "never" if count is None else f"from view {count} on"
-        console.print(f"{scene_name}: {lines.field.name} costs less than {name} {views}")
+        console.print(f"{scene_name}: GPF costs less than {name} ({passes} passes) {views}")
 
 
 def _draw(
@@ -92,8 +97,13 @@ def _draw(
 ) -> None:
     figure, axes = plt.subplots(figsize=(6.4, 4.2), layout="constrained")
     styles = ("-", "--", ":")
-    for line, style in zip((lines.field, *lines.others), styles, strict=True):
-        axes.plot(table["views"], table[line.name], style, color="black", label=line.name)
+    labels = (
+        f"GPF, {work.params.render.spp} spp",
+        f"SPPM, {lines.passes} passes",
+        f"SPPM at GPF's PSNR, {lines.equal_passes} passes",
+    )
+    for line, style, label in zip((lines.field, *lines.others), styles, labels, strict=True):
+        axes.plot(table["views"], table[line.name], style, color="black", label=label)
     for count in counts.values():
         if count is not None and count <= table["views"].iloc[-1]:
             cost = table.loc[table["views"] == count, lines.field.name].iloc[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from gpf.errors import UserError
 from gpf.images import check_finite, read_exr
 from metrics.image import compare, flip_exposures, psnr
 from metrics.worth import snapshot_passes, worth_passes
+from stages.costs import CostMeter
 from stages.progress import progress_bar
 from stages.workspace import Workspace
 
@@ -24,26 +26,34 @@ def compare_images(scene_name: str) -> None:
     exposure = work.views.exposure
     epsilon = work.params.metrics.relmse_epsilon
     names = [view.name for view in work.views.novel]
-    references = {
-        name: read_exr(work.reference(name), "reference")[0]["radiance"] for name in names
-    }
+    references, cameras = {}, {}
+    for name in names:
+        layers, record = read_exr(work.reference(name), "reference")
+        references[name], cameras[name] = layers["radiance"], record["view"]
     for name, image in references.items():
         check_finite(image, str(work.reference(name)))
     passes = snapshot_passes(work.params.reference.passes)
     # Method -> layer of the ceiling's EXR, or the field's own image.
     methods = {"gpf": "gpf", "sppm_3": "sppm_3", "ceiling": f"sppm_{passes[-1]}"}
-    start, stop = flip_exposures(list(references.values()))
+    exposures: tuple[float, float] | tuple[None, None] = (None, None)
+    # All black: HDR-FLIP of each image says why it is missing.
+    with suppress(ValueError):
+        exposures = flip_exposures(list(references.values()))
 
     results: dict[str, Any] = {method: {} for method in methods}
     curves: dict[str, dict[int, float]] = {}
-    with progress_bar(f"{scene_name}: metrics", len(names)) as advance:
+    costs = CostMeter()
+    title = f"{scene_name}: metrics"
+    with progress_bar(title, len(names)) as advance, costs.measure("metrics"):
         for done, name in enumerate(names, start=1):
             layers, _ = read_exr(work.ceiling(name), "reference")
-            layers["gpf"] = read_exr(work.render("gpf", name), "render")[0]["radiance"]
+            rendered, record = read_exr(work.render("gpf", name), "render")
+            layers["gpf"] = rendered["radiance"]
+            _check_views(work, name, cameras[name], record["view"])
             _check_layers(work, name, layers, references[name], passes)
             for method, layer in methods.items():
                 results[method][name] = compare(
-                    layers[layer], references[name], exposure, start, stop, epsilon
+                    layers[layer], references[name], exposure, exposures[0], exposures[1], epsilon
                 )
             curves[name] = {
                 n: psnr(layers[f"sppm_{n}"], references[name], exposure) for n in passes
@@ -68,8 +78,20 @@ def compare_images(scene_name: str) -> None:
         work.metrics("convergence"),
         [{"passes": n, "psnr": value} for n, value in mean_curve.items()],
     )
+    costs.write(work.cost("metrics"))
     table = pd.DataFrame(rows)
     write_text(work.root / "tables" / f"quality_{scene_name}.csv", table.to_csv(index=False))
+
+
+def _check_views(work: Workspace, name: str, reference: object, rendered: object) -> None:
+    """Refuse a reference or a render of another camera than views.yaml has."""
+    wanted = work.views.find(name).model_dump(mode="json")
+    for stage, found in (("reference", reference), ("render", rendered)):
+        if found != wanted:
+            path = work.reference(name) if stage == "reference" else work.render("gpf", name)
+            raise UserError(
+                str(path), "was made with another camera", f"Run `gpf stage {stage}` again."
+            )
 
 
 def _check_layers(

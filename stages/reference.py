@@ -9,6 +9,7 @@ A view whose file was made by the same scene, camera and parameters is left alon
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import time
 from collections.abc import Sequence
@@ -17,13 +18,14 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 import gpf
 from gpf.artifacts import read_tensors, write_tensors
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr, read_record, write_exr
 from gpf.progressive import PassSettings, pass_seed, propose_radius, sample_film
-from gpf.reference import ReferenceRenderer, fixed_points, settings_record, time_pass
+from gpf.reference import ReferenceRenderer, fixed_points, settings_record
 from gpf.structs import VisiblePoints, to_numpy
 from gpf.supervision import Targets
 from gpf.surface_samples import sample_surface_points
@@ -61,7 +63,7 @@ def pass_settings(work: Workspace, scene: Any) -> PassSettings:
     section = work.params.reference
     radius = section.initial_radius
     if radius == "auto":
-        radius = work.views.search_radius or _measure_radius(work, scene)
+        radius = _measure_radius(work, scene)
     return PassSettings(
         photons_per_pass=section.photons_per_pass,
         initial_radius=radius,
@@ -79,12 +81,27 @@ def _time_passes(work: Workspace, scene: Any, settings: PassSettings) -> dict[st
     view = work.views.train[0]
     sensor = {view.name: work.sensor(view)}
     points = _target_points(work, scene, work.views.train, True, settings, seed)
+    alone = ReferenceRenderer(scene, sensor, {}, settings, seed)
+    targets = ReferenceRenderer(scene, {}, points, settings, seed)
+    passes = work.params.reference.passes
     return {
-        "seconds_per_single_view_pass": time_pass(
-            ReferenceRenderer(scene, sensor, {}, settings, seed)
-        ),
-        "seconds_per_target_pass": time_pass(ReferenceRenderer(scene, {}, points, settings, seed)),
+        "seconds_per_single_view_pass": _seconds_per_pass(alone, passes),
+        "seconds_per_target_pass": _seconds_per_pass(targets, passes),
     }
+
+
+def _seconds_per_pass(renderer: ReferenceRenderer, passes: int, samples: int = 12) -> float:
+    """Mean over samples spread evenly over all passes: a pass gets cheaper as its radius shrinks.
+
+    The first two are not counted: they may compile.
+    """
+    seconds = []
+    for t in [1, 1, *np.linspace(1, passes, samples).astype(int)]:
+        renderer.passes_done = int(t) - 1
+        start = time.perf_counter()
+        renderer.run_pass()
+        seconds.append(time.perf_counter() - start)
+    return float(np.mean(seconds[2:]))
 
 
 def _target_points(
@@ -121,6 +138,7 @@ def _render_group(
         "group": group,
         "passes": section.passes,
         "code": code_digest(),
+        "made_with": [mi.variant(), mi.__version__, dr.__version__],
         "scene": work.scene_digest,
         "size": list(work.film_size),
         **settings_record(settings, seed),
@@ -141,14 +159,19 @@ def _render_group(
 
 
 def code_digest() -> str:
-    """A hash of the files that decide what a reference looks like."""
+    """A hash of the code that decides what a reference looks like, without its comments."""
     names = (
         "density materials photon_tracing progressive reference spatial_hash structs "
-        "surface_samples visible_points"
+        "surface_samples views visible_points"
     )
     digest = hashlib.sha256()
     for name in names.split():
-        digest.update((Path(gpf.__file__).parent / f"{name}.py").read_bytes())
+        source = (Path(gpf.__file__).parent / f"{name}.py").read_text(encoding="utf-8")
+        tree = ast.parse(source)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                node.value.value = None  # a docstring
+        digest.update(ast.dump(tree).encode())
     return digest.hexdigest()[:16]
 
 
@@ -222,6 +245,7 @@ def _accumulate(
         write_exr(path, layers, _view_record(record, view))
     if SURFACES in renderer.points:
         points = renderer.points[SURFACES]
+        check_finite(renderer.mean_irradiance(SURFACES), f"{work.scene}, samples of its surfaces")
         tensors = {
             "position": to_numpy(points.p),
             "normal": to_numpy(points.n),

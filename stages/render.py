@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mitsuba as mi
 import numpy as np
 
@@ -10,6 +12,27 @@ from gpf.images import check_finite, write_exr, write_png
 from stages.costs import CostMeter
 from stages.progress import progress_bar
 from stages.workspace import Workspace
+
+# Camera samples that are in flight at once: some 2 GB of state.
+LARGEST_WAVEFRONT = 1 << 26
+
+
+def render_image(
+    scene: mi.Scene, integrator: mi.Integrator, sensor: mi.Sensor, spp: int, seed: int
+) -> np.ndarray:
+    """An image as (H, W, C) float32, in as many parts of its samples as memory asks for."""
+    width, height = sensor.film().crop_size()
+    parts = -(-spp * int(width) * int(height) // LARGEST_WAVEFRONT)
+    total: Any = 0
+    done = 0
+    for part in range(parts):
+        share = (spp - done) // (parts - part)
+        image = mi.render(
+            scene, integrator=integrator, sensor=sensor, spp=share, seed=seed + part * 2**16
+        )
+        total = total + np.array(image) * (share / spp)
+        done += share
+    return np.asarray(total)
 
 
 def render_views(scene_name: str) -> None:
@@ -26,15 +49,7 @@ def render_views(scene_name: str) -> None:
         for k, view in enumerate(views):
             sensor = work.sensor(view, section.spp, section.sampler)
             with costs.measure("render"):
-                image = np.array(
-                    mi.render(
-                        scene,
-                        integrator=integrator,
-                        sensor=sensor,
-                        spp=section.spp,
-                        seed=section.seed + k,
-                    )
-                )
+                image = render_image(scene, integrator, sensor, section.spp, section.seed + k)
             radiance, coverage = image[..., :3], image[..., 3]
             check_finite(radiance, f"{scene_name}, view {view.name}")
             shares.append(float(np.mean(coverage > 1.5)))

@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+import os
+
 from gpf.artifacts import write_json
-from gpf.scenes import freeze_scene, scene_info
+from gpf.errors import UserError
+from gpf.scenes import freeze_scene, load_views, scene_folder, scene_info
+from stages.costs import CostMeter
 from stages.workspace import Workspace
 
 
 def prepare_scene(scene_name: str) -> None:
     """Build and copy the scene, load it once, and write down what it consists of."""
     work = Workspace.open(scene_name)
-    freeze_scene(scene_name, work.frozen_scene)
-    write_json(work.folder / "scene.json", scene_info(work.load_scene()))
+    if not load_views(scene_name).novel:
+        raise UserError(
+            f"{scene_folder(scene_name) / 'views.yaml'}: views.novel",
+            "is empty, so there is nothing to judge a field by",
+            "Add a view that no training sees.",
+        )
+    costs = CostMeter()
+    with costs.measure("scene"):
+        freeze_scene(scene_name, work.frozen_scene)
+        os.replace(work.frozen_scene / "views.yaml", work.views_file)
+        scene = work.load_scene()
+    write_json(work.folder / "scene.json", scene_info(scene))
+    costs.write(work.cost("scene"))

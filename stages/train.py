@@ -45,18 +45,12 @@ def train_field(scene_name: str) -> None:
         "params": {"train": section.model_dump(), "field": work.params.field.model_dump()},
     }
     checkpoint = work.checkpoint("train")
-    resumed = trainer.restore(checkpoint, fingerprint)
+    spent = trainer.restore(checkpoint, fingerprint)
+    if spent:
+        costs.parts["training"] = spent
 
-    curves = work.folder / "training"
     saved = time.monotonic()
-    with Live(
-        str(curves),
-        resume=resumed,
-        save_dvc_exp=False,
-        dvcyaml=None,
-        report=None,
-        monitor_system=False,
-    ) as live:
+    with Live(str(work.folder / "training"), save_dvc_exp=False, dvcyaml=None, report=None) as live:
 
         def report(progress: Progress) -> None:
             live.step = progress.step
@@ -64,13 +58,16 @@ def train_field(scene_name: str) -> None:
             live.log_metric("held_out_error", progress.held_out_error)
             live.next_step()
 
+        # The curve of an interrupted run is in its checkpoint.
+        for progress in trainer.history:
+            report(progress)
         with progress_bar(f"{scene_name}: training", section.steps) as advance:
 
             def tick(step: int) -> None:
                 nonlocal saved
                 advance(step)
                 if time.monotonic() - saved > section.checkpoint_seconds:
-                    trainer.save(checkpoint, fingerprint)
+                    trainer.save(checkpoint, fingerprint, costs.so_far("training"))
                     saved = time.monotonic()
 
             with costs.measure("training"):
@@ -125,9 +122,7 @@ def initial_field(
     section = work.params.field
     radius = section.search_radius
     if radius == "auto":
-        radius = work.views.search_radius or propose_search_radius(
-            photons, section.gaussians, targets.position, bounds
-        )
+        radius = propose_search_radius(photons, section.gaussians, targets.position, bounds)
     scale = 0.6 * radius if section.initial_scale == "auto" else section.initial_scale
     initial = InitializationSettings(
         gaussians=section.gaussians,
@@ -137,6 +132,10 @@ def initial_field(
         density_radius=radius,
     )
     gaussians = initialize_gaussians(photons, initial, bounds, seed=work.params.train.seed)
+    if section.stores == "radiance":
+        # Photons know nothing of what reflects their light; views do, on average.
+        mean = targets.select("views").reflectance.mean(axis=0) / np.pi
+        gaussians.irradiance *= mi.Color3f(*(float(c) for c in mean))
     settings = FieldSettings(
         search_radius=radius,
         k=section.k,

@@ -42,6 +42,11 @@ class Workspace:
         return self.folder / "scene"
 
     @property
+    def views_file(self) -> Path:
+        """The scene's cameras; beside the frozen scene, for a new view changes no photons."""
+        return self.folder / "views.yaml"
+
+    @property
     def targets(self) -> Path:
         """Supervised points and their irradiance."""
         return self.folder / "targets.safetensors"
@@ -87,22 +92,21 @@ class Workspace:
 
     @cached_property
     def views(self) -> SceneViews:
-        """The cameras of the frozen scene."""
-        file = self.frozen_scene / "views.yaml"
-        if not file.exists():
+        """The cameras of the scene, as the stage ``scene`` copied them."""
+        if not self.views_file.exists():
             raise UserError(
-                str(self.frozen_scene),
+                str(self.views_file),
                 "is missing",
                 f"Run `gpf stage scene --scene {self.scene}` first.",
             )
-        return read_views(file)
+        return read_views(self.views_file)
 
     @cached_property
     def scene_digest(self) -> str:
-        """A hash of all that the scene consists of, its views aside."""
+        """A hash of all that the scene consists of."""
         digest = hashlib.sha256()
         for path in sorted(self.frozen_scene.rglob("*")):
-            if path.is_file() and path.name != "views.yaml":
+            if path.is_file():
                 digest.update(path.relative_to(self.frozen_scene).as_posix().encode())
                 digest.update(path.read_bytes())
         return digest.hexdigest()[:16]
@@ -114,8 +118,14 @@ class Workspace:
 
     def load_scene(self) -> Any:
         """The Mitsuba scene, checked."""
-        width, height = self.film_size
-        return load_scene_file(self.frozen_scene / "scene.xml", width, height)
+        file = self.frozen_scene / "scene.xml"
+        if not file.exists():
+            raise UserError(
+                str(self.frozen_scene),
+                "is missing",
+                f"Run `gpf stage scene --scene {self.scene}` first.",
+            )
+        return load_scene_file(file)
 
     @property
     def film_size(self) -> tuple[int, int]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from gpf.reference import (
     fixed_points,
     sample_view,
     settings_record,
-    time_pass,
 )
 from gpf.structs import concatenate, to_numpy
 from tests.furnace import camera, cornell_box, furnace
@@ -262,11 +260,3 @@ def test_settings_as_json():
         "rr_depth": 5,
         "seed": 7,
     }
-
-
-def test_the_time_of_a_pass_is_its_own(scene):
-    """More photons take longer; compilation does not count."""
-    slow = PassSettings(photons_per_pass=200_000, initial_radius=0.1)
-    few, many = (time_pass(start(scene, "front", settings=s), 4) for s in (SETTINGS, slow))
-    assert 0 < few < many < 5
-    dr.sync_thread()

@@ -36,7 +36,7 @@ def write(tmp_path: Path, text: str) -> Path:
 def test_views_are_read_with_defaults(tmp_path):
     views = read_views(write(tmp_path, GOOD))
     assert [view.name for view in views.train] == ["front"]
-    assert (views.exposure, views.search_radius) == (2.5, None)
+    assert views.exposure == 2.5
     assert views.size(6) == (9, 6)
     assert views.train[0].up == (0, 1, 0)
     # a view takes the scene's axis over unless it names its own

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from typing import Any
-
-import mitsuba as mi
 
 _MODULES = ("gpf.integrators.sppm", "gpf.integrators.gpf")
 
@@ -16,6 +15,10 @@ def register_integrators() -> None:
     Mitsuba keeps classes and plugin registrations per variant, so that a plugin's class has to
     be made anew after each change of variant.
     """
+    if importlib.util.find_spec("mitsuba") is None:
+        return  # `gpf doctor` has to start in a broken installation, to say so
+    import mitsuba as mi
+
     mi.detail.add_variant_callback(_on_variant_change)
     if mi.variant() is not None:
         _register()
@@ -27,6 +30,8 @@ def _on_variant_change(old: str | None, new: str | None) -> Any:
 
 
 def _register() -> None:
+    import mitsuba as mi
+
     # Scalar variants have no wavefront: the plugins need the vectorised ones.
     variant = mi.variant() or ""
     if not variant.startswith(("llvm", "cuda")):

@@ -10,6 +10,7 @@ import mitsuba as mi
 
 from gpf.camera_rays import sample_tiled_rays
 from gpf.field import GaussianPhotonField
+from gpf.integrators.properties import check_variant, whole_number
 from gpf.materials import require_separable
 from gpf.visible_points import find_visible_points
 
@@ -54,14 +55,20 @@ def define() -> type:
         """
 
         def __init__(self, props: mi.Properties) -> None:
+            check_variant("gpf")
             if "max_depth" not in props:
                 props["max_depth"] = -1
-            self.depth_limit = props["max_depth"]
+            if props.get("hide_emitters", False):
+                raise ValueError('"hide_emitters" is not available in gpf.')
+            self.depth_limit = whole_number(props["max_depth"], "max_depth", -1)
+            whole_number(props.get("rr_depth", 5), "rr_depth", 1)
             path = props.get("field", "")
             self.coverage = props.get("coverage", False)
             super().__init__(props)
             self._checked: int | None = None
-            self.field = GaussianPhotonField.load(Path(path)) if path else None
+            # As for meshes and textures: relative to the scene file, or to the current folder.
+            found = mi.file_resolver().resolve(path) if path else ""
+            self.field = GaussianPhotonField.load(Path(str(found))) if path else None
 
         def sample(  # type: ignore[no-untyped-def]
             self, mode, scene, sampler, ray, depth=None, active=True, **kwargs

@@ -8,6 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from gpf.integrators.properties import check_variant, is_number, whole_number
 from gpf.materials import require_separable
 from gpf.progressive import PassSettings, gather_pass, pass_seed, propose_radius, sample_film
 
@@ -59,26 +60,25 @@ def define() -> type:
         """
 
         def __init__(self, props: mi.Properties) -> None:
-            if mi.is_spectral or mi.is_monochromatic or mi.is_polarized:
-                raise ValueError(f"sppm needs an RGB variant; this one is {mi.variant()}.")
+            check_variant("sppm")
             if "max_depth" not in props:
                 props["max_depth"] = -1
             if props.get("hide_emitters", False):
                 raise ValueError('"hide_emitters" is not available in sppm.')
-            self.depth_limit = _whole(props["max_depth"], "max_depth", -1)
-            _whole(props.get("rr_depth", 5), "rr_depth", 1)
+            self.depth_limit = whole_number(props["max_depth"], "max_depth", -1)
+            whole_number(props.get("rr_depth", 5), "rr_depth", 1)
             super().__init__(props)
-            self.passes = _whole(props.get("passes", 64), "passes", 1)
-            self.photons_per_pass = _whole(
+            self.passes = whole_number(props.get("passes", 64), "passes", 1)
+            self.photons_per_pass = whole_number(
                 props.get("photons_per_pass", 100_000), "photons_per_pass", 1
             )
             self.initial_radius = props.get("initial_radius", 0.0)
             self.alpha = props.get("alpha", 0.7)
-            if not (_is_number(self.initial_radius) and 0 <= self.initial_radius < math.inf):
+            if not (is_number(self.initial_radius) and 0 <= self.initial_radius < math.inf):
                 raise ValueError(
                     f'"initial_radius" is {self.initial_radius!r}; give a number of 0 or more.'
                 )
-            if not (_is_number(self.alpha) and 0 < self.alpha < 1):
+            if not (is_number(self.alpha) and 0 < self.alpha < 1):
                 raise ValueError(f'"alpha" is {self.alpha!r}; give a number between 0 and 1.')
 
         def settings(self, scene: mi.Scene, sensor: mi.Sensor, seed: int) -> PassSettings:
@@ -141,16 +141,6 @@ def define() -> type:
             )
 
     return SPPM
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _whole(value: Any, name: str, least: int) -> int:
-    if not (_is_number(value) and isinstance(value, int) and value >= least):
-        raise ValueError(f'"{name}" is {value!r}; give a whole number of {least} or more.')
-    return value
 
 
 def register() -> None:

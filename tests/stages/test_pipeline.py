@@ -255,7 +255,7 @@ def interrupt_after(monkeypatch, kind: type, method: str, calls: int) -> list[in
 @pytest.fixture
 def no_probe(monkeypatch):
     """The passes that are only timed would be counted, too."""
-    monkeypatch.setattr("stages.reference.time_pass", lambda renderer: 1.0)
+    monkeypatch.setattr("stages.reference._seconds_per_pass", lambda *_: 1.0)
 
 
 def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monkeypatch, no_probe):
