@@ -133,7 +133,7 @@ class ReferenceRenderer:
         """Mean irradiance so far at a set of points, (N, 3)."""
         return to_numpy(self.irradiance[name]) / self.passes_done
 
-    def save(self, path: Path, fingerprint: Mapping[str, Any], note: Any = None) -> None:
+    def save(self, path: Path, fingerprint: Mapping[str, Any], note: Any = "") -> None:
         """Write a checkpoint, atomically; ``note`` is kept for the one who restores it."""
         tensors = {f"radiance/{n}": to_numpy(v) for n, v in self.radiance.items()}
         tensors |= {f"irradiance/{n}": to_numpy(v) for n, v in self.irradiance.items()}

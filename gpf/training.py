@@ -249,7 +249,7 @@ class Trainer:
                 self.history.append(Progress(done, training, held_out, self.best_error))
                 report(self.history[-1])
             tick(done)
-        if not np.isfinite(self.best_error):
+        if self.history and not np.isfinite(self.best_error):
             raise UserError(
                 "training",
                 "diverged: the error on the held-out points was never finite",
@@ -263,7 +263,7 @@ class Trainer:
         self.field.update(replace(state, irradiance=state.irradiance * self.unit))
         return self.field
 
-    def save(self, path: Path, fingerprint: Mapping[str, Any], note: Any = None) -> None:
+    def save(self, path: Path, fingerprint: Mapping[str, Any], note: Any = "") -> None:
         """Write a checkpoint, atomically: parameters, moments, the best state and the history.
 
         ``note`` is kept for the one who restores it.

@@ -14,6 +14,7 @@ import pandas as pd
 from gpf.artifacts import read_json, write_atomically, write_json, write_text
 from metrics.cost import CostLine, break_even, cumulative
 from metrics.worth import worth_passes
+from stages.costs import CostMeter
 from stages.progress import console
 from stages.workspace import Workspace
 
@@ -70,6 +71,13 @@ def mean_convergence(work: Workspace) -> dict[int, float]:
 def amortize(scene_name: str) -> None:
     """Write the table and the figure of cumulative cost, and print the break-even counts."""
     work = Workspace.open(scene_name)
+    costs = CostMeter()
+    with costs.measure("amortize"):
+        _write_all(work, scene_name)
+    costs.write(work.cost("amortize"))
+
+
+def _write_all(work: Workspace, scene_name: str) -> None:
     lines = cost_lines(work)
     table = cumulative([lines.field, *lines.others], range(1, work.params.amortize.views + 1))
     write_text(work.root / "tables" / f"cost_{scene_name}.csv", table.to_csv(index=False))

@@ -85,9 +85,8 @@ def test_random_means_fill_the_box():
     assert ((means >= lower) & (means <= upper)).all()
     np.testing.assert_allclose(means.mean(axis=0), (lower + upper) / 2, atol=0.08)
     np.testing.assert_allclose(means.std(axis=0), (upper - lower) / np.sqrt(12), rtol=0.05)
-    normals = np.array(g.normals)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=0), 1, atol=1e-5)
-    assert np.abs(normals.mean(axis=1)).max() < 0.06
+    # Each has the normal of the nearest photon: here all photons have the same.
+    np.testing.assert_array_equal(np.array(g.normals).T, np.tile([0, 0, 1], (2000, 1)))
 
 
 def test_the_seed_decides():
@@ -95,7 +94,7 @@ def test_the_seed_decides():
     first, again, other = (
         initialize_gaussians(sheet(100), settings, BOUNDS, seed) for seed in (1, 1, 2)
     )
-    for name in ("means", "quats", "normals"):
+    for name in ("means", "quats"):
         values = [np.array(getattr(g, name)) for g in (first, again, other)]
         np.testing.assert_array_equal(values[0], values[1])
         assert not np.array_equal(values[0], values[2]), name

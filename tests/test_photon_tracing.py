@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.errors import UserError
 from gpf.photon_tracing import record_photons, trace_photons
 from gpf.structs import Photons, to_numpy
 from tests.furnace import (
@@ -366,7 +367,7 @@ def test_the_walk_alone_finds_what_the_recorder_keeps():
 
 def test_too_many_photons_for_the_recorder():
     words = r"\d+ photons met .* room for 10\. Pass a larger capacity"
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(UserError, match=words):
         record(closed_room(0.5), paths=1000, capacity=10)
 
 

@@ -271,7 +271,7 @@ def test_lists_are_rebuilt_on_schedule(monkeypatch):
     monkeypatch.setattr(trainer, "rebuild", lambda: (at.append(trainer.step_count), rebuild()))
     ticks: list[int] = []
     trainer.run(tick=ticks.append)
-    assert at == [20, 40]
+    assert at == [10, 20, 30, 40, 50]  # evaluations are on fresh lists, too
     assert ticks == list(range(1, 51))
 
 
@@ -310,7 +310,7 @@ def test_training_goes_on_from_a_checkpoint(tmp_path):
     best = trainer.best_error
 
     resumed = make_trainer()
-    assert resumed.restore(path, {"run": [1, "a"]})
+    assert resumed.restore(path, {"run": [1, "a"]}) == ""
     assert resumed.step_count == 40 and resumed.best_error == best
     ticks: list[int] = []
     field = resumed.run(tick=ticks.append)
@@ -337,3 +337,16 @@ def test_a_truncated_checkpoint_is_said_in_words(tmp_path):
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(UserError, match=r"is truncated or damaged.*Delete it and run `gpf stage t"):
         trainer.restore(path, {})
+
+
+def test_steps_are_compiled_once():
+    """What changes from step to step is data: a second run of other steps compiles nothing."""
+    trainer = make_trainer(replace(SETTINGS, steps=50, rebuild_every=100))
+    trainer.advance(2)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        trainer.advance(3)
+        history = dr.kernel_history([dr.KernelType.JIT])
+    assert len(history) >= 6
+    assert all(entry["cache_hit"] for entry in history)
+    assert len({entry["hash"] for entry in history}) <= len(history) / 3

@@ -20,6 +20,7 @@ from gpf.field import GaussianPhotonField
 from gpf.images import read_exr
 from gpf.reference import ReferenceRenderer
 from gpf.training import Trainer
+from stages.cli import STAGES
 
 PROJECT = Path(__file__).parent.parent.parent
 TRAIN, NOVEL = ("front", "left", "right"), ("above", "floor", "inside", "ceiling")
@@ -48,7 +49,7 @@ def test_everything_that_should_exist_exists(built):
     expected = {
         "scene.json",
         "scene/scene.xml",
-        "scene/views.yaml",
+        "views.yaml",
         "reference/surfaces.safetensors",
         "targets.safetensors",
         "photons.safetensors",
@@ -60,7 +61,7 @@ def test_everything_that_should_exist_exists(built):
         *(f"reference/{view}.exr" for view in TRAIN + NOVEL),
         *(f"ceiling/{view}.exr" for view in NOVEL),
         *(f"renders/gpf/{view}.{kind}" for view in NOVEL for kind in ("exr", "png")),
-        *(f"costs/{stage}.json" for stage in ("reference", "photons", "train", "render")),
+        *(f"costs/{stage}.json" for stage in STAGES),
         *(
             f"metrics/{name}.json"
             for name in ("gpf", "sppm_3", "ceiling", "summary", "convergence")
