@@ -37,7 +37,7 @@ def measure(size: int, radius: float, rounds: int = 15) -> Timings:
     particles = load_scene(400, 250)
     path = mi.load_dict({"type": "path", "max_depth": 2})
     ptracer = mi.load_dict({"type": "ptracer"})
-    field = mi.load_dict({"type": "gpf"})
+    field = mi.load_dict({"type": "gpf", "record": True})
     field.field = _untrained_field(scene, radius)
     # Rendered anew each round, so that every pass is a first one and has the full radius.
     sppm = mi.load_dict(

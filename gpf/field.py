@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -134,6 +135,23 @@ class GaussianPhotonField:
         dr.eval(self._packets)
         self._radius = dr.opaque(mi.Float, self.settings.search_radius)
         self._limit = dr.opaque(mi.Float, self.hash.extent)
+
+    def arrays(self) -> dict[str, Any]:
+        """What queries read, as a PyTree; see :meth:`with_arrays`."""
+        return {
+            "hash": self.hash.arrays(),
+            "packets": self._packets,
+            "radius": self._radius,
+            "limit": self._limit,
+        }
+
+    def with_arrays(self, arrays: Mapping[str, Any]) -> GaussianPhotonField:
+        """A copy whose queries read these arrays: how a recorded function gets at its arguments."""
+        other = copy.copy(self)
+        other.hash = self.hash.with_arrays(arrays["hash"])
+        other._packets = arrays["packets"]
+        other._radius, other._limit = arrays["radius"], arrays["limit"]
+        return other
 
     def accepts(self, record: mi.Vector4f, n: mi.Normal3f) -> mi.Bool:
         """Whether the Gaussian of a record may answer for a surface with normal ``n``."""

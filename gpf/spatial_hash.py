@@ -11,8 +11,9 @@ with cells four times as large, so that no search walks more than a few rows.
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -23,6 +24,9 @@ import mitsuba as mi
 Body = Callable[[Any, "mi.UInt32", "mi.Vector4f", "mi.Float", "mi.Bool"], Any]
 
 NOT_FOUND = 0xFFFFFFFF
+
+# The attributes that queries read.
+_QUERIED = ["_lower", "_slack", "_cell", "_first", "_levels", "_last_level", "_starts", "records"]
 
 # Edge length of a level's cells over that of the level below.
 _LEVEL_RATIO = 4
@@ -106,6 +110,16 @@ class SpatialHash:
         w = mi.Float(0) if tag is None else dr.gather(mi.Float, tag, self.order)
         self.records = dr.ravel(mi.Vector4f(p.x, p.y, p.z, w))
         dr.eval(self._starts, self.order, self.slot, self.records)
+
+    def arrays(self) -> dict[str, Any]:
+        """What queries read, as a PyTree; see :meth:`with_arrays`."""
+        return {name: getattr(self, name) for name in _QUERIED}
+
+    def with_arrays(self, arrays: Mapping[str, Any]) -> SpatialHash:
+        """A copy that reads these arrays, which may be those of a recorded function's arguments."""
+        other = copy.copy(self)
+        vars(other).update(arrays)
+        return other
 
     def _plan(
         self, cell: float, edges: list[float], size: int, first_bucket: int

@@ -231,3 +231,54 @@ def test_loaded_from_xml_around_set_variant(saved, order):
     found = np.array(done.stdout.split(), dtype=float).reshape(2, 3)
     expected = np.array([0.5, 0.25, 0.125]) / np.pi * E
     np.testing.assert_allclose(found, [expected, expected], rtol=1e-4)
+
+
+def test_recorded_frames_are_those_of_a_new_integrator():
+    """Seeds, cameras, textures, fields and films may change between frames of one integrator."""
+    scene = make_scene()
+    narrow, wide = (
+        mi.load_dict(
+            {
+                "type": "perspective",
+                "to_world": above(5),
+                "film": {"type": "hdrfilm", "width": w, "height": h, "rfilter": {"type": "box"}},
+            }
+        )
+        for w, h in ((8, 6), (12, 4))
+    )
+    kept = mi.load_dict({"type": "gpf", "record": True})
+    kept.field = constant_field()
+    dim = constant_field()
+    dim.gaussians.irradiance *= 0.5
+    dim.update(dim.gaussians)
+
+    def check(seed: int, sensor=narrow, spp: int = 4) -> np.ndarray:
+        new = mi.load_dict({"type": "gpf"})
+        new.field = kept.field
+        options = {"sensor": sensor, "seed": seed, "spp": spp}
+        image = np.array(mi.render(scene, integrator=kept, **options))
+        np.testing.assert_array_equal(image, np.array(mi.render(scene, integrator=new, **options)))
+        return image
+
+    for seed in range(4):
+        check(seed)
+    before = check(5)
+    camera = mi.traverse(narrow)
+    camera["to_world"] = above(4)
+    camera.update()
+    assert not np.array_equal(check(5), before)
+    before = check(5)
+    parameters = mi.traverse(scene)
+    texture = next(key for key in parameters.keys() if key.endswith("reflectance.data"))  # noqa: SIM118
+    parameters[texture] = parameters[texture] * 0.5
+    parameters.update()
+    assert check(5).sum() < before.sum()
+    kept.field = dim
+    check(6)
+    for seed in range(3):
+        assert check(seed, sensor=wide, spp=2).shape == (4, 12, 3)
+    check(7)
+
+
+def above(height: float) -> mi.ScalarTransform4f:
+    return mi.ScalarTransform4f().look_at([0.2, 0, height], [0, 0, 0], [0, 1, 0])

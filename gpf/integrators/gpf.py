@@ -11,6 +11,7 @@ import mitsuba as mi
 from gpf.camera_rays import sample_tiled_rays
 from gpf.field import GaussianPhotonField
 from gpf.integrators.properties import check_variant, whole_number
+from gpf.integrators.recording import Recording
 from gpf.materials import require_separable
 from gpf.visible_points import find_visible_points
 
@@ -41,6 +42,12 @@ def define() -> type:
              the search radius: 1 in supported regions, more where the field had to reach, 0 where
              no query was made. (Default: false)
 
+         * - record
+           - |bool|
+           - Record the first frames and replay them, with other seeds, cameras and fields:
+             for viewers and animations, where tracing Python for every frame would cost more than
+             a third of the time. Not every plugin of Mitsuba can be recorded. (Default: false)
+
         Camera rays go through glossy and specular bounces; at the first diffuse hit the field
         answers with the irradiance and the ray ends.
 
@@ -66,9 +73,40 @@ def define() -> type:
             self.coverage = props.get("coverage", False)
             super().__init__(props)
             self._checked: int | None = None
+            self.record = props.get("record", False)
+            self.recording: Recording | None = None
             # As for meshes and textures: relative to the scene file, or to the current folder.
             found = mi.file_resolver().resolve(path) if path else ""
-            self.field = GaussianPhotonField.load(Path(str(found))) if path else None
+            self.field: Any = GaussianPhotonField.load(Path(str(found))) if path else None
+
+        def render(
+            self,
+            scene: mi.Scene,
+            sensor: Any = 0,
+            seed: Any = 0,
+            spp: int = 0,
+            develop: bool = True,
+            evaluate: bool = True,
+        ) -> Any:
+            if isinstance(sensor, int):
+                sensor = scene.sensors()[sensor]
+            if not self.record or self.field is None or not develop:
+                return super().render(scene, sensor, seed, spp, develop, evaluate)
+            size = tuple(int(v) for v in sensor.film().crop_size())
+            facts = (size, spp, self.coverage, self.field.settings)
+            if self.recording is None or not self.recording.serves(scene, sensor, facts):
+                self.recording = Recording(scene, sensor, facts, self._render_with)
+            return self.recording.frame(mi.UInt32(seed), spp, self.field.arrays())
+
+        def _render_with(
+            self, scene: mi.Scene, sensor: mi.Sensor, seed: mi.UInt32, spp: int, arrays: Any
+        ) -> Any:
+            field = self.field
+            self.field = field.with_arrays(arrays)
+            try:
+                return super().render(scene, sensor, seed, spp)
+            finally:
+                self.field = field
 
         def sample(  # type: ignore[no-untyped-def]
             self, mode, scene, sampler, ray, depth=None, active=True, **kwargs
