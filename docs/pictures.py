@@ -1,8 +1,10 @@
-"""Make the README's pictures from results/: `python docs/pictures.py` after `dvc repro`."""
+"""Make the README's pictures and table: `python docs/pictures.py`, after `dvc repro`."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from shutil import copyfile
 
 import matplotlib
 
@@ -11,12 +13,14 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from gpf.artifacts import read_json, write_text
 from gpf.config import read_params
 from gpf.images import read_exr, tone_map
 from metrics.image import psnr
 from stages.workspace import Workspace
 
 IMAGES = Path("docs/images")
+BEGIN, END = "<!-- results -->", "<!-- /results -->"
 
 
 def draw_scene(scene: str, views: int = 2) -> None:
@@ -50,6 +54,53 @@ def draw_scene(scene: str, views: int = 2) -> None:
     plt.close(figure)
 
 
+def results_table(scenes: Sequence[str]) -> str:
+    """The README's table, in Markdown, from the metric and cost files."""
+    lines = [
+        "| scene | method | PSNR | SSIM | LPIPS | FLIP | seconds per view |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    notes = []
+    for scene in scenes:
+        work = Workspace.open(scene)
+        cost = read_json(work.folder / "amortize.json", "amortize")
+        reference = read_json(work.cost("reference"), "reference")["facts"]
+        passes, spp = work.params.reference.passes, work.params.render.spp
+        per_pass = reference["seconds_per_single_view_pass"]
+        methods = {
+            "sppm_3": ("SPPM, 3 passes", 3 * per_pass),
+            "gpf": (f"**GPF, {spp} spp**", cost["seconds_per_view"]["GPF"]),
+            "ceiling": (f"ceiling: SPPM, {passes} passes", passes * per_pass),
+        }
+        for method, (title, seconds) in methods.items():
+            m = read_json(work.metrics(method), "metrics")["mean"]
+            numbers = (f"{m['psnr']:.1f}", *(_number(m[k]) for k in ("ssim", "lpips", "flip")))
+            lines.append(f"| {scene} | {title} | {' | '.join(numbers)} | {seconds:.2g} |")
+        worth = read_json(work.metrics("gpf"), "metrics")["worth_sppm_passes"]
+        breaks = cost["break_even_views"]
+        notes.append(
+            f"{scene}: worth {', '.join(worth.values())} passes in its {len(worth)} novel views; "
+            f"{cost['preparation_seconds']:.0f} s of preparation; cheaper than SPPM with {passes} "
+            f"passes from view {breaks['SPPM']} on, than SPPM of the same PSNR from view "
+            f"{breaks['SPPM at equal quality']} on."
+        )
+    return "\n".join([*lines, "", *(f"- {note}" for note in notes)])
+
+
+def _number(value: float | None) -> str:
+    return "missing" if value is None else f"{value:.3f}"
+
+
+def write_table(readme: Path, table: str) -> None:
+    """Put the table between the marks in the README."""
+    before, _, rest = readme.read_text(encoding="utf-8").partition(BEGIN)
+    _, _, after = rest.partition(END)
+    write_text(readme, f"{before}{BEGIN}\n{table}\n{END}{after}")
+
+
 if __name__ == "__main__":
-    for scene_name in read_params().scenes:
-        draw_scene(scene_name)
+    all_scenes = read_params().scenes
+    for name in all_scenes:
+        draw_scene(name)
+        copyfile(f"results/figures/cost_{name}.png", IMAGES / f"cost_{name}.png")
+    write_table(Path("README.md"), results_table(all_scenes))
