@@ -82,6 +82,19 @@ class SurfacePoints:
     weight: mi.Float
 
 
+def select_points(points: SurfacePoints, rows: np.ndarray) -> SurfacePoints:
+    """The given rows of a set of points."""
+    index = mi.UInt32(rows.astype(np.uint32))
+    selected = SurfacePoints(
+        p=dr.gather(mi.Point3f, points.p, index),
+        n=dr.gather(mi.Normal3f, points.n, index),
+        target=dr.gather(mi.Color3f, points.target, index),
+        weight=dr.gather(mi.Float, points.weight, index),
+    )
+    dr.eval(selected)
+    return selected
+
+
 def scene_bounds(scene: mi.Scene) -> tuple[Any, Any]:
     """Two opposite corners of the scene's bounding box, world units."""
     box = scene.bbox()

@@ -17,6 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.adam import Adam
 from gpf.artifacts import read_tensors, write_tensors
 from gpf.blending import (
     Packets,
@@ -31,7 +32,7 @@ from gpf.errors import UserError
 from gpf.field import GaussianPhotonField
 from gpf.gaussians import Gaussians
 from gpf.neighbour_lists import list_neighbours
-from gpf.structs import SurfacePoints
+from gpf.structs import SurfacePoints, select_points
 
 
 @dataclass(frozen=True)
@@ -71,28 +72,6 @@ class TrainingSettings:
     held_out: float = 0.1
     anisotropic: bool = True
     seed: int = 0
-
-
-@dataclass
-class Adam:
-    """Adam's moments, one array per parameter, (N,) each."""
-
-    first: list[mi.Float]
-    second: list[mi.Float]
-
-    def step(
-        self, values: list[mi.Float], gradients: list[mi.Float], rates: list[mi.Float], t: int
-    ) -> list[mi.Float]:
-        """New parameters after step ``t`` (from 1); Kingma and Ba 2015, β = (.9, .999)."""
-        correct1 = dr.opaque(mi.Float, 1 / (1 - 0.9**t))
-        correct2 = dr.opaque(mi.Float, 1 / (1 - 0.999**t))
-        result = []
-        for k, (value, gradient) in enumerate(zip(values, gradients, strict=True)):
-            self.first[k] = dr.lerp(gradient, self.first[k], 0.9)
-            self.second[k] = dr.lerp(dr.square(gradient), self.second[k], 0.999)
-            change = self.first[k] * correct1 / (dr.sqrt(self.second[k] * correct2) + 1e-15)
-            result.append(value - rates[k] * change)
-        return result
 
 
 @dataclass(frozen=True)
@@ -302,16 +281,3 @@ class Trainer:
         self.history = [Progress(**progress) for progress in metadata["history"]]
         self.rebuild()
         return metadata["note"]
-
-
-def select_points(points: SurfacePoints, rows: np.ndarray) -> SurfacePoints:
-    """The given rows of a set of points."""
-    index = mi.UInt32(rows.astype(np.uint32))
-    selected = SurfacePoints(
-        p=dr.gather(mi.Point3f, points.p, index),
-        n=dr.gather(mi.Normal3f, points.n, index),
-        target=dr.gather(mi.Color3f, points.target, index),
-        weight=dr.gather(mi.Float, points.weight, index),
-    )
-    dr.eval(selected)
-    return selected

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import torch
 
+from gpf.adam import Adam
 from gpf.blending import parameters
 from gpf.errors import UserError
 from gpf.field import FieldSettings, GaussianPhotonField
-from gpf.training import Adam, LearningRates, Progress, Trainer, TrainingSettings
+from gpf.training import LearningRates, Progress, Trainer, TrainingSettings
 from tests.plain_field import ask, make_field, random_gaussians, surface_points
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from gpf.camera_rays import sample_tiled_rays
 from gpf.field import GaussianPhotonField
-from gpf.integrators.properties import check_variant, whole_number
+from gpf.integrators.properties import read_depths
 from gpf.integrators.recording import Recording
 from gpf.materials import require_separable
 from gpf.visible_points import find_visible_points
@@ -62,13 +62,7 @@ def define() -> type:
         """
 
         def __init__(self, props: mi.Properties) -> None:
-            check_variant("gpf")
-            if "max_depth" not in props:
-                props["max_depth"] = -1
-            if props.get("hide_emitters", False):
-                raise ValueError('"hide_emitters" is not available in gpf.')
-            self.depth_limit = whole_number(props["max_depth"], "max_depth", -1)
-            whole_number(props.get("rr_depth", 5), "rr_depth", 1)
+            self.depth_limit = read_depths(props, "gpf")
             path = props.get("field", "")
             self.coverage = props.get("coverage", False)
             super().__init__(props)

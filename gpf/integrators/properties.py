@@ -27,3 +27,18 @@ def whole_number(value: Any, name: str, least: int) -> int:
     if not (is_number(value) and isinstance(value, int) and value >= least):
         raise ValueError(f'"{name}" is {value!r}; give a whole number of {least} or more.')
     return value
+
+
+def read_depths(props: mi.Properties, plugin: str) -> int:
+    """Check the variant and the properties that both plugins have; the depth limit, -1 for none.
+
+    Mitsuba's base class reads ``max_depth`` and ``rr_depth`` next; its own default of the former
+    is replaced by -1.
+    """
+    check_variant(plugin)
+    if "max_depth" not in props:
+        props["max_depth"] = -1
+    if props.get("hide_emitters", False):
+        raise ValueError(f'"hide_emitters" is not available in {plugin}.')
+    whole_number(props.get("rr_depth", 5), "rr_depth", 1)
+    return whole_number(props["max_depth"], "max_depth", -1)

@@ -8,7 +8,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from gpf.integrators.properties import check_variant, is_number, whole_number
+from gpf.integrators.properties import is_number, read_depths, whole_number
 from gpf.materials import require_separable
 from gpf.progressive import PassSettings, gather_pass, pass_seed, propose_radius, sample_film
 
@@ -60,13 +60,7 @@ def define() -> type:
         """
 
         def __init__(self, props: mi.Properties) -> None:
-            check_variant("sppm")
-            if "max_depth" not in props:
-                props["max_depth"] = -1
-            if props.get("hide_emitters", False):
-                raise ValueError('"hide_emitters" is not available in sppm.')
-            self.depth_limit = whole_number(props["max_depth"], "max_depth", -1)
-            whole_number(props.get("rr_depth", 5), "rr_depth", 1)
+            self.depth_limit = read_depths(props, "sppm")
             super().__init__(props)
             self.passes = whole_number(props.get("passes", 64), "passes", 1)
             self.photons_per_pass = whole_number(
