@@ -37,8 +37,8 @@ def measure(size: int, radius: float, rounds: int = 15) -> Timings:
     particles = load_scene(400, 250)
     path = mi.load_dict({"type": "path", "max_depth": 2})
     ptracer = mi.load_dict({"type": "ptracer"})
-    field = mi.load_dict({"type": "gpf", "record": True})
-    field.field = _untrained_field(scene, radius)
+    field, recorded = (mi.load_dict({"type": "gpf", "record": r}) for r in (False, True))
+    field.field = recorded.field = _untrained_field(scene, radius)
     # Rendered anew each round, so that every pass is a first one and has the full radius.
     sppm = mi.load_dict(
         {"type": "sppm", "photons_per_pass": PHOTONS, "initial_radius": radius, "max_depth": -1}
@@ -53,6 +53,7 @@ def measure(size: int, radius: float, rounds: int = 15) -> Timings:
             "ptracer": lambda n: render(ptracer, particles, n),
             "sppm": lambda n: render(sppm, scene, n),
             "gpf": lambda n: render(field, scene, n),
+            "gpf, recorded": lambda n: render(recorded, scene, n),
         },
         rounds,
     )
