@@ -75,9 +75,8 @@ def results_table(scenes: Sequence[str]) -> str:
         for method, (title, seconds) in methods.items():
             m = read_json(work.metrics(method), "metrics")["mean"]
             numbers = (f"{m['psnr']:.1f}", *(_number(m[k]) for k in ("ssim", "lpips", "flip")))
-            lines.append(
-                f"| {scene} | {title} | {' | '.join(numbers)} | {seconds:.{0 if seconds >= 10 else 2}f} |"
-            )
+            time = f"{seconds:.0f}" if seconds >= 10 else f"{seconds:.2f}"
+            lines.append(f"| {scene} | {title} | {' | '.join(numbers)} | {time} |")
         worth = read_json(work.metrics("gpf"), "metrics")["worth_sppm_passes"]
         breaks = cost["break_even_views"]
         notes.append(
