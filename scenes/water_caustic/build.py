@@ -9,14 +9,17 @@ a dielectric's ``int_ior`` holds inside the water:
   over bit for bit, so that neither a gap nor an overlap lets light by.
 
 Both reach ``MARGIN`` into the walls, the floor and the back, which are opaque: there is no slit
-along the water line. Needs numpy alone, no random numbers, and gives the same bytes every time.
+along the water line. No random numbers: the same bytes every time.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+
+from gpf.modelling.meshes import grid, write_ply
 
 CELLS = 224  # along x and along z: 2 * 224 * 224 = 100,352 triangles
 MARGIN = 0.001  # how far the water reaches into the walls
@@ -63,46 +66,17 @@ def heights(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.round(height, 6), np.round(normal, 6)
 
 
-def write_ply(
-    path: Path, points: np.ndarray, faces: np.ndarray, normals: np.ndarray | None
-) -> None:
-    """Binary little-endian PLY: points (n, 3), faces (m, 3) and, unless None, normals (n, 3)."""
-    names = ["x", "y", "z"] + ([] if normals is None else ["nx", "ny", "nz"])
-    columns = points if normals is None else np.hstack([points, normals])
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
-    header += [f"property float {name}" for name in names]
-    header += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
-    table = np.zeros(len(faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
-    table["count"], table["index"] = 3, faces
-    with path.open("wb") as file:
-        file.write(("\n".join(header) + "\n").encode("ascii"))
-        file.write(np.ascontiguousarray(columns, dtype="<f4").tobytes())
-        file.write(table.tobytes())
-
-
-def strip(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Two triangles for each quad between two rows of vertex indices, counter-clockwise."""
-    a, b, c, d = lower[:-1], lower[1:], upper[1:], upper[:-1]
-    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-
-
 def build(folder: Path) -> list[Path]:
     """Write ``meshes/surface.ply`` and ``meshes/sheet.ply`` below ``folder``; return the paths."""
     x = np.round(np.linspace(-1 - MARGIN, 1 + MARGIN, CELLS + 1), 6)
     z = np.round(np.linspace(1, -1 - MARGIN, CELLS + 1), 6)  # row 0: the edge the sheet shares
     height, normal = heights(x, z)
-    grid = np.arange(height.size).reshape(height.shape)
     surface = np.stack([np.tile(x, (len(z), 1)), height, np.tile(z[:, None], len(x))], axis=-1)
-    faces = np.concatenate([strip(grid[i], grid[i + 1]) for i in range(CELLS)])
-
     edge = surface[0]
     bottom = edge * [1, 0, 1] - [0, MARGIN, 0]
-    columns = np.arange(len(x))
-    sheet = strip(columns, columns + len(x))
-
+    skin = replace(grid(surface), normals=normal.reshape(-1, 3))
     meshes = folder / "meshes"
-    meshes.mkdir(parents=True, exist_ok=True)
-    paths = [meshes / "surface.ply", meshes / "sheet.ply"]
-    write_ply(paths[0], surface.reshape(-1, 3), faces, normal.reshape(-1, 3))
-    write_ply(paths[1], np.concatenate([bottom, edge]), sheet, None)
-    return paths
+    return [
+        write_ply(meshes / "surface.ply", skin),
+        write_ply(meshes / "sheet.ply", grid(np.stack([bottom, edge]))),
+    ]

@@ -1,0 +1,188 @@
+"""Triangle meshes made of boxes, grids, surfaces of revolution and tubes, and written as PLY.
+
+Faces are counter-clockwise seen from outside. Lengths are scene units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh.
+
+    Attributes
+    ----------
+    points: (N, 3). faces: indices of points, (M, 3).
+    normals: one unit vector per point, (N, 3), or None: a facetted mesh.
+    uv: texture coordinates, (N, 2), or None.
+    """
+
+    points: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray | None = None
+    uv: np.ndarray | None = None
+
+    def transformed(self, matrix: np.ndarray) -> Mesh:
+        """The mesh under an affine map (4, 4), which keeps its orientation."""
+        linear = np.asarray(matrix, dtype=float)[:3, :3]
+        points = self.points @ linear.T + np.asarray(matrix, dtype=float)[:3, 3]
+        normals = self.normals
+        if normals is not None:
+            normals = _unit(normals @ np.linalg.inv(linear))
+        return replace(self, points=points, normals=normals)
+
+    def flipped(self) -> Mesh:
+        """The mesh inside out."""
+        normals = None if self.normals is None else -self.normals
+        return replace(self, faces=self.faces[:, ::-1].copy(), normals=normals)
+
+    def smooth(self) -> Mesh:
+        """With normals: at each point the mean of its faces' normals, weighted by their areas.
+
+        Points that lie in one place but have different numbers keep a crease between them.
+        """
+        a, b, c = (self.points[self.faces[:, i]] for i in range(3))
+        twice_area = np.cross(b - a, c - a)
+        total = np.zeros_like(self.points)
+        for i in range(3):
+            np.add.at(total, self.faces[:, i], twice_area)
+        return replace(self, normals=_unit(total))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > 0, length, 1)
+
+
+def join(meshes: Sequence[Mesh]) -> Mesh:
+    """Several meshes as one; all of them or none have normals, and likewise uv."""
+    first = np.cumsum([0] + [len(mesh.points) for mesh in meshes])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, first, strict=False)]
+
+    def column(name: str) -> np.ndarray | None:
+        found = [getattr(mesh, name) for mesh in meshes]
+        if any(value is None for value in found):
+            if any(value is not None for value in found):
+                raise ValueError(f"some of the meshes have {name}, others have not")
+            return None
+        return np.concatenate(found)
+
+    points = np.concatenate([mesh.points for mesh in meshes])
+    return Mesh(points, np.concatenate(faces), column("normals"), column("uv"))
+
+
+def strip(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Two triangles for each quad between two rows of vertex indices, (2 (n - 1), 3)."""
+    a, b, c, d = lower[:-1], lower[1:], upper[1:], upper[:-1]
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+
+
+def grid(rows: np.ndarray, closed: bool = False, uv: np.ndarray | None = None) -> Mesh:
+    """A skin over rows of points (R, C, 3), (R, C, 2) for ``uv``; ``closed`` joins last to first.
+
+    It is seen from outside where the columns run to the right and the rows upwards.
+    """
+    count, columns = rows.shape[:2]
+    index = np.arange(count * columns).reshape(count, columns)
+    if closed:
+        index = np.concatenate([index, index[:, :1]], axis=1)
+    faces = np.concatenate([strip(index[i], index[i + 1]) for i in range(count - 1)])
+    return Mesh(rows.reshape(-1, 3), faces, uv=None if uv is None else uv.reshape(-1, 2))
+
+
+def quad(corner: Sequence[float], right: Sequence[float], up: Sequence[float]) -> Mesh:
+    """A parallelogram with uv from (0, 0) at ``corner`` to (1, 1); it faces right × up."""
+    c, r, u = (np.asarray(v, dtype=float) for v in (corner, right, up))
+    uv = np.array([[[0, 0], [1, 0]], [[0, 1], [1, 1]]], dtype=float)
+    return grid(np.array([[c, c + r], [c + u, c + r + u]]), uv=uv)
+
+
+def box(lower: Sequence[float], upper: Sequence[float]) -> Mesh:
+    """A box with its faces outwards; each of the six has uv from (0, 0) to (1, 1)."""
+    low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+    sides = []
+    for axis in range(3):
+        a, b = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
+        a, b = a * (high - low), b * (high - low)
+        far = low + np.eye(3)[axis] * (high - low)
+        sides += [quad(far, a, b), quad(low, b, a)]
+    return join(sides)
+
+
+def lathe(profile: np.ndarray, segments: int = 96) -> Mesh:
+    """A surface of revolution about the y axis.
+
+    ``profile`` (K, 2) lists (radius, y), from the bottom up along the outside; a radius of 0 at
+    an end closes it in a pole.
+    """
+    angle = 2 * np.pi * np.arange(segments) / segments
+    ring = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
+    rows = np.array([radius * ring + [0, y, 0] for radius, y in profile])
+    mesh = grid(rows, closed=True)
+    faces = mesh.faces
+    for row in (0, len(profile) - 1):
+        if profile[row][0] == 0:  # the whole ring is one point
+            members = (faces >= row * segments) & (faces < (row + 1) * segments)
+            faces = np.where(members, row * segments, faces)
+    return _compact(Mesh(mesh.points, faces))
+
+
+def tube(
+    path: np.ndarray, radii: np.ndarray, up: Sequence[float], segments: int = 24, caps: bool = True
+) -> Mesh:
+    """A tube along ``path`` (K, 3), of elliptic section.
+
+    ``radii`` (K, 2): half an axis along ``up`` × tangent, half an axis along the other one. ``up``
+    is nowhere parallel to the path; for a plane curve its plane's normal does well.
+    """
+    tangent = _unit(np.gradient(path, axis=0))
+    side = _unit(np.cross(np.asarray(up, dtype=float), tangent))
+    top = np.cross(tangent, side)
+    angle = 2 * np.pi * np.arange(segments) / segments
+    a, b = side[:, None] * np.cos(angle)[None, :, None], top[:, None] * np.sin(angle)[None, :, None]
+    rows = path[:, None] + a * radii[:, 0, None, None] + b * radii[:, 1, None, None]
+    skin = grid(rows, closed=True)
+    if not caps:
+        return skin
+    first = np.arange(segments)
+    last = first + (len(path) - 1) * segments
+    points = np.concatenate([skin.points, path[:1], path[-1:]])
+    centre = len(skin.points)
+    bottom = np.stack([np.roll(first, -1), first, np.full(segments, centre)], axis=1)
+    top_cap = np.stack([last, np.roll(last, -1), np.full(segments, centre + 1)], axis=1)
+    return Mesh(points, np.concatenate([skin.faces, bottom, top_cap]))
+
+
+def _compact(mesh: Mesh) -> Mesh:
+    """Without faces that have a corner twice, and without points that no face has."""
+    a, b, c = mesh.faces.T
+    faces = mesh.faces[(a != b) & (b != c) & (c != a)]
+    used, index = np.unique(faces, return_inverse=True)
+    return Mesh(mesh.points[used], index.reshape(-1, 3))
+
+
+def write_ply(path: Path, mesh: Mesh) -> Path:
+    """Write a binary PLY as Mitsuba reads it, rounded to six decimals; return ``path``."""
+    names, columns = ["x", "y", "z"], [mesh.points]
+    if mesh.normals is not None:
+        names, columns = [*names, "nx", "ny", "nz"], [*columns, mesh.normals]
+    if mesh.uv is not None:
+        names, columns = [*names, "u", "v"], [*columns, mesh.uv]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(mesh.points)}"]
+    header += [f"property float {name}" for name in names]
+    header += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
+    table = np.zeros(len(mesh.faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
+    table["count"], table["index"] = 3, mesh.faces
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("wb") as file:
+        file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
+        # A sine may differ in its last bit between machines; six decimals do not. No -0.0 either.
+        file.write((np.round(np.hstack(columns), 6) + 0.0).astype("<f4").tobytes())
+        file.write(table.tobytes())
+    return path
