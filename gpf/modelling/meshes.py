@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+Vector = Sequence[float] | np.ndarray
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -96,14 +98,14 @@ def grid(rows: np.ndarray, closed: bool = False, uv: np.ndarray | None = None) -
     return Mesh(rows.reshape(-1, 3), faces, uv=None if uv is None else uv.reshape(-1, 2))
 
 
-def quad(corner: Sequence[float], right: Sequence[float], up: Sequence[float]) -> Mesh:
+def quad(corner: Vector, right: Vector, up: Vector) -> Mesh:
     """A parallelogram with uv from (0, 0) at ``corner`` to (1, 1); it faces right × up."""
     c, r, u = (np.asarray(v, dtype=float) for v in (corner, right, up))
     uv = np.array([[[0, 0], [1, 0]], [[0, 1], [1, 1]]], dtype=float)
     return grid(np.array([[c, c + r], [c + u, c + r + u]]), uv=uv)
 
 
-def box(lower: Sequence[float], upper: Sequence[float]) -> Mesh:
+def box(lower: Vector, upper: Vector) -> Mesh:
     """A box with its faces outwards; each of the six has uv from (0, 0) to (1, 1)."""
     low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
     sides = []
@@ -134,7 +136,7 @@ def lathe(profile: np.ndarray, segments: int = 96) -> Mesh:
 
 
 def tube(
-    path: np.ndarray, radii: np.ndarray, up: Sequence[float], segments: int = 24, caps: bool = True
+    path: np.ndarray, radii: np.ndarray, up: Vector, segments: int = 24, caps: bool = True
 ) -> Mesh:
     """A tube along ``path`` (K, 3), of elliptic section.
 
