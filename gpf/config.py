@@ -33,6 +33,17 @@ def _check_length(value: object) -> float | Literal["auto"]:
 Length = Annotated[float | Literal["auto"], PlainValidator(_check_length)]
 
 
+def _check_count(value: object) -> int | Literal["auto"]:
+    if value == "auto":
+        return "auto"
+    if isinstance(value, int) and not isinstance(value, bool) and value > 0:
+        return value
+    raise PydanticCustomError("count", "Input should be a whole number greater than 0, or auto")
+
+
+AutoCount = Annotated[int | Literal["auto"], PlainValidator(_check_count)]
+
+
 class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -49,11 +60,21 @@ class Film(_Section):
     height: Annotated[int, Field(ge=4, le=8192)] = 256
 
 
+class OutlookSection(_Section):
+    """Where Gaussians and supervision are needed (:class:`gpf.outlook.Outlook`)."""
+
+    use: bool = True
+    rays: Count = 524_288
+    guide: bool = True
+    pilot_paths: Count = 1_048_576
+    seed: Seed = 5
+
+
 class Reference(_Section):
     """SPPM references and targets (:mod:`gpf.reference`)."""
 
     passes: Annotated[int, Field(ge=4)] = 250
-    photons_per_pass: Count = 100_000
+    photons_per_pass: AutoCount = "auto"
     initial_radius: Length = "auto"
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.7
     rr_depth: Count = 5
@@ -65,7 +86,7 @@ class Reference(_Section):
 class Photons(_Section):
     """The photons that become Gaussians (:mod:`gpf.photon_tracing`)."""
 
-    paths: Count = 100_000
+    paths: AutoCount = "auto"
     rr_depth: Count = 5
     seed: Seed = 2
 
@@ -138,6 +159,7 @@ class Params(_Section):
     scenes: Annotated[tuple[str, ...], Field(min_length=1)]
     runtime: Runtime = Runtime()
     film: Film = Film()
+    outlook: OutlookSection = OutlookSection()
     reference: Reference = Reference()
     photons: Photons = Photons()
     field: FieldSection = FieldSection()

@@ -12,6 +12,7 @@ from collections.abc import Callable
 import drjit as dr
 import mitsuba as mi
 
+from gpf.emission import Source, emit_light
 from gpf.errors import UserError
 from gpf.materials import diffuse_transfer, has_diffuse
 from gpf.structs import Photons
@@ -27,6 +28,7 @@ def trace_photons(
     seed: int,
     max_depth: int = -1,
     rr_depth: int = 5,
+    source: Source = emit_light,
 ) -> None:
     """Trace ``paths`` photon paths from the emitters and deposit them on diffuse surfaces.
 
@@ -39,6 +41,7 @@ def trace_photons(
         edges as Mitsuba's ``path`` does; -1 is no limit. A photon's last edge to the camera is
         not its own, so it interacts at most ``max_depth - 1`` times.
     rr_depth: number of interactions after which Russian roulette may end a path.
+    source: gives the first rays with their powers; an emission guide has one of its own.
 
     Flux is conserved: the expected sum of deposited power at depth 0 is the part of the emitters'
     power that falls on diffuse surfaces first.
@@ -49,11 +52,7 @@ def trace_photons(
     deepest = dr.opaque(mi.UInt32, max_depth - 1 if max_depth > 0 else 0xFFFFFFFF)
     roulette_from = dr.opaque(mi.UInt32, rr_depth)
 
-    choice, across, along = sampler.next_1d(), sampler.next_2d(), sampler.next_2d()
-    ray, power, emitter = scene.sample_emitter_ray(
-        mi.Float(0), choice, across, along, mi.Bool(True)
-    )
-    ray.o = _spread_over_scene(scene, ray, emitter, across)
+    ray, power = source(scene, sampler)
     power /= dr.opaque(mi.Float, paths)
     brightest = dr.max(power)
     depth = mi.UInt32(0)
@@ -99,28 +98,6 @@ def trace_photons(
         active &= lives & (dr.max(power) > 0) & (depth < deepest)
 
 
-def _spread_over_scene(
-    scene: mi.Scene, ray: mi.Ray3f, emitter: mi.EmitterPtr, sample: mi.Point2f
-) -> mi.Point3f:
-    """Origins of the emitted rays; those of an environment map on a disc across their direction.
-
-    Mitsuba 3.9 lays that disc across the direction before ``to_world``: from a turned map, too
-    many or too few rays would meet the scene.
-    """
-    environment = scene.environment()
-    if environment is None or environment.class_name() != "EnvironmentMapEmitter":
-        return ray.o
-    ball = scene.bbox().bounding_sphere()
-    # As far out as the emitter has it, whose weight contains the disc's area.
-    radius = dr.opaque(mi.Float, ball.radius * (1 + mi.math.RayEpsilon))
-    disc = mi.warp.square_to_uniform_disk_concentric(sample)
-    offset = mi.Frame3f(ray.d).to_world(mi.Vector3f(disc.x, disc.y, 0)) - ray.d
-    center = mi.Point3f(ball.center)
-    dr.make_opaque(center)
-    origin = center + radius * offset
-    return dr.select(emitter == mi.EmitterPtr(environment), origin, ray.o)
-
-
 def record_photons(
     scene: mi.Scene,
     *,
@@ -129,6 +106,7 @@ def record_photons(
     max_depth: int = -1,
     rr_depth: int = 5,
     capacity: int | None = None,
+    source: Source = emit_light,
 ) -> Photons:
     """Trace photons and keep them: (N,) with N the number of deposits.
 
@@ -138,7 +116,13 @@ def record_photons(
     """
     recorder = _Recorder(capacity or (min(rr_depth, 16) + 21) * paths)
     trace_photons(
-        scene, recorder.deposit, paths=paths, seed=seed, max_depth=max_depth, rr_depth=rr_depth
+        scene,
+        recorder.deposit,
+        paths=paths,
+        seed=seed,
+        max_depth=max_depth,
+        rr_depth=rr_depth,
+        source=source,
     )
     return recorder.photons()
 

@@ -14,7 +14,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.density import UNLIMITED, IrradianceGatherer, radius_at
+from gpf.density import UNLIMITED, IrradianceGatherer, pack_tag, radius_at, same_surface
+from gpf.emission import Source, emit_light
 from gpf.photon_tracing import record_photons, trace_photons
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import VisiblePoints, scene_bounds
@@ -47,7 +48,12 @@ def pass_seed(seed: int, t: int, stream: int) -> int:
 
 
 def gather_pass(
-    scene: mi.Scene, points: VisiblePoints, t: int, settings: PassSettings, seed: int
+    scene: mi.Scene,
+    points: VisiblePoints,
+    t: int,
+    settings: PassSettings,
+    seed: int,
+    source: Source = emit_light,
 ) -> mi.Color3f:
     """Irradiance at ``points`` from the photons of pass ``t`` (from 1), W/m², (N, 3)."""
     # A whole path has the camera's depth + 1 edges, the photon's depth + 1 edges.
@@ -69,6 +75,7 @@ def gather_pass(
         seed=pass_seed(seed, t, stream=0),
         max_depth=settings.max_depth,
         rr_depth=settings.rr_depth,
+        source=source,
     )
     return gatherer.irradiance()
 
@@ -112,25 +119,31 @@ def propose_radius(
     photons_per_pass: int,
     seed: int = 0,
     photons_in_disc: float = 16.0,
+    source: Source = emit_light,
 ) -> float:
     """A radius for which a typical visible point gathers ``photons_in_disc`` photons per pass.
 
-    A pilot pass measures the photon density at the points (distance to the 8th nearest photon,
-    median over up to 4096 points). The radius is clamped to 1e-4 … 5e-2 of the scene's diagonal.
+    A pilot pass measures the photon density at the points (distance to the 8th nearest photon on
+    the same surface, median over up to 4096 points). The radius is clamped to 1e-4 … 5e-2 of the
+    scene's diagonal.
     """
     k = 8
     bounds = scene_bounds(scene)
     diagonal = float(dr.norm(bounds[1] - bounds[0]))
-    paths = min(photons_per_pass, 50_000)
-    photons = record_photons(scene, paths=paths, seed=pass_seed(seed, 0, stream=2))
+    paths = min(photons_per_pass, 200_000)
+    photons = record_photons(scene, paths=paths, seed=pass_seed(seed, 0, stream=2), source=source)
     lanes = dr.compress(points.valid)
     if dr.width(lanes) == 0 or dr.width(photons.p) < k:
         return 1e-2 * diagonal
     rng = np.random.default_rng(pass_seed(seed, 0, stream=3))
     chosen = mi.UInt32(rng.integers(0, dr.width(lanes), 4096).astype(np.uint32))
-    x = dr.gather(mi.Point3f, points.p, dr.gather(mi.UInt32, lanes, chosen))
-    grid = SpatialHash(photons.p, cell=1e-2 * diagonal, bounds=bounds, far=True)
-    _, distance2 = grid.nearest(x, k, mi.Float(5e-3 * diagonal), mi.Float(grid.extent))
+    lanes = dr.gather(mi.UInt32, lanes, chosen)
+    x, n = dr.gather(mi.Point3f, points.p, lanes), dr.gather(mi.Normal3f, points.n, lanes)
+    tag = pack_tag(photons.n)
+    grid = SpatialHash(photons.p, cell=1e-2 * diagonal, bounds=bounds, far=True, tag=tag)
+    start, limit = mi.Float(5e-3 * diagonal), mi.Float(0.2 * diagonal)
+    # Behind a thin wall there may be many more.
+    _, distance2 = grid.nearest(x, k, start, limit, lambda record: same_surface(record, n))
     typical2 = float(np.median(distance2[k - 1].numpy()))
     radius = np.sqrt(typical2 * photons_in_disc / k * paths / photons_per_pass)
     return float(np.clip(radius, 1e-4 * diagonal, 5e-2 * diagonal))

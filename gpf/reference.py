@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.artifacts import read_tensors, write_tensors
+from gpf.emission import Source, emit_light
 from gpf.progressive import PassSettings, gather_pass, pass_seed, sample_film
 from gpf.structs import VisiblePoints, concatenate, to_numpy
 
@@ -54,6 +55,7 @@ class ReferenceRenderer:
     sensors: one sensor per view whose image is accumulated, by name.
     points: fixed sets of points whose irradiance is accumulated, by name: the visible points of a
         view (:func:`fixed_points`), samples of the scene's surfaces.
+    source: where photons start; see :func:`gpf.photon_tracing.trace_photons`.
     """
 
     def __init__(
@@ -63,7 +65,9 @@ class ReferenceRenderer:
         points: Mapping[str, VisiblePoints],
         settings: PassSettings,
         seed: int,
+        source: Source = emit_light,
     ) -> None:
+        self.source = source
         self.scene, self.sensors, self.settings, self.seed = scene, dict(sensors), settings, seed
         self.points = dict(points)
         dr.eval(self.points)
@@ -90,7 +94,8 @@ class ReferenceRenderer:
         }
         dr.eval(moving)
         parts = [*moving.values(), *self.points.values()]
-        gathered = gather_pass(self.scene, concatenate(parts), t, self.settings, self.seed)
+        points = concatenate(parts)
+        gathered = gather_pass(self.scene, points, t, self.settings, self.seed, self.source)
         values = _split(gathered, [dr.width(part.p) for part in parts])
         for name, points in moving.items():
             self.radiance[name] += points.radiance(next(values))

@@ -17,14 +17,13 @@ import os
 import re
 import shutil
 import tempfile
-import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gpf.errors import UserError
 from gpf.materials import inseparable_materials
+from gpf.scene_xml import read_scene_xml
 from gpf.views import SceneViews, read_views
 from gpf.views import make_sensor as make_sensor
 from gpf.yaml_files import suggest
@@ -60,7 +59,8 @@ def scenes_root() -> Path:
 
 def list_scenes(root: Path | None = None) -> list[str]:
     """The names of all scenes below ``root`` (default: :func:`scenes_root`), sorted."""
-    return sorted(file.parent.name for file in (root or scenes_root()).glob("*/scene.xml"))
+    folders = [file.parent.name for file in (root or scenes_root()).glob("*/scene.xml")]
+    return sorted(name for name in folders if not name.startswith("."))  # half-made ones
 
 
 def scene_folder(name: str, root: Path | None = None) -> Path:
@@ -76,7 +76,8 @@ def scene_files(name: str, root: Path | None = None) -> list[Path]:
     """All files that a scene is made of, sorted: also those that are yet to be built."""
     folder = scene_folder(name, root)
     own = [folder / "scene.xml", folder / "views.yaml", folder / "build.py"]
-    found = {file for file in own if file.exists()} | set(_references(folder / "scene.xml"))
+    referred = read_scene_xml(folder / "scene.xml").files()
+    found = {file for file in own if file.exists()} | set(referred)
     return sorted(found)
 
 
@@ -109,16 +110,17 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
     """
     import mitsuba as mi
 
-    missing = [path for path in _references(file) if not path.exists()]
-    if missing:
+    document = read_scene_xml(file)
+    if missing := document.missing():
         more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
         todo = "Put it there."
         if (file.parent / "build.py").exists():
             todo = f"Run `gpf stage scene --scene {file.parent.name}`, which builds it."
-        raise UserError(str(file), f"refers to {missing[0]}{more}, which does not exist", todo)
+        where, path = str(missing[0].place), missing[0].path
+        raise UserError(where, f"refers to {path}{more}, which does not exist", todo)
     # Mitsuba takes a parameter that the file does not use for a mistake.
-    text = file.read_text(encoding="utf-8")
-    sizes = {key: n for key, n in (("resx", width), ("resy", height)) if f'"${key}"' in text}
+    sizes = {"resx": width, "resy": height}
+    sizes = {key: n for key, n in sizes.items() if key in document.parameters}
     try:
         scene = mi.load_file(str(file), optimize=False, **sizes)
     except RuntimeError as error:
@@ -163,22 +165,23 @@ def scene_info(scene: mi.Scene) -> dict[str, Any]:
     import mitsuba as mi
 
     lobes = mi.BSDFFlags
-    shapes, bsdfs = [], {}
-    for shape in scene.shapes():
-        bsdf = shape.bsdf()
-        key = None
-        if bsdf is not None:
-            key = bsdf.id() or f"{bsdf.class_name()} of {shape.id()}"
-            flags = bsdf.flags()
-            bsdfs[key] = {
-                "type": bsdf.class_name(),
-                "queried": bool(mi.has_flag(flags, lobes.Diffuse)),
-                "traced": any(
-                    bool(mi.has_flag(flags, lobe))
-                    for lobe in (lobes.Glossy, lobes.Delta, lobes.Delta1D, lobes.Null)
-                ),
-            }
-        shapes.append({"id": shape.id(), "type": shape.class_name(), "bsdf": key})
+    materials = scene_materials(scene)
+    names = {id(bsdf): name for name, bsdf in materials.items()}
+    shapes = [
+        {"id": shape.id(), "type": shape.class_name(), "bsdf": names.get(id(shape.bsdf()))}
+        for shape in scene.shapes()
+    ]
+    bsdfs = {}
+    for name, bsdf in materials.items():
+        flags = bsdf.flags()
+        bsdfs[name] = {
+            "type": bsdf.class_name(),
+            "queried": bool(mi.has_flag(flags, lobes.Diffuse)),
+            "traced": any(
+                bool(mi.has_flag(flags, lobe))
+                for lobe in (lobes.Glossy, lobes.Delta, lobes.Delta1D, lobes.Null)
+            ),
+        }
     emitters = scene.emitters()
     bbox = scene.bbox()
     return {
@@ -193,6 +196,26 @@ def scene_info(scene: mi.Scene) -> dict[str, Any]:
         "shapes": shapes,
         "bsdfs": bsdfs,
     }
+
+
+def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:
+    """The materials of all surfaces that a ray can meet, by id, or by a name of their shape's."""
+    import mitsuba as mi
+
+    found: dict[str, mi.BSDF] = {}
+    # An instance has a material that nothing looks at; the shapes of its group have the real ones.
+    groups = [s for s in mi.traverse(scene).hierarchy if isinstance(s, mi.Shape)]
+    for shape in dict.fromkeys((*scene.shapes(), *groups)):
+        bsdf = shape.bsdf()
+        if bsdf is None or shape.class_name() in ("Instance", "ShapeGroupPlugin"):
+            continue
+        name = bsdf.id() or f"{bsdf.class_name()} of {shape.id() or shape.class_name()}"
+        number, plain = 1, name
+        while found.get(name, bsdf) is not bsdf:
+            number += 1
+            name = f"{plain} ({number})"
+        found[name] = bsdf
+    return found
 
 
 def build_scene(name: str, root: Path | None = None, target: Path | None = None) -> list[Path]:
@@ -237,10 +260,12 @@ def freeze_scene(name: str, target: Path, root: Path | None = None) -> None:
     staging = Path(tempfile.mkdtemp(dir=target.parent, prefix=".freeze-"))
     try:
         made = {p.relative_to(staging) for p in build_scene(name, root, staging)}
+        references = read_scene_xml(folder / "scene.xml").references
+        lines = {reference.path: str(reference.place) for reference in reversed(references)}
         for source in scene_files(name, root):
             if not source.resolve().is_relative_to(folder.resolve()):
                 raise UserError(
-                    str(folder / "scene.xml"),
+                    lines.get(source, str(folder / "scene.xml")),
                     f"refers to {source}, which is outside of the scene's folder",
                     "Copy it into the folder and refer to it by a relative path.",
                 )
@@ -248,13 +273,14 @@ def freeze_scene(name: str, target: Path, root: Path | None = None) -> None:
                 continue
             if not source.exists():
                 raise UserError(
-                    str(folder / "scene.xml"),
+                    lines.get(source, str(folder / "scene.xml")),
                     f"refers to {source}, which does not exist",
                     "Put it there, or correct the scene file.",
                 )
             place = staging / source.relative_to(folder)
             place.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, place)
+        make_folders(folder / "scene.xml", staging)
         try:
             views = read_views(staging / "views.yaml")
             load_scene_file(staging / "scene.xml", *views.size(16))
@@ -268,28 +294,8 @@ def freeze_scene(name: str, target: Path, root: Path | None = None) -> None:
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def _parse(file: Path) -> ET.Element:
-    try:
-        return ET.parse(file).getroot()
-    except OSError as error:
-        raise UserError(str(file), "cannot be read", "Check the path.") from error
-    except ET.ParseError as error:
-        raise UserError(str(file), f"does not parse: {error}", "Correct the XML.") from error
-
-
-def _references(file: Path) -> Iterator[Path]:
-    """The files that a scene file names, with those of the files that it includes."""
-    root = _parse(file)
-    defaults = {node.get("name", ""): node.get("value", "") for node in root.iter("default")}
-
-    def resolve(text: str) -> Path:
-        return file.parent / re.sub(r"\$(\w+)", lambda m: defaults.get(m[1], m[0]), text)
-
-    for node in root.iter("string"):
-        if node.get("name") == "filename":
-            yield resolve(node.get("value", ""))
-    for node in root.iter("include"):
-        included = resolve(node.get("filename", ""))
-        yield included
-        if included.exists():
-            yield from _references(included)
+def make_folders(file: Path, target: Path) -> None:
+    """Make the folders below ``target`` that a scene file expects, even if they stay empty."""
+    for reference in read_scene_xml(file).references:
+        if reference.is_folder and reference.path.is_relative_to(file.parent):
+            (target / reference.path.relative_to(file.parent)).mkdir(parents=True, exist_ok=True)

@@ -2,39 +2,35 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from gpf.density import estimate_irradiance
 from gpf.errors import UserError
-from gpf.photon_tracing import record_photons
-from gpf.progressive import PassSettings, pass_seed
-from gpf.structs import VisiblePoints, scene_bounds
+from gpf.progressive import pass_seed
+from gpf.structs import Photons, VisiblePoints
 
 
 def sample_surface_points(
-    scene: mi.Scene, count: int, settings: PassSettings, seed: int
+    photons: Photons, count: int, radius: float, bounds: tuple[Any, Any], seed: int
 ) -> VisiblePoints:
-    """Positions of up to ``count`` photons, half of them thinned out.
+    """Positions of up to ``count`` photons of a photon map, half of them thinned out.
 
     One half is drawn from all photons alike, so that bright regions have many; the other with
-    probabilities in inverse proportion to the local density, which makes it nearly uniform over
-    the lit area.
+    probabilities in inverse proportion to the local density (within ``radius``, world units),
+    which makes it nearly uniform over the lit area.
     """
-    photons = record_photons(
-        scene,
-        paths=settings.photons_per_pass,
-        seed=pass_seed(seed, 0, stream=4),
-        rr_depth=settings.rr_depth,
-    )
     available = dr.width(photons.p)
     if available == 0:
         raise UserError(
             "scene", "no photon reached a diffuse surface", "Check where the emitters point."
         )
-    photons.power = mi.Color3f(dr.full(mi.Float, 1, available))
-    density = estimate_irradiance(photons, settings.initial_radius, scene_bounds(scene))
+    alike = replace(photons, power=mi.Color3f(dr.full(mi.Float, 1, available)))
+    density = estimate_irradiance(alike, radius, bounds)
     sparse = 1 / np.asarray(density.x.numpy(), dtype=np.float64)
     rng = np.random.default_rng(pass_seed(seed, 0, stream=5))
     count = min(count, available)

@@ -6,6 +6,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -74,6 +75,17 @@ def list_all() -> None:
 
     for name in list_scenes():
         typer.echo(name)
+
+
+@scene_app.command("import")
+def import_foreign(
+    path: Annotated[Path, typer.Argument(help="A folder, an XML file, or a zip with one.")],
+    name: Annotated[str, typer.Option(help="What the scene is to be called here.")],
+) -> None:
+    """Copy a Mitsuba 3 scene into the project, report on it, and place views in it."""
+    from stages.scene_import import import_into_project
+
+    import_into_project(path, name)
 
 
 def _is_interrupt(error: BaseException | None) -> bool:

@@ -31,11 +31,7 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
             f"profile {name!r}", "does not exist", suggest(name, list(profiles), "Profiles are")
         )
     read_params(file)
-    yaml = YAML()
-    yaml.preserve_quotes = True
-    yaml.width = 100
-    yaml.indent(mapping=2, sequence=4, offset=2)  # as params.yaml is written
-    document = yaml.load(file.read_text(encoding="utf-8"))
+    yaml, document = open_yaml(file.read_text(encoding="utf-8"))
     changes = 0
     for key, value in profiles[name].items():
         section, _, leaf = key.partition(".")
@@ -44,13 +40,23 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
             document[section][leaf] = value
             changes += 1
             console.print(f"{key}: {before} -> {value}", highlight=False)
-    Params.model_validate(YAML(typ="safe").load(_dump(yaml, document)))
+    Params.model_validate(YAML(typ="safe").load(dump_yaml(yaml, document)))
     if changes:
-        write_text(file, _dump(yaml, document))
+        write_text(file, dump_yaml(yaml, document))
     console.print(f"{file}: profile {name}, {changes} values changed", highlight=False)
 
 
-def _dump(yaml: YAML, document: Any) -> str:
+def open_yaml(text: str) -> tuple[YAML, Any]:
+    """A document whose comments survive :func:`dump_yaml`, and what writes it."""
+    yaml = YAML()
+    yaml.preserve_quotes = True
+    yaml.width = 100
+    yaml.indent(mapping=2, sequence=4, offset=2)  # as params.yaml is written
+    return yaml, yaml.load(text)
+
+
+def dump_yaml(yaml: YAML, document: Any) -> str:
+    """The document as text."""
     stream = io.StringIO()
     yaml.dump(document, stream)
     return stream.getvalue()

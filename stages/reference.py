@@ -13,6 +13,7 @@ import ast
 import hashlib
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,23 +23,40 @@ import numpy as np
 
 import gpf
 from gpf.artifacts import read_tensors, write_tensors
+from gpf.emission import Source
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr, read_record, write_exr
+from gpf.photon_map import collect_photons
 from gpf.progressive import PassSettings, pass_seed, propose_radius, sample_film
 from gpf.reference import ReferenceRenderer, fixed_points, settings_record
-from gpf.structs import VisiblePoints, to_numpy
+from gpf.structs import VisiblePoints, scene_bounds, to_numpy
 from gpf.supervision import Targets
 from gpf.surface_samples import sample_surface_points
 from gpf.views import View
 from metrics.worth import snapshot_passes
 from stages.costs import CostMeter
+from stages.lookout import Lookout
 from stages.progress import progress_bar
 from stages.workspace import Workspace
 
 GROUPS = ("train", "novel", "ceiling")
 
+# With `photons_per_pass: auto`, a pass is as good as so many paths that bring equal power.
+EQUAL_PATHS = 50_000
+
 # Name of the set of surface samples among the points of a group; no view can be called so.
 SURFACES = "surfaces of the scene"
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What all groups of one run have in common."""
+
+    work: Workspace
+    scene: Any
+    lookout: Lookout
+    settings: PassSettings
+    costs: CostMeter
 
 
 def render_references(scene_name: str) -> None:
@@ -49,41 +67,51 @@ def render_references(scene_name: str) -> None:
     costs.parts.pop("radius", None)
     costs.parts.pop("probe", None)
     with costs.measure("radius"):
-        settings = pass_settings(work, scene)
+        lookout = Lookout.open(work, scene)
+        settings = pass_settings(work, scene, lookout)
+    job = _Job(work, scene, lookout, settings, costs)
     for group in GROUPS:
-        _render_group(work, scene, group, settings, costs)
+        _render_group(job, group)
     with costs.measure("probe"):
-        costs.facts |= _time_passes(work, scene, settings)
-    costs.facts |= settings_record(settings, work.params.reference.seed)
+        costs.facts |= _time_passes(job)
+    costs.facts |= settings_record(settings, work.params.reference.seed) | lookout.facts()
     costs.write(work.cost("reference"))
 
 
-def pass_settings(work: Workspace, scene: Any) -> PassSettings:
-    """Settings of the passes; an automatic radius is measured at the first training view."""
+def pass_settings(work: Workspace, scene: Any, lookout: Lookout) -> PassSettings:
+    """Settings of the passes; what is automatic is measured.
+
+    The number of paths by what they bring to where cameras look, the radius at the first training
+    view.
+    """
     section = work.params.reference
+    paths = section.photons_per_pass
+    if paths == "auto":
+        paths = lookout.paths_for_passes(EQUAL_PATHS)
     radius = section.initial_radius
     if radius == "auto":
-        radius = _measure_radius(work, scene)
+        radius = _measure_radius(work, scene, paths, lookout.source)
     return PassSettings(
-        photons_per_pass=section.photons_per_pass,
+        photons_per_pass=paths,
         initial_radius=radius,
         alpha=section.alpha,
         rr_depth=section.rr_depth,
     )
 
 
-def _time_passes(work: Workspace, scene: Any, settings: PassSettings) -> dict[str, float]:
+def _time_passes(job: _Job) -> dict[str, float]:
     """What a pass costs for one view's image alone, and for the field's targets alone.
 
     The stage's own passes serve both at once, and several views.
     """
-    seed = work.params.reference.seed
-    view = work.views.train[0]
-    sensor = {view.name: work.sensor(view)}
-    points = _target_points(work, scene, work.views.train, True, settings, seed)
-    alone = ReferenceRenderer(scene, sensor, {}, settings, seed)
-    targets = ReferenceRenderer(scene, {}, points, settings, seed)
-    passes = work.params.reference.passes
+    section = job.work.params.reference
+    view = job.work.views.train[0]
+    sensor = {view.name: job.work.sensor(view)}
+    points = _target_points(job, job.work.views.train, True, section.seed)
+    source, settings, seed = job.lookout.source, job.settings, section.seed
+    alone = ReferenceRenderer(job.scene, sensor, {}, settings, seed, source)
+    targets = ReferenceRenderer(job.scene, {}, points, settings, seed, source)
+    passes = section.passes
     return {
         "seconds_per_single_view_pass": _seconds_per_pass(alone, passes),
         "seconds_per_target_pass": _seconds_per_pass(targets, passes),
@@ -105,34 +133,36 @@ def _seconds_per_pass(renderer: ReferenceRenderer, passes: int, samples: int = 1
 
 
 def _target_points(
-    work: Workspace,
-    scene: Any,
-    views: Sequence[View],
-    surfaces: bool,
-    settings: PassSettings,
-    seed: int,
+    job: _Job, views: Sequence[View], surfaces: bool, seed: int
 ) -> dict[str, VisiblePoints]:
     """Fixed points of views, and samples of the surfaces where they are asked for."""
+    work, scene, settings = job.work, job.scene, job.settings
     points = {v.name: fixed_points(scene, work.sensor(v), v.name, settings, seed) for v in views}
     count = work.params.reference.surface_points
     if surfaces and count > 0:
-        points[SURFACES] = sample_surface_points(scene, count, settings, seed)
+        # Twice as many photons as a pass has: there is to be a choice.
+        paths = 2 * settings.photons_per_pass
+        lookout = job.lookout
+        photons = collect_photons(
+            scene, lookout.outlook, paths, seed, settings.rr_depth, lookout.source
+        )
+        points[SURFACES] = sample_surface_points(
+            photons, count, settings.initial_radius, scene_bounds(scene), seed
+        )
     return points
 
 
-def _measure_radius(work: Workspace, scene: Any) -> float:
+def _measure_radius(work: Workspace, scene: Any, paths: int, source: Source) -> float:
     section = work.params.reference
     width, height = work.film_size
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(pass_seed(section.seed, 0, stream=1), width * height)
     film = sample_film(scene, work.sensor(work.views.train[0]), sampler)
-    return propose_radius(scene, film.points, section.photons_per_pass, section.seed)
+    return propose_radius(scene, film.points, paths, section.seed, source=source)
 
 
-def _render_group(
-    work: Workspace, scene: Any, group: str, settings: PassSettings, costs: CostMeter
-) -> None:
-    section = work.params.reference
+def _render_group(job: _Job, group: str) -> None:
+    work, section = job.work, job.work.params.reference
     seed = pass_seed(section.seed, 0, stream=100 + GROUPS.index(group))
     record = {
         "group": group,
@@ -141,7 +171,8 @@ def _render_group(
         "made_with": [mi.variant(), mi.__version__, dr.__version__],
         "scene": work.scene_digest,
         "size": list(work.film_size),
-        **settings_record(settings, seed),
+        "outlook": work.params.outlook.model_dump(),
+        **settings_record(job.settings, seed),
     }
     views = work.views.train if group == "train" else work.views.novel
     missing = [view for view in views if not _is_current(work, group, view, record)]
@@ -150,10 +181,11 @@ def _render_group(
     if missing or surfaces_missing:
         points = {}
         if group != "ceiling":
-            points = _target_points(work, scene, missing, surfaces_missing, settings, seed)
+            points = _target_points(job, missing, surfaces_missing, seed)
         sensors = {view.name: work.sensor(view) for view in missing}
-        renderer = ReferenceRenderer(scene, sensors, points, settings, seed)
-        _accumulate(work, renderer, group, missing, record, costs)
+        source = job.lookout.source
+        renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, seed, source)
+        _accumulate(work, renderer, group, missing, record, job.costs)
     if group == "train":
         _collect_targets(work, views, surfaces)
 
@@ -161,8 +193,8 @@ def _render_group(
 def code_digest() -> str:
     """A hash of the code that decides what a reference looks like, without its comments."""
     names = (
-        "density materials photon_tracing progressive reference spatial_hash structs "
-        "surface_samples views visible_points"
+        "density emission emission_guiding materials outlook photon_map photon_tracing pilot "
+        "progressive reference spatial_hash structs surface_samples views visible_points"
     )
     digest = hashlib.sha256()
     for name in names.split():

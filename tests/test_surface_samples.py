@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gpf.errors import UserError
-from gpf.progressive import PassSettings
+from gpf.photon_tracing import record_photons
+from gpf.structs import scene_bounds
 from gpf.surface_samples import sample_surface_points
 
 
@@ -34,9 +35,14 @@ def lit_floor(looks_down: bool = True) -> mi.Scene:
     )
 
 
+def sample(count: int, paths: int, radius: float, looks_down: bool = True):
+    scene = lit_floor(looks_down)
+    photons = record_photons(scene, paths=paths, seed=3)
+    return sample_surface_points(photons, count, radius, scene_bounds(scene), seed=3)
+
+
 def test_surface_points_lie_on_the_lit_surface_and_are_spread():
-    settings = PassSettings(photons_per_pass=20_000, initial_radius=0.05)
-    points = sample_surface_points(lit_floor(), 3000, settings, seed=3)
+    points = sample(3000, paths=20_000, radius=0.05)
     x, y, z = np.array(points.p)
     assert dr.width(points.p) == 3000 and np.array(points.valid).all()
     assert np.abs(z).max() < 1e-4
@@ -50,14 +56,12 @@ def test_surface_points_lie_on_the_lit_surface_and_are_spread():
 
 
 def test_no_more_surface_points_than_photons():
-    settings = PassSettings(photons_per_pass=100, initial_radius=0.1)
-    points = sample_surface_points(lit_floor(), 100_000, settings, seed=3)
+    points = sample(100_000, paths=100, radius=0.1)
     assert 50 < dr.width(points.p) <= 100
-    points = sample_surface_points(lit_floor(), 7, settings, seed=3)
+    points = sample(7, paths=100, radius=0.1)
     assert dr.width(points.p) == 7
 
 
 def test_a_lamp_that_shines_elsewhere_is_said_in_words():
-    settings = PassSettings(photons_per_pass=100, initial_radius=0.1)
     with pytest.raises(UserError, match="no photon reached a diffuse surface. Check where the emi"):
-        sample_surface_points(lit_floor(looks_down=False), 10, settings, seed=3)
+        sample(10, paths=100, radius=0.1, looks_down=False)

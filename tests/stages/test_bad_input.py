@@ -141,7 +141,7 @@ def test_in_a_process_of_its_own(finished, environment):
             XML,
             'type="cube" id="small-box">',
             'type="ply" id="small-box"><string name="filename" value="meshes/box.ply"/>',
-            r"scene\.xml: refers to .*meshes/box\.ply, which does not exist\. Put it there",
+            r"scene\.xml:\d+: refers to .*meshes/box\.ply, which does not exist\. Put it there",
         ),
         (
             XML,

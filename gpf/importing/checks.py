@@ -1,0 +1,156 @@
+"""What has to be right in a scene file before it becomes a scene of the project.
+
+The checks need no Mitsuba, and name file and line.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from gpf.errors import UserError
+from gpf.scene_xml import Reference, SceneXml, Tag
+
+CAMERAS = ("perspective", "thinlens")
+"""Types of sensors that views can stand for."""
+
+RESERVED = ("build.py", "scene.xml", "views.yaml")
+"""Files of a scene that mean something to the project."""
+
+CONVERSION = (
+    "Convert it to Mitsuba 3: write parameters in snake_case (to_world for toWorld, int_ior for "
+    "intIOR), <lookat> for <lookAt>, <rgb> for <srgb>, use plugins that Mitsuba 3 has, and set "
+    'version="3.0.0". Mitsuba 3 by itself renames the parameters, but nothing else.'
+)
+
+
+def check_scene_xml(document: SceneXml, xml: Path) -> None:
+    """Check a scene file with all that it includes and refers to.
+
+    Raises
+    ------
+    UserError: it is no scene, or one of Mitsuba 0.6; there is no sensor, or none that views can
+        stand for; a file is missing, or is not below the folder of ``xml``; an emitter cannot emit
+        photons.
+    """
+    for tag in document.tags:
+        if tag.is_root:
+            _check_version(tag)
+    root = document.tags[0]
+    if root.name != "scene":
+        raise UserError(
+            str(root.place), f"begins with <{root.name}>", "Name a file that begins with <scene>."
+        )
+    for reference in document.references:
+        _check_reference(reference, xml.parent)
+    _check_sensors(document)
+    for tag in document.tags:
+        if tag.name == "emitter" and tag.attributes.get("type") == "timed_sunsky":
+            raise UserError(
+                str(tag.place),
+                "has an emitter of type timed_sunsky, which cannot emit photons in Mitsuba 3.9",
+                "Use sunsky, which is the sky at one moment.",
+            )
+
+
+def describe_leftovers(document: SceneXml, xml: Path) -> list[str]:
+    """What of a scene's folder and sensors is not taken over, in words."""
+    found = []
+    used = {xml.resolve(), *(file.resolve() for file in document.files())}
+    beside = sorted(xml.parent.glob("*.[xX][mM][lL]"))
+    unused = [p.name for p in beside if p.resolve() not in used and not p.name.startswith(".")]
+    if unused:
+        found.append(f"not imported: {', '.join(unused)} (nothing refers to it)")
+    sensors = _sensors(document)
+    others = [tag for tag in sensors if not _is_camera(tag)]
+    for tag in others:
+        kind = tag.attributes.get("type")
+        found.append(f"the {kind} sensor in line {tag.place.line} is no camera: left out")
+    cameras = len(sensors) - len(others)
+    if cameras > 1:
+        found.append(f"it has {cameras} cameras: the first sets the aspect, each may become a view")
+    for name in ("build.py", "views.yaml"):
+        if (xml.parent / name).exists():
+            found.append(f"not imported: {name} (views are placed anew, and nothing is built)")
+    return found
+
+
+def _check_version(root: Tag) -> None:
+    version = root.attributes.get("version")
+    if version is None:
+        raise UserError(
+            str(root.place),
+            f"<{root.name}> has no version",
+            'Add version="3.0.0" if it was written for Mitsuba 3.',
+        )
+    if not re.fullmatch(r"\d+\.\d+\.\d+", version):
+        raise UserError(
+            str(root.place), f"has the version {version!r}", 'Mitsuba wants it as in "3.0.0".'
+        )
+    if int(version.partition(".")[0]) < 2:
+        raise UserError(
+            str(root.place), f"is a scene of Mitsuba 0.6 (version {version})", CONVERSION
+        )
+
+
+def _check_sensors(document: SceneXml) -> None:
+    sensors = _sensors(document)
+    if not sensors:
+        raise UserError(
+            str(document.tags[0].place),
+            "the scene has no sensor",
+            "Add a perspective <sensor>: views are placed around it.",
+        )
+    if not any(_is_camera(tag) for tag in sensors):
+        tag = sensors[0]
+        raise UserError(
+            str(tag.place),
+            f"the sensor is of type {tag.attributes.get('type')}",
+            f"Views need one of type {' or '.join(CAMERAS)}.",
+        )
+
+
+def _sensors(document: SceneXml) -> list[Tag]:
+    return [tag for tag in document.tags if tag.name == "sensor"]
+
+
+def _is_camera(tag: Tag) -> bool:
+    return tag.attributes.get("type") in CAMERAS
+
+
+def _check_reference(reference: Reference, home: Path) -> None:
+    """Check that a file is below the folder ``home``, and will be where it is copied."""
+    where, text, path = str(reference.place), reference.text, reference.path
+    inward = "Copy it into the folder and refer to it by a relative path."
+    if os.path.isabs(text):
+        raise UserError(where, f"refers to {text} by an absolute path", inward)
+    relative = os.path.normpath(path.relative_to(home))
+    if relative.startswith(".."):
+        raise UserError(
+            where, f"refers to {text}, which is outside of the scene's folder {home}", inward
+        )
+    if not path.exists():
+        todo = "Put it there, or correct the scene file."
+        if "\\" in text:
+            todo = "Write / for \\ between folders."
+        raise UserError(where, f"refers to {path}, which does not exist", todo)
+    if not path.resolve().is_relative_to(home.resolve()):
+        raise UserError(
+            where,
+            f"refers to {text}, a link to {path.resolve()}, which is outside of the scene's folder "
+            f"{home}",
+            "Put the file itself in the place of the link.",
+        )
+    if not (path.is_dir() if reference.is_folder else path.is_file()):
+        raise UserError(
+            where,
+            f"refers to {path}, which is no {'folder' if reference.is_folder else 'file'}",
+            "Correct the scene file.",
+        )
+    if relative in RESERVED:
+        raise UserError(
+            where,
+            f"refers to {text}, but in a scene of this project that name is taken",
+            "Give the file another name.",
+        )

@@ -1,0 +1,101 @@
+"""An imported scene in words: for the terminal, and for the README.md of its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.text import Text
+
+from gpf.importing.report import SceneReport
+
+if TYPE_CHECKING:
+    from gpf.importing.importer import ImportReport
+
+_LISTED = 8
+
+
+def print_report(report: ImportReport, console: Console | None = None) -> None:
+    """Print one line per fact, then what is left out or shown otherwise."""
+    console = console or Console()
+    folder = report.folder
+    if folder.is_relative_to(Path.cwd()):
+        folder = folder.relative_to(Path.cwd())
+    console.print(Text(f"{folder}: imported from {report.origin}", "bold"), soft_wrap=True)
+    facts = [("files", describe_files(report)), *describe_facts(report.scene)]
+    for name, detail in [*facts, ("views", describe_views(report))]:
+        console.print(Text.assemble(f"  {name:<14}  {detail}"), soft_wrap=True)
+    for warning in all_warnings(report):
+        console.print(Text.assemble(("  note            ", "yellow"), warning), soft_wrap=True)
+
+
+def describe_scene(report: ImportReport, folder: Path) -> str:
+    """A README.md in Markdown; ``folder`` has the copied files."""
+    papers = [p.name for p in sorted(folder.iterdir()) if p.name.lower().startswith(("lic", "cop"))]
+    licence = f"see {', '.join(f'`{name}`' for name in papers)}"
+    lines = [
+        f"# {report.name}",
+        "",
+        f"Imported from `{report.origin}`.",
+        "",
+        f"- Licence: {licence if papers else 'unknown; to be filled in'}.",
+        "- Author and origin: to be filled in.",
+        "",
+        "Found when it was imported:",
+        "",
+        *(f"- {name}: {detail}" for name, detail in describe_facts(report.scene)),
+        *(f"- Note: {warning}." for warning in all_warnings(report)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def all_warnings(report: ImportReport) -> list[str]:
+    """What the files and what the scene itself give reason to say."""
+    return [*report.warnings, *report.scene.warnings]
+
+
+def describe_files(report: ImportReport) -> str:
+    """How many were copied, and their size."""
+    return f"{report.files} copied, {report.size / 1e6:.1f} MB"
+
+
+def describe_views(report: ImportReport) -> str:
+    """How many were placed."""
+    train, novel = len(report.views.train), len(report.views.novel)
+    frames = len(report.views.frames())
+    path = f", a path of {frames} frames" if frames else ", no path"
+    return f"{train} to train, {novel} novel{path}"
+
+
+def describe_facts(scene: SceneReport) -> list[tuple[str, str]]:
+    """What was found out about a scene, as pairs of a heading and a line."""
+    emitters = ", ".join(f"{number} {kind}" for kind, number in scene.emitters.items())
+    facts = [("emitters", emitters)]
+    for use in ("queried", "traced through", "both", "unsupported"):
+        kinds: dict[str, list[str]] = {}
+        for material in scene.materials:
+            if material.use == use:
+                kinds.setdefault(material.kind, []).append(material.name)
+        if kinds:
+            parts = [f"{kind}: {_enumerate(names)}" for kind, names in kinds.items()]
+            facts.append((use, "; ".join(parts)))
+    size = " × ".join(f"{length:.4g}" for length in scene.size)
+    return [
+        *facts,
+        ("size", f"{size} units, diagonal {scene.diagonal:.4g}"),
+        ("camera", f"sees things {scene.camera_distance:.4g} units away, in the median"),
+        ("photons", f"{100 * scene.landing:.3g}% of their paths reach a diffuse surface"),
+        (
+            "radii",
+            f"kernel {scene.initial_radius:.3g} for {scene.photons:,} photon paths per pass, "
+            f"search {scene.search_radius:.3g} for {scene.photons:,} Gaussians",
+        ),
+    ]
+
+
+def _enumerate(names: Sequence[str]) -> str:
+    rest = len(names) - _LISTED
+    more = f" and {rest} more" if rest > 0 else ""
+    return ", ".join(names[:_LISTED]) + more

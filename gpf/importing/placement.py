@@ -1,0 +1,284 @@
+"""Training and novel views for a scene that has only its own camera.
+
+Candidates orbit around the middle of what the scene's own camera sees, in the free space that it
+stands in. Those without faults (:mod:`gpf.view_checks`) are chosen from by what they cover:
+training views so that together they see as much as possible, novel views among those that see
+something that no training view does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.stats import qmc
+
+from gpf.errors import UserError
+from gpf.progressive import PassSettings, propose_radius
+from gpf.reference import ReferenceRenderer
+from gpf.structs import to_numpy
+from gpf.view_checks import ViewReport, report_views
+from gpf.views import CameraPath, Keyframe, SceneViews, View, ViewSets, make_sensor
+
+TRAINING, NOVEL, FRAMES = 3, 5, 24
+
+# The candidates: degrees of the orbit, and distances in terms of the own camera's.
+_AZIMUTHS = (-36, -24, -12, 0, 12, 24, 36)
+_ELEVATIONS = (-12, 0, 12, 24)
+_DISTANCES = (0.55, 0.8, 1.05)
+# They look past the pivot by up to this part of the distance, each in another direction.
+_ASIDE = 0.15
+
+# A novel view is to have been seen by training views in between these shares.
+_COVERED = (0.6, 0.97)
+
+
+def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneViews:
+    """Views around a scene's own cameras, of which the first is the centre of everything.
+
+    Own views without faults are training views, before others.
+
+    Raises
+    ------
+    UserError: too few views without faults are found.
+    """
+    orbit = Orbit.around(scene, own[0], aspect)
+    poses = [(a, e, d) for d in _DISTANCES for e in _ELEVATIONS for a in _AZIMUTHS if a or e]
+    asides = _ASIDE * (2 * qmc.Halton(2, scramble=False).random(len(poses) + 1)[1:] - 1)
+    candidates = [
+        orbit.view(scene, *pose, aside) for pose, aside in zip(poses, asides, strict=True)
+    ]
+    reports = report_views(scene, [*own, *candidates], aspect)
+    views = [*own, *candidates]
+    fit = _fit(reports, len(own))
+    if len(fit) < TRAINING + 1:
+        reasons = sorted({fault for report in reports for fault in report.faults()})
+        raise UserError(
+            "views",
+            f"only {len(fit)} of {len(views)} cameras around the scene's own are of use: "
+            + "; ".join(reasons),
+            "Move the scene's sensor so that most of its pixels show diffuse surfaces.",
+        )
+    clouds = [_cloud(reports[k]) for k in fit]
+    spacing = 2.5 * _spacing(clouds[0])
+    must = [i for i, k in enumerate(fit) if k < len(own)]
+    training = _cover(clouds, must, TRAINING, spacing)
+    novel = _choose_novel([views[k] for k in fit], clouds, training, orbit.distance, spacing)
+
+    def named(rows: Sequence[int], prefix: str) -> tuple[View, ...]:
+        chosen = []
+        for number, row in enumerate(rows, 1):
+            name = f"{prefix}_{number}" if fit[row] >= len(own) else views[fit[row]].name
+            chosen.append(views[fit[row]].model_copy(update={"name": name}))
+        return tuple(chosen)
+
+    return SceneViews(
+        exposure=propose_exposure(scene, views[fit[training[0]]], aspect),
+        aspect=round(aspect, 6),
+        fov_axis="x",
+        views=ViewSets(train=named(training, "train"), novel=named(novel, "novel")),
+        path=_place_path(scene, orbit, aspect),
+    )
+
+
+def _fit(reports: Sequence[ViewReport], own: int) -> list[int]:
+    """Own views without faults, and candidates that show as much of what is lit as those do.
+
+    Where these are few, candidates may show less: from outside of an open room, many see the dark
+    backs of its walls.
+    """
+    useful = np.array([0 if r.faults() else r.diffuse_share * r.lit_share for r in reports])
+    best = useful[:own].max() or useful.max()
+    for share in (0.9, 0.75, 0.5, 0.0):
+        fit = [k for k, u in enumerate(useful) if u > 0 and (k < own or u >= share * best)]
+        if len(fit) >= own + 4 * (TRAINING + NOVEL):
+            break
+    return fit
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """Cameras on spheres around a point.
+
+    Attributes
+    ----------
+    start: the camera that has azimuth and elevation 0.
+    pivot: the middle of what it sees, (3,). distance: from the camera to there.
+    up: the axis of the scene that is nearest to the camera's own up, (3,).
+    """
+
+    start: View
+    pivot: np.ndarray
+    distance: float
+    up: np.ndarray
+
+    @classmethod
+    def around(cls, scene: mi.Scene, view: View, aspect: float) -> Orbit:
+        """The orbit whose pivot lies on the view's axis, at the median depth of what it sees."""
+        points = report_views(scene, [view], aspect)[0].points
+        seen = to_numpy(points.p)[np.asarray(points.valid.numpy())]
+        origin = np.array(view.origin)
+        forward = _unit(np.subtract(view.target, view.origin))
+        if len(seen) == 0:
+            raise UserError(
+                f"view {view.name!r}",
+                "sees no diffuse surface",
+                "Point the scene's sensor at something with a diffuse material.",
+            )
+        distance = float(np.median((seen - origin) @ forward))
+        axis = int(np.argmax(np.abs(view.up)))
+        up = np.eye(3)[axis] * np.sign(view.up[axis])
+        if np.linalg.norm(np.cross(up, forward)) < 0.2:  # it looks along that axis
+            up = np.array(view.up, dtype=float)
+        return cls(view, origin + distance * forward, distance, up)
+
+    def view(
+        self,
+        scene: mi.Scene,
+        azimuth: float,
+        elevation: float,
+        distance: float,
+        aside: Sequence[float] | np.ndarray = (0.0, 0.0),
+    ) -> View:
+        """The camera at these angles, degrees, and this multiple of the start's distance.
+
+        It looks at the pivot, or past it by so many distances to the right and upwards.
+
+        It stays in the free space that the start sees: where a surface is in between, it stops at
+        four fifths of the way there.
+        """
+        origin = np.array(self.start.origin)
+        back = _unit(origin - self.pivot)
+        right = _unit(np.cross(self.up, back))
+        back = _rotate(_rotate(back, right, -np.radians(elevation)), self.up, np.radians(azimuth))
+        way = self.pivot + distance * self.distance * back - origin
+        length = float(np.linalg.norm(way))
+        if length > 0:
+            ray = mi.Ray3f(mi.Point3f(origin.tolist()), mi.Vector3f((way / length).tolist()))
+            dr.make_opaque(ray)
+            free = float(scene.ray_intersect_preliminary(ray).t[0])
+            origin = origin + way * min(1.0, 0.8 * free / length)
+        return View(
+            name="candidate",
+            origin=_rounded(origin),
+            target=_rounded(self.pivot + self.distance * (aside[0] * right + aside[1] * self.up)),
+            up=_rounded(self.up),
+            fov=self.start.fov,
+            fov_axis=self.start.fov_axis,
+        )
+
+
+def propose_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8) -> float:
+    """An exposure that shows nine tenths of a view's pixels below 0.8 of the display's white."""
+    height = 48
+    sensor = make_sensor(view, max(1, round(height * aspect)), height)
+    points = report_views(scene, [view], aspect)[0].points
+    radius = 2 * propose_radius(scene, points, PassSettings.photons_per_pass)
+    settings = PassSettings(initial_radius=radius)
+    renderer = ReferenceRenderer(scene, {view.name: sensor}, {}, settings, seed=0)
+    renderer.run(passes)
+    luminance = renderer.image(view.name) @ [0.2126, 0.7152, 0.0722]
+    bright = float(np.percentile(luminance, 90))
+    return float(f"{0.8 / bright:.2g}") if bright > 0 else 1.0
+
+
+def _cloud(report: ViewReport) -> np.ndarray:
+    return to_numpy(report.points.p)[np.asarray(report.points.valid.numpy())]
+
+
+def _spacing(cloud: np.ndarray) -> float:
+    """Median distance of a view's visible points to their nearest neighbours, world units."""
+    distance, _ = cKDTree(cloud).query(cloud, k=2)
+    return float(np.median(distance[:, 1]))
+
+
+def _covered(points: np.ndarray, by: np.ndarray, within: float) -> np.ndarray:
+    """Which of ``points`` (N, 3) have one of ``by`` (M, 3) near them, (N,)."""
+    distance, _ = cKDTree(by).query(points, distance_upper_bound=within)
+    return np.asarray(np.isfinite(distance))
+
+
+def _cover(
+    clouds: Sequence[np.ndarray], must: Sequence[int], count: int, within: float
+) -> list[int]:
+    """``count`` clouds, ``must`` first, that cover the most of all points; greedy."""
+    pool = np.concatenate(clouds)
+    pool = pool[:: max(1, len(pool) // 4000)]
+    reach = np.array([_covered(pool, cloud, within) for cloud in clouds])
+    chosen = list(must[:count])
+    while len(chosen) < count:
+        done = reach[chosen].any(axis=0) if chosen else np.zeros(len(pool), bool)
+        gain = (reach & ~done).sum(axis=1)
+        gain[chosen] = -1
+        chosen.append(int(np.argmax(gain)))
+    return chosen
+
+
+def _choose_novel(
+    views: Sequence[View],
+    clouds: Sequence[np.ndarray],
+    training: Sequence[int],
+    unit: float,
+    within: float,
+) -> list[int]:
+    """Views far from each other and from training, partly covered by it; others to fill up."""
+    seen = np.concatenate([clouds[k] for k in training])
+    share = np.array([_covered(cloud, seen, within).mean() for cloud in clouds])
+    poses = np.array([_pose(view, unit) for view in views])
+    chosen: list[int] = []
+    rest = [k for k in range(len(views)) if k not in training]
+    while rest and len(chosen) < NOVEL:
+        partly = [k for k in rest if _COVERED[0] <= share[k] <= _COVERED[1]] or rest
+        taken = poses[[*training, *chosen]]
+        gaps = [np.linalg.norm(taken - poses[k], axis=1).min() for k in partly]
+        chosen.append(partly[int(np.argmax(gaps))])
+        rest.remove(chosen[-1])
+    return chosen
+
+
+def _pose(view: View, unit: float) -> np.ndarray:
+    forward = _unit(np.subtract(view.target, view.origin))
+    return np.concatenate([np.array(view.origin) / unit, forward])
+
+
+def _place_path(scene: mi.Scene, orbit: Orbit, aspect: float) -> CameraPath | None:
+    """A closed loop through the own camera, as wide as its frames are without faults."""
+    for width in (20, 14, 10, 7, 5, 3):
+        turns = np.radians([0, 60, 120, 180, 240, 300])
+        keys = [
+            orbit.view(
+                scene, width * np.sin(t), 0.4 * width * (1 - np.cos(t)), 1 - 0.1 * (1 - np.cos(t))
+            )
+            for t in turns
+        ]
+        path = CameraPath(
+            frames=FRAMES,
+            closed=True,
+            keyframes=tuple(Keyframe(**k.model_dump(exclude={"name", "fov_axis"})) for k in keys),
+        )
+        frames = SceneViews(aspect=aspect, views=ViewSets(train=()), path=path).frames()
+        if not any(report.faults() for report in report_views(scene, frames, aspect)):
+            return path
+    return None
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)
+
+
+def _rotate(vector: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
+    """Rodrigues' rotation about a unit axis."""
+    return np.asarray(
+        vector * np.cos(angle)
+        + np.cross(axis, vector) * np.sin(angle)
+        + axis * (axis @ vector) * (1 - np.cos(angle))
+    )
+
+
+def _rounded(vector: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (float(f"{value:.6g}") for value in vector)
+    return x, y, z

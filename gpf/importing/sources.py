@@ -1,0 +1,153 @@
+"""Where a scene comes from: a folder, an XML file, or a zip archive with one."""
+
+from __future__ import annotations
+
+import lzma
+import shutil
+import stat
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from gpf.errors import UserError
+
+MOST_FILES = 10_000
+MOST_BYTES = 4 * 2**30
+"""What an archive may unpack to. Ten times the largest of the usual test scenes."""
+
+DEPTH = 3
+"""So many levels of folders are searched for a scene file."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A scene file somewhere outside of the project.
+
+    Attributes
+    ----------
+    origin: the name of the folder, file or archive that the user named.
+    xml: the scene file. folder: the folder that was named or unpacked, or the file's own.
+    archive: the archive that was unpacked into ``folder``, if one was.
+    """
+
+    origin: str
+    xml: Path
+    folder: Path
+    archive: Path | None = None
+
+
+def open_source(path: Path, unpacked: Path) -> Source:
+    """Find the scene file; an archive is unpacked into the new folder ``unpacked``.
+
+    Raises
+    ------
+    UserError: there is nothing at ``path``, it is of another kind, there is no scene file or more
+        than one, or :func:`unpack_archive` objects.
+    """
+    origin = path.resolve().name
+    if path.is_dir():
+        return Source(origin, find_scene_file(path, path), path)
+    if not path.exists():
+        raise UserError(str(path), "does not exist", "Check the path.")
+    if zipfile.is_zipfile(path):
+        unpack_archive(path, unpacked)
+        return Source(origin, find_scene_file(unpacked, path), unpacked, archive=path)
+    if path.suffix.lower() == ".xml":
+        return Source(origin, path, path.parent)
+    raise UserError(
+        str(path),
+        "is neither a folder, nor an XML file, nor a zip archive",
+        "Unpack other archives first; scenes in other formats have to be converted to Mitsuba's.",
+    )
+
+
+def find_scene_file(folder: Path, named: Path) -> Path:
+    """The scene file of a folder: ``scene.xml``, or the only XML file there is.
+
+    The folder itself is looked at first, then the folders in it, level by level. ``named`` is what
+    messages call the folder.
+    """
+    for level in range(DEPTH):
+        found = sorted(
+            file
+            for file in folder.glob("*/" * level + "*.[xX][mM][lL]")
+            if file.is_file() and not any(_is_hidden(p) for p in file.relative_to(folder).parts)
+        )
+        chosen = [file for file in found if file.name == "scene.xml"] or found
+        if len(chosen) == 1:
+            return chosen[0]
+        if chosen:
+            names = ", ".join(file.relative_to(folder).as_posix() for file in chosen)
+            how = "Name one of them" if folder == named else "Unpack it and name one of them"
+            raise UserError(
+                str(named), f"has several XML files ({names})", f"{how}: gpf scene import FILE."
+            )
+    raise UserError(
+        str(named),
+        "has no XML file",
+        "Name a folder with a Mitsuba scene, its XML file, or a zip archive with one.",
+    )
+
+
+def _is_hidden(part: str) -> bool:
+    return part.startswith(".") or part == "__MACOSX"
+
+
+def unpack_archive(archive: Path, target: Path) -> None:
+    """Unpack a zip archive into a new folder.
+
+    Raises
+    ------
+    UserError: a member has an absolute path or one with ``..``, is a link or another special
+        file; there are more than ``MOST_FILES`` members, or more than ``MOST_BYTES`` in them; the
+        archive is damaged or encrypted. Nothing has been unpacked then, or only in part.
+    """
+    damages = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, RuntimeError)
+    try:
+        with zipfile.ZipFile(archive) as opened:
+            members = opened.infolist()
+            _check_members(archive, members)
+            for member in members:
+                place = target.joinpath(*_parts(member))
+                if member.filename.endswith(("/", "\\")):
+                    place.mkdir(parents=True, exist_ok=True)
+                    continue
+                place.parent.mkdir(parents=True, exist_ok=True)
+                # No more is read than the size that was checked.
+                with opened.open(member) as source, place.open("wb") as copy:
+                    shutil.copyfileobj(source, copy)
+    except damages as error:
+        raise UserError(str(archive), f"does not unpack: {error}", "Pack it anew.") from error
+
+
+def _check_members(archive: Path, members: list[zipfile.ZipInfo]) -> None:
+    size = sum(member.file_size for member in members)
+    if len(members) > MOST_FILES or size > MOST_BYTES:
+        raise UserError(
+            str(archive),
+            f"has {len(members):,} members, {size / 2**30:.1f} GiB unpacked; the limits are "
+            f"{MOST_FILES:,} and {MOST_BYTES / 2**30:.0f} GiB",
+            "If you trust it, unpack it yourself and import the folder.",
+        )
+    for member in members:
+        name = member.filename
+        wrong = None
+        if PurePosixPath(*_parts(member, keep_root=True)).is_absolute() or ":" in name[:2]:
+            wrong = "has an absolute path"
+        elif ".." in _parts(member):
+            wrong = "leads out of the archive"
+        elif stat.S_IFMT(member.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
+            wrong = "is a link or another special file"
+        elif member.flag_bits & 1:
+            wrong = "is encrypted"
+        if wrong:
+            raise UserError(
+                str(archive), f"its member {name!r} {wrong}", "Pack it anew without that."
+            )
+
+
+def _parts(member: zipfile.ZipInfo, keep_root: bool = False) -> list[str]:
+    """Folders and name of a member; some programs for Windows write backslashes between them."""
+    parts = member.filename.replace("\\", "/").split("/")
+    return ["/"] * (keep_root and parts[0] == "") + [p for p in parts if p not in ("", ".")]

@@ -1,0 +1,72 @@
+"""What the stages `reference` and `photons` share: where photons are needed, and how many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from gpf.emission import Source, emit_light
+from gpf.emission_guiding import EmissionGuide
+from gpf.outlook import Outlook
+from gpf.photon_map import BATCH
+from gpf.pilot import Pilot, trace_pilot
+from gpf.progressive import pass_seed
+from gpf.views import make_sensor
+from stages.workspace import Workspace
+
+# Emission is guided where fewer than this share of the paths would do if all were of use.
+GUIDED_BELOW = 0.3
+
+
+@dataclass(frozen=True)
+class Lookout:
+    """Where photons are needed, how they are emitted, and what a path then brings there.
+
+    Attributes
+    ----------
+    outlook: None where params.yaml does without: photons are needed everywhere.
+    source: of the photons.
+    pilot: of paths from that source.
+    """
+
+    outlook: Outlook | None
+    source: Source
+    pilot: Pilot
+
+    @classmethod
+    def open(cls, work: Workspace, scene: Any) -> Lookout:
+        """Look around from the training views, and guide the emission where that pays."""
+        section = work.params.outlook
+        outlook = None
+        if section.use:
+            # Of one size whatever params.yaml says: photons do not depend on the film.
+            sensors = [make_sensor(view, *work.views.size(256)) for view in work.views.train]
+            outlook = Outlook(scene, sensors, section.seed, section.rays)
+        seed = pass_seed(section.seed, 0, stream=8)
+        pilot = trace_pilot(scene, outlook, seed, section.pilot_paths)
+        if not section.guide or pilot.efficiency >= GUIDED_BELOW:
+            return cls(outlook, emit_light, pilot)
+        guide = EmissionGuide.learn(scene, pilot)
+        seed = pass_seed(section.seed, 1, stream=8)
+        guided = trace_pilot(scene, outlook, seed, section.pilot_paths, guide.emit)
+        return cls(outlook, guide.emit, guided)
+
+    def paths_for_photons(self, photons: int) -> int:
+        """How many paths leave so many photons in the outlook: in whole batches, 1 to 50."""
+        return _batches(photons / max(self.pilot.photons_per_path, 1e-9), most=50)
+
+    def paths_for_passes(self, equal_paths: int) -> int:
+        """How many paths bring as much, and as noisily, as ``equal_paths`` that are all alike."""
+        return _batches(equal_paths / max(self.pilot.efficiency, 1e-9), most=5)
+
+    def facts(self) -> dict[str, Any]:
+        """For the stage's record."""
+        return {
+            "photons_in_outlook_per_path": self.pilot.photons_per_path,
+            "path_efficiency": self.pilot.efficiency,
+            "emission_guided": self.source is not emit_light,
+        }
+
+
+def _batches(paths: float, most: int) -> int:
+    return BATCH * min(max(round(paths / BATCH), 1), most)
