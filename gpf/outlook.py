@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.density import pack_tag, same_surface
+from gpf.errors import UserError
 from gpf.progressive import pass_seed
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import Photons, VisiblePoints, concatenate, scene_bounds
@@ -33,6 +34,10 @@ class Outlook:
     sensors: the views.
     samples: number of rays.
 
+    Raises
+    ------
+    UserError: none of the rays ends on a diffuse surface.
+
     Attributes
     ----------
     radius: how far around each visible point the outlook reaches, world units.
@@ -48,6 +53,12 @@ class Outlook:
         ]
         points = concatenate(seen)
         lanes = dr.compress(points.valid)
+        if dr.width(lanes) == 0:
+            raise UserError(
+                "training views",
+                "see no diffuse surface",
+                "Point them at one, or set outlook.use to false in params.yaml.",
+            )
         p, n = dr.gather(mi.Point3f, points.p, lanes), dr.gather(mi.Normal3f, points.n, lanes)
         bounds = scene_bounds(scene)
         self.radius = _reach(p, bounds)

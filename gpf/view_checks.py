@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from scipy.spatial import cKDTree
 
 from gpf.progressive import PassSettings, gather_pass, sample_film
-from gpf.structs import VisiblePoints, concatenate, scene_bounds
+from gpf.structs import VisiblePoints, concatenate, scene_bounds, to_numpy
 from gpf.views import View, make_sensor
 
 # A view has to end on diffuse surfaces with at least this share of its pixels.
@@ -19,6 +20,9 @@ LEAST_DIFFUSE = 0.5
 LEAST_LIT = 0.1
 # The camera keeps this distance from all surfaces, in diagonals of the scene's bounding box.
 LEAST_CLEARANCE = 1e-3
+
+# Points of a view that another one sees have one of its points within so many spacings.
+COVERED_WITHIN = 2.5
 
 _ROWS = 48
 _DIRECTIONS = 1024
@@ -45,6 +49,10 @@ class ViewReport:
     clearance: float
     inside_share: float
     points: VisiblePoints
+
+    def seen(self) -> np.ndarray:
+        """The visible points on diffuse surfaces, (N, 3)."""
+        return to_numpy(self.points.p)[np.asarray(self.points.valid.numpy())]
 
     def faults(self) -> list[str]:
         """What speaks against the view, in words; nothing where it is fit for use."""
@@ -94,6 +102,18 @@ def report_views(
             )
         )
     return reports
+
+
+def spacing(points: np.ndarray) -> float:
+    """Median distance of points (N, 3) to their nearest neighbours, world units."""
+    distance, _ = cKDTree(points).query(points, k=2)
+    return float(np.median(distance[:, 1]))
+
+
+def covered(points: np.ndarray, by: np.ndarray, within: float) -> np.ndarray:
+    """Which of ``points`` (N, 3) have one of ``by`` (M, 3) that near, (N,)."""
+    distance, _ = cKDTree(by).query(points, distance_upper_bound=within)
+    return np.asarray(np.isfinite(distance))
 
 
 def look_around(scene: mi.Scene, origin: Sequence[float]) -> tuple[float, float]:

@@ -10,18 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
 from gpf.errors import UserError
 from gpf.progressive import PassSettings, propose_radius
 from gpf.reference import ReferenceRenderer
-from gpf.structs import to_numpy
-from gpf.view_checks import ViewReport, report_views
+from gpf.view_checks import COVERED_WITHIN, ViewReport, covered, report_views, spacing
 from gpf.views import CameraPath, Keyframe, SceneViews, View, ViewSets, make_sensor
 
 TRAINING, NOVEL, FRAMES = 3, 5, 24
@@ -63,17 +62,23 @@ def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneVie
             + "; ".join(reasons),
             "Move the scene's sensor so that most of its pixels show diffuse surfaces.",
         )
-    clouds = [_cloud(reports[k]) for k in fit]
-    spacing = 2.5 * _spacing(clouds[0])
+    clouds = [reports[k].seen() for k in fit]
+    within = COVERED_WITHIN * spacing(clouds[0])
     must = [i for i, k in enumerate(fit) if k < len(own)]
-    training = _cover(clouds, must, TRAINING, spacing)
-    novel = _choose_novel([views[k] for k in fit], clouds, training, orbit.distance, spacing)
+    training = _cover(clouds, must, TRAINING, within)
+    novel = _choose_novel([views[k] for k in fit], clouds, training, orbit.distance, within)
+
+    taken = {view.name for view in own}
 
     def named(rows: Sequence[int], prefix: str) -> tuple[View, ...]:
         chosen = []
-        for number, row in enumerate(rows, 1):
-            name = f"{prefix}_{number}" if fit[row] >= len(own) else views[fit[row]].name
-            chosen.append(views[fit[row]].model_copy(update={"name": name}))
+        for row in rows:
+            view = views[fit[row]]
+            if fit[row] >= len(own):
+                free = (f"{prefix}_{k}" for k in count(1 + len(chosen)))
+                view = view.model_copy(update={"name": next(n for n in free if n not in taken)})
+                taken.add(view.name)
+            chosen.append(view)
         return tuple(chosen)
 
     return SceneViews(
@@ -119,8 +124,7 @@ class Orbit:
     @classmethod
     def around(cls, scene: mi.Scene, view: View, aspect: float) -> Orbit:
         """The orbit whose pivot lies on the view's axis, at the median depth of what it sees."""
-        points = report_views(scene, [view], aspect)[0].points
-        seen = to_numpy(points.p)[np.asarray(points.valid.numpy())]
+        seen = report_views(scene, [view], aspect)[0].seen()
         origin = np.array(view.origin)
         forward = _unit(np.subtract(view.target, view.origin))
         if len(seen) == 0:
@@ -186,31 +190,15 @@ def propose_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8
     return float(f"{0.8 / bright:.2g}") if bright > 0 else 1.0
 
 
-def _cloud(report: ViewReport) -> np.ndarray:
-    return to_numpy(report.points.p)[np.asarray(report.points.valid.numpy())]
-
-
-def _spacing(cloud: np.ndarray) -> float:
-    """Median distance of a view's visible points to their nearest neighbours, world units."""
-    distance, _ = cKDTree(cloud).query(cloud, k=2)
-    return float(np.median(distance[:, 1]))
-
-
-def _covered(points: np.ndarray, by: np.ndarray, within: float) -> np.ndarray:
-    """Which of ``points`` (N, 3) have one of ``by`` (M, 3) near them, (N,)."""
-    distance, _ = cKDTree(by).query(points, distance_upper_bound=within)
-    return np.asarray(np.isfinite(distance))
-
-
 def _cover(
-    clouds: Sequence[np.ndarray], must: Sequence[int], count: int, within: float
+    clouds: Sequence[np.ndarray], must: Sequence[int], wanted: int, within: float
 ) -> list[int]:
-    """``count`` clouds, ``must`` first, that cover the most of all points; greedy."""
+    """``wanted`` clouds, ``must`` first, that cover the most of all points; greedy."""
     pool = np.concatenate(clouds)
     pool = pool[:: max(1, len(pool) // 4000)]
-    reach = np.array([_covered(pool, cloud, within) for cloud in clouds])
-    chosen = list(must[:count])
-    while len(chosen) < count:
+    reach = np.array([covered(pool, cloud, within) for cloud in clouds])
+    chosen = list(must[:wanted])
+    while len(chosen) < wanted:
         done = reach[chosen].any(axis=0) if chosen else np.zeros(len(pool), bool)
         gain = (reach & ~done).sum(axis=1)
         gain[chosen] = -1
@@ -227,7 +215,7 @@ def _choose_novel(
 ) -> list[int]:
     """Views far from each other and from training, partly covered by it; others to fill up."""
     seen = np.concatenate([clouds[k] for k in training])
-    share = np.array([_covered(cloud, seen, within).mean() for cloud in clouds])
+    share = np.array([covered(cloud, seen, within).mean() for cloud in clouds])
     poses = np.array([_pose(view, unit) for view in views])
     chosen: list[int] = []
     rest = [k for k in range(len(views)) if k not in training]

@@ -43,8 +43,8 @@ def polygonize(field: Field, lower: Vector, upper: Vector, cell: float) -> Mesh:
     cells to spare; parts thinner than a cell and a half may tear.
 
     Every cell whose corners differ in sign gets a point, every grid edge between two signs gets a
-    quad over the four cells around it: closed, and counter-clockwise from outside. Newton steps
-    along the gradient then take the points onto the surface.
+    quad over the four cells around it: closed, and counter-clockwise from outside. Then the points
+    are spread evenly, and taken onto the surface by Newton steps along the gradient.
     """
     axes = [np.arange(low, high + cell, cell) for low, high in zip(lower, upper, strict=True)]
     value = field(axes[0][:, None, None], axes[1][None, :, None], axes[2][None, None, :])
@@ -70,17 +70,26 @@ def polygonize(field: Field, lower: Vector, upper: Vector, cell: float) -> Mesh:
     used = np.flatnonzero(count)
     index = np.zeros(value.size, dtype=int)
     index[used] = np.arange(len(used))
+    q = index[np.concatenate(quads)]
     points = np.array([axis[0] for axis in axes]) + cell * total[used] / count[used, None]
     step = 1e-3 * cell
-    for _ in range(4):
+    for i in range(7):
+        if i < 3:  # even out the quads
+            points = (points + _neighbours_mean(points, q)) / 2
         slope = gradient(field, points, step)
         move = (field(*points.T) / np.maximum((slope**2).sum(axis=1), 1e-6))[:, None] * slope
         points -= np.clip(move, -cell / 4, cell / 4)
     normals = gradient(field, points, step)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    q = index[np.concatenate(quads)]
     # Along the shorter diagonal, so that ridges stay ridges.
     ac = np.linalg.norm(points[q[:, 0]] - points[q[:, 2]], axis=1)
     bd = np.linalg.norm(points[q[:, 1]] - points[q[:, 3]], axis=1)
     q = np.where((ac <= bd)[:, None], q, np.roll(q, -1, axis=1))
     return Mesh(points, np.concatenate([q[:, [0, 1, 2]], q[:, [0, 2, 3]]]), normals)
+
+
+def _neighbours_mean(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """At each point the mean of those that an edge of a quad joins it with."""
+    here, there = quads.ravel(), np.roll(quads, -1, axis=1).ravel()  # each edge once per direction
+    columns = [np.bincount(here, points[there, k], len(points)) for k in range(3)]
+    return np.stack(columns, axis=1) / np.bincount(here, minlength=len(points))[:, None]

@@ -24,59 +24,28 @@ OUTSIDE = [(0, 2.3), (0.1, 2.31), (0.25, 2.345), (0.5, 2.52), (0.75, 2.753), (1,
 OUTSIDE += [(1.25, 3.033), (1.6, 3.083), (2, 3.047), (2.5, 2.93), (3, 2.775), (3.5, 2.601)]
 OUTSIDE += [(4, 2.408), (4.4, 2.231), (4.7, 2.06), (5, 1.87)]
 INSIDE = [(0.22, 1.1), (0.28, 1.42), (0.35, 1.75), (0.5, 2.172), (0.75, 2.526), (1, 2.703)]
-INSIDE += [(1.3, 2.805)]
-INSIDE += [(1.7, 2.847), (2, 2.833), (2.5, 2.752), (3, 2.62), (3.5, 2.444), (4, 2.228), (4.4, 2)]
-MOUTH = [
-    (4.4, 1.99),
-    (4.5, 1.84),
-    (4.54, 1.76),
-    (4.58, 1.77),
-    (4.63, 1.86),
-    (4.68, 1.93),
-    (5, 1.94),
-]
-LID = [
-    (4.71, 0),
-    (4.706, 0.2),
-    (4.69, 0.6),
-    (4.66, 1.3),
-    (4.64, 1.57),
-    (4.605, 1.69),
-    (4.59, 1.715),
-]
+INSIDE += [(1.3, 2.805), (1.7, 2.847), (2, 2.833), (2.5, 2.752), (3, 2.62), (3.5, 2.444)]
+INSIDE += [(4, 2.228), (4.4, 2)]
+MOUTH = [(4.4, 1.99), (4.5, 1.84), (4.54, 1.76), (4.58, 1.77)]
+MOUTH += [(4.63, 1.86), (4.68, 1.93), (5, 1.94)]
+LID = [(4.71, 0), (4.706, 0.2), (4.69, 0.6), (4.66, 1.3)]
+LID += [(4.64, 1.57), (4.605, 1.69), (4.59, 1.715)]
 LID += [(4.6, 1.74), (4.63, 1.77), (4.655, 1.83), (4.67, 1.9), (4.69, 1.92), (4.715, 1.915)]
-LID += [
-    (4.755, 1.8),
-    (4.8, 1.57),
-    (4.85, 1.308),
-    (4.9, 1.062),
-    (4.95, 0.84),
-    (5, 0.658),
-    (5.05, 0.51),
-]
+LID += [(4.755, 1.8), (4.8, 1.57), (4.85, 1.308), (4.9, 1.062)]
+LID += [(4.95, 0.84), (5, 0.658), (5.05, 0.51)]
 LID += [(5.11, 0.4), (5.2, 0.322), (5.3, 0.307), (5.45, 0.331), (5.65, 0.385), (5.85, 0.44)]
 LID += [(5.97, 0.464), (6.05, 0.447), (6.1, 0.396), (6.14, 0.282), (6.16, 0.12), (6.165, 0)]
 
 # (y, back, front, half width, wall) of the spout's level sections, which are ellipses.
-SPOUT = [
-    (0, 1.2, 1.8, 0.4, 0.3),
-    (0.6, 1.5, 2.3, 0.7, 0.3),
-    (1, 1.5, 2.9, 1, 0.3),
-    (1.5, 1.6, 3.3, 1.12, 0.3),
-]
+SPOUT = [(0, 1.2, 1.8, 0.4, 0.3), (0.6, 1.5, 2.3, 0.7, 0.3)]
+SPOUT += [(1, 1.5, 2.9, 1, 0.3), (1.5, 1.6, 3.3, 1.12, 0.3)]
 SPOUT += [(2, 1.75, 3.471, 1.15, 0.28), (2.5, 1.9, 3.608, 1.05, 0.23), (3, 2.18, 3.743, 0.84, 0.19)]
-SPOUT += [
-    (3.4, 2.66, 3.856, 0.58, 0.16),
-    (3.6, 2.87, 3.917, 0.505, 0.15),
-    (3.8, 3.029, 3.984, 0.45, 0.14),
-]
-SPOUT += [
-    (4, 3.182, 4.066, 0.405, 0.13),
-    (4.2, 3.338, 4.181, 0.375, 0.125),
-    (4.4, 3.494, 4.373, 0.385, 0.13),
-]
-SPOUT += [(4.5, 3.569, 4.5, 0.43, 0.14), (4.7, 3.71, 4.75, 0.51, 0.15)]
-LIP = 4.62  # of the spout, at its back; it falls a little towards the front
+SPOUT += [(3.4, 2.66, 3.856, 0.58, 0.16), (3.6, 2.87, 3.917, 0.505, 0.15)]
+SPOUT += [(3.8, 3.029, 3.984, 0.45, 0.14)]
+SPOUT += [(4, 3.182, 4.066, 0.405, 0.13), (4.2, 3.338, 4.181, 0.375, 0.125)]
+SPOUT += [(4.4, 3.494, 4.37, 0.385, 0.13)]
+SPOUT += [(4.5, 3.569, 4.47, 0.42, 0.14), (4.7, 3.71, 4.67, 0.5, 0.15)]
+LIP = 4.64  # of the spout, at its back; it falls a little towards the front
 
 # (z, y, half width in x, half thickness) along the handle's middle, from the mouth down.
 HANDLE = [(-1.9, 4.12, 0.42, 0.22), (-2.3, 4.17, 0.4, 0.24), (-2.7, 4.25, 0.375, 0.23)]
@@ -123,14 +92,15 @@ def spout(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.n
     a, middle = (front - back) / 2, (front + back) / 2
 
     def section(thinner: np.ndarray | float) -> np.ndarray:
-        long, short = a - thinner, half - thinner
-        across, along = x / short, (z - middle) / long
+        # The front wall leans forwards: as thick as the others, it is longer on the level.
+        long, short = a - 1.3 * thinner, half - thinner
+        across, along = x / short, (z - middle + 0.3 * thinner) / long
         size = np.sqrt(across**2 + along**2)
         # Over the length of the gradient; 0.85 for the slant of the walls.
         steep = np.sqrt((across / short) ** 2 + (along / long) ** 2)
         return 0.85 * (size - 1) * np.maximum(size, 0.05) / np.maximum(steep, 0.05)
 
-    return section(0.0), section(1.1 * wall)
+    return section(0.0), section(wall)
 
 
 def handle(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
@@ -154,16 +124,16 @@ def handle(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
 def body_field(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Negative inside the material of the body."""
     r = np.sqrt(x * x + z * z)
-    belly = intersection(revolved(r, y, OUTSIDE), y - RIM, fillet=0.08)
+    belly = intersection(revolved(r, y, OUTSIDE), y - RIM, fillet=0.1)
     outer, bore = spout(x, y, z)
-    outer = intersection(outer, y - LIP + 0.1 * (z - 3.65), fillet=0.06)
+    outer = intersection(outer, y - LIP + 0.1 * (z - 3.65), fillet=0.08)
     solid = intersection(union(belly, outer, fillet=0.25), FOOT - y, fillet=0.1)
     solid = union(solid, handle(x, y, z), fillet=0.16)
     room = intersection(revolved(r, y, INSIDE), FLOOR - y, fillet=0.1)
     room = intersection(room, y - 4.43, fillet=0.02)
     hollow = union(room, intersection(bore, 1.0 - y, fillet=0.1), fillet=0.25)
     mouth = intersection(revolved(r, y, MOUTH), 4.38 - y, fillet=0.02)
-    return intersection(solid, -np.minimum(hollow, mouth), fillet=0.05)
+    return intersection(solid, -np.minimum(hollow, mouth), fillet=0.08)
 
 
 def teapot_body(cell: float = 0.06) -> Mesh:

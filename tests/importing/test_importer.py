@@ -23,7 +23,7 @@ from gpf.pilot import trace_pilot
 from gpf.scenes import freeze_scene, list_scenes, load_scene, load_views
 from gpf.views import SceneViews, View, ViewSets
 
-ORIGINALS = Path(__file__).parents[2] / "shared/scenes"
+ORIGINALS = Path(__file__).parents[3] / "shared/scenes"
 
 SCENE = """\
 <?xml version="1.0" encoding="utf-8"?>

@@ -1,0 +1,85 @@
+"""Views around a scene's own camera."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.errors import UserError
+from gpf.importing.placement import Orbit, place_views, propose_exposure
+from gpf.view_checks import report_views
+from gpf.views import View
+
+T = mi.ScalarTransform4f
+OWN = View(name="own", origin=(0, 0, 3.9), target=(0, 0, 2.9), fov=39.3)
+
+
+@pytest.fixture(scope="module")
+def scene() -> mi.Scene:
+    return mi.load_dict(mi.cornell_box(), optimize=False)
+
+
+@pytest.fixture(scope="module")
+def placed(scene):
+    return place_views(scene, [OWN], aspect=1.25)
+
+
+def test_the_own_camera_comes_first_and_names_are_new(placed):
+    assert placed.train[0] == OWN
+    assert [v.name for v in placed.train] == ["own", "train_2", "train_3"]
+    assert [v.name for v in placed.novel] == [f"novel_{k}" for k in range(1, 6)]
+    assert placed.aspect == 1.25
+
+
+def test_all_views_and_frames_are_fit_for_use(scene, placed):
+    views = [*placed.train, *placed.novel, *placed.frames()]
+    assert len(placed.frames()) == 24
+    assert [r.faults() for r in report_views(scene, views, 1.25, seed=99)] == [[]] * len(views)
+
+
+def test_views_differ(placed):
+    origins = np.array([v.origin for v in (*placed.train, *placed.novel)])
+    gaps = np.linalg.norm(origins[:, None] - origins[None], axis=-1) + 9 * np.eye(len(origins))
+    assert gaps.min() > 0.2
+
+
+def test_a_second_sensor_becomes_a_training_view_whatever_its_name(scene):
+    where = {"origin": (0.5, 0.2, 3.5), "target": (0, 0, 0)}
+    second = OWN.model_copy(update={"name": "train_3", **where})
+    placed = place_views(scene, [OWN, second], aspect=1)
+    assert placed.train[:2] == (OWN, second)
+    assert len({v.name for v in (*placed.train, *placed.novel)}) == 8
+
+
+def test_an_orbit_stays_in_the_room(scene):
+    inside = View(name="a", origin=(0, 0, 0.9), target=(0, 0, 0), fov=60)
+    orbit = Orbit.around(scene, inside, 1)
+    for azimuth in (-60, 60):
+        x, y, _ = orbit.view(scene, azimuth, 50, 2).origin
+        assert abs(x) < 1 and abs(y) < 1
+
+
+def test_orbit_geometry(scene):
+    orbit = Orbit.around(scene, OWN, 1)
+    assert orbit.pivot[:2] == pytest.approx([0, 0], abs=1e-6)
+    assert orbit.distance == pytest.approx(3.9 - orbit.pivot[2])
+    turned = orbit.view(scene, 90, 0, 0.1)
+    np.testing.assert_allclose(
+        np.subtract(turned.origin, orbit.pivot), [0.1 * orbit.distance, 0, 0], atol=1e-4
+    )
+    higher = orbit.view(scene, 0, 30, 1)
+    assert higher.origin[1] == pytest.approx(orbit.distance / 2, rel=1e-4)
+
+
+def test_exposure_brings_a_picture_into_range(scene):
+    exposure = propose_exposure(scene, OWN, 1)
+    brighter = mi.cornell_box()
+    brighter["light"]["emitter"]["radiance"]["value"] = [184, 155, 80]
+    ten_times = propose_exposure(mi.load_dict(brighter, optimize=False), OWN, 1)
+    assert 0.5 < exposure < 5
+    assert exposure / ten_times == pytest.approx(10, rel=0.15)
+
+
+def test_a_camera_that_sees_nothing_is_told_so(scene):
+    away = View(name="away", origin=(0, 0, 3.9), target=(0, 0, 9), fov=39)
+    with pytest.raises(UserError, match="view 'away': sees no diffuse surface. Point the"):
+        place_views(scene, [away], aspect=1)
