@@ -14,14 +14,14 @@ def basin(water: bool = True) -> mi.Scene:
     """A box x, y, z in [-1, 1] open on top, water up to y = 0, a small glass ball and a crate."""
     crate = T().translate([0.5, -0.5, 0.5]).scale(0.2)
     grey = {"type": "twosided", "bsdf": {"type": "diffuse"}}
-    ball = {"type": "sphere", "center": [0, 0.6, 0], "radius": 0.2, "bsdf": {"type": "dielectric"}}
+    glass = {"type": "dielectric"}
     scene = {
         "type": "scene",
-        "ball": ball,
+        "ball": {"type": "sphere", "center": [0, 0.6, 0], "radius": 0.2, "bsdf": glass},
         "crate": {
             "type": "cube",
             "to_world": crate,
-            "bsdf": {"type": "twosided", "b": {"type": "diffuse"}},
+            "bsdf": grey,
         },
         "sun": {"type": "point", "position": [0.3, 3, 0.2]},
     }
@@ -33,7 +33,7 @@ def basin(water: bool = True) -> mi.Scene:
         scene[name] = {"type": "rectangle", "to_world": turn}
     if water:
         flat = T().rotate([1, 0, 0], -90)
-        scene["water"] = {"type": "rectangle", "to_world": flat, "bsdf": {"type": "dielectric"}}
+        scene["water"] = {"type": "rectangle", "to_world": flat, "bsdf": glass}
     return mi.load_dict(scene, optimize=False)
 
 

@@ -7,11 +7,11 @@ distance, the roundings have the lengths asked for.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from gpf.modelling.meshes import Mesh, Vector
+from gpf.modelling.meshes import Mesh
 
 Field = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -35,18 +35,26 @@ def gradient(field: Field, points: np.ndarray, step: float) -> np.ndarray:
     return np.stack(columns, axis=1) / (2 * step)
 
 
-def polygonize(field: Field, lower: Vector, upper: Vector, cell: float) -> Mesh:
-    """The surface field = 0 inside a box, as a mesh with normals along the gradient.
+def spaced(start: float, *parts: tuple[float, float]) -> np.ndarray:
+    """Grid planes along an axis: from ``start`` on, each part (end, distance) with its own."""
+    planes = [start]
+    for end, distance in parts:
+        planes += list(np.arange(planes[-1] + distance, end, distance))
+    return np.array(planes)
+
+
+def polygonize(field: Field, axes: Sequence[np.ndarray]) -> Mesh:
+    """The surface field = 0 inside a grid, as a mesh with normals along the gradient.
 
     ``field(x, y, z)`` broadcasts its arguments; parts of it that depend on two of them alone are
-    therefore computed on a plane of the grid alone. The box contains the whole surface with two
-    cells to spare; parts thinner than a cell and a half may tear.
+    therefore computed on a plane of the grid alone. ``axes`` are the grid's planes; it contains the
+    whole surface with two cells to spare. Parts thinner than a cell and a half may tear.
 
     Every cell whose corners differ in sign gets a point, every grid edge between two signs gets a
     quad over the four cells around it: closed, and counter-clockwise from outside. Then the points
     are spread evenly, and taken onto the surface by Newton steps along the gradient.
     """
-    axes = [np.arange(low, high + cell, cell) for low, high in zip(lower, upper, strict=True)]
+    cell = min(float(np.diff(axis).min()) for axis in axes)
     value = field(axes[0][:, None, None], axes[1][None, :, None], axes[2][None, None, :])
     shape = np.array(value.shape)
     total, count = np.zeros((value.size, 3)), np.zeros(value.size)
@@ -71,7 +79,10 @@ def polygonize(field: Field, lower: Vector, upper: Vector, cell: float) -> Mesh:
     index = np.zeros(value.size, dtype=int)
     index[used] = np.arange(len(used))
     q = index[np.concatenate(quads)]
-    points = np.array([axis[0] for axis in axes]) + cell * total[used] / count[used, None]
+    place = total[used] / count[used, None]
+    points = np.stack(
+        [np.interp(place[:, i], np.arange(len(axis)), axis) for i, axis in enumerate(axes)], axis=1
+    )
     step = 1e-3 * cell
     for i in range(7):
         if i < 3:  # even out the quads

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from gpf.modelling.implicit import intersection, polygonize, union
+from gpf.modelling.implicit import intersection, polygonize, spaced, union
 from gpf.modelling.meshes import Mesh, lathe
 
 Table = Sequence[tuple[float, ...]]
@@ -92,15 +92,14 @@ def spout(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.n
     a, middle = (front - back) / 2, (front + back) / 2
 
     def section(thinner: np.ndarray | float) -> np.ndarray:
-        # The front wall leans forwards: as thick as the others, it is longer on the level.
-        long, short = a - 1.3 * thinner, half - thinner
-        across, along = x / short, (z - middle + 0.3 * thinner) / long
+        long, short = a - thinner, half - thinner
+        across, along = x / short, (z - middle) / long
         size = np.sqrt(across**2 + along**2)
         # Over the length of the gradient; 0.85 for the slant of the walls.
         steep = np.sqrt((across / short) ** 2 + (along / long) ** 2)
         return 0.85 * (size - 1) * np.maximum(size, 0.05) / np.maximum(steep, 0.05)
 
-    return section(0.0), section(wall)
+    return section(0.0), section(1.1 * wall)
 
 
 def handle(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
@@ -138,8 +137,11 @@ def body_field(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 def teapot_body(cell: float = 0.06) -> Mesh:
     """The body with spout and handle, as one closed surface with normals."""
-    # Placed so that no plane of the grid grazes the underside, the rim or the lip.
-    return polygonize(body_field, (-3.301, -0.097, -5.023), (3.31, 4.98, 4.85), cell)
+    # Finer towards rim and lip; no plane grazes the underside, the rim or the lip.
+    x = spaced(-3.301, (3.31, cell))
+    y = spaced(-0.097, (4.3, cell), (4.9, cell / 2))
+    z = spaced(-5.023, (3.4, cell), (4.8, 0.7 * cell))
+    return polygonize(body_field, (x, y, z))
 
 
 def teapot_lid(segments: int = 96) -> Mesh:
