@@ -70,11 +70,25 @@ def doctor() -> None:
 
 @scene_app.command("list")
 def list_all() -> None:
-    """List the scenes."""
-    from gpf.scenes import list_scenes
+    """List the scenes, with their views and whether params.yaml has them."""
+    from stages.scene_list import print_scenes
 
-    for name in list_scenes():
-        typer.echo(name)
+    print_scenes()
+
+
+@scene_app.command("preview")
+def preview(
+    name: Annotated[str, typer.Argument(help="The scene.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="PNG; by default in results/NAME.")
+    ] = None,
+    height: Annotated[int, typer.Option(min=16, max=1024, help="Pixels of each picture.")] = 128,
+    passes: Annotated[int, typer.Option(min=1, help="SPPM passes.")] = 32,
+) -> None:
+    """Render all views small, path tracer and SPPM side by side, and say what is wrong."""
+    from stages.preview import preview_scene
+
+    preview_scene(name, out, height, passes)
 
 
 @scene_app.command("import")

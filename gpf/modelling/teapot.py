@@ -107,17 +107,20 @@ def handle(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
     knots = np.arange(len(HANDLE), dtype=float)
     table = [(k, *row) for k, row in zip(knots, HANDLE, strict=True)]
     path = np.stack(curve(np.linspace(0, knots[-1], 6 * len(HANDLE)), table), axis=1)
-    nearest = np.full(np.broadcast(y, z).shape, np.inf)
-    wide, thick = np.ones_like(nearest), np.ones_like(nearest)
+    y, z = np.broadcast_arrays(y, z)
+    wide, thick, distance = np.ones(z.shape), np.ones(z.shape), np.full(z.shape, 9.0)
+    close = z < -1.6  # elsewhere it is enough that the handle is far away
+    y, z, nearest = y[close], z[close], np.full(int(close.sum()), np.inf)
+    widths = np.ones((2, len(nearest)))
     for a, b in pairwise(path):
         dz, dy = b[0] - a[0], b[1] - a[1]
         t = np.clip(((z - a[0]) * dz + (y - a[1]) * dy) / (dz * dz + dy * dy), 0, 1)
-        distance = np.hypot(z - a[0] - t * dz, y - a[1] - t * dy)
-        closer = distance < nearest
-        nearest = np.where(closer, distance, nearest)
-        wide = np.where(closer, a[2] + t * (b[2] - a[2]), wide)
-        thick = np.where(closer, a[3] + t * (b[3] - a[3]), thick)
-    return (np.sqrt((x / wide) ** 2 + (nearest / thick) ** 2) - 1) * thick
+        reach = np.hypot(z - a[0] - t * dz, y - a[1] - t * dy)
+        closer = reach < nearest
+        nearest = np.where(closer, reach, nearest)
+        widths = np.where(closer, a[2:, None] + t * (b - a)[2:, None], widths)
+    distance[close], wide[close], thick[close] = nearest, *widths
+    return (np.sqrt((x / wide) ** 2 + (distance / thick) ** 2) - 1) * thick
 
 
 def body_field(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:

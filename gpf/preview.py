@@ -1,0 +1,105 @@
+"""A contact sheet of a scene's views: path tracer and SPPM side by side, and what is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.artifacts import write_atomically
+from gpf.images import tone_map
+from gpf.progressive import PassSettings, propose_radius
+from gpf.reference import ReferenceRenderer
+from gpf.view_checks import ViewReport, report_views
+from gpf.views import SceneViews, View, make_sensor
+
+_DEPTH = 16
+_COLUMNS = 4
+
+
+@dataclass(frozen=True)
+class Preview:
+    """One view as two methods see it.
+
+    Attributes
+    ----------
+    use: what it is for: train, novel or path.
+    path, sppm: linear radiance, (H, W, 3).
+    """
+
+    view: View
+    use: str
+    report: ViewReport
+    path: np.ndarray
+    sppm: np.ndarray
+
+
+def render_previews(
+    scene: mi.Scene,
+    views: SceneViews,
+    height: int = 128,
+    spp: int = 32,
+    passes: int = 32,
+    tick: Callable[[], None] = lambda: None,
+) -> list[Preview]:
+    """Render all views and every eighth frame of the path; ``tick()`` after each step.
+
+    There are ``passes`` + V steps for V views. All views share the photons of a pass.
+    """
+    chosen = choose_views(views)
+    size = views.size(height)
+    reports = report_views(scene, [view for view, _ in chosen], views.aspect)
+    sensors = {view.name: make_sensor(view, *size, spp=spp) for view, _ in chosen}
+    radius = propose_radius(scene, reports[0].points, PassSettings.photons_per_pass)
+    settings = PassSettings(initial_radius=radius)
+    photon_mapping = ReferenceRenderer(scene, sensors, {}, settings, seed=0)
+    photon_mapping.run(passes, lambda _: tick())
+    tracer = mi.load_dict({"type": "path", "max_depth": _DEPTH})
+    previews = []
+    for (view, use), report in zip(chosen, reports, strict=True):
+        image = np.array(mi.render(scene, sensor=sensors[view.name], integrator=tracer, spp=spp))
+        previews.append(Preview(view, use, report, image, photon_mapping.image(view.name)))
+        tick()
+    return previews
+
+
+def choose_views(views: SceneViews) -> list[tuple[View, str]]:
+    """The views of a contact sheet, each with what it is for."""
+    kinds = {"train": views.train, "novel": views.novel, "path": views.frames()[::8]}
+    return [(view, use) for use, members in kinds.items() for view in members]
+
+
+def draw_contact_sheet(
+    path: Path, title: str, previews: Sequence[Preview], exposure: float
+) -> None:
+    """Write a PNG with a pair of pictures for each view: path tracer left, SPPM right."""
+    from matplotlib.figure import Figure
+
+    height, width = previews[0].path.shape[:2]
+    columns = min(_COLUMNS, len(previews))
+    rows = -(-len(previews) // columns)
+    cell = (2 * width + 4) / 100, (height + 30) / 100
+    figure = Figure(figsize=(columns * cell[0], rows * cell[1] + 0.35), dpi=100)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=9)
+    top = 1 - 0.3 / (rows * cell[1] + 0.35)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    figure.subplots_adjust(left=0.004, right=0.996, bottom=0.004, top=top - 0.01, wspace=0.02)
+    for axes in grid.flat:
+        axes.set_axis_off()
+    for axes, preview in zip(grid.flat, previews, strict=False):
+        gap = np.ones((height, 4, 3))
+        pair = [tone_map(image, exposure) for image in (preview.path, preview.sppm)]
+        axes.imshow(np.concatenate([pair[0], gap, pair[1]], axis=1), interpolation="nearest")
+        faults = preview.report.faults()
+        label = f"{preview.use}: {preview.view.name}"
+        axes.set_title(
+            "\n".join([label, *faults]),
+            fontsize=7,
+            loc="left",
+            pad=2,
+            color="crimson" if faults else "black",
+        )
+    write_atomically(path, lambda file: figure.savefig(file, format="png"))
