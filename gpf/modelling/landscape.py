@@ -94,7 +94,7 @@ def landscape(width: int, height: int, horizon: float = 0.17, fov: float = 62) -
     columns, rows = 2 * width, 2 * height  # two by two samples a pixel
     focal = 0.5 / np.tan(np.radians(fov / 2))
     tangent = ((np.arange(columns) + 0.5) / columns - 0.5) / focal
-    z = np.geomspace(1.0, 90, 1100)[:, None]
+    z = np.geomspace(1.0, 90, 800)[:, None]
     x = tangent * z
     z = np.broadcast_to(z, x.shape)
     top, colour = paint(x, z)
