@@ -78,7 +78,9 @@ class Reference(_Section):
     initial_radius: Length = "auto"
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.7
     rr_depth: Count = 5
+    view_points: Count = 200_000
     surface_points: Annotated[int, Field(ge=0)] = 300_000
+    training_images: Annotated[int, Field(ge=0)] = 3
     seed: Seed = 1
     checkpoint_seconds: Positive = 30.0
 

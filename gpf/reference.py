@@ -25,13 +25,14 @@ class ReferenceView:
 
     Attributes
     ----------
-    radiance: mean over passes, each with a new sample in every pixel, (H, W, 3).
+    radiance: mean over passes, each with a new sample in every pixel, (H, W, 3); None for a view
+        that has points alone.
     position, normal, reflectance: of one fixed visible point per pixel, (H, W, 3).
     irradiance: mean over passes at that point, (H, W, 3).
     valid: 1 where the pixel has a visible point, else 0, (H, W).
     """
 
-    radiance: np.ndarray
+    radiance: np.ndarray | None
     position: np.ndarray
     normal: np.ndarray
     reflectance: np.ndarray
@@ -40,7 +41,7 @@ class ReferenceView:
 
     def layers(self) -> dict[str, np.ndarray]:
         """As layers of an EXR."""
-        return dict(vars(self))
+        return {name: layer for name, layer in vars(self).items() if layer is not None}
 
 
 class ReferenceRenderer:
@@ -116,9 +117,12 @@ class ReferenceRenderer:
         for name, images in self.snapshots.items():
             images[f"sppm_{self.passes_done}"] = self.image(name)
 
-    def view(self, name: str) -> ReferenceView:
-        """All that is known so far of a view whose image and fixed points have the same name."""
-        width, height = self.sizes[name]
+    def view(self, name: str, size: tuple[int, int] | None = None) -> ReferenceView:
+        """All that is known so far of a view whose fixed points have its name.
+
+        ``size`` is the width and height of its film, which a view with an image knows.
+        """
+        width, height = size or self.sizes[name]
         points = self.points[name]
 
         def grid(value: Any) -> np.ndarray:
@@ -126,7 +130,7 @@ class ReferenceRenderer:
             return array.reshape(height, width, *array.shape[1:])
 
         return ReferenceView(
-            radiance=self.image(name),
+            radiance=self.image(name) if name in self.sensors else None,
             position=grid(points.p),
             normal=grid(points.n),
             reflectance=grid(points.reflectance),
@@ -182,10 +186,22 @@ def sample_view(
 
 
 def fixed_points(
-    scene: mi.Scene, sensor: mi.Sensor, name: str, settings: PassSettings, seed: int
+    scene: mi.Scene,
+    sensor: mi.Sensor,
+    name: str,
+    settings: PassSettings,
+    seed: int,
+    share: float = 1.0,
 ) -> VisiblePoints:
-    """One visible point per pixel that stays the same for all passes, (W H,)."""
-    return sample_view(scene, sensor, name, settings, seed, t=0)
+    """One visible point per pixel that stays the same for all passes, (W H,).
+
+    Only a ``share`` of the pixels, chosen at random, has a valid one.
+    """
+    points = sample_view(scene, sensor, name, settings, seed, t=0)
+    if share < 1:
+        rng = np.random.default_rng(pass_seed(seed, 1, zlib.crc32(name.encode())))
+        points.valid &= mi.Bool(rng.random(dr.width(points.p)) < share)
+    return points
 
 
 def settings_record(settings: PassSettings, seed: int) -> dict[str, Any]:

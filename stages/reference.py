@@ -107,7 +107,7 @@ def _time_passes(job: _Job) -> dict[str, float]:
     section = job.work.params.reference
     view = job.work.views.train[0]
     sensor = {view.name: job.work.sensor(view)}
-    points = _target_points(job, job.work.views.train, True, section.seed)
+    points = _target_points(job, job.work.views.train, _share(job.work), True, section.seed)
     source, settings, seed = job.lookout.source, job.settings, section.seed
     alone = ReferenceRenderer(job.scene, sensor, {}, settings, seed, source)
     targets = ReferenceRenderer(job.scene, {}, points, settings, seed, source)
@@ -133,11 +133,13 @@ def _seconds_per_pass(renderer: ReferenceRenderer, passes: int, samples: int = 1
 
 
 def _target_points(
-    job: _Job, views: Sequence[View], surfaces: bool, seed: int
+    job: _Job, views: Sequence[View], share: float, surfaces: bool, seed: int
 ) -> dict[str, VisiblePoints]:
     """Fixed points of views, and samples of the surfaces where they are asked for."""
     work, scene, settings = job.work, job.scene, job.settings
-    points = {v.name: fixed_points(scene, work.sensor(v), v.name, settings, seed) for v in views}
+    points = {
+        v.name: fixed_points(scene, work.sensor(v), v.name, settings, seed, share) for v in views
+    }
     count = work.params.reference.surface_points
     if surfaces and count > 0:
         # Twice as many photons as a pass has: there is to be a choice.
@@ -175,19 +177,30 @@ def _render_group(job: _Job, group: str) -> None:
         **settings_record(job.settings, seed),
     }
     views = work.views.train if group == "train" else work.views.novel
+    share, imaged = 1.0, [view.name for view in views]
+    if group == "train":
+        share, imaged = _share(work), imaged[: section.training_images]
+    record |= {"share": share, "imaged": imaged}
     missing = [view for view in views if not _is_current(work, group, view, record)]
     surfaces = group == "train" and section.surface_points > 0
     surfaces_missing = surfaces and not _has_surfaces(work, record)
     if missing or surfaces_missing:
         points = {}
         if group != "ceiling":
-            points = _target_points(job, missing, surfaces_missing, seed)
-        sensors = {view.name: work.sensor(view) for view in missing}
+            points = _target_points(job, missing, share, surfaces_missing, seed)
+        sensors = {view.name: work.sensor(view) for view in missing if view.name in imaged}
         source = job.lookout.source
         renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, seed, source)
         _accumulate(work, renderer, group, missing, record, job.costs)
     if group == "train":
         _collect_targets(work, views, surfaces)
+
+
+def _share(work: Workspace) -> float:
+    """The share of the training views' pixels whose points are supervised."""
+    width, height = work.film_size
+    pixels = len(work.views.train) * width * height
+    return min(1.0, work.params.reference.view_points / pixels)
 
 
 def code_digest() -> str:
@@ -208,7 +221,9 @@ def code_digest() -> str:
 
 
 def _view_record(record: dict[str, Any], view: View) -> dict[str, Any]:
-    return {**record, "view": view.model_dump(mode="json")}
+    """What made a view's file; a view does not depend on which others have images."""
+    imaged = view.name in record["imaged"]
+    return {**record, "imaged": imaged, "view": view.model_dump(mode="json")}
 
 
 def _is_current(work: Workspace, group: str, view: View, record: dict[str, Any]) -> bool:
@@ -228,7 +243,8 @@ def _has_surfaces(work: Workspace, record: dict[str, Any]) -> bool:
 
 
 def _surface_record(work: Workspace, record: dict[str, Any]) -> dict[str, Any]:
-    return {**record, "surface_points": work.params.reference.surface_points}
+    apart = {key: value for key, value in record.items() if key not in ("share", "imaged")}
+    return {**apart, "surface_points": work.params.reference.surface_points}
 
 
 def _accumulate(
@@ -270,7 +286,10 @@ def _accumulate(
         if group == "ceiling":
             path, layers = work.ceiling(view.name), renderer.snapshots[view.name]
         else:
-            path, layers = work.reference(view.name), renderer.view(view.name).layers()
+            path, layers = (
+                work.reference(view.name),
+                renderer.view(view.name, work.film_size).layers(),
+            )
         for name, image in layers.items():
             if image.ndim == 3:
                 check_finite(image, f"{work.scene}, view {view.name}, {name}")

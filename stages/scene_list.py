@@ -8,6 +8,7 @@ from textwrap import shorten
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from gpf.config import read_params
 from gpf.errors import UserError
@@ -24,7 +25,8 @@ def print_scenes() -> None:
         try:
             views = load_views(name, root)
         except UserError as error:
-            table.add_row(name, "", "", "", "", f"[red]{error.what}[/red]")
+            where = error.where.rpartition("/")[2]
+            table.add_row(name, "", "", "", "", Text(f"{where} {error.what}", "red"))
             continue
         numbers = [str(len(v)) for v in (views.train, views.novel, views.frames())]
         table.add_row(name, *numbers, "yes" if name in listed else "no", _about(root / name))

@@ -55,6 +55,31 @@ def test_shapes(scene):
         renderer.view("back")
 
 
+def test_a_share_of_the_fixed_points(scene):
+    sensor = mi.load_dict(
+        CAMERAS["front"] | {"film": {"type": "hdrfilm", "width": 64, "height": 48}}
+    )
+    whole = fixed_points(scene, sensor, "front", SETTINGS, 3)
+    part = fixed_points(scene, sensor, "front", SETTINGS, 3, share=0.25)
+    kept, valid = np.array(part.valid), np.array(whole.valid)
+    assert (kept <= valid).all()
+    assert kept.sum() == pytest.approx(0.25 * valid.sum(), rel=0.15)
+    np.testing.assert_array_equal(np.array(part.p), np.array(whole.p))
+    other = fixed_points(scene, sensor, "other", SETTINGS, 3, share=0.25)
+    assert (np.array(other.valid) != kept).any()
+
+
+def test_a_view_of_points_alone_has_no_image(scene):
+    sensor = mi.load_dict(CAMERAS["front"])
+    points = {"front": fixed_points(scene, sensor, "front", SETTINGS, 3)}
+    renderer = ReferenceRenderer(scene, {}, points, SETTINGS, 3)
+    renderer.run(1)
+    view = renderer.view("front", (8, 6))
+    assert view.radiance is None
+    assert "radiance" not in view.layers()
+    assert view.irradiance.shape == (6, 8, 3)
+
+
 def test_a_view_does_not_depend_on_the_others(scene):
     """Up to the order in which photons are added up."""
     together, front, side = (start(scene, *names) for names in (CAMERAS, ["front"], ["side"]))

@@ -221,6 +221,10 @@ def test_training_views_that_see_nothing_diffuse(finished):
     (finished.folder / VIEWS).write_text(text)
     finished.edit("params.yaml", reference__surface_points=0, reference__initial_radius=0.1)
     assert finished.stage("scene").code == 0
+    outcome = finished.stage("reference")
+    assert outcome.code == 2
+    assert "training views: see no diffuse surface. Point them at one" in outcome.text
+    finished.edit("params.yaml", outlook__use=False)
     assert finished.stage("reference").code == 0
     assert_refused(
         finished,
