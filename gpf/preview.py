@@ -40,9 +40,9 @@ class Preview:
 def render_previews(
     scene: mi.Scene,
     views: SceneViews,
-    height: int = 128,
-    spp: int = 32,
-    passes: int = 32,
+    height: int = 96,
+    spp: int = 16,
+    passes: int = 16,
     tick: Callable[[], None] = lambda: None,
 ) -> list[Preview]:
     """Render all views and every eighth frame of the path; ``tick()`` after each step.
@@ -81,12 +81,21 @@ def draw_contact_sheet(
     height, width = previews[0].path.shape[:2]
     columns = min(_COLUMNS, len(previews))
     rows = -(-len(previews) // columns)
-    cell = (2 * width + 4) / 100, (height + 30) / 100
-    figure = Figure(figsize=(columns * cell[0], rows * cell[1] + 0.35), dpi=100)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=9)
-    top = 1 - 0.3 / (rows * cell[1] + 0.35)
+    lines = 1 + max(len(preview.report.faults()) for preview in previews)
+    # Inches: a line of words above each row, the title above all.
+    words, title_height = 0.12 * lines, 0.3
+    total = rows * (height / 100 + words) + title_height
+    figure = Figure(figsize=(columns * (2 * width + 8) / 100, total), dpi=100)
+    figure.suptitle(title, x=0.004, y=1 - 0.06 / total, ha="left", va="top", fontsize=9)
     grid = figure.subplots(rows, columns, squeeze=False)
-    figure.subplots_adjust(left=0.004, right=0.996, bottom=0.004, top=top - 0.01, wspace=0.02)
+    figure.subplots_adjust(
+        left=0.004,
+        right=0.996,
+        bottom=0,
+        top=1 - (title_height + words) / total,
+        wspace=0.02,
+        hspace=words / (height / 100),
+    )
     for axes in grid.flat:
         axes.set_axis_off()
     for axes, preview in zip(grid.flat, previews, strict=False):

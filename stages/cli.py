@@ -82,8 +82,8 @@ def preview(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="PNG; by default in results/NAME.")
     ] = None,
-    height: Annotated[int, typer.Option(min=16, max=1024, help="Pixels of each picture.")] = 128,
-    passes: Annotated[int, typer.Option(min=1, help="SPPM passes.")] = 32,
+    height: Annotated[int, typer.Option(min=16, max=1024, help="Rows of each picture.")] = 96,
+    passes: Annotated[int, typer.Option(min=1, help="SPPM passes.")] = 16,
 ) -> None:
     """Render all views small, path tracer and SPPM side by side, and say what is wrong."""
     from stages.preview import preview_scene
