@@ -18,7 +18,7 @@ from gpf.density import pack_tag, same_surface
 from gpf.errors import UserError
 from gpf.progressive import pass_seed
 from gpf.spatial_hash import SpatialHash
-from gpf.structs import Photons, VisiblePoints, concatenate, scene_bounds
+from gpf.structs import Photons, VisiblePoints, concatenate, scene_bounds, take
 from gpf.visible_points import find_visible_points
 
 
@@ -76,15 +76,7 @@ class Outlook:
 
     def select(self, photons: Photons) -> Photons:
         """The photons that landed on it."""
-        lanes = dr.compress(self.contains(photons.p, photons.n))
-        chosen = Photons(
-            p=dr.gather(mi.Point3f, photons.p, lanes),
-            n=dr.gather(mi.Normal3f, photons.n, lanes),
-            power=dr.gather(mi.Color3f, photons.power, lanes),
-            depth=dr.gather(mi.UInt32, photons.depth, lanes),
-        )
-        dr.eval(chosen)
-        return chosen
+        return take(photons, dr.compress(self.contains(photons.p, photons.n)))
 
 
 def look_out(scene: mi.Scene, sensor: mi.Sensor, samples: int, seed: int) -> VisiblePoints:

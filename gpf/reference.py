@@ -16,7 +16,7 @@ import numpy as np
 from gpf.artifacts import read_tensors, write_tensors
 from gpf.emission import Source, emit_light
 from gpf.progressive import PassSettings, gather_pass, pass_seed, sample_film
-from gpf.structs import VisiblePoints, concatenate, to_numpy
+from gpf.structs import VisiblePoints, concatenate, take, to_numpy
 
 
 @dataclass(frozen=True)
@@ -71,13 +71,20 @@ class ReferenceRenderer:
         self.source = source
         self.scene, self.sensors, self.settings, self.seed = scene, dict(sensors), settings, seed
         self.points = dict(points)
+        # Only valid points are gathered at: of many views they may be few.
+        self._valid = {name: dr.compress(points.valid) for name, points in self.points.items()}
+        self._gathered = {
+            name: take(points, self._valid[name])
+            for name, points in self.points.items()
+            if dr.width(self._valid[name]) > 0
+        }
         dr.eval(self.points)
         self.passes_done = 0
         self.sizes = {name: film_size(sensor) for name, sensor in self.sensors.items()}
         self.radiance = {n: dr.zeros(mi.Color3f, w * h) for n, (w, h) in self.sizes.items()}
         self.snapshots: dict[str, dict[str, np.ndarray]] = {name: {} for name in self.sensors}
         self.irradiance = {
-            name: dr.zeros(mi.Color3f, dr.width(points.p)) for name, points in self.points.items()
+            name: dr.zeros(mi.Color3f, dr.width(lanes)) for name, lanes in self._valid.items()
         }
 
     def run(self, passes: int, tick: Callable[[int], None] = lambda done: None) -> None:
@@ -94,13 +101,15 @@ class ReferenceRenderer:
             for name, sensor in self.sensors.items()
         }
         dr.eval(moving)
-        parts = [*moving.values(), *self.points.values()]
-        points = concatenate(parts)
-        gathered = gather_pass(self.scene, points, t, self.settings, self.seed, self.source)
-        values = _split(gathered, [dr.width(part.p) for part in parts])
+        parts = [*moving.values(), *self._gathered.values()]
+        values: Iterator[mi.Color3f] = iter(())
+        if parts:
+            points = concatenate(parts)
+            gathered = gather_pass(self.scene, points, t, self.settings, self.seed, self.source)
+            values = _split(gathered, [dr.width(part.p) for part in parts])
         for name, points in moving.items():
             self.radiance[name] += points.radiance(next(values))
-        for name in self.points:
+        for name in self._gathered:
             self.irradiance[name] += next(values)
         dr.eval(self.radiance, self.irradiance)
         # Without waiting, passes pile up and the progress bar lies.
@@ -134,13 +143,16 @@ class ReferenceRenderer:
             position=grid(points.p),
             normal=grid(points.n),
             reflectance=grid(points.reflectance),
-            irradiance=grid(self.irradiance[name]) / self.passes_done,
+            irradiance=self.mean_irradiance(name).reshape(height, width, 3),
             valid=grid(dr.select(points.valid, mi.Float(1), 0)),
         )
 
     def mean_irradiance(self, name: str) -> np.ndarray:
-        """Mean irradiance so far at a set of points, (N, 3)."""
-        return to_numpy(self.irradiance[name]) / self.passes_done
+        """Mean irradiance so far at a set of points, (N, 3); 0 where a point is not valid."""
+        result = np.zeros((dr.width(self.points[name].p), 3), np.float32)
+        lanes = np.asarray(self._valid[name].numpy())
+        result[lanes] = to_numpy(self.irradiance[name]) / self.passes_done
+        return result
 
     def save(self, path: Path, fingerprint: Mapping[str, Any], note: Any = "") -> None:
         """Write a checkpoint, atomically; ``note`` is kept for the one who restores it."""

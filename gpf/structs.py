@@ -82,15 +82,14 @@ class SurfacePoints:
     weight: mi.Float
 
 
-def select_points(points: SurfacePoints, rows: np.ndarray) -> SurfacePoints:
-    """The given rows of a set of points."""
-    index = mi.UInt32(rows.astype(np.uint32))
-    selected = SurfacePoints(
-        p=dr.gather(mi.Point3f, points.p, index),
-        n=dr.gather(mi.Normal3f, points.n, index),
-        target=dr.gather(mi.Color3f, points.target, index),
-        weight=dr.gather(mi.Float, points.weight, index),
-    )
+def take(points: Any, lanes: mi.UInt32) -> Any:
+    """The given lanes of a structure; fields of a single lane stay as they are."""
+    width, taken = dr.width(points), {}
+    for f in fields(points):
+        value = getattr(points, f.name)
+        whole = dr.width(value) == width
+        taken[f.name] = dr.gather(type(value), value, lanes) if whole else value
+    selected = type(points)(**taken)
     dr.eval(selected)
     return selected
 

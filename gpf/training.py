@@ -32,7 +32,7 @@ from gpf.errors import UserError
 from gpf.field import GaussianPhotonField
 from gpf.gaussians import Gaussians
 from gpf.neighbour_lists import list_neighbours
-from gpf.structs import SurfacePoints, select_points
+from gpf.structs import SurfacePoints, take
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ class Trainer:
         count = dr.width(points.p)
         rng = np.random.default_rng(settings.seed)
         split = rng.random(count) < settings.held_out
-        self.training = select_points(points, np.flatnonzero(~split))
-        self.held_out = select_points(points, np.flatnonzero(split))
+        self.training = take(points, mi.UInt32(np.flatnonzero(~split).astype(np.uint32)))
+        self.held_out = take(points, mi.UInt32(np.flatnonzero(split).astype(np.uint32)))
 
         mean_target = np.mean(np.asarray(self.training.target.numpy()))
         self.unit = float(mean_target) if mean_target > 0 else 1.0

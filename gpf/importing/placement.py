@@ -71,7 +71,7 @@ def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneVie
     taken = {view.name for view in own}
 
     def named(rows: Sequence[int], prefix: str) -> tuple[View, ...]:
-        chosen = []
+        chosen: list[View] = []
         for row in rows:
             view = views[fit[row]]
             if fit[row] >= len(own):

@@ -79,9 +79,9 @@ def polygonize(field: Field, axes: Sequence[np.ndarray]) -> Mesh:
     index = np.zeros(value.size, dtype=int)
     index[used] = np.arange(len(used))
     q = index[np.concatenate(quads)]
-    place = total[used] / count[used, None]
+    middle = total[used] / count[used, None]  # in cells, as fractions
     points = np.stack(
-        [np.interp(place[:, i], np.arange(len(axis)), axis) for i, axis in enumerate(axes)], axis=1
+        [np.interp(middle[:, i], np.arange(len(p)), p) for i, p in enumerate(axes)], axis=1
     )
     step = 1e-3 * cell
     for i in range(7):
