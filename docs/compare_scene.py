@@ -1,4 +1,4 @@
-"""Compare a scene with the one it is modelled after: `python docs/compare_scene.py --help`.
+"""Compare a scene with the one that it is modelled after: `python docs/compare_scene.py --help`.
 
 Both are rendered from the original's camera, by the original's integrator and at its depth, with
 the same film; images are compared by the mean over R, G and B of an 8×8 grid of blocks. The picture
@@ -8,9 +8,11 @@ shows both and the ratio of each block, the terminal gets the numbers.
 from __future__ import annotations
 
 import argparse
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+# ruff: isort: split
 import matplotlib
 
 matplotlib.use("Agg")
@@ -21,6 +23,7 @@ import numpy as np
 
 from gpf.images import tone_map
 from gpf.runtime import choose_variant
+from gpf.scenes import freeze_scene
 
 BLOCKS = 8  # per axis
 WAVEFRONT = 2**21  # camera paths at a time
@@ -75,7 +78,7 @@ def estimate(
     width, height = (int(n) for n in sensor.film().size())
     count = max(8, -(-spp * width * height // WAVEFRONT))
     image = np.zeros((height, width, 3))
-    blocks = np.zeros((count, BLOCKS, BLOCKS))
+    blocks, totals = np.zeros((count, BLOCKS, BLOCKS)), np.zeros(count)
     for i in range(count):
         batch = mi.render(
             scene, sensor=sensor, integrator=integrator, spp=-(-spp // count), seed=seed + i
@@ -83,7 +86,7 @@ def estimate(
         pixels = np.array(batch, dtype=float)
         blocks[i] = block_means(pixels)
         image += pixels / count
-    totals = blocks.mean(axis=(1, 2))
+        totals[i] = pixels.mean()
     root = np.sqrt(count)
     return Estimate(
         image,
@@ -145,7 +148,7 @@ def main() -> None:
     """Read the arguments, render, report and draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("original", type=Path, help="the original's Mitsuba scene file")
-    parser.add_argument("own", type=Path, help="the scene file modelled after it")
+    parser.add_argument("own", help="the name of the scene that is modelled after it")
     parser.add_argument("--size", default="256x256", help="WIDTHxHEIGHT in pixels")
     parser.add_argument("--spp", type=int, default=1024, help="samples per pixel")
     parser.add_argument("--exposure", type=float, default=1.0, help="of the picture")
@@ -153,7 +156,11 @@ def main() -> None:
     arguments = parser.parse_args()
     width, height = (int(n) for n in arguments.size.split("x"))
     choose_variant("auto")
-    scenes = [mi.load_file(str(file)) for file in (arguments.original, arguments.own)]
+    with tempfile.TemporaryDirectory() as folder:
+        frozen = Path(folder) / arguments.own
+        freeze_scene(arguments.own, frozen)
+        files = (arguments.original, frozen / "scene.xml")
+        scenes = [mi.load_file(str(file)) for file in files]
     sensor, integrator = camera_of(scenes[0], width, height), scenes[0].integrator()
     original, own = (
         estimate(scene, sensor, integrator, arguments.spp, seed=10**6 * i)

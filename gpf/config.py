@@ -64,9 +64,9 @@ class OutlookSection(_Section):
     """Where Gaussians and supervision are needed (:class:`gpf.outlook.Outlook`)."""
 
     use: bool = True
-    rays: Count = 524_288
+    rays: Annotated[int, Field(ge=1000)] = 524_288
     guide: bool = True
-    pilot_paths: Count = 1_048_576
+    pilot_paths: Annotated[int, Field(ge=1000)] = 1_048_576
     seed: Seed = 5
 
 

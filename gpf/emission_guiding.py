@@ -19,8 +19,10 @@ import numpy as np
 from gpf.emission import EmitterSample, emit_from
 from gpf.pilot import Pilot
 
-# Cells along the two numbers for the place, and the two for the direction.
-_PLACE, _DIRECTION = 4, 16
+# Cells along each of the two numbers for the place and for the direction, finest first; the finest
+# is used that leaves each cell so many paths of the pilot.
+_GRIDS = ((4, 16), (4, 8), (2, 8), (2, 4), (1, 4), (1, 2), (1, 1))
+_PATHS_PER_CELL = 64
 _MOST_EMITTERS = 64
 # Part of the photons that are emitted as ever, so that nothing is forgotten.
 _UNIFORM = 0.2
@@ -37,14 +39,15 @@ class EmissionGuide:
 
     def __init__(self, shape: tuple[int, ...], use: np.ndarray) -> None:
         self.shape = shape
-        cells = use.size
-        density = _UNIFORM + (1 - _UNIFORM) * use * cells / use.sum()
-        self._density = mi.Float(density.astype(np.float32))
+        self._cells = use.size
+        share = _UNIFORM / use.size + (1 - _UNIFORM) * use / use.sum()
         # Closed at 1: rounding must not let a number fall past the last cell.
-        cumulated = np.minimum(np.cumsum(density) / cells, 1)
+        cumulated = np.minimum(np.cumsum(share), 1).astype(np.float32)
         cumulated[-1] = 1
-        self._cumulated = mi.Float(cumulated.astype(np.float32))
-        self._cells = cells
+        self._cumulated = mi.Float(cumulated)
+        # What rounding has made of it is what is drawn.
+        density = np.diff(cumulated.astype(np.float64), prepend=0) * use.size
+        self._density = mi.Float(density.astype(np.float32))
 
     @classmethod
     def learn(cls, scene: mi.Scene, pilot: Pilot) -> EmissionGuide:
@@ -54,7 +57,9 @@ class EmissionGuide:
         square of what a path brings.
         """
         emitters = min(len(scene.emitters()), _MOST_EMITTERS)
-        shape = (emitters, _PLACE, _PLACE, _DIRECTION, _DIRECTION)
+        paths = len(pilot.brought)
+        shapes = [(emitters, p, p, d, d) for p, d in _GRIDS]
+        shape = next((s for s in shapes if np.prod(s) * _PATHS_PER_CELL <= paths), shapes[-1])
         cell = np.asarray(_cell(pilot.start(), shape).numpy())
         size = int(np.prod(shape))
         count = np.bincount(cell, minlength=size)

@@ -21,6 +21,9 @@ from gpf.spatial_hash import SpatialHash
 from gpf.structs import Photons, VisiblePoints, concatenate, scene_bounds, take
 from gpf.visible_points import find_visible_points
 
+# Fewer visible points do not tell how far apart they are.
+LEAST_POINTS = 8
+
 
 class Outlook:
     """The diffuse surfaces that can be seen from the space that some views look into.
@@ -36,7 +39,7 @@ class Outlook:
 
     Raises
     ------
-    UserError: none of the rays ends on a diffuse surface.
+    UserError: hardly any of the rays ends on a diffuse surface.
 
     Attributes
     ----------
@@ -46,14 +49,14 @@ class Outlook:
     def __init__(
         self, scene: mi.Scene, sensors: Sequence[mi.Sensor], seed: int, samples: int = 1 << 19
     ) -> None:
-        each = samples // len(sensors)
+        each = max(1, samples // len(sensors))
         seen = [
             look_out(scene, sensor, each, pass_seed(seed, number, stream=6))
             for number, sensor in enumerate(sensors)
         ]
         points = concatenate(seen)
         lanes = dr.compress(points.valid)
-        if dr.width(lanes) == 0:
+        if dr.width(lanes) < LEAST_POINTS:
             raise UserError(
                 "training views",
                 "see no diffuse surface",

@@ -27,12 +27,14 @@ class Preview:
     Attributes
     ----------
     use: what it is for: train, novel or path.
+    faults: what speaks against the view, in words.
     path, sppm: linear radiance, (H, W, 3).
     """
 
     view: View
     use: str
     report: ViewReport
+    faults: list[str]
     path: np.ndarray
     sppm: np.ndarray
 
@@ -40,16 +42,16 @@ class Preview:
 def render_previews(
     scene: mi.Scene,
     views: SceneViews,
+    chosen: Sequence[tuple[View, str]],
     height: int = 96,
     spp: int = 16,
     passes: int = 16,
     tick: Callable[[], None] = lambda: None,
 ) -> list[Preview]:
-    """Render all views and every eighth frame of the path; ``tick()`` after each step.
+    """Render views side by side; ``tick()`` after each of ``passes`` + V steps for V views.
 
-    There are ``passes`` + V steps for V views. All views share the photons of a pass.
+    All views share the photons of a pass.
     """
-    chosen = choose_views(views)
     size = views.size(height)
     reports = report_views(scene, [view for view, _ in chosen], views.aspect)
     sensors = {view.name: make_sensor(view, *size, spp=spp) for view, _ in chosen}
@@ -61,14 +63,25 @@ def render_previews(
     previews = []
     for (view, use), report in zip(chosen, reports, strict=True):
         image = np.array(mi.render(scene, sensor=sensors[view.name], integrator=tracer, spp=spp))
-        previews.append(Preview(view, use, report, image, photon_mapping.image(view.name)))
+        mapped = photon_mapping.image(view.name)
+        # The first camera is where its author wants it: under water, for instance.
+        faults = report.faults(home_inside=reports[0].inside)
+        previews.append(Preview(view, use, report, faults, image, mapped))
         tick()
     return previews
 
 
-def choose_views(views: SceneViews) -> list[tuple[View, str]]:
-    """The views of a contact sheet, each with what it is for."""
-    kinds = {"train": views.train, "novel": views.novel, "path": views.frames()[::8]}
+def choose_views(views: SceneViews, whole: bool = False) -> list[tuple[View, str]]:
+    """The views of a contact sheet, each with what it is for.
+
+    Those are, unless ``whole``, at most 8 training views, spread over all, the novel views, and
+    three frames of the path.
+    """
+    train, frames = views.train, views.frames()
+    if not whole:
+        train = train[:: -(-len(train) // 8)]
+        frames = frames[:: max(1, len(frames) // 3)]
+    kinds = {"train": train, "novel": views.novel, "path": frames}
     return [(view, use) for use, members in kinds.items() for view in members]
 
 
@@ -81,7 +94,7 @@ def draw_contact_sheet(
     height, width = previews[0].path.shape[:2]
     columns = min(_COLUMNS, len(previews))
     rows = -(-len(previews) // columns)
-    lines = 1 + max(len(preview.report.faults()) for preview in previews)
+    lines = 1 + max(len(preview.faults) for preview in previews)
     # Inches: a line of words above each row, the title above all.
     words, title_height = 0.12 * lines, 0.3
     total = rows * (height / 100 + words) + title_height
@@ -102,7 +115,7 @@ def draw_contact_sheet(
         gap = np.ones((height, 4, 3))
         pair = [tone_map(image, exposure) for image in (preview.path, preview.sppm)]
         axes.imshow(np.concatenate([pair[0], gap, pair[1]], axis=1), interpolation="nearest")
-        faults = preview.report.faults()
+        faults = preview.faults
         label = f"{preview.use}: {preview.view.name}"
         axes.set_title(
             "\n".join([label, *faults]),

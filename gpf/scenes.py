@@ -115,7 +115,11 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
         more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
         todo = "Put it there."
         if (file.parent / "build.py").exists():
-            todo = f"Run `gpf stage scene --scene {file.parent.name}`, which builds it."
+            name = file.parent.name
+            todo = (
+                f"It is built: run `gpf stage scene --scene {name}` and take "
+                f"results/{name}/scene/scene.xml."
+            )
         where, path = str(missing[0].place), missing[0].path
         raise UserError(where, f"refers to {path}{more}, which does not exist", todo)
     # Mitsuba takes a parameter that the file does not use for a mistake.

@@ -2,44 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.density import estimate_irradiance
 from gpf.errors import UserError
 from gpf.progressive import pass_seed
-from gpf.structs import Photons, VisiblePoints
+from gpf.structs import Photons, VisiblePoints, take, to_numpy
 
 
-def sample_surface_points(
-    photons: Photons, count: int, radius: float, bounds: tuple[Any, Any], seed: int
-) -> VisiblePoints:
+def sample_surface_points(photons: Photons, count: int, radius: float, seed: int) -> VisiblePoints:
     """Positions of up to ``count`` photons of a photon map, half of them thinned out.
 
     One half is drawn from all photons alike, so that bright regions have many; the other with
-    probabilities in inverse proportion to the local density (within ``radius``, world units),
-    which makes it nearly uniform over the lit area.
+    probabilities in inverse proportion to the number of photons in the same cell of a grid (twice
+    ``radius`` wide, world units), which makes it nearly uniform over the lit area.
     """
     available = dr.width(photons.p)
     if available == 0:
         raise UserError(
             "scene", "no photon reached a diffuse surface", "Check where the emitters point."
         )
-    alike = replace(photons, power=mi.Color3f(dr.full(mi.Float, 1, available)))
-    density = estimate_irradiance(alike, radius, bounds)
-    sparse = 1 / np.asarray(density.x.numpy(), dtype=np.float64)
+    cells = np.floor(to_numpy(photons.p) / (2 * radius)).astype(np.int64)
+    cells -= cells.min(axis=0)
+    key = np.ravel_multi_index(cells.T, cells.max(axis=0) + 1)
+    _, cell, members = np.unique(key, return_inverse=True, return_counts=True)
+    sparse = 1 / members[cell]
     rng = np.random.default_rng(pass_seed(seed, 0, stream=5))
     count = min(count, available)
     first = rng.choice(available, count // 2, replace=False)
     second = rng.choice(available, count - count // 2, replace=False, p=sparse / sparse.sum())
-    index = mi.UInt32(np.sort(np.concatenate([first, second])).astype(np.uint32))
+    chosen = take(photons, mi.UInt32(np.sort(np.concatenate([first, second])).astype(np.uint32)))
     return VisiblePoints(
-        p=dr.gather(mi.Point3f, photons.p, index),
-        n=dr.gather(mi.Normal3f, photons.n, index),
+        p=chosen.p,
+        n=chosen.n,
         reflectance=mi.Color3f(1),
         throughput=mi.Color3f(1),
         emission=mi.Color3f(0),

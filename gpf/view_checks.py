@@ -11,14 +11,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from gpf.progressive import PassSettings, gather_pass, sample_film
-from gpf.structs import VisiblePoints, concatenate, scene_bounds, to_numpy
+from gpf.structs import VisiblePoints, concatenate, to_numpy
 from gpf.views import View, make_sensor
 
 # A view has to end on diffuse surfaces with at least this share of its pixels.
 LEAST_DIFFUSE = 0.5
 # Of the pixels that end on diffuse surfaces, so many have to receive some light.
 LEAST_LIT = 0.1
-# The camera keeps this distance from all surfaces, in diagonals of the scene's bounding box.
+# The camera keeps this distance from all surfaces, in median distances of what the view sees.
 LEAST_CLEARANCE = 1e-3
 
 # Points of a view that another one sees have one of its points within so many spacings.
@@ -36,10 +36,11 @@ class ViewReport:
     ----------
     name: of the view.
     diffuse_share: part of the pixels whose path ends on a diffuse surface.
-    lit_share: part of those pixels that photons reach.
-    clearance: distance from the camera to the nearest surface, in diagonals of the scene.
-    inside_share: of the directions in which the camera meets a refracting surface before an
-        opaque one or behind it, the part that meets it from within.
+    lit_share: part of those pixels that photons reach, or a path tracer finds light for.
+    clearance: distance from the camera to the nearest surface, over the median distance of what
+        the view sees.
+    inside: whether the camera is inside of a refracting object: most of the refracting surfaces
+        around it are met from within.
     points: the visible points, one per pixel.
     """
 
@@ -47,15 +48,18 @@ class ViewReport:
     diffuse_share: float
     lit_share: float
     clearance: float
-    inside_share: float
+    inside: bool
     points: VisiblePoints
 
     def seen(self) -> np.ndarray:
         """The visible points on diffuse surfaces, (N, 3)."""
         return to_numpy(self.points.p)[np.asarray(self.points.valid.numpy())]
 
-    def faults(self) -> list[str]:
-        """What speaks against the view, in words; nothing where it is fit for use."""
+    def faults(self, home_inside: bool = False) -> list[str]:
+        """What speaks against the view, in words; nothing where it is fit for use.
+
+        ``home_inside``: cameras of this scene are meant to be inside, under water for instance.
+        """
         found = []
         if self.diffuse_share < LEAST_DIFFUSE:
             share = f"{100 * self.diffuse_share:.0f}%"
@@ -64,7 +68,7 @@ class ViewReport:
             found.append("no light reaches what it sees: it may be inside of an object")
         if self.clearance < LEAST_CLEARANCE:
             found.append("its camera touches a surface")
-        if self.inside_share > 0.5:
+        if self.inside and not home_inside:
             found.append("its camera is inside of a refracting object")
         return found
 
@@ -74,7 +78,8 @@ def report_views(
 ) -> list[ViewReport]:
     """Look into a scene through each view, at 48 rows of pixels, and around each camera.
 
-    One pass of photons with a wide kernel tells what is lit.
+    One pass of photons with a wide kernel tells what is lit; where it finds little, a few samples
+    of a path tracer are asked too.
     """
     width = max(1, round(_ROWS * aspect))
     points = []
@@ -83,25 +88,41 @@ def report_views(
         sampler.seed(seed + number, width * _ROWS)
         points.append(sample_film(scene, make_sensor(view, width, _ROWS), sampler).points)
         dr.eval(points[-1])
-    diagonal = _diagonal(scene)
-    settings = PassSettings(photons_per_pass=200_000, initial_radius=1e-2 * diagonal)
+    valid = [np.asarray(seen.valid.numpy()) for seen in points]
+    distances = [
+        float(np.median(np.linalg.norm(to_numpy(seen.p)[ok] - view.origin, axis=1)))
+        for seen, ok, view in zip(points, valid, views, strict=True)
+        if ok.any()
+    ]
+    typical = float(np.median(distances)) if distances else 1.0
+    settings = PassSettings(photons_per_pass=200_000, initial_radius=0.03 * typical)
     irradiance = gather_pass(scene, concatenate(points), 1, settings, seed)
     lit = np.asarray((dr.max(irradiance) > 0).numpy()).reshape(len(views), -1)
     reports = []
-    for view, seen, bright in zip(views, points, lit, strict=True):
-        valid = np.asarray(seen.valid.numpy())
+    for view, seen, ok, bright in zip(views, points, valid, lit, strict=True):
+        lit_share = float(bright[ok].mean()) if ok.any() else 0.0
+        if ok.any() and lit_share < LEAST_LIT:
+            lit_share = max(lit_share, _share_found_by_paths(scene, view, width, ok))
         clearance, inside = look_around(scene, view.origin)
         reports.append(
             ViewReport(
                 name=view.name,
-                diffuse_share=float(valid.mean()),
-                lit_share=float(bright[valid].mean()) if valid.any() else 0.0,
-                clearance=clearance / diagonal,
-                inside_share=inside,
+                diffuse_share=float(ok.mean()),
+                lit_share=lit_share,
+                clearance=clearance / typical,
+                inside=inside,
                 points=seen,
             )
         )
     return reports
+
+
+def _share_found_by_paths(scene: mi.Scene, view: View, width: int, valid: np.ndarray) -> float:
+    """The share of the valid pixels for which a path tracer finds light."""
+    tracer = mi.load_dict({"type": "path", "max_depth": 12})
+    image = mi.render(scene, sensor=make_sensor(view, width, _ROWS), integrator=tracer, spp=16)
+    found = np.array(image).reshape(-1, 3).max(axis=1) > 0
+    return float(found[valid].mean())
 
 
 def spacing(points: np.ndarray) -> float:
@@ -116,12 +137,11 @@ def covered(points: np.ndarray, by: np.ndarray, within: float) -> np.ndarray:
     return np.asarray(np.isfinite(distance))
 
 
-def look_around(scene: mi.Scene, origin: Sequence[float]) -> tuple[float, float]:
-    """Distance to the nearest surface, world units, and the ``inside_share`` of a position.
+def look_around(scene: mi.Scene, origin: Sequence[float]) -> tuple[float, bool]:
+    """Distance to the nearest surface, world units, and whether a position is inside.
 
-    In each of some thousand directions, evenly spread, the first refracting surface is looked for,
-    opaque ones being passed through. In a solid that is closed by opaque walls, as water in a
-    basin, the rays that meet a refracting surface at all meet it from behind.
+    Of some thousand directions, evenly spread, those count in which the first surface refracts: it
+    is met from within by most of them.
     """
     index = np.arange(_DIRECTIONS) + 0.5
     height, angle = 1 - 2 * index / _DIRECTIONS, np.pi * (1 + 5**0.5) * index
@@ -130,24 +150,11 @@ def look_around(scene: mi.Scene, origin: Sequence[float]) -> tuple[float, float]
     d = mi.Vector3f(directions.astype(np.float32))
     o = mi.Point3f(*origin)
     dr.make_opaque(o)
-    ray = mi.Ray3f(o, d)
-    nearest = float(dr.min(scene.ray_intersect_preliminary(ray).t)[0])
-
-    searching = dr.full(mi.Bool, True, _DIRECTIONS)
-    within, without = mi.Bool(False), mi.Bool(False)
-    for _ in range(32):  # surfaces along a ray; more are not looked at
-        si = scene.ray_intersect(ray, active=searching)
-        searching &= si.is_valid()
-        refracts = searching & _refracts(si, searching)
-        within |= refracts & (dr.dot(si.n, d) > 0)
-        without |= refracts & (dr.dot(si.n, d) <= 0)
-        searching &= ~refracts
-        ray = si.spawn_ray(d)
-        dr.eval(searching, within, without, ray)
-        if not dr.any(searching):
-            break
-    met = float(dr.count(within)[0]), float(dr.count(without)[0])
-    return nearest, met[0] / max(sum(met), 1)
+    si = scene.ray_intersect(mi.Ray3f(o, d))
+    refracts = si.is_valid() & _refracts(si, si.is_valid())
+    within = refracts & (dr.dot(si.n, d) > 0)
+    counts = (float(dr.count(within)[0]), float(dr.count(refracts)[0]))
+    return float(dr.min(si.t)[0]), 2 * counts[0] > counts[1]
 
 
 def _refracts(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
@@ -158,8 +165,3 @@ def _refracts(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
     almost_one = 1 - dr.epsilon(mi.Float)
     sample, _ = si.bsdf().sample(mi.BSDFContext(), upright, almost_one, mi.Point2f(0.5), active)
     return mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Transmission) & (sample.eta != 1)
-
-
-def _diagonal(scene: mi.Scene) -> float:
-    lower, upper = scene_bounds(scene)
-    return float(dr.norm(upper - lower))

@@ -47,6 +47,7 @@ def cost_lines(work: Workspace) -> Comparison:
     # other methods and for people; they are not in this sum.
     preparation = (
         seconds["reference"]["radius"]
+        + seconds["reference"]["points"]
         + passes * reference["seconds_per_target_pass"]
         + sum(seconds["photons"].values())
         + sum(seconds["train"].values())

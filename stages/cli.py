@@ -84,11 +84,14 @@ def preview(
     ] = None,
     height: Annotated[int, typer.Option(min=16, max=1024, help="Rows of each picture.")] = 96,
     passes: Annotated[int, typer.Option(min=1, help="SPPM passes.")] = 16,
+    everything: Annotated[
+        bool, typer.Option("--all", help="All training views and all frames, however many.")
+    ] = False,
 ) -> None:
     """Render all views small, path tracer and SPPM side by side, and say what is wrong."""
     from stages.preview import preview_scene
 
-    preview_scene(name, out, height, passes)
+    preview_scene(name, out, height, passes, everything)
 
 
 @scene_app.command("import")

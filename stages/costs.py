@@ -30,8 +30,11 @@ class CostMeter:
 
     @classmethod
     def load(cls, path: Path) -> CostMeter:
-        """Start from the parts of an earlier run, for a stage that redoes only what changed."""
-        return cls(read_json(path, path.stem)["parts"] if path.exists() else None)
+        """Start from an earlier run's costs, for a stage that redoes only what changed."""
+        found = read_json(path, path.stem) if path.exists() else {"parts": {}, "facts": {}}
+        meter = cls(found["parts"])
+        meter.facts |= found["facts"]
+        return meter
 
     @contextmanager
     def measure(self, part: str) -> Iterator[None]:

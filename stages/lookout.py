@@ -12,10 +12,13 @@ from gpf.photon_map import BATCH
 from gpf.pilot import Pilot, trace_pilot
 from gpf.progressive import pass_seed
 from gpf.views import make_sensor
+from stages.progress import console
 from stages.workspace import Workspace
 
-# Emission is guided where fewer than this share of the paths would do if all were of use.
+# Emission is guided where fewer than this share of the paths would do if all were of use, and if
+# a guide makes that share so many times larger.
 GUIDED_BELOW = 0.3
+LEAST_GAIN = 1.2
 
 
 @dataclass(frozen=True)
@@ -49,14 +52,19 @@ class Lookout:
         guide = EmissionGuide.learn(scene, pilot)
         seed = pass_seed(section.seed, 1, stream=8)
         guided = trace_pilot(scene, outlook, seed, section.pilot_paths, guide.emit)
+        if guided.efficiency < LEAST_GAIN * pilot.efficiency:
+            return cls(outlook, emit_light, pilot)
         return cls(outlook, guide.emit, guided)
 
     def paths_for_photons(self, photons: int) -> int:
-        """How many paths leave so many photons in the outlook: in whole batches, 1 to 50."""
+        """How many paths leave so many photons in the outlook: whole batches, 1 to 50 of them."""
         return _batches(photons / max(self.pilot.photons_per_path, 1e-9), most=50)
 
     def paths_for_passes(self, equal_paths: int) -> int:
-        """How many paths bring as much, and as noisily, as ``equal_paths`` that are all alike."""
+        """How many paths bring as much, and as noisily, as ``equal_paths`` that are all alike.
+
+        Whole batches, 1 to 5 of them: passes with more are slow, and there are many passes.
+        """
         return _batches(equal_paths / max(self.pilot.efficiency, 1e-9), most=5)
 
     def facts(self) -> dict[str, Any]:
@@ -69,4 +77,10 @@ class Lookout:
 
 
 def _batches(paths: float, most: int) -> int:
-    return BATCH * min(max(round(paths / BATCH), 1), most)
+    wanted = max(round(paths / BATCH), 1)
+    if wanted > most:
+        console.print(
+            f"auto: {wanted * BATCH:,} photon paths would be needed, {most * BATCH:,} are taken; "
+            "params.yaml can ask for more"
+        )
+    return BATCH * min(wanted, most)

@@ -8,24 +8,30 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from gpf.config import read_params
+from gpf.errors import UserError
 from gpf.preview import Preview, choose_views, draw_contact_sheet, render_previews
 from gpf.runtime import choose_variant
 from gpf.scenes import freeze_scene, load_scene_file, load_views, scenes_root
 from stages.progress import progress_bar
 
 
-def preview_scene(name: str, out: Path | None, height: int, passes: int) -> None:
+def preview_scene(name: str, out: Path | None, height: int, passes: int, whole: bool) -> None:
     """Write a contact sheet of a scene's views and print what they see."""
-    choose_variant("auto")
+    if out is not None and out.suffix.lower() != ".png":
+        raise UserError(f"--out {out}", "is no PNG", "Give it a name that ends in .png.")
+    project = scenes_root().parent
+    params = project / "params.yaml"
+    choose_variant(read_params(params).runtime.variant if params.exists() else "auto")
     views = load_views(name)
-    out = out or scenes_root().parent / "results" / name / "preview.png"
+    chosen = choose_views(views, whole)
+    out = out or project / "results" / name / "preview.png"
     with tempfile.TemporaryDirectory(prefix="gpf-preview-") as folder:
         # As the pipeline does it: complete, whatever has been built in the scene's folder.
         frozen = Path(folder) / name
         freeze_scene(name, frozen)
         scene = load_scene_file(frozen / "scene.xml", *views.size(height))
-    steps = passes + len(choose_views(views))
-    with progress_bar(f"{name}: preview", steps) as advance:
+    with progress_bar(f"{name}: preview", passes + len(chosen)) as advance:
         done = 0
 
         def tick() -> None:
@@ -33,12 +39,15 @@ def preview_scene(name: str, out: Path | None, height: int, passes: int) -> None
             done += 1
             advance(done)
 
-        previews = render_previews(scene, views, height=height, passes=passes, tick=tick)
+        previews = render_previews(scene, views, chosen, height=height, passes=passes, tick=tick)
     title = f"{name}: path tracer (left) and SPPM, {passes} passes (right)"
     draw_contact_sheet(out, title, previews, views.exposure)
     console = Console(highlight=False, soft_wrap=True)
     console.print(_table(previews))
-    console.print(f"{out} has the pictures")
+    total = len(views.train) + len(views.novel)
+    shown = sum(use != "path" for _, use in chosen)
+    rest = f"; --all shows all {total} views" if shown < total else ""
+    console.print(f"{out} has the pictures{rest}")
 
 
 def _table(previews: list[Preview]) -> Table:
@@ -50,6 +59,6 @@ def _table(previews: list[Preview]) -> Table:
             preview.use,
             f"{100 * report.diffuse_share:.0f}%",
             f"{100 * report.lit_share:.0f}%",
-            "; ".join(report.faults()) or "none",
+            "; ".join(preview.faults) or "none",
         )
     return table

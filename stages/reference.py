@@ -29,7 +29,7 @@ from gpf.images import check_finite, read_exr, read_record, write_exr
 from gpf.photon_map import collect_photons
 from gpf.progressive import PassSettings, pass_seed, propose_radius, sample_film
 from gpf.reference import ReferenceRenderer, fixed_points, settings_record
-from gpf.structs import VisiblePoints, scene_bounds, to_numpy
+from gpf.structs import VisiblePoints, to_numpy
 from gpf.supervision import Targets
 from gpf.surface_samples import sample_surface_points
 from gpf.views import View
@@ -65,15 +65,15 @@ def render_references(scene_name: str) -> None:
     scene = work.load_scene()
     costs = CostMeter.load(work.cost("reference"))
     costs.parts.pop("radius", None)
-    costs.parts.pop("probe", None)
     with costs.measure("radius"):
         lookout = Lookout.open(work, scene)
         settings = pass_settings(work, scene, lookout)
     job = _Job(work, scene, lookout, settings, costs)
-    for group in GROUPS:
-        _render_group(job, group)
-    with costs.measure("probe"):
-        costs.facts |= _time_passes(job)
+    rendered = [_render_group(job, group) for group in GROUPS]
+    if any(rendered) or "seconds_per_target_pass" not in costs.facts:
+        costs.parts.pop("probe", None)
+        with costs.measure("probe"):
+            costs.facts |= _time_passes(job)
     costs.facts |= settings_record(settings, work.params.reference.seed) | lookout.facts()
     costs.write(work.cost("reference"))
 
@@ -90,7 +90,9 @@ def pass_settings(work: Workspace, scene: Any, lookout: Lookout) -> PassSettings
         paths = lookout.paths_for_passes(EQUAL_PATHS)
     radius = section.initial_radius
     if radius == "auto":
-        radius = _measure_radius(work, scene, paths, lookout.source)
+        # In steps of a fifth: another training view is no reason to render novel views again.
+        measured = _measure_radius(work, scene, paths, lookout.source)
+        radius = float(f"{2 ** (round(4 * np.log2(measured)) / 4):.4g}")
     return PassSettings(
         photons_per_pass=paths,
         initial_radius=radius,
@@ -148,9 +150,7 @@ def _target_points(
         photons = collect_photons(
             scene, lookout.outlook, paths, seed, settings.rr_depth, lookout.source
         )
-        points[SURFACES] = sample_surface_points(
-            photons, count, settings.initial_radius, scene_bounds(scene), seed
-        )
+        points[SURFACES] = sample_surface_points(photons, count, settings.initial_radius, seed)
     return points
 
 
@@ -163,7 +163,8 @@ def _measure_radius(work: Workspace, scene: Any, paths: int, source: Source) -> 
     return propose_radius(scene, film.points, paths, section.seed, source=source)
 
 
-def _render_group(job: _Job, group: str) -> None:
+def _render_group(job: _Job, group: str) -> bool:
+    """Render what is missing of a group; whether anything was."""
     work, section = job.work, job.work.params.reference
     seed = pass_seed(section.seed, 0, stream=100 + GROUPS.index(group))
     record = {
@@ -186,14 +187,19 @@ def _render_group(job: _Job, group: str) -> None:
     surfaces_missing = surfaces and not _has_surfaces(work, record)
     if missing or surfaces_missing:
         points = {}
-        if group != "ceiling":
-            points = _target_points(job, missing, share, surfaces_missing, seed)
+        if group == "train":
+            job.costs.parts.pop("points", None)
+            with job.costs.measure("points"):
+                points = _target_points(job, missing, share, surfaces_missing, seed)
+        elif group == "novel":
+            points = _target_points(job, missing, share, False, seed)
         sensors = {view.name: work.sensor(view) for view in missing if view.name in imaged}
         source = job.lookout.source
         renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, seed, source)
         _accumulate(work, renderer, group, missing, record, job.costs)
     if group == "train":
         _collect_targets(work, views, surfaces)
+    return bool(missing or surfaces_missing)
 
 
 def _share(work: Workspace) -> float:
@@ -229,7 +235,12 @@ def _view_record(record: dict[str, Any], view: View) -> dict[str, Any]:
 def _is_current(work: Workspace, group: str, view: View, record: dict[str, Any]) -> bool:
     path = work.ceiling(view.name) if group == "ceiling" else work.reference(view.name)
     found = read_record(path)
-    return found is not None and found.items() >= _view_record(record, view).items()
+    if found is None:
+        return False
+    needed = _view_record(record, view)
+    if found.get("imaged") is True:  # an image that nobody needs does no harm
+        needed.pop("imaged")
+    return found.items() >= needed.items()
 
 
 def _has_surfaces(work: Workspace, record: dict[str, Any]) -> bool:
@@ -243,8 +254,10 @@ def _has_surfaces(work: Workspace, record: dict[str, Any]) -> bool:
 
 
 def _surface_record(work: Workspace, record: dict[str, Any]) -> dict[str, Any]:
+    """What made the samples of the surfaces: they lie where the training views look."""
     apart = {key: value for key, value in record.items() if key not in ("share", "imaged")}
-    return {**apart, "surface_points": work.params.reference.surface_points}
+    views = [view.model_dump(mode="json") for view in work.views.train]
+    return {**apart, "views": views, "surface_points": work.params.reference.surface_points}
 
 
 def _accumulate(
@@ -262,6 +275,7 @@ def _accumulate(
         **record,
         "views": [view.model_dump(mode="json") for view in views],
         "points": {name: dr.width(points.p) for name, points in renderer.points.items()},
+        "training": [view.model_dump(mode="json") for view in work.views.train],
     }
     checkpoint = work.checkpoint("reference", group)
     spent = renderer.restore(checkpoint, fingerprint)

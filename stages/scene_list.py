@@ -36,5 +36,6 @@ def print_scenes() -> None:
 def _about(folder: Path) -> str:
     """The beginning of a scene's README, without its heading and Markdown."""
     readme = folder / "README.md"
-    paragraphs = readme.read_text(encoding="utf-8").split("\n\n") if readme.exists() else []
+    text = readme.read_text(encoding="utf-8", errors="replace") if readme.exists() else ""
+    paragraphs = text.split("\n\n")
     return shorten(re.sub(r"[`*]", "", paragraphs[1]), 64) if len(paragraphs) > 1 else ""

@@ -127,7 +127,6 @@ def test_efficiency_is_one_for_equal_paths_and_one_in_n_for_a_lucky_one(rooms):
 
 
 def test_guided_emission_brings_the_same_power_with_less_noise():
-    """Also where there are several emitters of different types."""
     rooms = two_rooms(gap=0.1)
     view = View(name="right", origin=(1.8, 0, -0.5), target=(0.5, 0, -0.5), fov=60)
     outlook = Outlook(rooms, [make_sensor(view, 8, 6)], seed=1, samples=1 << 15)
@@ -147,11 +146,20 @@ def test_a_guide_is_unbiased_whatever_it_has_learned():
     shape = (2, 4, 4, 16, 16)
     use = np.random.default_rng(0).random(int(np.prod(shape))) ** 8
     guide = EmissionGuide(shape, use)
-    plain = trace_pilot(scene, None, seed=1, paths=200_000)
-    guided = trace_pilot(scene, None, seed=2, paths=200_000, source=guide.emit)
+    plain = trace_pilot(scene, None, seed=1, paths=4_000_000)
+    guided = trace_pilot(scene, None, seed=2, paths=4_000_000, source=guide.emit)
     error = np.hypot(*(p.brought.std() * np.sqrt(len(p.brought)) for p in (plain, guided)))
-    assert error < 0.05 * plain.brought.sum()
+    assert error < 0.005 * plain.brought.sum()
     assert abs(plain.brought.sum() - guided.brought.sum()) < 4 * error
+
+
+def test_with_few_paths_to_learn_from_a_guide_is_coarse(rooms, outlook):
+    shapes = [
+        EmissionGuide.learn(rooms, trace_pilot(rooms, outlook, seed=1, paths=paths)).shape
+        for paths in (100, 20_000, 400_000)
+    ]
+    cells = [int(np.prod(shape)) for shape in shapes]
+    assert cells[0] == 1 and 64 <= cells[1] <= 20_000 / 64 and cells[2] == 4096
 
 
 def test_a_pass_with_guided_photons_agrees_with_one_without(rooms, outlook):

@@ -50,8 +50,8 @@ def test_a_good_view_has_no_faults(scene):
     found = report(scene, (0.3, 0.5, 0.8), (0, -0.5, -0.5))
     assert found.faults() == []
     assert found.diffuse_share > 0.9 and found.lit_share > 0.8
-    # Its nearest surface is the wall at z = 1.
-    assert found.clearance == pytest.approx(0.2 / np.linalg.norm([2, 2, 2]), rel=0.02)
+    # Its nearest surface is the wall at z = 1; it sees things more than a unit away.
+    assert 0.2 / 2.5 < found.clearance < 0.2 / 1
 
 
 @pytest.mark.parametrize(
@@ -70,8 +70,32 @@ def test_a_bad_view_is_told_why(scene, origin, target, fault):
 
 
 def test_without_water_the_same_camera_is_in_the_air():
-    assert look_around(basin(water=False), (0, -0.4, 0.8))[1] == 0
-    assert look_around(basin(), (0, -0.4, 0.8))[1] == 1
+    assert look_around(basin(), (0, -0.4, 0.8))[1]
+    assert not look_around(basin(water=False), (0, -0.4, 0.8))[1]
+
+
+def test_behind_opaque_walls_a_camera_is_in_the_air_below_the_water_level():
+    assert not look_around(basin(), (1.5, -0.5, 0))[1]
+
+
+def test_a_scene_may_be_meant_to_be_seen_from_inside(scene):
+    found = report(scene, (0, -0.4, 0.8), (0, -0.5, -0.5))
+    assert found.inside and found.faults(home_inside=True) == []
+
+
+def test_a_small_thing_on_a_large_plane_can_be_looked_at():
+    """Sizes are those of what the camera sees, not of the scene's bounding box."""
+    plane = T().rotate([1, 0, 0], -90).scale(3000)
+    thing = mi.load_dict(
+        {
+            "type": "scene",
+            "plane": {"type": "rectangle", "to_world": plane},
+            "cube": {"type": "cube", "to_world": T().translate([0, 0.5, 0]).scale(0.5)},
+            "sky": {"type": "constant"},
+        },
+        optimize=False,
+    )
+    assert report(thing, (3, 1, 2.6), (0, 0.4, 0)).faults() == []
 
 
 def test_distance_is_to_the_nearest_surface_in_any_direction(scene):

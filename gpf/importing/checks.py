@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 from gpf.errors import UserError
 from gpf.scene_xml import Reference, SceneXml, Tag
@@ -123,9 +123,9 @@ def _check_reference(reference: Reference, home: Path) -> None:
     """Check that a file is below the folder ``home``, and will be where it is copied."""
     where, text, path = str(reference.place), reference.text, reference.path
     inward = "Copy it into the folder and refer to it by a relative path."
-    if os.path.isabs(text):
+    if os.path.isabs(text) or PureWindowsPath(text).is_absolute():
         raise UserError(where, f"refers to {text} by an absolute path", inward)
-    relative = os.path.normpath(path.relative_to(home))
+    relative = os.path.normpath(os.path.relpath(path, home))
     if relative.startswith(".."):
         raise UserError(
             where, f"refers to {text}, which is outside of the scene's folder {home}", inward

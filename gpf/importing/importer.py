@@ -38,9 +38,9 @@ from gpf.views import SceneViews, View
 PlaceViews = Callable[["mi.Scene", Sequence[View], float], SceneViews]
 """From the scene, the views of its own sensors and the aspect of the first to all its views."""
 
-NAME = r"[a-z0-9][a-z0-9_]*"
-RESULT_FOLDERS = ("figures", "tables")
-"""What the pipeline itself writes beside the results of the scenes."""
+NAME = r"[a-z][a-z0-9_]*"
+RESERVED = ("figures", "tables", "true", "false", "null", "yes", "no", "on", "off", "y", "n")
+"""Folders that the pipeline writes beside those of the scenes, and what YAML takes for no text."""
 
 PAPERS = ("licence", "license", "copying", "readme")
 """Files that say where a scene comes from begin with one of these."""
@@ -115,14 +115,15 @@ def import_scene(
 def check_name(name: str, root: Path) -> None:
     """Raise a :class:`UserError` unless a new scene can be called so."""
     if not re.fullmatch(NAME, name):
-        better = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_") or "my_scene"
+        better = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+        better = better if better[:1].isalpha() else f"scene_{better or 'of_mine'}"
         raise UserError(
             f"name {name!r}",
-            "is not made of small letters, digits and underscores, or begins with an underscore",
+            "is not a small letter followed by small letters, digits and underscores",
             f"Take for instance {better}.",
         )
-    if name in RESULT_FOLDERS:
-        raise UserError(f"name {name!r}", "is that of a folder in results/", "Choose another name.")
+    if name in RESERVED:
+        raise UserError(f"name {name!r}", "means something else already", "Choose another name.")
     if os.path.lexists(root / name):
         raise UserError(
             f"name {name!r}",

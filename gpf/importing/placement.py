@@ -8,6 +8,7 @@ something that no training view does.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count
@@ -24,6 +25,7 @@ from gpf.view_checks import COVERED_WITHIN, ViewReport, covered, report_views, s
 from gpf.views import CameraPath, Keyframe, SceneViews, View, ViewSets, make_sensor
 
 TRAINING, NOVEL, FRAMES = 3, 5, 24
+LEAST_NOVEL = 4
 
 # The candidates: degrees of the orbit, and distances in terms of the own camera's.
 _AZIMUTHS = (-36, -24, -12, 0, 12, 24, 36)
@@ -54,13 +56,15 @@ def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneVie
     reports = report_views(scene, [*own, *candidates], aspect)
     views = [*own, *candidates]
     fit = _fit(reports, len(own))
-    if len(fit) < TRAINING + 1:
-        reasons = sorted({fault for report in reports for fault in report.faults()})
+    if len(fit) < TRAINING + LEAST_NOVEL:
+        home = reports[0].inside
+        reasons = Counter(fault for report in reports for fault in report.faults(home))
         raise UserError(
-            "views",
-            f"only {len(fit)} of {len(views)} cameras around the scene's own are of use: "
-            + "; ".join(reasons),
-            "Move the scene's sensor so that most of its pixels show diffuse surfaces.",
+            f"view {own[0].name!r}",
+            f"only {len(fit)} of {len(views)} cameras around the scene's own are of use. Of most "
+            f"others: {'; '.join(fault for fault, _ in reasons.most_common(2))}",
+            "Move the scene's sensor to where there is space around it, and where most of its "
+            "pixels show lit diffuse surfaces.",
         )
     clouds = [reports[k].seen() for k in fit]
     within = COVERED_WITHIN * spacing(clouds[0])
@@ -86,7 +90,7 @@ def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneVie
         aspect=round(aspect, 6),
         fov_axis="x",
         views=ViewSets(train=named(training, "train"), novel=named(novel, "novel")),
-        path=_place_path(scene, orbit, aspect),
+        path=_place_path(scene, orbit, aspect, reports[0].inside),
     )
 
 
@@ -96,7 +100,8 @@ def _fit(reports: Sequence[ViewReport], own: int) -> list[int]:
     Where these are few, candidates may show less: from outside of an open room, many see the dark
     backs of its walls.
     """
-    useful = np.array([0 if r.faults() else r.diffuse_share * r.lit_share for r in reports])
+    home = reports[0].inside
+    useful = np.array([0 if r.faults(home) else r.diffuse_share * r.lit_share for r in reports])
     best = useful[:own].max() or useful.max()
     for share in (0.9, 0.75, 0.5, 0.0):
         fit = [k for k, u in enumerate(useful) if u > 0 and (k < own or u >= share * best)]
@@ -233,7 +238,9 @@ def _pose(view: View, unit: float) -> np.ndarray:
     return np.concatenate([np.array(view.origin) / unit, forward])
 
 
-def _place_path(scene: mi.Scene, orbit: Orbit, aspect: float) -> CameraPath | None:
+def _place_path(
+    scene: mi.Scene, orbit: Orbit, aspect: float, home_inside: bool
+) -> CameraPath | None:
     """A closed loop through the own camera, as wide as its frames are without faults."""
     for width in (20, 14, 10, 7, 5, 3):
         turns = np.radians([0, 60, 120, 180, 240, 300])
@@ -249,7 +256,8 @@ def _place_path(scene: mi.Scene, orbit: Orbit, aspect: float) -> CameraPath | No
             keyframes=tuple(Keyframe(**k.model_dump(exclude={"name", "fov_axis"})) for k in keys),
         )
         frames = SceneViews(aspect=aspect, views=ViewSets(train=()), path=path).frames()
-        if not any(report.faults() for report in report_views(scene, frames, aspect)):
+        reports = report_views(scene, frames, aspect)
+        if not any(report.faults(home_inside) for report in reports):
             return path
     return None
 

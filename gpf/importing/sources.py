@@ -103,7 +103,11 @@ def unpack_archive(archive: Path, target: Path) -> None:
         file; there are more than ``MOST_FILES`` members, or more than ``MOST_BYTES`` in them; the
         archive is damaged or encrypted. Nothing has been unpacked then, or only in part.
     """
-    damages = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, RuntimeError)
+    damages = (
+        *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, RuntimeError),
+        # A file in the place of a folder, or the other way round.
+        *(FileExistsError, NotADirectoryError, IsADirectoryError),
+    )
     try:
         with zipfile.ZipFile(archive) as opened:
             members = opened.infolist()

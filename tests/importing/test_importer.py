@@ -362,11 +362,13 @@ def test_a_shape_is_no_scene(original, root):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("Their Room", r"name 'Their Room': is not made of small letters.* instance their_room\."),
+        ("Their Room", r"name 'Their Room': is not a small letter .* instance their_room\."),
         ("_x", r"Take for instance x\."),
         ("../up", r"Take for instance up\."),
-        ("", r"Take for instance my_scene\."),
-        ("tables", r"name 'tables': is that of a folder in results/"),
+        ("", r"Take for instance scene_of_mine\."),
+        ("123", r"name '123': is not a small letter .* instance scene_123\."),
+        ("true", r"name 'true': means something else already"),
+        ("tables", r"name 'tables': means something else already"),
         ("taken", r"name 'taken': is taken: there is .*scenes/taken\. Choose another name"),
     ],
 )

@@ -70,6 +70,16 @@ def test_orbit_geometry(scene):
     assert higher.origin[1] == pytest.approx(orbit.distance / 2, rel=1e-4)
 
 
+def test_under_water_candidates_stay_under_water():
+    box = mi.cornell_box()
+    flat = T().translate([0, 0.9, 0]).rotate([1, 0, 0], -90).scale(5)
+    box["water"] = {"type": "rectangle", "to_world": flat, "bsdf": {"type": "dielectric"}}
+    inside = View(name="diver", origin=(0, 0, 3.9), target=(0, 0, 0), fov=39.3)
+    placed = place_views(mi.load_dict(box, optimize=False), [inside], aspect=1)
+    assert placed.train[0] == inside
+    assert all(view.origin[1] < 0.9 for view in (*placed.train, *placed.novel))
+
+
 def test_exposure_brings_a_picture_into_range(scene):
     exposure = propose_exposure(scene, OWN, 1)
     brighter = mi.cornell_box()
