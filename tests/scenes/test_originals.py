@@ -1,0 +1,46 @@
+"""The rooms agree with the originals that they are modelled after, where those are present."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gpf import scenes
+from gpf.importing.sensors import views_of_sensors
+from gpf.progressive import PassSettings
+from gpf.reference import ReferenceRenderer
+from gpf.views import make_sensor
+
+ORIGINALS = Path(__file__).parents[3] / "shared/scenes"
+BLOCKS = 8
+
+
+def block_means(scene, sensor, settings: PassSettings, passes: int, seed: int) -> np.ndarray:
+    """Mean radiance of 8×8 blocks by photon mapping, which converges here; paths do not."""
+    renderer = ReferenceRenderer(scene, {"view": sensor}, {}, settings, seed)
+    renderer.run(passes)
+    image = renderer.image("view").mean(axis=-1)
+    rows, columns = (n // BLOCKS for n in image.shape)
+    return image.reshape(BLOCKS, rows, BLOCKS, columns).mean(axis=(1, 3))
+
+
+@pytest.mark.skipif(not ORIGINALS.is_dir(), reason="the originals are not there")
+@pytest.mark.parametrize(
+    ("name", "size", "settings"),
+    [
+        ("veach_ajar", (128, 72), PassSettings(photons_per_pass=500_000, initial_radius=0.15)),
+        ("veach_bidir", (72, 72), PassSettings(photons_per_pass=200_000, initial_radius=0.1)),
+    ],
+)
+def test_radiance_by_blocks(name, size, settings, root):
+    original = scenes.load_scene_file(ORIGINALS / name.replace("_", "-") / "scene.xml")
+    own = scenes.load_scene(name, root=root)
+    sensor = make_sensor(views_of_sensors(original)[0], *size)
+    # The same random numbers for both: what is left of the noise is mostly common to them.
+    theirs, ours = (block_means(scene, sensor, settings, 8, seed=1) for scene in (original, own))
+    assert ours.mean() == pytest.approx(theirs.mean(), rel=0.05)
+    off = np.abs(ours / theirs - 1)
+    assert np.median(off) < 0.08
+    assert off.max() < 0.2
