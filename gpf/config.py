@@ -98,7 +98,7 @@ class FieldSection(_Section):
 
     gaussians: Count = 100_000
     initialization: Literal["photons", "random"] = "photons"
-    initial_colour: Literal["density", "flux"] = "density"
+    initial_colour: Literal["targets", "density", "flux"] = "targets"
     initial_scale: Length = "auto"
     search_radius: Length = "auto"
     neighbours: Literal["both", "radius", "knn"] = "both"

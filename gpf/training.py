@@ -16,6 +16,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from scipy.spatial import cKDTree
 
 from gpf.adam import Adam
 from gpf.artifacts import read_tensors, write_tensors
@@ -32,13 +33,13 @@ from gpf.errors import UserError
 from gpf.field import GaussianPhotonField
 from gpf.gaussians import Gaussians
 from gpf.neighbour_lists import list_neighbours
-from gpf.structs import SurfacePoints, take
+from gpf.structs import SurfacePoints, take, to_numpy
 
 
 @dataclass(frozen=True)
 class LearningRates:
     """Adam's step sizes. Means are in units of the search radius, irradiance in units of the mean
-    target; log scales and quaternions have none."""
+    target around the Gaussian; log scales and quaternions have none."""
 
     means: float = 8e-3
     log_scales: float = 2e-2
@@ -59,6 +60,8 @@ class TrainingSettings:
     evaluate_every: steps between evaluations on the held-out points.
     held_out: share of the points that training does not see; the state with the smallest error
         there is kept.
+    from_targets: whether irradiance starts from the mean of the nearest targets instead of what the
+        field has.
     anisotropic: whether the three scales of a Gaussian are free of each other.
     seed: of the split and the batches.
     """
@@ -70,6 +73,7 @@ class TrainingSettings:
     rebuild_every: int = 100
     evaluate_every: int = 50
     held_out: float = 0.1
+    from_targets: bool = False
     anisotropic: bool = True
     seed: int = 0
 
@@ -83,6 +87,10 @@ class Progress:
     training_error: float
     held_out_error: float
     best_error: float
+
+
+# Rates of dark Gaussians are at least those of this brightness, in units of the mean target.
+LEAST_LEVEL = 0.01
 
 
 class Trainer:
@@ -114,7 +122,15 @@ class Trainer:
                 dr.eval(part)
 
         g = field.gaussians
-        self.gaussians = replace(g, irradiance=g.irradiance / self.unit)
+        around = local_targets(g, self.training)
+        irradiance = g.irradiance / self.unit
+        if settings.from_targets:
+            irradiance = mi.Color3f(np.ascontiguousarray(around.T))
+        self.gaussians = replace(g, irradiance=irradiance)
+        # Adam's steps are as large as their rate, whatever the gradient: one rate for all would
+        # shake what is dark by the brightness of what is bright.
+        level = around.mean(axis=1) if mean_target > 0 else np.ones(len(around))
+        self.level = mi.Float(np.maximum(level, LEAST_LEVEL).astype(np.float32))
         size = dr.width(g.means)
         self.adam = Adam(
             [dr.zeros(mi.Float, size) for _ in parameters(g)],
@@ -140,8 +156,10 @@ class Trainer:
         decay = s.final_rate + (1 - s.final_rate) * 0.5 * (1 + np.cos(np.pi * done))
         r = s.rates
         unit = self.field.settings.search_radius
-        values = [r.means * unit] * 3 + [r.log_scales] * 3 + [r.quats] * 4 + [r.irradiance] * 3
-        return [dr.opaque(mi.Float, v * decay) for v in values]
+        values = [r.means * unit] * 3 + [r.log_scales] * 3 + [r.quats] * 4
+        common = [dr.opaque(mi.Float, v * decay) for v in values]
+        irradiance = dr.opaque(mi.Float, r.irradiance * decay) * self.level
+        return [*common, irradiance, irradiance, irradiance]
 
     def step(self) -> mi.Float:
         """One optimiser step; returns the squared errors of its batch, (B,)."""
@@ -281,3 +299,10 @@ class Trainer:
         self.history = [Progress(**progress) for progress in metadata["history"]]
         self.rebuild()
         return metadata["note"]
+
+
+def local_targets(gaussians: Gaussians, points: SurfacePoints, neighbours: int = 8) -> np.ndarray:
+    """Mean target of the points that are nearest to each Gaussian, (N, 3)."""
+    count = min(neighbours, dr.width(points.p))
+    _, near = cKDTree(to_numpy(points.p)).query(to_numpy(gaussians.means), k=count)
+    return to_numpy(points.target)[near.reshape(-1, count)].mean(axis=1)

@@ -95,6 +95,7 @@ def training_settings(work: Workspace) -> TrainingSettings:
         rebuild_every=section.rebuild_every,
         evaluate_every=section.evaluate_every,
         held_out=section.held_out,
+        from_targets=work.params.field.initial_colour == "targets",
         anisotropic=work.params.field.anisotropic,
         seed=section.seed,
     )
@@ -127,7 +128,7 @@ def initial_field(
     initial = InitializationSettings(
         gaussians=section.gaussians,
         source=section.initialization,
-        colour=section.initial_colour,
+        colour="flux" if section.initial_colour == "flux" else "density",
         scale=scale,
         density_radius=radius,
     )
