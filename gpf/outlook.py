@@ -43,6 +43,7 @@ class Outlook:
 
     Attributes
     ----------
+    points: the visible points.
     radius: how far around each visible point the outlook reaches, world units.
     """
 
@@ -62,7 +63,8 @@ class Outlook:
                 "see no diffuse surface",
                 "Point them at one, or set outlook.use to false in params.yaml.",
             )
-        p, n = dr.gather(mi.Point3f, points.p, lanes), dr.gather(mi.Normal3f, points.n, lanes)
+        self.points = take(points, lanes)
+        p, n = self.points.p, self.points.n
         bounds = scene_bounds(scene)
         self.radius = _reach(p, bounds)
         self._radius = dr.opaque(mi.Float, self.radius)

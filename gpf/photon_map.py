@@ -9,7 +9,8 @@ from gpf.emission import Source, emit_light
 from gpf.outlook import Outlook
 from gpf.photon_tracing import record_photons
 from gpf.progressive import pass_seed
-from gpf.structs import Photons, concatenate
+from gpf.structs import Photons, concatenate, to_numpy
+from gpf.thinning import thin_photons
 
 # Paths that are traced and filtered at a time: it bounds the memory of photons not kept.
 BATCH = 100_000
@@ -24,6 +25,8 @@ def collect_photons(
     source: Source = emit_light,
 ) -> Photons:
     """Photons of ``paths`` emitted paths that land on the outlook; without one, all: (N,).
+
+    Where they are many and looks are few, they are thinned out (:func:`gpf.thinning.thin_photons`).
 
     Their powers are those of ``paths`` paths, so that sums over an area are unbiased whatever
     part of the scene the outlook leaves out.
@@ -40,4 +43,6 @@ def collect_photons(
     found = [photons for photons in kept if dr.width(photons.p) > 0] or kept[:1]
     photons = found[0] if len(found) == 1 else concatenate(found)
     dr.eval(photons)
-    return photons
+    if outlook is None or dr.width(photons.p) == 0:
+        return photons
+    return thin_photons(photons, to_numpy(outlook.points.p), 4 * outlook.radius, seed)

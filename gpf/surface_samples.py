@@ -1,4 +1,4 @@
-"""Samples of the lit diffuse surfaces: points to supervise where no training view looks."""
+"""Samples of the surfaces: points to supervise also where no training view looks."""
 
 from __future__ import annotations
 
@@ -8,37 +8,50 @@ import numpy as np
 
 from gpf.errors import UserError
 from gpf.progressive import pass_seed
-from gpf.structs import Photons, VisiblePoints, take, to_numpy
+from gpf.structs import Photons, VisiblePoints, concatenate, take, to_numpy
+from gpf.thinning import count_in_cells
 
 
-def sample_surface_points(photons: Photons, count: int, radius: float, seed: int) -> VisiblePoints:
-    """Positions of up to ``count`` photons of a photon map, half of them thinned out.
+def sample_surface_points(
+    photons: Photons,
+    looks: VisiblePoints | Photons | None,
+    count: int,
+    radius: float,
+    seed: int,
+) -> VisiblePoints:
+    """Up to ``count`` points on surfaces.
 
-    One half is drawn from all photons alike, so that bright regions have many; the other with
-    probabilities in inverse proportion to the number of photons in the same cell of a grid (twice
-    ``radius`` wide, world units), which makes it nearly uniform over the lit area.
+    One half are ``looks``, drawn at random: an outlook's visible points. (Without them, all photons
+    alike.) The other half are positions of photons, drawn with probabilities in inverse proportion
+    to the number of photons in the same cell of a grid (twice ``radius`` wide, world units), which
+    makes them nearly uniform over the lit area.
     """
-    available = dr.width(photons.p)
-    if available == 0:
+    p = to_numpy(photons.p)
+    if len(p) == 0:
         raise UserError(
             "scene", "no photon reached a diffuse surface", "Check where the emitters point."
         )
-    cells = np.floor(to_numpy(photons.p) / (2 * radius)).astype(np.int64)
-    cells -= cells.min(axis=0)
-    key = np.ravel_multi_index(cells.T, cells.max(axis=0) + 1)
-    _, cell, members = np.unique(key, return_inverse=True, return_counts=True)
-    sparse = 1 / members[cell]
     rng = np.random.default_rng(pass_seed(seed, 0, stream=5))
-    count = min(count, available)
-    first = rng.choice(available, count // 2, replace=False)
-    second = rng.choice(available, count - count // 2, replace=False, p=sparse / sparse.sum())
-    chosen = take(photons, mi.UInt32(np.sort(np.concatenate([first, second])).astype(np.uint32)))
-    return VisiblePoints(
-        p=chosen.p,
-        n=chosen.n,
-        reflectance=mi.Color3f(1),
-        throughput=mi.Color3f(1),
-        emission=mi.Color3f(0),
-        depth=mi.UInt32(0),
-        valid=dr.full(mi.Bool, True, count),
-    )
+    (members,) = count_in_cells(p, 2 * radius, p)
+    even = 1 / members
+
+    def draw(
+        source: Photons | VisiblePoints, wanted: int, chances: np.ndarray | None
+    ) -> VisiblePoints:
+        available = dr.width(source.p)
+        rows = rng.choice(available, min(wanted, available), replace=False, p=chances)
+        drawn = take(source, mi.UInt32(np.sort(rows).astype(np.uint32)))
+        return VisiblePoints(
+            p=drawn.p,
+            n=drawn.n,
+            reflectance=mi.Color3f(1),
+            throughput=mi.Color3f(1),
+            emission=mi.Color3f(0),
+            depth=mi.UInt32(0),
+            valid=dr.full(mi.Bool, True, len(rows)),
+        )
+
+    if looks is None:
+        count, looks = min(count, len(p)), photons
+    second = draw(photons, count - count // 2, even / even.sum())
+    return concatenate([draw(looks, count // 2, None), second]) if count > 1 else second

@@ -150,7 +150,10 @@ def _target_points(
         photons = collect_photons(
             scene, lookout.outlook, paths, seed, settings.rr_depth, lookout.source
         )
-        points[SURFACES] = sample_surface_points(photons, count, settings.initial_radius, seed)
+        looks = lookout.outlook.points if lookout.outlook else None
+        points[SURFACES] = sample_surface_points(
+            photons, looks, count, settings.initial_radius, seed
+        )
     return points
 
 
@@ -213,7 +216,8 @@ def code_digest() -> str:
     """A hash of the code that decides what a reference looks like, without its comments."""
     names = (
         "density emission emission_guiding materials outlook photon_map photon_tracing pilot "
-        "progressive reference spatial_hash structs surface_samples views visible_points"
+        "progressive reference spatial_hash structs surface_samples thinning views "
+        "visible_points"
     )
     digest = hashlib.sha256()
     for name in names.split():

@@ -37,7 +37,7 @@ def lit_floor(looks_down: bool = True) -> mi.Scene:
 def sample(count: int, paths: int, radius: float, looks_down: bool = True):
     scene = lit_floor(looks_down)
     photons = record_photons(scene, paths=paths, seed=3)
-    return sample_surface_points(photons, count, radius, seed=3)
+    return sample_surface_points(photons, None, count, radius, seed=3)
 
 
 def test_surface_points_lie_on_the_lit_surface_and_are_spread():

@@ -1,0 +1,55 @@
+"""Photons thinned out where there are more of them than are of use."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.progressive import pass_seed
+from gpf.structs import Photons, take, to_numpy
+
+# A place keeps up to so many times the share of the photons that it has of the cameras' looks:
+# a caustic is worth more Gaussians than the wall around it, the inside of a lamp is not.
+MOST_PER_LOOK = 4.0
+
+
+def thin_photons(photons: Photons, looks: np.ndarray, width: float, seed: int) -> Photons:
+    """Russian roulette on photons that lie where cameras seldom look.
+
+    A photon survives with probability ``min(1, MOST_PER_LOOK s_looks / s_photons)``, by the shares
+    of all looks and of all photons in its cell of a grid, and its power is divided by it: sums over
+    an area are unbiased.
+
+    Parameters
+    ----------
+    looks: positions of visible points of cameras, (L, 3).
+    width: of the grid's cells, world units.
+    """
+    p = to_numpy(photons.p)
+    photon, look = count_in_cells(p, width, p, looks)
+    ratio = (look / len(looks)) / (photon / len(p))
+    # Where no look fell into the cell, half of one might have.
+    least = 0.5 / len(looks) * len(p) / photon
+    survival = np.minimum(1, MOST_PER_LOOK * np.maximum(ratio, least))
+    rng = np.random.default_rng(pass_seed(seed, 0, stream=10))
+    lives = np.flatnonzero(rng.random(len(p)) < survival)
+    kept = take(photons, mi.UInt32(lives.astype(np.uint32)))
+    kept.power /= mi.Float(survival[lives].astype(np.float32))
+    dr.eval(kept)
+    return kept
+
+
+def count_in_cells(at: np.ndarray, width: float, *sets: np.ndarray) -> list[np.ndarray]:
+    """How many points of each set (N, 3) lie in the grid cell of each point of ``at`` (M, 3)."""
+    cells = [np.floor(points / width).astype(np.int64) for points in (at, *sets)]
+    lowest = np.min([c.min(axis=0) for c in cells if len(c)], axis=0)
+    size = np.max([c.max(axis=0) for c in cells if len(c)], axis=0) - lowest + 1
+    wanted, *keys = (np.ravel_multi_index((c - lowest).T, size) for c in cells)
+    known, index = np.unique(wanted, return_inverse=True)
+    counts = []
+    for key in keys:
+        place = np.minimum(np.searchsorted(known, key), len(known) - 1)
+        inside = known[place] == key
+        counts.append(np.bincount(place[inside], minlength=len(known))[index])
+    return counts
