@@ -1,57 +1,48 @@
-"""Samples of the surfaces: points to supervise also where no training view looks."""
+"""Samples of the lit diffuse surfaces: points to supervise where no training view looks."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.density import estimate_irradiance
 from gpf.errors import UserError
 from gpf.progressive import pass_seed
-from gpf.structs import Photons, VisiblePoints, concatenate, take, to_numpy
-from gpf.thinning import count_in_cells
+from gpf.structs import Photons, VisiblePoints, take
 
 
 def sample_surface_points(
-    photons: Photons,
-    looks: VisiblePoints | Photons | None,
-    count: int,
-    radius: float,
-    seed: int,
+    photons: Photons, count: int, radius: float, bounds: tuple[Any, Any], seed: int
 ) -> VisiblePoints:
-    """Up to ``count`` points on surfaces.
+    """Positions of up to ``count`` photons of a photon map, half of them thinned out.
 
-    One half are ``looks``, drawn at random: an outlook's visible points. (Without them, all photons
-    alike.) The other half are positions of photons, drawn with probabilities in inverse proportion
-    to the number of photons in the same cell of a grid (twice ``radius`` wide, world units), which
-    makes them nearly uniform over the lit area.
+    One half is drawn from all photons alike, so that bright regions have many; the other with
+    probabilities in inverse proportion to the density on their surface (within ``radius``, world
+    units), which makes it nearly uniform over the lit area, and twice as dense along edges.
     """
-    p = to_numpy(photons.p)
-    if len(p) == 0:
+    available = dr.width(photons.p)
+    if available == 0:
         raise UserError(
             "scene", "no photon reached a diffuse surface", "Check where the emitters point."
         )
+    alike = replace(photons, power=mi.Color3f(dr.full(mi.Float, 1, available)))
+    density = estimate_irradiance(alike, radius, bounds)
+    sparse = 1 / np.asarray(density.x.numpy(), dtype=np.float64)
     rng = np.random.default_rng(pass_seed(seed, 0, stream=5))
-    (members,) = count_in_cells(p, 2 * radius, p)
-    even = 1 / members
-
-    def draw(
-        source: Photons | VisiblePoints, wanted: int, chances: np.ndarray | None
-    ) -> VisiblePoints:
-        available = dr.width(source.p)
-        rows = rng.choice(available, min(wanted, available), replace=False, p=chances)
-        drawn = take(source, mi.UInt32(np.sort(rows).astype(np.uint32)))
-        return VisiblePoints(
-            p=drawn.p,
-            n=drawn.n,
-            reflectance=mi.Color3f(1),
-            throughput=mi.Color3f(1),
-            emission=mi.Color3f(0),
-            depth=mi.UInt32(0),
-            valid=dr.full(mi.Bool, True, len(rows)),
-        )
-
-    if looks is None:
-        count, looks = min(count, len(p)), photons
-    second = draw(photons, count - count // 2, even / even.sum())
-    return concatenate([draw(looks, count // 2, None), second]) if count > 1 else second
+    count = min(count, available)
+    first = rng.choice(available, count // 2, replace=False)
+    second = rng.choice(available, count - count // 2, replace=False, p=sparse / sparse.sum())
+    chosen = take(photons, mi.UInt32(np.sort(np.concatenate([first, second])).astype(np.uint32)))
+    return VisiblePoints(
+        p=chosen.p,
+        n=chosen.n,
+        reflectance=mi.Color3f(1),
+        throughput=mi.Color3f(1),
+        emission=mi.Color3f(0),
+        depth=mi.UInt32(0),
+        valid=dr.full(mi.Bool, True, count),
+    )

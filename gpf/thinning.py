@@ -11,7 +11,7 @@ from gpf.structs import Photons, take, to_numpy
 
 # A place keeps up to so many times the share of the photons that it has of the cameras' looks:
 # a caustic is worth more Gaussians than the wall around it, the inside of a lamp is not.
-MOST_PER_LOOK = 4.0
+MOST_PER_LOOK = 8.0
 
 
 def thin_photons(photons: Photons, looks: np.ndarray, width: float, seed: int) -> Photons:

@@ -29,7 +29,7 @@ from gpf.images import check_finite, read_exr, read_record, write_exr
 from gpf.photon_map import collect_photons
 from gpf.progressive import PassSettings, pass_seed, propose_radius, sample_film
 from gpf.reference import ReferenceRenderer, fixed_points, settings_record
-from gpf.structs import VisiblePoints, to_numpy
+from gpf.structs import VisiblePoints, scene_bounds, to_numpy
 from gpf.supervision import Targets
 from gpf.surface_samples import sample_surface_points
 from gpf.views import View
@@ -150,9 +150,8 @@ def _target_points(
         photons = collect_photons(
             scene, lookout.outlook, paths, seed, settings.rr_depth, lookout.source
         )
-        looks = lookout.outlook.points if lookout.outlook else None
         points[SURFACES] = sample_surface_points(
-            photons, looks, count, settings.initial_radius, seed
+            photons, count, settings.initial_radius, scene_bounds(scene), seed
         )
     return points
 

@@ -7,6 +7,7 @@ import pytest
 
 from gpf.errors import UserError
 from gpf.photon_tracing import record_photons
+from gpf.structs import scene_bounds
 from gpf.surface_samples import sample_surface_points
 
 
@@ -37,7 +38,7 @@ def lit_floor(looks_down: bool = True) -> mi.Scene:
 def sample(count: int, paths: int, radius: float, looks_down: bool = True):
     scene = lit_floor(looks_down)
     photons = record_photons(scene, paths=paths, seed=3)
-    return sample_surface_points(photons, None, count, radius, seed=3)
+    return sample_surface_points(photons, count, radius, scene_bounds(scene), seed=3)
 
 
 def test_surface_points_lie_on_the_lit_surface_and_are_spread():
