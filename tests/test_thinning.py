@@ -1,0 +1,49 @@
+"""Photons where cameras seldom look survive with a chance, and stand for those that did not."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.structs import Photons, to_numpy
+from gpf.thinning import MOST_PER_LOOK, count_in_cells, thin_photons
+
+
+def test_counts_are_those_of_a_histogram():
+    rng = np.random.default_rng(0)
+    at, first, second = (rng.normal(size=(n, 3)) * (1, 2, 0.3) for n in (50, 700, 90))
+    counted = count_in_cells(at, 0.4, first, second)
+    for points, counts in zip((first, second), counted, strict=True):
+        cells = [tuple(c) for c in np.floor(points / 0.4).astype(int)]
+        expected = [cells.count(tuple(c)) for c in np.floor(at / 0.4).astype(int)]
+        assert counts.tolist() == expected
+
+
+def test_points_that_none_looks_at_count_none():
+    (counts,) = count_in_cells(np.array([[0.1, 0.1, 0.1], [9, 9, 9]]), 1.0, np.zeros((3, 3)))
+    assert counts.tolist() == [3, 0]
+
+
+def make_photons(p: np.ndarray) -> Photons:
+    count = len(p)
+    return Photons(
+        p=mi.Point3f(np.ascontiguousarray(p.T, dtype=np.float32)),
+        n=mi.Normal3f(np.tile([[0], [0], [1]], count).astype(np.float32)),
+        power=mi.Color3f(np.full((3, count), 0.5, np.float32)),
+        depth=mi.UInt32(np.zeros(count, np.uint32)),
+    )
+
+
+def test_a_lamps_inside_is_thinned_and_the_rest_is_not():
+    """Nine tenths of the photons in a corner that gets a hundredth of the looks."""
+    rng = np.random.default_rng(1)
+    lamp, room = rng.random((90_000, 3)), rng.random((10_000, 3)) + (5, 0, 0)
+    looks = np.concatenate([rng.random((500, 3)), rng.random((49_500, 3)) + (5, 0, 0)])
+    kept = thin_photons(make_photons(np.concatenate([lamp, room])), looks, width=1.0, seed=3)
+    p, power = to_numpy(kept.p), to_numpy(kept.power)
+    inside = p[:, 0] < 2
+    share = MOST_PER_LOOK * 0.01 / 0.9
+    assert inside.sum() == pytest.approx(90_000 * share, rel=0.05)
+    assert (~inside).sum() == 10_000
+    np.testing.assert_allclose(power[~inside], 0.5)
+    np.testing.assert_allclose(power[inside], 0.5 / share, rtol=1e-4)
+    assert power[inside].sum() == pytest.approx(3 * 0.5 * 90_000, rel=0.05)
