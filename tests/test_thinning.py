@@ -36,8 +36,9 @@ def make_photons(p: np.ndarray) -> Photons:
 def test_a_lamps_inside_is_thinned_and_the_rest_is_not():
     """Nine tenths of the photons in a corner that gets a hundredth of the looks."""
     rng = np.random.default_rng(1)
-    lamp, room = rng.random((90_000, 3)), rng.random((10_000, 3)) + (5, 0, 0)
-    looks = np.concatenate([rng.random((500, 3)), rng.random((49_500, 3)) + (5, 0, 0)])
+    aside = np.array([5.0, 0, 0])
+    lamp, room = rng.random((90_000, 3)), rng.random((10_000, 3)) + aside
+    looks = np.concatenate([rng.random((500, 3)), rng.random((49_500, 3)) + aside])
     kept = thin_photons(make_photons(np.concatenate([lamp, room])), looks, width=1.0, seed=3)
     p, power = to_numpy(kept.p), to_numpy(kept.power)
     inside = p[:, 0] < 2
