@@ -39,11 +39,6 @@ class Mesh:
             normals = _unit(normals @ np.linalg.inv(linear))
         return replace(self, points=points, normals=normals)
 
-    def flipped(self) -> Mesh:
-        """The mesh inside out."""
-        normals = None if self.normals is None else -self.normals
-        return replace(self, faces=self.faces[:, ::-1].copy(), normals=normals)
-
     def smooth(self) -> Mesh:
         """With normals: at each point the mean of its faces' normals, weighted by their areas.
 
@@ -133,32 +128,6 @@ def lathe(profile: np.ndarray, segments: int = 96) -> Mesh:
             members = (faces >= row * segments) & (faces < (row + 1) * segments)
             faces = np.where(members, row * segments, faces)
     return _compact(Mesh(mesh.points, faces))
-
-
-def tube(
-    path: np.ndarray, radii: np.ndarray, up: Vector, segments: int = 24, caps: bool = True
-) -> Mesh:
-    """A tube along ``path`` (K, 3), of elliptic section.
-
-    ``radii`` (K, 2): half an axis along ``up`` × tangent, half an axis along the other one. ``up``
-    is nowhere parallel to the path; for a plane curve its plane's normal does well.
-    """
-    tangent = _unit(np.gradient(path, axis=0))
-    side = _unit(np.cross(np.asarray(up, dtype=float), tangent))
-    top = np.cross(tangent, side)
-    angle = 2 * np.pi * np.arange(segments) / segments
-    a, b = side[:, None] * np.cos(angle)[None, :, None], top[:, None] * np.sin(angle)[None, :, None]
-    rows = path[:, None] + a * radii[:, 0, None, None] + b * radii[:, 1, None, None]
-    skin = grid(rows, closed=True)
-    if not caps:
-        return skin
-    first = np.arange(segments)
-    last = first + (len(path) - 1) * segments
-    points = np.concatenate([skin.points, path[:1], path[-1:]])
-    centre = len(skin.points)
-    bottom = np.stack([np.roll(first, -1), first, np.full(segments, centre)], axis=1)
-    top_cap = np.stack([last, np.roll(last, -1), np.full(segments, centre + 1)], axis=1)
-    return Mesh(points, np.concatenate([skin.faces, bottom, top_cap]))
 
 
 def _compact(mesh: Mesh) -> Mesh:
