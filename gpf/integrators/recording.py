@@ -7,6 +7,7 @@ with other arguments; what a recording has taken for granted has to stay the sam
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any
@@ -30,9 +31,17 @@ class Recording:
 
     def __post_init__(self) -> None:
         self._frozen = dr.freeze(self.render)
+        self.frames = 0
 
     def frame(self, seed: mi.UInt32, spp: int, arrays: Any) -> Any:
         """One frame; the first two calls record."""
+        # A scene that happened to be collected as garbage while Dr.Jit records would leave its
+        # registry in between, and the process aborts.
+        collects = gc.isenabled()
+        if not self.frames:
+            gc.collect()
+        gc.disable()
+        self.frames += 1
         try:
             return self._frozen(self.scene, self.sensor, seed, spp, arrays)
         except RuntimeError as error:
@@ -40,6 +49,9 @@ class Recording:
                 "This scene cannot be recorded: one of its plugins (an orthographic camera, to "
                 'name one) does not show Dr.Jit all that it holds. Set "record" to false.'
             ) from error
+        finally:
+            if collects:
+                gc.enable()
 
     def serves(self, scene: mi.Scene, sensor: mi.Sensor, facts: Hashable) -> bool:
         """Whether the recording is one of the same objects and plain values."""
