@@ -147,6 +147,7 @@ def test_costs_are_counted_once_for_each_part(built):
     for stage, parts in {
         "reference": {
             "radius",
+            "points",
             "probe",
             *(f"train/{name}" for name in (*TRAIN, "surfaces of the scene")),
             *(f"{group}/{name}" for group in ("novel", "ceiling") for name in NOVEL),
@@ -189,7 +190,7 @@ def test_a_second_run_renders_no_reference_again(finished):
         == before["results/cornell_box/targets.safetensors"][0]
     )
     costs = [json.loads((finished.results / "costs/reference.json").read_text())]
-    assert len(costs[0]["parts"]) == 14
+    assert len(costs[0]["parts"]) == 15
 
 
 def test_an_added_view_is_rendered_and_no_other(finished):
