@@ -122,7 +122,7 @@ class Trainer:
                 dr.eval(part)
 
         g = field.gaussians
-        around = local_targets(g, self.training)
+        around = local_targets(g, self.training, field.settings.search_radius)
         irradiance = g.irradiance / self.unit
         if settings.from_targets:
             irradiance = mi.Color3f(np.ascontiguousarray(around.T))
@@ -301,8 +301,19 @@ class Trainer:
         return metadata["note"]
 
 
-def local_targets(gaussians: Gaussians, points: SurfacePoints, neighbours: int = 8) -> np.ndarray:
-    """Mean target of the points that are nearest to each Gaussian, (N, 3)."""
+def local_targets(
+    gaussians: Gaussians, points: SurfacePoints, radius: float, neighbours: int = 8
+) -> np.ndarray:
+    """Mean target of the points that are nearest to each Gaussian on its surface, (N, 3).
+
+    A right angle between two normals counts as 1.4 ``radius``, world units, the other side of a
+    thin wall as 2: nearness alone would take the inside of a lamp for its outside.
+    """
+
+    def places(p: mi.Point3f, n: mi.Normal3f) -> np.ndarray:
+        return np.hstack([to_numpy(p), radius * to_numpy(n)])
+
     count = min(neighbours, dr.width(points.p))
-    _, near = cKDTree(to_numpy(points.p)).query(to_numpy(gaussians.means), k=count)
+    tree = cKDTree(places(points.p, points.n))
+    _, near = tree.query(places(gaussians.means, gaussians.normals), k=count)
     return to_numpy(points.target)[near.reshape(-1, count)].mean(axis=1)

@@ -14,7 +14,7 @@ from gpf.adam import Adam
 from gpf.blending import parameters
 from gpf.errors import UserError
 from gpf.field import FieldSettings, GaussianPhotonField
-from gpf.training import LearningRates, Progress, Trainer, TrainingSettings
+from gpf.training import LearningRates, Progress, Trainer, TrainingSettings, local_targets
 from tests.plain_field import ask, make_field, random_gaussians, surface_points
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -225,6 +225,19 @@ def test_dark_gaussians_take_small_steps():
     mean = float(np.mean(np.where(np.array(trainer.training.p.x) < 0, 1e-2, 1)))
     np.testing.assert_allclose(level[x < -0.3], 1e-2 / mean, rtol=1e-4)
     np.testing.assert_allclose(level[x > 0.3], 1 / mean, rtol=1e-4)
+
+
+def test_the_other_side_of_a_thin_wall_is_another_surface():
+    """Targets of 1 on top of a sheet, 1000 below it, nearer to each other than to their like."""
+    trainer = make_trainer()
+    g = trainer.gaussians
+    below = replace(g, normals=-g.normals)
+    x = on_the_plane(np.random.default_rng(4), 4000)
+    side = np.arange(4000) % 2 == 0
+    normals = np.where(side[:, None], UP, -np.array(UP))
+    points = surface_points(x, normals, np.where(side, 1.0, 1000.0)[:, None] * np.ones(3))
+    np.testing.assert_allclose(local_targets(g, points, radius=0.3), 1, rtol=1e-5)
+    np.testing.assert_allclose(local_targets(below, points, radius=0.3), 1000, rtol=1e-5)
 
 
 def test_a_start_from_targets_is_near_the_end():
