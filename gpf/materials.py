@@ -58,6 +58,11 @@ def has_diffuse(bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f) -> mi.Bool:
     return mi.has_flag(flags, mi.BSDFFlags.Diffuse) & ((si.wi.z > 0) | two_sided)
 
 
+def is_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
+    """Whether the surface has a component that spreads light, yet not diffusely, (N,)."""
+    return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Glossy)
+
+
 def diffuse_reflectance(
     bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, active: mi.Bool
 ) -> mi.Color3f:

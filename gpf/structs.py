@@ -45,7 +45,8 @@ class VisiblePoints:
     n: geometric normal on the viewer's side, unit length, (N, 3).
     reflectance: diffuse reflectance π f_d(n, wo) at the hit, dimensionless, (N, 3).
     throughput: β, what a unit of radiance at the hit contributes to the ray, (N, 3).
-    emission: radiance that the ray gathered from emitters on the way, hit included, (N, 3).
+    emission: radiance that the ray gathered from emitters on the way, hit included, (N, 3); direct
+        light on the glossy surfaces that it met is part of it.
     depth: number of bounces before the hit, (N,).
     valid: whether the ray ended on a diffuse surface, (N,).
     """

@@ -5,7 +5,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from gpf.materials import diffuse_reflectance, has_diffuse, specular_context
+from gpf.materials import diffuse_reflectance, has_diffuse, is_glossy, specular_context
+from gpf.next_event import direct_light, share_of_bsdf
 from gpf.structs import VisiblePoints
 
 
@@ -23,7 +24,8 @@ def find_visible_points(
     Where a BSDF has a diffuse component and others, one of the two parts is chosen at random, with
     probabilities in proportion to what they reflect; the other is made up for in the throughput.
     Emitters that the ray meets before or at its end are added with the throughput of the path so
-    far: photons account for light that arrives at diffuse surfaces, and for nothing else.
+    far, and so is the direct light on glossy lobes: photons account for light that arrives at
+    diffuse surfaces, and for nothing else.
 
     Parameters
     ----------
@@ -45,11 +47,18 @@ def find_visible_points(
     n = mi.Normal3f(0)
     reflectance = mi.Color3f(0)
     valid = mi.Bool(False)
+    # Where the ray was scattered by a glossy lobe that has had its direct light, and how densely.
+    origin = mi.Point3f(0)
+    density = mi.Float(0)
+    lit = mi.Bool(False)
     active = mi.Bool(active) & (deepest > 0)
 
     while active:
         si = scene.ray_intersect(ray, active=active)
-        emission += dr.select(active, throughput * si.emitter(scene).eval(si, active), 0)
+        emitted = throughput * si.emitter(scene).eval(si, active)
+        if lit:
+            emitted *= share_of_bsdf(scene, si, origin, density, lit & active)
+        emission += dr.select(active, emitted, 0)
         active &= si.is_valid() & (depth + 1 < deepest)
         bsdf = si.bsdf(ray)
 
@@ -66,6 +75,11 @@ def find_visible_points(
         from_others = dr.max(weight)
         share = dr.select(diffuse, from_diffuse / (from_diffuse + from_others), 0)
         share = dr.select(diffuse & (from_diffuse + from_others <= 0), 1, share)
+
+        # A glossy lobe meets a small lamp too rarely: it gets a sample of the emitters as well.
+        lit = active & is_glossy(bsdf)
+        if lit:
+            emission += throughput * direct_light(scene, sampler, context, bsdf, si, lit)
         ends = diffuse & (sampler.next_1d(active) < share)
         throughput /= dr.select(ends, share, 1 - share)
 
@@ -77,6 +91,9 @@ def find_visible_points(
         active &= ~ends
         if active:
             throughput *= weight
+            lit &= ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+            density = mi.Float(sample.pdf)
+            origin = mi.Point3f(si.p)
             eta *= sample.eta
             ray = si.spawn_ray(wo)
             depth += 1
