@@ -83,6 +83,8 @@ class Reference(_Section):
     training_images: Annotated[int, Field(ge=0)] = 3
     seed: Seed = 1
     checkpoint_seconds: Positive = 30.0
+    preview_seconds: Annotated[float, Field(ge=0)] = 10.0
+    target_psnr: Annotated[float, Field(ge=0)] = 0.0
 
 
 class Photons(_Section):

@@ -72,6 +72,8 @@ class IrradianceGatherer:
         E(x) = 1 / (π r²) Σ Φ_i    over photons with |x - x_i| ≤ r on the same surface.
 
     Sorting some 10^5 points per pass costs less than storing and sorting several photons per path.
+    Sums are whole numbers of ``unit``: they come out the same to the last bit in whatever order
+    the threads add to them.
 
     Parameters
     ----------
@@ -80,6 +82,7 @@ class IrradianceGatherer:
     budget: greatest depth of a photon that a point accepts, (N,), below :data:`UNLIMITED`.
     radius: kernel radius, world units.
     bounds: corners of the scene's bounding box.
+    unit: what power is rounded to, W; see :func:`gpf.emission.power_unit`.
     """
 
     def __init__(
@@ -90,19 +93,21 @@ class IrradianceGatherer:
         radius: float,
         bounds: Any,
         budget: mi.UInt32 | int = UNLIMITED,
+        unit: float = 2.0**-40,
     ) -> None:
         tag = pack_tag(n, budget)
         self.hash = SpatialHash(p, cell=2.02 * radius, bounds=bounds, valid=valid, tag=tag)
         self._radius = dr.opaque(mi.Float, radius)
-        self._sums = dr.zeros(mi.Float, 4 * dr.width(p))
-        # On the CPU, one copy of the sums per thread is three times as fast as atomics.
-        copies = 16 * dr.width(p) * dr.thread_count()
+        self._unit = dr.opaque(mi.Float, unit)
+        self._sums = dr.zeros(mi.UInt64, 4 * dr.width(p))
+        # On the CPU, one copy of the sums per thread is many times as fast as atomics.
+        copies = 32 * dr.width(p) * dr.thread_count()
         expand = dr.backend_v(mi.Float) == dr.JitBackend.LLVM and copies < _COPIES_LIMIT
         self._mode = dr.ReduceMode.Expand if expand else dr.ReduceMode.Auto
 
     def deposit(self, photons: Photons, active: mi.Bool) -> None:
         """Add the photons' power to the points around them; to be called from a photon walk."""
-        power = mi.Vector4f(*photons.power, 0)
+        power = _four_sums()(mi.Vector4f(*photons.power, 0) / self._unit)
         depth = dr.minimum(photons.depth, UNLIMITED)
 
         def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
@@ -115,8 +120,14 @@ class IrradianceGatherer:
 
     def irradiance(self) -> mi.Color3f:
         """E, W/m², (N, 3); 0 at invalid points."""
-        sums = dr.gather(mi.Vector4f, self._sums, self.hash.slot)
-        return mi.Color3f(sums.x, sums.y, sums.z) / (dr.pi * dr.square(self._radius))
+        sums = mi.Vector4f(dr.gather(_four_sums(), self._sums, self.hash.slot))
+        area = dr.pi * dr.square(self._radius)
+        return mi.Color3f(sums.x, sums.y, sums.z) * (self._unit / area)
+
+
+def _four_sums() -> Any:
+    """The type of four sums side by side, in the active variant."""
+    return dr.uint64_array_t(mi.Vector4f)
 
 
 def estimate_irradiance(photons: Photons, radius: float, bounds: Any) -> mi.Color3f:

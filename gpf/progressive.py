@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.density import UNLIMITED, IrradianceGatherer, pack_tag, radius_at, same_surface
-from gpf.emission import Source, emit_light
+from gpf.emission import Source, emit_light, power_unit
 from gpf.photon_tracing import record_photons, trace_photons
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import VisiblePoints, scene_bounds
@@ -47,37 +47,50 @@ def pass_seed(seed: int, t: int, stream: int) -> int:
     return int(np.random.SeedSequence([seed, t, stream]).generate_state(1)[0])
 
 
-def gather_pass(
-    scene: mi.Scene,
-    points: VisiblePoints,
-    t: int,
-    settings: PassSettings,
-    seed: int,
-    source: Source = emit_light,
-) -> mi.Color3f:
-    """Irradiance at ``points`` from the photons of pass ``t`` (from 1), W/m², (N, 3)."""
-    # A whole path has the camera's depth + 1 edges, the photon's depth + 1 edges.
-    budget: Any = UNLIMITED
-    if settings.max_depth > 0:
-        budget = dr.minimum(max(settings.max_depth - 2, 0) - points.depth, UNLIMITED - 1)
-    gatherer = IrradianceGatherer(
-        points.p,
-        points.n,
-        points.valid,
-        radius=radius_at(t, settings.initial_radius, settings.alpha),
-        bounds=scene_bounds(scene),
-        budget=budget,
-    )
-    trace_photons(
-        scene,
-        gatherer.deposit,
-        paths=settings.photons_per_pass,
-        seed=pass_seed(seed, t, stream=0),
-        max_depth=settings.max_depth,
-        rr_depth=settings.rr_depth,
-        source=source,
-    )
-    return gatherer.irradiance()
+class PhotonPasses:
+    """Passes of photons, and the light that points gather from each of them.
+
+    What pass ``t`` gives is a function of the scene, the settings, the seed and ``t``, bit for bit:
+    not of the passes before, nor of the order in which threads add photons up.
+
+    Parameters
+    ----------
+    source: where photons start; see :func:`gpf.photon_tracing.trace_photons`.
+    """
+
+    def __init__(
+        self, scene: mi.Scene, settings: PassSettings, seed: int, source: Source = emit_light
+    ) -> None:
+        self.scene, self.settings, self.seed, self.source = scene, settings, seed, source
+        self._bounds = scene_bounds(scene)
+        self._unit = power_unit(scene, source)
+
+    def irradiance(self, points: VisiblePoints, t: int) -> mi.Color3f:
+        """E at ``points`` from the photons of pass ``t`` (from 1), W/m², (N, 3)."""
+        settings = self.settings
+        # A whole path has the camera's depth + 1 edges, the photon's depth + 1 edges.
+        budget: Any = UNLIMITED
+        if settings.max_depth > 0:
+            budget = dr.minimum(max(settings.max_depth - 2, 0) - points.depth, UNLIMITED - 1)
+        gatherer = IrradianceGatherer(
+            points.p,
+            points.n,
+            points.valid,
+            radius=radius_at(t, settings.initial_radius, settings.alpha),
+            bounds=self._bounds,
+            budget=budget,
+            unit=self._unit,
+        )
+        trace_photons(
+            self.scene,
+            gatherer.deposit,
+            paths=settings.photons_per_pass,
+            seed=pass_seed(self.seed, t, stream=0),
+            max_depth=settings.max_depth,
+            rr_depth=settings.rr_depth,
+            source=self.source,
+        )
+        return gatherer.irradiance()
 
 
 @dataclass

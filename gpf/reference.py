@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.artifacts import read_tensors, write_tensors
 from gpf.emission import Source, emit_light
-from gpf.progressive import PassSettings, gather_pass, pass_seed, sample_film
+from gpf.pass_sums import PassSums
+from gpf.progressive import PassSettings, PhotonPasses, pass_seed, sample_film
 from gpf.structs import VisiblePoints, concatenate, take, to_numpy
 
 
@@ -27,12 +25,14 @@ class ReferenceView:
     ----------
     radiance: mean over passes, each with a new sample in every pixel, (H, W, 3); None for a view
         that has points alone.
+    standard_error: of the radiance, from its variance between passes, (H, W, 3); None likewise.
     position, normal, reflectance: of one fixed visible point per pixel, (H, W, 3).
     irradiance: mean over passes at that point, (H, W, 3).
     valid: 1 where the pixel has a visible point, else 0, (H, W).
     """
 
     radiance: np.ndarray | None
+    standard_error: np.ndarray | None
     position: np.ndarray
     normal: np.ndarray
     reflectance: np.ndarray
@@ -68,7 +68,7 @@ class ReferenceRenderer:
         seed: int,
         source: Source = emit_light,
     ) -> None:
-        self.source = source
+        self.passes = PhotonPasses(scene, settings, seed, source)
         self.scene, self.sensors, self.settings, self.seed = scene, dict(sensors), settings, seed
         self.points = dict(points)
         # Only valid points are gathered at: of many views they may be few.
@@ -79,23 +79,22 @@ class ReferenceRenderer:
             if dr.width(self._valid[name]) > 0
         }
         dr.eval(self.points)
-        self.passes_done = 0
         self.sizes = {name: film_size(sensor) for name, sensor in self.sensors.items()}
-        self.radiance = {n: dr.zeros(mi.Color3f, w * h) for n, (w, h) in self.sizes.items()}
-        self.snapshots: dict[str, dict[str, np.ndarray]] = {name: {} for name in self.sensors}
-        self.irradiance = {
-            name: dr.zeros(mi.Color3f, dr.width(lanes)) for name, lanes in self._valid.items()
-        }
+        self.sums = self.empty_sums()
+
+    def empty_sums(self) -> PassSums:
+        """Sums over no passes, of the right shape."""
+        pixels = {name: width * height for name, (width, height) in self.sizes.items()}
+        return PassSums(pixels, {name: dr.width(lanes) for name, lanes in self._valid.items()})
 
     def run(self, passes: int, tick: Callable[[int], None] = lambda done: None) -> None:
-        """Continue until ``passes`` passes are done; ``tick(done)`` after each."""
-        while self.passes_done < passes:
-            self.run_pass()
-            tick(self.passes_done)
+        """Continue until passes 1 to ``passes`` are done; ``tick(done)`` after each."""
+        while self.sums.passes < passes:
+            self.run_pass(self.sums.passes + 1)
+            tick(self.sums.passes)
 
-    def run_pass(self) -> None:
-        """Add one pass."""
-        t = self.passes_done + 1
+    def run_pass(self, t: int) -> None:
+        """Add pass ``t`` (from 1) to the sums."""
         moving = {
             name: sample_view(self.scene, sensor, name, self.settings, self.seed, t)
             for name, sensor in self.sensors.items()
@@ -104,27 +103,23 @@ class ReferenceRenderer:
         parts = [*moving.values(), *self._gathered.values()]
         values: Iterator[mi.Color3f] = iter(())
         if parts:
-            points = concatenate(parts)
-            gathered = gather_pass(self.scene, points, t, self.settings, self.seed, self.source)
+            gathered = self.passes.irradiance(concatenate(parts), t)
             values = _split(gathered, [dr.width(part.p) for part in parts])
         for name, points in moving.items():
-            self.radiance[name] += points.radiance(next(values))
+            self.sums.views[name].add(points.radiance(next(values)), t)
         for name in self._gathered:
-            self.irradiance[name] += next(values)
-        dr.eval(self.radiance, self.irradiance)
+            self.sums.points[name].add(next(values))
         # Without waiting, passes pile up and the progress bar lies.
         dr.sync_thread()
-        self.passes_done = t
+        self.sums.passes += 1
 
     def image(self, name: str) -> np.ndarray:
         """Mean radiance of a view so far, (H, W, 3)."""
-        width, height = self.sizes[name]
-        return to_numpy(self.radiance[name]).reshape(height, width, 3) / self.passes_done
+        return self._grid(name, self.sums.views[name].mean(self.sums.passes))
 
-    def take_snapshot(self) -> None:
-        """Keep the images as they are now, as ``sppm_n`` after n passes; checkpoints have them."""
-        for name, images in self.snapshots.items():
-            images[f"sppm_{self.passes_done}"] = self.image(name)
+    def _grid(self, name: str, value: np.ndarray) -> np.ndarray:
+        width, height = self.sizes[name]
+        return value.reshape(height, width, 3).astype(np.float32)
 
     def view(self, name: str, size: tuple[int, int] | None = None) -> ReferenceView:
         """All that is known so far of a view whose fixed points have its name.
@@ -138,8 +133,14 @@ class ReferenceRenderer:
             array = to_numpy(value)
             return array.reshape(height, width, *array.shape[1:])
 
+        image = standard_error = None
+        if name in self.sensors:
+            image = self.image(name)
+            tally = self.sums.views[name]
+            standard_error = self._grid(name, tally.standard_error(self.sums.passes))
         return ReferenceView(
-            radiance=self.image(name) if name in self.sensors else None,
+            radiance=image,
+            standard_error=standard_error,
             position=grid(points.p),
             normal=grid(points.n),
             reflectance=grid(points.reflectance),
@@ -151,40 +152,8 @@ class ReferenceRenderer:
         """Mean irradiance so far at a set of points, (N, 3); 0 where a point is not valid."""
         result = np.zeros((dr.width(self.points[name].p), 3), np.float32)
         lanes = np.asarray(self._valid[name].numpy())
-        result[lanes] = to_numpy(self.irradiance[name]) / self.passes_done
+        result[lanes] = self.sums.points[name].total() / self.sums.passes
         return result
-
-    def save(self, path: Path, fingerprint: Mapping[str, Any], note: Any = "") -> None:
-        """Write a checkpoint, atomically; ``note`` is kept for the one who restores it."""
-        tensors = {f"radiance/{n}": to_numpy(v) for n, v in self.radiance.items()}
-        tensors |= {f"irradiance/{n}": to_numpy(v) for n, v in self.irradiance.items()}
-        tensors |= {
-            f"snapshot/{n}/{key}": image
-            for n, images in self.snapshots.items()
-            for key, image in images.items()
-        }
-        metadata = {"done": self.passes_done, "note": note, "fingerprint": dict(fingerprint)}
-        write_tensors(path, "checkpoint", tensors, metadata)
-
-    def restore(self, path: Path, fingerprint: Mapping[str, Any]) -> Any:
-        """Continue from a checkpoint if there is one that the same parameters made.
-
-        Returns its note, or None where there is no such checkpoint.
-        """
-        if not path.exists():
-            return None
-        tensors, metadata = read_tensors(path, "checkpoint", "reference")
-        if metadata["fingerprint"] != json.loads(json.dumps(fingerprint)):
-            return None
-        for kind, sums in (("radiance", self.radiance), ("irradiance", self.irradiance)):
-            for name in sums:
-                sums[name] = mi.Color3f(np.ascontiguousarray(tensors[f"{kind}/{name}"].T))
-        for key, image in tensors.items():
-            if key.startswith("snapshot/"):
-                _, name, layer = key.split("/")
-                self.snapshots[name][layer] = image
-        self.passes_done = metadata["done"]
-        return metadata["note"]
 
 
 def sample_view(

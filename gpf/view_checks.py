@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gpf.progressive import PassSettings, gather_pass, sample_film
+from gpf.progressive import PassSettings, PhotonPasses, sample_film
 from gpf.structs import VisiblePoints, concatenate, to_numpy
 from gpf.views import View, make_sensor
 
@@ -96,7 +96,7 @@ def report_views(
     ]
     typical = float(np.median(distances)) if distances else 1.0
     settings = PassSettings(photons_per_pass=200_000, initial_radius=0.03 * typical)
-    irradiance = gather_pass(scene, concatenate(points), 1, settings, seed)
+    irradiance = PhotonPasses(scene, settings, seed).irradiance(concatenate(points), 1)
     lit = np.asarray((dr.max(irradiance) > 0).numpy()).reshape(len(views), -1)
     reports = []
     for view, seen, ok, bright in zip(views, points, valid, lit, strict=True):

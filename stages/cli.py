@@ -38,11 +38,18 @@ StageName = StrEnum("StageName", list(STAGES))  # type: ignore[misc]
 def stage(
     name: Annotated[StageName, typer.Argument(help="The stage to run.")],
     scene: Annotated[str, typer.Option(help="The scene to run it for.")],
+    passes: Annotated[
+        str | None,
+        typer.Option(metavar="FIRST:LAST", help="Of `reference`: these passes alone, as a slice."),
+    ] = None,
 ) -> None:
     """Run one stage of the pipeline for one scene, from what the stages before it left."""
+    if passes is not None and name.value != "reference":
+        raise UserError(f"--passes {passes}", f"is not for {name.value}", "Leave it out.")
     module, function = STAGES[name.value]
+    options = {} if passes is None else {"passes": passes}
     try:
-        getattr(importlib.import_module(module), function)(scene)
+        getattr(importlib.import_module(module), function)(scene, **options)
     except BaseException as error:  # here and not in main: typer would not let it through
         if not _is_interrupt(error):
             raise

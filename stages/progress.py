@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -12,6 +12,7 @@ from rich.progress import (
     Progress,
     ProgressColumn,
     Task,
+    TaskID,
     TextColumn,
     TimeRemainingColumn,
 )
@@ -28,9 +29,24 @@ class _Rate(ProgressColumn):
         return Text("" if speed is None else f"{speed:.1f}/s", style="progress.data.speed")
 
 
+class Bar:
+    """A progress bar while it is shown."""
+
+    def __init__(self, progress: Progress, task: TaskID) -> None:
+        self._progress, self._task = progress, task
+
+    def __call__(self, done: int) -> None:
+        """Move to so many steps."""
+        self._progress.update(self._task, completed=done)
+
+    def describe(self, text: str) -> None:
+        """Change the words beside the bar."""
+        self._progress.update(self._task, description=text)
+
+
 @contextmanager
-def progress_bar(description: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A bar on standard error; the yielded function takes the number of steps done."""
+def progress_bar(description: str, total: int) -> Iterator[Bar]:
+    """A bar on standard error; the yielded object is called with the number of steps done."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -39,5 +55,4 @@ def progress_bar(description: str, total: int) -> Iterator[Callable[[int], None]
         TimeRemainingColumn(elapsed_when_finished=True),
     )
     with Progress(*columns, console=console) as progress:
-        task = progress.add_task(description, total=total)
-        yield lambda done: progress.update(task, completed=done)
+        yield Bar(progress, progress.add_task(description, total=total))

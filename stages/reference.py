@@ -9,23 +9,20 @@ A view whose file was made by the same scene, camera and parameters is left alon
 
 from __future__ import annotations
 
-import ast
-import hashlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-import gpf
 from gpf.artifacts import read_tensors, write_tensors
 from gpf.emission import Source
 from gpf.errors import UserError
-from gpf.images import check_finite, read_exr, read_record, write_exr
+from gpf.images import check_finite, read_exr, write_exr
+from gpf.pass_parts import PassParts
 from gpf.photon_map import collect_photons
 from gpf.progressive import PassSettings, pass_seed, propose_radius, sample_film
 from gpf.reference import ReferenceRenderer, fixed_points, settings_record
@@ -36,16 +33,21 @@ from gpf.views import View
 from metrics.worth import snapshot_passes
 from stages.costs import CostMeter
 from stages.lookout import Lookout
-from stages.progress import progress_bar
+from stages.passes import SURFACES, LongSum
+from stages.progress import console
+from stages.reference_records import (
+    group_record,
+    has_surfaces,
+    is_current,
+    surface_record,
+    view_record,
+)
 from stages.workspace import Workspace
 
 GROUPS = ("train", "novel", "ceiling")
 
 # With `photons_per_pass: auto`, a pass is as good as so many paths that bring equal power.
 EQUAL_PATHS = 50_000
-
-# Name of the set of surface samples among the points of a group; no view can be called so.
-SURFACES = "surfaces of the scene"
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,12 @@ class _Job:
     costs: CostMeter
 
 
-def render_references(scene_name: str) -> None:
-    """Render what is missing of the references, the ceiling and the targets."""
+def render_references(scene_name: str, passes: str | None = None) -> None:
+    """Render what is missing of the references, the ceiling and the targets.
+
+    ``passes``, written ``FIRST:LAST``, limits that to a range of passes, which other runs or other
+    machines complete; files are written once all passes are there.
+    """
     work = Workspace.open(scene_name)
     scene = work.load_scene()
     costs = CostMeter.load(work.cost("reference"))
@@ -69,13 +75,40 @@ def render_references(scene_name: str) -> None:
         lookout = Lookout.open(work, scene)
         settings = pass_settings(work, scene, lookout)
     job = _Job(work, scene, lookout, settings, costs)
-    rendered = [_render_group(job, group) for group in GROUPS]
+    wanted = _parse_range(passes, work.params.reference.passes) if passes else None
+    rendered = [_render_group(job, group, wanted) for group in GROUPS]
+    if None in rendered:
+        missing = ", ".join(g for g, state in zip(GROUPS, rendered, strict=True) if state is None)
+        console.print(
+            f"{scene_name}: passes {passes} are done, others are missing ({missing}); bring their "
+            "files here, or run the stage without --passes",
+            highlight=False,
+        )
+        return
     if any(rendered) or "seconds_per_target_pass" not in costs.facts:
         costs.parts.pop("probe", None)
         with costs.measure("probe"):
             costs.facts |= _time_passes(job)
     costs.facts |= settings_record(settings, work.params.reference.seed) | lookout.facts()
     costs.write(work.cost("reference"))
+
+
+def _parse_range(text: str, passes: int) -> range:
+    """``FIRST:LAST`` like a slice; both ends may be left out."""
+    first, colon, last = text.partition(":")
+    numbers = (first or "0", last or str(passes))
+    if not colon or not all(number.isdecimal() for number in numbers):
+        raise UserError(
+            f"--passes {text}", "is no range of passes", "Write it as FIRST:LAST, such as 0:250."
+        )
+    found = range(int(numbers[0]), int(numbers[1]))
+    if not found or found.stop > passes:
+        raise UserError(
+            f"--passes {text}",
+            f"is not within the {passes} passes of params.yaml",
+            "Give a range within them, or change reference.passes.",
+        )
+    return found
 
 
 def pass_settings(work: Workspace, scene: Any, lookout: Lookout) -> PassSettings:
@@ -127,9 +160,8 @@ def _seconds_per_pass(renderer: ReferenceRenderer, passes: int, samples: int = 1
     """
     seconds = []
     for t in [1, 1, *np.linspace(1, passes, samples).astype(int)]:
-        renderer.passes_done = int(t) - 1
         start = time.perf_counter()
-        renderer.run_pass()
+        renderer.run_pass(int(t))
         seconds.append(time.perf_counter() - start)
     return float(np.mean(seconds[2:]))
 
@@ -165,28 +197,18 @@ def _measure_radius(work: Workspace, scene: Any, paths: int, source: Source) -> 
     return propose_radius(scene, film.points, paths, section.seed, source=source)
 
 
-def _render_group(job: _Job, group: str) -> bool:
-    """Render what is missing of a group; whether anything was."""
+def _render_group(job: _Job, group: str, wanted: range | None) -> bool | None:
+    """Render what is missing of a group; whether anything was. None: passes are still missing."""
     work, section = job.work, job.work.params.reference
     seed = pass_seed(section.seed, 0, stream=100 + GROUPS.index(group))
-    record = {
-        "group": group,
-        "passes": section.passes,
-        "code": code_digest(),
-        "made_with": [mi.variant(), mi.__version__, dr.__version__],
-        "scene": work.scene_digest,
-        "size": list(work.film_size),
-        "outlook": work.params.outlook.model_dump(),
-        **settings_record(job.settings, seed),
-    }
     views = work.views.train if group == "train" else work.views.novel
     share, imaged = 1.0, [view.name for view in views]
     if group == "train":
         share, imaged = _share(work), imaged[: section.training_images]
-    record |= {"share": share, "imaged": imaged}
-    missing = [view for view in views if not _is_current(work, group, view, record)]
+    record = group_record(work, group, job.settings, seed, share, imaged)
+    missing = [view for view in views if not is_current(work, group, view, record)]
     surfaces = group == "train" and section.surface_points > 0
-    surfaces_missing = surfaces and not _has_surfaces(work, record)
+    surfaces_missing = surfaces and not has_surfaces(work, record)
     if missing or surfaces_missing:
         points = {}
         if group == "train":
@@ -198,7 +220,23 @@ def _render_group(job: _Job, group: str) -> bool:
         sensors = {view.name: work.sensor(view) for view in missing if view.name in imaged}
         source = job.lookout.source
         renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, seed, source)
-        _accumulate(work, renderer, group, missing, record, job.costs)
+        fingerprint = {
+            **{key: value for key, value in record.items() if key != "passes"},
+            "views": [view.model_dump(mode="json") for view in missing],
+            "points": {name: dr.width(points.p) for name, points in renderer.points.items()},
+            "training": [view.model_dump(mode="json") for view in work.views.train],
+        }
+        parts = PassParts(work.parts("reference", group), fingerprint, "reference")
+        for other in parts.others():
+            console.print(
+                f"{parts.parent / other}: passes of other parameters or code; left alone",
+                highlight=False,
+            )
+        passes = LongSum(work, group, renderer, parts, job.costs)
+        passes.render(range(section.passes) if wanted is None else wanted)
+        if not passes.is_complete():
+            return None
+        _write_group(passes, missing, record)
     if group == "train":
         _collect_targets(work, views, surfaces)
     return bool(missing or surfaces_missing)
@@ -211,116 +249,45 @@ def _share(work: Workspace) -> float:
     return min(1.0, work.params.reference.view_points / pixels)
 
 
-def code_digest() -> str:
-    """A hash of the code that decides what a reference looks like, without its comments."""
-    names = (
-        "density emission emission_guiding materials outlook photon_map photon_tracing pilot "
-        "progressive reference spatial_hash structs surface_samples thinning views "
-        "visible_points"
-    )
-    digest = hashlib.sha256()
-    for name in names.split():
-        source = (Path(gpf.__file__).parent / f"{name}.py").read_text(encoding="utf-8")
-        tree = ast.parse(source)
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-                node.value.value = None  # a docstring
-        digest.update(ast.dump(tree).encode())
-    return digest.hexdigest()[:16]
-
-
-def _view_record(record: dict[str, Any], view: View) -> dict[str, Any]:
-    """What made a view's file; a view does not depend on which others have images."""
-    imaged = view.name in record["imaged"]
-    return {**record, "imaged": imaged, "view": view.model_dump(mode="json")}
-
-
-def _is_current(work: Workspace, group: str, view: View, record: dict[str, Any]) -> bool:
-    path = work.ceiling(view.name) if group == "ceiling" else work.reference(view.name)
-    found = read_record(path)
-    if found is None:
-        return False
-    needed = _view_record(record, view)
-    if found.get("imaged") is True:  # an image that nobody needs does no harm
-        needed.pop("imaged")
-    return found.items() >= needed.items()
-
-
-def _has_surfaces(work: Workspace, record: dict[str, Any]) -> bool:
-    if not work.surfaces.exists():
-        return False
-    try:
-        _, metadata = read_tensors(work.surfaces, "surfaces", "reference")
-    except UserError:
-        return False
-    return metadata == _surface_record(work, record)
-
-
-def _surface_record(work: Workspace, record: dict[str, Any]) -> dict[str, Any]:
-    """What made the samples of the surfaces: they lie where the training views look."""
-    apart = {key: value for key, value in record.items() if key not in ("share", "imaged")}
-    views = [view.model_dump(mode="json") for view in work.views.train]
-    return {**apart, "views": views, "surface_points": work.params.reference.surface_points}
-
-
-def _accumulate(
-    work: Workspace,
-    renderer: ReferenceRenderer,
-    group: str,
-    views: Sequence[View],
-    record: dict[str, Any],
-    costs: CostMeter,
-) -> None:
-    """Run the passes of a group, with checkpoints, and write its files."""
-    section = work.params.reference
-    snapshots = snapshot_passes(section.passes) if group == "ceiling" else []
-    fingerprint = {
-        **record,
-        "views": [view.model_dump(mode="json") for view in views],
-        "points": {name: dr.width(points.p) for name, points in renderer.points.items()},
-        "training": [view.model_dump(mode="json") for view in work.views.train],
-    }
-    checkpoint = work.checkpoint("reference", group)
-    spent = renderer.restore(checkpoint, fingerprint)
-    if spent:
-        costs.parts[group] = spent
-    saved = time.monotonic()
-
-    title = f"{work.scene}: {group} references"
-    with progress_bar(title, section.passes) as advance, costs.measure(group):
-        while renderer.passes_done < section.passes:
-            renderer.run_pass()
-            done = renderer.passes_done
-            advance(done)
-            if done in snapshots:
-                renderer.take_snapshot()
-            if done < section.passes and time.monotonic() - saved > section.checkpoint_seconds:
-                renderer.save(checkpoint, fingerprint, costs.so_far(group))
-                saved = time.monotonic()
-
-    costs.share(group, sorted({*renderer.sensors, *renderer.points}))
+def _write_group(passes: LongSum, views: Sequence[View], record: dict[str, Any]) -> None:
+    """Write the files of a group whose passes are all there, and forget the parts."""
+    work, group, renderer = passes.work, passes.group, passes.renderer
+    snapshots = passes.finish(snapshot_passes(passes.passes) if group == "ceiling" else [])
+    passes.costs.share(group, sorted({*renderer.sensors, *renderer.points}))
     for view in views:
         if group == "ceiling":
-            path, layers = work.ceiling(view.name), renderer.snapshots[view.name]
+            path, layers = work.ceiling(view.name), snapshots[view.name]
         else:
-            path, layers = (
-                work.reference(view.name),
-                renderer.view(view.name, work.film_size).layers(),
-            )
+            path = work.reference(view.name)
+            layers = renderer.view(view.name, work.film_size).layers()
         for name, image in layers.items():
             if image.ndim == 3:
                 check_finite(image, f"{work.scene}, view {view.name}, {name}")
-        write_exr(path, layers, _view_record(record, view))
+        write_exr(path, layers, view_record(record, view) | _noise(passes, view.name))
     if SURFACES in renderer.points:
         points = renderer.points[SURFACES]
-        check_finite(renderer.mean_irradiance(SURFACES), f"{work.scene}, samples of its surfaces")
         tensors = {
             "position": to_numpy(points.p),
             "normal": to_numpy(points.n),
             "irradiance": renderer.mean_irradiance(SURFACES),
         }
-        write_tensors(work.surfaces, "surfaces", tensors, _surface_record(work, record))
-    checkpoint.unlink(missing_ok=True)
+        write_tensors(work.surfaces, "surfaces", tensors, surface_record(work, record))
+    passes.parts.clear()
+    work.forget_checkpoints()
+
+
+def _noise(passes: LongSum, view: str) -> dict[str, Any]:
+    """How much noise is left in a view's image, for its record."""
+    sums = passes.renderer.sums
+    if view not in sums.views:
+        return {}
+    tally = sums.views[view]
+    error, mean = tally.standard_error(sums.passes), tally.mean(sums.passes)
+    return {
+        "passes_done": sums.passes,
+        "standard_error": float(np.sqrt(np.mean(error**2)) / max(np.mean(mean), 1e-30)),
+        "estimated_ceiling": tally.ceiling(sums.passes, passes.work.views.exposure),
+    }
 
 
 def _collect_targets(work: Workspace, views: Sequence[View], surfaces: bool) -> None:

@@ -90,6 +90,16 @@ class Workspace:
         """Where a stage keeps what it would lose if it were stopped."""
         return self.folder / "checkpoints" / f"{stage}-{part}.safetensors"
 
+    def parts(self, stage: str, group: str) -> Path:
+        """Where a stage keeps sums over parts of its passes."""
+        return self.folder / "checkpoints" / f"{stage}-{group}"
+
+    def forget_checkpoints(self) -> None:
+        """Remove the folder of checkpoints once it is empty."""
+        folder = self.folder / "checkpoints"
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+
     @cached_property
     def views(self) -> SceneViews:
         """The cameras of the scene, as the stage ``scene`` copied them."""

@@ -12,7 +12,7 @@ from gpf.outlook import Outlook
 from gpf.photon_map import BATCH, collect_photons
 from gpf.photon_tracing import record_photons
 from gpf.pilot import trace_pilot
-from gpf.progressive import PassSettings, gather_pass
+from gpf.progressive import PassSettings, PhotonPasses
 from gpf.structs import VisiblePoints, to_numpy
 from gpf.views import View, make_sensor
 
@@ -178,7 +178,10 @@ def test_a_pass_with_guided_photons_agrees_with_one_without(rooms, outlook):
 
     def passes(source, seeds):
         return np.array(
-            [to_numpy(gather_pass(rooms, points, 1, settings, s, source)) for s in seeds]
+            [
+                to_numpy(PhotonPasses(rooms, settings, s, source).irradiance(points, 1))
+                for s in seeds
+            ]
         )
 
     plain, guided = passes(emit_light, range(64)), passes(guide.emit, range(100, 164))

@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from gpf.integrators.properties import is_number, read_depths, whole_number
 from gpf.materials import require_separable
-from gpf.progressive import PassSettings, gather_pass, pass_seed, propose_radius, sample_film
+from gpf.progressive import PassSettings, PhotonPasses, pass_seed, propose_radius, sample_film
 
 
 def define() -> type:
@@ -102,7 +102,7 @@ def define() -> type:
             seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
             film = sensor.film()
             with dr.suspend_grad():
-                settings = self.settings(scene, sensor, seed)
+                passes = PhotonPasses(scene, self.settings(scene, sensor, seed), seed)
                 for t in range(1, (spp or self.passes) + 1):
                     sampler, _ = self.prepare(sensor, pass_seed(seed, t, stream=1), 1, [])
                     if t == 1:
@@ -111,7 +111,7 @@ def define() -> type:
                     samples = sample_film(scene, sensor, sampler, self.depth_limit, self.rr_depth)
                     # Or every kernel that needs the points would walk to them again.
                     dr.eval(samples)
-                    irradiance = gather_pass(scene, samples.points, t, settings, seed)
+                    irradiance = passes.irradiance(samples.points, t)
                     mi.ad.integrators.common.ADIntegrator._splat_to_block(
                         block,
                         film,

@@ -87,6 +87,27 @@ def test_unknown_scene(finished):
     )
 
 
+@pytest.mark.parametrize(
+    ("stage", "passes", "words"),
+    [
+        (
+            "reference",
+            "250",
+            r"error: --passes 250: is no range of passes\. Write it as FIRST:LAST",
+        ),
+        ("reference", "a:b", r"--passes a:b: is no range of passes"),
+        ("reference", "3:3", r"--passes 3:3: is not within the 4 passes of params\.yaml"),
+        ("reference", "0:400", r"--passes 0:400: is not within the 4 passes"),
+        ("train", "0:2", r"error: --passes 0:2: is not for train\. Leave it out"),
+    ],
+)
+def test_a_range_that_is_none(finished, stage, passes, words):
+    before = finished.snapshot()
+    outcome = finished.gpf("stage", stage, "--scene", "cornell_box", "--passes", passes)
+    assert outcome.code == 2 and re.search(words, outcome.text), outcome.text
+    assert finished.snapshot() == before
+
+
 def test_unknown_stage(fresh):
     outcome = fresh.stage("trian")
     assert outcome.code == 2

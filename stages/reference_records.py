@@ -1,0 +1,95 @@
+"""What made a reference: the record in its file that tells whether it is still current."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+import gpf
+from gpf.artifacts import read_tensors
+from gpf.errors import UserError
+from gpf.images import read_record
+from gpf.progressive import PassSettings
+from gpf.reference import settings_record
+from gpf.views import View
+from stages.workspace import Workspace
+
+_CODE = (
+    "density emission emission_guiding exact_sums materials next_event outlook pass_sums "
+    "photon_map photon_tracing pilot progressive reference spatial_hash structs "
+    "surface_samples thinning views visible_points"
+)
+
+
+def group_record(
+    work: Workspace, group: str, settings: PassSettings, seed: int, share: float, imaged: list[str]
+) -> dict[str, Any]:
+    """What all views of a group have in common, as JSON values."""
+    section = work.params.reference
+    return {
+        "group": group,
+        "passes": section.passes,
+        "target_psnr": section.target_psnr,
+        "code": code_digest(),
+        "made_with": [mi.variant(), mi.__version__, dr.__version__],
+        "scene": work.scene_digest,
+        "size": list(work.film_size),
+        "outlook": work.params.outlook.model_dump(),
+        "share": share,
+        "imaged": imaged,
+        **settings_record(settings, seed),
+    }
+
+
+def code_digest() -> str:
+    """A hash of the code that decides what a reference looks like, without its comments."""
+    digest = hashlib.sha256()
+    for name in _CODE.split():
+        source = (Path(gpf.__file__).parent / f"{name}.py").read_text(encoding="utf-8")
+        tree = ast.parse(source)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                node.value.value = None  # a docstring
+        digest.update(ast.dump(tree).encode())
+    return digest.hexdigest()[:16]
+
+
+def view_record(record: dict[str, Any], view: View) -> dict[str, Any]:
+    """What made a view's file; a view does not depend on which others have images."""
+    imaged = view.name in record["imaged"]
+    return {**record, "imaged": imaged, "view": view.model_dump(mode="json")}
+
+
+def surface_record(work: Workspace, record: dict[str, Any]) -> dict[str, Any]:
+    """What made the samples of the surfaces: they lie where the training views look."""
+    apart = {key: value for key, value in record.items() if key not in ("share", "imaged")}
+    views = [view.model_dump(mode="json") for view in work.views.train]
+    return {**apart, "views": views, "surface_points": work.params.reference.surface_points}
+
+
+def is_current(work: Workspace, group: str, view: View, record: dict[str, Any]) -> bool:
+    """Whether a view's file is what the record asks for."""
+    path = work.ceiling(view.name) if group == "ceiling" else work.reference(view.name)
+    found = read_record(path)
+    if found is None:
+        return False
+    needed = view_record(record, view)
+    if found.get("imaged") is True:  # an image that nobody needs does no harm
+        needed.pop("imaged")
+    return found.items() >= needed.items()
+
+
+def has_surfaces(work: Workspace, record: dict[str, Any]) -> bool:
+    """Whether the file of surface samples is what the record asks for."""
+    if not work.surfaces.exists():
+        return False
+    try:
+        _, metadata = read_tensors(work.surfaces, "surfaces", "reference")
+    except UserError:
+        return False
+    return metadata == surface_record(work, record)
