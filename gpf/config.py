@@ -77,6 +77,7 @@ class Reference(_Section):
     photons_per_pass: AutoCount = "auto"
     initial_radius: Length = "auto"
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.7
+    direct: Literal["photons", "emitters"] = "photons"
     rr_depth: Count = 5
     view_points: Count = 200_000
     surface_points: Annotated[int, Field(ge=0)] = 300_000

@@ -15,11 +15,15 @@ from gpf.structs import Photons
 # a thin wall and the wall around a corner are in the dark about each other.
 SAME_SURFACE_COSINE = 0.7
 
+# Nor do those that lie above or below one another by more than this part of the kernel's radius:
+# inside and outside of a tube, the floor and the top of a thick carpet.
+SAME_SURFACE_HEIGHT = 0.5
+
 # Bytes that the sums' copies, one per thread, may take.
 _COPIES_LIMIT = 1 << 29
 
 # A point with this depth budget takes photons of any depth.
-UNLIMITED = 255
+UNLIMITED = 127
 
 
 def next_radius(radius: float, t: int, alpha: float) -> float:
@@ -38,11 +42,17 @@ def radius_at(t: int, initial_radius: float, alpha: float) -> float:
     return float(initial_radius * np.exp(0.5 * log_ratio))
 
 
-def pack_tag(n: mi.Normal3f, budget: mi.UInt32 | int = UNLIMITED) -> mi.Float:
-    """A unit normal (8 bits a coordinate) and a depth budget (8 bits) as the bits of one float."""
+def pack_tag(
+    n: mi.Normal3f, budget: mi.UInt32 | int = UNLIMITED, lit: mi.Bool | bool = False
+) -> mi.Float:
+    """A unit normal (8 bits a coordinate) and which photons count, as the bits of one float.
+
+    Those count that are no deeper than ``budget`` (7 bits) and, where a point is ``lit`` already
+    (1 bit), do not come straight from an emitter.
+    """
     bits = mi.Vector3u(dr.round((n + 1) * 127.5))
-    budget = dr.minimum(mi.UInt32(budget), UNLIMITED)
-    return dr.reinterpret_array(mi.Float, bits.x | (bits.y << 8) | (bits.z << 16) | (budget << 24))
+    limits = dr.minimum(mi.UInt32(budget), UNLIMITED) | (mi.UInt32(mi.Bool(lit)) << 7)
+    return dr.reinterpret_array(mi.Float, bits.x | (bits.y << 8) | (bits.z << 16) | (limits << 24))
 
 
 def unpack_normal(tag: mi.Float) -> mi.Normal3f:
@@ -54,14 +64,23 @@ def unpack_normal(tag: mi.Float) -> mi.Normal3f:
     return packed * (1 / 127.5) - 1
 
 
-def unpack_budget(tag: mi.Float) -> mi.UInt32:
-    """The depth budget in a tag."""
-    return dr.reinterpret_array(mi.UInt32, tag) >> 24
+def takes_depth(tag: mi.Float, depth: mi.UInt32) -> mi.Bool:
+    """Whether photons of a depth count at the point that a tag belongs to."""
+    limits = dr.reinterpret_array(mi.UInt32, tag) >> 24
+    budget, lit = limits & UNLIMITED, (limits >> 7) == 1
+    return ((depth <= budget) | (budget == UNLIMITED)) & ((depth > 0) | ~lit)
 
 
-def same_surface(record: mi.Vector4f, n: mi.Normal3f) -> mi.Bool:
-    """Whether the normal in a record's tag belongs to the surface that ``n`` belongs to."""
-    return dr.dot(unpack_normal(record.w), n) > SAME_SURFACE_COSINE
+def same_surface(record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f, radius2: mi.Float) -> mi.Bool:
+    """Whether a record lies on the surface that has the normal ``n`` at ``p``.
+
+    Its normal, which is in its tag, is like ``n``, and it lies near the plane through ``p``: by the
+    measure of the kernel's squared radius, or of its own distance where that is more.
+    """
+    d = mi.Vector3f(record.x - p.x, record.y - p.y, record.z - p.z)
+    scale2 = dr.maximum(radius2, dr.squared_norm(d))
+    flat = dr.square(dr.dot(n, d)) <= SAME_SURFACE_HEIGHT**2 * scale2
+    return flat & (dr.dot(unpack_normal(record.w), n) > SAME_SURFACE_COSINE)
 
 
 class IrradianceGatherer:
@@ -80,6 +99,7 @@ class IrradianceGatherer:
     p, n: positions and oriented normals, (N, 3).
     valid: points that take part, (N,).
     budget: greatest depth of a photon that a point accepts, (N,), below :data:`UNLIMITED`.
+    lit: points whose direct light is known already: photons of depth 0 do not count there, (N,).
     radius: kernel radius, world units.
     bounds: corners of the scene's bounding box.
     unit: what power is rounded to, W; see :func:`gpf.emission.power_unit`.
@@ -93,9 +113,10 @@ class IrradianceGatherer:
         radius: float,
         bounds: Any,
         budget: mi.UInt32 | int = UNLIMITED,
+        lit: mi.Bool | bool = False,
         unit: float = 2.0**-40,
     ) -> None:
-        tag = pack_tag(n, budget)
+        tag = pack_tag(n, budget, lit)
         self.hash = SpatialHash(p, cell=2.02 * radius, bounds=bounds, valid=valid, tag=tag)
         self._radius = dr.opaque(mi.Float, radius)
         self._unit = dr.opaque(mi.Float, unit)
@@ -107,12 +128,12 @@ class IrradianceGatherer:
 
     def deposit(self, photons: Photons, active: mi.Bool) -> None:
         """Add the photons' power to the points around them; to be called from a photon walk."""
+        radius2 = dr.square(self._radius)
         power = _four_sums()(mi.Vector4f(*photons.power, 0) / self._unit)
-        depth = dr.minimum(photons.depth, UNLIMITED)
 
         def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
-            counts = inside & same_surface(record, photons.n)
-            counts &= depth <= unpack_budget(record.w)
+            counts = inside & same_surface(record, photons.p, photons.n, radius2)
+            counts &= takes_depth(record.w, photons.depth)
             dr.scatter_reduce(dr.ReduceOp.Add, self._sums, power, index, counts, self._mode)
             return state
 
@@ -141,9 +162,10 @@ def estimate_irradiance(photons: Photons, radius: float, bounds: Any) -> mi.Colo
     dr.eval(power)
 
     def add(total, index, record, distance2, inside):  # type: ignore[no-untyped-def]
-        counts = inside & same_surface(record, photons.n)
+        counts = inside & same_surface(record, photons.p, photons.n, radius2)
         value = dr.gather(mi.Vector4f, power, index, counts)
         return total + mi.Color3f(value.x, value.y, value.z)
 
+    radius2 = dr.opaque(mi.Float, radius * radius)
     total = grid.visit(photons.p, dr.opaque(mi.Float, radius), add, mi.Color3f(0), mi.Bool(True))
     return total / (dr.pi * radius * radius)

@@ -153,9 +153,11 @@ class GaussianPhotonField:
         other._radius, other._limit = arrays["radius"], arrays["limit"]
         return other
 
-    def accepts(self, record: mi.Vector4f, n: mi.Normal3f) -> mi.Bool:
-        """Whether the Gaussian of a record may answer for a surface with normal ``n``."""
-        return same_surface(record, n) if self.settings.normal_test else mi.Bool(True)
+    def accepts(self, record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f) -> mi.Bool:
+        """Whether the Gaussian of a record may answer for a surface with normal ``n`` at ``p``."""
+        if not self.settings.normal_test:
+            return mi.Bool(True)
+        return same_surface(record, p, n, dr.square(self._radius))
 
     def _term(
         self, x: mi.Point3f, mean: mi.Point3f, index: mi.UInt32, support2: mi.Float, active: mi.Bool
@@ -189,7 +191,7 @@ class GaussianPhotonField:
 
         def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
             count, total, colour = state
-            inside &= self.accepts(record, n)
+            inside &= self.accepts(record, x, n)
             mean = mi.Point3f(record.x, record.y, record.z)
             weight, weighted = self._term(x, mean, index, radius2, inside)
             return count + dr.select(inside, 1, 0), total + weight, colour + weighted
@@ -207,7 +209,7 @@ class GaussianPhotonField:
                 settings.k + 1,
                 FIRST_REACH * self._radius,
                 self._limit,
-                lambda record: self.accepts(record, n),
+                lambda record: self.accepts(record, x, n),
                 sparse,
             )
             farthest2, support2 = supplement_support(distance2)

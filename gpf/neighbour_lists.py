@@ -50,7 +50,7 @@ def _list_neighbours(field, points, fill, indices, offset, dense):  # type: igno
 
     def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
         within, count = state
-        inside &= field.accepts(record, points.n)
+        inside &= field.accepts(record, points.p, points.n)
         write(index, offset + count, inside)
         near = inside & (distance2 <= radius2)
         return within + dr.select(near, 1, 0), count + dr.select(inside, 1, 0)
@@ -69,7 +69,7 @@ def _list_neighbours(field, points, fill, indices, offset, dense):  # type: igno
             settings.k + 1,
             FIRST_REACH * radius,
             dr.opaque(mi.Float, field.hash.extent),
-            lambda record: field.accepts(record, points.n),
+            lambda record: field.accepts(record, points.p, points.n),
             sparse,
         )
         _, reach2 = supplement_support(distance2)

@@ -13,6 +13,7 @@ def direct_light(
     bsdf: mi.BSDFPtr,
     si: mi.SurfaceInteraction3f,
     active: mi.Bool,
+    shared: bool = True,
 ) -> mi.Color3f:
     """Radiance towards ``si.wi`` from one point on one emitter, (N, 3).
 
@@ -26,10 +27,13 @@ def direct_light(
     Parameters
     ----------
     context: the components that f consists of.
+    shared: whether the other share is accounted for elsewhere; w is 1 if not.
     """
     light, weight = scene.sample_emitter_direction(si, sampler.next_2d(active), True, active)
     active = active & (light.pdf > 0)  # no &=, which would change the caller's mask
     wo = si.to_local(light.d)
+    if not shared:
+        return dr.select(active, bsdf.eval(context, si, wo, active) * weight, 0)
     value, bsdf_pdf = bsdf.eval_pdf(context, si, wo, active)
     # A point or a direction of no extent can't be met by chance.
     bsdf_pdf = dr.select(light.delta, 0, bsdf_pdf)

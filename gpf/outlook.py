@@ -74,7 +74,7 @@ class Outlook:
         """Whether surface points (N, 3) with oriented normals (N, 3) are part of it, (N,)."""
 
         def look(found, index, record, distance2, inside):  # type: ignore[no-untyped-def]
-            return found | (inside & same_surface(record, n))
+            return found | (inside & same_surface(record, p, n, radius * radius))
 
         radius = self._radius
         return self.hash.visit(p, radius, look, mi.Bool(False), mi.Bool(active))

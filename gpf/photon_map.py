@@ -9,7 +9,7 @@ from gpf.emission import Source, emit_light
 from gpf.outlook import Outlook
 from gpf.photon_tracing import record_photons
 from gpf.progressive import pass_seed
-from gpf.structs import Photons, concatenate, to_numpy
+from gpf.structs import Photons, concatenate
 from gpf.thinning import thin_photons
 
 # Paths that are traced and filtered at a time: it bounds the memory of photons not kept.
@@ -45,4 +45,4 @@ def collect_photons(
     dr.eval(photons)
     if outlook is None or dr.width(photons.p) == 0:
         return photons
-    return thin_photons(photons, to_numpy(outlook.points.p), 4 * outlook.radius, seed)
+    return thin_photons(photons, outlook.points, 4 * outlook.radius, seed)

@@ -8,7 +8,7 @@ estimate is the mean over passes (Knaus and Zwicker 2011).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import drjit as dr
 import mitsuba as mi
@@ -33,6 +33,8 @@ class PassSettings:
     alpha: radius reduction, in (0, 1); see :func:`gpf.density.next_radius`.
     max_depth: longest path in edges, as in Mitsuba's ``path``; -1 is no limit.
     rr_depth: interactions before Russian roulette.
+    direct: where light straight from the emitters comes from at what views see: the ``photons``,
+        like all other light, or a sample of the ``emitters``.
     """
 
     photons_per_pass: int = 100_000
@@ -40,6 +42,7 @@ class PassSettings:
     alpha: float = 0.7
     max_depth: int = -1
     rr_depth: int = 5
+    direct: Literal["photons", "emitters"] = "photons"
 
 
 def pass_seed(seed: int, t: int, stream: int) -> int:
@@ -79,6 +82,7 @@ class PhotonPasses:
             radius=radius_at(t, settings.initial_radius, settings.alpha),
             bounds=self._bounds,
             budget=budget,
+            lit=points.lit,
             unit=self._unit,
         )
         trace_photons(
@@ -117,12 +121,16 @@ def sample_film(
     sampler: mi.Sampler,
     max_depth: int = -1,
     rr_depth: int = 5,
+    direct: bool = False,
 ) -> FilmSamples:
-    """Visible points of one wavefront of camera rays; the sampler has been seeded for it."""
+    """Visible points of one wavefront of camera rays; the sampler has been seeded for it.
+
+    With ``direct``, the points have had their direct light.
+    """
     ray, weight, position = mi.ad.integrators.common.ADIntegrator.sample_rays(
         None, scene, sensor, sampler
     )
-    points = find_visible_points(scene, sampler, mi.Ray3f(ray), max_depth, rr_depth)
+    points = find_visible_points(scene, sampler, mi.Ray3f(ray), max_depth, rr_depth, direct=direct)
     return FilmSamples(points, weight, position, ray.wavelengths)
 
 
@@ -156,7 +164,9 @@ def propose_radius(
     grid = SpatialHash(photons.p, cell=1e-2 * diagonal, bounds=bounds, far=True, tag=tag)
     start, limit = mi.Float(5e-3 * diagonal), mi.Float(0.2 * diagonal)
     # Behind a thin wall there may be many more.
-    _, distance2 = grid.nearest(x, k, start, limit, lambda record: same_surface(record, n))
+    _, distance2 = grid.nearest(
+        x, k, start, limit, lambda record: same_surface(record, x, n, mi.Float(0))
+    )
     typical2 = float(np.median(distance2[k - 1].numpy()))
     radius = np.sqrt(typical2 * photons_in_disc / k * paths / photons_per_pass)
     return float(np.clip(radius, 1e-4 * diagonal, 5e-2 * diagonal))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -163,7 +163,9 @@ def sample_view(
     width, height = film_size(sensor)
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(pass_seed(seed, t, zlib.crc32(name.encode())), width * height)
-    return sample_film(scene, sensor, sampler, settings.max_depth, settings.rr_depth).points
+    direct = settings.direct == "emitters"
+    film = sample_film(scene, sensor, sampler, settings.max_depth, settings.rr_depth, direct)
+    return film.points
 
 
 def fixed_points(
@@ -178,7 +180,9 @@ def fixed_points(
 
     Only a ``share`` of the pixels, chosen at random, has a valid one.
     """
-    points = sample_view(scene, sensor, name, settings, seed, t=0)
+    # What is learned from them is all of the light, direct light included.
+    whole = replace(settings, direct="photons")
+    points = sample_view(scene, sensor, name, whole, seed, t=0)
     if share < 1:
         rng = np.random.default_rng(pass_seed(seed, 1, zlib.crc32(name.encode())))
         points.valid &= mi.Bool(rng.random(dr.width(points.p)) < share)

@@ -49,6 +49,8 @@ class VisiblePoints:
         light on the glossy surfaces that it met is part of it.
     depth: number of bounces before the hit, (N,).
     valid: whether the ray ended on a diffuse surface, (N,).
+    lit: whether the direct light at the hit is in ``emission`` already, and does not belong to the
+        irradiance, (N,).
     """
 
     p: mi.Point3f
@@ -58,6 +60,7 @@ class VisiblePoints:
     emission: mi.Color3f
     depth: mi.UInt32
     valid: mi.Bool
+    lit: mi.Bool
 
     def radiance(self, irradiance: mi.Color3f) -> mi.Color3f:
         """L = L_e + β ρ/π E, for the irradiance E at the points, W/m²."""

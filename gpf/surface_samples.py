@@ -45,4 +45,5 @@ def sample_surface_points(
         emission=mi.Color3f(0),
         depth=mi.UInt32(0),
         valid=dr.full(mi.Bool, True, count),
+        lit=mi.Bool(False),
     )

@@ -7,30 +7,33 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.progressive import pass_seed
-from gpf.structs import Photons, take, to_numpy
+from gpf.structs import Photons, VisiblePoints, take, to_numpy
 
 # A place keeps up to so many times the share of the photons that it has of the cameras' looks:
 # a caustic is worth more Gaussians than the wall around it, the inside of a lamp is not.
 MOST_PER_LOOK = 8.0
 
 
-def thin_photons(photons: Photons, looks: np.ndarray, width: float, seed: int) -> Photons:
+def thin_photons(
+    photons: Photons, looks: Photons | VisiblePoints, width: float, seed: int
+) -> Photons:
     """Russian roulette on photons that lie where cameras seldom look.
 
     A photon survives with probability ``min(1, MOST_PER_LOOK s_looks / s_photons)``, by the shares
     of all looks and of all photons in its cell of a grid, and its power is divided by it: sums over
-    an area are unbiased.
+    an area are unbiased. Surfaces that face different ways have cells of their own, for the outside
+    of a lamp gets few photons, and needs them.
 
     Parameters
     ----------
-    looks: positions of visible points of cameras, (L, 3).
+    looks: visible points of cameras, (L,).
     width: of the grid's cells, world units.
     """
-    p = to_numpy(photons.p)
-    photon, look = count_in_cells(p, width, p, looks)
-    ratio = (look / len(looks)) / (photon / len(p))
+    p, seen = _places(photons, width), _places(looks, width)
+    photon, look = count_in_cells(p, width, p, seen)
+    ratio = (look / len(seen)) / (photon / len(p))
     # Where no look fell into the cell, half of one might have.
-    least = 0.5 / len(looks) * len(p) / photon
+    least = 0.5 / len(seen) * len(p) / photon
     survival = np.minimum(1, MOST_PER_LOOK * np.maximum(ratio, least))
     rng = np.random.default_rng(pass_seed(seed, 0, stream=10))
     lives = np.flatnonzero(rng.random(len(p)) < survival)
@@ -40,8 +43,16 @@ def thin_photons(photons: Photons, looks: np.ndarray, width: float, seed: int) -
     return kept
 
 
+def _places(points: Photons | VisiblePoints, width: float) -> np.ndarray:
+    """Positions, and as a fourth coordinate which of the six axes the normal is nearest to."""
+    n = to_numpy(points.n)
+    axis = np.abs(n).argmax(axis=1)
+    side = np.take_along_axis(n, axis[:, None], axis=1)[:, 0] > 0
+    return np.column_stack([to_numpy(points.p), (2 * axis + side + 0.5) * width])
+
+
 def count_in_cells(at: np.ndarray, width: float, *sets: np.ndarray) -> list[np.ndarray]:
-    """How many points of each set (N, 3) lie in the grid cell of each point of ``at`` (M, 3)."""
+    """How many points of each set (N, D) lie in the grid cell of each point of ``at`` (M, D)."""
     cells = [np.floor(points / width).astype(np.int64) for points in (at, *sets)]
     lowest = np.min([c.min(axis=0) for c in cells if len(c)], axis=0)
     size = np.max([c.max(axis=0) for c in cells if len(c)], axis=0) - lowest + 1

@@ -5,7 +5,13 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from gpf.materials import diffuse_reflectance, has_diffuse, is_glossy, specular_context
+from gpf.materials import (
+    diffuse_context,
+    diffuse_reflectance,
+    has_diffuse,
+    is_glossy,
+    specular_context,
+)
 from gpf.next_event import direct_light, share_of_bsdf
 from gpf.structs import VisiblePoints
 
@@ -18,6 +24,7 @@ def find_visible_points(
     max_depth: int = -1,
     rr_depth: int = 5,
     active: mi.Bool | bool = True,
+    direct: bool = False,
 ) -> VisiblePoints:
     """Follow rays through glossy and specular bounces to their first diffuse hit.
 
@@ -33,8 +40,10 @@ def find_visible_points(
     max_depth: longest path in edges, as in Mitsuba's ``path``; -1 is no limit. The walk ends after
         ``max_depth`` edges; a visible point needs one more for its light.
     rr_depth: number of bounces after which Russian roulette may end a ray.
+    direct: whether to add the direct light at the visible points as well.
     """
     context = specular_context()
+    diffusely = diffuse_context()
     deepest = dr.opaque(mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF)
     roulette_from = dr.opaque(mi.UInt32, rr_depth)
 
@@ -83,6 +92,11 @@ def find_visible_points(
         ends = diffuse & (sampler.next_1d(active) < share)
         throughput /= dr.select(ends, share, 1 - share)
 
+        lights = ends & mi.Bool(direct)
+        if lights:
+            emission += throughput * direct_light(
+                scene, sampler, diffusely, bsdf, si, lights, shared=False
+            )
         if ends:
             p = mi.Point3f(si.p)
             n = mi.Normal3f(dr.mulsign(si.n, -dr.dot(si.n, ray.d)))
@@ -112,4 +126,5 @@ def find_visible_points(
         emission=emission,
         depth=depth,
         valid=valid,
+        lit=valid & direct,
     )

@@ -130,6 +130,7 @@ def pass_settings(work: Workspace, scene: Any, lookout: Lookout) -> PassSettings
         photons_per_pass=paths,
         initial_radius=radius,
         alpha=section.alpha,
+        direct=section.direct,
         rr_depth=section.rr_depth,
     )
 

@@ -132,13 +132,17 @@ def ask(field: GaussianPhotonField, x: np.ndarray, n: np.ndarray, active=True):
 
 
 def neighbours_of(
-    g: PlainGaussians, settings: FieldSettings, x: np.ndarray, n: np.ndarray
+    g: PlainGaussians, settings: FieldSettings, x: np.ndarray, n: np.ndarray, margin: float = 1
 ) -> tuple[np.ndarray, float]:
-    """The Gaussians that are blended at one point, and the support R of the falloff."""
+    """The Gaussians that are blended at one point, and the support R of the falloff.
+
+    The ball is wider by ``margin`` than what is blended.
+    """
     distance = np.linalg.norm(g.means - x, axis=1)
     if settings.normal_test:
-        distance = np.where(g.normals @ n > np.sqrt(0.5), distance, np.inf)
-    ball = np.flatnonzero(distance <= settings.search_radius)
+        flat = np.abs((g.means - x) @ n) <= 0.5 * np.maximum(settings.search_radius, distance)
+        distance = np.where(flat & (g.normals @ n > np.sqrt(0.5)), distance, np.inf)
+    ball = np.flatnonzero(distance <= margin * settings.search_radius)
     enough = settings.neighbours == "both" and len(ball) > settings.k
     if settings.neighbours == "radius" or enough:
         return ball, settings.search_radius

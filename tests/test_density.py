@@ -17,7 +17,7 @@ from gpf.density import (
     pack_tag,
     radius_at,
     same_surface,
-    unpack_budget,
+    takes_depth,
     unpack_normal,
 )
 from gpf.spatial_hash import SpatialHash
@@ -67,35 +67,50 @@ def to_points(array: np.ndarray) -> mi.Point3f:
     return mi.Point3f(np.ascontiguousarray(array.T, dtype=np.float32))
 
 
-def test_tags_hold_normal_and_budget():
+def depths_taken(tag: mi.Float, depths: list[int]) -> np.ndarray:
+    """Which of the depths count at the points, (N, len(depths))."""
+    return np.stack([np.array(takes_depth(tag, mi.UInt32(d))) for d in depths], axis=1)
+
+
+@pytest.mark.parametrize("lit", [False, True])
+def test_tags_hold_normal_and_budget(lit):
     n = unit_vectors(5120)
-    budget = np.arange(5120) % 256
-    tag = pack_tag(to_normals(n), mi.UInt32(budget.astype(np.uint32)))
+    budget = np.arange(5120) % 128
+    tag = pack_tag(to_normals(n), mi.UInt32(budget.astype(np.uint32)), mi.Bool(lit))
     np.testing.assert_allclose(unpack_normal(tag).numpy().T, n, atol=4e-3)
-    np.testing.assert_array_equal(unpack_budget(tag).numpy(), budget)
+    depths = np.array([0, 1, 2, 50, 126, 127, 1000])
+    expected = (depths <= budget[:, None]) | (budget[:, None] == UNLIMITED)
+    expected[:, 0] &= not lit
+    np.testing.assert_array_equal(depths_taken(tag, depths.tolist()), expected)
 
 
 def test_budgets_saturate():
-    tag = pack_tag(mi.Normal3f(0, 0, 1), mi.UInt32([0, 254, 255, 256, 0xFFFFFFFF]))
-    assert unpack_budget(tag).numpy().tolist() == [0, 254, 255, UNLIMITED, UNLIMITED]
+    tag = pack_tag(mi.Normal3f(0, 0, 1), mi.UInt32([0, 126, 127, 128, 0xFFFFFFFF]))
+    assert depths_taken(tag, [0, 1, 127, 5000]).tolist() == [
+        [True, False, False, False],
+        [True, True, False, False],
+        *[[True] * 4] * 3,
+    ]
 
 
 def test_tags_survive_the_hash():
     """Read as a float, many tags are no numbers; their bits have to arrive all the same."""
     n = unit_vectors(4096, seed=2)
-    budget = np.random.default_rng(3).integers(0, 256, 4096).astype(np.uint32)
-    tag = pack_tag(to_normals(n), mi.UInt32(budget))
+    rng = np.random.default_rng(3)
+    budget, lit = rng.integers(0, 128, 4096).astype(np.uint32), mi.Bool(rng.random(4096) < 0.5)
+    tag = pack_tag(to_normals(n), mi.UInt32(budget), lit)
     assert np.isnan(tag.numpy()).any()
     grid = SpatialHash(to_points(n), cell=0.1, bounds=BOX, tag=tag)
     record = dr.gather(mi.Vector4f, grid.records, grid.slot)
-    np.testing.assert_array_equal(unpack_budget(record.w).numpy(), budget)
+    depths = [0, 1, 30, 100, 126, 127]
+    np.testing.assert_array_equal(depths_taken(record.w, depths), depths_taken(tag, depths))
     np.testing.assert_allclose(unpack_normal(record.w).numpy().T, n, atol=4e-3)
 
 
 def same(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether a record with normal ``a`` and a photon with normal ``b`` lie on one surface."""
     record = mi.Vector4f(0, 0, 0, pack_tag(mi.Normal3f(a.tolist())))
-    return bool(same_surface(record, mi.Normal3f(b.tolist()))[0])
+    return bool(same_surface(record, mi.Point3f(0), mi.Normal3f(b.tolist()), mi.Float(1))[0])
 
 
 @pytest.mark.parametrize(("degrees", "one"), [(0, True), (30, True), (43, True), (47, False)])
@@ -116,6 +131,21 @@ def test_other_sides_and_corners_are_other_surfaces():
         assert not same(n, -n)
         assert not same(n, across)
         assert not same(n, -across)
+
+
+@pytest.mark.parametrize(
+    ("aside", "above", "one"),
+    [(0, 0.49, True), (0, 0.51, False), (0.8, -0.49, True), (0.8, -0.51, False), (4, 1.9, True)],
+)
+def test_inside_and_outside_of_a_thin_tube_are_two_surfaces(aside, above, one):
+    """Where the normals agree: more than half a radius above one another, or too steep a way."""
+    n = np.array([2, 3, 6]) / 7
+    across = np.array([3, -2, 0]) / math.sqrt(13)
+    p = np.array([0.1, 0.2, 0.3])
+    place = p + aside * across + above * n
+    record = mi.Vector4f(*place.tolist(), pack_tag(mi.Normal3f(n.tolist())))
+    p, n = mi.Point3f(p.tolist()), mi.Normal3f(n.tolist())
+    assert bool(same_surface(record, p, n, mi.Float(1))[0]) is one
 
 
 # Normals that are 0°, 30°, 60°, 90° … apart: none near the limit of 45°.
@@ -142,11 +172,17 @@ def rows(*values: object) -> list[np.ndarray]:
     return [np.asarray(v.numpy(), dtype=np.float64).T for v in values]  # type: ignore[attr-defined]
 
 
-def sum_by_hand(x, n, budget, photons, radius, active=None):  # type: ignore[no-untyped-def]
-    """1 / (π r²) Σ Φ_i, one pair at a time in double precision."""
+def sum_by_hand(x, n, budget, photons, radius, active=None, planes="photons"):  # type: ignore[no-untyped-def]
+    """1 / (π r²) Σ Φ_i, one pair at a time in double precision.
+
+    ``planes`` says to whose surface a pair has to be near.
+    """
     p, pn, power, depth = rows(photons.p, photons.n, photons.power, photons.depth)
-    near = ((x[:, None] - p[None]) ** 2).sum(2) <= radius**2
+    d = x[:, None] - p[None]
+    near = (d**2).sum(2) <= radius**2
     near &= n @ pn.T > 0.7
+    normals = pn[None] if planes == "photons" else n[:, None]
+    near &= np.abs((d * normals).sum(2)) <= 0.5 * radius + 1e-9  # many tie
     near &= (depth[None] <= budget[:, None]) | (budget[:, None] == UNLIMITED)
     if active is not None:
         near &= active[None]
@@ -158,7 +194,7 @@ def test_gathered_irradiance_is_the_plain_sum():
     photons = make_photons(6000, seed=6)
     x, n = lattice(rng, 900), NORMALS[rng.integers(0, 6, 900)]
     valid = rng.random(900) < 0.8
-    budget = rng.choice([0, 1, 2, 5, 254, UNLIMITED], 900)
+    budget = rng.choice([0, 1, 2, 5, 126, UNLIMITED], 900)
     active = rng.random(6000) < 0.9
     radius = 20 * STEP
     gatherer = IrradianceGatherer(
@@ -197,7 +233,7 @@ def test_a_photon_deeper_than_any_budget_counts_where_there_is_none():
     photons = Photons(
         mi.Point3f(0), mi.Normal3f(0, 0, 1), mi.Color3f(1, 2, 3), mi.UInt32([255, 256, 100_000])
     )
-    for budget, expected in ((UNLIMITED, 3), (254, 0)):
+    for budget, expected in ((UNLIMITED, 3), (126, 0)):
         gatherer = IrradianceGatherer(
             mi.Point3f([0, 0.5], 0, 0),
             mi.Normal3f(0, 0, 1),
@@ -239,7 +275,7 @@ def test_estimate_at_the_photons_is_the_plain_sum():
     photons = make_photons(3000, seed=12)
     radius = 20 * STEP
     p, n = rows(photons.p, photons.n)
-    expected, near = sum_by_hand(p, n, np.full(3000, UNLIMITED), photons, radius)
+    expected, near = sum_by_hand(p, n, np.full(3000, UNLIMITED), photons, radius, planes="points")
     assert near.diagonal().all() and near.sum(1).mean() > 3
     e = estimate_irradiance(photons, radius, BOX).numpy().T
     np.testing.assert_allclose(e, expected, rtol=1e-5, atol=1e-5)

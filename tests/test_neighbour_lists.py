@@ -38,8 +38,8 @@ def plain_rows(g, settings, x, n) -> tuple[list[set[int]], np.ndarray]:
     for point, normal in zip(x, n, strict=True):
         indices, support = neighbours_of(g, settings, point, normal)
         if support == settings.search_radius:
-            wide = replace(settings, search_radius=support * LIST_MARGIN, neighbours="radius")
-            indices, _ = neighbours_of(g, wide, point, normal)
+            wide = replace(settings, neighbours="radius")
+            indices, _ = neighbours_of(g, wide, point, normal, LIST_MARGIN)
         rows.append(set(indices.tolist()))
         supports.append(support)
     return rows, np.array(supports)
@@ -49,7 +49,7 @@ def plain_rows(g, settings, x, n) -> tuple[list[set[int]], np.ndarray]:
 @pytest.mark.parametrize("normal_test", [True, False])
 def test_lists_are_those_of_the_plain_twin(neighbours, normal_test):
     rng = np.random.default_rng(8)
-    g = random_gaussians(rng, 200)
+    g = random_gaussians(rng, 400)
     settings = FieldSettings(0.4, k=3, neighbours=neighbours, normal_test=normal_test)
     x = rng.uniform(LOWER, UPPER, (150, 3)).astype(np.float32).astype(float)
     n = random_normals(rng, 150)

@@ -246,5 +246,6 @@ def test_settings_as_json():
         "alpha": 0.7,
         "max_depth": -1,
         "rr_depth": 5,
+        "direct": "photons",
         "seed": 7,
     }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -40,7 +42,7 @@ def compare(
     block: int = 4,
     bias: float = 0.01,
     truth: Scene = PATH,
-    **options: float,
+    **options: Any,
 ) -> None:
     """Compare away from edges, where the kernel is biased by design: it finds less than a disc.
 
@@ -99,12 +101,18 @@ LIGHTS = {
 }
 
 
+DIRECT = pytest.mark.parametrize("direct", ["photons", "emitters"])
+
+
+@DIRECT
 @pytest.mark.parametrize("kind", LIGHTS)
-def test_a_wall_lit_by_each_kind_of_emitter(kind):
+def test_a_wall_lit_by_each_kind_of_emitter(kind, direct):
     light = LIGHTS[kind]
     if kind == "envmap":
         light = light | {"bitmap": mi.Bitmap(SKY)}
-    compare(lit_floor(light), mean=0.01, radius=0.1)
+    # Photons have nothing to do here where direct light does not come from them.
+    passes, photons = (12, 100_000) if direct == "photons" else (36, 1000)
+    compare(lit_floor(light), passes, mean=0.01, radius=0.1, photons=photons, direct=direct)
 
 
 def lit_floor(light: Scene) -> Scene:
@@ -159,12 +167,23 @@ SHEETS = {
 }
 
 
+@DIRECT
 @pytest.mark.parametrize("kind", FLOORS)
-def test_floors_of_every_material(kind):
+def test_floors_of_every_material(kind, direct):
     # What a normal map reflects onwards is a matter of its own, see below.
     truth = PATH | {"max_depth": 2} if kind == "normal map" else PATH
     glossy = kind in ("rough conductor", "blend")  # one direction per sample: noise of its own
-    compare(studio(FLOORS[kind]), radius=0.05, mean=0.01 if glossy else 5e-3, truth=truth)
+    passes, photons = (12, 100_000) if direct == "photons" else (48, 25_000)
+    mean = 0.01 if glossy else 5e-3
+    compare(
+        studio(FLOORS[kind]),
+        passes,
+        radius=0.05,
+        mean=mean,
+        truth=truth,
+        photons=photons,
+        direct=direct,
+    )
 
 
 def smooth_floor(bsdf: Scene) -> mi.Mesh:
@@ -192,15 +211,17 @@ def test_light_that_a_normal_map_reflects_onwards():
     compare(studio(FLOORS["normal map"]), radius=0.05)
 
 
+@DIRECT
 @pytest.mark.parametrize("kind", SHEETS)
-def test_sheets_that_let_light_through(kind):
+def test_sheets_that_let_light_through(kind, direct):
     """A sheet over half of the floor: seen through it, lit through it, in its shadow.
 
     For masks, Mitsuba's ``path`` (3.9) counts the opacity twice, ``prb`` once.
     """
     sheet = rectangle((0.4, 0.2, 0.4), (0.4, 0.2, 0), 1.0, 1.2, SHEETS[kind])
     truth = PATH | {"type": "prb"} if kind == "mask" else PATH
-    compare(studio(WHITE, sheet=sheet), radius=0.05, mean=0.01, truth=truth)
+    passes = 12 if direct == "photons" else 48
+    compare(studio(WHITE, sheet=sheet), passes, radius=0.05, mean=0.01, truth=truth, direct=direct)
 
 
 def test_principled_materials_are_right_or_refused():

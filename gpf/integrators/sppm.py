@@ -43,9 +43,13 @@ def define() -> type:
          * - rr_depth
            - |int|
            - Interactions before Russian roulette starts. (Default: 5)
+         * - direct
+           - |string|
+           - Where light straight from the emitters comes from: ``photons``, like all other light,
+             or a sample of the ``emitters`` at each visible point, which has less noise and sharp
+             shadows. Caustics are made of photons either way. (Default: photons)
 
-        All light that reaches a diffuse surface comes from photons, direct light included. Camera
-        rays go through glossy and specular bounces and end at the first diffuse hit. The
+        Camera rays go through glossy and specular bounces and end at the first diffuse hit. The
         estimate is consistent: its bias vanishes with the radius as passes accumulate.
 
         Left out on purpose: participating media, polarisation, derivatives, and spectral
@@ -74,6 +78,9 @@ def define() -> type:
                 )
             if not (is_number(self.alpha) and 0 < self.alpha < 1):
                 raise ValueError(f'"alpha" is {self.alpha!r}; give a number between 0 and 1.')
+            self.direct = props.get("direct", "photons")
+            if self.direct not in ("photons", "emitters"):
+                raise ValueError(f'"direct" is {self.direct!r}; choose "photons" or "emitters".')
 
         def settings(self, scene: mi.Scene, sensor: mi.Sensor, seed: int) -> PassSettings:
             """Settings of all passes, with the automatic radius measured where it is asked for."""
@@ -84,7 +91,12 @@ def define() -> type:
                 dr.eval(film)
                 radius = propose_radius(scene, film.points, self.photons_per_pass, seed)
             return PassSettings(
-                self.photons_per_pass, radius, self.alpha, self.depth_limit, self.rr_depth
+                self.photons_per_pass,
+                radius,
+                self.alpha,
+                self.depth_limit,
+                self.rr_depth,
+                self.direct,
             )
 
         def render(
@@ -108,7 +120,14 @@ def define() -> type:
                     if t == 1:
                         block = film.create_block()
                         block.set_coalesce(False)
-                    samples = sample_film(scene, sensor, sampler, self.depth_limit, self.rr_depth)
+                    samples = sample_film(
+                        scene,
+                        sensor,
+                        sampler,
+                        self.depth_limit,
+                        self.rr_depth,
+                        direct=self.direct == "emitters",
+                    )
                     # Or every kernel that needs the points would walk to them again.
                     dr.eval(samples)
                     irradiance = passes.irradiance(samples.points, t)
