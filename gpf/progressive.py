@@ -19,7 +19,6 @@ from gpf.emission import Source, emit_light, power_unit
 from gpf.photon_tracing import record_photons, trace_photons
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import VisiblePoints, scene_bounds
-from gpf.visible_points import find_visible_points
 
 
 @dataclass(frozen=True)
@@ -95,43 +94,6 @@ class PhotonPasses:
             source=self.source,
         )
         return gatherer.irradiance()
-
-
-@dataclass
-class FilmSamples:
-    """One visible point per film sample, and where on the film it belongs.
-
-    Attributes
-    ----------
-    points: visible points, (N,), pixel by pixel, x fastest.
-    weight: importance of the ray, (N, 3).
-    position: film position in pixels, (N, 2).
-    wavelengths: of the ray; empty in RGB variants.
-    """
-
-    points: VisiblePoints
-    weight: mi.Color3f
-    position: mi.Vector2f
-    wavelengths: Any
-
-
-def sample_film(
-    scene: mi.Scene,
-    sensor: mi.Sensor,
-    sampler: mi.Sampler,
-    max_depth: int = -1,
-    rr_depth: int = 5,
-    direct: bool = False,
-) -> FilmSamples:
-    """Visible points of one wavefront of camera rays; the sampler has been seeded for it.
-
-    With ``direct``, the points have had their direct light.
-    """
-    ray, weight, position = mi.ad.integrators.common.ADIntegrator.sample_rays(
-        None, scene, sensor, sampler
-    )
-    points = find_visible_points(scene, sampler, mi.Ray3f(ray), max_depth, rr_depth, direct=direct)
-    return FilmSamples(points, weight, position, ray.wavelengths)
 
 
 def propose_radius(

@@ -12,8 +12,9 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.emission import Source, emit_light
+from gpf.film import sample_film
 from gpf.pass_sums import PassSums
-from gpf.progressive import PassSettings, PhotonPasses, pass_seed, sample_film
+from gpf.progressive import PassSettings, PhotonPasses, pass_seed
 from gpf.structs import VisiblePoints, concatenate, take, to_numpy
 
 

@@ -10,7 +10,8 @@ import mitsuba as mi
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gpf.progressive import PassSettings, PhotonPasses, sample_film
+from gpf.film import sample_film
+from gpf.progressive import PassSettings, PhotonPasses
 from gpf.structs import VisiblePoints, concatenate, to_numpy
 from gpf.views import View, make_sensor
 

@@ -21,10 +21,11 @@ import numpy as np
 from gpf.artifacts import read_tensors, write_tensors
 from gpf.emission import Source
 from gpf.errors import UserError
+from gpf.film import sample_film
 from gpf.images import check_finite, read_exr, write_exr
 from gpf.pass_parts import PassParts
 from gpf.photon_map import collect_photons
-from gpf.progressive import PassSettings, pass_seed, propose_radius, sample_film
+from gpf.progressive import PassSettings, pass_seed, propose_radius
 from gpf.reference import ReferenceRenderer, fixed_points, settings_record
 from gpf.structs import VisiblePoints, scene_bounds, to_numpy
 from gpf.supervision import Targets

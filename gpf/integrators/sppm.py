@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from gpf.film import FilmSamples, reconstruct, sample_film, sample_grid
 from gpf.integrators.properties import is_number, read_depths, whole_number
 from gpf.materials import require_separable
-from gpf.progressive import PassSettings, PhotonPasses, pass_seed, propose_radius, sample_film
+from gpf.progressive import PassSettings, PhotonPasses, pass_seed, propose_radius
+from gpf.structs import concatenate
+
+# So many visible points are gathered at a time; of larger films, bands of rows: they take some
+# 300 bytes each.
+MOST_POINTS = 1 << 20
+
+
+def split_rows(film: mi.Film) -> Iterator[range]:
+    """Rows of a film's samples in bands of at most :data:`MOST_POINTS` samples."""
+    width, height = sample_grid(film)
+    rows = max(1, MOST_POINTS // width)
+    for first in range(0, height, rows):
+        yield range(first, min(first + rows, height))
 
 
 def define() -> type:
@@ -50,7 +65,8 @@ def define() -> type:
              shadows. Caustics are made of photons either way. (Default: photons)
 
         Camera rays go through glossy and specular bounces and end at the first diffuse hit. The
-        estimate is consistent: its bias vanishes with the radius as passes accumulate.
+        estimate is consistent: its bias vanishes with the radius as passes accumulate. One seed gives
+        one image, bit for bit, on any number of threads.
 
         Left out on purpose: participating media, polarisation, derivatives, and spectral
         variants.
@@ -82,23 +98,6 @@ def define() -> type:
             if self.direct not in ("photons", "emitters"):
                 raise ValueError(f'"direct" is {self.direct!r}; choose "photons" or "emitters".')
 
-        def settings(self, scene: mi.Scene, sensor: mi.Sensor, seed: int) -> PassSettings:
-            """Settings of all passes, with the automatic radius measured where it is asked for."""
-            radius = self.initial_radius
-            if radius == 0:
-                sampler, _ = self.prepare(sensor, pass_seed(seed, 0, stream=1), 1, [])
-                film = sample_film(scene, sensor, sampler, self.depth_limit, self.rr_depth)
-                dr.eval(film)
-                radius = propose_radius(scene, film.points, self.photons_per_pass, seed)
-            return PassSettings(
-                self.photons_per_pass,
-                radius,
-                self.alpha,
-                self.depth_limit,
-                self.rr_depth,
-                self.direct,
-            )
-
         def render(
             self,
             scene: mi.Scene,
@@ -113,38 +112,65 @@ def define() -> type:
             require_separable(scene)
             seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
             film = sensor.film()
+            film.prepare([])
             with dr.suspend_grad():
                 passes = PhotonPasses(scene, self.settings(scene, sensor, seed), seed)
+                total: Any = 0
                 for t in range(1, (spp or self.passes) + 1):
-                    sampler, _ = self.prepare(sensor, pass_seed(seed, t, stream=1), 1, [])
-                    if t == 1:
-                        block = film.create_block()
-                        block.set_coalesce(False)
-                    samples = sample_film(
-                        scene,
-                        sensor,
-                        sampler,
-                        self.depth_limit,
-                        self.rr_depth,
-                        direct=self.direct == "emitters",
-                    )
-                    # Or every kernel that needs the points would walk to them again.
-                    dr.eval(samples)
-                    irradiance = passes.irradiance(samples.points, t)
-                    mi.ad.integrators.common.ADIntegrator._splat_to_block(
-                        block,
-                        film,
-                        samples.position,
-                        value=samples.points.radiance(irradiance) * samples.weight,
-                        weight=1.0,
-                        alpha=dr.select(samples.points.valid, mi.Float(1), mi.Float(0)),
-                        aovs=[],
-                        wavelengths=samples.wavelengths,
-                    )
+                    total += self._render_pass(sensor, passes, t)
                     # One launch per pass: memory stays that of one pass.
-                    dr.eval(block.tensor())
-                film.put_block(block)
+                    dr.eval(total)
+                offset = mi.ScalarPoint2i(film.crop_offset())
+                film.put_block(mi.ImageBlock(total, offset, border=False))
                 return film.develop() if develop else None
+
+        def settings(self, scene: mi.Scene, sensor: mi.Sensor, seed: int) -> PassSettings:
+            """Settings of all passes, with the automatic radius measured where it is asked for."""
+            radius = self.initial_radius
+            if radius == 0:
+                rows = next(split_rows(sensor.film()))
+                points = self._sample(scene, sensor, pass_seed(seed, 0, stream=1), rows).points
+                radius = propose_radius(scene, points, self.photons_per_pass, seed)
+            return PassSettings(
+                self.photons_per_pass,
+                radius,
+                self.alpha,
+                self.depth_limit,
+                self.rr_depth,
+                self.direct,
+            )
+
+        def _render_pass(self, sensor: mi.Sensor, passes: PhotonPasses, t: int) -> mi.TensorXf:
+            """What pass ``t`` adds to the film's pixels, (H, W, C)."""
+            parts = []
+            for number, rows in enumerate(split_rows(sensor.film())):
+                stream = pass_seed(passes.seed, t, stream=1 if number == 0 else 1000 + number)
+                samples = self._sample(passes.scene, sensor, stream, rows)
+                irradiance = passes.irradiance(samples.points, t)
+                radiance = samples.points.radiance(irradiance) * samples.weight
+                alpha = dr.select(samples.points.valid, mi.Float(1), 0)
+                dr.eval(radiance, alpha)
+                parts.append((samples.position, radiance, alpha))
+            whole = (
+                parts[0] if len(parts) == 1 else [concatenate(p) for p in zip(*parts, strict=True)]
+            )
+            return reconstruct(sensor.film(), *whole)
+
+        def _sample(
+            self, scene: mi.Scene, sensor: mi.Sensor, seed: int, rows: range
+        ) -> FilmSamples:
+            """Visible points of one ray per pixel of some rows."""
+            sampler = sensor.sampler().clone()
+            sampler.set_sample_count(1)
+            sampler.set_samples_per_wavefront(1)
+            sampler.seed(seed, sample_grid(sensor.film())[0] * len(rows))
+            direct = self.direct == "emitters"
+            samples = sample_film(
+                scene, sensor, sampler, self.depth_limit, self.rr_depth, direct, rows
+            )
+            # Or every kernel that needs the points would walk to them again.
+            dr.eval(samples)
+            return samples
 
         def to_string(self) -> str:
             return (
