@@ -54,6 +54,16 @@ class Runtime(_Section):
     variant: Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb"] = "auto"
 
 
+class Cluster(_Section):
+    """Where ``executor: ray`` finds its workers (:mod:`stages.cluster`)."""
+
+    address: str = ""
+    workers: Count = 2
+    threads: Annotated[int, Field(ge=0)] = 1
+    passes_per_task: Count = 10
+    retries: Annotated[int, Field(ge=0)] = 3
+
+
 class Film(_Section):
     """Size of all images; the width follows from the scene's aspect."""
 
@@ -165,6 +175,8 @@ class Params(_Section):
     runtime: Runtime = Runtime()
     film: Film = Film()
     outlook: OutlookSection = OutlookSection()
+    executor: Literal["local", "ray"] = "local"
+    cluster: Cluster = Cluster()
     reference: Reference = Reference()
     photons: Photons = Photons()
     field: FieldSection = FieldSection()

@@ -62,7 +62,7 @@ class LongSum:
         with progress_bar(title, len(wanted)) as bar:
             bar(done)
             total = self.merge() if todo and todo[0].start > 0 else self.renderer.empty_sums()
-            watch = _Watch(self, total, bar.describe)
+            watch = Watch(self, total, bar.describe)
             for part in todo:
                 if self._is_good_enough(total):
                     break
@@ -76,13 +76,13 @@ class LongSum:
                         watch.look()
                         late = time.monotonic() - saved > section.checkpoint_seconds
                         if late and t + 1 < part.stop:
-                            self._keep(range(part.start, t + 1), self.costs.so_far(self.group))
+                            self.keep(range(part.start, t + 1), self.costs.so_far(self.group))
                             saved = time.monotonic()
-                self._keep(part, self.costs.parts[self.group])
+                self.keep(part, self.costs.parts[self.group])
                 total.add_tensors(self.renderer.sums.tensors(), self.renderer.sums.passes)
         self.costs.parts.pop(self.group, None)
 
-    def _keep(self, part: range, costs: Mapping[str, float]) -> None:
+    def keep(self, part: range, costs: Mapping[str, float]) -> None:
         """Write the sums of a part, unless they hold what can't be mended by further passes."""
         renderer = self.renderer
         for name in renderer.sensors:
@@ -143,7 +143,7 @@ class LongSum:
         return sums.passes >= CHECK_EVERY and self.ceiling(sums) >= target
 
 
-class _Watch:
+class Watch:
     """Shows, every few seconds, what the images look like and how much noise is left."""
 
     def __init__(self, long_sum: LongSum, total: PassSums, describe: Callable[[str], None]) -> None:

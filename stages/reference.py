@@ -52,7 +52,7 @@ EQUAL_PATHS = 50_000
 
 
 @dataclass(frozen=True)
-class _Job:
+class Job:
     """What all groups of one run have in common."""
 
     work: Workspace
@@ -61,6 +61,27 @@ class _Job:
     settings: PassSettings
     costs: CostMeter
 
+    @classmethod
+    def open(cls, scene_name: str) -> Job:
+        """Load the scene, and measure what is automatic."""
+        work = Workspace.open(scene_name)
+        scene = work.load_scene()
+        costs = CostMeter.load(work.cost("reference"))
+        costs.parts.pop("radius", None)
+        with costs.measure("radius"):
+            lookout = Lookout.open(work, scene)
+            settings = pass_settings(work, scene, lookout)
+        return cls(work, scene, lookout, settings, costs)
+
+
+@dataclass(frozen=True)
+class GroupRequest:
+    """What is to be rendered of a group: the views with these names, and surface samples or not."""
+
+    group: str
+    views: tuple[str, ...]
+    surfaces: bool
+
 
 def render_references(scene_name: str, passes: str | None = None) -> None:
     """Render what is missing of the references, the ceiling and the targets.
@@ -68,14 +89,8 @@ def render_references(scene_name: str, passes: str | None = None) -> None:
     ``passes``, written ``FIRST:LAST``, limits that to a range of passes, which other runs or other
     machines complete; files are written once all passes are there.
     """
-    work = Workspace.open(scene_name)
-    scene = work.load_scene()
-    costs = CostMeter.load(work.cost("reference"))
-    costs.parts.pop("radius", None)
-    with costs.measure("radius"):
-        lookout = Lookout.open(work, scene)
-        settings = pass_settings(work, scene, lookout)
-    job = _Job(work, scene, lookout, settings, costs)
+    job = Job.open(scene_name)
+    work, costs = job.work, job.costs
     wanted = _parse_range(passes, work.params.reference.passes) if passes else None
     rendered = [_render_group(job, group, wanted) for group in GROUPS]
     if None in rendered:
@@ -90,7 +105,7 @@ def render_references(scene_name: str, passes: str | None = None) -> None:
         costs.parts.pop("probe", None)
         with costs.measure("probe"):
             costs.facts |= _time_passes(job)
-    costs.facts |= settings_record(settings, work.params.reference.seed) | lookout.facts()
+    costs.facts |= settings_record(job.settings, work.params.reference.seed) | job.lookout.facts()
     costs.write(work.cost("reference"))
 
 
@@ -136,7 +151,7 @@ def pass_settings(work: Workspace, scene: Any, lookout: Lookout) -> PassSettings
     )
 
 
-def _time_passes(job: _Job) -> dict[str, float]:
+def _time_passes(job: Job) -> dict[str, float]:
     """What a pass costs for one view's image alone, and for the field's targets alone.
 
     The stage's own passes serve both at once, and several views.
@@ -169,7 +184,7 @@ def _seconds_per_pass(renderer: ReferenceRenderer, passes: int, samples: int = 1
 
 
 def _target_points(
-    job: _Job, views: Sequence[View], share: float, surfaces: bool, seed: int
+    job: Job, views: Sequence[View], share: float, surfaces: bool, seed: int
 ) -> dict[str, VisiblePoints]:
     """Fixed points of views, and samples of the surfaces where they are asked for."""
     work, scene, settings = job.work, job.scene, job.settings
@@ -199,49 +214,74 @@ def _measure_radius(work: Workspace, scene: Any, paths: int, source: Source) -> 
     return propose_radius(scene, film.points, paths, section.seed, source=source)
 
 
-def _render_group(job: _Job, group: str, wanted: range | None) -> bool | None:
+def _render_group(job: Job, group: str, wanted: range | None) -> bool | None:
     """Render what is missing of a group; whether anything was. None: passes are still missing."""
-    work, section = job.work, job.work.params.reference
-    seed = pass_seed(section.seed, 0, stream=100 + GROUPS.index(group))
+    work = job.work
+    record = _record(job, group)
     views = work.views.train if group == "train" else work.views.novel
-    share, imaged = 1.0, [view.name for view in views]
-    if group == "train":
-        share, imaged = _share(work), imaged[: section.training_images]
-    record = group_record(work, group, job.settings, seed, share, imaged)
     missing = [view for view in views if not is_current(work, group, view, record)]
-    surfaces = group == "train" and section.surface_points > 0
+    surfaces = group == "train" and work.params.reference.surface_points > 0
     surfaces_missing = surfaces and not has_surfaces(work, record)
     if missing or surfaces_missing:
-        points = {}
-        if group == "train":
-            job.costs.parts.pop("points", None)
-            with job.costs.measure("points"):
-                points = _target_points(job, missing, share, surfaces_missing, seed)
-        elif group == "novel":
-            points = _target_points(job, missing, share, False, seed)
-        sensors = {view.name: work.sensor(view) for view in missing if view.name in imaged}
-        source = job.lookout.source
-        renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, seed, source)
-        fingerprint = {
-            **{key: value for key, value in record.items() if key != "passes"},
-            "views": [view.model_dump(mode="json") for view in missing],
-            "points": {name: dr.width(points.p) for name, points in renderer.points.items()},
-            "training": [view.model_dump(mode="json") for view in work.views.train],
-        }
-        parts = PassParts(work.parts("reference", group), fingerprint, "reference")
-        for other in parts.others():
+        request = GroupRequest(group, tuple(view.name for view in missing), surfaces_missing)
+        passes = open_group(job, request)
+        for other in passes.parts.others():
             console.print(
-                f"{parts.parent / other}: passes of other parameters or code; left alone",
+                f"{passes.parts.parent / other}: passes of other parameters or code; left alone",
                 highlight=False,
             )
-        passes = LongSum(work, group, renderer, parts, job.costs)
-        passes.render(range(section.passes) if wanted is None else wanted)
+        wanted = range(passes.passes) if wanted is None else wanted
+        if work.params.executor == "ray":
+            # Here alone: Ray is optional, and slow to import.
+            from stages.cluster import render_on_cluster
+
+            render_on_cluster(passes, request, wanted)
+        else:
+            passes.render(wanted)
         if not passes.is_complete():
             return None
         _write_group(passes, missing, record)
     if group == "train":
         _collect_targets(work, views, surfaces)
     return bool(missing or surfaces_missing)
+
+
+def _record(job: Job, group: str) -> dict[str, Any]:
+    work, section = job.work, job.work.params.reference
+    views = work.views.train if group == "train" else work.views.novel
+    share, imaged = 1.0, [view.name for view in views]
+    if group == "train":
+        share, imaged = _share(work), imaged[: section.training_images]
+    return group_record(work, group, job.settings, _group_seed(job, group), share, imaged)
+
+
+def _group_seed(job: Job, group: str) -> int:
+    return pass_seed(job.work.params.reference.seed, 0, stream=100 + GROUPS.index(group))
+
+
+def open_group(job: Job, request: GroupRequest) -> LongSum:
+    """The passes of a group: what renders them, and the parts that are done."""
+    work, group = job.work, request.group
+    record, seed = _record(job, group), _group_seed(job, group)
+    views = [v for v in (*work.views.train, *work.views.novel) if v.name in request.views]
+    points = {}
+    if group == "train":
+        job.costs.parts.pop("points", None)
+        with job.costs.measure("points"):
+            points = _target_points(job, views, record["share"], request.surfaces, seed)
+    elif group == "novel":
+        points = _target_points(job, views, record["share"], False, seed)
+    sensors = {view.name: work.sensor(view) for view in views if view.name in record["imaged"]}
+    source = job.lookout.source
+    renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, seed, source)
+    fingerprint = {
+        **{key: value for key, value in record.items() if key != "passes"},
+        "views": [view.model_dump(mode="json") for view in views],
+        "points": {name: dr.width(points.p) for name, points in renderer.points.items()},
+        "training": [view.model_dump(mode="json") for view in work.views.train],
+    }
+    parts = PassParts(work.parts("reference", group), fingerprint, "reference")
+    return LongSum(work, group, renderer, parts, job.costs)
 
 
 def _share(work: Workspace) -> float:

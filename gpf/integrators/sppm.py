@@ -65,8 +65,8 @@ def define() -> type:
              shadows. Caustics are made of photons either way. (Default: photons)
 
         Camera rays go through glossy and specular bounces and end at the first diffuse hit. The
-        estimate is consistent: its bias vanishes with the radius as passes accumulate. One seed gives
-        one image, bit for bit, on any number of threads.
+        estimate is consistent: its bias vanishes with the radius as passes accumulate. One seed
+        gives one image, bit for bit, on any number of threads.
 
         Left out on purpose: participating media, polarisation, derivatives, and spectral
         variants.
