@@ -88,6 +88,7 @@ class Reference(_Section):
     initial_radius: Length = "auto"
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.7
     direct: Literal["photons", "emitters"] = "photons"
+    glossy_walks: Count = 8
     rr_depth: Count = 5
     view_points: Count = 200_000
     surface_points: Annotated[int, Field(ge=0)] = 300_000
@@ -151,6 +152,7 @@ class Render(_Section):
     """Rendering novel views from the field (:mod:`gpf.integrators.gpf`)."""
 
     spp: Count = 64
+    glossy_walks: Count = 8
     sampler: Literal["independent", "stratified", "multijitter", "ldsampler"] = "multijitter"
     rr_depth: Count = 5
     seed: Seed = 4

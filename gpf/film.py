@@ -9,24 +9,46 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from gpf.structs import VisiblePoints
+from gpf.materials import is_only_glossy
+from gpf.structs import VisiblePoints, concatenate
 from gpf.visible_points import find_visible_points
 
 
 @dataclass
 class FilmSamples:
-    """One visible point per film sample, and where on the film it belongs.
+    """What one camera ray per pixel found, and where on the film it belongs.
+
+    A ray that meets a glossy surface first is followed on several walks, for it may go anywhere.
 
     Attributes
     ----------
-    points: visible points, (N,), pixel by pixel, x fastest.
-    weight: importance of the ray, (N, 3).
-    position: film position in pixels, (N, 2).
+    points: visible points, (N + (K - 1) G,): of N rays, pixel by pixel, x fastest; then the further
+        walks of the G rays that have K.
+    weight: importance of the rays, (N, 3).
+    position: film position of the rays, pixels, (N, 2).
+    split: which rays have K walks, (G,).
+    walks: K.
     """
 
     points: VisiblePoints
     weight: mi.Color3f
     position: mi.Point2f
+    split: mi.UInt32
+    walks: int
+
+    def merge(self, radiance: mi.Color3f) -> mi.Color3f:
+        """Mean radiance of each ray's walks, (N, 3), from that of all walks."""
+        rays, extra = dr.width(self.position), dr.width(self.split)
+        if extra == 0 or self.walks == 1:
+            return radiance
+        lanes = dr.arange(mi.UInt32, extra)
+        total = dr.gather(mi.Color3f, radiance, self.split)
+        for k in range(self.walks - 1):
+            first = dr.opaque(mi.UInt32, rays + k * extra)
+            total += dr.gather(mi.Color3f, radiance, lanes + first)
+        merged = dr.gather(mi.Color3f, radiance, dr.arange(mi.UInt32, rays))
+        dr.scatter(merged, total / self.walks, self.split)
+        return merged
 
 
 def sample_grid(film: mi.Film) -> tuple[int, int]:
@@ -39,27 +61,57 @@ def sample_grid(film: mi.Film) -> tuple[int, int]:
 def sample_film(
     scene: mi.Scene,
     sensor: mi.Sensor,
-    sampler: mi.Sampler,
+    seed: int,
     max_depth: int = -1,
     rr_depth: int = 5,
     direct: bool = False,
+    walks: int = 1,
     rows: range | None = None,
 ) -> FilmSamples:
-    """Visible points of one camera ray in each pixel of some rows, or of all.
+    """Follow one camera ray in each pixel of some rows, or of all, to its visible point.
 
-    The sampler has been seeded for as many lanes. With ``direct``, the points have had their
-    direct light.
+    With ``direct``, the points have had their direct light. ``walks`` is K for rays that meet a
+    surface which is only glossy first; a scene without one should have 1.
     """
+    width, height = sample_grid(sensor.film())
+    rows = rows or range(height)
+    sampler = mi.load_dict({"type": "independent", "sample_count": 1})
+    sampler.seed(seed, width * len(rows))
     ray, weight, position = _sample_rays(sensor, sampler, rows)
-    points = find_visible_points(scene, sampler, mi.Ray3f(ray), max_depth, rr_depth, direct=direct)
-    return FilmSamples(points, weight, position)
+    ray = mi.Ray3f(ray)
+    options = {"max_depth": max_depth, "rr_depth": rr_depth, "direct": direct}
+    points = find_visible_points(scene, sampler, ray, **options)
+    samples = FilmSamples(points, weight, position, mi.UInt32(), 1)
+    if walks > 1:
+        dr.eval(samples, ray)
+        samples.split = find_gloss(scene, ray)
+        samples.walks = walks
+        extra = (walks - 1) * dr.width(samples.split)
+        if extra > 0:
+            lane = dr.arange(mi.UInt32, extra) % dr.opaque(mi.UInt32, dr.width(samples.split))
+            again = dr.gather(mi.Ray3f, ray, dr.gather(mi.UInt32, samples.split, lane))
+            # Any seed but that of the first walks.
+            sampler.seed((seed + 1) % 2**32, extra)
+            further = find_visible_points(scene, sampler, again, **options)
+            samples.points = concatenate([points, further])
+    return samples
 
 
-def _sample_rays(sensor: mi.Sensor, sampler: mi.Sampler, rows: range | None) -> tuple[Any, ...]:
+def find_gloss(scene: mi.Scene, ray: mi.Ray3f) -> mi.UInt32:
+    """Which rays meet a surface first that is glossy and nothing else."""
+    return dr.compress(meets_gloss(scene, ray, mi.Bool(True)))
+
+
+def meets_gloss(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.Bool:
+    """Whether a ray meets a surface first that is glossy and nothing else, (N,)."""
+    si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=True, active=active)
+    return active & si.is_valid() & is_only_glossy(si.bsdf())
+
+
+def _sample_rays(sensor: mi.Sensor, sampler: mi.Sampler, rows: range) -> tuple[Any, ...]:
     """As Mitsuba's ``sample_rays`` does for a whole film: rays, weights and positions."""
     film = sensor.film()
-    width, height = sample_grid(film)
-    rows = rows or range(height)
+    width, _ = sample_grid(film)
     border = (width - int(film.crop_size()[0])) // 2
     index = dr.arange(mi.UInt32, width * len(rows))
     y = index // dr.opaque(mi.UInt32, width)

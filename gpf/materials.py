@@ -63,6 +63,19 @@ def is_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
     return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Glossy)
 
 
+def has_gloss(scene: mi.Scene) -> bool:
+    """Whether any surface of the scene is glossy and nothing else (:func:`is_only_glossy`)."""
+    objects = mi.traverse(scene).hierarchy
+    kinds = [int(o.flags()) for o in objects if isinstance(o, mi.BSDF)]
+    gloss, diffuse = int(mi.BSDFFlags.Glossy), int(mi.BSDFFlags.Diffuse)
+    return any(flags & gloss and not flags & diffuse for flags in kinds)
+
+
+def is_only_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
+    """Whether the surface spreads light without a diffuse component, (N,)."""
+    return is_glossy(bsdf) & ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
+
+
 def diffuse_reflectance(
     bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, active: mi.Bool
 ) -> mi.Color3f:

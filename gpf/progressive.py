@@ -34,6 +34,8 @@ class PassSettings:
     rr_depth: interactions before Russian roulette.
     direct: where light straight from the emitters comes from at what views see: the ``photons``,
         like all other light, or a sample of the ``emitters``.
+    glossy_walks: camera walks of a sample that meets a glossy surface first; see
+        :class:`gpf.film.FilmSamples`.
     """
 
     photons_per_pass: int = 100_000
@@ -42,6 +44,7 @@ class PassSettings:
     max_depth: int = -1
     rr_depth: int = 5
     direct: Literal["photons", "emitters"] = "photons"
+    glossy_walks: int = 8
 
 
 def pass_seed(seed: int, t: int, stream: int) -> int:

@@ -12,7 +12,8 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.emission import Source, emit_light
-from gpf.film import sample_film
+from gpf.film import FilmSamples, sample_film
+from gpf.materials import has_gloss
 from gpf.pass_sums import PassSums
 from gpf.progressive import PassSettings, PhotonPasses, pass_seed
 from gpf.structs import VisiblePoints, concatenate, take, to_numpy
@@ -69,6 +70,8 @@ class ReferenceRenderer:
         seed: int,
         source: Source = emit_light,
     ) -> None:
+        if not has_gloss(scene):
+            settings = replace(settings, glossy_walks=1)
         self.passes = PhotonPasses(scene, settings, seed, source)
         self.scene, self.sensors, self.settings, self.seed = scene, dict(sensors), settings, seed
         self.points = dict(points)
@@ -96,18 +99,18 @@ class ReferenceRenderer:
 
     def run_pass(self, t: int) -> None:
         """Add pass ``t`` (from 1) to the sums."""
-        moving = {
+        films = {
             name: sample_view(self.scene, sensor, name, self.settings, self.seed, t)
             for name, sensor in self.sensors.items()
         }
-        dr.eval(moving)
-        parts = [*moving.values(), *self._gathered.values()]
+        dr.eval(films)
+        parts = [*(film.points for film in films.values()), *self._gathered.values()]
         values: Iterator[mi.Color3f] = iter(())
         if parts:
             gathered = self.passes.irradiance(concatenate(parts), t)
             values = _split(gathered, [dr.width(part.p) for part in parts])
-        for name, points in moving.items():
-            self.sums.views[name].add(points.radiance(next(values)), t)
+        for name, film in films.items():
+            self.sums.views[name].add(film.merge(film.points.radiance(next(values))), t)
         for name in self._gathered:
             self.sums.points[name].add(next(values))
         # Without waiting, passes pile up and the progress bar lies.
@@ -159,14 +162,17 @@ class ReferenceRenderer:
 
 def sample_view(
     scene: mi.Scene, sensor: mi.Sensor, name: str, settings: PassSettings, seed: int, t: int
-) -> VisiblePoints:
-    """One visible point per pixel of a view, (W H,), new for each pass ``t``."""
-    width, height = film_size(sensor)
-    sampler = mi.load_dict({"type": "independent", "sample_count": 1})
-    sampler.seed(pass_seed(seed, t, zlib.crc32(name.encode())), width * height)
-    direct = settings.direct == "emitters"
-    film = sample_film(scene, sensor, sampler, settings.max_depth, settings.rr_depth, direct)
-    return film.points
+) -> FilmSamples:
+    """One sample per pixel of a view, new for each pass ``t``."""
+    return sample_film(
+        scene,
+        sensor,
+        pass_seed(seed, t, zlib.crc32(name.encode())),
+        settings.max_depth,
+        settings.rr_depth,
+        direct=settings.direct == "emitters",
+        walks=settings.glossy_walks,
+    )
 
 
 def fixed_points(
@@ -182,8 +188,8 @@ def fixed_points(
     Only a ``share`` of the pixels, chosen at random, has a valid one.
     """
     # What is learned from them is all of the light, direct light included.
-    whole = replace(settings, direct="photons")
-    points = sample_view(scene, sensor, name, whole, seed, t=0)
+    whole = replace(settings, direct="photons", glossy_walks=1)
+    points = sample_view(scene, sensor, name, whole, seed, t=0).points
     if share < 1:
         rng = np.random.default_rng(pass_seed(seed, 1, zlib.crc32(name.encode())))
         points.valid &= mi.Bool(rng.random(dr.width(points.p)) < share)

@@ -85,9 +85,8 @@ def report_views(
     width = max(1, round(_ROWS * aspect))
     points = []
     for number, view in enumerate(views):
-        sampler = mi.load_dict({"type": "independent", "sample_count": 1})
-        sampler.seed(seed + number, width * _ROWS)
-        points.append(sample_film(scene, make_sensor(view, width, _ROWS), sampler).points)
+        sensor = make_sensor(view, width, _ROWS)
+        points.append(sample_film(scene, sensor, seed + number).points)
         dr.eval(points[-1])
     valid = [np.asarray(seen.valid.numpy()) for seen in points]
     distances = [

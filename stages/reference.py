@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from gpf.artifacts import read_tensors, write_tensors
@@ -147,6 +146,7 @@ def pass_settings(work: Workspace, scene: Any, lookout: Lookout) -> PassSettings
         initial_radius=radius,
         alpha=section.alpha,
         direct=section.direct,
+        glossy_walks=section.glossy_walks,
         rr_depth=section.rr_depth,
     )
 
@@ -207,10 +207,8 @@ def _target_points(
 
 def _measure_radius(work: Workspace, scene: Any, paths: int, source: Source) -> float:
     section = work.params.reference
-    width, height = work.film_size
-    sampler = mi.load_dict({"type": "independent", "sample_count": 1})
-    sampler.seed(pass_seed(section.seed, 0, stream=1), width * height)
-    film = sample_film(scene, work.sensor(work.views.train[0]), sampler)
+    seed = pass_seed(section.seed, 0, stream=1)
+    film = sample_film(scene, work.sensor(work.views.train[0]), seed)
     return propose_radius(scene, film.points, paths, section.seed, source=source)
 
 

@@ -40,7 +40,14 @@ def render_views(scene_name: str) -> None:
     work = Workspace.open(scene_name)
     section = work.params.render
     scene = work.load_scene()
-    integrator = mi.load_dict({"type": "gpf", "rr_depth": section.rr_depth, "coverage": True})
+    integrator = mi.load_dict(
+        {
+            "type": "gpf",
+            "rr_depth": section.rr_depth,
+            "glossy_walks": section.glossy_walks,
+            "coverage": True,
+        }
+    )
     integrator.field = GaussianPhotonField.load(work.field)
     costs = CostMeter()
     shares = []

@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 import gpf.integrators.sppm as sppm_plugin
+from gpf.field import FieldSettings, GaussianPhotonField
 from gpf.film import reconstruct, sample_film, sample_grid
+from gpf.initialization import InitializationSettings, initialize_gaussians
+from gpf.photon_tracing import record_photons
+from gpf.structs import scene_bounds
 from tests.furnace import Scene, camera, cornell_box, sppm
 
 FILTERS = ["box", "tent", "gaussian", "mitchell", "lanczos"]
@@ -62,9 +66,7 @@ def test_samples_lie_in_their_pixels_and_see_what_the_camera_sees():
     scene = mi.load_dict(cornell_box((12, 9)))
     sensor = scene.sensors()[0]
     for rows in (range(9), range(4, 7)):
-        sampler = mi.load_dict({"type": "independent", "sample_count": 1})
-        sampler.seed(1, 12 * len(rows))
-        samples = sample_film(scene, sensor, sampler, rows=rows)
+        samples = sample_film(scene, sensor, seed=1, rows=rows)
         place = samples.position.numpy().T
         y, x = np.indices((len(rows), 12)).reshape(2, -1)
         np.testing.assert_array_equal(np.floor(place), np.stack([x, y + rows.start], axis=1))
@@ -114,3 +116,77 @@ def test_large_films_are_rendered_in_bands(monkeypatch):
     # Blocks of pixels on either side of the bands' edges agree: no seam.
     ratio = banded.mean((1, 2)) / whole.mean((1, 2))
     np.testing.assert_allclose(ratio, 1, atol=0.08)
+
+
+# --- several walks where the first surface is glossy ------------------------------------------
+
+METAL = {"type": "twosided", "m": {"type": "roughconductor", "material": "Al", "alpha": 0.3}}
+
+
+def metal_box(filter_: str = "box", **integrator: object) -> Scene:
+    scene = small_box(filter_)
+    return scene | {"glass": scene["glass"] | {"bsdf": METAL}, "integrator": integrator}
+
+
+def test_only_gloss_is_walked_from_again():
+    scene = mi.load_dict(metal_box(**sppm()))
+    sensor = scene.sensors()[0]
+    once, many = (sample_film(scene, sensor, seed=1, walks=walks) for walks in (1, 5))
+    split = np.array(many.split)
+    count = 24 * 18
+    assert 20 < len(split) < count / 3
+    assert dr.width(many.points.p) == count + 4 * len(split)
+    np.testing.assert_array_equal(many.points.p.numpy()[:, :count], once.points.p.numpy())
+    # The further walks begin alike and end elsewhere.
+    depth = np.array(many.points.depth)
+    assert (depth[split] >= 1).all() and (np.delete(depth[:count], split) == 0).all()
+    again = many.points.p.numpy()[:, count:].reshape(3, 4, -1)
+    moved = np.abs(again - many.points.p.numpy()[:, None, split]).max((0, 1)) > 1e-3
+    assert moved.mean() > 0.85  # some escape, and have no place
+
+
+def test_walks_of_a_ray_are_averaged():
+    scene = mi.load_dict(metal_box(**sppm()))
+    samples = sample_film(scene, scene.sensors()[0], seed=1, walks=3)
+    count, split = 24 * 18, np.array(samples.split)
+    rng = np.random.default_rng(1)
+    value = rng.random((3, dr.width(samples.points.p))).astype(np.float32)
+    merged = samples.merge(mi.Color3f(value)).numpy()
+    expected = value[:, :count].copy()
+    further = value[:, count:].reshape(3, 2, -1)
+    expected[:, split] = (value[:, split] + further.sum(1)) / 3
+    np.testing.assert_allclose(merged, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["sppm", "gpf"])
+def test_more_walks_have_less_noise_and_the_same_mean(kind):
+    options = sppm(photons=20_000, radius=0.15) if kind == "sppm" else {"type": "gpf"}
+    means, errors, noise = [], [], []
+    for walks in (1, 8):
+        scene = mi.load_dict(metal_box(**options | {"glossy_walks": walks}))
+        integrator = scene.integrator()
+        if kind == "gpf":
+            integrator.field = small_field(scene)
+        images = np.stack(
+            [np.array(mi.render(scene, integrator=integrator, spp=8, seed=s)) for s in range(48)]
+        )
+        gloss = np.zeros(24 * 18, bool)
+        gloss[np.array(sample_film(scene, scene.sensors()[0], seed=1, walks=2).split)] = True
+        sphere = images.reshape(48, -1, 3)[:, gloss]
+        means.append(sphere.mean())
+        errors.append(sphere.mean((1, 2)).std(ddof=1) / 48**0.5)
+        noise.append(np.median(sphere.var(0)))  # not that of the silhouette
+        rest = images.reshape(48, -1, 3)[:, ~gloss]
+        assert rest.mean() > 0.1
+    error = np.hypot(*errors)
+    assert error < 0.02 * means[0]
+    assert abs(means[1] - means[0]) < 3.5 * error
+    assert noise[1] < 0.5 * noise[0]
+
+
+def small_field(scene: mi.Scene) -> GaussianPhotonField:
+    bounds = scene_bounds(scene)
+    photons = record_photons(scene, paths=20_000, seed=1)
+    settings = InitializationSettings(gaussians=3000, density_radius=0.15, scale=0.1)
+    gaussians = initialize_gaussians(photons, settings, bounds, seed=1)
+    return GaussianPhotonField(gaussians, FieldSettings(search_radius=0.15), bounds)

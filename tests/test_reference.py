@@ -113,7 +113,7 @@ def test_seed_and_name_give_other_samples(scene):
     sensor = mi.load_dict(CAMERAS["front"])
 
     def positions(name: str, seed: int, t: int) -> np.ndarray:
-        return to_numpy(sample_view(scene, sensor, name, SETTINGS, seed, t).p)
+        return to_numpy(sample_view(scene, sensor, name, SETTINGS, seed, t).points.p)
 
     base = positions("front", 3, 1)
     np.testing.assert_array_equal(base, positions("front", 3, 1))
@@ -247,5 +247,6 @@ def test_settings_as_json():
         "max_depth": -1,
         "rr_depth": 5,
         "direct": "photons",
+        "glossy_walks": 8,
         "seed": 7,
     }

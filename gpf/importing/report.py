@@ -182,12 +182,10 @@ def _trace(
     """Visible points of the view, share of photon paths that land, and photons."""
     height = 64
     width = max(1, round(height * aspect))
-    sampler = mi.load_dict({"type": "independent", "sample_count": 1})
-    sampler.seed(0, width * height)
     try:
         stored = record_photons(scene, paths=photons, seed=1)
         landing = float((trace_pilot(scene, None, seed=0, paths=photons).photons > 0).mean())
-        points = sample_film(scene, make_sensor(view, width, height), sampler).points
+        points = sample_film(scene, make_sensor(view, width, height), seed=0).points
         dr.eval(points)
     except RuntimeError as error:
         if not isinstance(_origin_of(error), RuntimeError):

@@ -10,9 +10,10 @@ import mitsuba as mi
 
 from gpf.camera_rays import sample_tiled_rays
 from gpf.field import GaussianPhotonField
-from gpf.integrators.properties import read_depths
+from gpf.film import meets_gloss
+from gpf.integrators.properties import read_depths, whole_number
 from gpf.integrators.recording import Recording
-from gpf.materials import require_separable
+from gpf.materials import has_gloss, require_separable
 from gpf.visible_points import find_visible_points
 
 
@@ -36,6 +37,10 @@ def define() -> type:
          * - rr_depth
            - |int|
            - Bounces before Russian roulette starts. (Default: 5)
+         * - glossy_walks
+           - |int|
+           - Camera walks of a sample that meets a glossy surface first, for it may be reflected
+             anywhere. (Default: 8)
          * - coverage
            - |bool|
            - Also output, as channel ``coverage``, how far the answer's neighbours lie in units of
@@ -64,9 +69,11 @@ def define() -> type:
         def __init__(self, props: mi.Properties) -> None:
             self.depth_limit = read_depths(props, "gpf")
             path = props.get("field", "")
+            self.glossy_walks = whole_number(props.get("glossy_walks", 8), "glossy_walks", 1)
             self.coverage = props.get("coverage", False)
             super().__init__(props)
             self._checked: int | None = None
+            self._walks = 1
             self.record = props.get("record", False)
             self.recording: Recording | None = None
             # As for meshes and textures: relative to the scene file, or to the current folder.
@@ -114,14 +121,42 @@ def define() -> type:
                 )
             if self._checked != id(scene):
                 require_separable(scene)
+                self._walks = self.glossy_walks if has_gloss(scene) else 1
                 self._checked = id(scene)
+            ray = mi.Ray3f(ray)
+            found = self._walk(scene, sampler, ray, active)
+            if self._walks > 1:
+                found = self._walk_again(scene, sampler, ray, active, found)
+            radiance, valid, reach = found
+            # Finite: the film takes infinite values for zero.
+            aovs = [dr.select(valid, dr.minimum(reach, 1e6), 0)] if self.coverage else []
+            return radiance, valid, aovs, None
+
+        def _walk(
+            self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool | bool
+        ) -> tuple[mi.Color3f, mi.Bool, mi.Float]:
+            """Radiance at the end of one camera walk, whether it has one, and its reach."""
             points = find_visible_points(
-                scene, sampler, mi.Ray3f(ray), self.depth_limit, self.rr_depth, active
+                scene, sampler, ray, self.depth_limit, self.rr_depth, active
             )
             radiance, reach = self.field.radiance(points)
-            # Finite: the film takes infinite values for zero.
-            aovs = [dr.select(points.valid, dr.minimum(reach, 1e6), 0)] if self.coverage else []
-            return radiance, points.valid, aovs, None
+            return radiance, points.valid, reach
+
+        @dr.syntax
+        def _walk_again(self, scene, sampler, ray, active, found):  # type: ignore[no-untyped-def]
+            """The mean over several walks where the first surface is glossy."""
+            radiance, valid, reach = found
+            again = meets_gloss(scene, ray, mi.Bool(active))
+            walks = dr.opaque(mi.UInt32, self._walks)
+            n = mi.UInt32(1)
+            while again & (n < walks):
+                further, ends, at = self._walk(scene, sampler, ray, again)
+                radiance += further
+                reach = dr.select(ends & ~valid, at, reach)
+                reach = dr.select(ends & valid, dr.maximum(reach, at), reach)
+                valid |= ends
+                n += 1
+            return radiance / mi.Float(n), valid, reach
 
         def sample_rays(
             self, scene: mi.Scene, sensor: mi.Sensor, sampler: mi.Sampler

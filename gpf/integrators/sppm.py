@@ -11,7 +11,7 @@ import mitsuba as mi
 
 from gpf.film import FilmSamples, reconstruct, sample_film, sample_grid
 from gpf.integrators.properties import is_number, read_depths, whole_number
-from gpf.materials import require_separable
+from gpf.materials import has_gloss, require_separable
 from gpf.progressive import PassSettings, PhotonPasses, pass_seed, propose_radius
 from gpf.structs import concatenate
 
@@ -58,6 +58,10 @@ def define() -> type:
          * - rr_depth
            - |int|
            - Interactions before Russian roulette starts. (Default: 5)
+         * - glossy_walks
+           - |int|
+           - Camera walks of a sample that meets a glossy surface first, for it may be reflected
+             anywhere. (Default: 8)
          * - direct
            - |string|
            - Where light straight from the emitters comes from: ``photons``, like all other light,
@@ -94,6 +98,7 @@ def define() -> type:
                 )
             if not (is_number(self.alpha) and 0 < self.alpha < 1):
                 raise ValueError(f'"alpha" is {self.alpha!r}; give a number between 0 and 1.')
+            self.glossy_walks = whole_number(props.get("glossy_walks", 8), "glossy_walks", 1)
             self.direct = props.get("direct", "photons")
             if self.direct not in ("photons", "emitters"):
                 raise ValueError(f'"direct" is {self.direct!r}; choose "photons" or "emitters".')
@@ -138,6 +143,7 @@ def define() -> type:
                 self.depth_limit,
                 self.rr_depth,
                 self.direct,
+                self.glossy_walks if has_gloss(scene) else 1,
             )
 
         def _render_pass(self, sensor: mi.Sensor, passes: PhotonPasses, t: int) -> mi.TensorXf:
@@ -145,10 +151,12 @@ def define() -> type:
             parts = []
             for number, rows in enumerate(split_rows(sensor.film())):
                 stream = pass_seed(passes.seed, t, stream=1 if number == 0 else 1000 + number)
-                samples = self._sample(passes.scene, sensor, stream, rows)
+                walks = passes.settings.glossy_walks
+                samples = self._sample(passes.scene, sensor, stream, rows, walks)
                 irradiance = passes.irradiance(samples.points, t)
-                radiance = samples.points.radiance(irradiance) * samples.weight
-                alpha = dr.select(samples.points.valid, mi.Float(1), 0)
+                radiance = samples.merge(samples.points.radiance(irradiance)) * samples.weight
+                found = dr.select(samples.points.valid, mi.Color3f(1), 0)
+                alpha = samples.merge(found).x
                 dr.eval(radiance, alpha)
                 parts.append((samples.position, radiance, alpha))
             whole = (
@@ -157,16 +165,18 @@ def define() -> type:
             return reconstruct(sensor.film(), *whole)
 
         def _sample(
-            self, scene: mi.Scene, sensor: mi.Sensor, seed: int, rows: range
+            self, scene: mi.Scene, sensor: mi.Sensor, seed: int, rows: range, walks: int = 1
         ) -> FilmSamples:
             """Visible points of one ray per pixel of some rows."""
-            sampler = sensor.sampler().clone()
-            sampler.set_sample_count(1)
-            sampler.set_samples_per_wavefront(1)
-            sampler.seed(seed, sample_grid(sensor.film())[0] * len(rows))
-            direct = self.direct == "emitters"
             samples = sample_film(
-                scene, sensor, sampler, self.depth_limit, self.rr_depth, direct, rows
+                scene,
+                sensor,
+                seed,
+                self.depth_limit,
+                self.rr_depth,
+                direct=self.direct == "emitters",
+                walks=walks,
+                rows=rows,
             )
             # Or every kernel that needs the points would walk to them again.
             dr.eval(samples)
