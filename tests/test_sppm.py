@@ -111,7 +111,7 @@ def test_a_wall_lit_by_each_kind_of_emitter(kind, direct):
     if kind == "envmap":
         light = light | {"bitmap": mi.Bitmap(SKY)}
     # Photons have nothing to do here where direct light does not come from them.
-    passes, photons = (12, 100_000) if direct == "photons" else (36, 1000)
+    passes, photons = (12, 100_000) if direct == "photons" else (60, 1000)
     compare(lit_floor(light), passes, mean=0.01, radius=0.1, photons=photons, direct=direct)
 
 
