@@ -10,7 +10,7 @@ choose_variant("auto")
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from benchmarks.glass_sphere import measure  # noqa: E402
+from benchmarks.glass_sphere import PHOTONS, measure  # noqa: E402
 from benchmarks.training import training_rows  # noqa: E402
 
 
@@ -20,15 +20,20 @@ def main() -> None:
     machine = device_description()
     console.print(f"{machine['cpu']}, {machine['cores']} cores, {machine['variant']}")
     table = Table("what", "measured", "floor", "ratio", "reach")
+    for size in (256, 512):
+        for radius in (0.02, 0.05):
+            timings = measure(size, radius, methods=("path", "ptracer", "sppm"))
+            pass_ = timings.milliseconds("sppm")
+            floor = timings.milliseconds("ptracer") + timings.milliseconds("path")
+            table.add_row(
+                f"SPPM pass, {size}², 100k paths, r {radius}, over ptracer + path: "
+                f"{1e-3 * PHOTONS / pass_:.2f} M paths/s, {1e-3 * size**2 / pass_:.2f} Mpixel/s",
+                f"{pass_:.1f} ms",
+                f"{floor:.1f} ms",
+                f"{timings.ratio('sppm', 'ptracer', 'path'):.2f}",
+                "1.25",
+            )
     timings = measure(size=256, radius=0.02)
-    floor = timings.milliseconds("ptracer") + timings.milliseconds("path")
-    table.add_row(
-        "SPPM pass, 256², 100k paths, r 0.02, over ptracer + path",
-        f"{timings.milliseconds('sppm'):.1f} ms",
-        f"{floor:.1f} ms",
-        f"{timings.ratio('sppm', 'ptracer', 'path'):.2f}",
-        "1.5",
-    )
     for method in ("gpf", "gpf, recorded"):
         table.add_row(
             f"one sample per pixel from the field ({method}), over path",

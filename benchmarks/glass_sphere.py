@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
@@ -30,7 +31,12 @@ def load_scene(width: int, height: int) -> Any:
     return mi.load_dict(scene)
 
 
-def measure(size: int, radius: float, rounds: int = 15) -> Timings:
+METHODS = ("path", "ptracer", "sppm", "gpf", "gpf, recorded")
+
+
+def measure(
+    size: int, radius: float, rounds: int = 15, methods: Sequence[str] = METHODS
+) -> Timings:
     """Time one SPPM pass, one sample per pixel from a field, `path` and `ptracer`, in turn."""
     scene = load_scene(size, size)
     # ptracer takes samples per pixel: a film of 400x250 makes exactly 100,000 paths.
@@ -47,16 +53,14 @@ def measure(size: int, radius: float, rounds: int = 15) -> Timings:
     def render(integrator: Any, of: Any, seed: int) -> None:
         dr.eval(mi.render(of, integrator=integrator, spp=1, seed=seed))
 
-    return time_in_turn(
-        {
-            "path": lambda n: render(path, scene, n),
-            "ptracer": lambda n: render(ptracer, particles, n),
-            "sppm": lambda n: render(sppm, scene, n),
-            "gpf": lambda n: render(field, scene, n),
-            "gpf, recorded": lambda n: render(recorded, scene, n),
-        },
-        rounds,
-    )
+    work = {
+        "path": lambda n: render(path, scene, n),
+        "ptracer": lambda n: render(ptracer, particles, n),
+        "sppm": lambda n: render(sppm, scene, n),
+        "gpf": lambda n: render(field, scene, n),
+        "gpf, recorded": lambda n: render(recorded, scene, n),
+    }
+    return time_in_turn({name: work[name] for name in methods}, rounds)
 
 
 def _untrained_field(scene: Any, radius: float) -> GaussianPhotonField:

@@ -56,6 +56,8 @@ def compare(
     a, b = ours[:, mask].mean(1), theirs[:, mask].mean(1)
     error = np.sqrt((a.var(0, ddof=1) + b.var(0, ddof=1)) / 8) / b.mean(0)
     ratio = a.mean(0) / b.mean(0)
+    # `pytest -s tests/test_sppm.py` prints them all.
+    print(f"\nratio of means {ratio.round(4)} ± {error.round(4)}", end=" ")
     z = z_scores(block_means(ours, block, mask), block_means(theirs, block, mask), bias)
     assert (error < 0.6 * mean).all(), f"too noisy to tell: {error}"
     np.testing.assert_allclose(ratio, 1, atol=mean)

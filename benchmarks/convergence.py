@@ -1,0 +1,80 @@
+"""`python -m benchmarks.convergence`: how far SPPM is from a path tracer after n passes.
+
+The Cornell box with a glass sphere at 256², against a path-traced image that is made once and kept
+in the folder of the first argument. Pixels that see the lamp directly do not count.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
+from gpf.runtime import choose_variant
+
+choose_variant("auto")
+
+import mitsuba as mi  # noqa: E402
+import numpy as np  # noqa: E402
+from rich.console import Console  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+from benchmarks.glass_sphere import PHOTONS, load_scene  # noqa: E402
+from gpf.progressive import PassSettings  # noqa: E402
+from gpf.reference import ReferenceRenderer  # noqa: E402
+
+SIZE, RADIUS, EPSILON = 256, 0.03, 0.01
+COUNTS = (1, 4, 16, 64, 256, 1000)
+TRUTH_SPP, TRUTH_STEP = 16_384, 512
+
+
+def path_traced(scene: Any, file: Path) -> np.ndarray:
+    """The truth, (H, W, 3), from a file or rendered into it."""
+    if file.exists():
+        return np.asarray(np.load(file))
+    integrator, total = mi.load_dict({"type": "path", "max_depth": -1}), 0.0
+    for k in range(TRUTH_SPP // TRUTH_STEP):
+        image = mi.render(scene, integrator=integrator, spp=TRUTH_STEP, seed=1000 + k)
+        total = total + np.array(image, dtype=np.float64)
+    truth = total * TRUTH_STEP / TRUTH_SPP
+    file.parent.mkdir(parents=True, exist_ok=True)
+    np.save(file, truth.astype(np.float32))
+    return np.asarray(truth)
+
+
+def relative_error(image: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> float:
+    """relMSE: mean of (I - T)² / (T² + ε)."""
+    error = (image - truth) ** 2 / (truth**2 + EPSILON)
+    return float(error[mask].mean())
+
+
+def main() -> None:
+    """Print relMSE and mean after each number of passes, and the slope of the error."""
+    console = Console()
+    scene = load_scene(SIZE, SIZE)
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("results/benchmarks")
+    truth = path_traced(scene, folder / f"glass_sphere_{SIZE}_{TRUTH_SPP}.npy")
+    lamp = np.array(mi.render(scene, integrator=mi.load_dict({"type": "path", "max_depth": 1})))
+    mask = lamp.max(axis=2) == 0
+    table = Table("direct", "α", *(f"{n} passes" for n in COUNTS), "slope", "mean", "s/pass")
+    for direct in ("photons", "emitters"):
+        for alpha in (2 / 3, 0.7, 0.8):
+            settings = PassSettings(PHOTONS, RADIUS, alpha, direct=direct)  # type: ignore[arg-type]
+            sensor = scene.sensors()[0]
+            renderer = ReferenceRenderer(scene, {"view": sensor}, {}, settings, seed=1)
+            errors, start = [], time.perf_counter()
+            for count in COUNTS:
+                renderer.run(count)
+                errors.append(relative_error(renderer.image("view"), truth, mask))
+            seconds = (time.perf_counter() - start) / COUNTS[-1]
+            slope = np.polyfit(np.log(COUNTS), np.log(errors), 1)[0]
+            mean = renderer.image("view")[mask].mean() / truth[mask].mean()
+            row = [*(f"{e:.5f}" for e in errors), f"{slope:.2f}", f"{mean:.4f}", f"{seconds:.3f}"]
+            table.add_row(direct, f"{alpha:.2f}", *row)
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()
