@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 
 from gpf.errors import UserError
+from stages.groups import GroupRequest, Job, open_group
 from stages.passes import LongSum, Watch
 from stages.progress import progress_bar
-from stages.reference import GroupRequest, Job, open_group
 from stages.workspace import Workspace
 
 

@@ -1,0 +1,168 @@
+"""The three groups of a scene's references: what each renders, and with what seeds.
+
+Training views (their fixed visible points and samples of the scene's surfaces become targets),
+novel views (the judges), and novel views once more (the ceiling: how well does SPPM agree with
+itself). Within a group the views share their photons; between groups nothing is shared, or noise
+that the field learned would count as quality.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from gpf.emission import Source
+from gpf.film import sample_film
+from gpf.pass_parts import PassParts
+from gpf.photon_map import collect_photons
+from gpf.progressive import PassSettings, pass_seed, propose_radius
+from gpf.reference import ReferenceRenderer, fixed_points
+from gpf.structs import VisiblePoints, scene_bounds
+from gpf.surface_samples import sample_surface_points
+from gpf.views import View
+from stages.costs import CostMeter
+from stages.lookout import Lookout
+from stages.passes import SURFACES, LongSum
+from stages.reference_records import group_record
+from stages.workspace import Workspace
+
+GROUPS = ("train", "novel", "ceiling")
+
+# With `photons_per_pass: auto`, a pass is as good as so many paths that bring equal power.
+EQUAL_PATHS = 50_000
+
+
+@dataclass(frozen=True)
+class Job:
+    """What all groups of one run have in common."""
+
+    work: Workspace
+    scene: Any
+    lookout: Lookout
+    settings: PassSettings
+    costs: CostMeter
+
+    @classmethod
+    def open(cls, scene_name: str) -> Job:
+        """Load the scene, and measure what is automatic."""
+        work = Workspace.open(scene_name)
+        scene = work.load_scene()
+        costs = CostMeter.load(work.cost("reference"))
+        costs.parts.pop("radius", None)
+        with costs.measure("radius"):
+            lookout = Lookout.open(work, scene)
+            settings = pass_settings(work, scene, lookout)
+        return cls(work, scene, lookout, settings, costs)
+
+
+@dataclass(frozen=True)
+class GroupRequest:
+    """What is to be rendered of a group: the views with these names, and surface samples or not."""
+
+    group: str
+    views: tuple[str, ...]
+    surfaces: bool
+
+
+def open_group(job: Job, request: GroupRequest) -> LongSum:
+    """The passes of a group: what renders them, and the parts that are done."""
+    work, group = job.work, request.group
+    record, seed = record_of(job, group), _group_seed(job, group)
+    views = [v for v in (*work.views.train, *work.views.novel) if v.name in request.views]
+    points = {}
+    if group == "train":
+        job.costs.parts.pop("points", None)
+        with job.costs.measure("points"):
+            points = target_points(job, views, record["share"], request.surfaces, seed)
+    elif group == "novel":
+        points = target_points(job, views, record["share"], False, seed)
+    sensors = {view.name: work.sensor(view) for view in views if view.name in record["imaged"]}
+    source = job.lookout.source
+    renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, seed, source)
+    fingerprint = {
+        **{k: v for k, v in record.items() if k not in ("passes", "target_psnr")},
+        "views": [view.model_dump(mode="json") for view in views],
+        "points": {name: dr.width(points.p) for name, points in renderer.points.items()},
+        "training": [view.model_dump(mode="json") for view in work.views.train],
+    }
+    parts = PassParts(work.parts("reference", group), fingerprint, "reference")
+    return LongSum(work, group, renderer, parts, job.costs)
+
+
+def record_of(job: Job, group: str) -> dict[str, Any]:
+    """What all views of a group have in common."""
+    work, section = job.work, job.work.params.reference
+    views = work.views.train if group == "train" else work.views.novel
+    share, imaged = 1.0, [view.name for view in views]
+    if group == "train":
+        share, imaged = share_of_pixels(work), imaged[: section.training_images]
+    return group_record(work, group, job.settings, _group_seed(job, group), share, imaged)
+
+
+def _group_seed(job: Job, group: str) -> int:
+    return pass_seed(job.work.params.reference.seed, 0, stream=100 + GROUPS.index(group))
+
+
+def share_of_pixels(work: Workspace) -> float:
+    """The share of the training views' pixels whose points are supervised."""
+    width, height = work.film_size
+    pixels = len(work.views.train) * width * height
+    return min(1.0, work.params.reference.view_points / pixels)
+
+
+def target_points(
+    job: Job, views: Sequence[View], share: float, surfaces: bool, seed: int
+) -> dict[str, VisiblePoints]:
+    """Fixed points of views, and samples of the surfaces where they are asked for."""
+    work, scene, settings = job.work, job.scene, job.settings
+    points = {
+        v.name: fixed_points(scene, work.sensor(v), v.name, settings, seed, share) for v in views
+    }
+    count = work.params.reference.surface_points
+    if surfaces and count > 0:
+        # Twice as many photons as a pass has: there is to be a choice.
+        paths = 2 * settings.photons_per_pass
+        lookout = job.lookout
+        photons = collect_photons(
+            scene, lookout.outlook, paths, seed, settings.rr_depth, lookout.source
+        )
+        points[SURFACES] = sample_surface_points(
+            photons, count, settings.initial_radius, scene_bounds(scene), seed
+        )
+    return points
+
+
+def pass_settings(work: Workspace, scene: Any, lookout: Lookout) -> PassSettings:
+    """Settings of the passes; what is automatic is measured.
+
+    The number of paths by what they bring to where cameras look, the radius at the first training
+    view.
+    """
+    section = work.params.reference
+    paths = section.photons_per_pass
+    if paths == "auto":
+        paths = lookout.paths_for_passes(EQUAL_PATHS)
+    radius = section.initial_radius
+    if radius == "auto":
+        # In steps of a fifth: another training view is no reason to render novel views again.
+        measured = _measure_radius(work, scene, paths, lookout.source)
+        radius = float(f"{2 ** (round(4 * np.log2(measured)) / 4):.4g}")
+    return PassSettings(
+        photons_per_pass=paths,
+        initial_radius=radius,
+        alpha=section.alpha,
+        direct=section.direct,
+        glossy_walks=section.glossy_walks,
+        rr_depth=section.rr_depth,
+    )
+
+
+def _measure_radius(work: Workspace, scene: Any, paths: int, source: Source) -> float:
+    section = work.params.reference
+    seed = pass_seed(section.seed, 0, stream=1)
+    film = sample_film(scene, work.sensor(work.views.train[0]), seed)
+    return propose_radius(scene, film.points, paths, section.seed, source=source)
