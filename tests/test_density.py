@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf import density
 from gpf.density import (
     UNLIMITED,
     IrradianceGatherer,
@@ -210,6 +211,33 @@ def test_gathered_irradiance_is_the_plain_sum():
     expected[~valid] = 0
     assert 3 < near[valid].sum(1).mean() < 200
     np.testing.assert_allclose(gatherer.irradiance().numpy().T, expected, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("count", [300, 20_000, 50_000])
+def test_crowds_are_walked_in_finer_cells_to_the_same_sums(count, monkeypatch):
+    rng = np.random.default_rng(6)
+    x, n = lattice(rng, count), NORMALS[rng.integers(0, 6, count)]
+    photons, radius = make_photons(1000, seed=4), 20 * STEP
+    sums, cells = [], []
+    build = density.SpatialHash
+
+    def spy(*arguments, cell, **options):
+        cells.append(cell)
+        return build(*arguments, cell=cell, **options)
+
+    monkeypatch.setattr(density, "SpatialHash", spy)
+    for wide in (False, True):
+        if wide:
+            monkeypatch.setattr(density, "_cell_size", lambda *_: 2.02 * radius)
+        gatherer = IrradianceGatherer(
+            to_points(x), to_normals(n), mi.Bool(True), radius=radius, bounds=BOX
+        )
+        gatherer.deposit(photons, mi.Bool(True))
+        sums.append(gatherer.irradiance().numpy())
+    np.testing.assert_array_equal(*sums)
+    assert sums[0].mean() > 0.1
+    factor = {300: 2.02, 20_000: 1.01, 50_000: 0.68}[count]
+    assert cells == pytest.approx([factor * radius, 2.02 * radius])
 
 
 def test_deposits_add_up():

@@ -117,10 +117,10 @@ def test_a_wall_lit_by_each_kind_of_emitter(kind, direct):
     compare(lit_floor(light), passes, mean=0.01, radius=0.1, photons=photons, direct=direct)
 
 
-def lit_floor(light: Scene) -> Scene:
+def lit_floor(light: Scene, size: tuple[int, int] = (12, 8)) -> Scene:
     return {
         "type": "scene",
-        "sensor": camera((0.2, -2.5, 2), (0, 0.1, 0), 26, (12, 8)),
+        "sensor": camera((0.2, -2.5, 2), (0, 0.1, 0), 26, size),
         "floor": floor(diffuse(0.6, 0.5, 0.4), size=2.6),
         "light": light,
     }
@@ -161,9 +161,16 @@ FLOORS = {
         "material": WHITE,
         "normalmap": bitmap(np.broadcast_to((TILTED + 1) / 2, (2, 2, 3))),
     },
+    "bump map": {
+        "type": "bumpmap",
+        "material": WHITE,
+        "relief": bitmap(np.random.default_rng(2).uniform(0, 0.4, (8, 9, 1))),
+    },
+    "two-sided": two_sided(0.6, 0.5, 0.4),
 }
 
 SHEETS = {
+    "rough dielectric": {"type": "roughdielectric", "alpha": 0.2, "int_ior": 1.3},
     "thin dielectric": {"type": "thindielectric", "int_ior": 1.8},
     "mask": {"type": "mask", "opacity": 0.6, "material": two_sided(0.6, 0.5, 0.4)},
 }
@@ -173,7 +180,7 @@ SHEETS = {
 @pytest.mark.parametrize("kind", FLOORS)
 def test_floors_of_every_material(kind, direct):
     # What a normal map reflects onwards is a matter of its own, see below.
-    truth = PATH | {"max_depth": 2} if kind == "normal map" else PATH
+    truth = PATH | {"max_depth": 2} if kind in ("normal map", "bump map") else PATH
     glossy = kind in ("rough conductor", "blend")  # one direction per sample: noise of its own
     passes, photons = (12, 100_000) if direct == "photons" else (48, 25_000)
     mean = 0.01 if glossy else 5e-3
@@ -186,6 +193,44 @@ def test_floors_of_every_material(kind, direct):
         photons=photons,
         direct=direct,
     )
+
+
+@DIRECT
+def test_several_emitters_of_different_powers(direct):
+    """A choice among them that is not made up for would show in the colours."""
+    kinds = ("area", "point", "spot", "constant")
+    colours = [rgb(1, 0.2, 0.2), rgb(0.1, 3, 0.1), rgb(0.3, 0.3, 9), rgb(0.2, 0.1, 0.1)]
+    lights = {kind: dict(LIGHTS[kind]) for kind in kinds}
+    lights["area"]["emitter"] = {"type": "area", "radiance": colours[0]}
+    for kind, colour in zip(kinds[1:], colours[1:], strict=True):
+        key = "radiance" if kind == "constant" else "intensity"
+        lights[kind][key] = colour
+    scene = lit_floor(lights.pop("area"), size=(36, 24)) | lights
+    passes, photons = (24, 100_000) if direct == "photons" else (60, 1000)
+    compare(scene, passes, mean=0.01, radius=0.1, photons=photons, direct=direct)
+
+
+def test_instances():
+    """Two turned copies of a heap: photons and camera rays land on shapes of a group."""
+    turn = mi.ScalarTransform4f
+    heap = {
+        "type": "shapegroup",
+        "ball": {"type": "sphere", "radius": 0.35, "bsdf": diffuse(0.3, 0.5, 0.7)},
+        "plate": {
+            "type": "rectangle",
+            "to_world": turn().translate([0, 0, 0.36]).scale(0.5),
+            "bsdf": two_sided(0.7, 0.5, 0.3),
+        },
+    }
+    copies = {
+        f"copy {k}": {
+            "type": "instance",
+            "heap": {"type": "ref", "id": "heap"},
+            "to_world": turn().translate([x, 0, 0.45]).rotate([1, 0.4, 0], angle),
+        }
+        for k, (x, angle) in enumerate([(-0.6, 20), (0.6, -35)])
+    }
+    compare(studio(WHITE, heap=heap, **copies), 16, radius=0.03, mean=0.01, bias=0.02)
 
 
 def smooth_floor(bsdf: Scene) -> mi.Mesh:
