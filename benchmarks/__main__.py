@@ -16,7 +16,7 @@ from benchmarks.training import training_rows  # noqa: E402
 
 def main() -> None:
     """Run all benchmarks and print one table."""
-    console = Console()
+    console = Console(width=140)
     machine = device_description()
     console.print(f"{machine['cpu']}, {machine['cores']} cores, {machine['variant']}")
     table = Table("what", "measured", "floor", "ratio", "reach")

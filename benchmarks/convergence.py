@@ -52,7 +52,7 @@ def relative_error(image: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> fl
 
 def main() -> None:
     """Print relMSE and mean after each number of passes, and the slope of the error."""
-    console = Console()
+    console = Console(width=140)
     scene = load_scene(SIZE, SIZE)
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("results/benchmarks")
     truth = path_traced(scene, folder / f"glass_sphere_{SIZE}_{TRUTH_SPP}.npy")
