@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -56,6 +58,17 @@ class Project:
     def stage(self, name: str, scene: str = SCENE) -> Outcome:
         """Run one stage."""
         return self.gpf("stage", name, "--scene", scene)
+
+    def start(self, name: str, environment: dict[str, str]) -> subprocess.Popen[str]:
+        """Run one stage in a process of its own; what it says comes through one pipe."""
+        return subprocess.Popen(
+            [sys.executable, "-m", "stages.cli", "stage", name, "--scene", SCENE],
+            cwd=self.folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
 
     def edit(self, file: str, **changes: Any) -> None:
         """Set dotted keys of a YAML file; a key is written with __ for its dots."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import subprocess
 import sys
 import time
 import zipfile
@@ -57,16 +56,8 @@ def test_two_workers_one_of_which_is_killed(fresh, environment):
     assert local.stage("reference").code == 0
 
     fresh.edit("params.yaml", executor="ray", cluster__passes_per_task=5)
-    arguments = ["-m", "stages.cli", "stage", "reference", "--scene", "cornell_box"]
     killed = False
-    with subprocess.Popen(
-        [sys.executable, *arguments],
-        cwd=fresh.folder,
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    ) as process:
+    with fresh.start("reference", environment()) as process:
         kept = fresh.results / "checkpoints"
         deadline = time.monotonic() + 120
         while process.poll() is None and not killed and time.monotonic() < deadline:

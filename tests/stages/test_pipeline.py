@@ -429,14 +429,7 @@ def test_an_interrupted_training_goes_on_from_its_checkpoint(finished, monkeypat
 def test_ctrl_c_in_a_process_of_its_own(fresh, environment):
     fresh.edit("params.yaml", reference__checkpoint_seconds=0.01, reference__passes=100_000)
     assert fresh.stage("scene").code == 0
-    with subprocess.Popen(
-        [sys.executable, "-m", "stages.cli", "stage", "reference", "--scene", "cornell_box"],
-        cwd=fresh.folder,
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    ) as process:
+    with fresh.start("reference", environment()) as process:
         kept = fresh.results / "checkpoints/reference-train"
         deadline = time.monotonic() + 90
         while not passes_kept(kept) and process.poll() is None and time.monotonic() < deadline:
