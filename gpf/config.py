@@ -89,6 +89,7 @@ class Reference(_Section):
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.7
     direct: Literal["photons", "emitters"] = "photons"
     glossy_walks: Count = 8
+    edge_correction: bool = True
     rr_depth: Count = 5
     view_points: Count = 200_000
     surface_points: Annotated[int, Field(ge=0)] = 300_000

@@ -16,6 +16,7 @@ import numpy as np
 
 from gpf.density import UNLIMITED, IrradianceGatherer, pack_tag, radius_at, same_surface
 from gpf.emission import Source, emit_light, power_unit
+from gpf.kernel_area import area_correction
 from gpf.photon_tracing import record_photons, trace_photons
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import VisiblePoints, scene_bounds
@@ -36,6 +37,8 @@ class PassSettings:
         like all other light, or a sample of the ``emitters``.
     glossy_walks: camera walks of a sample that meets a glossy surface first; see
         :class:`gpf.film.FilmSamples`.
+    edge_correction: whether to divide by the part of the kernel's disc that lies on the surface,
+        rather than by all of it; see :mod:`gpf.kernel_area`.
     """
 
     photons_per_pass: int = 100_000
@@ -45,6 +48,7 @@ class PassSettings:
     rr_depth: int = 5
     direct: Literal["photons", "emitters"] = "photons"
     glossy_walks: int = 8
+    edge_correction: bool = True
 
 
 def pass_seed(seed: int, t: int, stream: int) -> int:
@@ -73,6 +77,7 @@ class PhotonPasses:
     def irradiance(self, points: VisiblePoints, t: int) -> mi.Color3f:
         """E at ``points`` from the photons of pass ``t`` (from 1), W/m², (N, 3)."""
         settings = self.settings
+        radius = radius_at(t, settings.initial_radius, settings.alpha)
         # A whole path has the camera's depth + 1 edges, the photon's depth + 1 edges.
         budget: Any = UNLIMITED
         if settings.max_depth > 0:
@@ -81,7 +86,7 @@ class PhotonPasses:
             points.p,
             points.n,
             points.valid,
-            radius=radius_at(t, settings.initial_radius, settings.alpha),
+            radius=radius,
             bounds=self._bounds,
             budget=budget,
             lit=points.lit,
@@ -96,7 +101,13 @@ class PhotonPasses:
             rr_depth=settings.rr_depth,
             source=self.source,
         )
-        return gatherer.irradiance()
+        irradiance = gatherer.irradiance()
+        if settings.edge_correction:
+            edge_seed = pass_seed(self.seed, t, stream=9)
+            irradiance *= area_correction(
+                self.scene, points.p, points.n, points.valid, radius, edge_seed
+            )
+        return irradiance
 
 
 def propose_radius(

@@ -157,6 +157,7 @@ def pass_settings(work: Workspace, scene: Any, lookout: Lookout) -> PassSettings
         alpha=section.alpha,
         direct=section.direct,
         glossy_walks=section.glossy_walks,
+        edge_correction=section.edge_correction,
         rr_depth=section.rr_depth,
     )
 

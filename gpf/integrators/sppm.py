@@ -62,6 +62,11 @@ def define() -> type:
            - |int|
            - Camera walks of a sample that meets a glossy surface first, for it may be reflected
              anywhere. (Default: 8)
+         * - edge_correction
+           - |bool|
+           - Whether to make up for the part of the kernel's disc that reaches beyond the edge of a
+             surface, where no photon can land. Without it, edges are dark lines that fade as the
+             radius shrinks. (Default: true)
          * - direct
            - |string|
            - Where light straight from the emitters comes from: ``photons``, like all other light,
@@ -99,6 +104,7 @@ def define() -> type:
             if not (is_number(self.alpha) and 0 < self.alpha < 1):
                 raise ValueError(f'"alpha" is {self.alpha!r}; give a number between 0 and 1.')
             self.glossy_walks = whole_number(props.get("glossy_walks", 8), "glossy_walks", 1)
+            self.edge_correction = bool(props.get("edge_correction", True))
             self.direct = props.get("direct", "photons")
             if self.direct not in ("photons", "emitters"):
                 raise ValueError(f'"direct" is {self.direct!r}; choose "photons" or "emitters".')
@@ -144,6 +150,7 @@ def define() -> type:
                 self.rr_depth,
                 self.direct,
                 self.glossy_walks if has_gloss(scene) else 1,
+                self.edge_correction,
             )
 
         def _render_pass(self, sensor: mi.Sensor, passes: PhotonPasses, t: int) -> mi.TensorXf:

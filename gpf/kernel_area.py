@@ -1,0 +1,75 @@
+"""How much of a kernel's disc lies on a surface: at edges, photons can land on a part of it only.
+
+The kernel density estimate divides by the area of a disc, π r². Where the surface ends within the
+disc (a wall in a corner, the rim of a table), what is there gathers less, and images get dark
+lines along edges that only fade as the radius shrinks.
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from gpf.density import SAME_SURFACE_COSINE, SAME_SURFACE_HEIGHT
+
+# A point on something much smaller than the disc would look for it forever.
+_MOST_TRIALS = 8
+
+
+@dr.syntax
+def area_correction(
+    scene: mi.Scene,
+    p: mi.Point3f,
+    n: mi.Normal3f,
+    valid: mi.Bool,
+    radius: float,
+    seed: int,
+) -> mi.Float:
+    """An unbiased estimate of π r² / A(x), (N,), A being the area on which photons count at x.
+
+    Short rays, perpendicular to the disc, go through random points of it until one meets the
+    surface. If that happens with probability c, the number of rays has the expected value 1/c. A
+    ray that meets the surface at an angle θ stands for an area that is 1/cos θ as large. Some of
+    the disc may be inside a box that stands on the surface; that is not found out.
+
+    Parameters
+    ----------
+    p, n: positions and oriented normals, (N, 3).
+    valid: points that take part, (N,); 1 elsewhere.
+    radius: kernel radius, world units.
+    seed: the numbers that a point draws depend on it and on the point's position alone.
+    """
+    r, key = dr.opaque(mi.Float, radius), dr.opaque(mi.UInt32, seed)
+    frame = mi.Frame3f(n)
+    bits = [dr.reinterpret_array(mi.UInt32, p[i]) for i in range(3)]
+    first, second = mi.sample_tea_32(bits[0] ^ key, bits[1])
+    first, second = mi.sample_tea_32(first ^ bits[2], second)
+
+    trials, stretch = mi.UInt32(0), mi.Float(1)
+    ray, left = mi.Ray3f(p, -n, 0, 0, mi.Color0f()), mi.Float(0)
+    active = mi.Bool(valid)
+    while active:
+        if left <= 0:
+            trials += 1
+            first, second = mi.sample_tea_32(first, second)
+            disc = r * mi.warp.square_to_uniform_disk(
+                mi.Point2f(mi.Float(first >> 8), mi.Float(second >> 8)) * 2.0**-24
+            )
+            # No photon counts outside of the ball.
+            height = dr.safe_sqrt(dr.square(r) - dr.squared_norm(disc)) + 1e-3 * r
+            ray.o = p + frame.to_world(mi.Vector3f(disc.x, disc.y, height))
+            left = 2 * height
+        ray.maxt = left
+        si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False, active=active)
+        cosine = dr.abs(dr.dot(si.n, n))
+        flat = dr.abs(dr.dot(si.n, si.p - p)) <= SAME_SURFACE_HEIGHT * r
+        found = si.is_valid() & flat & (cosine > SAME_SURFACE_COSINE)
+        found &= mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Diffuse)
+        if active & found:
+            stretch = mi.Float(cosine)
+        # Glass that lies on the surface is no end of it: go on behind.
+        step = si.t + 1e-3 * r
+        ray.o = ray(step)
+        left = dr.select(si.is_valid(), left - step, 0)
+        active &= ~found & ((left > 0) | (trials < _MOST_TRIALS))
+    return dr.select(valid, mi.Float(trials) * stretch, 1)
