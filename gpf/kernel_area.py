@@ -28,9 +28,10 @@ def area_correction(
     """An unbiased estimate of π r² / A(x), (N,), A being the area on which photons count at x.
 
     Short rays, perpendicular to the disc, go through random points of it until one meets the
-    surface. If that happens with probability c, the number of rays has the expected value 1/c. A
-    ray that meets the surface at an angle θ stands for an area that is 1/cos θ as large. Some of
-    the disc may be inside a box that stands on the surface; that is not found out.
+    surface. If that happens with probability c, the number of rays has the expected value 1/c. The
+    ball around x cuts as much off a curved surface or one with a crease as off a plane (a sphere:
+    exactly so); the disc is thus taken to be bent as the surface is. What lies inside of a box that
+    stands on the surface, or behind a wall that goes through it, counts like the rest.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def area_correction(
     first, second = mi.sample_tea_32(bits[0] ^ key, bits[1])
     first, second = mi.sample_tea_32(first ^ bits[2], second)
 
-    trials, stretch = mi.UInt32(0), mi.Float(1)
+    trials = mi.UInt32(0)
     ray, left = mi.Ray3f(p, -n, 0, 0, mi.Color0f()), mi.Float(0)
     active = mi.Bool(valid)
     while active:
@@ -55,21 +56,17 @@ def area_correction(
             disc = r * mi.warp.square_to_uniform_disk(
                 mi.Point2f(mi.Float(first >> 8), mi.Float(second >> 8)) * 2.0**-24
             )
-            # No photon counts outside of the ball.
-            height = dr.safe_sqrt(dr.square(r) - dr.squared_norm(disc)) + 1e-3 * r
-            ray.o = p + frame.to_world(mi.Vector3f(disc.x, disc.y, height))
-            left = 2 * height
+            ray.o = p + frame.to_world(mi.Vector3f(disc.x, disc.y, r))
+            left = 2 * r
         ray.maxt = left
         si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False, active=active)
         cosine = dr.abs(dr.dot(si.n, n))
         flat = dr.abs(dr.dot(si.n, si.p - p)) <= SAME_SURFACE_HEIGHT * r
         found = si.is_valid() & flat & (cosine > SAME_SURFACE_COSINE)
         found &= mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Diffuse)
-        if active & found:
-            stretch = mi.Float(cosine)
         # Glass that lies on the surface is no end of it: go on behind.
         step = si.t + 1e-3 * r
         ray.o = ray(step)
         left = dr.select(si.is_valid(), left - step, 0)
         active &= ~found & ((left > 0) | (trials < _MOST_TRIALS))
-    return dr.select(valid, mi.Float(trials) * stretch, 1)
+    return dr.select(valid, mi.Float(trials), 1)

@@ -248,5 +248,6 @@ def test_settings_as_json():
         "rr_depth": 5,
         "direct": "photons",
         "glossy_walks": 8,
+        "edge_correction": True,
         "seed": 7,
     }
