@@ -10,9 +10,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from gpf.artifacts import read_tensors, write_tensors
+from gpf.artifacts import read_json, read_tensors, write_json, write_tensors
+from gpf.errors import UserError
 from gpf.pass_sums import PassSums
 
+_FINGERPRINT = "fingerprint.json"
 _NAME = re.compile(r"(\d+)-(\d+)\.safetensors")
 
 
@@ -24,8 +26,8 @@ class PassParts:
 
     Parameters
     ----------
-    folder: what belongs to a ``fingerprint`` lies in a folder below that is named after it; parts
-        of anything else are left alone.
+    folder: what belongs to a ``fingerprint`` lies in a folder below that is named after it, with
+        the fingerprint beside the parts; parts of anything else are left alone.
     fingerprint: all that the sums depend on, as JSON values.
     maker: the stage that makes such files, for messages.
     """
@@ -34,6 +36,7 @@ class PassParts:
         text = json.dumps(fingerprint, sort_keys=True)
         self.digest = hashlib.sha256(text.encode()).hexdigest()[:12]
         self.parent, self.folder, self.maker = folder, folder / self.digest, maker
+        self._fingerprint: dict[str, Any] = json.loads(text)
 
     def done(self) -> list[range]:
         """Ranges of passes that are done, in order and without overlap, as 0-based ranges."""
@@ -56,11 +59,25 @@ class PassParts:
             first = max(first, part.stop)
         return left
 
-    def others(self) -> list[str]:
-        """Names of folders beside this one that hold parts of something else."""
+    def others(self) -> dict[Path, str]:
+        """Folders beside this one that hold parts of something else, and what of."""
         if not self.parent.is_dir():
-            return []
-        return sorted(p.name for p in self.parent.iterdir() if p.is_dir() and p != self.folder)
+            return {}
+        folders = sorted(p for p in self.parent.iterdir() if p.is_dir() and p != self.folder)
+        return {folder: self._difference(folder) for folder in folders}
+
+    def _difference(self, folder: Path) -> str:
+        """In what the fingerprint of a folder is not this one, in words."""
+        if not (folder / _FINGERPRINT).exists():
+            return "nothing that this version knows"
+        theirs, mine = read_json(folder / _FINGERPRINT, self.maker), self._fingerprint
+        words = []
+        for key in sorted(theirs.keys() | mine.keys()):
+            if theirs.get(key) != mine.get(key):
+                plain = isinstance(theirs.get(key), int | float | bool)
+                value = f" ({theirs[key]}, not {mine.get(key)})" if plain else ""
+                words.append(key.replace("_", " ") + value)
+        return "another " + ", ".join(words)
 
     def file(self, part: range) -> Path:
         """Where the sums over a range lie."""
@@ -68,7 +85,9 @@ class PassParts:
 
     def write(self, part: range, sums: PassSums, costs: Mapping[str, float]) -> None:
         """Keep the sums over a range, in place of those of shorter ranges with the same start."""
-        metadata = {"passes": sums.passes, "costs": dict(costs)}
+        if not (self.folder / _FINGERPRINT).exists():
+            write_json(self.folder / _FINGERPRINT, self._fingerprint)
+        metadata = {"passes": sums.passes, "costs": dict(costs), "digest": self.digest}
         write_tensors(self.file(part), "passes", sums.tensors(), metadata)
         for other in self.folder.glob(f"{part.start}-*.safetensors"):
             match = _NAME.fullmatch(other.name)
@@ -78,13 +97,20 @@ class PassParts:
     def add_to(self, sums: PassSums, part: range) -> dict[str, float]:
         """Add a part's sums to others; what it cost."""
         tensors, metadata = read_tensors(self.file(part), "passes", self.maker)
+        if metadata.get("digest") != self.digest:
+            raise UserError(
+                str(self.file(part)),
+                "holds passes of another scene, other views, parameters or code "
+                f"({metadata.get('digest', 'unknown')}), and is left as it is",
+                f"Move it out of this folder and run `gpf stage {self.maker}` again.",
+            )
         sums.add_tensors(tensors, metadata["passes"])
         costs: dict[str, float] = metadata["costs"]
         return costs
 
     def clear(self) -> None:
         """Remove all parts, once their sum is kept elsewhere."""
-        for path in self.folder.glob("*.safetensors"):
+        for path in [*self.folder.glob("*.safetensors"), self.folder / _FINGERPRINT]:
             path.unlink(missing_ok=True)
         for folder in (self.folder, self.parent):
             if folder.is_dir() and not any(folder.iterdir()):

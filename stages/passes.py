@@ -64,7 +64,9 @@ class LongSum:
             total = self.merge() if todo and todo[0].start > 0 else self.renderer.empty_sums()
             watch = Watch(self, total, bar.describe)
             for part in todo:
-                if self._is_good_enough(total):
+                if total.passes < part.start:  # parts that others made lie between
+                    total = watch.total = self.merge()
+                if total.passes == part.start and self._is_good_enough(total):
                     break
                 self.costs.parts.pop(self.group, None)
                 with self.costs.measure(self.group):
@@ -94,11 +96,6 @@ class LongSum:
             check_finite(renderer.mean_irradiance(name), where)
         self.parts.write(part, renderer.sums, costs)
 
-    def is_complete(self) -> bool:
-        """Whether all passes are there, or as many as the target for the noise takes."""
-        sums = self.merge()
-        return sums.passes >= self.passes or self._is_good_enough(sums)
-
     def merge(self, at: Callable[[PassSums], None] = lambda sums: None) -> PassSums:
         """The sum of all passes that are there without a gap; ``at(sums)`` after each part.
 
@@ -116,8 +113,11 @@ class LongSum:
         self.costs.parts[self.group] = spent
         return sums
 
-    def finish(self, snapshots: Sequence[int] = ()) -> dict[str, dict[str, np.ndarray]]:
-        """Put the sum of all parts into the renderer; the views' images after some passes."""
+    def finish(self, snapshots: Sequence[int] = ()) -> dict[str, dict[str, np.ndarray]] | None:
+        """Put the sum of all parts into the renderer; the views' images after some passes.
+
+        None while passes are missing: all of them, or as many as the target for the noise takes.
+        """
         images: dict[str, dict[str, np.ndarray]] = {name: {} for name in self.renderer.sensors}
 
         def keep(sums: PassSums) -> None:
@@ -126,8 +126,8 @@ class LongSum:
                 for name, layers in images.items():
                     layers[f"sppm_{sums.passes}"] = self.renderer.image(name)
 
-        self.renderer.sums = self.merge(keep)
-        return images
+        sums = self.renderer.sums = self.merge(keep)
+        return images if sums.passes >= self.passes or self._is_good_enough(sums) else None
 
     def ceiling(self, sums: PassSums) -> float:
         """The lowest ceiling of all views, dB (:meth:`gpf.pass_sums.ViewTally.ceiling`)."""

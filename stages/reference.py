@@ -89,11 +89,8 @@ def _render_group(job: Job, group: str, wanted: range | None) -> bool | None:
     if missing or surfaces_missing:
         request = GroupRequest(group, tuple(view.name for view in missing), surfaces_missing)
         passes = open_group(job, request)
-        for other in passes.parts.others():
-            console.print(
-                f"{passes.parts.parent / other}: passes of other parameters or code; left alone",
-                highlight=False,
-            )
+        for folder, difference in passes.parts.others().items():
+            console.print(f"{folder}: made with {difference}; left alone", highlight=False)
         wanted = range(passes.passes) if wanted is None else wanted
         if work.params.executor == "ray":
             # Here alone: Ray is optional, and slow to import.
@@ -102,18 +99,23 @@ def _render_group(job: Job, group: str, wanted: range | None) -> bool | None:
             render_on_cluster(passes, request, wanted)
         else:
             passes.render(wanted)
-        if not passes.is_complete():
+        snapshots = passes.finish(snapshot_passes(passes.passes) if group == "ceiling" else [])
+        if snapshots is None:
             return None
-        _write_group(passes, missing, record)
+        _write_group(passes, missing, record, snapshots)
     if group == "train":
         _collect_targets(work, views, surfaces)
     return bool(missing or surfaces_missing)
 
 
-def _write_group(passes: LongSum, views: Sequence[View], record: dict[str, Any]) -> None:
+def _write_group(
+    passes: LongSum,
+    views: Sequence[View],
+    record: dict[str, Any],
+    snapshots: dict[str, dict[str, np.ndarray]],
+) -> None:
     """Write the files of a group whose passes are all there, and forget the parts."""
     work, group, renderer = passes.work, passes.group, passes.renderer
-    snapshots = passes.finish(snapshot_passes(passes.passes) if group == "ceiling" else [])
     passes.costs.share(group, sorted({*renderer.sensors, *renderer.points}))
     for view in views:
         if group == "ceiling":

@@ -109,13 +109,21 @@ def test_a_growing_part_replaces_itself(renderer, tmp_path):
     assert sorted(p.name for p in parts.folder.iterdir()) == [
         "2-5.safetensors",
         "20-21.safetensors",
+        "fingerprint.json",
     ]
 
 
-def test_parts_of_something_else_are_left_alone(tmp_path):
+def test_parts_of_something_else_are_left_alone(renderer, tmp_path):
     mine, other = parts_in(tmp_path), parts_in(tmp_path, seed=4)
-    touch(other, (0, 10))
-    assert mine.done() == [] and mine.others() == [other.digest]
+    other.write(range(10), renderer.sums, COSTS)
+    touch(parts_in(tmp_path, seed=5), (0, 10))
+    unknown = parts_in(tmp_path, seed=5).folder
+    assert mine.done() == []
+    assert mine.others() == {
+        other.folder: "another seed (4, not 3)",
+        unknown: "nothing that this version knows",
+    }
+    parts_in(tmp_path, seed=5).clear()
     touch(mine, (0, 3))
     mine.clear()
     assert not mine.folder.exists() and other.done() == [range(10)]
@@ -137,3 +145,15 @@ def test_a_truncated_part_is_an_error_in_words(renderer, tmp_path):
     file.write_bytes(file.read_bytes()[:-40])
     with pytest.raises(UserError, match=r"0-1\.safetensors: is truncated.*gpf stage reference"):
         parts.add_to(renderer.empty_sums(), range(1))
+
+
+def test_a_part_in_the_wrong_folder_is_refused_by_name(renderer, tmp_path):
+    """Brought from another machine that had other parameters."""
+    mine, other = parts_in(tmp_path), parts_in(tmp_path, seed=4)
+    other.write(range(3), renderer.sums, COSTS)
+    mine.folder.mkdir()
+    other.file(range(3)).rename(mine.file(range(3)))
+    kept = mine.file(range(3)).read_bytes()
+    with pytest.raises(UserError, match=rf"0-3\.safetensors: holds.*{other.digest}.*Move it out"):
+        mine.add_to(renderer.empty_sums(), range(3))
+    assert mine.file(range(3)).read_bytes() == kept

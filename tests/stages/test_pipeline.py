@@ -1,14 +1,12 @@
-"""The whole pipeline at `smoke`: what it leaves, what it redoes, and what survives Ctrl-C."""
+"""The whole pipeline at `smoke`: what it leaves, and what it redoes."""
 
 from __future__ import annotations
 
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import mitsuba as mi
@@ -19,29 +17,11 @@ import pytest
 from gpf.artifacts import read_tensors
 from gpf.field import GaussianPhotonField
 from gpf.images import read_exr
-from gpf.reference import ReferenceRenderer
-from gpf.training import Trainer
 from stages.cli import STAGES
+from tests.stages.results import NOVEL, TRAIN, assert_whole, files_below
 
 PROJECT = Path(__file__).parent.parent.parent
-TRAIN, NOVEL = ("front", "left", "right"), ("above", "floor", "inside", "ceiling")
 HEIGHT, WIDTH = 16, 20
-
-
-def files_below(folder: Path) -> set[str]:
-    return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
-
-
-def assert_whole(folder: Path) -> None:
-    """No temporary files, and every image and tensor file can be read."""
-    for path in folder.rglob("*"):
-        assert not path.name.startswith("."), path
-        if path.suffix == ".exr":
-            read_exr(path, "reference")
-        if path.suffix == ".safetensors":
-            name = path.parent.name if path.parent.name == "checkpoints" else path.stem
-            kind = {"checkpoints": "checkpoint"}.get(name, name)
-            read_tensors(path, "passes" if path.stem[0].isdigit() else kind, "any")
 
 
 # --- what it leaves ---------------------------------------------------------------------------
@@ -171,6 +151,31 @@ def test_costs_are_counted_once_for_each_part(built):
     assert len(amortize["break_even_views"]) == 2
 
 
+def test_enough_is_enough(fresh, no_probe):
+    """With a modest target for the noise, few passes do."""
+    fresh.edit("params.yaml", reference__passes=200, reference__target_psnr=3.0)
+    assert fresh.stage("scene").code == 0
+    assert fresh.stage("reference").code == 0
+    for view in NOVEL:
+        record = read_exr(fresh.results / f"reference/{view}.exr", "reference")[1]
+        assert record["passes_done"] == 25 and record["estimated_ceiling"] >= 3
+        layers, _ = read_exr(fresh.results / f"ceiling/{view}.exr", "reference")
+        assert layers.keys() == {"sppm_1", "sppm_3", "sppm_10", "sppm_25"}
+
+
+def test_pictures_of_what_is_being_rendered(fresh, no_probe):
+    fresh.edit("params.yaml", reference__preview_seconds=1e-6)
+    assert fresh.stage("scene").code == 0
+    assert fresh.stage("reference").code == 0
+    pictures = {p.name for p in (fresh.results / "preview").iterdir()}
+    assert pictures == {
+        *(f"train-{view}.png" for view in TRAIN),
+        *(f"{group}-{view}.png" for group in ("novel", "ceiling") for view in NOVEL),
+    }
+    image = mi.Bitmap(str(fresh.results / f"preview/novel-{NOVEL[0]}.png"))
+    assert np.std(np.array(image)) > 5
+
+
 # --- what it redoes ---------------------------------------------------------------------------
 
 
@@ -236,211 +241,6 @@ def test_other_parameters_render_all_references_again(finished):
     again = changed(before, finished.snapshot())
     assert {f"reference/{view}.exr" for view in TRAIN + NOVEL} <= again
     assert "reference/surfaces.safetensors" in again
-
-
-# --- Ctrl-C -----------------------------------------------------------------------------------
-
-
-def interrupt_after(monkeypatch, kind: type, method: str, calls: int) -> list[int]:
-    """Raise KeyboardInterrupt in place of the next call; the list counts the calls."""
-    original = getattr(kind, method)
-    seen: list[int] = []
-
-    def counted(self, *arguments):
-        if len(seen) == calls:
-            raise KeyboardInterrupt
-        seen.append(1)
-        return original(self, *arguments)
-
-    monkeypatch.setattr(kind, method, counted)
-    return seen
-
-
-@pytest.fixture
-def no_probe(monkeypatch):
-    """The passes that are only timed would be counted, too."""
-    monkeypatch.setattr("stages.reference._seconds_per_pass", lambda *_: 1.0)
-
-
-def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monkeypatch, no_probe):
-    fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
-    assert fresh.stage("scene").code == 0
-    with monkeypatch.context() as patch:
-        interrupt_after(patch, ReferenceRenderer, "run_pass", 4 + 2)  # in the novel views
-        outcome = fresh.stage("reference")
-    assert outcome.code == 130
-    assert "stopped; the next run goes on from the last checkpoint" in outcome.text
-    assert "Traceback" not in outcome.text
-    assert_whole(fresh.folder / "results")
-    done = files_below(fresh.results)
-    assert {f"reference/{view}.exr" for view in TRAIN} <= done
-    assert not done & {f"reference/{view}.exr" for view in NOVEL}
-    kept = [name for name in done if name.startswith("checkpoints/reference-novel/")]
-    assert sorted(name.rpartition("/")[2] for name in kept) == [
-        "0-1.safetensors",
-        "1-2.safetensors",
-    ]
-
-    with monkeypatch.context() as patch:
-        passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
-        assert fresh.stage("reference").code == 0
-    assert len(passes) == 2 + 4  # what was left for the novel views, and the ceiling
-    assert not list((fresh.results / "checkpoints").glob("*"))
-    for view in TRAIN + NOVEL:
-        one, other = (
-            read_exr(p.results / f"reference/{view}.exr", "reference")[0]["radiance"]
-            for p in (fresh, built)
-        )
-        np.testing.assert_array_equal(one, other)
-
-
-def test_a_checkpoint_of_other_surface_points_is_left_alone(fresh, monkeypatch, no_probe):
-    fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
-    assert fresh.stage("scene").code == 0
-    with monkeypatch.context() as patch:
-        interrupt_after(patch, ReferenceRenderer, "run_pass", 2)
-        assert fresh.stage("reference").code == 130
-    fresh.edit("params.yaml", reference__surface_points=300)
-    with monkeypatch.context() as patch:
-        passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
-        assert fresh.stage("reference").code == 0
-    assert len(passes) == 3 * 4
-    assert len(list((fresh.results / "checkpoints/reference-train").iterdir())) == 1
-    tensors, _ = read_tensors(fresh.results / "targets.safetensors", "targets", "reference")
-    assert np.count_nonzero(tensors["source"] == -1) == 300
-
-
-def test_passes_in_any_order_give_the_same_files(fresh, built, no_probe):
-    """As other machines would make them: nothing is written until all are there."""
-    assert fresh.stage("scene").code == 0
-    for passes in ("2:", "0:1"):
-        outcome = fresh.gpf("stage", "reference", "--scene", "cornell_box", "--passes", passes)
-        assert outcome.code == 0 and "others are missing (train, novel, ceiling)" in outcome.text
-        assert not list(fresh.results.glob("reference/*"))
-    assert fresh.gpf("stage", "reference", "--scene", "cornell_box", "--passes", "1:2").code == 0
-    made = {p.relative_to(built.results) for p in built.results.glob("reference/*.exr")}
-    assert {p.relative_to(fresh.results) for p in fresh.results.glob("reference/*.exr")} == made
-    for path in [*made, *(p.relative_to(built.results) for p in built.results.glob("ceiling/*"))]:
-        assert (fresh.results / path).read_bytes() == (built.results / path).read_bytes(), path
-    assert not (fresh.results / "checkpoints").exists()
-
-
-def test_nothing_is_lost_to_a_kill(fresh, environment):
-    """SIGKILL while parts are written; what is left goes on to the bits of a run in one piece."""
-    fresh.edit("params.yaml", reference__passes=60, reference__checkpoint_seconds=1e-6)
-    assert fresh.stage("scene").code == 0
-    whole = fresh.copy(fresh.folder.parent / "whole")
-    assert whole.stage("reference").code == 0
-
-    arguments = ["-m", "stages.cli", "stage", "reference", "--scene", fresh.results.name]
-    folder, seen = fresh.results / "checkpoints/reference-train", 0
-    for _ in range(2):
-        process = subprocess.Popen(
-            [sys.executable, *arguments],
-            cwd=fresh.folder,
-            env=environment(),
-            stderr=subprocess.DEVNULL,
-        )
-        try:
-            deadline = time.monotonic() + 90
-            while process.poll() is None and time.monotonic() < deadline:
-                if passes_kept(folder) > seen + 3:
-                    break
-                time.sleep(0.001)
-        finally:
-            process.kill()
-            process.wait()
-        assert passes_kept(folder) > seen + 3
-        seen = passes_kept(folder)
-    assert seen < 60
-    assert fresh.stage("reference").code == 0
-    made = sorted(p.relative_to(whole.results) for p in whole.results.glob("*/*.exr"))
-    assert len(made) == len(TRAIN) + 2 * len(NOVEL)
-    for path in made:
-        assert (fresh.results / path).read_bytes() == (whole.results / path).read_bytes(), path
-
-
-def passes_kept(folder: Path) -> int:
-    """How many passes the parts below a folder hold."""
-    names = [p.stem.split("-") for p in folder.rglob("[0-9]*.safetensors")]
-    return max((int(last) for _, last in names), default=0)
-
-
-def test_enough_is_enough(fresh, no_probe):
-    """With a modest target for the noise, few passes do."""
-    fresh.edit("params.yaml", reference__passes=200, reference__target_psnr=3.0)
-    assert fresh.stage("scene").code == 0
-    assert fresh.stage("reference").code == 0
-    for view in NOVEL:
-        record = read_exr(fresh.results / f"reference/{view}.exr", "reference")[1]
-        assert record["passes_done"] == 25 and record["estimated_ceiling"] >= 3
-        layers, _ = read_exr(fresh.results / f"ceiling/{view}.exr", "reference")
-        assert layers.keys() == {"sppm_1", "sppm_3", "sppm_10", "sppm_25"}
-
-
-def test_pictures_of_what_is_being_rendered(fresh, no_probe):
-    fresh.edit("params.yaml", reference__preview_seconds=1e-6)
-    assert fresh.stage("scene").code == 0
-    assert fresh.stage("reference").code == 0
-    pictures = {p.name for p in (fresh.results / "preview").iterdir()}
-    assert pictures == {
-        *(f"train-{view}.png" for view in TRAIN),
-        *(f"{group}-{view}.png" for group in ("novel", "ceiling") for view in NOVEL),
-    }
-    image = mi.Bitmap(str(fresh.results / f"preview/novel-{NOVEL[0]}.png"))
-    assert np.std(np.array(image)) > 5
-
-
-def test_the_ceiling_goes_on_from_a_checkpoint_too(fresh, monkeypatch, no_probe):
-    fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
-    assert fresh.stage("scene").code == 0
-    with monkeypatch.context() as patch:
-        interrupt_after(patch, ReferenceRenderer, "run_pass", 4 + 4 + 3)
-        assert fresh.stage("reference").code == 130
-    assert_whole(fresh.folder / "results")
-    with monkeypatch.context() as patch:
-        passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
-        assert fresh.stage("reference").code == 0
-    assert len(passes) == 1
-    layers, _ = read_exr(fresh.results / "ceiling/above.exr", "reference")
-    assert layers.keys() == {"sppm_1", "sppm_3", "sppm_4"}
-
-
-def test_an_interrupted_training_goes_on_from_its_checkpoint(finished, monkeypatch):
-    finished.edit("params.yaml", train__checkpoint_seconds=1e-6)
-    (finished.results / "field.safetensors").unlink()
-    with monkeypatch.context() as patch:
-        interrupt_after(patch, Trainer, "step", 12)
-        outcome = finished.stage("train")
-    assert outcome.code == 130 and "stopped; the next run goes on" in outcome.text
-    assert_whole(finished.folder / "results")
-    assert not (finished.results / "field.safetensors").exists()
-    with monkeypatch.context() as patch:
-        steps = interrupt_after(patch, Trainer, "step", 1000)
-        assert finished.stage("train").code == 0
-    assert len(steps) == 8
-    assert GaussianPhotonField.load(finished.results / "field.safetensors").record["steps"] == 20
-    # The whole curve is there, not only what came after the checkpoint.
-    curve = pd.read_csv(finished.results / "training/plots/metrics/held_out_error.tsv", sep="\t")
-    assert curve["step"].tolist() == [10, 20]
-
-
-@pytest.mark.slow
-def test_ctrl_c_in_a_process_of_its_own(fresh, environment):
-    fresh.edit("params.yaml", reference__checkpoint_seconds=0.01, reference__passes=100_000)
-    assert fresh.stage("scene").code == 0
-    with fresh.start("reference", environment()) as process:
-        kept = fresh.results / "checkpoints/reference-train"
-        deadline = time.monotonic() + 90
-        while not passes_kept(kept) and process.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.1)
-        process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=30)
-    assert process.returncode == 130, output
-    assert "stopped; the next run goes on from the last checkpoint" in output
-    assert "Traceback" not in output
-    assert passes_kept(kept)
-    assert_whole(fresh.folder / "results")
 
 
 # --- DVC --------------------------------------------------------------------------------------

@@ -1,0 +1,27 @@
+"""What the pipeline leaves below results/, and whether it is whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gpf.artifacts import read_tensors
+from gpf.images import read_exr
+
+TRAIN, NOVEL = ("front", "left", "right"), ("above", "floor", "inside", "ceiling")
+
+
+def files_below(folder: Path) -> set[str]:
+    """Every file below the folder."""
+    return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+
+
+def assert_whole(folder: Path) -> None:
+    """No temporary files, and every image and tensor file can be read."""
+    for path in folder.rglob("*"):
+        assert not path.name.startswith("."), path
+        if path.suffix == ".exr":
+            read_exr(path, "reference")
+        if path.suffix == ".safetensors":
+            name = path.parent.name if path.parent.name == "checkpoints" else path.stem
+            kind = {"checkpoints": "checkpoint"}.get(name, name)
+            read_tensors(path, "passes" if path.stem[0].isdigit() else kind, "any")
