@@ -1,7 +1,9 @@
 """EXRs keep layers and record; bad ones are refused in words; tone mapping is sRGB's."""
 
 import json
+import resource
 import time
+from contextlib import contextmanager
 
 import mitsuba as mi
 import numpy as np
@@ -164,3 +166,34 @@ def test_a_preview_shows_the_tone_mapped_image(tmp_path):
     assert pixels.shape == (HEIGHT, WIDTH, 3) and pixels.dtype == np.uint8
     assert pixels[1, 6].tolist() == [118, 188, 255]
     assert np.count_nonzero(pixels) == 3
+
+
+@contextmanager
+def full_disk(room: int):
+    """Files can't grow beyond ``room`` bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("name", ["noise.exr", "noise.png"])
+def test_a_full_disk_leaves_the_old_image(tmp_path, name):
+    """The libraries that write images don't say so with an OSError."""
+    noise = np.random.default_rng(1).random((96, 128, 3)).astype(np.float32)
+    path = tmp_path / name
+
+    def write(image):
+        if path.suffix == ".exr":
+            write_exr(path, {"radiance": image}, {})
+        else:
+            write_png(path, image, 1.0)
+
+    write(noise[:4, :4])
+    before = path.read_bytes()
+    with full_disk(8192), pytest.raises(UserError, match=f"{name}: could not be written.*Free"):
+        write(noise)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == [name]

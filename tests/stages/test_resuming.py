@@ -52,6 +52,7 @@ def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monk
     assert sorted(name.rpartition("/")[2] for name in kept) == [
         "0-1.safetensors",
         "1-2.safetensors",
+        "fingerprint.json",
     ]
 
     with monkeypatch.context() as patch:
@@ -76,7 +77,8 @@ def test_a_checkpoint_of_other_surface_points_is_left_alone(fresh, monkeypatch, 
     fresh.edit("params.yaml", reference__surface_points=300)
     with monkeypatch.context() as patch:
         passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
-        assert fresh.stage("reference").code == 0
+        outcome = fresh.stage("reference")
+    assert outcome.code == 0 and "made with another points; left alone" in outcome.text
     assert len(passes) == 3 * 4
     assert len(list((fresh.results / "checkpoints/reference-train").iterdir())) == 1
     tensors, _ = read_tensors(fresh.results / "targets.safetensors", "targets", "reference")
@@ -189,3 +191,37 @@ def test_ctrl_c_in_a_process_of_its_own(fresh, environment):
     assert "Traceback" not in output
     assert passes_kept(kept)
     assert_whole(fresh.folder / "results")
+
+
+FULL_DISK = """
+import resource, sys
+from stages.cli import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
+main(["stage", "reference", "--scene", sys.argv[2]])
+"""
+
+
+def test_a_full_disk_leaves_the_last_checkpoint(fresh, built, environment, no_probe):
+    """As if nothing larger than 2 kB could be written any more."""
+    assert fresh.stage("scene").code == 0
+    assert fresh.gpf("stage", "reference", "--scene", "cornell_box", "--passes", ":2").code == 0
+    kept = {p: p.read_bytes() for p in (fresh.results / "checkpoints").rglob("*.safetensors")}
+    assert len(kept) == 3 * 2
+    full = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, "2000", fresh.results.name],
+        cwd=fresh.folder,
+        env=environment(),
+        capture_output=True,
+        text=True,
+    )
+    text = " ".join(full.stderr.split())
+    assert full.returncode == 2, text
+    assert "could not be written" in text and "Free some disk space" in text
+    assert "Traceback" not in text
+    assert_whole(fresh.folder / "results")
+    assert kept.items() <= {p: p.read_bytes() for p in kept}.items()
+    assert fresh.stage("reference").code == 0
+    for path in built.results.glob("*/*.exr"):
+        mine = fresh.results / path.relative_to(built.results)
+        if path.parent.name in ("reference", "ceiling"):
+            assert mine.read_bytes() == path.read_bytes(), path
