@@ -1,0 +1,98 @@
+"""`python -m benchmarks.workers`: how many workers of a cluster help to render references.
+
+The stage `reference` of the Cornell box runs on this machine as it is, and on Ray with one and two
+workers of one thread each. For more workers, the time is predicted from what tasks were measured to
+take: groups of views come one after the other, and the tasks of each are shared out.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from ruamel.yaml import YAML
+
+from gpf.artifacts import read_json
+
+SCENE, PASSES, PASSES_PER_TASK = "cornell_box", 200, 10
+PREDICTED = (1, 2, 4, 8, 16, 32, 64)
+PROJECT = Path(__file__).resolve().parent.parent
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of the stage: seconds as a whole, and of all passes of each group."""
+
+    seconds: float
+    groups: list[float]
+
+
+def run_stage(folder: Path, executor: str, workers: int) -> Run:
+    """Render all references in a copy of the project."""
+    project = folder / f"{executor}-{workers}"
+    shutil.copytree(PROJECT / "scenes" / SCENE, project / "scenes" / SCENE)
+    yaml = YAML()
+    params = yaml.load((PROJECT / "params.yaml").read_text(encoding="utf-8"))
+    params["executor"], params["scenes"] = executor, [SCENE]
+    params["cluster"] |= {"workers": workers, "threads": 1, "passes_per_task": PASSES_PER_TASK}
+    params["reference"] |= {"passes": PASSES, "preview_seconds": 0}
+    with (project / "params.yaml").open("w", encoding="utf-8") as file:
+        yaml.dump(params, file)
+    environment = os.environ | {"PYTHONPATH": str(PROJECT)}
+    for stage in ("scene", "reference"):
+        start = time.perf_counter()
+        command = [sys.executable, "-m", "stages.cli", "stage", stage, "--scene", SCENE]
+        subprocess.run(command, cwd=project, env=environment, check=True, capture_output=True)
+    seconds = time.perf_counter() - start
+    parts = read_json(project / "results" / SCENE / "costs" / "reference.json", "reference")[
+        "parts"
+    ]
+    spent = {"train": 0.0, "novel": 0.0, "ceiling": 0.0}
+    apart = 0.0
+    for name, cost in parts.items():
+        group = name.partition("/")[0]
+        if group in spent:
+            spent[group] += cost["wall_seconds"] + cost["compile_seconds"]
+        elif group == "probe":  # what a pass costs is measured afterwards, by one machine
+            apart += cost["wall_seconds"] + cost["compile_seconds"]
+    return Run(seconds - apart, list(spent.values()))
+
+
+def predict(run: Run, workers: int) -> float:
+    """Seconds with so many workers, from a run with one: what is not passes stays."""
+    tasks = math.ceil(PASSES / PASSES_PER_TASK)
+    rounds = math.ceil(tasks / workers)
+    return run.seconds - sum(run.groups) + sum(group / tasks * rounds for group in run.groups)
+
+
+def main() -> None:
+    """Run, predict, and print one table."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        local = run_stage(folder, "local", 1)
+        runs = {n: run_stage(folder, "ray", n) for n in (1, 2)}
+    table = Table("workers", "measured", "predicted", "times as fast as one")
+    table.add_row("none (local, all cores)", f"{local.seconds:.0f} s", "", "")
+    for n in PREDICTED:
+        expected = predict(runs[1], n)
+        measured = f"{runs[n].seconds:.0f} s" if n in runs else ""
+        speed = runs[1].seconds / (runs[n].seconds if n in runs else expected)
+        table.add_row(str(n), measured, f"{expected:.0f} s", f"{speed:.1f}")
+    console = Console(width=100)
+    console.print(
+        f"{SCENE}: 3 groups of {PASSES} passes in tasks of {PASSES_PER_TASK}, workers of one thread"
+    )
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()
