@@ -53,12 +53,10 @@ def run_stage(folder: Path, executor: str, workers: int) -> Run:
         command = [sys.executable, "-m", "stages.cli", "stage", stage, "--scene", SCENE]
         subprocess.run(command, cwd=project, env=environment, check=True, capture_output=True)
     seconds = time.perf_counter() - start
-    parts = read_json(project / "results" / SCENE / "costs" / "reference.json", "reference")[
-        "parts"
-    ]
+    costs = project / "results" / SCENE / "costs" / "reference.json"
     spent = {"train": 0.0, "novel": 0.0, "ceiling": 0.0}
     apart = 0.0
-    for name, cost in parts.items():
+    for name, cost in read_json(costs, "reference")["parts"].items():
         group = name.partition("/")[0]
         if group in spent:
             spent[group] += cost["wall_seconds"] + cost["compile_seconds"]
