@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import drjit as dr
@@ -19,11 +20,11 @@ SAME_SURFACE_COSINE = 0.7
 # inside and outside of a tube, the floor and the top of a thick carpet.
 SAME_SURFACE_HEIGHT = 0.5
 
-# Bytes that the sums' copies, one per thread, may take.
-_COPIES_LIMIT = 1 << 29
+# The greatest depth that a photon's tag tells, and a budget that admits photons of any depth.
+UNLIMITED = 255
 
-# A point with this depth budget takes photons of any depth.
-UNLIMITED = 127
+# Bits that the power of the brightest photon takes, as a whole number.
+_BITS = 31
 
 
 def next_radius(radius: float, t: int, alpha: float) -> float:
@@ -42,17 +43,11 @@ def radius_at(t: int, initial_radius: float, alpha: float) -> float:
     return float(initial_radius * np.exp(0.5 * log_ratio))
 
 
-def pack_tag(
-    n: mi.Normal3f, budget: mi.UInt32 | int = UNLIMITED, lit: mi.Bool | bool = False
-) -> mi.Float:
-    """A unit normal (8 bits a coordinate) and which photons count, as the bits of one float.
-
-    Those count that are no deeper than ``budget`` (7 bits) and, where a point is ``lit`` already
-    (1 bit), do not come straight from an emitter.
-    """
+def pack_tag(n: mi.Normal3f, depth: mi.UInt32 | int = 0) -> mi.Float:
+    """A unit normal (8 bits a coordinate) and a depth up to 255, as the bits of one float."""
     bits = mi.Vector3u(dr.round((n + 1) * 127.5))
-    limits = dr.minimum(mi.UInt32(budget), UNLIMITED) | (mi.UInt32(mi.Bool(lit)) << 7)
-    return dr.reinterpret_array(mi.Float, bits.x | (bits.y << 8) | (bits.z << 16) | (limits << 24))
+    above = dr.minimum(mi.UInt32(depth), UNLIMITED) << 24
+    return dr.reinterpret_array(mi.Float, bits.x | (bits.y << 8) | (bits.z << 16) | above)
 
 
 def unpack_normal(tag: mi.Float) -> mi.Normal3f:
@@ -64,11 +59,9 @@ def unpack_normal(tag: mi.Float) -> mi.Normal3f:
     return packed * (1 / 127.5) - 1
 
 
-def takes_depth(tag: mi.Float, depth: mi.UInt32) -> mi.Bool:
-    """Whether photons of a depth count at the point that a tag belongs to."""
-    limits = dr.reinterpret_array(mi.UInt32, tag) >> 24
-    budget, lit = limits & UNLIMITED, (limits >> 7) == 1
-    return ((depth <= budget) | (budget == UNLIMITED)) & ((depth > 0) | ~lit)
+def unpack_depth(tag: mi.Float) -> mi.UInt32:
+    """The depth in a tag."""
+    return dr.reinterpret_array(mi.UInt32, tag) >> 24
 
 
 def same_surface(record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f, radius2: mi.Float) -> mi.Bool:
@@ -83,102 +76,68 @@ def same_surface(record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f, radius2: mi
     return flat & (dr.dot(unpack_normal(record.w), n) > SAME_SURFACE_COSINE)
 
 
-class IrradianceGatherer:
-    """Irradiance at given points, summed up as photons land: nothing is stored but the sums.
-
-    The hash holds the points, and each photon visits those within ``radius``:
+class PhotonDensity:
+    """Photons sorted by place, and the irradiance that their density stands for anywhere:
 
         E(x) = 1 / (π r²) Σ Φ_i    over photons with |x - x_i| ≤ r on the same surface.
 
-    Sorting some 10^5 points per pass costs less than storing and sorting several photons per path.
-    Sums are whole numbers of ``unit``: they come out the same to the last bit in whatever order
-    the threads add to them.
+    Powers are rounded to whole numbers, 2^-31 of the brightest photon's: their sums come out the
+    same to the last bit in whatever order the photons lie, and that is the order in which threads
+    have brought them.
 
     Parameters
     ----------
-    p, n: positions and oriented normals, (N, 3).
-    valid: points that take part, (N,).
-    budget: greatest depth of a photon that a point accepts, (N,), below :data:`UNLIMITED`.
-    lit: points whose direct light is known already: photons of depth 0 do not count there, (N,).
-    radius: kernel radius, world units.
+    photons: in any order, (M,).
+    radius: kernel radius r, world units.
     bounds: corners of the scene's bounding box.
-    unit: what power is rounded to, W; see :func:`gpf.emission.power_unit`.
     """
 
-    def __init__(
+    def __init__(self, photons: Photons, radius: float, bounds: Any) -> None:
+        self._empty = dr.width(photons.p) == 0
+        if self._empty:
+            return
+        # Narrow cells hold few photons outside of the ball, wide ones have few rows to walk.
+        tag = pack_tag(photons.n, photons.depth)
+        self._grid = SpatialHash(photons.p, cell=1.01 * radius, bounds=bounds, tag=tag)
+        power = dr.gather(mi.Color3f, photons.power, self._grid.order)
+        finite = dr.all(dr.isfinite(power))
+        brightest = float(dr.max(dr.select(finite, dr.max(power), 0))[0])
+        unit = 2.0 ** (math.floor(math.log2(brightest)) + 1 - _BITS) if brightest > 0 else 1.0
+        whole = dr.round(power / dr.opaque(mi.Float, unit))
+        whole = dr.select(finite, whole, 0)
+        self._power = dr.ravel(mi.Vector4u(*mi.Vector3u(whole), 0))
+        dr.eval(self._power)
+        self._radius = dr.opaque(mi.Float, radius)
+        self._scale = dr.opaque(mi.Float, unit / (math.pi * radius**2))
+
+    def irradiance(
         self,
         p: mi.Point3f,
         n: mi.Normal3f,
-        valid: mi.Bool,
-        radius: float,
-        bounds: Any,
+        active: mi.Bool | bool = True,
         budget: mi.UInt32 | int = UNLIMITED,
         lit: mi.Bool | bool = False,
-        unit: float = 2.0**-40,
-    ) -> None:
-        tag = pack_tag(n, budget, lit)
-        cell = _cell_size(dr.width(p), radius, bounds)
-        self.hash = SpatialHash(p, cell=cell, bounds=bounds, valid=valid, tag=tag)
-        self._radius = dr.opaque(mi.Float, radius)
-        self._unit = dr.opaque(mi.Float, unit)
-        self._sums = dr.zeros(mi.UInt64, 4 * dr.width(p))
-        # On the CPU, one copy of the sums per thread is many times as fast as atomics.
-        copies = 32 * dr.width(p) * dr.thread_count()
-        expand = dr.backend_v(mi.Float) == dr.JitBackend.LLVM and copies < _COPIES_LIMIT
-        self._mode = dr.ReduceMode.Expand if expand else dr.ReduceMode.Auto
+    ) -> mi.Color3f:
+        """E at points, W/m², (N, 3); 0 where they are not active.
 
-    def deposit(self, photons: Photons, active: mi.Bool) -> None:
-        """Add the photons' power to the points around them; to be called from a photon walk."""
+        Parameters
+        ----------
+        p, n: positions and oriented normals, (N, 3).
+        budget: greatest depth of a photon that a point accepts, (N,).
+        lit: points whose direct light is known already: photons of depth 0 do not count, (N,).
+        """
+        if self._empty:
+            return dr.zeros(mi.Color3f, dr.width(p))
         radius2 = dr.square(self._radius)
-        power = _four_sums()(mi.Vector4f(*photons.power, 0) / self._unit)
+        limit, shallowest = mi.UInt32(budget), dr.select(mi.Bool(lit), mi.UInt32(1), 0)
+        sums = dr.uint64_array_t(mi.Color3f)
 
-        def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
-            counts = inside & same_surface(record, photons.p, photons.n, radius2)
-            counts &= takes_depth(record.w, photons.depth)
-            dr.scatter_reduce(dr.ReduceOp.Add, self._sums, power, index, counts, self._mode)
-            return state
+        def add(total, index, record, distance2, inside):  # type: ignore[no-untyped-def]
+            depth = unpack_depth(record.w)
+            counts = inside & same_surface(record, p, n, radius2)
+            counts &= (depth <= limit) & (depth >= shallowest)
+            power = dr.gather(mi.Vector4u, self._power, index, counts)
+            return total + sums(power.x, power.y, power.z)
 
-        self.hash.visit(photons.p, self._radius, add, mi.UInt32(0), active)
-
-    def irradiance(self) -> mi.Color3f:
-        """E, W/m², (N, 3); 0 at invalid points."""
-        sums = mi.Vector4f(dr.gather(_four_sums(), self._sums, self.hash.slot))
-        area = dr.pi * dr.square(self._radius)
-        return mi.Color3f(sums.x, sums.y, sums.z) * (self._unit / area)
-
-
-def _cell_size(points: int, radius: float, bounds: Any) -> float:
-    """Edge of the cells in which photons look for points.
-
-    Wide cells have few rows to walk, narrow ones few points that lie outside the ball: worth their
-    rows where balls hold many points. How many that are is guessed as if the points were spread
-    over one square of the scene's diagonal.
-    """
-    extent2 = sum((float(bounds[1][i]) - float(bounds[0][i])) ** 2 for i in range(3))
-    crowd = points * radius**2 / max(extent2, 1e-30)
-    return radius * (2.02 if crowd < 6 else 1.01 if crowd < 20 else 0.68)
-
-
-def _four_sums() -> Any:
-    """The type of four sums side by side, in the active variant."""
-    return dr.uint64_array_t(mi.Vector4f)
-
-
-def estimate_irradiance(photons: Photons, radius: float, bounds: Any) -> mi.Color3f:
-    """Kernel density estimate of E at the photons' own positions, (N, 3).
-
-    A photon counts itself, which makes the estimate positive everywhere.
-    """
-    grid = SpatialHash(photons.p, cell=2.02 * radius, bounds=bounds, tag=pack_tag(photons.n))
-    power = dr.gather(mi.Color3f, photons.power, grid.order)
-    power = dr.ravel(mi.Vector4f(power.x, power.y, power.z, 0))
-    dr.eval(power)
-
-    def add(total, index, record, distance2, inside):  # type: ignore[no-untyped-def]
-        counts = inside & same_surface(record, photons.p, photons.n, radius2)
-        value = dr.gather(mi.Vector4f, power, index, counts)
-        return total + mi.Color3f(value.x, value.y, value.z)
-
-    radius2 = dr.opaque(mi.Float, radius * radius)
-    total = grid.visit(photons.p, dr.opaque(mi.Float, radius), add, mi.Color3f(0), mi.Bool(True))
-    return total / (dr.pi * radius * radius)
+        total = self._grid.visit(p, self._radius, add, sums(0), mi.Bool(active))
+        return mi.Color3f(total) * self._scale

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 # Gives one ray with its power per lane of the sampler's wavefront; the mean of the powers, W, is
 # that of all emitters.
@@ -40,20 +39,6 @@ class EmitterSample:
 def emit_light(scene: mi.Scene, sampler: mi.Sampler) -> tuple[mi.Ray3f, mi.Color3f]:
     """Rays from the scene's emitters with their powers, W, (N,) each."""
     return emit_from(scene, EmitterSample.draw(sampler))
-
-
-def power_unit(scene: mi.Scene, source: Source = emit_light) -> float:
-    """What sums of photons' power are counted in, W: a power of two, 2^-50 of all emitters' power.
-
-    A photon is then rounded to some 2^-30 of itself, and a sum of 64 bits holds all light of the
-    scene thousands of times over.
-    """
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, 4096)
-    _, power = source(scene, sampler)
-    # Summed by numpy: the order, and with it the rounding, is the same for any number of threads.
-    total = np.mean(dr.max(power).numpy().astype(np.float64))
-    return float(2.0 ** (np.floor(np.log2(total)) - 50)) if total > 0 else 1.0
 
 
 def emit_from(scene: mi.Scene, start: EmitterSample) -> tuple[mi.Ray3f, mi.Color3f]:

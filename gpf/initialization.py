@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.density import estimate_irradiance
+from gpf.density import PhotonDensity
 from gpf.gaussians import Gaussians
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import Photons
@@ -46,7 +46,8 @@ def initialize_gaussians(
     rng = np.random.default_rng(seed)
     available = dr.width(photons.p)
     if settings.colour == "density":
-        value = estimate_irradiance(photons, settings.density_radius, bounds)
+        density = PhotonDensity(photons, settings.density_radius, bounds)
+        value = density.irradiance(photons.p, photons.n)
     else:
         value = photons.power
     count = min(settings.gaussians, available)

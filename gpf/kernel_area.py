@@ -61,7 +61,7 @@ def area_correction(
         ray.maxt = left
         si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False, active=active)
         cosine = dr.abs(dr.dot(si.n, n))
-        flat = dr.abs(dr.dot(si.n, si.p - p)) <= SAME_SURFACE_HEIGHT * r
+        flat = dr.abs(dr.dot(n, si.p - p)) <= SAME_SURFACE_HEIGHT * r
         found = si.is_valid() & flat & (cosine > SAME_SURFACE_COSINE)
         found &= mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Diffuse)
         # Glass that lies on the surface is no end of it: go on behind.

@@ -1,8 +1,7 @@
 """Lights -> photons: the only photon walk of the project.
 
-What happens where a photon meets a diffuse surface is up to the caller's ``deposit``: the
-density estimate adds its power to nearby points without storing it, :func:`record_photons`
-keeps it.
+What happens where a photon meets a diffuse surface is up to the caller's ``deposit``:
+:func:`record_photons` keeps it.
 """
 
 from __future__ import annotations
@@ -107,8 +106,12 @@ def record_photons(
     rr_depth: int = 5,
     capacity: int | None = None,
     source: Source = emit_light,
+    ordered: bool = True,
 ) -> Photons:
     """Trace photons and keep them: (N,) with N the number of deposits.
+
+    They lie ``ordered`` by place, so that a photon map is a function of its seed alone, or, which
+    is faster, as threads have brought them.
 
     ``capacity`` bounds N; deposits past it would bias the result, so more of them are an error.
     The default suffices for a closed white room: ``rr_depth`` interactions, then some 20 more
@@ -124,7 +127,7 @@ def record_photons(
         rr_depth=rr_depth,
         source=source,
     )
-    return recorder.photons()
+    return recorder.photons(ordered)
 
 
 class _Recorder:
@@ -145,7 +148,7 @@ class _Recorder:
         dr.scatter(self.power, mi.Vector4f(*photons.power, 0), slot, active)
         dr.scatter(self.normal, mi.Vector4f(*photons.n, 0), slot, active)
 
-    def photons(self) -> Photons:
+    def photons(self, ordered: bool) -> Photons:
         dr.eval(self.count, self.place, self.power, self.normal)
         count = int(self.count[0])
         if count > self.capacity:
@@ -158,13 +161,15 @@ class _Recorder:
         place = dr.gather(mi.Vector4f, self.place, index)
         power = dr.gather(mi.Vector4f, self.power, index)
         normal = dr.gather(mi.Vector4f, self.normal, index)
-        # Slots are handed out in the order in which threads arrive. Sorting makes a photon map a
-        # function of its seed alone. One coordinate would not do: on a wall, photons share it.
-        order = index
-        for coordinate in (place.z, place.y, place.x):  # stable sorts, the main key last
-            key = dr.gather(mi.UInt32, dr.reinterpret_array(mi.UInt32, coordinate), order)
-            order = dr.gather(mi.UInt32, order, dr.argsort(key))
-        place, power, normal = (dr.gather(mi.Vector4f, v, order) for v in (place, power, normal))
+        if ordered:
+            # One coordinate would not do: on a wall, photons share it.
+            order = index
+            for coordinate in (place.z, place.y, place.x):  # stable sorts, the main key last
+                key = dr.gather(mi.UInt32, dr.reinterpret_array(mi.UInt32, coordinate), order)
+                order = dr.gather(mi.UInt32, order, dr.argsort(key))
+            place, power, normal = (
+                dr.gather(mi.Vector4f, v, order) for v in (place, power, normal)
+            )
         photons = Photons(
             p=mi.Point3f(place.x, place.y, place.z),
             n=mi.Normal3f(normal.x, normal.y, normal.z),

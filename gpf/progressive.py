@@ -14,10 +14,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.density import UNLIMITED, IrradianceGatherer, pack_tag, radius_at, same_surface
-from gpf.emission import Source, emit_light, power_unit
+from gpf.density import UNLIMITED, PhotonDensity, pack_tag, radius_at, same_surface
+from gpf.emission import Source, emit_light
 from gpf.kernel_area import area_correction
-from gpf.photon_tracing import record_photons, trace_photons
+from gpf.photon_tracing import record_photons
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import VisiblePoints, scene_bounds
 
@@ -72,40 +72,42 @@ class PhotonPasses:
     ) -> None:
         self.scene, self.settings, self.seed, self.source = scene, settings, seed, source
         self._bounds = scene_bounds(scene)
-        self._unit = power_unit(scene, source)
+        self._traced: tuple[int, PhotonDensity] | None = None
+
+    def radius(self, t: int) -> float:
+        """The kernel radius of pass ``t``, world units."""
+        return radius_at(t, self.settings.initial_radius, self.settings.alpha)
+
+    def density(self, t: int) -> PhotonDensity:
+        """The photons of pass ``t`` (from 1); those of the last such pass are kept."""
+        if self._traced is None or self._traced[0] != t:
+            self._traced = None
+            photons = record_photons(
+                self.scene,
+                paths=self.settings.photons_per_pass,
+                seed=pass_seed(self.seed, t, stream=0),
+                max_depth=self.settings.max_depth,
+                rr_depth=self.settings.rr_depth,
+                source=self.source,
+                ordered=False,
+            )
+            self._traced = t, PhotonDensity(photons, self.radius(t), self._bounds)
+        return self._traced[1]
 
     def irradiance(self, points: VisiblePoints, t: int) -> mi.Color3f:
         """E at ``points`` from the photons of pass ``t`` (from 1), W/m², (N, 3)."""
         settings = self.settings
-        radius = radius_at(t, settings.initial_radius, settings.alpha)
         # A whole path has the camera's depth + 1 edges, the photon's depth + 1 edges.
         budget: Any = UNLIMITED
         if settings.max_depth > 0:
-            budget = dr.minimum(max(settings.max_depth - 2, 0) - points.depth, UNLIMITED - 1)
-        gatherer = IrradianceGatherer(
-            points.p,
-            points.n,
-            points.valid,
-            radius=radius,
-            bounds=self._bounds,
-            budget=budget,
-            lit=points.lit,
-            unit=self._unit,
+            budget = max(settings.max_depth - 2, 0) - points.depth
+        irradiance = self.density(t).irradiance(
+            points.p, points.n, points.valid, budget, points.lit
         )
-        trace_photons(
-            self.scene,
-            gatherer.deposit,
-            paths=settings.photons_per_pass,
-            seed=pass_seed(self.seed, t, stream=0),
-            max_depth=settings.max_depth,
-            rr_depth=settings.rr_depth,
-            source=self.source,
-        )
-        irradiance = gatherer.irradiance()
         if settings.edge_correction:
-            edge_seed = pass_seed(self.seed, t, stream=9)
+            seed = pass_seed(self.seed, t, stream=9)
             irradiance *= area_correction(
-                self.scene, points.p, points.n, points.valid, radius, edge_seed
+                self.scene, points.p, points.n, points.valid, self.radius(t), seed
             )
         return irradiance
 

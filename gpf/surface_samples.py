@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.density import estimate_irradiance
+from gpf.density import PhotonDensity
 from gpf.errors import UserError
 from gpf.progressive import pass_seed
 from gpf.structs import Photons, VisiblePoints, take
@@ -30,7 +30,7 @@ def sample_surface_points(
             "scene", "no photon reached a diffuse surface", "Check where the emitters point."
         )
     alike = replace(photons, power=mi.Color3f(dr.full(mi.Float, 1, available)))
-    density = estimate_irradiance(alike, radius, bounds)
+    density = PhotonDensity(alike, radius, bounds).irradiance(alike.p, alike.n)
     sparse = 1 / np.asarray(density.x.numpy(), dtype=np.float64)
     rng = np.random.default_rng(pass_seed(seed, 0, stream=5))
     count = min(count, available)

@@ -9,20 +9,18 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf import density
 from gpf.density import (
     UNLIMITED,
-    IrradianceGatherer,
-    estimate_irradiance,
+    PhotonDensity,
     next_radius,
     pack_tag,
     radius_at,
     same_surface,
-    takes_depth,
+    unpack_depth,
     unpack_normal,
 )
 from gpf.spatial_hash import SpatialHash
-from gpf.structs import Photons
+from gpf.structs import Photons, take
 
 STEP = 2.0**-8
 BOX = ((-1, -1, -1), (1, 1, 1))
@@ -68,43 +66,28 @@ def to_points(array: np.ndarray) -> mi.Point3f:
     return mi.Point3f(np.ascontiguousarray(array.T, dtype=np.float32))
 
 
-def depths_taken(tag: mi.Float, depths: list[int]) -> np.ndarray:
-    """Which of the depths count at the points, (N, len(depths))."""
-    return np.stack([np.array(takes_depth(tag, mi.UInt32(d))) for d in depths], axis=1)
-
-
-@pytest.mark.parametrize("lit", [False, True])
-def test_tags_hold_normal_and_budget(lit):
+def test_tags_hold_normal_and_depth():
     n = unit_vectors(5120)
-    budget = np.arange(5120) % 128
-    tag = pack_tag(to_normals(n), mi.UInt32(budget.astype(np.uint32)), mi.Bool(lit))
+    depth = (np.arange(5120) % 256).astype(np.uint32)
+    tag = pack_tag(to_normals(n), mi.UInt32(depth))
     np.testing.assert_allclose(unpack_normal(tag).numpy().T, n, atol=4e-3)
-    depths = np.array([0, 1, 2, 50, 126, 127, 1000])
-    expected = (depths <= budget[:, None]) | (budget[:, None] == UNLIMITED)
-    expected[:, 0] &= not lit
-    np.testing.assert_array_equal(depths_taken(tag, depths.tolist()), expected)
+    np.testing.assert_array_equal(np.array(unpack_depth(tag)), depth)
 
 
-def test_budgets_saturate():
-    tag = pack_tag(mi.Normal3f(0, 0, 1), mi.UInt32([0, 126, 127, 128, 0xFFFFFFFF]))
-    assert depths_taken(tag, [0, 1, 127, 5000]).tolist() == [
-        [True, False, False, False],
-        [True, True, False, False],
-        *[[True] * 4] * 3,
-    ]
+def test_depths_saturate():
+    tag = pack_tag(mi.Normal3f(0, 0, 1), mi.UInt32([0, 254, 255, 256, 0xFFFFFFFF]))
+    assert np.array(unpack_depth(tag)).tolist() == [0, 254, 255, 255, 255]
 
 
 def test_tags_survive_the_hash():
     """Read as a float, many tags are no numbers; their bits have to arrive all the same."""
     n = unit_vectors(4096, seed=2)
-    rng = np.random.default_rng(3)
-    budget, lit = rng.integers(0, 128, 4096).astype(np.uint32), mi.Bool(rng.random(4096) < 0.5)
-    tag = pack_tag(to_normals(n), mi.UInt32(budget), lit)
+    depth = np.random.default_rng(3).integers(0, 256, 4096).astype(np.uint32)
+    tag = pack_tag(to_normals(n), mi.UInt32(depth))
     assert np.isnan(tag.numpy()).any()
     grid = SpatialHash(to_points(n), cell=0.1, bounds=BOX, tag=tag)
     record = dr.gather(mi.Vector4f, grid.records, grid.slot)
-    depths = [0, 1, 30, 100, 126, 127]
-    np.testing.assert_array_equal(depths_taken(record.w, depths), depths_taken(tag, depths))
+    np.testing.assert_array_equal(np.array(unpack_depth(record.w)), depth)
     np.testing.assert_allclose(unpack_normal(record.w).numpy().T, n, atol=4e-3)
 
 
@@ -173,107 +156,86 @@ def rows(*values: object) -> list[np.ndarray]:
     return [np.asarray(v.numpy(), dtype=np.float64).T for v in values]  # type: ignore[attr-defined]
 
 
-def sum_by_hand(x, n, budget, photons, radius, active=None, planes="photons"):  # type: ignore[no-untyped-def]
-    """1 / (π r²) Σ Φ_i, one pair at a time in double precision.
-
-    ``planes`` says to whose surface a pair has to be near.
-    """
+def sum_by_hand(x, n, budget, lit, photons, radius):  # type: ignore[no-untyped-def]
+    """1 / (π r²) Σ Φ_i, one pair at a time in double precision."""
     p, pn, power, depth = rows(photons.p, photons.n, photons.power, photons.depth)
     d = x[:, None] - p[None]
     near = (d**2).sum(2) <= radius**2
     near &= n @ pn.T > 0.7
-    normals = pn[None] if planes == "photons" else n[:, None]
-    near &= np.abs((d * normals).sum(2)) <= 0.5 * radius + 1e-9  # many tie
-    near &= (depth[None] <= budget[:, None]) | (budget[:, None] == UNLIMITED)
-    if active is not None:
-        near &= active[None]
+    near &= np.abs((d * n[:, None]).sum(2)) <= 0.5 * radius + 1e-9  # many tie
+    near &= depth[None] <= budget[:, None]
+    near &= (depth[None] > 0) | ~lit[:, None]
     return near.astype(np.float64) @ power / (np.pi * radius**2), near
 
 
-def test_gathered_irradiance_is_the_plain_sum():
+def test_irradiance_is_the_plain_sum():
     rng = np.random.default_rng(5)
     photons = make_photons(6000, seed=6)
     x, n = lattice(rng, 900), NORMALS[rng.integers(0, 6, 900)]
-    valid = rng.random(900) < 0.8
-    budget = rng.choice([0, 1, 2, 5, 126, UNLIMITED], 900)
-    active = rng.random(6000) < 0.9
+    active, lit = rng.random(900) < 0.8, rng.random(900) < 0.3
+    budget = rng.choice([0, 1, 2, 5, 126], 900)
     radius = 20 * STEP
-    gatherer = IrradianceGatherer(
+    found = PhotonDensity(photons, radius, BOX).irradiance(
         to_points(x),
         to_normals(n),
-        mi.Bool(valid),
-        radius=radius,
-        bounds=BOX,
+        mi.Bool(active),
         budget=mi.UInt32(budget.astype(np.uint32)),
+        lit=mi.Bool(lit),
     )
-    gatherer.deposit(photons, mi.Bool(active))
-    expected, near = sum_by_hand(x, n, budget, photons, radius, active)
-    expected[~valid] = 0
-    assert 3 < near[valid].sum(1).mean() < 200
-    np.testing.assert_allclose(gatherer.irradiance().numpy().T, expected, rtol=1e-5, atol=1e-5)
+    expected, near = sum_by_hand(x, n, budget, lit, photons, radius)
+    expected[~active] = 0
+    assert 3 < near[active & ~lit].sum(1).mean() < 200
+    np.testing.assert_allclose(found.numpy().T, expected, rtol=1e-5, atol=1e-5)
 
 
-@pytest.mark.parametrize("count", [300, 20_000, 50_000])
-def test_crowds_are_walked_in_finer_cells_to_the_same_sums(count, monkeypatch):
-    rng = np.random.default_rng(6)
-    x, n = lattice(rng, count), NORMALS[rng.integers(0, 6, count)]
-    photons, radius = make_photons(1000, seed=4), 20 * STEP
-    sums, cells = [], []
-    build = density.SpatialHash
-
-    def spy(*arguments, cell, **options):
-        cells.append(cell)
-        return build(*arguments, cell=cell, **options)
-
-    monkeypatch.setattr(density, "SpatialHash", spy)
-    for wide in (False, True):
-        if wide:
-            monkeypatch.setattr(density, "_cell_size", lambda *_: 2.02 * radius)
-        gatherer = IrradianceGatherer(
-            to_points(x), to_normals(n), mi.Bool(True), radius=radius, bounds=BOX
-        )
-        gatherer.deposit(photons, mi.Bool(True))
-        sums.append(gatherer.irradiance().numpy())
-    np.testing.assert_array_equal(*sums)
-    assert sums[0].mean() > 0.1
-    factor = {300: 2.02, 20_000: 1.01, 50_000: 0.68}[count]
-    assert cells == pytest.approx([factor * radius, 2.02 * radius])
-
-
-def test_deposits_add_up():
-    """A photon walk deposits once per bounce."""
+def test_the_order_of_the_photons_changes_no_bit():
     rng = np.random.default_rng(7)
     x, n = lattice(rng, 300), NORMALS[rng.integers(0, 6, 300)]
-    radius = 30 * STEP
-    gatherer = IrradianceGatherer(
-        to_points(x), to_normals(n), mi.Bool(True), radius=radius, bounds=BOX
+    photons = make_photons(20_000, seed=8)
+    other = take(photons, mi.UInt32(rng.permutation(20_000).astype(np.uint32)))
+    found = [
+        PhotonDensity(p, 30 * STEP, BOX).irradiance(to_points(x), to_normals(n)).numpy()
+        for p in (photons, other)
+    ]
+    np.testing.assert_array_equal(*found)
+    assert (found[0] > 0).mean() > 0.9
+
+
+def test_dim_photons_beside_bright_ones_count():
+    """A lamp of a millionth of the other's power, where the other does not shine."""
+    photons = Photons(
+        mi.Point3f([0, 0.5, 0.5], 0, 0),
+        mi.Normal3f(0, 0, 1),
+        mi.Color3f([3.0, 2e-6, 1e-6], [2.0, 0, 3e-6], 0),
+        dr.zeros(mi.UInt32, 3),
     )
-    np.testing.assert_array_equal(gatherer.irradiance().numpy(), 0)
-    expected = np.zeros((300, 3))
-    for seed in (8, 9, 10):
-        photons = make_photons(2000, seed)
-        gatherer.deposit(photons, mi.Bool(True))
-        expected += sum_by_hand(x, n, np.full(300, UNLIMITED), photons, radius)[0]
-    np.testing.assert_allclose(gatherer.irradiance().numpy().T, expected, rtol=1e-5, atol=1e-5)
+    density = PhotonDensity(photons, 0.1, BOX)
+    e = density.irradiance(mi.Point3f([0, 0.5], 0, 0), mi.Normal3f(0, 0, 1))
+    power = e.numpy().T * np.pi * 0.1**2
+    np.testing.assert_allclose(power, [[3, 2, 0], [3e-6, 3e-6, 0]], rtol=2e-3)
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_in_the_dark(count):
+    density = PhotonDensity(dr.zeros(Photons, count), 0.1, BOX)
+    e = density.irradiance(to_points(np.zeros((5, 3))), mi.Normal3f(0, 0, 1))
+    np.testing.assert_array_equal(e.numpy(), np.zeros((3, 5)))
 
 
 def test_a_photon_deeper_than_any_budget_counts_where_there_is_none():
     photons = Photons(
-        mi.Point3f(0), mi.Normal3f(0, 0, 1), mi.Color3f(1, 2, 3), mi.UInt32([255, 256, 100_000])
+        mi.Point3f([0, 0, 0], 0, 0),
+        mi.Normal3f(0, 0, 1),
+        mi.Color3f(1, 2, 3),
+        mi.UInt32([255, 256, 100_000]),
     )
     for budget, expected in ((UNLIMITED, 3), (126, 0)):
-        gatherer = IrradianceGatherer(
-            mi.Point3f([0, 0.5], 0, 0),
-            mi.Normal3f(0, 0, 1),
-            mi.Bool(True),
-            radius=0.25,
-            bounds=BOX,
-            budget=budget,
+        e = PhotonDensity(photons, 0.25, BOX).irradiance(
+            mi.Point3f([0, 0.5], 0, 0), mi.Normal3f(0, 0, 1), budget=budget
         )
-        gatherer.deposit(photons, mi.Bool(True))
-        e = gatherer.irradiance().numpy() * np.pi * 0.25**2
-        np.testing.assert_allclose(e[:, 0], [expected, 2 * expected, 3 * expected], rtol=1e-6)
-        np.testing.assert_array_equal(e[:, 1], 0)
+        power = e.numpy() * np.pi * 0.25**2
+        np.testing.assert_allclose(power[:, 0], [expected, 2 * expected, 3 * expected], rtol=1e-6)
+        np.testing.assert_array_equal(power[:, 1], 0)
 
 
 def test_the_kernel_is_normalised():
@@ -289,22 +251,21 @@ def test_the_kernel_is_normalised():
     )
     x = np.concatenate([rng.uniform(-0.7, 0.7, (2000, 2)), np.zeros((2000, 1))], axis=1)
     for radius in (0.03, 0.1, 0.3):
-        gatherer = IrradianceGatherer(
-            to_points(x), mi.Normal3f(0, 0, 1), mi.Bool(True), radius=radius, bounds=BOX
-        )
-        gatherer.deposit(photons, mi.Bool(True))
-        e = gatherer.irradiance().numpy()[0]
+        density = PhotonDensity(photons, radius, BOX)
+        e = density.irradiance(to_points(x), mi.Normal3f(0, 0, 1)).numpy()[0]
         noise = 1 / math.sqrt(count / 4 * math.pi * radius**2)
         assert e.mean() == pytest.approx(1, abs=1e-3)
         assert e.std() < noise
 
 
-def test_estimate_at_the_photons_is_the_plain_sum():
+def test_at_the_photons_themselves_it_is_positive():
+    """A photon counts itself."""
     photons = make_photons(3000, seed=12)
-    radius = 20 * STEP
+    photons.depth = dr.minimum(photons.depth, UNLIMITED)
     p, n = rows(photons.p, photons.n)
-    expected, near = sum_by_hand(p, n, np.full(3000, UNLIMITED), photons, radius, planes="points")
+    anything = np.full(3000, UNLIMITED), np.zeros(3000, bool)
+    expected, near = sum_by_hand(p, n, *anything, photons, 20 * STEP)
     assert near.diagonal().all() and near.sum(1).mean() > 3
-    e = estimate_irradiance(photons, radius, BOX).numpy().T
+    e = PhotonDensity(photons, 20 * STEP, BOX).irradiance(photons.p, photons.n).numpy().T
     np.testing.assert_allclose(e, expected, rtol=1e-5, atol=1e-5)
     assert (e > 0).all()
