@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from gpf.film import FilmSamples, sample_film
 from gpf.materials import has_gloss
 from gpf.pass_sums import PassSums
 from gpf.progressive import PassSettings, PhotonPasses, pass_seed
-from gpf.structs import VisiblePoints, concatenate, take, to_numpy
+from gpf.structs import VisiblePoints, take, to_numpy
 
 
 @dataclass(frozen=True)
@@ -99,20 +99,13 @@ class ReferenceRenderer:
 
     def run_pass(self, t: int) -> None:
         """Add pass ``t`` (from 1) to the sums."""
-        films = {
-            name: sample_view(self.scene, sensor, name, self.settings, self.seed, t)
-            for name, sensor in self.sensors.items()
-        }
-        dr.eval(films)
-        parts = [*(film.points for film in films.values()), *self._gathered.values()]
-        values: Iterator[mi.Color3f] = iter(())
-        if parts:
-            gathered = self.passes.irradiance(concatenate(parts), t)
-            values = _split(gathered, [dr.width(part.p) for part in parts])
-        for name, film in films.items():
-            self.sums.views[name].add(film.merge(film.points.radiance(next(values))), t)
-        for name in self._gathered:
-            self.sums.points[name].add(next(values))
+        for name, sensor in self.sensors.items():
+            film = sample_view(self.scene, sensor, name, self.settings, self.seed, t)
+            dr.eval(film)
+            radiance = film.points.radiance(self.passes.irradiance(film.points, t))
+            self.sums.views[name].add(film.merge(radiance), t)
+        for name, points in self._gathered.items():
+            self.sums.points[name].add(self.passes.irradiance(points, t))
         # Without waiting, passes pile up and the progress bar lies.
         dr.sync_thread()
         self.sums.passes += 1
@@ -205,11 +198,3 @@ def film_size(sensor: mi.Sensor) -> tuple[int, int]:
     """Width and height of a sensor's film, pixels."""
     size = sensor.film().crop_size()
     return int(size[0]), int(size[1])
-
-
-def _split(value: mi.Color3f, widths: Sequence[int]) -> Iterator[mi.Color3f]:
-    first = 0
-    for width in widths:
-        lanes = dr.arange(mi.UInt32, width) + dr.opaque(mi.UInt32, first)
-        yield dr.gather(mi.Color3f, value, lanes)
-        first += width
