@@ -52,7 +52,7 @@ class SpatialHash:
     Parameters
     ----------
     points: positions, (N, 3).
-    cell: edge length of a grid cell, world units; twice the usual query radius is fastest.
+    cell: edge length of a grid cell, world units; about the usual query radius is fastest.
     bounds: two opposite corners of a box around the points. Points outside are found too, only
         more slowly.
     valid: points that take part, (N,); all by default.
