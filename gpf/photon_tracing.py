@@ -12,7 +12,6 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.emission import Source, emit_light
-from gpf.errors import UserError
 from gpf.materials import diffuse_transfer, has_diffuse
 from gpf.structs import Photons
 
@@ -113,21 +112,26 @@ def record_photons(
     They lie ``ordered`` by place, so that a photon map is a function of its seed alone, or, which
     is faster, as threads have brought them.
 
-    ``capacity`` bounds N; deposits past it would bias the result, so more of them are an error.
-    The default suffices for a closed white room: ``rr_depth`` interactions, then some 20 more
+    ``capacity`` is how many there is room for at first; if there are more, they are traced once
+    more. The default suffices for a closed white room: ``rr_depth`` interactions, then some 20
     until Russian roulette ends a path.
     """
-    recorder = _Recorder(capacity or (min(rr_depth, 16) + 21) * paths)
-    trace_photons(
-        scene,
-        recorder.deposit,
-        paths=paths,
-        seed=seed,
-        max_depth=max_depth,
-        rr_depth=rr_depth,
-        source=source,
-    )
-    return recorder.photons(ordered)
+    capacity = capacity or (min(rr_depth, 16) + 21) * paths
+    while True:
+        recorder = _Recorder(capacity)
+        trace_photons(
+            scene,
+            recorder.deposit,
+            paths=paths,
+            seed=seed,
+            max_depth=max_depth,
+            rr_depth=rr_depth,
+            source=source,
+        )
+        count = recorder.landed()
+        if count <= capacity:
+            return recorder.photons(count, ordered)
+        capacity = count
 
 
 class _Recorder:
@@ -148,15 +152,12 @@ class _Recorder:
         dr.scatter(self.power, mi.Vector4f(*photons.power, 0), slot, active)
         dr.scatter(self.normal, mi.Vector4f(*photons.n, 0), slot, active)
 
-    def photons(self, ordered: bool) -> Photons:
+    def landed(self) -> int:
+        """How many photons met diffuse surfaces, with those for which there was no room."""
         dr.eval(self.count, self.place, self.power, self.normal)
-        count = int(self.count[0])
-        if count > self.capacity:
-            raise UserError(
-                "record_photons",
-                f"{count} photons met diffuse surfaces, but there is room for {self.capacity}",
-                "Pass a larger capacity, or lower rr_depth (params.yaml: photons.rr_depth).",
-            )
+        return int(self.count[0])
+
+    def photons(self, count: int, ordered: bool) -> Photons:
         index = dr.arange(mi.UInt32, count)
         place = dr.gather(mi.Vector4f, self.place, index)
         power = dr.gather(mi.Vector4f, self.power, index)
