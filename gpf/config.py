@@ -109,7 +109,7 @@ class Photons(_Section):
 
 
 class FieldSection(_Section):
-    """The field's make and its query (:mod:`gpf.field`, :mod:`gpf.initialization`)."""
+    """The field's make, query (:mod:`gpf.field`) and file (:mod:`gpf.field_files`)."""
 
     gaussians: Count = 100_000
     initialization: Literal["photons", "random"] = "photons"
@@ -122,6 +122,7 @@ class FieldSection(_Section):
     stores: Literal["irradiance", "radiance"] = "irradiance"
     normal_test: bool = True
     anisotropic: bool = True
+    precision: Literal["float32", "compact"] = "float32"
 
 
 class Rates(_Section):

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
-from gpf.artifacts import read_tensors, write_tensors
 from gpf.density import pack_tag, same_surface
-from gpf.errors import UserError
 from gpf.gaussians import Gaussians, whitening_rows
 from gpf.spatial_hash import SpatialHash
-from gpf.structs import VisiblePoints, to_numpy
+from gpf.structs import VisiblePoints
 
 # Keeps the sum of weights away from zero: where every Gaussian of a neighbourhood is too narrow to
 # reach the query point, the blend becomes their plain mean instead of black.
@@ -241,47 +237,3 @@ class GaussianPhotonField:
     def __repr__(self) -> str:
         count = dr.width(self.gaussians.means)
         return f"GaussianPhotonField[{count} Gaussians, {self.settings}]"
-
-    def save(self, path: Path) -> None:
-        """Write the field; exact in float32."""
-        g = self.gaussians
-        tensors = {
-            "means": to_numpy(g.means),
-            "log_scales": to_numpy(g.log_scales),
-            "quats": to_numpy(mi.Vector4f(g.quats.x, g.quats.y, g.quats.z, g.quats.w)),
-            "irradiance": to_numpy(g.irradiance),
-            "normals": to_numpy(g.normals),
-        }
-        metadata = {
-            "settings": asdict(self.settings),
-            "bounds": [[float(b[i]) for i in range(3)] for b in self.bounds],
-            "record": self.record,
-        }
-        write_tensors(path, "field", tensors, metadata)
-
-    @classmethod
-    def load(cls, path: Path) -> GaussianPhotonField:
-        """Read a field.
-
-        Raises
-        ------
-        UserError: the file is missing, truncated, of another kind or schema version, or not finite.
-        """
-        tensors, metadata = read_tensors(Path(path), "field", "train")
-        for name, value in tensors.items():
-            if not np.isfinite(value).all():
-                raise UserError(
-                    str(path),
-                    f"has NaN or infinite values in {name}",
-                    "Look at the references, lower the learning rates, and run `gpf stage train`.",
-                )
-        q = tensors["quats"]
-        gaussians = Gaussians(
-            means=mi.Point3f(np.ascontiguousarray(tensors["means"].T)),
-            log_scales=mi.Vector3f(np.ascontiguousarray(tensors["log_scales"].T)),
-            quats=mi.Quaternion4f(*(mi.Float(np.ascontiguousarray(q[:, i])) for i in range(4))),
-            irradiance=mi.Color3f(np.ascontiguousarray(tensors["irradiance"].T)),
-            normals=mi.Normal3f(np.ascontiguousarray(tensors["normals"].T)),
-        )
-        bounds = tuple(mi.ScalarPoint3f(b) for b in metadata["bounds"])
-        return cls(gaussians, FieldSettings(**metadata["settings"]), bounds, metadata["record"])  # type: ignore[arg-type]

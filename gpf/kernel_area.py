@@ -25,10 +25,12 @@ def area_correction(
     radius: float,
     seed: int,
 ) -> mi.Float:
-    """An unbiased estimate of π r² / A(x), (N,), A being the area on which photons count at x.
+    """An estimate of π r² / A(x), (N,), A being the area on which photons count at x.
 
     Short rays, perpendicular to the disc, go through random points of it until one meets the
-    surface. If that happens with probability c, the number of rays has the expected value 1/c. The
+    surface. If that happens with probability c, the number of rays has the expected value 1/c; it
+    ends at 8, which is short of that by 0.4 % where c is a half, and by 10 % where it is a quarter.
+    The
     ball around x cuts as much off a curved surface or one with a crease as off a plane (a sphere:
     exactly so); the disc is thus taken to be bent as the surface is. What lies inside of a box that
     stands on the surface, or behind a wall that goes through it, counts like the rest.
@@ -61,7 +63,8 @@ def area_correction(
         ray.maxt = left
         si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False, active=active)
         cosine = dr.abs(dr.dot(si.n, n))
-        flat = dr.abs(dr.dot(n, si.p - p)) <= SAME_SURFACE_HEIGHT * r
+        # As high as the kernel allows on the surface, which rises more steeply than on the disc.
+        flat = dr.abs(dr.dot(n, si.p - p)) * cosine <= SAME_SURFACE_HEIGHT * r
         found = si.is_valid() & flat & (cosine > SAME_SURFACE_COSINE)
         found &= mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Diffuse)
         # Glass that lies on the surface is no end of it: go on behind.

@@ -113,10 +113,10 @@ def record_photons(
     is faster, as threads have brought them.
 
     ``capacity`` is how many there is room for at first; if there are more, they are traced once
-    more. The default suffices for a closed white room: ``rr_depth`` interactions, then some 20
-    until Russian roulette ends a path.
+    more. The default (:func:`usual_capacity`) suffices for a closed white room: ``rr_depth``
+    interactions, then some 20 until Russian roulette ends a path.
     """
-    capacity = capacity or (min(rr_depth, 16) + 21) * paths
+    capacity = capacity or usual_capacity(paths, rr_depth)
     while True:
         recorder = _Recorder(capacity)
         trace_photons(
@@ -131,7 +131,13 @@ def record_photons(
         count = recorder.landed()
         if count <= capacity:
             return recorder.photons(count, ordered)
+        del recorder
         capacity = count
+
+
+def usual_capacity(paths: int, rr_depth: int) -> int:
+    """How many photons to expect at most."""
+    return (min(rr_depth, 16) + 21) * paths
 
 
 class _Recorder:
@@ -146,7 +152,7 @@ class _Recorder:
 
     def deposit(self, photons: Photons, active: mi.Bool) -> None:
         slot = dr.scatter_inc(self.count, mi.UInt32(0), active)
-        active = active & (slot < self.capacity)
+        active = active & (slot < dr.opaque(mi.UInt32, self.capacity))
         depth = mi.Float(photons.depth)
         dr.scatter(self.place, mi.Vector4f(*photons.p, depth), slot, active)
         dr.scatter(self.power, mi.Vector4f(*photons.power, 0), slot, active)

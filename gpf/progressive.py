@@ -17,7 +17,7 @@ import numpy as np
 from gpf.density import UNLIMITED, PhotonDensity, pack_tag, radius_at, same_surface
 from gpf.emission import Source, emit_light
 from gpf.kernel_area import area_correction
-from gpf.photon_tracing import record_photons
+from gpf.photon_tracing import record_photons, usual_capacity
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import VisiblePoints, scene_bounds
 
@@ -57,10 +57,10 @@ def pass_seed(seed: int, t: int, stream: int) -> int:
 
 
 class PhotonPasses:
-    """Passes of photons, and the light that points gather from each of them.
+    """Passes of photons.
 
     What pass ``t`` gives is a function of the scene, the settings, the seed and ``t``, bit for bit:
-    not of the passes before, nor of the order in which threads add photons up.
+    not of the passes before, nor of the order in which threads bring photons.
 
     Parameters
     ----------
@@ -71,44 +71,54 @@ class PhotonPasses:
         self, scene: mi.Scene, settings: PassSettings, seed: int, source: Source = emit_light
     ) -> None:
         self.scene, self.settings, self.seed, self.source = scene, settings, seed, source
-        self._bounds = scene_bounds(scene)
-        self._traced: tuple[int, PhotonDensity] | None = None
+        self.bounds = scene_bounds(scene)
+        # Photons for which there was room in all passes so far.
+        self._room: int | None = None
 
-    def radius(self, t: int) -> float:
-        """The kernel radius of pass ``t``, world units."""
-        return radius_at(t, self.settings.initial_radius, self.settings.alpha)
-
-    def density(self, t: int) -> PhotonDensity:
-        """The photons of pass ``t`` (from 1); those of the last such pass are kept."""
-        if self._traced is None or self._traced[0] != t:
-            self._traced = None
-            photons = record_photons(
-                self.scene,
-                paths=self.settings.photons_per_pass,
-                seed=pass_seed(self.seed, t, stream=0),
-                max_depth=self.settings.max_depth,
-                rr_depth=self.settings.rr_depth,
-                source=self.source,
-                ordered=False,
-            )
-            self._traced = t, PhotonDensity(photons, self.radius(t), self._bounds)
-        return self._traced[1]
-
-    def irradiance(self, points: VisiblePoints, t: int) -> mi.Color3f:
-        """E at ``points`` from the photons of pass ``t`` (from 1), W/m², (N, 3)."""
+    def trace(self, t: int) -> PhotonPass:
+        """Trace the photons of pass ``t`` (from 1)."""
         settings = self.settings
+        photons = record_photons(
+            self.scene,
+            paths=settings.photons_per_pass,
+            seed=pass_seed(self.seed, t, stream=0),
+            max_depth=settings.max_depth,
+            rr_depth=settings.rr_depth,
+            source=self.source,
+            capacity=self._room,
+            ordered=False,
+        )
+        found = dr.width(photons.p)
+        if self._room is None or found > self._room:
+            # As usual, or more, and some more for passes that have a few more.
+            usual = usual_capacity(settings.photons_per_pass, settings.rr_depth)
+            self._room = max(usual, found + found // 8)
+        radius = radius_at(t, settings.initial_radius, settings.alpha)
+        edge_seed = pass_seed(self.seed, t, stream=9)
+        density = PhotonDensity(photons, radius, self.bounds)
+        return PhotonPass(self.scene, settings, density, radius, edge_seed)
+
+
+@dataclass(frozen=True)
+class PhotonPass:
+    """The photons of one pass, and the light that points gather from them."""
+
+    scene: mi.Scene
+    settings: PassSettings
+    density: PhotonDensity
+    radius: float
+    edge_seed: int
+
+    def irradiance(self, points: VisiblePoints) -> mi.Color3f:
+        """E at ``points``, W/m², (N, 3)."""
         # A whole path has the camera's depth + 1 edges, the photon's depth + 1 edges.
         budget: Any = UNLIMITED
-        if settings.max_depth > 0:
-            budget = max(settings.max_depth - 2, 0) - points.depth
-        irradiance = self.density(t).irradiance(
-            points.p, points.n, points.valid, budget, points.lit
-        )
-        if settings.edge_correction:
-            seed = pass_seed(self.seed, t, stream=9)
-            irradiance *= area_correction(
-                self.scene, points.p, points.n, points.valid, self.radius(t), seed
-            )
+        if self.settings.max_depth > 0:
+            budget = max(self.settings.max_depth - 2, 0) - points.depth
+        p, n, valid = points.p, points.n, points.valid
+        irradiance = self.density.irradiance(p, n, valid, budget, points.lit)
+        if self.settings.edge_correction:
+            irradiance *= area_correction(self.scene, p, n, valid, self.radius, self.edge_seed)
         return irradiance
 
 

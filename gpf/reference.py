@@ -99,13 +99,14 @@ class ReferenceRenderer:
 
     def run_pass(self, t: int) -> None:
         """Add pass ``t`` (from 1) to the sums."""
+        photons = self.passes.trace(t)
         for name, sensor in self.sensors.items():
             film = sample_view(self.scene, sensor, name, self.settings, self.seed, t)
             dr.eval(film)
-            radiance = film.points.radiance(self.passes.irradiance(film.points, t))
+            radiance = film.points.radiance(photons.irradiance(film.points))
             self.sums.views[name].add(film.merge(radiance), t)
         for name, points in self._gathered.items():
-            self.sums.points[name].add(self.passes.irradiance(points, t))
+            self.sums.points[name].add(photons.irradiance(points))
         # Without waiting, passes pile up and the progress bar lies.
         dr.sync_thread()
         self.sums.passes += 1

@@ -55,14 +55,12 @@ class SpatialHash:
     cell: edge length of a grid cell, world units; about the usual query radius is fastest.
     bounds: two opposite corners of a box around the points. Points outside are found too, only
         more slowly.
-    valid: points that take part, (N,); all by default.
     tag: a number that travels with each point as ``record.w``, (N,); 0 by default.
     far: whether to build the levels that :meth:`nearest` needs.
 
     Attributes
     ----------
     order: index into ``points`` of each sorted entry, level after level, (levels N,).
-    slot: place of each point in the sorted order of the first level, (N,).
     records: ``x, y, z, tag`` of the sorted entries, flat, (4 levels N,).
     extent: the diagonal of the bounds, world units.
     """
@@ -73,7 +71,6 @@ class SpatialHash:
         *,
         cell: float,
         bounds: tuple[Any, Any],
-        valid: mi.Bool | None = None,
         tag: mi.Float | None = None,
         far: bool = False,
     ) -> None:
@@ -95,7 +92,7 @@ class SpatialHash:
         for level in range(levels):
             grid, buckets = self._plan(cell * _LEVEL_RATIO**level, edges, size, buckets_before)
             grids.append(grid)
-            order, start = self._sort(_opaque(grid), points, valid, buckets, level * size)
+            order, start = self._sort(_opaque(grid), points, buckets, level * size)
             orders.append(order)
             starts.append(start)
             buckets_before += buckets + 2
@@ -104,12 +101,10 @@ class SpatialHash:
         self._last_level = dr.opaque(mi.UInt32, levels - 1)
         self._starts = dr.concat(starts) if levels > 1 else starts[0]
         self.order = dr.concat(orders) if levels > 1 else orders[0]
-        self.slot = dr.zeros(mi.UInt32, size)
-        dr.scatter(self.slot, dr.arange(mi.UInt32, size), orders[0])
         p = dr.gather(mi.Point3f, points, self.order)
         w = mi.Float(0) if tag is None else dr.gather(mi.Float, tag, self.order)
         self.records = dr.ravel(mi.Vector4f(p.x, p.y, p.z, w))
-        dr.eval(self._starts, self.order, self.slot, self.records)
+        dr.eval(self._starts, self.order, self.records)
 
     def arrays(self) -> dict[str, Any]:
         """What queries read, as a PyTree; see :meth:`with_arrays`."""
@@ -137,13 +132,11 @@ class SpatialHash:
         return grid, table + (1 << (x + 1).bit_length()) - 2
 
     def _sort(
-        self, grid: _Grid, points: mi.Point3f, valid: mi.Bool | None, buckets: int, first: int
+        self, grid: _Grid, points: mi.Point3f, buckets: int, first: int
     ) -> tuple[mi.UInt32, mi.UInt32]:
         """Order of the points by bucket, and where each bucket starts, counted from ``first``."""
         c = self._cell_of(grid, points)
         bucket = self._row(grid, c.y, c.z) - grid.first_bucket + mi.UInt32(c.x)
-        if valid is not None:
-            bucket = dr.select(valid, bucket, dr.opaque(mi.UInt32, buckets + 1))
         counts = dr.zeros(mi.UInt32, buckets + 2)
         dr.scatter_add(counts, mi.UInt32(1), bucket)
         starts = dr.prefix_reduce(dr.ReduceOp.Add, counts, exclusive=True)

@@ -96,7 +96,7 @@ def report_views(
     ]
     typical = float(np.median(distances)) if distances else 1.0
     settings = PassSettings(photons_per_pass=200_000, initial_radius=0.03 * typical)
-    irradiance = PhotonPasses(scene, settings, seed).irradiance(concatenate(points), 1)
+    irradiance = PhotonPasses(scene, settings, seed).trace(1).irradiance(concatenate(points))
     lit = np.asarray((dr.max(irradiance) > 0).numpy()).reshape(len(views), -1)
     reports = []
     for view, seen, ok, bright in zip(views, points, valid, lit, strict=True):

@@ -1,4 +1,4 @@
-"""The command line: `gpf stage NAME --scene SCENE`, `gpf profile`, `gpf scene`, `gpf doctor`."""
+"""The command line: `gpf stage NAME --scene SCENE`, and `gpf --help` lists the others."""
 
 from __future__ import annotations
 
@@ -65,6 +65,28 @@ def profile(
     from stages.profiles import apply_profile
 
     apply_profile(name)
+
+
+@app.command()
+def export(
+    field: Annotated[str, typer.Argument(help="A scene that has been trained, or a file.")],
+    ply: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.ply", help="As splats, for viewers of 3D Gaussian splats."),
+    ] = None,
+    compact: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.safetensors", help="As a field, in a third of the size."),
+    ] = None,
+    exposure: Annotated[
+        float | None,
+        typer.Option(help="Of --ply; by default that of the scene's views.yaml, or the field's."),
+    ] = None,
+) -> None:
+    """Write a field for viewers of 3D Gaussian splats, or in a third of its size."""
+    from stages.export import export_field
+
+    export_field(field, ply, compact, exposure)
 
 
 @app.command()

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
-from gpf.field import GaussianPhotonField
+from gpf.field_files import load_field
 from gpf.images import check_finite, write_exr, write_png
 from stages.costs import CostMeter
-from stages.progress import progress_bar
+from stages.progress import console, progress_bar
 from stages.workspace import Workspace
 
 # Camera samples that are in flight at once: some 2 GB of state.
@@ -48,7 +49,8 @@ def render_views(scene_name: str) -> None:
             "coverage": True,
         }
     )
-    integrator.field = GaussianPhotonField.load(work.field)
+    integrator.field = load_field(work.field)
+    tell_of_another_scene(work, integrator.field.record)
     costs = CostMeter()
     shares = []
     views = work.views.novel
@@ -68,3 +70,16 @@ def render_views(scene_name: str) -> None:
     costs.facts |= {"views": len(views), "spp": section.spp, "weakly_covered": shares}
     costs.facts["field_megabytes"] = work.field.stat().st_size / 1e6
     costs.write(work.cost("render"))
+
+
+def tell_of_another_scene(work: Workspace, record: Mapping[str, Any]) -> None:
+    """Say so where the field was not trained in the scene as it is; a field may not know."""
+    trained_in = record.get("scene", work.scene_digest)
+    if trained_in != work.scene_digest:
+        console.print(
+            f"{work.field} was trained in another scene, or before this one was changed (scene "
+            f"{trained_in}, here {work.scene_digest}): the images have the light of that one. "
+            f"`gpf stage train --scene {work.scene}` makes a new field.",
+            highlight=False,
+            soft_wrap=True,
+        )

@@ -12,6 +12,7 @@ from dvclive import Live
 
 from gpf.artifacts import read_tensors
 from gpf.field import FieldSettings, GaussianPhotonField
+from gpf.field_files import save_field
 from gpf.initialization import (
     InitializationSettings,
     initialize_gaussians,
@@ -78,7 +79,7 @@ def train_field(scene_name: str) -> None:
         "held_out_error": trainer.best_error,
         "params": fingerprint["params"],
     }
-    trained.save(work.field)
+    save_field(trained, work.field, work.params.field.precision)
     checkpoint.unlink(missing_ok=True)
     costs.facts |= {"held_out_error": trainer.best_error, **asdict(trained.settings)}
     costs.write(work.cost("train"))

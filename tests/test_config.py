@@ -114,6 +114,7 @@ def test_a_bad_value_is_said_in_words(tmp_path, old, new, words):
         ("field.neighbours", "all", r"field\.neighbours: is 'all'\. .*'both', 'radius' or 'knn'"),
         ("field.k", "0", r"field\.k: is 0\. .*greater than or equal to 1"),
         ("field.normal_test", "7", r"field\.normal_test: is 7\. .*valid boolean"),
+        ("field.precision", "half", r"field\.precision: is 'half'\. .*'float32' or 'compact'"),
         ("reference.alpha", "1.0", r"reference\.alpha: is 1\.0\. .*less than 1"),
         ("train.held_out", "1", r"train\.held_out: is 1\. .*less than 1"),
         ("train.final_rate", "0", r"train\.final_rate: is 0\. .*greater than 0"),

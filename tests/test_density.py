@@ -19,6 +19,7 @@ from gpf.density import (
     unpack_depth,
     unpack_normal,
 )
+from gpf.errors import UserError
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import Photons, take
 
@@ -86,9 +87,10 @@ def test_tags_survive_the_hash():
     tag = pack_tag(to_normals(n), mi.UInt32(depth))
     assert np.isnan(tag.numpy()).any()
     grid = SpatialHash(to_points(n), cell=0.1, bounds=BOX, tag=tag)
-    record = dr.gather(mi.Vector4f, grid.records, grid.slot)
-    np.testing.assert_array_equal(np.array(unpack_depth(record.w)), depth)
-    np.testing.assert_allclose(unpack_normal(record.w).numpy().T, n, atol=4e-3)
+    record = dr.gather(mi.Vector4f, grid.records, dr.arange(mi.UInt32, 4096))
+    order = grid.order.numpy()
+    np.testing.assert_array_equal(np.array(unpack_depth(record.w)), depth[order])
+    np.testing.assert_allclose(unpack_normal(record.w).numpy().T, n[order], atol=4e-3)
 
 
 def same(a: np.ndarray, b: np.ndarray) -> bool:
@@ -213,6 +215,29 @@ def test_dim_photons_beside_bright_ones_count():
     e = density.irradiance(mi.Point3f([0, 0.5], 0, 0), mi.Normal3f(0, 0, 1))
     power = e.numpy().T * np.pi * 0.1**2
     np.testing.assert_allclose(power, [[3, 2, 0], [3e-6, 3e-6, 0]], rtol=2e-3)
+
+
+def test_powers_below_zero_take_away():
+    """Environment maps and lamps with negative channels are scenes like others."""
+    photons = Photons(
+        mi.Point3f([0, 0, 0], 0, 0),
+        mi.Normal3f(0, 0, 1),
+        mi.Color3f([1.0, -0.25, 0.5], [0.5, -2.0, 0], [-1.0, 0, 0]),
+        dr.zeros(mi.UInt32, 3),
+    )
+    e = PhotonDensity(photons, 0.1, BOX).irradiance(
+        mi.Point3f([0.0, 0.5], 0, 0), mi.Normal3f(0, 0, 1)
+    )
+    power = e.numpy().T * np.pi * 0.1**2
+    np.testing.assert_allclose(power, [[1.25, -1.5, -1], [0, 0, 0]], rtol=1e-6)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_powers_that_are_no_numbers_are_refused(value):
+    photons = dr.zeros(Photons, 5)
+    photons.power = mi.Color3f(1, mi.Float([1, 2, value, 3, value]), 0)
+    with pytest.raises(UserError, match="photons: 2 of 5 have a power that is not finite"):
+        PhotonDensity(photons, 0.1, BOX)
 
 
 @pytest.mark.parametrize("count", [0, 2])

@@ -1,4 +1,4 @@
-"""The field's query against its plain twin, its limits, its files, and its lack of seams."""
+"""The field's query against its plain twin, its limits, and its lack of seams."""
 
 from dataclasses import replace
 
@@ -6,15 +6,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.artifacts import write_tensors
-from gpf.errors import UserError
-from gpf.field import FieldSettings, GaussianPhotonField, blend_weight
+from gpf.field import FieldSettings, blend_weight
 from gpf.structs import VisiblePoints
 from tests.plain_field import (
     LOWER,
     UPPER,
     ask,
-    bounds,
     flat_gaussians,
     make_field,
     neighbours_of,
@@ -177,42 +174,6 @@ def test_radiance_of_visible_points(stores):
         reflected *= np.array([0.5, 0.25, 0.125]) / np.pi
     emission = np.array([0.125, 0.25, 7])
     np.testing.assert_allclose(np.array(radiance).T, [emission + reflected, emission], rtol=1e-5)
-
-
-# --- files ------------------------------------------------------------------------------------
-
-
-def test_a_saved_field_comes_back_bit_for_bit(tmp_path):
-    rng = np.random.default_rng(11)
-    g = random_gaussians(rng, 37)
-    settings = FieldSettings(
-        0.123, k=4, neighbours="knn", blend="sum", stores="radiance", normal_test=False
-    )
-    field = make_field(g, settings, record={"scene": "böx", "params": {"steps": [1, 2.5]}})
-    field.save(tmp_path / "field.safetensors")
-    loaded = GaussianPhotonField.load(tmp_path / "field.safetensors")
-    assert loaded.settings == settings
-    assert loaded.record == {"scene": "böx", "params": {"steps": [1, 2.5]}}
-    for corner, other in zip(loaded.bounds, bounds(), strict=True):
-        assert [float(v) for v in corner] == [float(v) for v in other]
-    for name in ("means", "log_scales", "quats", "irradiance", "normals"):
-        before, after = (getattr(f.gaussians, name) for f in (field, loaded))
-        assert np.array(before).tobytes() == np.array(after).tobytes(), name
-        np.testing.assert_array_equal(np.array(after).T, getattr(g, name).astype(np.float32))
-    x, n = random_queries(rng, 20, g)
-    np.testing.assert_array_equal(ask(field, x, n)[0], ask(loaded, x, n)[0])
-
-
-def test_a_missing_field_is_said_in_words(tmp_path):
-    with pytest.raises(UserError, match=r"field\.safetensors: is missing\. Run `gpf stage train`"):
-        GaussianPhotonField.load(tmp_path / "field.safetensors")
-
-
-def test_another_kind_of_file_is_said_in_words(tmp_path):
-    path = tmp_path / "photons.safetensors"
-    write_tensors(path, "photons", {"power": np.ones((2, 3), np.float32)}, {})
-    with pytest.raises(UserError, match="holds photons, not field"):
-        GaussianPhotonField.load(path)
 
 
 # --- seams ------------------------------------------------------------------------------------

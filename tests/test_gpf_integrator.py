@@ -10,6 +10,7 @@ import pytest
 
 import gpf  # noqa: F401  # registers the plugins
 from gpf.field import FieldSettings, GaussianPhotonField
+from gpf.field_files import save_field
 from tests.plain_field import flat_gaussians, to_device
 
 PROJECT = Path(__file__).parent.parent
@@ -24,14 +25,14 @@ def constant_field(stores: str = "irradiance") -> GaussianPhotonField:
     grid = np.stack(np.meshgrid(np.linspace(-2, 4, 13), np.linspace(-3, 3, 13)), -1).reshape(-1, 2)
     means = np.column_stack([grid, np.zeros(len(grid))])
     g = flat_gaussians(means, np.tile(E, (len(means), 1)), size=0.3)
-    corners = mi.ScalarPoint3f(-4, -3, 0), mi.ScalarPoint3f(4, 3, 1)
+    corners = mi.ScalarPoint3f(-4, -3, 0), mi.ScalarPoint3f(4, 3, 0.5)
     return GaussianPhotonField(to_device(g), FieldSettings(0.8, stores=stores), corners)
 
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("field") / "field.safetensors"
-    constant_field().save(path)
+    save_field(constant_field(), path)
     return path
 
 

@@ -7,7 +7,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.density import PhotonDensity
 from gpf.kernel_area import area_correction
+from gpf.structs import Photons
 from tests.furnace import camera, diffuse, floor, point_light, rectangle, render, room, sppm
 
 RADIUS = 0.2
@@ -70,6 +72,37 @@ def test_on_a_sphere():
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     found = corrections({"s": {"type": "sphere", "bsdf": diffuse(0.5)}}, n, n, radius=0.3)
     assert found.mean() == pytest.approx(1, abs=3e-3)
+
+
+@pytest.mark.parametrize("degrees", [20, 32, 38, 43])
+def test_beside_a_crease(degrees):
+    """Uniform light, density times correction: whatever the kernel takes of the other facet."""
+    rng = np.random.default_rng(5)
+    count, angle = 400_000, np.radians(degrees)
+    flat = np.stack([rng.uniform(-1, 0, count), rng.uniform(-1, 1, count), np.zeros(count)], axis=1)
+    along = rng.uniform(0, 1, (count, 1))
+    rising = along * [np.cos(angle), 0, np.sin(angle)] + rng.uniform(-1, 1, (count, 1)) * [0, 1, 0]
+    p = np.concatenate([flat, rising])
+    n = np.repeat([[0, 0, 1], [-np.sin(angle), 0, np.cos(angle)]], count, axis=0)
+    photons = Photons(
+        mi.Point3f(p.T.astype(np.float32)),
+        mi.Normal3f(n.T.astype(np.float32)),
+        mi.Color3f(2 / count),
+        dr.zeros(mi.UInt32, 2 * count),
+    )
+    tilted = rectangle(
+        (np.cos(angle) / 2, 0, np.sin(angle) / 2),
+        (np.cos(angle) / 2 - np.sin(angle), 0, np.sin(angle) / 2 + np.cos(angle)),
+        2,
+        1,
+        diffuse(0.5),
+    )
+    left = rectangle((-0.5, 0, 0), (-0.5, 0, 1), 1, 2, diffuse(0.5))
+    x = line(-0.03, 20_000)
+    factor = corrections({"left": left, "tilted": tilted}, x)
+    density = PhotonDensity(photons, RADIUS, ((-2, -2, -2), (2, 2, 2)))
+    e = density.irradiance(mi.Point3f(x.T.astype(np.float32)), mi.Normal3f(0, 0, 1)).numpy()[0]
+    assert (e * factor).mean() == pytest.approx(1, abs=0.02)
 
 
 def test_on_something_smaller_than_the_disc_it_stays_finite():

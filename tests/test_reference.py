@@ -132,7 +132,7 @@ def test_passes_are_independent_given_their_index(scene):
     renderer = start(scene, "front")
     points = renderer.points["front"]
     passes = PhotonPasses(scene, SETTINGS, 3)
-    single = {t: to_numpy(passes.irradiance(points, t)) for t in (3, 1, 2)}
+    single = {t: to_numpy(passes.trace(t).irradiance(points)) for t in (3, 1, 2)}
     renderer.run(3)
     mean = (single[1] + single[2] + single[3]) / 3
     np.testing.assert_allclose(renderer.mean_irradiance("front"), mean, rtol=1e-5, atol=1e-5)
@@ -146,7 +146,7 @@ def test_the_kernel_shrinks_from_pass_to_pass(scene):
     found = [
         np.mean(
             [
-                (to_numpy(PhotonPasses(scene, few, s).irradiance(points, t)) > 0).mean()
+                (to_numpy(PhotonPasses(scene, few, s).trace(t).irradiance(points)) > 0).mean()
                 for s in range(8)
             ]
         )

@@ -9,10 +9,11 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera_rays import sample_tiled_rays
-from gpf.field import GaussianPhotonField
+from gpf.field_files import load_field
 from gpf.film import meets_gloss
 from gpf.integrators.properties import read_depths, whole_number
 from gpf.integrators.recording import Recording
+from gpf.integrators.scene_check import warn_of_another_scene
 from gpf.materials import has_gloss, require_separable
 from gpf.visible_points import find_visible_points
 
@@ -54,7 +55,8 @@ def define() -> type:
              a third of the time. Not every plugin of Mitsuba can be recorded. (Default: false)
 
         Camera rays go through glossy and specular bounces; at the first diffuse hit the field
-        answers with the irradiance and the ray ends.
+        answers with the irradiance and the ray ends. In a scene whose bounding box is not that of
+        the scene that the field was made for, rendering goes on after a warning.
 
         Left out on purpose: participating media, polarisation, derivatives, and spectral
         variants.
@@ -73,12 +75,13 @@ def define() -> type:
             self.coverage = props.get("coverage", False)
             super().__init__(props)
             self._checked: int | None = None
+            self._compared: Any = None
             self._walks = 1
             self.record = props.get("record", False)
             self.recording: Recording | None = None
             # As for meshes and textures: relative to the scene file, or to the current folder.
             found = mi.file_resolver().resolve(path) if path else ""
-            self.field: Any = GaussianPhotonField.load(Path(str(found))) if path else None
+            self.field: Any = load_field(Path(str(found))) if path else None
 
         def render(
             self,
@@ -91,6 +94,7 @@ def define() -> type:
         ) -> Any:
             if isinstance(sensor, int):
                 sensor = scene.sensors()[sensor]
+            self._compare(scene)
             if not self.record or self.field is None or not develop:
                 return super().render(scene, sensor, seed, spp, develop, evaluate)
             size = tuple(int(v) for v in sensor.film().crop_size())
@@ -98,6 +102,14 @@ def define() -> type:
             if self.recording is None or not self.recording.serves(scene, sensor, facts):
                 self.recording = Recording(scene, sensor, facts, self._render_with)
             return self.recording.frame(mi.UInt32(seed), spp, self.field.arrays())
+
+        def _compare(self, scene: mi.Scene) -> None:
+            """Once for each pair of scene and field: whether they belong together."""
+            if self.field is not None:
+                bounds = [[float(v) for v in corner] for corner in self.field.bounds]
+                if self._compared != (id(scene), bounds):
+                    self._compared = id(scene), bounds
+                    warn_of_another_scene(scene, bounds)
 
         def _render_with(
             self, scene: mi.Scene, sensor: mi.Sensor, seed: mi.UInt32, spp: int, arrays: Any

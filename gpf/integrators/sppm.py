@@ -155,12 +155,12 @@ def define() -> type:
 
         def _render_pass(self, sensor: mi.Sensor, passes: PhotonPasses, t: int) -> mi.TensorXf:
             """What pass ``t`` adds to the film's pixels, (H, W, C)."""
-            parts = []
+            parts, photons = [], passes.trace(t)
             for number, rows in enumerate(split_rows(sensor.film())):
                 stream = pass_seed(passes.seed, t, stream=1 if number == 0 else 1000 + number)
                 walks = passes.settings.glossy_walks
                 samples = self._sample(passes.scene, sensor, stream, rows, walks)
-                irradiance = passes.irradiance(samples.points, t)
+                irradiance = photons.irradiance(samples.points)
                 radiance = samples.merge(samples.points.radiance(irradiance)) * samples.weight
                 found = dr.select(samples.points.valid, mi.Color3f(1), 0)
                 alpha = samples.merge(found).x

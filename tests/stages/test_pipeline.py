@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 
 from gpf.artifacts import read_tensors
-from gpf.field import GaussianPhotonField
+from gpf.field_files import load_field
 from gpf.images import read_exr
 from stages.cli import STAGES
 from tests.stages.results import NOVEL, TRAIN, assert_whole, files_below
@@ -102,7 +102,7 @@ def test_targets_are_those_of_the_training_views_and_surfaces(built):
 
 
 def test_the_field_is_fitted(built):
-    field = GaussianPhotonField.load(built.results / "field.safetensors")
+    field = load_field(built.results / "field.safetensors")
     assert field.record["steps"] == 20
     assert 0 < field.record["held_out_error"] < 1
     curve = pd.read_csv(built.results / "training/plots/metrics/held_out_error.tsv", sep="\t")

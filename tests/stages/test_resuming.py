@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from gpf.artifacts import read_tensors
-from gpf.field import GaussianPhotonField
+from gpf.field_files import load_field
 from gpf.images import read_exr
 from gpf.reference import ReferenceRenderer
 from gpf.training import Trainer
@@ -169,7 +169,7 @@ def test_an_interrupted_training_goes_on_from_its_checkpoint(finished, monkeypat
         steps = interrupt_after(patch, Trainer, "step", 1000)
         assert finished.stage("train").code == 0
     assert len(steps) == 8
-    assert GaussianPhotonField.load(finished.results / "field.safetensors").record["steps"] == 20
+    assert load_field(finished.results / "field.safetensors").record["steps"] == 20
     # The whole curve is there, not only what came after the checkpoint.
     curve = pd.read_csv(finished.results / "training/plots/metrics/held_out_error.tsv", sep="\t")
     assert curve["step"].tolist() == [10, 20]
