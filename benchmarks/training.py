@@ -9,10 +9,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.bounds import scene_bounds
 from gpf.config import read_params
 from gpf.errors import UserError
 from gpf.images import read_exr
-from gpf.structs import scene_bounds
 from gpf.supervision import Targets
 from gpf.training import Trainer
 from metrics.image import psnr

@@ -160,7 +160,7 @@ def main() -> None:
         frozen = Path(folder) / arguments.own
         freeze_scene(arguments.own, frozen)
         files = (arguments.original, frozen / "scene.xml")
-        scenes = [mi.load_file(str(file)) for file in files]
+        scenes = [mi.load_file(str(file), optimize=False) for file in files]
     sensor, integrator = camera_of(scenes[0], width, height), scenes[0].integrator()
     original, own = (
         estimate(scene, sensor, integrator, arguments.spp, seed=10**6 * i)

@@ -46,7 +46,7 @@ def render(
     if not scene.is_file():
         raise UserError(str(scene), "does not exist", "Check the path.")
     try:
-        loaded = mi.load_file(str(scene), **values)
+        loaded = mi.load_file(str(scene), optimize=False, **values)
     except RuntimeError as error:
         what = " ".join(str(error).split())
         raise UserError(str(scene), f"does not load: {what}", "Correct the scene.") from error

@@ -1,5 +1,7 @@
 """The one error that a user can cause: it says where, what arrived and what to do."""
 
+from __future__ import annotations
+
 
 class UserError(Exception):
     """Something outside the program is wrong, and the user can mend it.
@@ -19,3 +21,6 @@ class UserError(Exception):
     def __init__(self, where: str, what: str, todo: str) -> None:
         self.where, self.what, self.todo = where, what, todo
         super().__init__(f"{where}: {what}. {todo}")
+
+    def __reduce__(self) -> tuple[type[UserError], tuple[str, str, str]]:
+        return type(self), (self.where, self.what, self.todo)

@@ -9,25 +9,27 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-# The second number counts in steps of 2^-40, the first in whole ones.
-_STEP = 2.0**-40
+# Terms beyond this have no sum: a thousand of them would not fit into 64 bits.
+_LARGEST = 2.0**52
 
 
 class ExactSum:
-    """Sum of arrays of float32 colours, (N, 3), as whole numbers and multiples of 2^-40.
+    """Sum of arrays of float32 colours, (N, 3), as whole numbers and multiples of a small step.
 
     Floating-point sums depend on their order in the last bits, so that parts of a long sum could
     not be made apart and then be put together. Integers have no such trouble. A term is cut to a
-    multiple of 2^-40 ≈ 1e-12; the sum may grow to 9e18, far beyond what a float32 resolves. A
-    lane with a term that is not finite has no sum: NaN.
+    multiple of the step; terms may be as large as 4e15. A lane with a term that is larger, or not
+    finite, has no sum: NaN.
 
     Parameters
     ----------
     size: number of lanes N.
+    bits: the step is 2^-bits: for 40, the default, 1e-12. Up to 2^(62 - bits) terms have room.
     """
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, bits: int = 40) -> None:
         self.size = size
+        self._step = 2.0**-bits
         kind = dr.int64_array_t(mi.Color3f)
         self._whole = dr.zeros(kind, size)
         self._steps = dr.zeros(kind, size)
@@ -36,18 +38,18 @@ class ExactSum:
     def add(self, value: mi.Color3f) -> None:
         """Add one value per lane, (N, 3); evaluated at once."""
         kind = type(self._whole)
-        finite = dr.all(dr.isfinite(value))
+        finite = dr.all(dr.abs(value) < _LARGEST)
         value = dr.select(finite, value, 0)
         whole = dr.trunc(value)
         self._whole += kind(whole)
-        self._steps += kind((value - whole) * (1 / _STEP))
+        self._steps += kind((value - whole) * (1 / self._step))
         self._broken |= dr.select(finite, mi.UInt32(0), 1)
         dr.eval(self._whole, self._steps, self._broken)
 
     def total(self) -> np.ndarray:
         """The sum, float64, (N, 3)."""
         whole, steps = (_rows(v).astype(np.float64) for v in (self._whole, self._steps))
-        total = whole + steps * _STEP
+        total = whole + steps * self._step
         total[np.asarray(self._broken.numpy()) > 0] = np.nan
         return total
 

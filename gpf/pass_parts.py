@@ -77,7 +77,7 @@ class PassParts:
                 plain = isinstance(theirs.get(key), int | float | bool)
                 value = f" ({theirs[key]}, not {mine.get(key)})" if plain else ""
                 words.append(key.replace("_", " ") + value)
-        return "another " + ", ".join(words)
+        return "other " + ", ".join(words)
 
     def file(self, part: range) -> Path:
         """Where the sums over a range lie."""

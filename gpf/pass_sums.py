@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from gpf.exact_sums import ExactSum
 from gpf.images import tone_map
+
+_GREATEST_SQUARE = 2.0**51
 
 
 class ViewTally:
@@ -25,12 +28,20 @@ class ViewTally:
 
     def __init__(self, size: int) -> None:
         self.halves = (ExactSum(size), ExactSum(size))
-        self.squares = ExactSum(size)
+        # Of what is dim, the square is tiny: 2^-51 is that of 2e-8.
+        self.squares = ExactSum(size, bits=51)
 
     def add(self, radiance: mi.Color3f, t: int) -> None:
         """Add what pass ``t`` found, W/(m² sr), (N, 3)."""
         self.halves[t % 2].add(radiance)
-        self.squares.add(radiance * radiance)
+        # A sun that is seen directly has more than fits: its error is then said to be less.
+        self.squares.add(dr.minimum(radiance * radiance, _GREATEST_SQUARE))
+
+    def add_tally(self, other: ViewTally) -> None:
+        """Add what other passes found."""
+        for mine, theirs in zip(self.halves, other.halves, strict=True):
+            mine.add_tensors(theirs.tensors())
+        self.squares.add_tensors(other.squares.tensors())
 
     def mean(self, passes: int) -> np.ndarray:
         """Mean radiance over all passes, (N, 3)."""

@@ -14,12 +14,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.bounds import scene_bounds
 from gpf.density import UNLIMITED, PhotonDensity, pack_tag, radius_at, same_surface
 from gpf.emission import Source, emit_light
 from gpf.kernel_area import area_correction
 from gpf.photon_tracing import record_photons, usual_capacity
 from gpf.spatial_hash import SpatialHash
-from gpf.structs import VisiblePoints, scene_bounds
+from gpf.structs import VisiblePoints
 
 
 @dataclass(frozen=True)

@@ -98,12 +98,6 @@ def take(points: Any, lanes: mi.UInt32) -> Any:
     return selected
 
 
-def scene_bounds(scene: mi.Scene) -> tuple[Any, Any]:
-    """Two opposite corners of the scene's bounding box, world units."""
-    box = scene.bbox()
-    return box.min, box.max
-
-
 def concatenate(parts: Sequence[Any]) -> Any:
     """Join structures or arrays lane after lane; single-lane fields are spread out first."""
     if is_dataclass(parts[0]):

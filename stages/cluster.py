@@ -7,8 +7,10 @@ worker needs nothing but this package in the same version.
 
 from __future__ import annotations
 
+import atexit
 import io
 import os
+import shutil
 import socket
 import tempfile
 import zipfile
@@ -34,7 +36,8 @@ def render_on_cluster(passes: LongSum, request: GroupRequest, wanted: range) -> 
         return
     ray, settings = _connect(passes.work), passes.work.params.cluster
     needed = ray.put(pack(passes.work))
-    task = ray.remote(num_cpus=max(settings.threads, 1), max_retries=settings.retries)(render_part)
+    cores = settings.threads or _cores_of_a_machine(ray)
+    task = ray.remote(num_cpus=cores, max_retries=settings.retries)(render_part)
     facts = passes.work.scene, request, passes.parts.digest, settings.threads
     running = {task.remote(needed, *facts, part.start, part.stop): part for part in todo}
     done = len(wanted) - sum(map(len, todo))
@@ -43,8 +46,10 @@ def render_on_cluster(passes: LongSum, request: GroupRequest, wanted: range) -> 
         with progress_bar(title, len(wanted)) as bar:
             bar(done)
             total = passes.merge()
+            # Tasks end in any order; the total has what is there without a gap.
+            waiting = {part.start: part for part in passes.parts.done()}
             watch = Watch(passes, total, bar.describe)
-            while running:
+            while running and not passes.is_good_enough(total):
                 ready, _ = ray.wait(list(running), timeout=1.0)
                 for reference in ready:
                     part = running.pop(reference)
@@ -52,7 +57,9 @@ def render_on_cluster(passes: LongSum, request: GroupRequest, wanted: range) -> 
                     passes.renderer.sums = passes.renderer.empty_sums()
                     passes.renderer.sums.add_tensors(tensors, len(part))
                     passes.keep(part, costs)
-                    total.add_tensors(tensors, len(part))
+                    waiting[part.start] = part
+                    while total.passes in waiting and not passes.is_good_enough(total):
+                        passes.parts.add_to(total, waiting[total.passes])
                     done += len(part)
                     bar(done)
                     passes.renderer.sums = passes.renderer.empty_sums()
@@ -93,7 +100,7 @@ def pack(work: Workspace) -> bytes:
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.write("params.yaml")
         # That there is such a scene is all that is asked of this folder.
-        archive.writestr(f"scenes/{work.scene}/scene.xml", "")
+        archive.writestr(zipfile.ZipInfo(f"scenes/{work.scene}/scene.xml"), "")
         archive.write(work.views_file, f"scenes/{work.scene}/views.yaml")
         archive.write(work.views_file)
         for path in sorted(work.frozen_scene.rglob("*")):
@@ -142,6 +149,12 @@ def _connect(work: Workspace) -> Any:
     return ray
 
 
+def _cores_of_a_machine(ray: Any) -> float:
+    """What a task takes that uses all cores of its machine: those of the smallest."""
+    cores = [node["Resources"].get("CPU", 1) for node in ray.nodes() if node["Alive"]]
+    return float(min(cores))
+
+
 def _require_listener(address: str) -> None:
     """Ray itself would try for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
@@ -167,7 +180,7 @@ def _result(ray: Any, reference: Any, part: range) -> tuple[Mapping[str, np.ndar
     except ray.exceptions.RayTaskError as error:
         cause = error.cause
         if isinstance(cause, UserError):
-            raise UserError(*cause.args) from error
+            raise UserError(cause.where, cause.what, cause.todo) from error
         raise
     except (ray.exceptions.WorkerCrashedError, ray.exceptions.RaySystemError) as error:
         raise UserError(
@@ -181,6 +194,7 @@ def _result(ray: Any, reference: Any, part: range) -> tuple[Mapping[str, np.ndar
 def _unpack(needed: bytes) -> Path:
     """A folder with the contents of an archive, made once in a process."""
     folder = Path(tempfile.mkdtemp(prefix="gpf-worker-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
     with zipfile.ZipFile(io.BytesIO(needed)) as archive:
         archive.extractall(folder)
     return folder

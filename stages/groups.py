@@ -15,13 +15,14 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
+from gpf.bounds import scene_bounds
 from gpf.emission import Source
 from gpf.film import sample_film
 from gpf.pass_parts import PassParts
 from gpf.photon_map import collect_photons
 from gpf.progressive import PassSettings, pass_seed, propose_radius
 from gpf.reference import ReferenceRenderer, fixed_points
-from gpf.structs import VisiblePoints, scene_bounds
+from gpf.structs import VisiblePoints
 from gpf.surface_samples import sample_surface_points
 from gpf.views import View
 from stages.costs import CostMeter
@@ -84,7 +85,7 @@ def open_group(job: Job, request: GroupRequest) -> LongSum:
     source = job.lookout.source
     renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, seed, source)
     fingerprint = {
-        **{k: v for k, v in record.items() if k not in ("passes", "target_psnr")},
+        **{k: v for k, v in record.items() if k != "passes"},
         "views": [view.model_dump(mode="json") for view in views],
         "points": {name: dr.width(points.p) for name, points in renderer.points.items()},
         "training": [view.model_dump(mode="json") for view in work.views.train],

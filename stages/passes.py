@@ -10,7 +10,7 @@ import numpy as np
 
 from gpf.images import check_finite, write_png
 from gpf.pass_parts import PassParts
-from gpf.pass_sums import PassSums
+from gpf.pass_sums import PassSums, ViewTally
 from gpf.reference import ReferenceRenderer
 from metrics.worth import snapshot_passes
 from stages.costs import KINDS, CostMeter
@@ -66,7 +66,7 @@ class LongSum:
             for part in todo:
                 if total.passes < part.start:  # parts that others made lie between
                     total = watch.total = self.merge()
-                if total.passes == part.start and self._is_good_enough(total):
+                if total.passes == part.start and self.is_good_enough(total):
                     break
                 self.costs.parts.pop(self.group, None)
                 with self.costs.measure(self.group):
@@ -108,7 +108,7 @@ class LongSum:
             for kind, value in self.parts.add_to(sums, part).items():
                 spent[kind] += value
             at(sums)
-            if self._is_good_enough(sums):
+            if self.is_good_enough(sums):
                 break
         self.costs.parts[self.group] = spent
         return sums
@@ -121,13 +121,13 @@ class LongSum:
         images: dict[str, dict[str, np.ndarray]] = {name: {} for name in self.renderer.sensors}
 
         def keep(sums: PassSums) -> None:
-            if sums.passes in snapshots or self._is_good_enough(sums):
+            if sums.passes in snapshots or self.is_good_enough(sums):
                 self.renderer.sums = sums
                 for name, layers in images.items():
                     layers[f"sppm_{sums.passes}"] = self.renderer.image(name)
 
         sums = self.renderer.sums = self.merge(keep)
-        return images if sums.passes >= self.passes or self._is_good_enough(sums) else None
+        return images if sums.passes >= self.passes or self.is_good_enough(sums) else None
 
     def ceiling(self, sums: PassSums) -> float:
         """The lowest ceiling of all views, dB (:meth:`gpf.pass_sums.ViewTally.ceiling`)."""
@@ -135,7 +135,8 @@ class LongSum:
         tallies = sums.views.values()
         return min((tally.ceiling(sums.passes, exposure) for tally in tallies), default=np.inf)
 
-    def _is_good_enough(self, sums: PassSums) -> bool:
+    def is_good_enough(self, sums: PassSums) -> bool:
+        """Whether passes 1 to n have so little noise that the target allows to stop there."""
         # Only where parts end in any case: an interrupted run must not stop elsewhere.
         target = self.work.params.reference.target_psnr
         if not target or not sums.views or sums.passes not in self.cuts():
@@ -156,13 +157,15 @@ class Watch:
         seconds = work.params.reference.preview_seconds
         if not seconds or time.monotonic() - self.last < seconds or not renderer.sensors:
             return
-        both = renderer.empty_sums()
-        for sums in (self.total, renderer.sums):
-            both.add_tensors(sums.tensors(), sums.passes)
-        title = f"{work.scene}: {self.long_sum.group} references"
-        self.describe(f"{title}, {self.long_sum.ceiling(both):.1f} dB")
-        for name, tally in both.views.items():
-            image = tally.mean(both.passes).reshape(*renderer.sizes[name][::-1], 3)
+        passes, worst = self.total.passes + renderer.sums.passes, np.inf
+        for name in renderer.sensors:
+            tally = ViewTally(self.total.views[name].squares.size)
+            for sums in (self.total, renderer.sums):
+                tally.add_tally(sums.views[name])
+            worst = min(worst, tally.ceiling(passes, work.views.exposure))
+            image = tally.mean(passes).reshape(*renderer.sizes[name][::-1], 3)
             path = work.folder / "preview" / f"{self.long_sum.group}-{name}.png"
             write_png(path, image, work.views.exposure)
+        title = f"{work.scene}: {self.long_sum.group} references"
+        self.describe(f"{title}, {worst:.1f} dB")
         self.last = time.monotonic()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from stages.groups import (
 )
 from stages.passes import SURFACES, LongSum
 from stages.progress import console
+from stages.publishing import make_ready, settle
 from stages.reference_records import has_surfaces, is_current, surface_record, view_record
 from stages.workspace import Workspace
 
@@ -81,6 +83,9 @@ def _parse_range(text: str, passes: int) -> range:
 def _render_group(job: Job, group: str, wanted: range | None) -> bool | None:
     """Render what is missing of a group; whether anything was. None: passes are still missing."""
     work = job.work
+    for folder in work.parts("reference", group).glob("*"):
+        settle(folder, work.folder)
+    work.forget_checkpoints()
     record = record_of(job, group)
     views = work.views.train if group == "train" else work.views.novel
     missing = [view for view in views if not is_current(work, group, view, record)]
@@ -117,25 +122,32 @@ def _write_group(
     """Write the files of a group whose passes are all there, and forget the parts."""
     work, group, renderer = passes.work, passes.group, passes.renderer
     passes.costs.share(group, sorted({*renderer.sensors, *renderer.points}))
-    for view in views:
-        if group == "ceiling":
-            path, layers = work.ceiling(view.name), snapshots[view.name]
-        else:
-            path = work.reference(view.name)
-            layers = renderer.view(view.name, work.film_size).layers()
-        for name, image in layers.items():
-            if image.ndim == 3:
-                check_finite(image, f"{work.scene}, view {view.name}, {name}")
-        write_exr(path, layers, view_record(record, view) | _noise(passes, view.name))
-    if SURFACES in renderer.points:
-        points = renderer.points[SURFACES]
-        tensors = {
-            "position": to_numpy(points.p),
-            "normal": to_numpy(points.n),
-            "irradiance": renderer.mean_irradiance(SURFACES),
-        }
-        write_tensors(work.surfaces, "surfaces", tensors, surface_record(work, record))
+
+    def write(folder: Path) -> None:
+        for view in views:
+            if group == "ceiling":
+                path, layers = work.ceiling(view.name), snapshots[view.name]
+            else:
+                path = work.reference(view.name)
+                layers = renderer.view(view.name, work.film_size).layers()
+            for name, image in layers.items():
+                if image.ndim == 3:
+                    check_finite(image, f"{work.scene}, view {view.name}, {name}")
+            facts = view_record(record, view) | _noise(passes, view.name)
+            write_exr(folder / path.relative_to(work.folder), layers, facts)
+        if SURFACES in renderer.points:
+            points = renderer.points[SURFACES]
+            tensors = {
+                "position": to_numpy(points.p),
+                "normal": to_numpy(points.n),
+                "irradiance": renderer.mean_irradiance(SURFACES),
+            }
+            path = folder / work.surfaces.relative_to(work.folder)
+            write_tensors(path, "surfaces", tensors, surface_record(work, record))
+
+    make_ready(passes.parts.folder, write)
     passes.parts.clear()
+    settle(passes.parts.folder, work.folder)
     work.forget_checkpoints()
 
 

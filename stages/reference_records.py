@@ -20,9 +20,9 @@ from gpf.views import View
 from stages.workspace import Workspace
 
 _CODE = (
-    "density emission emission_guiding exact_sums film kernel_area materials next_event outlook "
-    "pass_sums photon_map photon_tracing pilot progressive reference spatial_hash structs "
-    "surface_samples thinning views visible_points"
+    "bounds density emission emission_guiding exact_sums film kernel_area materials "
+    "next_event outlook pass_sums photon_map photon_tracing pilot progressive reference "
+    "spatial_hash structs surface_samples thinning views visible_points"
 )
 
 

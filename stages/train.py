@@ -11,6 +11,7 @@ import numpy as np
 from dvclive import Live
 
 from gpf.artifacts import read_tensors
+from gpf.bounds import scene_bounds
 from gpf.field import FieldSettings, GaussianPhotonField
 from gpf.field_files import save_field
 from gpf.initialization import (
@@ -18,7 +19,7 @@ from gpf.initialization import (
     initialize_gaussians,
     propose_search_radius,
 )
-from gpf.structs import Photons, scene_bounds
+from gpf.structs import Photons
 from gpf.supervision import Targets
 from gpf.training import LearningRates, Progress, Trainer, TrainingSettings
 from stages.costs import CostMeter

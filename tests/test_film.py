@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import gpf.integrators.sppm as sppm_plugin
+from gpf.bounds import scene_bounds
 from gpf.field import FieldSettings, GaussianPhotonField
 from gpf.film import reconstruct, sample_film, sample_grid
 from gpf.initialization import InitializationSettings, initialize_gaussians
 from gpf.photon_tracing import record_photons
-from gpf.structs import scene_bounds
 from tests.furnace import Scene, camera, cornell_box, sppm
 
 FILTERS = ["box", "tent", "gaussian", "mitchell", "lanczos"]

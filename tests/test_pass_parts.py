@@ -120,7 +120,7 @@ def test_parts_of_something_else_are_left_alone(renderer, tmp_path):
     unknown = parts_in(tmp_path, seed=5).folder
     assert mine.done() == []
     assert mine.others() == {
-        other.folder: "another seed (4, not 3)",
+        other.folder: "other seed (4, not 3)",
         unknown: "nothing that this version knows",
     }
     parts_in(tmp_path, seed=5).clear()

@@ -5,9 +5,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.bounds import scene_bounds
 from gpf.errors import UserError
 from gpf.photon_tracing import record_photons
-from gpf.structs import scene_bounds
 from gpf.surface_samples import sample_surface_points
 
 

@@ -11,6 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.bounds import scene_bounds
 from gpf.errors import UserError
 from gpf.film import sample_film
 from gpf.initialization import propose_search_radius
@@ -18,7 +19,7 @@ from gpf.photon_tracing import record_photons
 from gpf.pilot import trace_pilot
 from gpf.progressive import propose_radius
 from gpf.scenes import scene_info, scene_materials
-from gpf.structs import Photons, VisiblePoints, scene_bounds, to_numpy
+from gpf.structs import Photons, VisiblePoints, to_numpy
 from gpf.views import View, make_sensor
 
 Use = Literal["queried", "traced through", "both", "unsupported"]

@@ -9,6 +9,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from gpf.bounds import require_bounds
 from gpf.film import FilmSamples, reconstruct, sample_film, sample_grid
 from gpf.integrators.properties import is_number, read_depths, whole_number
 from gpf.materials import has_gloss, require_separable
@@ -121,6 +122,7 @@ def define() -> type:
             if isinstance(sensor, int):
                 sensor = scene.sensors()[sensor]
             require_separable(scene)
+            require_bounds(scene)
             seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
             film = sensor.film()
             film.prepare([])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -78,7 +79,7 @@ def test_a_checkpoint_of_other_surface_points_is_left_alone(fresh, monkeypatch, 
     with monkeypatch.context() as patch:
         passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
         outcome = fresh.stage("reference")
-    assert outcome.code == 0 and "made with another points; left alone" in outcome.text
+    assert outcome.code == 0 and "made with other points; left alone" in outcome.text
     assert len(passes) == 3 * 4
     assert len(list((fresh.results / "checkpoints/reference-train").iterdir())) == 1
     tensors, _ = read_tensors(fresh.results / "targets.safetensors", "targets", "reference")
@@ -133,6 +134,33 @@ def test_nothing_is_lost_to_a_kill(fresh, environment):
     assert len(made) == len(TRAIN) + 2 * len(NOVEL)
     for path in made:
         assert (fresh.results / path).read_bytes() == (whole.results / path).read_bytes(), path
+
+
+def test_a_kill_between_two_images_costs_no_pass(fresh, built, monkeypatch, no_probe):
+    """All passes are done and one of the novel views' images is in its place."""
+    assert fresh.stage("scene").code == 0
+    moved = []
+    replace = os.replace
+
+    def killed(source, place):
+        if "ready" in str(source) and (moved or "novel" in str(source)):
+            if len(moved) == 1:
+                raise KeyboardInterrupt
+            moved.append(place)
+        replace(source, place)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", killed)
+        assert fresh.stage("reference").code == 130
+    assert len(list(fresh.results.glob("reference/*.exr"))) == len(TRAIN) + 1
+    with monkeypatch.context() as patch:
+        passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
+        assert fresh.stage("reference").code == 0
+    assert len(passes) == 4  # those of the ceiling
+    assert not list((fresh.results / "checkpoints").glob("*"))
+    for view in NOVEL:
+        path = f"reference/{view}.exr"
+        assert (fresh.results / path).read_bytes() == (built.results / path).read_bytes()
 
 
 def passes_kept(folder: Path) -> int:
