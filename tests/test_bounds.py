@@ -16,7 +16,7 @@ SCENE = """<scene version="3.0.0">
     <shape type="sphere"><float name="radius" value="0.2"/></shape>
     {light}
 </scene>"""
-NEAR = '<emitter type="point"><point name="position" x="0" y="0" z="1"/></emitter>'
+NEAR = '<emitter type="point"><point name="position" x="0" y="0" z="3"/></emitter>'
 FAR = '<emitter type="constant"/><emitter type="directional"/>'
 
 
