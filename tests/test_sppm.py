@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import mitsuba as mi
@@ -57,7 +58,8 @@ def compare(
     error = np.sqrt((a.var(0, ddof=1) + b.var(0, ddof=1)) / 8) / b.mean(0)
     ratio = a.mean(0) / b.mean(0)
     # `pytest -s tests/test_sppm.py` prints them all.
-    print(f"\nratio of means {ratio.round(4)} ± {error.round(4)}", end=" ")
+    name = os.environ["PYTEST_CURRENT_TEST"].partition("::")[2].partition(" ")[0]
+    print(f"\n{name}: {ratio.round(4)} ± {error.round(4)}", end=" ")
     z = z_scores(block_means(ours, block, mask), block_means(theirs, block, mask), bias)
     assert (error < 0.6 * mean).all(), f"too noisy to tell: {error}"
     np.testing.assert_allclose(ratio, 1, atol=mean)
@@ -113,8 +115,8 @@ def test_a_wall_lit_by_each_kind_of_emitter(kind, direct):
     if kind == "envmap":
         light = light | {"bitmap": mi.Bitmap(SKY)}
     # Photons have nothing to do here where direct light does not come from them.
-    passes, photons = (12, 100_000) if direct == "photons" else (60, 1000)
-    compare(lit_floor(light), passes, mean=0.01, radius=0.1, photons=photons, direct=direct)
+    passes, photons = (16, 100_000) if direct == "photons" else (240, 1000)
+    compare(lit_floor(light), passes, radius=0.07, photons=photons, direct=direct)
 
 
 def lit_floor(light: Scene, size: tuple[int, int] = (12, 8)) -> Scene:
@@ -206,8 +208,8 @@ def test_several_emitters_of_different_powers(direct):
         key = "radiance" if kind == "constant" else "intensity"
         lights[kind][key] = colour
     scene = lit_floor(lights.pop("area"), size=(36, 24)) | lights
-    passes, photons = (24, 100_000) if direct == "photons" else (60, 1000)
-    compare(scene, passes, mean=0.01, radius=0.1, photons=photons, direct=direct)
+    passes, photons = (32, 100_000) if direct == "photons" else (160, 1000)
+    compare(scene, passes, spp=2048, radius=0.07, photons=photons, direct=direct)
 
 
 def test_instances():
@@ -230,7 +232,7 @@ def test_instances():
         }
         for k, (x, angle) in enumerate([(-0.6, 20), (0.6, -35)])
     }
-    compare(studio(WHITE, heap=heap, **copies), 16, radius=0.03, mean=0.01, bias=0.02)
+    compare(studio(WHITE, heap=heap, **copies), 48, spp=2048, radius=0.03, bias=0.02)
 
 
 def smooth_floor(bsdf: Scene) -> mi.Mesh:
@@ -267,8 +269,8 @@ def test_sheets_that_let_light_through(kind, direct):
     """
     sheet = rectangle((0.4, 0.2, 0.4), (0.4, 0.2, 0), 1.0, 1.2, SHEETS[kind])
     truth = PATH | {"type": "prb"} if kind == "mask" else PATH
-    passes = 12 if direct == "photons" else 48
-    compare(studio(WHITE, sheet=sheet), passes, radius=0.05, mean=0.01, truth=truth, direct=direct)
+    passes = 16 if direct == "photons" else 64
+    compare(studio(WHITE, sheet=sheet), passes, radius=0.05, truth=truth, direct=direct)
 
 
 def test_principled_materials_are_right_or_refused():
