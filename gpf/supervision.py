@@ -14,6 +14,8 @@ from gpf.artifacts import read_tensors, write_tensors
 from gpf.errors import UserError
 from gpf.structs import SurfacePoints
 
+Loss = Literal["squared", "relative"]
+
 # The source of a target that comes from a sample of the scene's surfaces, not from a view.
 SURFACE = -1
 
@@ -79,13 +81,12 @@ class Targets:
         self,
         points: Literal["views", "surface", "both"],
         stores: Literal["irradiance", "radiance"],
-        loss: Literal["squared", "relative"],
+        loss: Loss,
     ) -> SurfacePoints:
         """Points as training takes them.
 
         ``stores`` chooses what the field is to answer: E, or the outgoing radiance ρ/π E, for
-        which only views know ρ. ``loss`` chooses the points' weights: all alike, or
-        1 / (E² + mean(E)²), normalised to mean 1, so that a relative error counts.
+        which only views know ρ. ``loss`` chooses the points' weights (:func:`loss_weights`).
         """
         chosen = self.select("views" if stores == "radiance" else points)
         if len(chosen.position) == 0:
@@ -97,11 +98,6 @@ class Targets:
         target = chosen.irradiance
         if stores == "radiance":
             target = target * chosen.reflectance / np.pi
-        weight = np.ones(len(target))
-        if loss == "relative":
-            level = target.mean(axis=1)
-            weight = 1 / (level**2 + level.mean() ** 2)
-            weight /= weight.mean()
 
         def columns(array: np.ndarray) -> np.ndarray:
             return np.ascontiguousarray(array.T, dtype=np.float32)
@@ -110,5 +106,17 @@ class Targets:
             p=mi.Point3f(columns(chosen.position)),
             n=mi.Normal3f(columns(chosen.normal)),
             target=mi.Color3f(columns(target)),
-            weight=mi.Float(weight.astype(np.float32)),
+            weight=mi.Float(loss_weights(target, loss)),
         )
+
+
+def loss_weights(target: np.ndarray, loss: Loss) -> np.ndarray:
+    """Weights of points in the loss, (P,), from their targets, (P, 3): all alike, or ``relative``,
+
+    1 / (E² + mean(E)²), normalised to mean 1: what is dark counts too.
+    """
+    if loss == "squared":
+        return np.ones(len(target), dtype=np.float32)
+    level = target.mean(axis=1)
+    weight = 1 / (level**2 + level.mean() ** 2)
+    return np.asarray(weight / weight.mean(), dtype=np.float32)

@@ -111,15 +111,12 @@ class Trainer:
         count = dr.width(points.p)
         rng = np.random.default_rng(settings.seed)
         split = rng.random(count) < settings.held_out
-        self.training = take(points, mi.UInt32(np.flatnonzero(~split).astype(np.uint32)))
-        self.held_out = take(points, mi.UInt32(np.flatnonzero(split).astype(np.uint32)))
+        self._rows = [mi.UInt32(np.flatnonzero(s).astype(np.uint32)) for s in (~split, split)]
+        self.training, self.held_out = (take(points, rows) for rows in self._rows)
 
         mean_target = np.mean(np.asarray(self.training.target.numpy()))
         self.unit = float(mean_target) if mean_target > 0 else 1.0
-        for part in (self.training, self.held_out):
-            if dr.width(part.p) > 0:
-                part.target /= self.unit
-                dr.eval(part)
+        self._scale_targets()
 
         g = field.gaussians
         around = local_targets(g, self.training, field.settings.search_radius)
@@ -141,6 +138,21 @@ class Trainer:
         self.history: list[Progress] = []
         self.best = self.gaussians
         self.rebuild()
+
+    def _scale_targets(self) -> None:
+        for part in (self.training, self.held_out):
+            if dr.width(part.p) > 0:
+                part.target /= dr.opaque(mi.Float, self.unit)
+                dr.eval(part)
+
+    def retarget(self, points: SurfacePoints) -> None:
+        """Take new targets and weights for the same points; what was best before, is no more."""
+        for part, rows in zip((self.training, self.held_out), self._rows, strict=True):
+            if dr.width(rows) > 0:
+                part.target = dr.gather(mi.Color3f, points.target, rows)
+                part.weight = dr.gather(mi.Float, points.weight, rows)
+        self._scale_targets()
+        self.best_error = float("inf")
 
     def rebuild(self) -> None:
         """Rebuild the neighbour search and the lists of all points."""
@@ -236,16 +248,24 @@ class Trainer:
             errors = self.advance(1)
             done = self.step_count
             if done % s.evaluate_every == 0 or done == s.steps:
-                if done % s.rebuild_every != 0:
-                    # On fresh lists: the best state is judged as the renderer will see it.
-                    self.rebuild()
-                held_out = self.evaluate()
-                if held_out <= self.best_error:  # without held-out points, the last state
-                    self.best_error, self.best = held_out, self.gaussians
-                training = float(np.sqrt(dr.mean(errors)[0] / 3))
-                self.history.append(Progress(done, training, held_out, self.best_error))
-                report(self.history[-1])
+                report(self.judge(errors))
             tick(done)
+        return self.finish()
+
+    def judge(self, errors: mi.Float) -> Progress:
+        """Evaluate, and keep the state if it is the best; ``errors`` are the last batch's."""
+        if self.step_count % self.settings.rebuild_every != 0:
+            # On fresh lists: the best state is judged as the renderer will see it.
+            self.rebuild()
+        held_out = self.evaluate()
+        if held_out <= self.best_error:  # without held-out points, the last state
+            self.best_error, self.best = held_out, self.gaussians
+        training = float(np.sqrt(dr.mean(errors)[0] / 3))
+        self.history.append(Progress(self.step_count, training, held_out, self.best_error))
+        return self.history[-1]
+
+    def finish(self) -> GaussianPhotonField:
+        """The field in its best state."""
         if self.history and not np.isfinite(self.best_error):
             raise UserError(
                 "training",
