@@ -9,7 +9,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.errors import UserError
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import Photons
 
@@ -23,9 +22,6 @@ SAME_SURFACE_HEIGHT = 0.5
 
 # The greatest depth that a photon's tag tells, and a budget that admits photons of any depth.
 UNLIMITED = 255
-
-# Bits that the power of the brightest photon takes, as a whole number.
-_BITS = 30
 
 
 def next_radius(radius: float, t: int, alpha: float) -> float:
@@ -82,19 +78,14 @@ class PhotonDensity:
 
         E(x) = 1 / (π r²) Σ Φ_i    over photons with |x - x_i| ≤ r on the same surface.
 
-    Powers are rounded to whole numbers, 2^-30 of the brightest photon's: their sums come out the
-    same to the last bit in whatever order the photons lie, and that is the order in which threads
-    have brought them.
+    Photons are added up cell by cell, and within a cell in the order in which they are given: the
+    sums of photons in the same order are the same to the last bit.
 
     Parameters
     ----------
-    photons: in any order, (M,).
+    photons: (M,).
     radius: kernel radius r, world units.
     bounds: corners of the scene's bounding box.
-
-    Raises
-    ------
-    UserError: a photon's power is not finite.
     """
 
     def __init__(self, photons: Photons, radius: float, bounds: Any) -> None:
@@ -105,13 +96,10 @@ class PhotonDensity:
         tag = pack_tag(photons.n, photons.depth)
         self._grid = SpatialHash(photons.p, cell=1.01 * radius, bounds=bounds, tag=tag)
         power = dr.gather(mi.Color3f, photons.power, self._grid.order)
-        brightest = _brightest(power)
-        unit = 2.0 ** (math.floor(math.log2(brightest)) + 1 - _BITS) if brightest > 0 else 1.0
-        whole = mi.Vector3i(dr.round(power / dr.opaque(mi.Float, unit)))
-        self._power = dr.ravel(mi.Vector4i(*whole, 0))
+        self._power = dr.ravel(mi.Vector4f(power.x, power.y, power.z, 0))
         dr.eval(self._power)
         self._radius = dr.opaque(mi.Float, radius)
-        self._scale = dr.opaque(mi.Float, unit / (math.pi * radius**2))
+        self._scale = dr.opaque(mi.Float, 1 / (math.pi * radius**2))
 
     def irradiance(
         self,
@@ -133,30 +121,13 @@ class PhotonDensity:
             return dr.zeros(mi.Color3f, dr.width(p))
         radius2 = dr.square(self._radius)
         limit, shallowest = mi.UInt32(budget), dr.select(mi.Bool(lit), mi.UInt32(1), 0)
-        sums = dr.int64_array_t(mi.Color3f)
 
         def add(total, index, record, distance2, inside):  # type: ignore[no-untyped-def]
             depth = unpack_depth(record.w)
             counts = inside & same_surface(record, p, n, radius2)
             counts &= (depth <= limit) & (depth >= shallowest)
-            power = dr.gather(mi.Vector4i, self._power, index, counts)
-            return total + sums(power.x, power.y, power.z)
+            power = dr.gather(mi.Vector4f, self._power, index, counts)
+            return total + mi.Color3f(power.x, power.y, power.z)
 
-        total = self._grid.visit(p, self._radius, add, sums(0), mi.Bool(active))
-        return mi.Color3f(total) * self._scale
-
-
-def _brightest(power: mi.Color3f) -> float:
-    """The greatest absolute power of any photon in any channel, W."""
-    size = dr.max(dr.abs(power))
-    finite = dr.all(dr.isfinite(power))
-    broken = dr.count(~finite)
-    brightest = dr.max(dr.select(finite, size, 0))
-    dr.eval(broken, brightest)
-    if broken[0] > 0:
-        raise UserError(
-            "photons",
-            f"{broken[0]} of {dr.width(power)} have a power that is not finite",
-            "Look for NaN or infinite values in the scene's emitters and textures.",
-        )
-    return float(brightest[0])
+        total = self._grid.visit(p, self._radius, add, mi.Color3f(0), mi.Bool(active))
+        return total * self._scale

@@ -33,6 +33,7 @@ class ViewTally:
 
     def add(self, radiance: mi.Color3f, t: int) -> None:
         """Add what pass ``t`` found, W/(m² sr), (N, 3)."""
+        dr.eval(radiance)  # each sum is a kernel of its own, and would trace it anew
         self.halves[t % 2].add(radiance)
         # A sun that is seen directly has more than fits: its error is then said to be less.
         self.squares.add(dr.minimum(radiance * radiance, _GREATEST_SQUARE))

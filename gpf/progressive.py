@@ -87,7 +87,6 @@ class PhotonPasses:
             rr_depth=settings.rr_depth,
             source=self.source,
             capacity=self._room,
-            ordered=False,
         )
         found = dr.width(photons.p)
         if self._room is None or found > self._room:

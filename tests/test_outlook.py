@@ -180,7 +180,7 @@ def test_a_pass_with_guided_photons_agrees_with_one_without(rooms, outlook):
     def passes(source, seeds):
         return np.array(
             [
-                to_numpy(PhotonPasses(rooms, settings, s, source).irradiance(points, 1))
+                to_numpy(PhotonPasses(rooms, settings, s, source).trace(1).irradiance(points))
                 for s in seeds
             ]
         )
