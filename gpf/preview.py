@@ -45,7 +45,7 @@ def render_previews(
     chosen: Sequence[tuple[View, str]],
     height: int = 96,
     spp: int = 16,
-    passes: int = 16,
+    passes: int = 8,
     tick: Callable[[], None] = lambda: None,
 ) -> list[Preview]:
     """Render views side by side; ``tick()`` after each of ``passes`` + V steps for V views.
@@ -55,7 +55,9 @@ def render_previews(
     size = views.size(height)
     reports = report_views(scene, [view for view, _ in chosen], views.aspect)
     sensors = {view.name: make_sensor(view, *size, spp=spp) for view, _ in chosen}
-    radius = propose_radius(scene, reports[0].points, PassSettings.photons_per_pass)
+    # Small: where the first view is dim, others may be bright, and full of photons.
+    photons = PassSettings.photons_per_pass
+    radius = propose_radius(scene, reports[0].points, photons, photons_in_disc=4)
     settings = PassSettings(initial_radius=radius)
     photon_mapping = ReferenceRenderer(scene, sensors, {}, settings, seed=0)
     photon_mapping.run(passes, lambda _: tick())

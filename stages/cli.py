@@ -112,7 +112,7 @@ def preview(
         Path | None, typer.Option("--out", "-o", help="PNG; by default in results/NAME.")
     ] = None,
     height: Annotated[int, typer.Option(min=16, max=1024, help="Rows of each picture.")] = 96,
-    passes: Annotated[int, typer.Option(min=1, help="SPPM passes.")] = 16,
+    passes: Annotated[int, typer.Option(min=1, help="SPPM passes.")] = 8,
     everything: Annotated[
         bool, typer.Option("--all", help="All training views and all frames, however many.")
     ] = False,
