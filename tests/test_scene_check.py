@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import gpf  # noqa: F401  # registers the plugins
+from gpf.bounds import bounding_box
 from gpf.field import FieldSettings, GaussianPhotonField
-from gpf.integrators.scene_check import bounding_box, warn_of_another_scene
+from gpf.integrators.scene_check import warn_of_another_scene
 from tests.plain_field import flat_gaussians, to_device
 
 LOWER, UPPER = [-4.0, -3.0, 0.0], [4.0, 3.0, 2.0]
@@ -55,12 +56,6 @@ def test_the_bounding_box_is_whole(optimize):
     # Why it is not taken from the scene itself.
     assert np.allclose(scene.bbox().max, UPPER) != optimize
     warn_of_another_scene(scene, [LOWER, UPPER])
-
-
-@pytest.mark.parametrize("optimize", [True, False])
-def test_a_field_with_the_scenes_own_box(optimize):
-    box = load(optimize).bbox()
-    warn_of_another_scene(load(optimize), [list(box.min), list(box.max)])
 
 
 @pytest.mark.parametrize("corner", [0, 1])

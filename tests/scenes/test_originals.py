@@ -39,7 +39,7 @@ def test_radiance_by_blocks(name, size, settings, root):
     own = scenes.load_scene(name, root=root)
     sensor = make_sensor(views_of_sensors(original)[0], *size)
     # The same random numbers for both: what is left of the noise is mostly common to them.
-    theirs, ours = (block_means(scene, sensor, settings, 8, seed=1) for scene in (original, own))
+    theirs, ours = (block_means(scene, sensor, settings, 24, seed=1) for scene in (original, own))
     assert ours.mean() == pytest.approx(theirs.mean(), rel=0.05)
     off = np.abs(ours / theirs - 1)
     assert np.median(off) < 0.08
