@@ -37,10 +37,10 @@ class StreamSettings:
 
     def rounds(self) -> list[int]:
         """Numbers of passes after which steps are made, ascending; the last is ``passes``."""
-        counts, count = [], float(min(self.first, self.passes))
+        counts, count = [], min(self.first, self.passes)
         while count < self.passes:
-            counts.append(round(count))
-            count = max(count * self.growth, count + 1)
+            counts.append(count)
+            count = max(round(count * self.growth), count + 1)
         return [*counts, self.passes]
 
 
