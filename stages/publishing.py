@@ -7,6 +7,8 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from gpf.errors import UserError
+
 # Names of the folders in which files wait: while they are written, and once all are.
 _BEGUN, _READY = "begun", "ready"
 
@@ -15,7 +17,14 @@ def make_ready(workshop: Path, write: Callable[[Path], None]) -> None:
     """Let ``write`` fill a folder with files, all of which :func:`settle` will move or none."""
     begun = workshop / _BEGUN
     shutil.rmtree(begun, ignore_errors=True)
-    begun.mkdir(parents=True)
+    try:
+        begun.mkdir(parents=True)
+    except OSError as error:
+        raise UserError(
+            str(begun),
+            f"could not be made ({error})",
+            "Free some disk space or check the folder.",
+        ) from error
     try:
         write(begun)
     except BaseException:

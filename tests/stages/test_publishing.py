@@ -6,6 +6,7 @@ import os
 
 import pytest
 
+from gpf.errors import UserError
 from stages.publishing import make_ready, settle
 
 
@@ -76,3 +77,10 @@ def test_what_a_kill_left_half_written_is_forgotten(tmp_path):
     make_ready(tmp_path / "work", write)
     settle(tmp_path / "work", tmp_path / "results")
     assert files(tmp_path / "results") == ALL
+
+
+def test_a_folder_that_cannot_be_made_is_said_in_words(tmp_path):
+    (tmp_path / "work").write_text("a file in its place")
+    with pytest.raises(UserError, match=r"work/begun: could not be made .*Free some disk space"):
+        make_ready(tmp_path / "work", write)
+    assert files(tmp_path) == {"work": "a file in its place"}
