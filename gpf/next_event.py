@@ -40,6 +40,25 @@ def direct_light(
     return dr.select(active, value * weight * balance(light.pdf, bsdf_pdf), 0)
 
 
+def direct_irradiance(
+    scene: mi.Scene, sampler: mi.Sampler, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool | bool
+) -> mi.Color3f:
+    """Irradiance of surfaces from one point on one emitter, W/m², (N, 3).
+
+        E = |cos θ| L_e / p_e(wo)    above the surface
+
+    Parameters
+    ----------
+    p, n: points, and unit normals on the side that is lit, (N, 3).
+    """
+    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(p))
+    si.p, si.n = p, n
+    active = mi.Bool(active)
+    light, weight = scene.sample_emitter_direction(si, sampler.next_2d(active), True, active)
+    cosine = dr.dot(light.d, n)
+    return dr.select(active & (light.pdf > 0) & (cosine > 0), weight * cosine, 0)
+
+
 def share_of_bsdf(
     scene: mi.Scene,
     si: mi.SurfaceInteraction3f,

@@ -84,16 +84,20 @@ class PassSums:
     ----------
     views: number of pixels of each view whose image is accumulated.
     points: number of points in each set whose irradiance is.
+    apart: whether direct light, which is part of it, is accumulated on its own as well.
 
     Attributes
     ----------
     passes: number of passes in the sums.
     """
 
-    def __init__(self, views: Mapping[str, int], points: Mapping[str, int]) -> None:
+    def __init__(
+        self, views: Mapping[str, int], points: Mapping[str, int], apart: bool = False
+    ) -> None:
         self.passes = 0
         self.views = {name: ViewTally(size) for name, size in views.items()}
         self.points = {name: ExactSum(size) for name, size in points.items()}
+        self.direct = {name: ExactSum(size) for name, size in points.items() if apart}
 
     def tensors(self) -> dict[str, np.ndarray]:
         """Everything for a file, as integers."""
@@ -112,6 +116,7 @@ class PassSums:
 
     def _parts(self) -> dict[str, Any]:
         parts = {f"points/{name}": part for name, part in self.points.items()}
+        parts |= {f"direct/{name}": part for name, part in self.direct.items()}
         for name, tally in self.views.items():
             parts |= {f"views/{name}/even": tally.halves[0], f"views/{name}/odd": tally.halves[1]}
             parts[f"views/{name}/squares"] = tally.squares

@@ -7,7 +7,7 @@ estimate is the mean over passes (Knaus and Zwicker 2011).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import drjit as dr
@@ -18,6 +18,7 @@ from gpf.bounds import scene_bounds
 from gpf.density import UNLIMITED, PhotonDensity, pack_tag, radius_at, same_surface
 from gpf.emission import Source, emit_light
 from gpf.kernel_area import area_correction
+from gpf.next_event import direct_irradiance
 from gpf.photon_tracing import record_photons, usual_capacity
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import VisiblePoints
@@ -94,9 +95,8 @@ class PhotonPasses:
             usual = usual_capacity(settings.photons_per_pass, settings.rr_depth)
             self._room = max(usual, found + found // 8)
         radius = radius_at(t, settings.initial_radius, settings.alpha)
-        edge_seed = pass_seed(self.seed, t, stream=9)
         density = PhotonDensity(photons, radius, self.bounds)
-        return PhotonPass(self.scene, settings, density, radius, edge_seed)
+        return PhotonPass(self.scene, settings, density, radius, self.seed, t)
 
 
 @dataclass(frozen=True)
@@ -107,10 +107,11 @@ class PhotonPass:
     settings: PassSettings
     density: PhotonDensity
     radius: float
-    edge_seed: int
+    seed: int
+    t: int
 
     def irradiance(self, points: VisiblePoints) -> mi.Color3f:
-        """E at ``points``, W/m², (N, 3)."""
+        """What photons bring to ``points``, W/m², (N, 3)."""
         # A whole path has the camera's depth + 1 edges, the photon's depth + 1 edges.
         budget: Any = UNLIMITED
         if self.settings.max_depth > 0:
@@ -118,8 +119,26 @@ class PhotonPass:
         p, n, valid = points.p, points.n, points.valid
         irradiance = self.density.irradiance(p, n, valid, budget, points.lit)
         if self.settings.edge_correction:
-            irradiance *= area_correction(self.scene, p, n, valid, self.radius, self.edge_seed)
+            edge_seed = pass_seed(self.seed, self.t, stream=9)
+            irradiance *= area_correction(self.scene, p, n, valid, self.radius, edge_seed)
         return irradiance
+
+    def all_irradiance(
+        self, points: VisiblePoints, stream: int
+    ) -> tuple[mi.Color3f, mi.Color3f | None]:
+        """E at points that are the same for all passes, W/m², (N, 3), and how much of it came from
+        a sample of the emitters: None if photons bring direct light too.
+
+        ``stream`` numbers the set of points among all that have a sample.
+        """
+        if self.settings.direct == "photons":
+            return self.irradiance(points), None
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(pass_seed(self.seed, self.t, stream), dr.width(points.p))
+        direct = direct_irradiance(self.scene, sampler, points.p, points.n, points.valid)
+        dr.eval(direct)  # each use is a kernel of its own, and would trace it anew
+        indirect = self.irradiance(replace(points, lit=mi.Bool(True)))
+        return indirect + direct, direct
 
 
 def propose_radius(

@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.emission import Source, emit_light
+from gpf.exact_sums import ExactSum
 from gpf.film import FilmSamples, sample_film
 from gpf.materials import has_gloss
 from gpf.pass_sums import PassSums
@@ -30,6 +31,7 @@ class ReferenceView:
     standard_error: of the radiance, from its variance between passes, (H, W, 3); None likewise.
     position, normal, reflectance: of one fixed visible point per pixel, (H, W, 3).
     irradiance: mean over passes at that point, (H, W, 3).
+    direct: how much of it came from samples of the emitters; 0 where photons brought all of it.
     valid: 1 where the pixel has a visible point, else 0, (H, W).
     """
 
@@ -39,6 +41,7 @@ class ReferenceView:
     normal: np.ndarray
     reflectance: np.ndarray
     irradiance: np.ndarray
+    direct: np.ndarray
     valid: np.ndarray
 
     def layers(self) -> dict[str, np.ndarray]:
@@ -89,7 +92,8 @@ class ReferenceRenderer:
     def empty_sums(self) -> PassSums:
         """Sums over no passes, of the right shape."""
         pixels = {name: width * height for name, (width, height) in self.sizes.items()}
-        return PassSums(pixels, {name: dr.width(lanes) for name, lanes in self._valid.items()})
+        points = {name: dr.width(lanes) for name, lanes in self._valid.items()}
+        return PassSums(pixels, points, apart=self.settings.direct == "emitters")
 
     def run(self, passes: int, tick: Callable[[int], None] = lambda done: None) -> None:
         """Continue until passes 1 to ``passes`` are done; ``tick(done)`` after each."""
@@ -106,7 +110,12 @@ class ReferenceRenderer:
             radiance = film.points.radiance(photons.irradiance(film.points))
             self.sums.views[name].add(film.merge(radiance), t)
         for name, points in self._gathered.items():
-            self.sums.points[name].add(photons.irradiance(points))
+            irradiance, direct = photons.all_irradiance(
+                points, zlib.crc32(f"points {name}".encode())
+            )
+            self.sums.points[name].add(irradiance)
+            if direct is not None:
+                self.sums.direct[name].add(direct)
         # Without waiting, passes pile up and the progress bar lies.
         dr.sync_thread()
         self.sums.passes += 1
@@ -143,14 +152,23 @@ class ReferenceRenderer:
             normal=grid(points.n),
             reflectance=grid(points.reflectance),
             irradiance=self.mean_irradiance(name).reshape(height, width, 3),
+            direct=self.mean_direct(name).reshape(height, width, 3),
             valid=grid(dr.select(points.valid, mi.Float(1), 0)),
         )
 
     def mean_irradiance(self, name: str) -> np.ndarray:
         """Mean irradiance so far at a set of points, (N, 3); 0 where a point is not valid."""
+        return self._mean(name, self.sums.points[name])
+
+    def mean_direct(self, name: str) -> np.ndarray:
+        """The part of it that came from samples of the emitters, (N, 3)."""
+        return self._mean(name, self.sums.direct.get(name))
+
+    def _mean(self, name: str, total: ExactSum | None) -> np.ndarray:
         result = np.zeros((dr.width(self.points[name].p), 3), np.float32)
-        lanes = np.asarray(self._valid[name].numpy())
-        result[lanes] = self.sums.points[name].total() / self.sums.passes
+        if total is not None:
+            lanes = np.asarray(self._valid[name].numpy())
+            result[lanes] = total.total() / self.sums.passes
         return result
 
 
@@ -181,7 +199,7 @@ def fixed_points(
 
     Only a ``share`` of the pixels, chosen at random, has a valid one.
     """
-    # What is learned from them is all of the light, direct light included.
+    # Direct light is theirs in each pass anew, not once and for all.
     whole = replace(settings, direct="photons", glossy_walks=1)
     points = sample_view(scene, sensor, name, whole, seed, t=0).points
     if share < 1:

@@ -19,6 +19,9 @@ from gpf.structs import SurfacePoints, VisiblePoints
 from gpf.supervision import Loss, loss_weights
 from gpf.training import Progress, Trainer
 
+# Of the random numbers with which points sample the emitters.
+STREAM = 11
+
 
 @dataclass(frozen=True)
 class StreamSettings:
@@ -62,7 +65,8 @@ class PhotonStream:
         """Add passes until there are ``count``."""
         while self.count < count:
             self.count += 1
-            self._sum += self.passes.trace(self.count).irradiance(self.points)
+            irradiance, _ = self.passes.trace(self.count).all_irradiance(self.points, STREAM)
+            self._sum += irradiance
             dr.eval(self._sum)
             dr.sync_thread()
             tick(self.count)

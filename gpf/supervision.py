@@ -28,6 +28,8 @@ class Targets:
     ----------
     position, normal: world units and unit vectors, (P, 3).
     irradiance: the target E, W/m², (P, 3).
+    direct: the part of the irradiance that came from samples of the emitters; 0 where photons
+        brought all of it, (P, 3).
     reflectance: diffuse reflectance at the point; 1 for surface samples, (P, 3).
     source: number of the training view that sees the point, or :data:`SURFACE`, (P,).
     """
@@ -35,6 +37,7 @@ class Targets:
     position: np.ndarray
     normal: np.ndarray
     irradiance: np.ndarray
+    direct: np.ndarray
     reflectance: np.ndarray
     source: np.ndarray
 
@@ -42,7 +45,7 @@ class Targets:
     def from_view(cls, layers: Mapping[str, np.ndarray], number: int) -> Targets:
         """Targets of one view, from the layers of its reference, in image order."""
         valid = layers["valid"] > 0.5
-        names = ("position", "normal", "irradiance", "reflectance")
+        names = ("position", "normal", "irradiance", "direct", "reflectance")
         source = np.full(int(valid.sum()), number, np.int32)
         return cls(**{name: layers[name][valid] for name in names}, source=source)
 
@@ -52,7 +55,8 @@ class Targets:
         position = tensors["position"]
         ones = np.ones_like(position)
         source = np.full(len(position), SURFACE, np.int32)
-        return cls(position, tensors["normal"], tensors["irradiance"], ones, source)
+        names = ("position", "normal", "irradiance", "direct")
+        return cls(**{name: tensors[name] for name in names}, reflectance=ones, source=source)
 
     @staticmethod
     def join(parts: Sequence[Targets]) -> Targets:

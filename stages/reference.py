@@ -141,6 +141,7 @@ def _write_group(
                 "position": to_numpy(points.p),
                 "normal": to_numpy(points.n),
                 "irradiance": renderer.mean_irradiance(SURFACES),
+                "direct": renderer.mean_direct(SURFACES),
             }
             path = folder / work.surfaces.relative_to(work.folder)
             write_tensors(path, "surfaces", tensors, surface_record(work, record))

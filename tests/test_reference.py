@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import mitsuba as mi
@@ -183,6 +184,21 @@ def test_furnace_values():
     assert view.irradiance.mean() == pytest.approx(2 * np.pi, rel=0.01)
     np.testing.assert_allclose(np.linalg.norm(view.position, axis=2), 1, atol=1e-5)
     np.testing.assert_allclose(view.normal, -view.position, atol=1e-4)
+
+
+def test_direct_light_of_fixed_points_by_samples_of_the_emitters(scene):
+    """The same irradiance as by photons, most of it direct light, with less noise."""
+    settings = replace(SETTINGS, direct="emitters")
+    by_photons, by_samples = start(scene, "front"), start(scene, "front", settings=settings)
+    for renderer in (by_photons, by_samples):
+        renderer.run(200)
+    photons, samples = (r.mean_irradiance("front") for r in (by_photons, by_samples))
+    direct = by_samples.mean_direct("front")
+    assert samples.mean() == pytest.approx(photons.mean(), rel=0.02)
+    np.testing.assert_array_less(direct, samples + 1e-6)
+    assert direct.mean() == pytest.approx(samples.mean(), rel=0.6) and direct.min() >= 0
+    assert by_photons.mean_direct("front").max() == 0
+    np.testing.assert_array_equal(by_samples.view("front").direct.reshape(-1, 3), direct)
 
 
 def test_pixels_lie_where_the_camera_sees_them():

@@ -14,7 +14,7 @@ def make_layers(seed: int = 0) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
     layers = {
         name: rng.uniform(0.1, 2, (HEIGHT, WIDTH, 3)).astype(np.float32)
-        for name in ("position", "normal", "irradiance", "reflectance")
+        for name in ("position", "normal", "irradiance", "direct", "reflectance")
     }
     layers["valid"] = np.ones((HEIGHT, WIDTH), np.float32)
     layers["valid"][1, 6] = layers["valid"][4, 0] = 0
@@ -26,7 +26,7 @@ def make_targets() -> Targets:
     rng = np.random.default_rng(9)
     surfaces = {
         name: rng.uniform(0.1, 2, (5, 3)).astype(np.float32)
-        for name in ("position", "normal", "irradiance")
+        for name in ("position", "normal", "irradiance", "direct")
     }
     views = [Targets.from_view(make_layers(k), k) for k in range(2)]
     return Targets.join([*views, Targets.from_surfaces(surfaces)])
