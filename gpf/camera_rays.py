@@ -23,8 +23,7 @@ def sample_tiled_rays(
     film = sensor.film()
     size, spp = film.crop_size(), sampler.sample_count()
     width, height = int(size[0]), int(size[1])
-    regular = film.rfilter().is_box_filter() and not film.sample_border()
-    if width % TILE or height % TILE or not regular or sensor.shutter_open_time() > 0:
+    if width % TILE or height % TILE or not keeps_to_pixels(sensor):
         base = mi.ad.integrators.common.ADIntegrator
         ray, weight, position = base.sample_rays(None, scene, sensor, sampler)
         return ray, weight, position
@@ -37,12 +36,27 @@ def sample_tiled_rays(
         (tile - row * per_row) * TILE + lane % TILE,
         row * TILE + lane // TILE,
     )
-    scale = mi.ScalarVector2f(1 / width, 1 / height)
-    aperture = sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0)
+    ray, weight, position = sample_pixel_rays(sensor, sampler, pixel)
+    return ray, weight, mi.Vector2f(position) + mi.ScalarVector2f(film.crop_offset())
+
+
+def keeps_to_pixels(sensor: mi.Sensor) -> bool:
+    """Whether a sample counts for the pixel that it lies in and no other, at one moment."""
+    film = sensor.film()
+    regular = film.rfilter().is_box_filter() and not film.sample_border()
+    return bool(regular and sensor.shutter_open_time() == 0)
+
+
+def sample_pixel_rays(
+    sensor: mi.Sensor, sampler: mi.Sampler, pixel: mi.Vector2u
+) -> tuple[Any, Any, mi.Point2f]:
+    """Rays through random places in the given pixels, their weights, and those places."""
+    width, height = (int(n) for n in sensor.film().crop_size())
+    position = mi.Point2f(mi.Vector2f(pixel) + sampler.next_2d())
     ray, weight = sensor.sample_ray_differential(
         time=sensor.shutter_open(),
         sample1=0,
-        sample2=mi.Point2f((mi.Vector2f(pixel) + sampler.next_2d()) * scale),
-        sample3=aperture,
+        sample2=position * mi.ScalarVector2f(1 / width, 1 / height),
+        sample3=sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0),
     )
-    return ray, weight, mi.Vector2f(pixel) + mi.ScalarVector2f(film.crop_offset())
+    return ray, weight, position

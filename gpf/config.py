@@ -155,6 +155,7 @@ class Render(_Section):
 
     spp: Count = 64
     glossy_walks: Count = 8
+    adaptive: bool = True
     sampler: Literal["independent", "stratified", "multijitter", "ldsampler"] = "multijitter"
     rr_depth: Count = 5
     seed: Seed = 4

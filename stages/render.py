@@ -46,6 +46,7 @@ def render_views(scene_name: str) -> None:
             "type": "gpf",
             "rr_depth": section.rr_depth,
             "glossy_walks": section.glossy_walks,
+            "adaptive": section.adaptive,
             "coverage": True,
         }
     )

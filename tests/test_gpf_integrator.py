@@ -36,7 +36,7 @@ def saved(tmp_path_factory) -> Path:
     return path
 
 
-def make_scene() -> mi.Scene:
+def make_scene(pixels: str = "rgb") -> mi.Scene:
     """A floor with one texel per pixel; one of the pixels looks at a lamp's black front."""
     t = mi.ScalarTransform4f
     return mi.load_dict(
@@ -51,7 +51,7 @@ def make_scene() -> mi.Scene:
                     "width": WIDTH,
                     "height": HEIGHT,
                     "rfilter": {"type": "box"},
-                    "pixel_format": "rgb",
+                    "pixel_format": pixels,
                     "component_format": "float32",
                 },
             },
@@ -120,6 +120,29 @@ def test_coverage_tells_where_the_field_had_to_reach():
     np.testing.assert_allclose(near, 1, rtol=1e-5)
     plain = np.array(mi.render(scene, integrator=integrator_with(constant_field()), spp=64))
     np.testing.assert_allclose(image[..., :3], plain, rtol=1e-5)
+
+
+@pytest.mark.parametrize("pixels", ["rgb", "rgba"])
+def test_adaptive_samples_make_the_same_picture(pixels):
+    scene = make_scene()
+    sensor = make_scene(pixels).sensors()[0]
+    plain = integrator_with(constant_field(), coverage=True)
+    adaptive = integrator_with(constant_field(), coverage=True, adaptive=True)
+    a, b = (
+        np.array(mi.render(scene, sensor=sensor, integrator=i, spp=64)) for i in (plain, adaptive)
+    )
+    assert a.shape == b.shape
+    np.testing.assert_allclose(a[..., :-1], b[..., :-1], rtol=1e-4)
+    np.testing.assert_allclose(a[..., -1], b[..., -1], rtol=0.15)  # random at the floor's end
+
+
+def test_adaptive_samples_need_pixels_that_keep_to_themselves():
+    scene = make_scene()
+    sensor = mi.load_dict({"type": "perspective", "film": {"type": "hdrfilm"}})
+    integrator = integrator_with(constant_field(), adaptive=True)
+    with pytest.raises(RuntimeError, match='<rfilter type="box"/>'):
+        integrator.render(scene, sensor, spp=16)
+    integrator.render(scene, sensor, spp=1)  # too few to tell
 
 
 def test_where_the_field_knows_nothing_coverage_does_not_look_like_support():

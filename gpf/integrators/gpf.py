@@ -8,7 +8,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from gpf.camera_rays import sample_tiled_rays
+from gpf.adaptive_sampling import LEAST_SPP, sample_adaptively
+from gpf.camera_rays import keeps_to_pixels, sample_pixel_rays, sample_tiled_rays
 from gpf.field_files import load_field
 from gpf.film import meets_gloss
 from gpf.integrators.properties import read_depths, whole_number
@@ -47,7 +48,11 @@ def define() -> type:
            - Also output, as channel ``coverage``, how far the answer's neighbours lie in units of
              the search radius: 1 in supported regions, more where the field had to reach, 0 where
              no query was made. (Default: false)
-
+         * - adaptive
+           - |bool|
+           - Give noisy pixels, behind glass and along edges, more samples and others fewer: on
+             average as many as asked for. Needs a box filter and 16 samples per pixel. (Default:
+             false)
          * - record
            - |bool|
            - Record the first frames and replay them, with other seeds, cameras and fields:
@@ -73,6 +78,7 @@ def define() -> type:
             path = props.get("field", "")
             self.glossy_walks = whole_number(props.get("glossy_walks", 8), "glossy_walks", 1)
             self.coverage = props.get("coverage", False)
+            self.adaptive = props.get("adaptive", False)
             super().__init__(props)
             self._checked: int | None = None
             self._compared: Any = None
@@ -95,6 +101,14 @@ def define() -> type:
             if isinstance(sensor, int):
                 sensor = scene.sensors()[sensor]
             self._compare(scene)
+            if self.adaptive and develop and (spp or sensor.sampler().sample_count()) >= LEAST_SPP:
+                if not keeps_to_pixels(sensor):
+                    raise RuntimeError(
+                        "Adaptive samples need a film whose filter is a box, and a shutter that is "
+                        'open for a moment only. Add <rfilter type="box"/> to the film, or set '
+                        '"adaptive" to false.'
+                    )
+                return self._render_adaptively(scene, sensor, seed, spp)
             if not self.record or self.field is None or not develop:
                 return super().render(scene, sensor, seed, spp, develop, evaluate)
             size = tuple(int(v) for v in sensor.film().crop_size())
@@ -102,6 +116,28 @@ def define() -> type:
             if self.recording is None or not self.recording.serves(scene, sensor, facts):
                 self.recording = Recording(scene, sensor, facts, self._render_with)
             return self.recording.frame(mi.UInt32(seed), spp, self.field.arrays())
+
+        def _render_adaptively(
+            self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int
+        ) -> mi.TensorXf:
+            film = sensor.film()
+            has_alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
+
+            def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+                ray, weight, _ = sample_pixel_rays(sensor, sampler, pixel)
+                radiance, valid, aovs, _ = self.sample(dr.ADMode.Primal, scene, sampler, ray)
+                alpha = [dr.select(valid, mi.Float(1), 0)] if has_alpha else []
+                return [*(radiance * weight), *alpha, mi.Float(1), *aovs]
+
+            film.prepare(self.aov_names())
+            size = int(film.crop_size()[0]), int(film.crop_size()[1])
+            sampler, spp = sensor.sampler(), spp or sensor.sampler().sample_count()
+            seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
+            with dr.suspend_grad():
+                means = sample_adaptively(sample, sampler, size, spp, seed)
+                offset = mi.ScalarPoint2i(film.crop_offset())
+                film.put_block(mi.ImageBlock(means, offset, border=False))
+                return film.develop()
 
         def _compare(self, scene: mi.Scene) -> None:
             """Once for each pair of scene and field: whether they belong together."""

@@ -1,0 +1,115 @@
+"""Adaptive samples: more where noise is, as many as asked for, and the right mean."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.adaptive_sampling import (
+    COUNTS,
+    allocate,
+    pixel_noise,
+    sample_adaptively,
+    tile_order,
+)
+
+SIZE = WIDTH, HEIGHT = 24, 16
+
+
+@pytest.mark.parametrize("kind", ["independent", "multijitter"])
+def test_the_mean_has_no_bias(kind):
+    """Rare bright samples in one half of the image: its expected value is 1, as in the other."""
+    chance = 0.05
+
+    def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+        rare = dr.select(sampler.next_1d() < chance, mi.Float(1 / chance), 0)
+        value = dr.select(pixel.x < WIDTH // 2, rare, 1)
+        return [value, 2 * value, 3 * value, mi.Float(pixel.x), mi.Float(pixel.y)]
+
+    sampler = mi.load_dict({"type": kind})
+    runs = [
+        np.array(sample_adaptively(sample, sampler, SIZE, 64, seed), np.float64)
+        for seed in range(24)
+    ]
+    image = np.mean(runs, axis=0)
+    y, x = np.indices((HEIGHT, WIDTH))
+    np.testing.assert_allclose(image[..., 3], x)
+    np.testing.assert_allclose(image[..., 4], y)
+    np.testing.assert_allclose(
+        image[:, WIDTH // 2 :, :3], np.ones((16, 12, 3)) * [1, 2, 3], rtol=1e-6
+    )
+    means = [run[:, : WIDTH // 2, 0].mean() for run in runs]
+    error = np.std(means, ddof=1) / np.sqrt(len(means))
+    assert error < 0.02
+    assert np.mean(means) == pytest.approx(1, abs=4 * error)
+
+
+def test_noise_falls_where_it_is():
+    """A fifth of the image is noisy: with the same samples it has half the variance, or less."""
+    spp, lanes = 64, []
+
+    def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+        lanes.append(dr.width(pixel))
+        noise = dr.select(pixel.x < 5, 2 * sampler.next_1d(), 1)
+        return [noise, noise, noise]
+
+    sampler = mi.load_dict({"type": "independent"})
+    image = np.array(sample_adaptively(sample, sampler, SIZE, spp, 3))
+    assert 0.6 * spp < sum(lanes) / (WIDTH * HEIGHT) <= spp
+    plain = (4 / 12) / spp
+    assert np.var(image[:, :5, 0]) < 0.5 * plain
+    np.testing.assert_array_equal(image[:, 5:], np.ones((HEIGHT, WIDTH - 5, 3)))
+
+
+def test_the_same_seed_gives_the_same_bits():
+    def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+        return [sampler.next_1d() for _ in range(3)]
+
+    sampler = mi.load_dict({"type": "independent"})
+    a, b, c = (np.array(sample_adaptively(sample, sampler, SIZE, 16, s)) for s in (1, 1, 2))
+    np.testing.assert_array_equal(a, b)
+    assert np.abs(a - c).max() > 0.01
+
+
+@pytest.mark.parametrize("mean", [12, 48, 200, 1500])
+def test_allocation_keeps_to_the_budget(mean):
+    rng = np.random.default_rng(5)
+    noise = rng.lognormal(0, 1.5, 5000)
+    counts = allocate(noise, mean)
+    assert set(counts) <= set(COUNTS)
+    assert counts.mean() <= mean
+    assert counts.mean() > 0.95 * min(mean, COUNTS[-1])
+    order = np.argsort(noise)
+    assert (np.diff(counts[order]) >= 0).all()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3, 1e30])
+def test_equal_noise_is_treated_equally(noise):
+    assert set(allocate(np.full(100, noise), 48)) == {36}
+
+
+def test_a_pixel_says_nothing_of_itself():
+    mean, square = np.ones((15, 3)), np.ones(15)
+    square[7] = 5  # in the middle of 5 × 3 pixels
+    noise = pixel_noise(mean, square, (3, 5)).reshape(3, 5)
+    assert noise[1, 2] == 0
+    assert noise[1, 1] > 0 and noise[0, 2] > 0
+
+
+def test_what_is_far_brighter_than_the_rest_hardly_counts():
+    """A display shows all of it as white."""
+    mean = np.ones((200, 3))
+    mean[160:] = 100
+    noise = pixel_noise(mean, 1.01 * (mean**2).mean(axis=1), (20, 10)).reshape(20, 10)
+    assert noise[-1].max() < 0.5 * noise[0].min()
+
+
+@pytest.mark.parametrize(("width", "height"), [(8, 8), (7, 5), (1, 3)])
+def test_tiles_go_through_every_pixel_once(width, height):
+    order = tile_order(width, height)
+    np.testing.assert_array_equal(np.sort(order), np.arange(width * height))
+    first = order[: min(16, len(order))]
+    if width >= 4 and height >= 4:
+        assert set(first) == {y * width + x for y in range(4) for x in range(4)}
