@@ -2,9 +2,10 @@
 
 Most of an image is known after a few samples per pixel: the field has no noise. What is left is in
 few pixels, behind glass and along edges. A pilot of a quarter of the samples finds them; the rest
-is given to pixels in proportion to their noise (Neyman's allocation).
+is given to pixels in proportion to their noise (Neyman's allocation), in sets as large as the
+pilot's, so that all samples are one kernel's and each set is as evenly spread as the sampler can.
 
-How many samples a pixel gets is decided by the pilot's samples in the pixels *around* it, never by
+How many sets a pixel gets is decided by the pilot's samples in the pixels *around* it, never by
 its own. A pixel whose pilot missed something bright would otherwise get few more samples, one that
 found it many, and the mean over all of them would be too dark. So it has no bias.
 """
@@ -22,16 +23,17 @@ from scipy.ndimage import convolve
 from gpf.camera_rays import TILE
 from gpf.progressive import pass_seed
 
-# One launch each: squares, which samplers divide evenly in both dimensions.
-COUNTS = (0, 4, 9, 16, 36, 64, 144, 256, 576, 1024)
 LEAST_SPP = 16
 """With fewer samples per pixel, a pilot tells too little."""
 
-# Of the random numbers of pixels.
-STREAM = 12
+# A pixel gets at most so many times the samples that pixels have on average.
+MOST = 16
 
 # Pixels around one whose samples tell of its noise: a square of so many, without its centre.
 AROUND = 5
+
+# Of the random numbers of pixels.
+STREAM = 12
 
 Samples = Callable[[mi.Sampler, mi.Vector2u], list[mi.Float]]
 """From a seeded sampler and the pixel of each lane to the channels of each lane's sample, of which
@@ -45,26 +47,22 @@ def sample_adaptively(
 
     Parameters
     ----------
-    sampler: copies of which are set to the numbers of samples that are needed.
+    sampler: whose kind of samples is taken.
     size: width and height, pixels.
+    spp: not below :data:`LEAST_SPP`; more than a whole number of pilots is not made use of.
     """
     width, height = size
     order = tile_order(width, height)
-    pilot = int(math.sqrt(spp / 4)) ** 2
-    sums, squares = _sample_pixels(sample, sampler, order, width, pilot, pass_seed(seed, 0, STREAM))
-    flat = np.empty_like(sums)
-    flat[order] = sums
-    second = np.empty_like(squares)
-    second[order] = squares
-    noise = pixel_noise(flat[:, :3] / pilot, second / pilot, (height, width))
-    counts = allocate(noise, spp - pilot)
-    for number, count in enumerate(COUNTS):
-        chosen = order[counts[order] == count]
-        if count and len(chosen):
-            again = pass_seed(seed, number, STREAM)
-            more, _ = _sample_pixels(sample, sampler, chosen, width, count, again)
-            flat[chosen] += more
-    means = flat / (pilot + counts)[:, None]
+    # A square number, which samplers divide evenly in both dimensions.
+    in_set = int(math.sqrt(spp / 4)) ** 2
+    sums, squares = _sample_sets(sample, sampler, order, size, in_set, pass_seed(seed, 0, STREAM))
+    noise = pixel_noise(sums[:, :3] / in_set, squares / in_set, (height, width))
+    sets = allocate(noise, spp // in_set - 1)
+    again = np.repeat(order, sets[order])
+    if len(again):
+        seed = pass_seed(seed, 1, STREAM)
+        sums += _sample_sets(sample, sampler, again, size, in_set, seed)[0]
+    means = sums / (in_set * (1 + sets))[:, None]
     return mi.TensorXf(means.astype(np.float32).reshape(height, width, -1))
 
 
@@ -74,24 +72,37 @@ def tile_order(width: int, height: int) -> np.ndarray:
     return np.lexsort((x % TILE, y % TILE, x // TILE, y // TILE))
 
 
-def _sample_pixels(
-    sample: Samples, sampler: mi.Sampler, pixels: np.ndarray, width: int, count: int, seed: int
+def _sample_sets(
+    sample: Samples,
+    sampler: mi.Sampler,
+    pixels: np.ndarray,
+    size: tuple[int, int],
+    in_set: int,
+    seed: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Sums over ``count`` samples of each pixel, (N, C), and of their squared radiance, (N,)."""
+    """Take a set of samples in each of some pixels, which may come more than once.
+
+    Returns sums over the samples of all pixels, (N, C), and of their squared radiance, (N,).
+    """
+    lanes = len(pixels) * in_set
     sampler = sampler.fork()
-    sampler.set_sample_count(count)
-    sampler.set_samples_per_wavefront(count)
-    sampler.seed(seed, len(pixels) * count)
-    lane = dr.arange(mi.UInt32, len(pixels) * count) // dr.opaque(mi.UInt32, count)
-    number = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), lane)
-    row = number // dr.opaque(mi.UInt32, width)
-    channels = sample(sampler, mi.Vector2u(number - row * dr.opaque(mi.UInt32, width), row))
+    sampler.set_sample_count(in_set)
+    sampler.set_samples_per_wavefront(in_set)
+    sampler.seed(seed, lanes)
+    place = dr.arange(mi.UInt32, lanes) // dr.opaque(mi.UInt32, in_set)
+    number = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), place)
+    width = dr.opaque(mi.UInt32, size[0])
+    row = number // width
+    channels = sample(sampler, mi.Vector2u(number - row * width, row))
     square = sum((c * c for c in channels[:3]), mi.Float(0)) / 3
-    each = dr.zeros(mi.Float, len(pixels) * count)  # a channel may be the same for all lanes
-    sums = [dr.block_sum(value + each, count) for value in (*channels, square)]
-    dr.eval(sums)
-    table = np.stack([np.asarray(s.numpy(), dtype=np.float64) for s in sums], axis=1)
-    return table[:, :-1], table[:, -1]
+    each = dr.zeros(mi.Float, lanes)  # a channel may be the same for all lanes
+    values = [value + each for value in (*channels, square)]
+    dr.eval(values)  # each sum is a kernel of its own, and would trace them anew
+    sums = [
+        np.bincount(pixels, dr.block_sum(value, in_set).numpy(), size[0] * size[1])
+        for value in values
+    ]
+    return np.stack(sums[:-1], axis=1), sums[-1]
 
 
 def pixel_noise(mean: np.ndarray, square: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -116,19 +127,20 @@ def pixel_noise(mean: np.ndarray, square: np.ndarray, shape: tuple[int, int]) ->
     return np.asarray(np.sqrt(total / np.maximum(count, 1)).ravel())
 
 
-def allocate(noise: np.ndarray, mean: float) -> np.ndarray:
-    """Numbers of samples, out of :data:`COUNTS`, in proportion to the noise, (N,).
+def allocate(noise: np.ndarray, mean: int) -> np.ndarray:
+    """Numbers of sets in proportion to the noise, rounded, (N,).
 
     Their mean comes as close to ``mean`` from below as numbers that are all scaled alike can.
     """
     if not noise.any():
-        noise = np.ones_like(noise)
-    counts = np.array(COUNTS)
-    # Between two numbers, what is beyond their geometric mean goes up.
-    bounds = np.sqrt(np.maximum(counts[:-1], 1) * counts[1:])
-    low, high = 0.0, counts[-1] / max(float(np.mean(noise)), 1e-300) * 1e6
+        return np.full(len(noise), mean)
+    noise = noise / noise.mean()
+    low, high = 0.0, 1e6 * mean
     for _ in range(100):
         scale = 0.5 * (low + high)
-        chosen = counts[np.searchsorted(bounds, scale * noise)]
-        low, high = (scale, high) if chosen.mean() <= mean else (low, scale)
-    return np.asarray(counts[np.searchsorted(bounds, low * noise)])
+        low, high = (scale, high) if _rounded(noise, scale, mean).mean() <= mean else (low, scale)
+    return _rounded(noise, low, mean)
+
+
+def _rounded(noise: np.ndarray, scale: float, mean: int) -> np.ndarray:
+    return np.minimum(np.rint(scale * noise), MOST * mean).astype(np.int64)

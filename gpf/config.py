@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator
+from pydantic import BaseModel, ConfigDict, Field, PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
 
 from gpf.yaml_files import read_yaml
@@ -87,7 +87,7 @@ class Reference(_Section):
     photons_per_pass: AutoCount = "auto"
     initial_radius: Length = "auto"
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.7
-    direct: Literal["photons", "emitters"] = "photons"
+    direct: Literal["photons", "emitters"] = "emitters"
     glossy_walks: Count = 8
     edge_correction: bool = True
     rr_depth: Count = 5
@@ -120,6 +120,7 @@ class FieldSection(_Section):
     k: Annotated[int, Field(ge=1, le=32)] = 3
     blend: Literal["divided", "sum"] = "divided"
     stores: Literal["irradiance", "radiance"] = "irradiance"
+    direct: Literal["field", "emitters"] = "field"
     normal_test: bool = True
     anisotropic: bool = True
     precision: Literal["float32", "compact"] = "float32"
@@ -189,6 +190,16 @@ class Params(_Section):
     render: Render = Render()
     metrics: Metrics = Metrics()
     amortize: Amortize = Amortize()
+
+    @model_validator(mode="after")
+    def _targets_tell_direct_light_apart(self) -> Self:
+        if self.field.direct == "emitters" and self.reference.direct != "emitters":
+            raise PydanticCustomError(
+                "direct",
+                "field.direct is emitters, but reference.direct is photons, which do not tell "
+                "direct light from other light: set both to emitters, or field.direct to field",
+            )
+        return self
 
 
 def read_params(file: Path = Path("params.yaml")) -> Params:

@@ -39,6 +39,8 @@ class FieldSettings:
     neighbours: ``both`` as described, ``radius`` the ball alone, ``knn`` the k nearest alone.
     blend: ``divided`` by the sum of weights, or the plain ``sum``.
     stores: ``irradiance`` (multiplied by the reflectance / π at the hit) or ``radiance``.
+    direct: where light straight from the emitters comes from: the ``field``, like all other, or a
+        sample of the ``emitters`` at what the camera sees; the field then has what is left.
     normal_test: whether Gaussians of another surface (normals more than 45° apart) are ignored.
     """
 
@@ -47,6 +49,7 @@ class FieldSettings:
     neighbours: Literal["both", "radius", "knn"] = "both"
     blend: Literal["divided", "sum"] = "divided"
     stores: Literal["irradiance", "radiance"] = "irradiance"
+    direct: Literal["field", "emitters"] = "field"
     normal_test: bool = True
 
 

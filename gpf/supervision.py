@@ -86,11 +86,13 @@ class Targets:
         points: Literal["views", "surface", "both"],
         stores: Literal["irradiance", "radiance"],
         loss: Loss,
+        direct: Literal["field", "emitters"] = "field",
     ) -> SurfacePoints:
         """Points as training takes them.
 
         ``stores`` chooses what the field is to answer: E, or the outgoing radiance ρ/π E, for
-        which only views know ρ. ``loss`` chooses the points' weights (:func:`loss_weights`).
+        which only views know ρ. With ``direct`` from the emitters, direct light is none of E.
+        ``loss`` chooses the points' weights (:func:`loss_weights`).
         """
         chosen = self.select("views" if stores == "radiance" else points)
         if len(chosen.position) == 0:
@@ -100,6 +102,8 @@ class Targets:
                 "Choose another, or set reference.surface_points above 0.",
             )
         target = chosen.irradiance
+        if direct == "emitters":
+            target = np.maximum(target - chosen.direct, 0)
         if stores == "radiance":
             target = target * chosen.reflectance / np.pi
 

@@ -6,6 +6,7 @@ import time
 from dataclasses import asdict
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 from dvclive import Live
@@ -19,7 +20,7 @@ from gpf.initialization import (
     initialize_gaussians,
     propose_search_radius,
 )
-from gpf.structs import Photons
+from gpf.structs import Photons, take
 from gpf.supervision import Targets
 from gpf.training import LearningRates, Progress, Trainer, TrainingSettings
 from stages.costs import CostMeter
@@ -30,13 +31,15 @@ from stages.workspace import Workspace
 def train_field(scene_name: str) -> None:
     """Fit a field, keep its best state, and record the curves."""
     work = Workspace.open(scene_name)
-    section = work.params.train
+    section, fields = work.params.train, work.params.field
     costs = CostMeter()
     targets = Targets.load(work.targets)
     photons = load_photons(work)
+    if fields.direct == "emitters":
+        photons = take(photons, dr.compress(photons.depth > 0))
     bounds = scene_bounds(work.load_scene())
 
-    points = targets.supervised_points(section.points, work.params.field.stores, section.loss)
+    points = targets.supervised_points(section.points, fields.stores, section.loss, fields.direct)
     with costs.measure("initialization"):
         field = initial_field(work, photons, targets, bounds)
     with costs.measure("training"):
@@ -145,6 +148,7 @@ def initial_field(
         neighbours=section.neighbours,
         blend=section.blend,
         stores=section.stores,
+        direct=section.direct,
         normal_test=section.normal_test,
     )
     return GaussianPhotonField(gaussians, settings, bounds)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gpf.adaptive_sampling import (
-    COUNTS,
+    MOST,
     allocate,
     pixel_noise,
     sample_adaptively,
@@ -73,21 +73,21 @@ def test_the_same_seed_gives_the_same_bits():
     assert np.abs(a - c).max() > 0.01
 
 
-@pytest.mark.parametrize("mean", [12, 48, 200, 1500])
+@pytest.mark.parametrize("mean", [1, 3, 10])
 def test_allocation_keeps_to_the_budget(mean):
-    rng = np.random.default_rng(5)
-    noise = rng.lognormal(0, 1.5, 5000)
-    counts = allocate(noise, mean)
-    assert set(counts) <= set(COUNTS)
-    assert counts.mean() <= mean
-    assert counts.mean() > 0.95 * min(mean, COUNTS[-1])
-    order = np.argsort(noise)
-    assert (np.diff(counts[order]) >= 0).all()
+    noise = np.random.default_rng(5).lognormal(0, 1.5, 5000)
+    sets = allocate(noise, mean)
+    assert 0.95 * mean < sets.mean() <= mean
+    assert sets.min() >= 0 and sets.max() <= MOST * mean
+    assert (np.diff(sets[np.argsort(noise)]) >= 0).all()
+    typical = (sets > 0) & (sets < MOST * mean)
+    ratio = sets[typical] / noise[typical]
+    assert np.median(np.abs(ratio / np.median(ratio) - 1)) < 0.5
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.3, 1e30])
 def test_equal_noise_is_treated_equally(noise):
-    assert set(allocate(np.full(100, noise), 48)) == {36}
+    assert set(allocate(np.full(100, noise), 3)) == {3}
 
 
 def test_a_pixel_says_nothing_of_itself():

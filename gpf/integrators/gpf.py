@@ -184,8 +184,9 @@ def define() -> type:
             self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool | bool
         ) -> tuple[mi.Color3f, mi.Bool, mi.Float]:
             """Radiance at the end of one camera walk, whether it has one, and its reach."""
+            direct = self.field.settings.direct == "emitters"
             points = find_visible_points(
-                scene, sampler, ray, self.depth_limit, self.rr_depth, active
+                scene, sampler, ray, self.depth_limit, self.rr_depth, active, direct
             )
             radiance, reach = self.field.radiance(points)
             return radiance, points.valid, reach
