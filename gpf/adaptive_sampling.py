@@ -21,7 +21,7 @@ import numpy as np
 from scipy.ndimage import convolve
 
 from gpf.camera_rays import TILE
-from gpf.progressive import pass_seed
+from gpf.seeds import pass_seed
 
 LEAST_SPP = 16
 """With fewer samples per pixel, a pilot tells too little."""

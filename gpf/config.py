@@ -141,6 +141,7 @@ class Train(_Section):
     steps: Count = 500
     batch: Count = 32_768
     points: Literal["views", "surface", "both"] = "both"
+    supervision: Literal["reference", "streaming"] = "reference"
     loss: Literal["squared", "relative"] = "relative"
     rates: Rates = Rates()
     final_rate: Annotated[float, Field(gt=0, le=1)] = 0.1
@@ -149,6 +150,19 @@ class Train(_Section):
     held_out: Share = 0.1
     seed: Seed = 3
     checkpoint_seconds: Positive = 30.0
+
+
+class Stream(_Section):
+    """Passes of photons that come in while the field is trained (:mod:`gpf.streaming`)."""
+
+    passes: Count = 200
+    first: Count = 20
+    growth: Annotated[float, Field(gt=1)] = 1.5
+    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.8
+    radius: Positive = 1.5
+    view_points: Count = 200_000
+    surface_points: Count = 300_000
+    seed: Seed = 6
 
 
 class Render(_Section):
@@ -187,6 +201,7 @@ class Params(_Section):
     photons: Photons = Photons()
     field: FieldSection = FieldSection()
     train: Train = Train()
+    stream: Stream = Stream()
     render: Render = Render()
     metrics: Metrics = Metrics()
     amortize: Amortize = Amortize()

@@ -17,7 +17,7 @@ import numpy as np
 from gpf.bounds import scene_bounds
 from gpf.density import pack_tag, same_surface
 from gpf.errors import UserError
-from gpf.progressive import pass_seed
+from gpf.seeds import pass_seed
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import Photons, VisiblePoints, concatenate, take
 from gpf.visible_points import find_visible_points

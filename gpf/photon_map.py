@@ -8,7 +8,7 @@ import mitsuba as mi
 from gpf.emission import Source, emit_light
 from gpf.outlook import Outlook
 from gpf.photon_tracing import record_photons
-from gpf.progressive import pass_seed
+from gpf.seeds import pass_seed
 from gpf.structs import Photons, concatenate
 from gpf.thinning import thin_photons
 

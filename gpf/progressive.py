@@ -20,6 +20,7 @@ from gpf.emission import Source, emit_light
 from gpf.kernel_area import area_correction
 from gpf.next_event import direct_irradiance
 from gpf.photon_tracing import record_photons, usual_capacity
+from gpf.seeds import pass_seed
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import VisiblePoints
 
@@ -51,11 +52,6 @@ class PassSettings:
     direct: Literal["photons", "emitters"] = "photons"
     glossy_walks: int = 8
     edge_correction: bool = True
-
-
-def pass_seed(seed: int, t: int, stream: int) -> int:
-    """A 32-bit seed for stream ``stream`` of pass ``t``: a function of its arguments alone."""
-    return int(np.random.SeedSequence([seed, t, stream]).generate_state(1)[0])
 
 
 class PhotonPasses:

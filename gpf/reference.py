@@ -16,7 +16,8 @@ from gpf.exact_sums import ExactSum
 from gpf.film import FilmSamples, sample_film
 from gpf.materials import has_gloss
 from gpf.pass_sums import PassSums
-from gpf.progressive import PassSettings, PhotonPasses, pass_seed
+from gpf.progressive import PassSettings, PhotonPasses
+from gpf.seeds import pass_seed
 from gpf.structs import VisiblePoints, take, to_numpy
 
 

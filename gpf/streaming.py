@@ -8,15 +8,16 @@ the mean over all passes before it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from gpf.progressive import PhotonPasses
-from gpf.structs import SurfacePoints, VisiblePoints
-from gpf.supervision import Loss, loss_weights
+from gpf.structs import SurfacePoints, VisiblePoints, concatenate, take, to_numpy
+from gpf.supervision import Targets
 from gpf.training import Progress, Trainer
 
 # Of the random numbers with which points sample the emitters.
@@ -52,50 +53,66 @@ class PhotonStream:
 
     Parameters
     ----------
-    points: all of them valid, (P,).
-    loss: what weighs the points; see :func:`gpf.supervision.loss_weights`.
+    points: by their source: the number of the view that sees them, or
+        :data:`gpf.supervision.SURFACE`.
     """
 
-    def __init__(self, passes: PhotonPasses, points: VisiblePoints, loss: Loss) -> None:
-        self.passes, self.points, self.loss = passes, points, loss
-        self.count = 0
-        self._sum = dr.zeros(mi.Color3f, dr.width(points.p))
+    def __init__(self, passes: PhotonPasses, points: Mapping[int, VisiblePoints]) -> None:
+        self.passes, self.count = passes, 0
+        valid = [take(each, dr.compress(each.valid)) for each in points.values()]
+        self.points = concatenate(valid)
+        sizes = [dr.width(each.p) for each in valid]
+        self.source = np.repeat(np.array(list(points), np.int32), sizes)
+        self._sum = dr.zeros(mi.Color3f, sum(sizes))
+        self._direct = dr.zeros(mi.Color3f, sum(sizes))
 
     def advance(self, count: int, tick: Callable[[int], None] = lambda done: None) -> None:
         """Add passes until there are ``count``."""
         while self.count < count:
             self.count += 1
-            irradiance, _ = self.passes.trace(self.count).all_irradiance(self.points, STREAM)
+            irradiance, direct = self.passes.trace(self.count).all_irradiance(self.points, STREAM)
             self._sum += irradiance
-            dr.eval(self._sum)
+            if direct is not None:
+                self._direct += direct
+            dr.eval(self._sum, self._direct)
             dr.sync_thread()
             tick(self.count)
 
-    def supervised_points(self) -> SurfacePoints:
-        """The points with the mean over all passes so far as their targets."""
-        target = self._sum / dr.opaque(mi.Float, max(self.count, 1))
-        weight = loss_weights(target.numpy().T, self.loss)
-        points = SurfacePoints(self.points.p, self.points.n, target, mi.Float(weight))
-        dr.eval(points)
-        return points
+    def targets(self) -> Targets:
+        """The points with the mean over all passes so far."""
+        passes = max(self.count, 1)
+        return Targets(
+            position=to_numpy(self.points.p),
+            normal=to_numpy(self.points.n),
+            irradiance=to_numpy(self._sum) / passes,
+            direct=to_numpy(self._direct) / passes,
+            reflectance=to_numpy(self.points.reflectance),
+            source=self.source,
+        )
 
 
 def train_on_stream(
     trainer: Trainer,
     stream: PhotonStream,
     settings: StreamSettings,
+    supervise: Callable[[Targets], SurfacePoints],
     report: Callable[[Progress], None] = lambda progress: None,
     tick: Callable[[int, int], None] = lambda passes, steps: None,
 ) -> None:
     """Take turns until all passes and all of the trainer's steps are done.
 
-    Steps are shared out over the rounds in proportion to what passes have come in. ``report`` is
-    called after each round, ``tick`` with the number of passes and steps after each of either.
+    Steps are shared out over the rounds in proportion to what passes have come in.
+
+    Parameters
+    ----------
+    supervise: from targets to the points that the trainer has.
+    report: called after each round.
+    tick: called with the number of passes and steps after each of either.
     """
     steps, done = trainer.settings.steps, trainer.step_count
     for count in settings.rounds():
         stream.advance(count, lambda passes: tick(passes, trainer.step_count))
-        trainer.retarget(stream.supervised_points())
+        trainer.retarget(supervise(stream.targets()))
         wanted = max(round(steps * count / settings.passes), done)
         while trainer.step_count < wanted:
             errors = trainer.advance(1)

@@ -11,7 +11,7 @@ import numpy as np
 
 from gpf.density import PhotonDensity
 from gpf.errors import UserError
-from gpf.progressive import pass_seed
+from gpf.seeds import pass_seed
 from gpf.structs import Photons, VisiblePoints, take
 
 

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.progressive import pass_seed
+from gpf.seeds import pass_seed
 from gpf.structs import Photons, VisiblePoints, take, to_numpy
 
 # A place keeps up to so many times the share of the photons that it has of the cameras' looks:

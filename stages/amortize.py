@@ -43,15 +43,15 @@ def cost_lines(work: Workspace) -> Comparison:
     quality = read_json(work.metrics("gpf"), "metrics")["mean"]["psnr"]
     equal = worth_passes(quality, mean_convergence(work))
 
-    # The field needs the targets alone. The stage also makes images of the training views, for
-    # other methods and for people; they are not in this sum.
-    preparation = (
-        seconds["reference"]["radius"]
-        + seconds["reference"]["points"]
-        + passes * reference["seconds_per_target_pass"]
-        + sum(seconds["photons"].values())
-        + sum(seconds["train"].values())
-    )
+    preparation = sum(seconds["photons"].values()) + sum(seconds["train"].values())
+    if work.params.train.supervision == "reference":
+        # The field needs the targets alone. The stage also makes images of the training views, for
+        # other methods and for people; they are not in this sum.
+        preparation += (
+            seconds["reference"]["radius"]
+            + seconds["reference"]["points"]
+            + passes * reference["seconds_per_target_pass"]
+        )
     return Comparison(
         CostLine("GPF", preparation, seconds["render"]["render"] / render["views"]),
         (

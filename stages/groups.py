@@ -20,8 +20,9 @@ from gpf.emission import Source
 from gpf.film import sample_film
 from gpf.pass_parts import PassParts
 from gpf.photon_map import collect_photons
-from gpf.progressive import PassSettings, pass_seed, propose_radius
+from gpf.progressive import PassSettings, propose_radius
 from gpf.reference import ReferenceRenderer, fixed_points
+from gpf.seeds import pass_seed
 from gpf.structs import VisiblePoints
 from gpf.surface_samples import sample_surface_points
 from gpf.views import View
@@ -78,9 +79,10 @@ def open_group(job: Job, request: GroupRequest) -> LongSum:
     if group == "train":
         job.costs.parts.pop("points", None)
         with job.costs.measure("points"):
-            points = target_points(job, views, record["share"], request.surfaces, seed)
+            surfaces = work.params.reference.surface_points if request.surfaces else 0
+            points = target_points(job, views, record["share"], surfaces, seed)
     elif group == "novel":
-        points = target_points(job, views, record["share"], False, seed)
+        points = target_points(job, views, record["share"], 0, seed)
     sensors = {view.name: work.sensor(view) for view in views if view.name in record["imaged"]}
     source = job.lookout.source
     renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, seed, source)
@@ -100,7 +102,10 @@ def record_of(job: Job, group: str) -> dict[str, Any]:
     views = work.views.train if group == "train" else work.views.novel
     share, imaged = 1.0, [view.name for view in views]
     if group == "train":
-        share, imaged = share_of_pixels(work), imaged[: section.training_images]
+        share, imaged = (
+            share_of_pixels(work, section.view_points),
+            imaged[: section.training_images],
+        )
     return group_record(work, group, job.settings, _group_seed(job, group), share, imaged)
 
 
@@ -108,23 +113,21 @@ def _group_seed(job: Job, group: str) -> int:
     return pass_seed(job.work.params.reference.seed, 0, stream=100 + GROUPS.index(group))
 
 
-def share_of_pixels(work: Workspace) -> float:
-    """The share of the training views' pixels whose points are supervised."""
+def share_of_pixels(work: Workspace, points: int) -> float:
+    """The share of the training views' pixels that has so many points."""
     width, height = work.film_size
-    pixels = len(work.views.train) * width * height
-    return min(1.0, work.params.reference.view_points / pixels)
+    return min(1.0, points / (len(work.views.train) * width * height))
 
 
 def target_points(
-    job: Job, views: Sequence[View], share: float, surfaces: bool, seed: int
+    job: Job, views: Sequence[View], share: float, surfaces: int, seed: int
 ) -> dict[str, VisiblePoints]:
-    """Fixed points of views, and samples of the surfaces where they are asked for."""
+    """Fixed points of a share of the views' pixels, and at most so many samples of surfaces."""
     work, scene, settings = job.work, job.scene, job.settings
     points = {
         v.name: fixed_points(scene, work.sensor(v), v.name, settings, seed, share) for v in views
     }
-    count = work.params.reference.surface_points
-    if surfaces and count > 0:
+    if surfaces > 0:
         # Twice as many photons as a pass has: there is to be a choice.
         paths = 2 * settings.photons_per_pass
         lookout = job.lookout
@@ -132,7 +135,7 @@ def target_points(
             scene, lookout.outlook, paths, seed, settings.rr_depth, lookout.source
         )
         points[SURFACES] = sample_surface_points(
-            photons, count, settings.initial_radius, scene_bounds(scene), seed
+            photons, surfaces, settings.initial_radius, scene_bounds(scene), seed
         )
     return points
 

@@ -10,7 +10,7 @@ from gpf.emission_guiding import EmissionGuide
 from gpf.outlook import Outlook
 from gpf.photon_map import BATCH
 from gpf.pilot import Pilot, trace_pilot
-from gpf.progressive import pass_seed
+from gpf.seeds import pass_seed
 from gpf.views import make_sensor
 from stages.progress import console
 from stages.workspace import Workspace

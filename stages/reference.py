@@ -186,7 +186,8 @@ def _time_passes(job: Job) -> dict[str, float]:
     section = job.work.params.reference
     view = job.work.views.train[0]
     sensor = {view.name: job.work.sensor(view)}
-    points = target_points(job, job.work.views.train, share_of_pixels(job.work), True, section.seed)
+    share = share_of_pixels(job.work, section.view_points)
+    points = target_points(job, job.work.views.train, share, section.surface_points, section.seed)
     source, settings, seed = job.lookout.source, job.settings, section.seed
     alone = ReferenceRenderer(job.scene, sensor, {}, settings, seed, source)
     targets = ReferenceRenderer(job.scene, {}, points, settings, seed, source)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
@@ -20,11 +21,13 @@ from gpf.initialization import (
     initialize_gaussians,
     propose_search_radius,
 )
-from gpf.structs import Photons, take
+from gpf.streaming import PhotonStream, train_on_stream
+from gpf.structs import Photons, SurfacePoints, take
 from gpf.supervision import Targets
 from gpf.training import LearningRates, Progress, Trainer, TrainingSettings
 from stages.costs import CostMeter
 from stages.progress import progress_bar
+from stages.streaming import open_stream, stream_settings
 from stages.workspace import Workspace
 
 
@@ -32,29 +35,20 @@ def train_field(scene_name: str) -> None:
     """Fit a field, keep its best state, and record the curves."""
     work = Workspace.open(scene_name)
     section, fields = work.params.train, work.params.field
-    costs = CostMeter()
-    targets = Targets.load(work.targets)
+    costs, stream = CostMeter(), None
     photons = load_photons(work)
     if fields.direct == "emitters":
         photons = take(photons, dr.compress(photons.depth > 0))
-    bounds = scene_bounds(work.load_scene())
-
-    points = targets.supervised_points(section.points, fields.stores, section.loss, fields.direct)
+    if section.supervision == "streaming":
+        with costs.measure("stream"):
+            stream = open_stream(work)
+        targets = stream.targets()
+    else:
+        targets = Targets.load(work.targets)
     with costs.measure("initialization"):
-        field = initial_field(work, photons, targets, bounds)
+        field = initial_field(work, photons, targets, scene_bounds(work.load_scene()))
     with costs.measure("training"):
-        trainer = Trainer(field, points, training_settings(work))
-    fingerprint = {
-        "targets": work.digest(work.targets),
-        "photons": work.digest(work.photons),
-        "params": {"train": section.model_dump(), "field": work.params.field.model_dump()},
-    }
-    checkpoint = work.checkpoint("train")
-    spent = trainer.restore(checkpoint, fingerprint)
-    if spent:
-        costs.parts["training"] = spent
-
-    saved = time.monotonic()
+        trainer = Trainer(field, supervise(work, targets), training_settings(work))
     with Live(str(work.folder / "training"), save_dvc_exp=False, dvcyaml=None, report=None) as live:
 
         def report(progress: Progress) -> None:
@@ -63,30 +57,88 @@ def train_field(scene_name: str) -> None:
             live.log_metric("held_out_error", progress.held_out_error)
             live.next_step()
 
-        # The curve of an interrupted run is in its checkpoint.
-        for progress in trainer.history:
-            report(progress)
-        with progress_bar(f"{scene_name}: training", section.steps) as advance:
-
-            def tick(step: int) -> None:
-                nonlocal saved
-                advance(step)
-                if time.monotonic() - saved > section.checkpoint_seconds:
-                    trainer.save(checkpoint, fingerprint, costs.so_far("training"))
-                    saved = time.monotonic()
-
-            with costs.measure("training"):
-                trained = trainer.run(report, tick)
+        if stream is None:
+            _train_on_references(work, trainer, costs, report)
+        else:
+            _train_on_stream(work, trainer, stream, costs, report)
+    trained = trainer.finish()
     trained.record = {
         "scene": work.scene_digest,
         "steps": trainer.step_count,
         "held_out_error": trainer.best_error,
-        "params": fingerprint["params"],
+        "params": _params(work),
     }
-    save_field(trained, work.field, work.params.field.precision)
-    checkpoint.unlink(missing_ok=True)
+    save_field(trained, work.field, fields.precision)
+    work.checkpoint("train").unlink(missing_ok=True)
     costs.facts |= {"held_out_error": trainer.best_error, **asdict(trained.settings)}
     costs.write(work.cost("train"))
+
+
+def supervise(work: Workspace, targets: Targets) -> SurfacePoints:
+    """The points that params.yaml has the field learn from, out of all targets."""
+    section, fields = work.params.train, work.params.field
+    return targets.supervised_points(section.points, fields.stores, section.loss, fields.direct)
+
+
+def _params(work: Workspace) -> dict[str, Any]:
+    names = ["train", "field"]
+    if work.params.train.supervision == "streaming":
+        names += ["stream", "reference"]
+    return {name: getattr(work.params, name).model_dump() for name in names}
+
+
+def _train_on_references(
+    work: Workspace, trainer: Trainer, costs: CostMeter, report: Callable[[Progress], None]
+) -> None:
+    """All steps, on targets that do not change; goes on where a run before was stopped."""
+    section = work.params.train
+    fingerprint = {
+        "targets": work.digest(work.targets),
+        "photons": work.digest(work.photons),
+        "params": _params(work),
+    }
+    checkpoint = work.checkpoint("train")
+    spent = trainer.restore(checkpoint, fingerprint)
+    if spent:
+        costs.parts["training"] = spent
+    # The curve of an interrupted run is in its checkpoint.
+    for progress in trainer.history:
+        report(progress)
+    saved = time.monotonic()
+    with progress_bar(f"{work.scene}: training", section.steps) as advance:
+
+        def tick(step: int) -> None:
+            nonlocal saved
+            advance(step)
+            if time.monotonic() - saved > section.checkpoint_seconds:
+                trainer.save(checkpoint, fingerprint, costs.so_far("training"))
+                saved = time.monotonic()
+
+        with costs.measure("training"):
+            trainer.run(report, tick)
+
+
+def _train_on_stream(
+    work: Workspace,
+    trainer: Trainer,
+    stream: PhotonStream,
+    costs: CostMeter,
+    report: Callable[[Progress], None],
+) -> None:
+    """All steps, while passes come in."""
+    total = work.params.stream.passes + work.params.train.steps
+    with (
+        progress_bar(f"{work.scene}: photons and training", total) as advance,
+        costs.measure("training"),
+    ):
+        train_on_stream(
+            trainer,
+            stream,
+            stream_settings(work),
+            lambda targets: supervise(work, targets),
+            report,
+            lambda passes, steps: advance(passes + steps),
+        )
 
 
 def training_settings(work: Workspace) -> TrainingSettings:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gpf.images import tone_map
-from gpf.progressive import PassSettings, PhotonPasses, pass_seed
+from gpf.progressive import PassSettings, PhotonPasses
 from gpf.reference import (
     ReferenceRenderer,
     film_size,
@@ -19,6 +19,7 @@ from gpf.reference import (
     sample_view,
     settings_record,
 )
+from gpf.seeds import pass_seed
 from gpf.structs import concatenate, to_numpy
 from tests.furnace import camera, cornell_box, furnace
 

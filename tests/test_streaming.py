@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -10,7 +12,8 @@ import pytest
 from gpf.field import FieldSettings
 from gpf.progressive import PassSettings, PhotonPasses
 from gpf.streaming import PhotonStream, StreamSettings, train_on_stream
-from gpf.structs import VisiblePoints, to_numpy
+from gpf.structs import SurfacePoints, VisiblePoints, to_numpy
+from gpf.supervision import Targets
 from gpf.training import Trainer, TrainingSettings
 from tests.furnace import diffuse, floor, point_light
 from tests.plain_field import make_field, random_gaussians
@@ -18,8 +21,11 @@ from tests.plain_field import make_field, random_gaussians
 SETTINGS = PassSettings(photons_per_pass=4000, initial_radius=0.3)
 
 
-@pytest.fixture
-def stream() -> PhotonStream:
+def supervise(targets: Targets) -> SurfacePoints:
+    return targets.supervised_points("views", "irradiance", "relative")
+
+
+def make_stream(settings: PassSettings = SETTINGS) -> PhotonStream:
     light = point_light((0, 0, 1), 2, 1, 0.5)
     scene = mi.load_dict({"type": "scene", "floor": floor(diffuse(0.5)), "light": light})
     place = np.random.default_rng(1).uniform(-0.5, 0.5, (2, 300)).astype(np.float32)
@@ -28,8 +34,10 @@ def stream() -> PhotonStream:
     points.n = dr.full(mi.Normal3f, 0, 300)
     points.n.z = dr.full(mi.Float, 1, 300)
     points.valid = dr.full(mi.Bool, True, 300)
+    points.reflectance = mi.Color3f(0.5)
     dr.make_opaque(points)
-    return PhotonStream(PhotonPasses(scene, SETTINGS, 3), points, "relative")
+    points.valid &= dr.arange(mi.UInt32, 300) % 3 != 0  # those in between are of no use
+    return PhotonStream(PhotonPasses(scene, settings, 3), {0: points})
 
 
 @pytest.mark.parametrize(("passes", "first"), [(250, 8), (20, 8), (5, 8), (1, 1)])
@@ -39,23 +47,38 @@ def test_rounds_grow_and_end_with_the_last_pass(passes, first):
     assert rounds == sorted(set(rounds))
 
 
-def test_targets_are_the_mean_so_far(stream):
+def test_targets_are_the_mean_so_far():
+    stream = make_stream()
     stream.advance(3)
     singles = [stream.passes.trace(t).irradiance(stream.points) for t in (1, 2, 3)]
     expected = np.mean([to_numpy(e) for e in singles], axis=0)
-    points = stream.supervised_points()
-    np.testing.assert_allclose(to_numpy(points.target), expected, rtol=1e-5)
-    assert np.mean(points.weight.numpy()) == pytest.approx(1, rel=1e-5)
+    targets = stream.targets()
+    np.testing.assert_allclose(targets.irradiance, expected, rtol=1e-5)
+    assert targets.direct.max() == 0
 
 
-def test_all_passes_and_steps_are_done(stream):
+def test_all_passes_and_steps_are_done():
+    stream = make_stream()
     stream.advance(2)
     field = make_field(random_gaussians(np.random.default_rng(4), 60), FieldSettings(0.5))
     settings = TrainingSettings(steps=20, batch=64, rebuild_every=10, held_out=0.2)
-    trainer, seen = Trainer(field, stream.supervised_points(), settings), []
-    train_on_stream(trainer, stream, StreamSettings(12, 4), tick=lambda *turn: seen.append(turn))
+    trainer, seen = Trainer(field, supervise(stream.targets()), settings), []
+    turns = StreamSettings(12, 4)
+    train_on_stream(trainer, stream, turns, supervise, tick=lambda *turn: seen.append(turn))
     assert stream.count == 12 and trainer.step_count == 20
     assert seen[-1] == (12, 20) and seen == sorted(seen)
     learned = to_numpy(trainer.training.target) * trainer.unit
-    known = to_numpy(stream.supervised_points().target)
+    known = stream.targets().irradiance
     np.testing.assert_allclose(learned.sum(0) / known.sum(0), 0.8, atol=0.1)
+
+
+def test_direct_light_may_come_from_samples_of_the_emitters():
+    """Of a point light they know all at once: I cos θ / d² at every point, with no photon."""
+    stream = make_stream(replace(SETTINGS, direct="emitters"))
+    stream.advance(2)
+    targets = stream.targets()
+    assert len(targets.source) == 200 and set(targets.source) == {0}
+    squared = (targets.position**2).sum(axis=1) + 1
+    expected = np.array([2, 1, 0.5]) / squared[:, None] ** 1.5
+    np.testing.assert_allclose(targets.direct, expected, rtol=1e-4)
+    np.testing.assert_allclose(targets.irradiance, expected, rtol=1e-4)

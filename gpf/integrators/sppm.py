@@ -13,7 +13,8 @@ from gpf.bounds import require_bounds
 from gpf.film import FilmSamples, reconstruct, sample_film, sample_grid
 from gpf.integrators.properties import is_number, read_depths, whole_number
 from gpf.materials import has_gloss, require_separable
-from gpf.progressive import PassSettings, PhotonPasses, pass_seed, propose_radius
+from gpf.progressive import PassSettings, PhotonPasses, propose_radius
+from gpf.seeds import pass_seed
 from gpf.structs import concatenate
 
 # So many visible points are gathered at a time; of larger films, bands of rows: they take some

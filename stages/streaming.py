@@ -1,0 +1,36 @@
+"""What `train.supervision: streaming` learns from: passes that come in during the training."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gpf.progressive import PhotonPasses
+from gpf.streaming import PhotonStream, StreamSettings
+from gpf.supervision import SURFACE
+from stages.groups import Job, share_of_pixels, target_points
+from stages.passes import SURFACES
+from stages.workspace import Workspace
+
+
+def open_stream(work: Workspace) -> PhotonStream:
+    """Points in the training views and on the surfaces, and what the first passes bring there."""
+    job, section = Job.open(work.scene), work.params.stream
+    settings = replace(
+        job.settings,
+        alpha=section.alpha,
+        initial_radius=section.radius * job.settings.initial_radius,
+    )
+    views = work.views.train
+    share = share_of_pixels(work, section.view_points)
+    sets = target_points(job, views, share, section.surface_points, section.seed)
+    points = {k: sets[view.name] for k, view in enumerate(views)} | {SURFACE: sets[SURFACES]}
+    passes = PhotonPasses(job.scene, settings, section.seed, job.lookout.source)
+    stream = PhotonStream(passes, points)
+    stream.advance(stream_settings(work).rounds()[0])
+    return stream
+
+
+def stream_settings(work: Workspace) -> StreamSettings:
+    """The library's settings from the section of params.yaml."""
+    section = work.params.stream
+    return StreamSettings(section.passes, section.first, section.growth)

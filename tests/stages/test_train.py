@@ -1,0 +1,60 @@
+"""Stage `train`: the ways of supervision, and what is left to the emitters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gpf.artifacts import read_json
+from gpf.field_files import read_field
+from gpf.images import read_exr
+
+
+def render_and_compare(project):
+    for stage in ("render", "metrics", "amortize"):
+        outcome = project.stage(stage)
+        assert outcome.code == 0, (stage, outcome.text)
+    return read_json(project.results / "metrics" / "gpf.json", "metrics")["mean"]["psnr"]
+
+
+def test_streaming_needs_no_targets(finished):
+    """Passes of its own teach the field what the references teach it."""
+    (finished.results / "targets.safetensors").unlink()
+    finished.edit("params.yaml", train__supervision="streaming", stream__passes=12)
+    outcome = finished.stage("train")
+    assert outcome.code == 0, outcome.text
+    cost = read_json(finished.results / "costs" / "train.json", "train")
+    assert set(cost["parts"]) == {"stream", "initialization", "training"}
+    record = read_field(finished.results / "field.safetensors").record
+    assert record["params"]["stream"]["passes"] == 12
+    before = read_json(finished.results / "amortize.json", "amortize")["preparation_seconds"]
+    assert render_and_compare(finished) > 15
+    after = read_json(finished.results / "amortize.json", "amortize")["preparation_seconds"]
+    spent = sum(part["wall_seconds"] for part in cost["parts"].values())
+    photons = read_json(finished.results / "costs" / "photons.json", "photons")["parts"]
+    spent += sum(part["wall_seconds"] for part in photons.values())
+    assert after == pytest.approx(spent) and after != before
+
+
+def test_direct_light_left_to_the_emitters(finished):
+    """The field has less, the picture is the same."""
+    whole = read_field(finished.results / "field.safetensors")
+    name = sorted((finished.results / "renders" / "gpf").glob("*.exr"))[0]
+    before = read_exr(name, "render")[0]["radiance"]
+    finished.edit("params.yaml", field__direct="emitters")
+    outcome = finished.stage("train")
+    assert outcome.code == 0, outcome.text
+    rest = read_field(finished.results / "field.safetensors")
+    assert rest.settings.direct == "emitters"
+    assert rest.tensors["irradiance"].mean() < 0.8 * whole.tensors["irradiance"].mean()
+    assert render_and_compare(finished) > 15
+    after = read_exr(name, "render")[0]["radiance"]
+    assert after.mean() == pytest.approx(before.mean(), rel=0.15)
+    assert np.abs(after - before).max() > 0
+
+
+def test_direct_light_has_to_be_told_apart(finished):
+    finished.edit("params.yaml", field__direct="emitters", reference__direct="photons")
+    outcome = finished.stage("train")
+    assert outcome.code == 2
+    assert "set both to emitters" in outcome.text
