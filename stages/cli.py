@@ -68,6 +68,27 @@ def profile(
 
 
 @app.command()
+def render(
+    scene: Annotated[str, typer.Argument(help="A scene that has been trained.")],
+    view: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="A view of its views.yaml; novel views by default."),
+    ] = None,
+    frames: Annotated[bool, typer.Option("--frames", help="All of its camera path.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FOLDER", help="By default results/SCENE/pictures."),
+    ] = None,
+    height: Annotated[int | None, typer.Option(min=4, max=8192, help="Pixels.")] = None,
+    spp: Annotated[int | None, typer.Option(min=1, help="Camera samples per pixel.")] = None,
+) -> None:
+    """Render views from a field that has been trained."""
+    from stages.pictures import render_pictures
+
+    render_pictures(scene, view or [], frames, out, height, spp)
+
+
+@app.command()
 def export(
     field: Annotated[str, typer.Argument(help="A scene that has been trained, or a file.")],
     ply: Annotated[

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import mitsuba as mi
@@ -10,12 +11,95 @@ import numpy as np
 
 from gpf.field_files import load_field
 from gpf.images import check_finite, write_exr, write_png
+from gpf.views import View, make_sensor
 from stages.costs import CostMeter
 from stages.progress import console, progress_bar
 from stages.workspace import Workspace
 
 # Camera samples that are in flight at once: some 2 GB of state.
 LARGEST_WAVEFRONT = 1 << 26
+
+# A pixel is weakly covered where the field had to reach so many search radii for its neighbours.
+WEAK_REACH = 1.5
+
+
+def render_views(scene_name: str) -> None:
+    """Render every novel view, as EXR and as a preview."""
+    work = Workspace.open(scene_name)
+    section, views = work.params.render, work.views.novel
+    renderer = FieldRenderer.open(work, work.params.film.height, section.spp)
+    costs, shares = CostMeter(), {}
+    with progress_bar(f"{scene_name}: rendering", len(views)) as advance:
+        for k, view in enumerate(views):
+            with costs.measure("render"):
+                picture = renderer.render(view, section.seed + k)
+            record = {"method": "gpf", "spp": section.spp, "view": view.model_dump(mode="json")}
+            path = work.render("gpf", view.name)
+            layers = {"radiance": picture.radiance, "coverage": picture.coverage}
+            write_exr(path, layers, record)
+            write_png(path.with_suffix(".png"), picture.radiance, work.views.exposure)
+            shares[view.name] = picture.weakly_covered
+            advance(k + 1)
+    tell_of_coverage(scene_name, shares)
+    costs.facts |= {"views": len(views), "spp": section.spp}
+    costs.facts["weakly_covered"] = list(shares.values())
+    costs.facts["field_megabytes"] = work.field.stat().st_size / 1e6
+    costs.write(work.cost("render"))
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A view from the field.
+
+    Attributes
+    ----------
+    radiance: W/(m² sr), (H, W, 3).
+    coverage: how far the field had to reach, in search radii; 0 where it was not asked, (H, W).
+    """
+
+    radiance: np.ndarray
+    coverage: np.ndarray
+
+    @property
+    def weakly_covered(self) -> float:
+        """The share of the pixels where the field has little to go by."""
+        return float(np.mean(self.coverage > WEAK_REACH))
+
+
+@dataclass(frozen=True)
+class FieldRenderer:
+    """A scene with its field, ready for any view, ``height`` pixels high, ``spp`` samples each."""
+
+    work: Workspace
+    scene: Any
+    integrator: Any
+    height: int
+    spp: int
+
+    @classmethod
+    def open(cls, work: Workspace, height: int, spp: int) -> FieldRenderer:
+        """Load the scene and its field, and say so if the one is not made for the other."""
+        section, scene = work.params.render, work.load_scene()
+        integrator = mi.load_dict(
+            {
+                "type": "gpf",
+                "rr_depth": section.rr_depth,
+                "glossy_walks": section.glossy_walks,
+                "adaptive": section.adaptive,
+                "coverage": True,
+            }
+        )
+        integrator.field = load_field(work.field)
+        tell_of_another_scene(work, integrator.field.record)
+        return cls(work, scene, integrator, height, spp)
+
+    def render(self, view: View, seed: int) -> Picture:
+        """One view, in as many parts of its samples as memory asks for."""
+        size, sampler = self.work.views.size(self.height), self.work.params.render.sampler
+        sensor = make_sensor(view, *size, spp=self.spp, sampler=sampler)
+        image = render_image(self.scene, self.integrator, sensor, self.spp, seed)
+        check_finite(image[..., :3], f"{self.work.scene}, view {view.name}")
+        return Picture(image[..., :3], image[..., 3])
 
 
 def render_image(
@@ -36,41 +120,16 @@ def render_image(
     return np.asarray(total)
 
 
-def render_views(scene_name: str) -> None:
-    """Render every novel view, as EXR and as a preview."""
-    work = Workspace.open(scene_name)
-    section = work.params.render
-    scene = work.load_scene()
-    integrator = mi.load_dict(
-        {
-            "type": "gpf",
-            "rr_depth": section.rr_depth,
-            "glossy_walks": section.glossy_walks,
-            "adaptive": section.adaptive,
-            "coverage": True,
-        }
+def tell_of_coverage(scene: str, shares: Mapping[str, float]) -> None:
+    """Say how much of the pictures the field knows little about."""
+    worst = max(shares, key=shares.__getitem__)
+    mean = sum(shares.values()) / len(shares)
+    console.print(
+        f"{scene}: {mean:.2%} of the pixels look where the field has little to go by (channel "
+        f"coverage above {WEAK_REACH:g}); in the view {worst}, {shares[worst]:.2%}",
+        highlight=False,
+        soft_wrap=True,
     )
-    integrator.field = load_field(work.field)
-    tell_of_another_scene(work, integrator.field.record)
-    costs = CostMeter()
-    shares = []
-    views = work.views.novel
-    with progress_bar(f"{scene_name}: rendering", len(views)) as advance:
-        for k, view in enumerate(views):
-            sensor = work.sensor(view, section.spp, section.sampler)
-            with costs.measure("render"):
-                image = render_image(scene, integrator, sensor, section.spp, section.seed + k)
-            radiance, coverage = image[..., :3], image[..., 3]
-            check_finite(radiance, f"{scene_name}, view {view.name}")
-            shares.append(float(np.mean(coverage > 1.5)))
-            record = {"method": "gpf", "spp": section.spp, "view": view.model_dump(mode="json")}
-            path = work.render("gpf", view.name)
-            write_exr(path, {"radiance": radiance, "coverage": coverage}, record)
-            write_png(path.with_suffix(".png"), radiance, work.views.exposure)
-            advance(k + 1)
-    costs.facts |= {"views": len(views), "spp": section.spp, "weakly_covered": shares}
-    costs.facts["field_megabytes"] = work.field.stat().st_size / 1e6
-    costs.write(work.cost("render"))
 
 
 def tell_of_another_scene(work: Workspace, record: Mapping[str, Any]) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+import re
 
-from gpf.artifacts import read_tensors
+import numpy as np
+import pytest
+
+from gpf.artifacts import read_json, read_tensors
 from gpf.field_files import read_field
 from gpf.images import read_exr
 
@@ -46,3 +49,64 @@ def test_a_compact_field_is_trained_and_rendered(finished):
     for view, image in zip(views, before, strict=True):
         again = read_exr(view, "render")[0]["radiance"]
         assert np.abs(again - image).mean() < 5e-3 * image.mean(), view.name
+
+
+def test_how_much_of_the_pictures_has_little_support_is_said(finished):
+    outcome = finished.stage("render")
+    assert outcome.code == 0
+    assert re.search(r"cornell_box: \d+\.\d\d% of the pixels look where the field", outcome.text)
+    shares = read_json(finished.results / "costs" / "render.json", "render")["facts"]
+    views = sorted((finished.results / "renders" / "gpf").glob("*.exr"))
+    measured = [(read_exr(view, "render")[0]["coverage"] > 1.5).mean() for view in views]
+    assert sorted(shares["weakly_covered"]) == pytest.approx(sorted(measured))
+
+
+def test_pictures_of_any_view(finished):
+    """By name and size; what the stage rendered is left alone."""
+    before = finished.snapshot()
+    outcome = finished.gpf(
+        "render",
+        "cornell_box",
+        "--view",
+        "front",
+        "--view",
+        "inside",
+        "--height",
+        "8",
+        "--spp",
+        "4",
+    )
+    assert outcome.code == 0, outcome.text
+    assert "pictures: 2 pictures," in outcome.text
+    folder = finished.results / "pictures"
+    assert sorted(p.name for p in folder.iterdir()) == [
+        f"{name}.{suffix}" for name in ("front", "inside") for suffix in ("exr", "png")
+    ]
+    layers, record = read_exr(folder / "front.exr", "render")
+    assert layers["radiance"].shape == (8, 10, 3) and layers["coverage"].shape == (8, 10)
+    assert record["spp"] == 4 and layers["radiance"].mean() > 0.05
+    assert before.items() <= finished.snapshot().items()
+
+
+def test_frames_of_the_camera_path(finished, tmp_path):
+    outcome = finished.gpf(
+        "render",
+        "cornell_box",
+        "--frames",
+        "--height",
+        "4",
+        "--spp",
+        "1",
+        "-o",
+        str(tmp_path / "a"),
+    )
+    assert outcome.code == 0, outcome.text
+    assert len(list((tmp_path / "a").glob("frame_*.png"))) == 24
+
+
+def test_pictures_of_what_is_not_there(finished):
+    outcome = finished.gpf("render", "cornell_box", "--view", "fornt")
+    assert outcome.code == 2 and "front" in outcome.text
+    (finished.folder / FIELD).unlink()
+    outcome = finished.gpf("render", "cornell_box")
+    assert outcome.code == 2 and "gpf stage train" in outcome.text
