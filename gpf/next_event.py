@@ -41,7 +41,7 @@ def direct_light(
 
 
 def direct_irradiance(
-    scene: mi.Scene, sampler: mi.Sampler, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool | bool
+    scene: mi.Scene, sample: mi.Point2f, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool | bool
 ) -> mi.Color3f:
     """Irradiance of surfaces from one point on one emitter, W/m², (N, 3).
 
@@ -49,12 +49,13 @@ def direct_irradiance(
 
     Parameters
     ----------
+    sample: random numbers in [0, 1)², (N, 2).
     p, n: points, and unit normals on the side that is lit, (N, 3).
     """
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(p))
     si.p, si.n = p, n
     active = mi.Bool(active)
-    light, weight = scene.sample_emitter_direction(si, sampler.next_2d(active), True, active)
+    light, weight = scene.sample_emitter_direction(si, sample, True, active)
     cosine = dr.dot(light.d, n)
     return dr.select(active & (light.pdf > 0) & (cosine > 0), weight * cosine, 0)
 

@@ -20,7 +20,7 @@ from gpf.emission import Source, emit_light
 from gpf.kernel_area import area_correction
 from gpf.next_event import direct_irradiance
 from gpf.photon_tracing import record_photons, usual_capacity
-from gpf.seeds import pass_seed
+from gpf.seeds import pass_seed, spread_sample
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import VisiblePoints
 
@@ -129,9 +129,8 @@ class PhotonPass:
         """
         if self.settings.direct == "photons":
             return self.irradiance(points), None
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(pass_seed(self.seed, self.t, stream), dr.width(points.p))
-        direct = direct_irradiance(self.scene, sampler, points.p, points.n, points.valid)
+        sample = spread_sample(pass_seed(self.seed, 0, stream), dr.width(points.p), self.t)
+        direct = direct_irradiance(self.scene, sample, points.p, points.n, points.valid)
         dr.eval(direct)  # each use is a kernel of its own, and would trace it anew
         indirect = self.irradiance(replace(points, lit=mi.Bool(True)))
         return indirect + direct, direct

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gpf.next_event import direct_irradiance
+from gpf.seeds import spread_sample
 from gpf.structs import to_numpy
 from gpf.visible_points import find_visible_points
 from tests.furnace import Scene, camera, floor, lamp, point_light, rectangle, rgb
@@ -101,9 +102,8 @@ def test_irradiance_of_a_point_light():
     )
     p = mi.Point3f([0, 1, 0, 1], [0, 0, 0, 0], [0, 0, 0, 0])  # the last is in the screen's shadow
     n = mi.Normal3f([0, 0, 0, 0], [0, 0, 0, 0], [1, 1, -1, 1])
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, 4)
-    found = to_numpy(direct_irradiance(scene, sampler, p, n, mi.Bool([True, False, True, True])))
+    sample = spread_sample(0, 4, 1)
+    found = to_numpy(direct_irradiance(scene, sample, p, n, mi.Bool([True, False, True, True])))
     np.testing.assert_allclose(found, [[0.75, 0.5, 0.25], [0] * 3, [0] * 3, [0] * 3], atol=1e-6)
 
 
@@ -111,8 +111,8 @@ def test_irradiance_of_the_sky():
     """π L on average under a uniform sky, whatever the normal."""
     scene = mi.load_dict({"type": "scene", "sky": EMITTERS["sky"]})
     n, count = dr.normalize(mi.Normal3f(0.3, -0.4, 0.5)), 100_000
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(0, count)
     p = dr.zeros(mi.Point3f, count)
-    found = to_numpy(direct_irradiance(scene, sampler, p, mi.Normal3f(n) + 0 * p, True))
+    found = to_numpy(
+        direct_irradiance(scene, spread_sample(0, count, 1), p, mi.Normal3f(n) + 0 * p, True)
+    )
     np.testing.assert_allclose(found.mean(0), np.pi * np.array([1, 2, 4]), rtol=0.02)
