@@ -16,7 +16,7 @@ from gpf.images import read_exr
 from gpf.supervision import Targets
 from gpf.training import Trainer
 from metrics.image import psnr
-from stages.train import initial_field, load_photons, training_settings
+from stages.train import initial_field, load_photons, supervise, training_settings
 from stages.workspace import Workspace
 
 CHECK_EVERY = 50
@@ -60,8 +60,7 @@ def time_training(scene_name: str) -> tuple[float, float, float]:
         curve.clear()
         start = time.perf_counter()
         field = initial_field(work, photons, targets, scene_bounds(scene))
-        points = targets.supervised_points(section.points, work.params.field.stores, section.loss)
-        trainer = Trainer(field, points, replace(settings, steps=section.steps))
+        trainer = Trainer(field, supervise(work, targets), replace(settings, steps=section.steps))
         checking = 0.0
         while trainer.step_count < section.steps:
             trainer.advance(CHECK_EVERY)

@@ -1,0 +1,111 @@
+"""`python -m benchmarks.streaming SCENE …`: how soon a field that learns from a stream is good.
+
+After `dvc repro`: the field that the references taught is what it is measured against, and a view
+by SPPM, with as many passes as the references have, is the unit of time.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass, replace
+
+import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
+from gpf.runtime import choose_variant
+
+choose_variant("auto")
+
+import drjit as dr  # noqa: E402
+import numpy as np  # noqa: E402
+from rich.console import Console  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+from gpf.artifacts import read_json  # noqa: E402
+from gpf.bounds import scene_bounds  # noqa: E402
+from gpf.images import read_exr  # noqa: E402
+from gpf.streaming import train_on_stream  # noqa: E402
+from gpf.training import Progress, Trainer  # noqa: E402
+from metrics.image import psnr  # noqa: E402
+from stages.render import FieldRenderer  # noqa: E402
+from stages.streaming import open_stream, stream_settings  # noqa: E402
+from stages.train import initial_field, load_photons, supervise, training_settings  # noqa: E402
+from stages.workspace import Workspace  # noqa: E402
+
+
+@dataclass(frozen=True)
+class Moment:
+    """After so many passes and seconds of preparation, novel views have this mean PSNR."""
+
+    passes: int
+    seconds: float
+    quality: float
+
+
+def main() -> None:
+    """Print one table per scene; the first of two runs compiles, and is not shown."""
+    console = Console(width=120)
+    for name in sys.argv[1:]:
+        work = Workspace.open(name)
+        moments = [prepare(work) for _ in range(2)][-1]
+        costs = read_json(work.cost("reference"), "reference")["facts"]
+        passes = work.params.reference.passes
+        view = passes * costs["seconds_per_single_view_pass"]
+        final = read_json(work.metrics("gpf"), "metrics")["mean"]["psnr"]
+        title = (
+            f"{name}: {final:.2f} dB from the references; a view by SPPM, {passes}: {view:.0f} s"
+        )
+        table = Table("passes", "seconds", "of a view by SPPM", "PSNR", "to the references'")
+        table.title = title
+        for moment in moments:
+            table.add_row(
+                str(moment.passes),
+                f"{moment.seconds:.1f}",
+                f"{moment.seconds / view:.2f}",
+                f"{moment.quality:.2f}",
+                f"{moment.quality - final:+.2f}",
+            )
+        console.print(table)
+
+
+def prepare(work: Workspace) -> list[Moment]:
+    """Train on a stream, and look at novel views whenever a round of steps is done.
+
+    The clock stands while they are rendered. Photons that become Gaussians are part of the time.
+    """
+    work = replace(work, params=work.params.model_copy(deep=True))
+    start, checking = time.perf_counter(), 0.0
+    photons = load_photons(work)
+    spent = read_json(work.cost("photons"), "photons")["parts"]
+    before = sum(part["wall_seconds"] for part in spent.values())
+    stream = open_stream(work)
+    targets = stream.targets()
+    field = initial_field(work, photons, targets, scene_bounds(work.load_scene()))
+    trainer = Trainer(field, supervise(work, targets), training_settings(work))
+    renderer = FieldRenderer.open(work, work.params.film.height, work.params.render.spp)
+    exposure, moments = work.views.exposure, []
+
+    def report(progress: Progress) -> None:
+        nonlocal checking
+        dr.sync_thread()
+        paused = time.perf_counter()
+        renderer.integrator.field = trainer.current_field()
+        quality = [
+            psnr(
+                renderer.render(view, work.params.render.seed + k).radiance,
+                read_exr(work.reference(view.name), "reference")[0]["radiance"],
+                exposure,
+            )
+            for k, view in enumerate(work.views.novel)
+        ]
+        seconds = before + paused - start - checking
+        moments.append(Moment(stream.count, seconds, float(np.mean(quality))))
+        checking += time.perf_counter() - paused
+
+    train_on_stream(
+        trainer, stream, stream_settings(work), lambda found: supervise(work, found), report
+    )
+    return moments
+
+
+if __name__ == "__main__":
+    main()
