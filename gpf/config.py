@@ -155,8 +155,9 @@ class Train(_Section):
 class Stream(_Section):
     """Passes of photons that come in while the field is trained (:mod:`gpf.streaming`)."""
 
-    passes: Count = 200
-    first: Count = 20
+    passes: Count = 300
+    first: Count = 24
+    sets: Count = 4
     growth: Annotated[float, Field(gt=1)] = 1.5
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.8
     radius: Positive = 1.5

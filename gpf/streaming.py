@@ -15,13 +15,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.progressive import PhotonPasses
+from gpf.progressive import PhotonPass, PhotonPasses
 from gpf.structs import SurfacePoints, VisiblePoints, concatenate, take, to_numpy
 from gpf.supervision import Targets
 from gpf.training import Progress, Trainer
 
 # Of the random numbers with which points sample the emitters.
-STREAM = 11
+STREAM = 1000
 
 
 @dataclass(frozen=True)
@@ -51,41 +51,64 @@ class StreamSettings:
 class PhotonStream:
     """Points whose irradiance becomes known pass by pass.
 
+    A photon counts at all points within the kernel's radius, which are many more than are needed
+    to make use of it: each pass serves one of several interleaved sets of the points.
+
     Parameters
     ----------
     points: by their source: the number of the view that sees them, or
         :data:`gpf.supervision.SURFACE`.
+    sets: into so many the points are divided; as many passes are the least that serves all.
     """
 
-    def __init__(self, passes: PhotonPasses, points: Mapping[int, VisiblePoints]) -> None:
+    def __init__(
+        self, passes: PhotonPasses, points: Mapping[int, VisiblePoints], sets: int = 1
+    ) -> None:
         self.passes, self.count = passes, 0
         valid = [take(each, dr.compress(each.valid)) for each in points.values()]
-        self.points = concatenate(valid)
-        sizes = [dr.width(each.p) for each in valid]
-        self.source = np.repeat(np.array(list(points), np.int32), sizes)
-        self._sum = dr.zeros(mi.Color3f, sum(sizes))
-        self._direct = dr.zeros(mi.Color3f, sum(sizes))
+        joined = concatenate(valid)
+        source = np.repeat(np.array(list(points), np.int32), [dr.width(each.p) for each in valid])
+        lanes = np.arange(len(source), dtype=np.uint32)
+        self._sets = [
+            _PointSet(take(joined, mi.UInt32(lanes[k::sets])), source[k::sets]) for k in range(sets)
+        ]
 
     def advance(self, count: int, tick: Callable[[int], None] = lambda done: None) -> None:
         """Add passes until there are ``count``."""
         while self.count < count:
             self.count += 1
-            irradiance, direct = self.passes.trace(self.count).all_irradiance(self.points, STREAM)
-            self._sum += irradiance
-            if direct is not None:
-                self._direct += direct
-            dr.eval(self._sum, self._direct)
+            number = self.count % len(self._sets)
+            self._sets[number].add(self.passes.trace(self.count), STREAM + number)
             dr.sync_thread()
             tick(self.count)
 
     def targets(self) -> Targets:
-        """The points with the mean over all passes so far."""
+        """The points with the mean over all passes so far that served them."""
+        return Targets.join([points.targets() for points in self._sets])
+
+
+class _PointSet:
+    """Points with the sum over the passes that served them."""
+
+    def __init__(self, points: VisiblePoints, source: np.ndarray) -> None:
+        self.points, self.source, self.count = points, source, 0
+        self.irradiance, self.direct = (dr.zeros(mi.Color3f, len(source)) for _ in range(2))
+
+    def add(self, photons: PhotonPass, stream: int) -> None:
+        irradiance, direct = photons.all_irradiance(self.points, stream)
+        self.irradiance += irradiance
+        if direct is not None:
+            self.direct += direct
+        self.count += 1
+        dr.eval(self.irradiance, self.direct)
+
+    def targets(self) -> Targets:
         passes = max(self.count, 1)
         return Targets(
             position=to_numpy(self.points.p),
             normal=to_numpy(self.points.n),
-            irradiance=to_numpy(self._sum) / passes,
-            direct=to_numpy(self._direct) / passes,
+            irradiance=to_numpy(self.irradiance) / passes,
+            direct=to_numpy(self.direct) / passes,
             reflectance=to_numpy(self.points.reflectance),
             source=self.source,
         )

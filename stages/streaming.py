@@ -25,7 +25,7 @@ def open_stream(work: Workspace) -> PhotonStream:
     sets = target_points(job, views, share, section.surface_points, section.seed)
     points = {k: sets[view.name] for k, view in enumerate(views)} | {SURFACE: sets[SURFACES]}
     passes = PhotonPasses(job.scene, settings, section.seed, job.lookout.source)
-    stream = PhotonStream(passes, points)
+    stream = PhotonStream(passes, points, section.sets)
     stream.advance(stream_settings(work).rounds()[0])
     return stream
 

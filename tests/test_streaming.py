@@ -25,7 +25,7 @@ def supervise(targets: Targets) -> SurfacePoints:
     return targets.supervised_points("views", "irradiance", "relative")
 
 
-def make_stream(settings: PassSettings = SETTINGS) -> PhotonStream:
+def make_stream(settings: PassSettings = SETTINGS, sets: int = 1) -> PhotonStream:
     light = point_light((0, 0, 1), 2, 1, 0.5)
     scene = mi.load_dict({"type": "scene", "floor": floor(diffuse(0.5)), "light": light})
     place = np.random.default_rng(1).uniform(-0.5, 0.5, (2, 300)).astype(np.float32)
@@ -37,7 +37,7 @@ def make_stream(settings: PassSettings = SETTINGS) -> PhotonStream:
     points.reflectance = mi.Color3f(0.5)
     dr.make_opaque(points)
     points.valid &= dr.arange(mi.UInt32, 300) % 3 != 0  # those in between are of no use
-    return PhotonStream(PhotonPasses(scene, settings, 3), {0: points})
+    return PhotonStream(PhotonPasses(scene, settings, 3), {0: points}, sets)
 
 
 @pytest.mark.parametrize(("passes", "first"), [(250, 8), (20, 8), (5, 8), (1, 1)])
@@ -50,9 +50,12 @@ def test_rounds_grow_and_end_with_the_last_pass(passes, first):
 def test_targets_are_the_mean_so_far():
     stream = make_stream()
     stream.advance(3)
-    singles = [stream.passes.trace(t).irradiance(stream.points) for t in (1, 2, 3)]
-    expected = np.mean([to_numpy(e) for e in singles], axis=0)
     targets = stream.targets()
+    points = dr.zeros(VisiblePoints, len(targets.source))
+    points.p, points.n = mi.Point3f(targets.position.T), mi.Normal3f(targets.normal.T)
+    points.valid = dr.full(mi.Bool, True, len(targets.source))
+    singles = [stream.passes.trace(t).irradiance(points) for t in (1, 2, 3)]
+    expected = np.mean([to_numpy(e) for e in singles], axis=0)
     np.testing.assert_allclose(targets.irradiance, expected, rtol=1e-5)
     assert targets.direct.max() == 0
 
@@ -82,3 +85,25 @@ def test_direct_light_may_come_from_samples_of_the_emitters():
     expected = np.array([2, 1, 0.5]) / squared[:, None] ** 1.5
     np.testing.assert_allclose(targets.direct, expected, rtol=1e-4)
     np.testing.assert_allclose(targets.irradiance, expected, rtol=1e-4)
+
+
+def test_passes_serve_sets_of_points_in_turn():
+    """Three sets, six passes: each point knows two of them, and none is left out."""
+    stream, whole = make_stream(sets=3), make_stream()
+    stream.advance(6)
+    targets, points = stream.targets(), whole.targets()
+    order, other = (np.lexsort(t.position.T) for t in (targets, points))
+    np.testing.assert_array_equal(targets.position[order], points.position[other])
+    passes = [make_stream() for _ in range(6)]
+    singles = []
+    for t, each in enumerate(passes, start=1):
+        each.advance(t)
+        singles.append(t * each.targets().irradiance)
+    by_pass = np.diff([np.zeros_like(singles[0]), *singles], axis=0)
+    expected = np.empty_like(by_pass[0])
+    for k in range(3):
+        served = [t - 1 for t in range(1, 7) if t % 3 == k]
+        expected[k::3] = by_pass[served, k::3].mean(axis=0)
+    np.testing.assert_allclose(
+        targets.irradiance[order], expected[other], rtol=1e-3, atol=1e-4 * expected.max()
+    )
