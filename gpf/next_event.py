@@ -40,24 +40,13 @@ def direct_light(
     return dr.select(active, value * weight * balance(light.pdf, bsdf_pdf), 0)
 
 
-def direct_irradiance(
-    scene: mi.Scene, sample: mi.Point2f, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool | bool
-) -> mi.Color3f:
-    """Irradiance of surfaces from one point on one emitter, W/m², (N, 3).
+def samples_every_emitter(scene: mi.Scene) -> bool:
+    """Whether next event estimation finds the light of all emitters.
 
-        E = |cos θ| L_e / p_e(wo)    above the surface
-
-    Parameters
-    ----------
-    sample: random numbers in [0, 1)², (N, 2).
-    p, n: points, and unit normals on the side that is lit, (N, 3).
+    A surface that shines in one direction alone (``directionalarea``) lights no point by chance.
     """
-    si = dr.zeros(mi.SurfaceInteraction3f, dr.width(p))
-    si.p, si.n = p, n
-    active = mi.Bool(active)
-    light, weight = scene.sample_emitter_direction(si, sample, True, active)
-    cosine = dr.dot(light.d, n)
-    return dr.select(active & (light.pdf > 0) & (cosine > 0), weight * cosine, 0)
+    beams = int(mi.EmitterFlags.Surface), int(mi.EmitterFlags.DeltaDirection)
+    return not any(all(int(e.flags()) & flag for flag in beams) for e in scene.emitters())
 
 
 def share_of_bsdf(

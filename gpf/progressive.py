@@ -17,8 +17,10 @@ import numpy as np
 from gpf.bounds import scene_bounds
 from gpf.density import UNLIMITED, PhotonDensity, pack_tag, radius_at, same_surface
 from gpf.emission import Source, emit_light
+from gpf.fixed_points import FixedPoints
 from gpf.kernel_area import area_correction
-from gpf.next_event import direct_irradiance
+from gpf.materials import has_gloss
+from gpf.next_event import samples_every_emitter
 from gpf.photon_tracing import record_photons, usual_capacity
 from gpf.seeds import pass_seed, spread_sample
 from gpf.spatial_hash import SpatialHash
@@ -36,8 +38,8 @@ class PassSettings:
     alpha: radius reduction, in (0, 1); see :func:`gpf.density.next_radius`.
     max_depth: longest path in edges, as in Mitsuba's ``path``; -1 is no limit.
     rr_depth: interactions before Russian roulette.
-    direct: where light straight from the emitters comes from at what views see: the ``photons``,
-        like all other light, or a sample of the ``emitters``.
+    direct: where light straight from the emitters comes from, at what views see and at fixed
+        points: the ``photons``, like all other light, or a sample of the ``emitters``.
     glossy_walks: camera walks of a sample that meets a glossy surface first; see
         :class:`gpf.film.FilmSamples`.
     edge_correction: whether to divide by the part of the kernel's disc that lies on the surface,
@@ -54,6 +56,17 @@ class PassSettings:
     edge_correction: bool = True
 
 
+def suit_scene(settings: PassSettings, scene: mi.Scene) -> PassSettings:
+    """The settings without what a scene has no use for, or cannot do.
+
+    One walk is enough where nothing is glossy; where an emitter cannot be sampled, photons bring
+    direct light.
+    """
+    walks = settings.glossy_walks if has_gloss(scene) else 1
+    direct = settings.direct if samples_every_emitter(scene) else "photons"
+    return replace(settings, glossy_walks=walks, direct=direct)
+
+
 class PhotonPasses:
     """Passes of photons.
 
@@ -68,7 +81,8 @@ class PhotonPasses:
     def __init__(
         self, scene: mi.Scene, settings: PassSettings, seed: int, source: Source = emit_light
     ) -> None:
-        self.scene, self.settings, self.seed, self.source = scene, settings, seed, source
+        self.scene, self.seed, self.source = scene, seed, source
+        self.settings = suit_scene(settings, scene)
         self.bounds = scene_bounds(scene)
         # Photons for which there was room in all passes so far.
         self._room: int | None = None
@@ -120,19 +134,23 @@ class PhotonPass:
         return irradiance
 
     def all_irradiance(
-        self, points: VisiblePoints, stream: int
+        self, fixed: FixedPoints, stream: int, number: int
     ) -> tuple[mi.Color3f, mi.Color3f | None]:
-        """E at points that are the same for all passes, W/m², (N, 3), and how much of it came from
-        a sample of the emitters: None if photons bring direct light too.
+        """E at fixed points, W/m², (N, 3), and how much of it came from a sample of the emitters:
+        None if photons bring direct light too.
 
-        ``stream`` numbers the set of points among all that have a sample.
+        Parameters
+        ----------
+        stream: of the samples; another one for every set of points.
+        number: how many passes have served these points, this one included.
         """
         if self.settings.direct == "photons":
-            return self.irradiance(points), None
-        sample = spread_sample(pass_seed(self.seed, 0, stream), dr.width(points.p), self.t)
-        direct = direct_irradiance(self.scene, sample, points.p, points.n, points.valid)
+            return self.irradiance(fixed.points), None
+        lanes = dr.width(fixed.points.p)
+        sample = spread_sample(pass_seed(self.seed, 0, stream), lanes, number)
+        direct = fixed.direct_irradiance(sample)
         dr.eval(direct)  # each use is a kernel of its own, and would trace it anew
-        indirect = self.irradiance(replace(points, lit=mi.Bool(True)))
+        indirect = self.irradiance(replace(fixed.points, lit=mi.Bool(True)))
         return indirect + direct, direct
 
 

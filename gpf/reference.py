@@ -14,7 +14,7 @@ import numpy as np
 from gpf.emission import Source, emit_light
 from gpf.exact_sums import ExactSum
 from gpf.film import FilmSamples, sample_film
-from gpf.materials import has_gloss
+from gpf.fixed_points import FixedPoints
 from gpf.pass_sums import PassSums
 from gpf.progressive import PassSettings, PhotonPasses
 from gpf.seeds import pass_seed
@@ -74,15 +74,14 @@ class ReferenceRenderer:
         seed: int,
         source: Source = emit_light,
     ) -> None:
-        if not has_gloss(scene):
-            settings = replace(settings, glossy_walks=1)
         self.passes = PhotonPasses(scene, settings, seed, source)
-        self.scene, self.sensors, self.settings, self.seed = scene, dict(sensors), settings, seed
+        self.settings = self.passes.settings
+        self.scene, self.sensors, self.seed = scene, dict(sensors), seed
         self.points = dict(points)
         # Only valid points are gathered at: of many views they may be few.
         self._valid = {name: dr.compress(points.valid) for name, points in self.points.items()}
         self._gathered = {
-            name: take(points, self._valid[name])
+            name: FixedPoints(scene, take(points, self._valid[name]))
             for name, points in self.points.items()
             if dr.width(self._valid[name]) > 0
         }
@@ -111,9 +110,8 @@ class ReferenceRenderer:
             radiance = film.points.radiance(photons.irradiance(film.points))
             self.sums.views[name].add(film.merge(radiance), t)
         for name, points in self._gathered.items():
-            irradiance, direct = photons.all_irradiance(
-                points, zlib.crc32(f"points {name}".encode())
-            )
+            stream = zlib.crc32(f"points {name}".encode())
+            irradiance, direct = photons.all_irradiance(points, stream, t)
             self.sums.points[name].add(irradiance)
             if direct is not None:
                 self.sums.direct[name].add(direct)

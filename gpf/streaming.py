@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.fixed_points import FixedPoints
 from gpf.progressive import PhotonPass, PhotonPasses
 from gpf.structs import SurfacePoints, VisiblePoints, concatenate, take, to_numpy
 from gpf.supervision import Targets
@@ -35,9 +36,9 @@ class StreamSettings:
     growth: a new round of steps begins when there are so many times as many passes.
     """
 
-    passes: int = 250
-    first: int = 8
-    growth: float = 1.25
+    passes: int = 300
+    first: int = 24
+    growth: float = 1.5
 
     def rounds(self) -> list[int]:
         """Numbers of passes after which steps are made, ascending; the last is ``passes``."""
@@ -70,7 +71,10 @@ class PhotonStream:
         source = np.repeat(np.array(list(points), np.int32), [dr.width(each.p) for each in valid])
         lanes = np.arange(len(source), dtype=np.uint32)
         self._sets = [
-            _PointSet(take(joined, mi.UInt32(lanes[k::sets])), source[k::sets]) for k in range(sets)
+            _PointSet(
+                FixedPoints(passes.scene, take(joined, mi.UInt32(lanes[k::sets]))), source[k::sets]
+            )
+            for k in range(sets)
         ]
 
     def advance(self, count: int, tick: Callable[[int], None] = lambda done: None) -> None:
@@ -90,26 +94,26 @@ class PhotonStream:
 class _PointSet:
     """Points with the sum over the passes that served them."""
 
-    def __init__(self, points: VisiblePoints, source: np.ndarray) -> None:
+    def __init__(self, points: FixedPoints, source: np.ndarray) -> None:
         self.points, self.source, self.count = points, source, 0
         self.irradiance, self.direct = (dr.zeros(mi.Color3f, len(source)) for _ in range(2))
 
     def add(self, photons: PhotonPass, stream: int) -> None:
-        irradiance, direct = photons.all_irradiance(self.points, stream)
+        self.count += 1
+        irradiance, direct = photons.all_irradiance(self.points, stream, self.count)
         self.irradiance += irradiance
         if direct is not None:
             self.direct += direct
-        self.count += 1
         dr.eval(self.irradiance, self.direct)
 
     def targets(self) -> Targets:
-        passes = max(self.count, 1)
+        points, passes = self.points.points, max(self.count, 1)
         return Targets(
-            position=to_numpy(self.points.p),
-            normal=to_numpy(self.points.n),
+            position=to_numpy(points.p),
+            normal=to_numpy(points.n),
             irradiance=to_numpy(self.irradiance) / passes,
             direct=to_numpy(self.direct) / passes,
-            reflectance=to_numpy(self.points.reflectance),
+            reflectance=to_numpy(points.reflectance),
             source=self.source,
         )
 
@@ -135,11 +139,12 @@ def train_on_stream(
     steps, done = trainer.settings.steps, trainer.step_count
     for count in settings.rounds():
         stream.advance(count, lambda passes: tick(passes, trainer.step_count))
+        wanted = round(steps * count / settings.passes)
+        if wanted == done and count < settings.passes:
+            continue
         trainer.retarget(supervise(stream.targets()))
-        wanted = max(round(steps * count / settings.passes), done)
         while trainer.step_count < wanted:
-            errors = trainer.advance(1)
+            trainer.advance(1)
             tick(stream.count, trainer.step_count)
-        if wanted > done:
-            report(trainer.judge(errors))
+        report(trainer.judge())
         done = wanted

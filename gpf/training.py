@@ -134,6 +134,7 @@ class Trainer:
             [dr.zeros(mi.Float, size) for _ in parameters(g)],
         )
         self.step_count = 0
+        self.batch_errors = mi.Float(0)
         self.best_error = float("inf")
         self.history: list[Progress] = []
         self.best = self.gaussians
@@ -198,6 +199,7 @@ class Trainer:
         self.gaussians = with_parameters(self.gaussians, values)
         dr.eval(self.gaussians, self.adam.first, self.adam.second)
         self.step_count += 1
+        self.batch_errors = errors
         return errors
 
     def batch(self) -> mi.UInt32:
@@ -226,13 +228,12 @@ class Trainer:
         error = self.held_out.weight * dr.squared_norm(blend - self.held_out.target)
         return float(np.sqrt(dr.mean(error)[0] / 3))
 
-    def advance(self, steps: int) -> mi.Float:
-        """Some steps, with the rebuilds that fall due; the squared errors of the last batch."""
+    def advance(self, steps: int) -> None:
+        """Some steps, with the rebuilds that fall due."""
         for _ in range(steps):
-            errors = self.step()
+            self.step()
             if self.step_count % self.settings.rebuild_every == 0:
                 self.rebuild()
-        return errors
 
     def run(
         self,
@@ -245,22 +246,22 @@ class Trainer:
         """
         s = self.settings
         while self.step_count < s.steps:
-            errors = self.advance(1)
+            self.advance(1)
             done = self.step_count
             if done % s.evaluate_every == 0 or done == s.steps:
-                report(self.judge(errors))
+                report(self.judge())
             tick(done)
         return self.finish()
 
-    def judge(self, errors: mi.Float) -> Progress:
-        """Evaluate, and keep the state if it is the best; ``errors`` are the last batch's."""
+    def judge(self) -> Progress:
+        """Evaluate, and keep the state if it is the best."""
         if self.step_count % self.settings.rebuild_every != 0:
             # On fresh lists: the best state is judged as the renderer will see it.
             self.rebuild()
         held_out = self.evaluate()
         if held_out <= self.best_error:  # without held-out points, the last state
             self.best_error, self.best = held_out, self.gaussians
-        training = float(np.sqrt(dr.mean(errors)[0] / 3))
+        training = float(np.sqrt(dr.mean(self.batch_errors)[0] / 3))
         self.history.append(Progress(self.step_count, training, held_out, self.best_error))
         return self.history[-1]
 

@@ -7,8 +7,6 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.next_event import direct_irradiance
-from gpf.seeds import spread_sample
 from gpf.structs import to_numpy
 from gpf.visible_points import find_visible_points
 from tests.furnace import Scene, camera, floor, lamp, point_light, rectangle, rgb
@@ -89,30 +87,3 @@ def test_walls_without_gloss_draw_no_light():
     found = emission(scene, 4096)
     assert np.isin(np.round(found[:, 0] / 300, 3), [0, 1]).all()
     assert 0 < (found > 0).mean() < 0.1
-
-
-def test_irradiance_of_a_point_light():
-    """I cos θ / d² on the side of the normal, nothing on the other nor in the shadow."""
-    scene = mi.load_dict(
-        {
-            "type": "scene",
-            "light": point_light((0, 0, 2), 3, 2, 1),
-            "screen": rectangle((0.5, 0, 1), (0.5, 0, 2), 0.1, 0.1, {"type": "diffuse"}),
-        }
-    )
-    p = mi.Point3f([0, 1, 0, 1], [0, 0, 0, 0], [0, 0, 0, 0])  # the last is in the screen's shadow
-    n = mi.Normal3f([0, 0, 0, 0], [0, 0, 0, 0], [1, 1, -1, 1])
-    sample = spread_sample(0, 4, 1)
-    found = to_numpy(direct_irradiance(scene, sample, p, n, mi.Bool([True, False, True, True])))
-    np.testing.assert_allclose(found, [[0.75, 0.5, 0.25], [0] * 3, [0] * 3, [0] * 3], atol=1e-6)
-
-
-def test_irradiance_of_the_sky():
-    """π L on average under a uniform sky, whatever the normal."""
-    scene = mi.load_dict({"type": "scene", "sky": EMITTERS["sky"]})
-    n, count = dr.normalize(mi.Normal3f(0.3, -0.4, 0.5)), 100_000
-    p = dr.zeros(mi.Point3f, count)
-    found = to_numpy(
-        direct_irradiance(scene, spread_sample(0, count, 1), p, mi.Normal3f(n) + 0 * p, True)
-    )
-    np.testing.assert_allclose(found.mean(0), np.pi * np.array([1, 2, 4]), rtol=0.02)

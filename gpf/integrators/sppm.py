@@ -12,7 +12,7 @@ import mitsuba as mi
 from gpf.bounds import require_bounds
 from gpf.film import FilmSamples, reconstruct, sample_film, sample_grid
 from gpf.integrators.properties import is_number, read_depths, whole_number
-from gpf.materials import has_gloss, require_separable
+from gpf.materials import require_separable
 from gpf.progressive import PassSettings, PhotonPasses, propose_radius
 from gpf.seeds import pass_seed
 from gpf.structs import concatenate
@@ -73,7 +73,8 @@ def define() -> type:
            - |string|
            - Where light straight from the emitters comes from: ``photons``, like all other light,
              or a sample of the ``emitters`` at each visible point, which has less noise and sharp
-             shadows. Caustics are made of photons either way. (Default: photons)
+             shadows. Caustics are made of photons either way, and all light where an emitter
+             cannot be sampled (``directionalarea``). (Default: photons)
 
         Camera rays go through glossy and specular bounces and end at the first diffuse hit. The
         estimate is consistent: its bias vanishes with the radius as passes accumulate. One seed
@@ -152,7 +153,7 @@ def define() -> type:
                 self.depth_limit,
                 self.rr_depth,
                 self.direct,
-                self.glossy_walks if has_gloss(scene) else 1,
+                self.glossy_walks,
                 self.edge_correction,
             )
 
@@ -161,8 +162,8 @@ def define() -> type:
             parts, photons = [], passes.trace(t)
             for number, rows in enumerate(split_rows(sensor.film())):
                 stream = pass_seed(passes.seed, t, stream=1 if number == 0 else 1000 + number)
-                walks = passes.settings.glossy_walks
-                samples = self._sample(passes.scene, sensor, stream, rows, walks)
+                walks, direct = passes.settings.glossy_walks, passes.settings.direct == "emitters"
+                samples = self._sample(passes.scene, sensor, stream, rows, walks, direct)
                 irradiance = photons.irradiance(samples.points)
                 radiance = samples.merge(samples.points.radiance(irradiance)) * samples.weight
                 found = dr.select(samples.points.valid, mi.Color3f(1), 0)
@@ -175,7 +176,13 @@ def define() -> type:
             return reconstruct(sensor.film(), *whole)
 
         def _sample(
-            self, scene: mi.Scene, sensor: mi.Sensor, seed: int, rows: range, walks: int = 1
+            self,
+            scene: mi.Scene,
+            sensor: mi.Sensor,
+            seed: int,
+            rows: range,
+            walks: int = 1,
+            direct: bool = False,
         ) -> FilmSamples:
             """Visible points of one ray per pixel of some rows."""
             samples = sample_film(
@@ -184,7 +191,7 @@ def define() -> type:
                 seed,
                 self.depth_limit,
                 self.rr_depth,
-                direct=self.direct == "emitters",
+                direct=direct,
                 walks=walks,
                 rows=rows,
             )
