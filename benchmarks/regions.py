@@ -104,7 +104,7 @@ def find_regions(
     offset = positions - positions[0]
     off_plane = np.abs((offset * normals[0]).sum(axis=2)).max(axis=0)
     along = np.linalg.norm(offset, axis=2).max(axis=0)
-    turned = (normals * normals[0]).sum(axis=2).min(axis=0) < 0.9
+    turned = ((normals * normals[0]).sum(axis=2).min(axis=0) < 0.9) & valid.any(axis=0)
     edge = turned | (off_plane > 0.2 * along + 1e-6) | (valid != valid[0]).any(axis=0)
     place = layers["position"].reshape(-1, 3)
     lit = layers["valid"].ravel() > 0.5

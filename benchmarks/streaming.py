@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
 from gpf.runtime import choose_variant
@@ -22,6 +22,8 @@ from rich.table import Table  # noqa: E402
 
 from gpf.artifacts import read_json  # noqa: E402
 from gpf.bounds import scene_bounds  # noqa: E402
+from gpf.errors import UserError  # noqa: E402
+from gpf.field_files import read_field  # noqa: E402
 from gpf.images import read_exr  # noqa: E402
 from gpf.streaming import train_on_stream  # noqa: E402
 from gpf.training import Progress, Trainer  # noqa: E402
@@ -46,6 +48,9 @@ def main() -> None:
     console = Console(width=120)
     for name in sys.argv[1:]:
         work = Workspace.open(name)
+        taught = read_field(work.field).record["params"]["train"]["supervision"]
+        if taught != "reference":
+            raise UserError(str(work.field), "learned from a stream", "Train on the references.")
         moments = [prepare(work) for _ in range(2)][-1]
         costs = read_json(work.cost("reference"), "reference")["facts"]
         passes = work.params.reference.passes
@@ -72,7 +77,6 @@ def prepare(work: Workspace) -> list[Moment]:
 
     The clock stands while they are rendered. Photons that become Gaussians are part of the time.
     """
-    work = replace(work, params=work.params.model_copy(deep=True))
     start, checking = time.perf_counter(), 0.0
     photons = load_photons(work)
     spent = read_json(work.cost("photons"), "photons")["parts"]

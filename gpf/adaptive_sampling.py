@@ -7,13 +7,15 @@ pilot's, so that all samples are one kernel's and each set is as evenly spread a
 
 How many sets a pixel gets is decided by the pilot's samples in the pixels *around* it, never by
 its own. A pixel whose pilot missed something bright would otherwise get few more samples, one that
-found it many, and the mean over all of them would be too dark. So it has no bias.
+found it many, and the mean over all of them would be too dark. What is left of that is a pixel's
+share in the noise of the whole image, by which all numbers are scaled.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -25,6 +27,9 @@ from gpf.seeds import pass_seed
 
 LEAST_SPP = 16
 """With fewer samples per pixel, a pilot tells too little."""
+
+# Samples of one launch, of which each is kept for a moment.
+LARGEST_LAUNCH = 1 << 23
 
 # A pixel gets at most so many times the samples that pixels have on average.
 MOST = 16
@@ -43,27 +48,38 @@ the first three are its radiance."""
 def sample_adaptively(
     sample: Samples, sampler: mi.Sampler, size: tuple[int, int], spp: int, seed: int
 ) -> mi.TensorXf:
-    """Means of all channels of an image, (H, W, C), with ``spp`` samples per pixel on average.
+    """Means of all channels of an image, (H, W, C); up to ``spp`` samples per pixel on average.
 
     Parameters
     ----------
     sampler: whose kind of samples is taken.
     size: width and height, pixels.
-    spp: not below :data:`LEAST_SPP`; more than a whole number of pilots is not made use of.
+    spp: not below :data:`LEAST_SPP`.
     """
     width, height = size
     order = tile_order(width, height)
-    # A square number, which samplers divide evenly in both dimensions.
-    in_set = int(math.sqrt(spp / 4)) ** 2
+    sampler = sampler.fork()
+    in_set = _choose_set(sampler, spp)
     sums, squares = _sample_sets(sample, sampler, order, size, in_set, pass_seed(seed, 0, STREAM))
     noise = pixel_noise(sums[:, :3] / in_set, squares / in_set, (height, width))
-    sets = allocate(noise, spp // in_set - 1)
+    sets = allocate(noise, max(spp // in_set - 1, 0))
     again = np.repeat(order, sets[order])
     if len(again):
         seed = pass_seed(seed, 1, STREAM)
         sums += _sample_sets(sample, sampler, again, size, in_set, seed)[0]
     means = sums / (in_set * (1 + sets))[:, None]
     return mi.TensorXf(means.astype(np.float32).reshape(height, width, -1))
+
+
+def _choose_set(sampler: mi.Sampler, spp: int) -> int:
+    """How many samples a set has: a square, which samplers divide evenly in both dimensions.
+
+    No more than a quarter of all, and the largest of which whole multiples leave no more than a
+    twentieth of the samples unused. The sampler may make another number of it.
+    """
+    squares = [n * n for n in range(2, math.isqrt(spp // 4) + 1)]
+    sampler.set_sample_count(max(n for n in squares if n == 4 or 20 * (spp % n) <= spp))
+    return int(sampler.sample_count())
 
 
 def tile_order(width: int, height: int) -> np.ndarray:
@@ -84,6 +100,25 @@ def _sample_sets(
 
     Returns sums over the samples of all pixels, (N, C), and of their squared radiance, (N,).
     """
+    total: Any = 0
+    step = max(LARGEST_LAUNCH // in_set, 1)
+    for number, start in enumerate(range(0, len(pixels), step)):
+        part = pixels[start : start + step]
+        total = total + _sample_part(
+            sample, sampler, part, size, in_set, pass_seed(seed, number, STREAM)
+        )
+    return total[:, :-1], total[:, -1]
+
+
+def _sample_part(
+    sample: Samples,
+    sampler: mi.Sampler,
+    pixels: np.ndarray,
+    size: tuple[int, int],
+    in_set: int,
+    seed: int,
+) -> np.ndarray:
+    """What fits into one launch; the sum of the squared radiance is the last column, (N, C + 1)."""
     lanes = len(pixels) * in_set
     sampler = sampler.fork()
     sampler.set_sample_count(in_set)
@@ -102,7 +137,7 @@ def _sample_sets(
         np.bincount(pixels, dr.block_sum(value, in_set).numpy(), size[0] * size[1])
         for value in values
     ]
-    return np.stack(sums[:-1], axis=1), sums[-1]
+    return np.stack(sums, axis=1)
 
 
 def pixel_noise(mean: np.ndarray, square: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -114,9 +149,12 @@ def pixel_noise(mean: np.ndarray, square: np.ndarray, shape: tuple[int, int]) ->
     root of what is dim, and nothing of what is far brighter than the rest.
     """
     level = mean.mean(axis=1)
+    level = np.where(np.isfinite(level), level, 0)
     lit = level[level > 0]
     median = float(np.median(lit)) if len(lit) else 1.0
     variance = np.maximum(square - (mean**2).mean(axis=1), 0)
+    # What is not finite is for the caller to find in the image.
+    variance[~np.isfinite(variance)] = 0
     visible = variance / ((level + 0.01 * median) * (1 + (level / (4 * median)) ** 2))
     ring = np.ones((AROUND, AROUND))
     ring[AROUND // 2, AROUND // 2] = 0
@@ -132,7 +170,7 @@ def allocate(noise: np.ndarray, mean: int) -> np.ndarray:
 
     Their mean comes as close to ``mean`` from below as numbers that are all scaled alike can.
     """
-    if not noise.any():
+    if mean == 0 or not noise.any():
         return np.full(len(noise), mean)
     noise = noise / noise.mean()
     low, high = 0.0, 1e6 * mean

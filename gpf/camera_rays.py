@@ -36,8 +36,9 @@ def sample_tiled_rays(
         (tile - row * per_row) * TILE + lane % TILE,
         row * TILE + lane // TILE,
     )
-    ray, weight, position = sample_pixel_rays(sensor, sampler, pixel)
-    return ray, weight, mi.Vector2f(position) + mi.ScalarVector2f(film.crop_offset())
+    ray, weight = sample_pixel_rays(sensor, sampler, pixel)
+    # Without the place in the pixel, whose sum may be rounded up into the next one.
+    return ray, weight, mi.Vector2f(pixel) + mi.ScalarVector2f(film.crop_offset())
 
 
 def keeps_to_pixels(sensor: mi.Sensor) -> bool:
@@ -49,8 +50,8 @@ def keeps_to_pixels(sensor: mi.Sensor) -> bool:
 
 def sample_pixel_rays(
     sensor: mi.Sensor, sampler: mi.Sampler, pixel: mi.Vector2u
-) -> tuple[Any, Any, mi.Point2f]:
-    """Rays through random places in the given pixels, their weights, and those places."""
+) -> tuple[Any, Any]:
+    """Rays through random places in the given pixels, and their weights."""
     width, height = (int(n) for n in sensor.film().crop_size())
     position = mi.Point2f(mi.Vector2f(pixel) + sampler.next_2d())
     ray, weight = sensor.sample_ray_differential(
@@ -59,4 +60,4 @@ def sample_pixel_rays(
         sample2=position * mi.ScalarVector2f(1 / width, 1 / height),
         sample3=sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0),
     )
-    return ray, weight, position
+    return ray, weight

@@ -157,13 +157,23 @@ class Stream(_Section):
 
     passes: Count = 300
     first: Count = 24
-    sets: Count = 4
+    sets: Annotated[int, Field(ge=1, le=64)] = 4
     growth: Annotated[float, Field(gt=1)] = 1.5
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.8
     radius: Positive = 1.5
     view_points: Count = 200_000
     surface_points: Count = 300_000
     seed: Seed = 6
+
+    @model_validator(mode="after")
+    def _all_points_are_served(self) -> Self:
+        if self.sets > min(self.first, self.passes):
+            raise PydanticCustomError(
+                "sets",
+                "sets is more than first or passes: before the first step, every set of points has "
+                "to be served by a pass",
+            )
+        return self
 
 
 class Render(_Section):

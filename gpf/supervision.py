@@ -72,6 +72,13 @@ class Targets:
     def load(cls, path: Path) -> Targets:
         """Read targets."""
         tensors, _ = read_tensors(path, "targets", "reference")
+        missing = {f.name for f in fields(cls)} - set(tensors)
+        if missing:
+            raise UserError(
+                str(path),
+                f"is from an earlier version: it has no {', '.join(sorted(missing))}",
+                "Run `gpf stage reference` again.",
+            )
         return cls(**tensors)
 
     def select(self, points: Literal["views", "surface", "both"]) -> Targets:

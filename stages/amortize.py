@@ -44,7 +44,7 @@ def cost_lines(work: Workspace) -> Comparison:
     equal = worth_passes(quality, mean_convergence(work))
 
     preparation = sum(seconds["photons"].values()) + sum(seconds["train"].values())
-    if work.params.train.supervision == "reference":
+    if "stream" not in seconds["train"]:
         # The field needs the targets alone. The stage also makes images of the training views, for
         # other methods and for people; they are not in this sum.
         preparation += (

@@ -29,6 +29,12 @@ def export_field(
         if exposure is None:
             exposure = known_exposure(source, stored)
         write_splats(ply, stored, exposure)
+        if stored.settings.direct == "emitters":
+            console.print(
+                f"{source} has indirect light alone (field.direct: emitters), and the splats too",
+                highlight=False,
+                soft_wrap=True,
+            )
         tell(ply, f"{len(stored.tensors['means'])} splats, exposure {exposure:.4g}")
     if compact is not None:
         write_field(stored, compact, "compact")

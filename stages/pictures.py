@@ -52,5 +52,10 @@ def _choose(work: Workspace, names: Sequence[str], frames: bool) -> list[View]:
         raise UserError(
             str(work.views_file), "has no camera path", "Add a path, or name views with --view."
         )
-    named = [work.views.find(name) for name in names]
-    return (path if frames else []) + named or list(work.views.novel)
+    chosen = [*(path if frames else []), *(work.views.find(name) for name in names)]
+    chosen = chosen or list(work.views.novel)
+    if not chosen:
+        raise UserError(
+            str(work.views_file), "has no novel views", "Name a view with --view, or --frames."
+        )
+    return chosen

@@ -9,6 +9,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from gpf.adaptive_sampling import LEAST_SPP
+from gpf.errors import UserError
 from gpf.field_files import load_field
 from gpf.images import check_finite, write_exr, write_png
 from gpf.views import View, make_sensor
@@ -27,6 +29,10 @@ def render_views(scene_name: str) -> None:
     """Render every novel view, as EXR and as a preview."""
     work = Workspace.open(scene_name)
     section, views = work.params.render, work.views.novel
+    if not views:
+        raise UserError(
+            str(work.views_file), "has no novel views", "Add some: they are what is rendered."
+        )
     renderer = FieldRenderer.open(work, work.params.film.height, section.spp)
     costs, shares = CostMeter(), {}
     with progress_bar(f"{scene_name}: rendering", len(views)) as advance:
@@ -94,7 +100,7 @@ class FieldRenderer:
         return cls(work, scene, integrator, height, spp)
 
     def render(self, view: View, seed: int) -> Picture:
-        """One view, in as many parts of its samples as memory asks for."""
+        """One view."""
         size, sampler = self.work.views.size(self.height), self.work.params.render.sampler
         sensor = make_sensor(view, *size, spp=self.spp, sampler=sampler)
         image = render_image(self.scene, self.integrator, sensor, self.spp, seed)
@@ -105,9 +111,14 @@ class FieldRenderer:
 def render_image(
     scene: mi.Scene, integrator: mi.Integrator, sensor: mi.Sensor, spp: int, seed: int
 ) -> np.ndarray:
-    """An image as (H, W, C) float32, in as many parts of its samples as memory asks for."""
+    """An image as (H, W, C) float32, in as many parts of its samples as memory asks for.
+
+    Adaptive samples see to that by themselves.
+    """
     width, height = sensor.film().crop_size()
     parts = -(-spp * int(width) * int(height) // LARGEST_WAVEFRONT)
+    if integrator.adaptive and spp >= LEAST_SPP:
+        parts = 1
     total: Any = 0
     done = 0
     for part in range(parts):

@@ -22,8 +22,11 @@ def open_stream(work: Workspace) -> PhotonStream:
     )
     views = work.views.train
     share = share_of_pixels(work, section.view_points)
-    sets = target_points(job, views, share, section.surface_points, section.seed)
-    points = {k: sets[view.name] for k, view in enumerate(views)} | {SURFACE: sets[SURFACES]}
+    wanted = "views" if work.params.field.stores == "radiance" else work.params.train.points
+    surfaces = 0 if wanted == "views" else section.surface_points
+    sets = target_points(job, [] if wanted == "surface" else views, share, surfaces, section.seed)
+    sources = {view.name: k for k, view in enumerate(views)} | {SURFACES: SURFACE}
+    points = {sources[name]: found for name, found in sets.items()}
     passes = PhotonPasses(job.scene, settings, section.seed, job.lookout.source)
     stream = PhotonStream(passes, points, section.sets)
     stream.advance(stream_settings(work).rounds()[0])

@@ -7,13 +7,13 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 from dvclive import Live
 
 from gpf.artifacts import read_tensors
 from gpf.bounds import scene_bounds
+from gpf.errors import UserError
 from gpf.field import FieldSettings, GaussianPhotonField
 from gpf.field_files import save_field
 from gpf.initialization import (
@@ -22,11 +22,11 @@ from gpf.initialization import (
     propose_search_radius,
 )
 from gpf.streaming import PhotonStream, train_on_stream
-from gpf.structs import Photons, SurfacePoints, take
+from gpf.structs import Photons, SurfacePoints
 from gpf.supervision import Targets
 from gpf.training import LearningRates, Progress, Trainer, TrainingSettings
 from stages.costs import CostMeter
-from stages.progress import progress_bar
+from stages.progress import console, progress_bar
 from stages.streaming import open_stream, stream_settings
 from stages.workspace import Workspace
 
@@ -37,8 +37,6 @@ def train_field(scene_name: str) -> None:
     section, fields = work.params.train, work.params.field
     costs, stream = CostMeter(), None
     photons = load_photons(work)
-    if fields.direct == "emitters":
-        photons = take(photons, dr.compress(photons.depth > 0))
     if section.supervision == "streaming":
         with costs.measure("stream"):
             stream = open_stream(work)
@@ -159,8 +157,25 @@ def training_settings(work: Workspace) -> TrainingSettings:
 
 
 def load_photons(work: Workspace) -> Photons:
-    """The photons that the stage `photons` kept."""
+    """The photons of the stage `photons` that Gaussians may be made of."""
     tensors, _ = read_tensors(work.photons, "photons", "photons")
+    fields = work.params.field
+    if fields.direct == "emitters":
+        indirect = tensors["depth"] > 0
+        tensors = {name: value[indirect] for name, value in tensors.items()}
+        count = len(tensors["depth"])
+        if count == 0:
+            raise UserError(
+                str(work.photons),
+                "has direct light alone, which field.direct: emitters leaves to the emitters",
+                "Set field.direct to field.",
+            )
+        if count < fields.gaussians:
+            console.print(
+                f"{work.scene}: {count} of the photons are not direct light; the field has as many "
+                f"Gaussians, not {fields.gaussians}. photons.paths brings more",
+                highlight=False,
+            )
 
     def columns(name: str) -> np.ndarray:
         return np.ascontiguousarray(tensors[name].T)

@@ -113,3 +113,52 @@ def test_tiles_go_through_every_pixel_once(width, height):
     first = order[: min(16, len(order))]
     if width >= 4 and height >= 4:
         assert set(first) == {y * width + x for y in range(4) for x in range(4)}
+
+
+@pytest.mark.parametrize(
+    "kind", ["independent", "stratified", "multijitter", "orthogonal", "ldsampler"]
+)
+@pytest.mark.parametrize("spp", [16, 35, 50, 64, 120, 256])
+def test_any_sampler_and_number_of_samples(kind, spp):
+    """At most as many as asked for, and hardly fewer."""
+    lanes = []
+
+    def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+        lanes.append(dr.width(pixel))
+        value = sampler.next_1d()
+        return [value, value, mi.Float(1)]
+
+    sampler = mi.load_dict({"type": kind})
+    image = np.array(sample_adaptively(sample, sampler, SIZE, spp, 3))
+    assert image[..., 0].mean() == pytest.approx(0.5, abs=0.02)
+    np.testing.assert_allclose(image[..., 2], 1, rtol=1e-6)
+    taken = sum(lanes) / (WIDTH * HEIGHT)
+    assert taken <= spp
+    assert taken > (0.5 if kind == "orthogonal" else 0.85) * spp  # squares of primes alone
+
+
+def test_what_is_not_finite_stays_where_it_is():
+    """It is for others to complain of; here it spoils neither its neighbours nor the run."""
+
+    def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+        bad = (pixel.x == 3) & (pixel.y == 5)
+        value = dr.select(bad, dr.nan, sampler.next_1d())
+        return [value, value, value]
+
+    image = np.array(sample_adaptively(sample, mi.load_dict({"type": "independent"}), SIZE, 16, 3))
+    assert np.isnan(image[5, 3]).all()
+    assert np.isfinite(np.delete(image.reshape(-1, 3), 5 * WIDTH + 3, axis=0)).all()
+
+
+def test_large_images_take_several_launches(monkeypatch):
+    monkeypatch.setattr("gpf.adaptive_sampling.LARGEST_LAUNCH", 1000)
+    widths = []
+
+    def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+        widths.append(dr.width(pixel))
+        return [sampler.next_1d(), mi.Float(pixel.x), mi.Float(pixel.y)]
+
+    image = np.array(sample_adaptively(sample, mi.load_dict({"type": "independent"}), SIZE, 64, 3))
+    assert max(widths) <= 1000 and len(widths) > 20
+    y, x = np.indices((HEIGHT, WIDTH))
+    np.testing.assert_allclose(image[..., 1:], np.stack([x, y], axis=-1), rtol=1e-6)

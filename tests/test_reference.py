@@ -188,7 +188,7 @@ def test_furnace_values():
 
 
 def test_direct_light_of_fixed_points_by_samples_of_the_emitters(scene):
-    """The same irradiance as by photons, most of it direct light, with less noise."""
+    """The same irradiance as by photons, about half of it direct light."""
     settings = replace(SETTINGS, direct="emitters")
     by_photons, by_samples = start(scene, "front"), start(scene, "front", settings=settings)
     for renderer in (by_photons, by_samples):

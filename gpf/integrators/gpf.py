@@ -57,11 +57,13 @@ def define() -> type:
            - |bool|
            - Record the first frames and replay them, with other seeds, cameras and fields:
              for viewers and animations, where tracing Python for every frame would cost more than
-             a third of the time. Not every plugin of Mitsuba can be recorded. (Default: false)
+             a third of the time. Not every plugin of Mitsuba can be recorded, nor can adaptive
+             samples. (Default: false)
 
         Camera rays go through glossy and specular bounces; at the first diffuse hit the field
-        answers with the irradiance and the ray ends. In a scene whose bounding box is not that of
-        the scene that the field was made for, rendering goes on after a warning.
+        answers with the irradiance and the ray ends. A field that was made without direct light
+        has it added there, from a sample of the emitters. In a scene whose bounding box is not
+        that of the scene that the field was made for, rendering goes on after a warning.
 
         Left out on purpose: participating media, polarisation, derivatives, and spectral
         variants.
@@ -124,7 +126,7 @@ def define() -> type:
             has_alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
 
             def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
-                ray, weight, _ = sample_pixel_rays(sensor, sampler, pixel)
+                ray, weight = sample_pixel_rays(sensor, sampler, pixel)
                 radiance, valid, aovs, _ = self.sample(dr.ADMode.Primal, scene, sampler, ray)
                 alpha = [dr.select(valid, mi.Float(1), 0)] if has_alpha else []
                 return [*(radiance * weight), *alpha, mi.Float(1), *aovs]

@@ -110,3 +110,13 @@ def test_pictures_of_what_is_not_there(finished):
     (finished.folder / FIELD).unlink()
     outcome = finished.gpf("render", "cornell_box")
     assert outcome.code == 2 and "gpf stage train" in outcome.text
+
+
+def test_a_scene_without_novel_views(finished):
+    views = finished.results / "views.yaml"
+    head, _, rest = views.read_text(encoding="utf-8").partition("novel:")
+    _, _, path = rest.partition("path:")
+    views.write_text(f"{head}novel: []\npath:{path}", encoding="utf-8")
+    for call in (("stage", "render", "--scene", "cornell_box"), ("render", "cornell_box")):
+        outcome = finished.gpf(*call)
+        assert outcome.code == 2 and "has no novel views" in outcome.text, outcome.text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpf.artifacts import read_json
+from gpf.artifacts import read_json, read_tensors, write_tensors
 from gpf.field_files import read_field
 from gpf.images import read_exr
 
@@ -58,3 +58,39 @@ def test_direct_light_has_to_be_told_apart(finished):
     outcome = finished.stage("train")
     assert outcome.code == 2
     assert "set both to emitters" in outcome.text
+
+
+def test_every_point_has_to_be_served_before_the_first_step(finished):
+    finished.edit("params.yaml", stream__sets=8, stream__first=4)
+    outcome = finished.stage("train")
+    assert outcome.code == 2
+    assert "sets is more than first" in outcome.text
+
+
+def test_targets_of_an_earlier_version_are_said_to_be_so(finished):
+    path = finished.results / "targets.safetensors"
+    tensors, _ = read_tensors(path, "targets", "reference")
+    del tensors["direct"]
+    write_tensors(path, "targets", tensors, {})
+    outcome = finished.stage("train")
+    assert outcome.code == 2
+    assert "has no direct" in outcome.text and "gpf stage reference" in outcome.text
+
+
+def test_photons_that_are_all_direct_light(finished):
+    path = finished.results / "photons.safetensors"
+    tensors, _ = read_tensors(path, "photons", "photons")
+    tensors["depth"][:] = 0
+    write_tensors(path, "photons", tensors, {})
+    finished.edit("params.yaml", field__direct="emitters")
+    outcome = finished.stage("train")
+    assert outcome.code == 2
+    assert "Set field.direct to field" in outcome.text
+
+
+def test_splats_without_direct_light_are_said_to_be_so(finished, tmp_path):
+    finished.edit("params.yaml", field__direct="emitters")
+    assert finished.stage("train").code == 0
+    outcome = finished.gpf("export", "cornell_box", "--ply", str(tmp_path / "a.ply"))
+    assert outcome.code == 0
+    assert "has indirect light alone" in outcome.text
