@@ -30,7 +30,7 @@ from gpf.training import Progress, Trainer  # noqa: E402
 from metrics.image import psnr  # noqa: E402
 from stages.render import FieldRenderer  # noqa: E402
 from stages.streaming import open_stream, stream_settings  # noqa: E402
-from stages.train import initial_field, load_photons, supervise, training_settings  # noqa: E402
+from stages.train import initial_field, photons_for_field, supervise, training_settings  # noqa: E402
 from stages.workspace import Workspace  # noqa: E402
 
 
@@ -75,15 +75,12 @@ def main() -> None:
 def prepare(work: Workspace) -> list[Moment]:
     """Train on a stream, and look at novel views whenever a round of steps is done.
 
-    The clock stands while they are rendered. Photons that become Gaussians are part of the time.
+    The clock stands while they are rendered.
     """
     start, checking = time.perf_counter(), 0.0
-    photons = load_photons(work)
-    spent = read_json(work.cost("photons"), "photons")["parts"]
-    before = sum(part["wall_seconds"] for part in spent.values())
-    stream = open_stream(work)
-    targets = stream.targets()
-    field = initial_field(work, photons, targets, scene_bounds(work.load_scene()))
+    stream, photons = open_stream(work)
+    targets, photons = stream.targets(), photons_for_field(work, photons)
+    field = initial_field(work, photons, targets, scene_bounds(stream.passes.scene))
     trainer = Trainer(field, supervise(work, targets), training_settings(work))
     renderer = FieldRenderer.open(work, work.params.film.height, work.params.render.spp)
     exposure, moments = work.views.exposure, []
@@ -101,7 +98,7 @@ def prepare(work: Workspace) -> list[Moment]:
             )
             for k, view in enumerate(work.views.novel)
         ]
-        seconds = before + paused - start - checking
+        seconds = paused - start - checking
         moments.append(Moment(stream.count, seconds, float(np.mean(quality))))
         checking += time.perf_counter() - paused
 

@@ -16,7 +16,13 @@ from gpf.images import read_exr
 from gpf.supervision import Targets
 from gpf.training import Trainer
 from metrics.image import psnr
-from stages.train import initial_field, load_photons, supervise, training_settings
+from stages.train import (
+    initial_field,
+    load_photons,
+    photons_for_field,
+    supervise,
+    training_settings,
+)
 from stages.workspace import Workspace
 
 CHECK_EVERY = 50
@@ -50,7 +56,7 @@ def time_training(scene_name: str) -> tuple[float, float, float]:
     targets = Targets.load(work.targets)
     section, views = work.params.train, work.views.novel
     references = {v.name: read_exr(work.reference(v.name), "reference")[0] for v in views}
-    photons = load_photons(work)
+    photons = photons_for_field(work, load_photons(work))
     integrator = mi.load_dict({"type": "gpf"})
     settings = training_settings(work)
     curve: list[tuple[float, float]] = []

@@ -40,7 +40,7 @@ AROUND = 5
 # Of the random numbers of pixels.
 STREAM = 12
 
-Samples = Callable[[mi.Sampler, mi.Vector2u], list[mi.Float]]
+Samples = Callable[["mi.Sampler", "mi.Vector2u"], "list[mi.Float]"]
 """From a seeded sampler and the pixel of each lane to the channels of each lane's sample, of which
 the first three are its radiance."""
 

@@ -43,8 +43,9 @@ def cost_lines(work: Workspace) -> Comparison:
     quality = read_json(work.metrics("gpf"), "metrics")["mean"]["psnr"]
     equal = worth_passes(quality, mean_convergence(work))
 
-    preparation = sum(seconds["photons"].values()) + sum(seconds["train"].values())
+    preparation = sum(seconds["train"].values())
     if "stream" not in seconds["train"]:
+        preparation += sum(seconds["photons"].values())
         # The field needs the targets alone. The stage also makes images of the training views, for
         # other methods and for people; they are not in this sum.
         preparation += (

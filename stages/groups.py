@@ -23,7 +23,7 @@ from gpf.photon_map import collect_photons
 from gpf.progressive import PassSettings, propose_radius
 from gpf.reference import ReferenceRenderer, fixed_points
 from gpf.seeds import pass_seed
-from gpf.structs import VisiblePoints
+from gpf.structs import Photons, VisiblePoints
 from gpf.surface_samples import sample_surface_points
 from gpf.views import View
 from stages.costs import CostMeter
@@ -59,6 +59,11 @@ class Job:
             lookout = Lookout.open(work, scene)
             settings = pass_settings(work, scene, lookout)
         return cls(work, scene, lookout, settings, costs)
+
+    def collect(self, paths: int, seed: int) -> Photons:
+        """Photons in the outlook, of so many paths."""
+        outlook, source = self.lookout.outlook, self.lookout.source
+        return collect_photons(self.scene, outlook, paths, seed, self.settings.rr_depth, source)
 
 
 @dataclass(frozen=True)
@@ -120,20 +125,25 @@ def share_of_pixels(work: Workspace, points: int) -> float:
 
 
 def target_points(
-    job: Job, views: Sequence[View], share: float, surfaces: int, seed: int
+    job: Job,
+    views: Sequence[View],
+    share: float,
+    surfaces: int,
+    seed: int,
+    photons: Photons | None = None,
 ) -> dict[str, VisiblePoints]:
-    """Fixed points of a share of the views' pixels, and at most so many samples of surfaces."""
+    """Fixed points of a share of the views' pixels, and at most so many samples of surfaces.
+
+    The surfaces are where ``photons`` lie, by default twice as many as a pass has: there is to be
+    a choice.
+    """
     work, scene, settings = job.work, job.scene, job.settings
     points = {
         v.name: fixed_points(scene, work.sensor(v), v.name, settings, seed, share) for v in views
     }
     if surfaces > 0:
-        # Twice as many photons as a pass has: there is to be a choice.
-        paths = 2 * settings.photons_per_pass
-        lookout = job.lookout
-        photons = collect_photons(
-            scene, lookout.outlook, paths, seed, settings.rr_depth, lookout.source
-        )
+        if photons is None:
+            photons = job.collect(2 * settings.photons_per_pass, seed)
         points[SURFACES] = sample_surface_points(
             photons, surfaces, settings.initial_radius, scene_bounds(scene), seed
         )

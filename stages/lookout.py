@@ -20,6 +20,8 @@ from stages.workspace import Workspace
 GUIDED_BELOW = 0.3
 LEAST_GAIN = 1.2
 
+PHOTONS_PER_GAUSSIAN = 3
+
 
 @dataclass(frozen=True)
 class Lookout:
@@ -56,8 +58,10 @@ class Lookout:
             return cls(outlook, emit_light, pilot)
         return cls(outlook, guide.emit, guided)
 
-    def paths_for_photons(self, photons: int) -> int:
-        """How many paths leave so many photons in the outlook: whole batches, 1 to 50 of them."""
+    def paths_for_gaussians(self, gaussians: int) -> int:
+        """How many paths leave enough photons in the outlook for so many to be chosen from them:
+        whole batches, 1 to 50 of them."""
+        photons = PHOTONS_PER_GAUSSIAN * gaussians
         return _batches(photons / max(self.pilot.photons_per_path, 1e-9), most=50)
 
     def paths_for_passes(self, equal_paths: int) -> int:

@@ -12,8 +12,6 @@ from stages.costs import CostMeter
 from stages.lookout import Lookout
 from stages.workspace import Workspace
 
-PHOTONS_PER_GAUSSIAN = 3
-
 
 def trace(scene_name: str) -> None:
     """Trace photons and keep those that met diffuse surfaces in the outlook."""
@@ -25,7 +23,7 @@ def trace(scene_name: str) -> None:
         lookout = Lookout.open(work, scene)
         paths = section.paths
         if paths == "auto":
-            paths = lookout.paths_for_photons(PHOTONS_PER_GAUSSIAN * work.params.field.gaussians)
+            paths = lookout.paths_for_gaussians(work.params.field.gaussians)
         photons = collect_photons(
             scene, lookout.outlook, paths, section.seed, section.rr_depth, lookout.source
         )

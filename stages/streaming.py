@@ -6,14 +6,16 @@ from dataclasses import replace
 
 from gpf.progressive import PhotonPasses
 from gpf.streaming import PhotonStream, StreamSettings
+from gpf.structs import Photons
 from gpf.supervision import SURFACE
 from stages.groups import Job, share_of_pixels, target_points
 from stages.passes import SURFACES
 from stages.workspace import Workspace
 
 
-def open_stream(work: Workspace) -> PhotonStream:
-    """Points in the training views and on the surfaces, and what the first passes bring there."""
+def open_stream(work: Workspace) -> tuple[PhotonStream, Photons]:
+    """Points in the training views and on the surfaces, what the first passes bring there, and
+    photons for Gaussians."""
     job, section = Job.open(work.scene), work.params.stream
     settings = replace(
         job.settings,
@@ -24,13 +26,16 @@ def open_stream(work: Workspace) -> PhotonStream:
     share = share_of_pixels(work, section.view_points)
     wanted = "views" if work.params.field.stores == "radiance" else work.params.train.points
     surfaces = 0 if wanted == "views" else section.surface_points
-    sets = target_points(job, [] if wanted == "surface" else views, share, surfaces, section.seed)
+    paths = job.lookout.paths_for_gaussians(work.params.field.gaussians)
+    photons = job.collect(max(paths, 2 * settings.photons_per_pass), section.seed)
+    seen = [] if wanted == "surface" else views
+    sets = target_points(job, seen, share, surfaces, section.seed, photons)
     sources = {view.name: k for k, view in enumerate(views)} | {SURFACES: SURFACE}
     points = {sources[name]: found for name, found in sets.items()}
     passes = PhotonPasses(job.scene, settings, section.seed, job.lookout.source)
     stream = PhotonStream(passes, points, section.sets)
     stream.advance(stream_settings(work).rounds()[0])
-    return stream
+    return stream, photons
 
 
 def stream_settings(work: Workspace) -> StreamSettings:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 from dvclive import Live
@@ -22,7 +23,7 @@ from gpf.initialization import (
     propose_search_radius,
 )
 from gpf.streaming import PhotonStream, train_on_stream
-from gpf.structs import Photons, SurfacePoints
+from gpf.structs import Photons, SurfacePoints, take
 from gpf.supervision import Targets
 from gpf.training import LearningRates, Progress, Trainer, TrainingSettings
 from stages.costs import CostMeter
@@ -36,13 +37,13 @@ def train_field(scene_name: str) -> None:
     work = Workspace.open(scene_name)
     section, fields = work.params.train, work.params.field
     costs, stream = CostMeter(), None
-    photons = load_photons(work)
     if section.supervision == "streaming":
         with costs.measure("stream"):
-            stream = open_stream(work)
+            stream, photons = open_stream(work)
         targets = stream.targets()
     else:
-        targets = Targets.load(work.targets)
+        photons, targets = load_photons(work), Targets.load(work.targets)
+    photons = photons_for_field(work, photons)
     with costs.measure("initialization"):
         field = initial_field(work, photons, targets, scene_bounds(work.load_scene()))
     with costs.measure("training"):
@@ -157,25 +158,8 @@ def training_settings(work: Workspace) -> TrainingSettings:
 
 
 def load_photons(work: Workspace) -> Photons:
-    """The photons of the stage `photons` that Gaussians may be made of."""
+    """The photons that the stage `photons` kept."""
     tensors, _ = read_tensors(work.photons, "photons", "photons")
-    fields = work.params.field
-    if fields.direct == "emitters":
-        indirect = tensors["depth"] > 0
-        tensors = {name: value[indirect] for name, value in tensors.items()}
-        count = len(tensors["depth"])
-        if count == 0:
-            raise UserError(
-                str(work.photons),
-                "has direct light alone, which field.direct: emitters leaves to the emitters",
-                "Set field.direct to field.",
-            )
-        if count < fields.gaussians:
-            console.print(
-                f"{work.scene}: {count} of the photons are not direct light; the field has as many "
-                f"Gaussians, not {fields.gaussians}. photons.paths brings more",
-                highlight=False,
-            )
 
     def columns(name: str) -> np.ndarray:
         return np.ascontiguousarray(tensors[name].T)
@@ -186,6 +170,28 @@ def load_photons(work: Workspace) -> Photons:
         power=mi.Color3f(columns("power")),
         depth=mi.UInt32(tensors["depth"]),
     )
+
+
+def photons_for_field(work: Workspace, photons: Photons) -> Photons:
+    """Those of the light that the field is to have."""
+    section = work.params.field
+    if section.direct == "field":
+        return photons
+    indirect = dr.compress(photons.depth > 0)
+    count = dr.width(indirect)
+    if count == 0:
+        raise UserError(
+            f"scene {work.scene!r}",
+            "its photons are direct light alone, which field.direct: emitters leaves to emitters",
+            "Set field.direct to field.",
+        )
+    if count < section.gaussians:
+        console.print(
+            f"{work.scene}: {count} of the photons are not direct light; the field has as many "
+            f"Gaussians, not {section.gaussians}. More photons.paths bring more",
+            highlight=False,
+        )
+    return take(photons, indirect)
 
 
 def initial_field(

@@ -34,7 +34,7 @@ def lookout(efficiency: float, photons_per_path: float) -> Lookout:
 def test_automatic_numbers_of_paths(efficiency, photons_per_path, for_passes, for_photons):
     looking = lookout(efficiency, photons_per_path)
     assert looking.paths_for_passes(50_000) == for_passes
-    assert looking.paths_for_photons(300_000) == for_photons
+    assert looking.paths_for_gaussians(100_000) == for_photons
 
 
 def test_a_cap_that_bites_is_said(capsys):
