@@ -28,9 +28,8 @@ def draw_scene(scene: str, views: int = 2) -> None:
     work = Workspace.open(scene)
     exposure = work.views.exposure
     names = [view.name for view in work.views.novel][:views]
-    figure, rows = plt.subplots(
-        views, 4, figsize=(8.8, 2.35 * views), layout="constrained", squeeze=False
-    )
+    size = 8.8, (2.15 / work.views.aspect + 0.2) * views
+    figure, rows = plt.subplots(views, 4, figsize=size, layout="constrained", squeeze=False)
     for row, name in zip(rows, names, strict=True):
         reference = read_exr(work.reference(name), "reference")[0]["radiance"]
         few = read_exr(work.ceiling(name), "reference")[0]["sppm_3"]
