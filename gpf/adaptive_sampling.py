@@ -149,7 +149,7 @@ def pixel_noise(mean: np.ndarray, square: np.ndarray, shape: tuple[int, int]) ->
     root of what is dim, and nothing of what is far brighter than the rest.
     """
     level = mean.mean(axis=1)
-    level = np.where(np.isfinite(level), level, 0)
+    level = np.where(np.isfinite(level), np.maximum(level, 0), 0)
     lit = level[level > 0]
     median = float(np.median(lit)) if len(lit) else 1.0
     variance = np.maximum(square - (mean**2).mean(axis=1), 0)

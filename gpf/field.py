@@ -232,6 +232,8 @@ class GaussianPhotonField:
     def radiance(self, points: VisiblePoints) -> tuple[mi.Color3f, mi.Float]:
         """L at visible points, (N, 3), and the reach of the answer (see :meth:`query`), (N,)."""
         value, reach = self.query(points.p, points.n, points.valid)
+        # Training may take a Gaussian next to a dark one a little below zero.
+        value = dr.maximum(value, 0)
         if self.settings.stores == "irradiance":
             return points.radiance(value), reach
         reflected = dr.select(points.valid, points.throughput * value, 0)

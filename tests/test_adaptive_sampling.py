@@ -162,3 +162,11 @@ def test_large_images_take_several_launches(monkeypatch):
     assert max(widths) <= 1000 and len(widths) > 20
     y, x = np.indices((HEIGHT, WIDTH))
     np.testing.assert_allclose(image[..., 1:], np.stack([x, y], axis=-1), rtol=1e-6)
+
+
+def test_radiance_below_zero_is_no_obstacle():
+    mean = np.full((60, 3), -0.01)
+    mean[:30] = 1
+    noise = pixel_noise(mean, 1.5 * (mean**2).mean(axis=1), (6, 10))
+    assert np.isfinite(noise).all()
+    assert (allocate(noise, 3) >= 0).all()
