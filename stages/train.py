@@ -43,11 +43,15 @@ def train_field(scene_name: str) -> None:
         targets = stream.targets()
     else:
         photons, targets = load_photons(work), Targets.load(work.targets)
-    photons = photons_for_field(work, photons)
+    photons, points = photons_for_field(work, photons), supervise(work, targets)
     with costs.measure("initialization"):
         field = initial_field(work, photons, targets, scene_bounds(work.load_scene()))
     with costs.measure("training"):
-        trainer = Trainer(field, supervise(work, targets), training_settings(work))
+        trainer = Trainer(field, points, training_settings(work))
+    if stream is None:
+        spent = trainer.restore(work.checkpoint("train"), _fingerprint(work))
+        if spent:
+            costs.parts["training"] = spent
     with Live(str(work.folder / "training"), save_dvc_exp=False, dvcyaml=None, report=None) as live:
 
         def report(progress: Progress) -> None:
@@ -56,6 +60,9 @@ def train_field(scene_name: str) -> None:
             live.log_metric("held_out_error", progress.held_out_error)
             live.next_step()
 
+        # The curve of an interrupted run is in its checkpoint.
+        for progress in trainer.history:
+            report(progress)
         if stream is None:
             _train_on_references(work, trainer, costs, report)
         else:
@@ -86,23 +93,21 @@ def _params(work: Workspace) -> dict[str, Any]:
     return {name: getattr(work.params, name).model_dump() for name in names}
 
 
-def _train_on_references(
-    work: Workspace, trainer: Trainer, costs: CostMeter, report: Callable[[Progress], None]
-) -> None:
-    """All steps, on targets that do not change; goes on where a run before was stopped."""
-    section = work.params.train
-    fingerprint = {
+def _fingerprint(work: Workspace) -> dict[str, Any]:
+    """What a checkpoint belongs to."""
+    return {
         "targets": work.digest(work.targets),
         "photons": work.digest(work.photons),
         "params": _params(work),
     }
-    checkpoint = work.checkpoint("train")
-    spent = trainer.restore(checkpoint, fingerprint)
-    if spent:
-        costs.parts["training"] = spent
-    # The curve of an interrupted run is in its checkpoint.
-    for progress in trainer.history:
-        report(progress)
+
+
+def _train_on_references(
+    work: Workspace, trainer: Trainer, costs: CostMeter, report: Callable[[Progress], None]
+) -> None:
+    """All steps that are left, on targets that do not change."""
+    section = work.params.train
+    checkpoint, fingerprint = work.checkpoint("train"), _fingerprint(work)
     saved = time.monotonic()
     with progress_bar(f"{work.scene}: training", section.steps) as advance:
 
