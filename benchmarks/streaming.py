@@ -48,7 +48,7 @@ def main() -> None:
     console = Console(width=120)
     for name in sys.argv[1:]:
         work = Workspace.open(name)
-        taught = read_field(work.field).record["params"]["train"]["supervision"]
+        taught = read_field(work.field).record["params"]["train"].get("supervision", "reference")
         if taught != "reference":
             raise UserError(str(work.field), "learned from a stream", "Train on the references.")
         moments = [prepare(work) for _ in range(2)][-1]
