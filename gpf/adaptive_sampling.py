@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -60,13 +61,13 @@ def sample_adaptively(
     order = tile_order(width, height)
     sampler = sampler.fork()
     in_set = _choose_set(sampler, spp)
-    sums, squares = _sample_sets(sample, sampler, order, size, in_set, pass_seed(seed, 0, STREAM))
+    taker = _SetTaker(sample, sampler, size, in_set)
+    sums, squares = taker.take(order, pass_seed(seed, 0, STREAM))
     noise = pixel_noise(sums[:, :3] / in_set, squares / in_set, (height, width))
     sets = allocate(noise, max(spp // in_set - 1, 0))
     again = np.repeat(order, sets[order])
     if len(again):
-        seed = pass_seed(seed, 1, STREAM)
-        sums += _sample_sets(sample, sampler, again, size, in_set, seed)[0]
+        sums += taker.take(again, pass_seed(seed, 1, STREAM))[0]
     means = sums / (in_set * (1 + sets))[:, None]
     return mi.TensorXf(means.astype(np.float32).reshape(height, width, -1))
 
@@ -88,56 +89,48 @@ def tile_order(width: int, height: int) -> np.ndarray:
     return np.lexsort((x % TILE, y % TILE, x // TILE, y // TILE))
 
 
-def _sample_sets(
-    sample: Samples,
-    sampler: mi.Sampler,
-    pixels: np.ndarray,
-    size: tuple[int, int],
-    in_set: int,
-    seed: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Take a set of samples in each of some pixels, which may come more than once.
+@dataclass(frozen=True)
+class _SetTaker:
+    """Takes sets of ``in_set`` samples in pixels of an image of a width and height, ``size``."""
 
-    Returns sums over the samples of all pixels, (N, C), and of their squared radiance, (N,).
-    """
-    total: Any = 0
-    step = max(LARGEST_LAUNCH // in_set, 1)
-    for number, start in enumerate(range(0, len(pixels), step)):
-        part = pixels[start : start + step]
-        total = total + _sample_part(
-            sample, sampler, part, size, in_set, pass_seed(seed, number, STREAM)
-        )
-    return total[:, :-1], total[:, -1]
+    sample: Samples
+    sampler: mi.Sampler
+    size: tuple[int, int]
+    in_set: int
 
+    def take(self, pixels: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        """A set in each of some pixels, which may come more than once.
 
-def _sample_part(
-    sample: Samples,
-    sampler: mi.Sampler,
-    pixels: np.ndarray,
-    size: tuple[int, int],
-    in_set: int,
-    seed: int,
-) -> np.ndarray:
-    """What fits into one launch; the sum of the squared radiance is the last column, (N, C + 1)."""
-    lanes = len(pixels) * in_set
-    sampler = sampler.fork()
-    sampler.set_sample_count(in_set)
-    sampler.set_samples_per_wavefront(in_set)
-    sampler.seed(seed, lanes)
-    place = dr.arange(mi.UInt32, lanes) // dr.opaque(mi.UInt32, in_set)
-    number = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), place)
-    width = dr.opaque(mi.UInt32, size[0])
-    row = number // width
-    channels = sample(sampler, mi.Vector2u(number - row * width, row))
-    square = sum((c * c for c in channels[:3]), mi.Float(0)) / 3
-    each = dr.zeros(mi.Float, lanes)  # a channel may be the same for all lanes
-    values = [value + each for value in (*channels, square)]
-    dr.eval(values)  # each sum is a kernel of its own, and would trace them anew
-    sums = [
-        np.bincount(pixels, dr.block_sum(value, in_set).numpy(), size[0] * size[1])
-        for value in values
-    ]
-    return np.stack(sums, axis=1)
+        Returns sums over the samples of all pixels, (N, C), and of their squared radiance, (N,).
+        """
+        total: Any = 0
+        step = max(LARGEST_LAUNCH // self.in_set, 1)
+        for number, start in enumerate(range(0, len(pixels), step)):
+            part = pixels[start : start + step]
+            total = total + self._launch(part, pass_seed(seed, number, STREAM))
+        return total[:, :-1], total[:, -1]
+
+    def _launch(self, pixels: np.ndarray, seed: int) -> np.ndarray:
+        """What fits into one launch; the sum of the squared radiance is the last column."""
+        lanes = len(pixels) * self.in_set
+        sampler = self.sampler.fork()
+        sampler.set_sample_count(self.in_set)
+        sampler.set_samples_per_wavefront(self.in_set)
+        sampler.seed(seed, lanes)
+        place = dr.arange(mi.UInt32, lanes) // dr.opaque(mi.UInt32, self.in_set)
+        number = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), place)
+        width = dr.opaque(mi.UInt32, self.size[0])
+        row = number // width
+        channels = self.sample(sampler, mi.Vector2u(number - row * width, row))
+        square = sum((c * c for c in channels[:3]), mi.Float(0)) / 3
+        each = dr.zeros(mi.Float, lanes)  # a channel may be the same for all lanes
+        values = [value + each for value in (*channels, square)]
+        dr.eval(values)  # each sum is a kernel of its own, and would trace them anew
+        count = self.size[0] * self.size[1]
+        sums = [
+            np.bincount(pixels, dr.block_sum(value, self.in_set).numpy(), count) for value in values
+        ]
+        return np.stack(sums, axis=1)
 
 
 def pixel_noise(mean: np.ndarray, square: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

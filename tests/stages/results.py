@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from gpf.artifacts import read_tensors
@@ -25,3 +26,14 @@ def assert_whole(folder: Path) -> None:
             name = path.parent.name if path.parent.name == "checkpoints" else path.stem
             kind = {"checkpoints": "checkpoint"}.get(name, name)
             read_tensors(path, "passes" if path.stem[0].isdigit() else kind, "any")
+
+
+def assert_refused(project, stage: str, words: str, scene: str = "cornell_box") -> None:
+    """The stage ends with the words and code 2, and nothing below results/ is touched."""
+    before = project.snapshot()
+    outcome = project.stage(stage, scene)
+    assert re.search(words, outcome.text), outcome.text
+    assert outcome.code == 2
+    assert outcome.text.count("error:") == 1
+    assert "Traceback" not in outcome.text
+    assert project.snapshot() == before
