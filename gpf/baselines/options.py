@@ -1,0 +1,135 @@
+"""What params.yaml may say of each system, one model per system.
+
+A row of the section ``baselines`` is named as the method is in tables and has a ``system``, which
+tells the model that its other keys have to fit.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Count = Annotated[int, Field(ge=1)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class _Options(BaseModel):
+    """Common to all systems.
+
+    ``scenes``: the scenes that the method is run for; empty for all of params.yaml.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    scenes: tuple[str, ...] = ()
+
+    @property
+    def training_views(self) -> int:
+        """How many training views with references the system is given."""
+        return 0
+
+
+class _Learned(_Options):
+    """A system that knows a scene from pictures alone."""
+
+    views: Count = 3
+
+    @property
+    def training_views(self) -> int:
+        """How many training views with references the system is given."""
+        return self.views
+
+
+class PathTracerOptions(_Options):
+    """Mitsuba's ``path``."""
+
+    system: Literal["path_tracer"]
+    spp: Count = 50
+
+
+class ParticleTracerOptions(_Options):
+    """Mitsuba's ``ptracer``."""
+
+    system: Literal["particle_tracer"]
+    spp: Count = 64
+
+
+class SppmOptions(_Options):
+    """Photon mapping with few passes (:mod:`gpf.progressive`)."""
+
+    system: Literal["sppm"]
+    passes: Count = 3
+    photons_per_pass: Count = 100_000
+
+
+class DenoisedOptions(_Options):
+    """Mitsuba's ``path``, denoised.
+
+    ``spp: equal_time`` takes as many samples as fit into the time of a view from the field.
+    """
+
+    system: Literal["denoised"]
+    spp: Count | Literal["equal_time"] = 50
+
+
+class EmGmmOptions(_Options):
+    """Progressive expectation maximisation for photons (Jakob, Regg and Jarosz 2011)."""
+
+    system: Literal["em_gmm"]
+    components: Count = 4096
+    paths: Count = 100_000
+
+
+class InstantNgpOptions(_Learned):
+    """Hash grids and small networks, fitted to pictures (Müller and others 2022)."""
+
+    system: Literal["instant_ngp"]
+    steps: Count = 2000
+
+
+class SplattingOptions(_Learned):
+    """3D Gaussian splatting (Kerbl and others 2023)."""
+
+    system: Literal["splatting"]
+    steps: Count = 2000
+    gaussians: Count = 20_000
+
+
+class RadianceCacheOptions(_Options):
+    """A hash grid and a small network in place of the Gaussians."""
+
+    system: Literal["radiance_cache"]
+    steps: Count = 500
+    batch: Count = 32_768
+    spp: Count = 64
+
+
+class RenderFormerOptions(_Options):
+    """RenderFormer (Zeng and others 2025)."""
+
+    system: Literal["renderformer"]
+    triangles: Count = 4096
+    weights: str = "microsoft/renderformer-v1.1-swin-large"
+
+
+class AnySplatOptions(_Learned):
+    """AnySplat (Jiang and others 2025)."""
+
+    system: Literal["anysplat"]
+    weights: str = "lhjiang/anysplat"
+
+
+BaselineOptions = Annotated[
+    PathTracerOptions
+    | ParticleTracerOptions
+    | SppmOptions
+    | DenoisedOptions
+    | EmGmmOptions
+    | InstantNgpOptions
+    | SplattingOptions
+    | RadianceCacheOptions
+    | RenderFormerOptions
+    | AnySplatOptions,
+    Field(discriminator="system"),
+]
