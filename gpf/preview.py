@@ -13,8 +13,9 @@ from gpf.artifacts import write_atomically
 from gpf.images import tone_map
 from gpf.progressive import PassSettings, propose_radius
 from gpf.reference import ReferenceRenderer
+from gpf.sensors import make_sensor
 from gpf.view_checks import ViewReport, report_views
-from gpf.views import SceneViews, View, make_sensor
+from gpf.views import SceneViews, View
 
 _DEPTH = 16
 _COLUMNS = 4

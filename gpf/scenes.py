@@ -25,7 +25,6 @@ from gpf.errors import UserError
 from gpf.materials import inseparable_materials
 from gpf.scene_xml import read_scene_xml
 from gpf.views import SceneViews, read_views
-from gpf.views import make_sensor as make_sensor
 from gpf.yaml_files import suggest
 
 if TYPE_CHECKING:
@@ -97,7 +96,7 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
     """Load a Mitsuba scene file and check that photon mapping can do something with it.
 
     ``width`` and ``height`` become the file's parameters ``resx`` and ``resy`` where it uses
-    them; the sensors that :func:`make_sensor` makes do not depend on them.
+    them; the sensors that :func:`gpf.sensors.make_sensor` makes do not depend on them.
 
     Loaded with ``optimize=False``. The optimisation merges shapes that share a material: their ids
     are lost and merged rectangles report a wrong bounding box, and it gains nothing measurable

@@ -12,8 +12,9 @@ from scipy.spatial import cKDTree
 
 from gpf.film import sample_film
 from gpf.progressive import PassSettings, PhotonPasses
+from gpf.sensors import make_sensor
 from gpf.structs import VisiblePoints, concatenate, to_numpy
-from gpf.views import View, make_sensor
+from gpf.views import View
 
 # A view has to end on diffuse surfaces with at least this share of its pixels.
 LEAST_DIFFUSE = 0.5

@@ -1,4 +1,4 @@
-"""The views of a scene: cameras as a ``views.yaml`` describes them, and the sensors they make.
+"""The views of a scene: cameras as a ``views.yaml`` describes them.
 
 The format, with every key::
 
@@ -9,6 +9,7 @@ The format, with every key::
       train:                 # what a field is fitted to: at least one
         - {name: front, origin: [0, 0, 3.9], target: [0, 0, 0], up: [0, 1, 0], fov: 39.3}
       novel: []              # what it is judged by: views that no training saw
+      more: []               # for systems that learn from pictures: more than the field's three
     path:                    # optional: a camera path, through keyframes
       frames: 24
       closed: true           # the last keyframe leads back to the first
@@ -21,7 +22,7 @@ Lengths are scene units, ``fov`` is in degrees, ``up`` defaults to +y. Other key
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -29,9 +30,6 @@ from pydantic_core import PydanticCustomError
 
 from gpf.errors import UserError
 from gpf.yaml_files import read_yaml, suggest
-
-if TYPE_CHECKING:
-    import mitsuba as mi
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -89,14 +87,16 @@ class CameraPath(_Model):
 
 
 class ViewSets(_Model):
-    """The views that a field is fitted to, and those that it is judged by."""
+    """The views that a field is fitted to, those that it is judged by, and further ones to train
+    systems with that need more."""
 
     train: tuple[View, ...] = ()
     novel: tuple[View, ...] = ()
+    more: tuple[View, ...] = ()
 
     @model_validator(mode="after")
     def _check_names(self) -> ViewSets:
-        names = [view.name for view in (*self.train, *self.novel)]
+        names = [view.name for view in (*self.train, *self.novel, *self.more)]
         for name in names:
             if names.count(name) > 1:
                 raise PydanticCustomError(
@@ -126,9 +126,15 @@ class SceneViews(_Model):
         """The views that no training sees."""
         return tuple(self._with_axis(view) for view in self.views.novel)
 
+    @property
+    def more(self) -> tuple[View, ...]:
+        """Further views to train with."""
+        return tuple(self._with_axis(view) for view in self.views.more)
+
     def find(self, name: str) -> View:
-        """The training or novel view, or the frame, of this name."""
-        known = {view.name: view for view in (*self.train, *self.novel, *self.frames())}
+        """The view or the frame of this name."""
+        named = (*self.train, *self.novel, *self.more, *self.frames())
+        known = {view.name: view for view in named}
         if name not in known:
             raise UserError(
                 f"view {name!r}", "does not exist", suggest(name, list(known), "The views are")
@@ -200,36 +206,3 @@ def read_views(file: Path, need_training: bool = True) -> SceneViews:
             str(file), "has no training views", "List at least one view under views: train."
         )
     return found
-
-
-def make_sensor(
-    view: View, width: int, height: int, spp: int = 16, sampler: str = "independent"
-) -> mi.Sensor:
-    """A Mitsuba perspective sensor for a view: RGB float32 film, box filter.
-
-    The box filter makes a pixel the plain mean of its own samples, for every method alike.
-    """
-    import mitsuba as mi
-
-    look_at = mi.ScalarTransform4f().look_at(
-        origin=list(view.origin), target=list(view.target), up=list(view.up)
-    )
-    return mi.load_dict(
-        {
-            "type": "perspective",
-            "fov": view.fov,
-            "fov_axis": view.fov_axis,
-            "near_clip": 1e-3,
-            "far_clip": 1e5,
-            "to_world": look_at,
-            "sampler": {"type": sampler, "sample_count": spp},
-            "film": {
-                "type": "hdrfilm",
-                "width": width,
-                "height": height,
-                "pixel_format": "rgb",
-                "component_format": "float32",
-                "rfilter": {"type": "box"},
-            },
-        }
-    )

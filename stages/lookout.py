@@ -11,7 +11,7 @@ from gpf.outlook import Outlook
 from gpf.photon_map import BATCH
 from gpf.pilot import Pilot, trace_pilot
 from gpf.seeds import pass_seed
-from gpf.views import make_sensor
+from gpf.sensors import make_sensor
 from stages.progress import console
 from stages.workspace import Workspace
 

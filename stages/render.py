@@ -13,7 +13,8 @@ from gpf.adaptive_sampling import LEAST_SPP
 from gpf.errors import UserError
 from gpf.field_files import load_field
 from gpf.images import check_finite, write_exr, write_png
-from gpf.views import View, make_sensor
+from gpf.sensors import make_sensor
+from gpf.views import View
 from stages.costs import CostMeter
 from stages.progress import console, progress_bar
 from stages.workspace import Workspace

@@ -12,7 +12,8 @@ from gpf.config import Params, read_params
 from gpf.errors import UserError
 from gpf.runtime import choose_variant
 from gpf.scenes import load_scene_file, scene_folder
-from gpf.views import SceneViews, View, make_sensor, read_views
+from gpf.sensors import make_sensor
+from gpf.views import SceneViews, View, read_views
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ from gpf.photon_map import BATCH, collect_photons
 from gpf.photon_tracing import record_photons
 from gpf.pilot import trace_pilot
 from gpf.progressive import PassSettings, PhotonPasses
+from gpf.sensors import make_sensor
 from gpf.structs import VisiblePoints, to_numpy
-from gpf.views import View, make_sensor
+from gpf.views import View
 
 T = mi.ScalarTransform4f
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from gpf.errors import UserError
-from gpf.views import interpolate, make_sensor, read_views
+from gpf.sensors import make_sensor
+from gpf.views import interpolate, read_views
 
 GOOD = """\
 exposure: 2.5

@@ -21,8 +21,9 @@ from scipy.stats import qmc
 from gpf.errors import UserError
 from gpf.progressive import PassSettings, propose_radius
 from gpf.reference import ReferenceRenderer
+from gpf.sensors import make_sensor
 from gpf.view_checks import COVERED_WITHIN, ViewReport, covered, report_views, spacing
-from gpf.views import CameraPath, Keyframe, SceneViews, View, ViewSets, make_sensor
+from gpf.views import CameraPath, Keyframe, SceneViews, View, ViewSets
 
 TRAINING, NOVEL, FRAMES = 3, 5, 24
 LEAST_NOVEL = 4

@@ -1,4 +1,4 @@
-"""Mitsuba's sensors -> views: the inverse of :func:`gpf.views.make_sensor`."""
+"""Mitsuba's sensors -> views: the inverse of :func:`gpf.sensors.make_sensor`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.views import View, make_sensor
+from gpf.sensors import make_sensor
+from gpf.views import View
 
 CAMERAS = ("PerspectiveCamera", "ThinLensCamera")
 """Classes of the sensors that a view can stand for."""

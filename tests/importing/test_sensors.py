@@ -11,7 +11,7 @@ from gpf.importing.sensors import (
     scene_cameras,
     views_of_sensors,
 )
-from gpf.views import make_sensor
+from gpf.sensors import make_sensor
 
 T = mi.ScalarTransform4f
 

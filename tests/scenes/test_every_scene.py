@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gpf import scenes
+from gpf.sensors import make_sensor
 from gpf.view_checks import covered, report_views, spacing
 
 PROJECT = Path(__file__).parents[2]
@@ -31,7 +32,7 @@ def test_the_benchmark_is_complete():
 
 def test_it_renders_finite_radiance(loaded):
     scene, views, name = loaded
-    image = np.array(mi.render(scene, sensor=scenes.make_sensor(views.train[0], 8, 6), spp=64))
+    image = np.array(mi.render(scene, sensor=make_sensor(views.train[0], 8, 6), spp=64))
     assert image.shape == (6, 8, 3)
     assert np.isfinite(image).all()
     # Above the water of the caustics even a path tracer sees light, if seldom.
@@ -75,7 +76,7 @@ def test_it_is_rebuilt_bit_for_bit(name, root, tmp_path):
 
 def test_the_first_training_view_is_the_scenes_own_sensor(loaded):
     scene, views, _ = loaded
-    made = scenes.make_sensor(views.train[0], 8, 6)
+    made = make_sensor(views.train[0], 8, 6)
     corner = mi.Point2f(0.1, 0.8)
     own, ours = (
         s.sample_ray(0.0, 0.0, corner, mi.Point2f(0.5))[0] for s in (scene.sensors()[0], made)

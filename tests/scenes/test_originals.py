@@ -11,7 +11,7 @@ from gpf import scenes
 from gpf.importing.sensors import views_of_sensors
 from gpf.progressive import PassSettings
 from gpf.reference import ReferenceRenderer
-from gpf.views import make_sensor
+from gpf.sensors import make_sensor
 
 ORIGINALS = Path(__file__).parents[3] / "shared/scenes"
 BLOCKS = 8

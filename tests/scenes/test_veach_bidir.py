@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gpf import scenes
+from gpf.sensors import make_sensor
 
 SCENES = Path(__file__).parents[2] / "scenes"
 
@@ -126,7 +127,7 @@ def test_first_view_is_the_camera_of_the_original(scene):
     view = scenes.load_views("veach_bidir", SCENES).train[0]
     ours, own = (
         np.array(mi.traverse(sensor)["to_world"].matrix).reshape(4, 4)
-        for sensor in (scenes.make_sensor(view, 8, 6), scene.sensors()[0])
+        for sensor in (make_sensor(view, 8, 6), scene.sensors()[0])
     )
     assert ours == pytest.approx(own, abs=1e-5)
     assert own[:3, 2] == pytest.approx([-0.99998, -0.00467, -0.00502], abs=1e-4)
