@@ -12,7 +12,8 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
 
-from gpf.yaml_files import read_yaml
+from gpf.baselines.options import BaselineOptions
+from gpf.yaml_files import read_yaml, suggest
 
 Count = Annotated[int, Field(ge=1)]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
@@ -94,6 +95,7 @@ class Reference(_Section):
     view_points: Count = 200_000
     surface_points: Annotated[int, Field(ge=0)] = 300_000
     training_images: Annotated[int, Field(ge=0)] = 3
+    more_images: Annotated[int, Field(ge=0)] = 0
     seed: Seed = 1
     checkpoint_seconds: Positive = 30.0
     preview_seconds: Annotated[float, Field(ge=0)] = 10.0
@@ -187,6 +189,26 @@ class Render(_Section):
     seed: Seed = 4
 
 
+MethodName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_]*$")]
+
+# What the pipeline renders itself, by the names that it has in tables.
+OWN_METHODS = ("gpf", "ceiling")
+
+
+class Methods(_Section):
+    """Which rows of ``baselines`` the pipeline runs, by what they wait for: the scene, the time
+    of a view from the field, or references of training views."""
+
+    classical: tuple[MethodName, ...] = ()
+    equal_time: tuple[MethodName, ...] = ()
+    learned: tuple[MethodName, ...] = ()
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """All of them, in the order that tables have."""
+        return (*self.classical, *self.equal_time, *self.learned)
+
+
 class Metrics(_Section):
     """What images are compared by (:mod:`metrics.image`)."""
 
@@ -214,8 +236,28 @@ class Params(_Section):
     train: Train = Train()
     stream: Stream = Stream()
     render: Render = Render()
+    methods: Methods = Methods()
+    baselines: dict[MethodName, BaselineOptions] = Field(default_factory=dict)
     metrics: Metrics = Metrics()
     amortize: Amortize = Amortize()
+
+    @model_validator(mode="after")
+    def _methods_are_known(self) -> Self:
+        known, listed = list(self.baselines), self.methods.all
+        for name in (*known, *listed):
+            if name in OWN_METHODS:
+                raise PydanticCustomError(
+                    "method", f"{name} is what the pipeline itself renders: call the row otherwise"
+                )
+        for name in listed:
+            if name not in known:
+                hint = suggest(name, known, "The rows of baselines are")
+                raise PydanticCustomError(
+                    "method", f"methods has {name}, which baselines does not have. {hint}"
+                )
+            if listed.count(name) > 1:
+                raise PydanticCustomError("method", f"methods has {name} more than once")
+        return self
 
     @model_validator(mode="after")
     def _targets_tell_direct_light_apart(self) -> Self:

@@ -77,14 +77,14 @@ def render_previews(
 def choose_views(views: SceneViews, whole: bool = False) -> list[tuple[View, str]]:
     """The views of a contact sheet, each with what it is for.
 
-    Those are, unless ``whole``, at most 8 training views, spread over all, the novel views, and
-    three frames of the path.
+    Those are, unless ``whole``, at most 8 training views, spread over all, further ones, the novel
+    views, and three frames of the path.
     """
     train, frames = views.train, views.frames()
     if not whole:
         train = train[:: -(-len(train) // 8)]
         frames = frames[:: max(1, len(frames) // 3)]
-    kinds = {"train": train, "novel": views.novel, "path": frames}
+    kinds = {"train": train, "more": views.more, "novel": views.novel, "path": frames}
     return [(view, use) for use, members in kinds.items() for view in members]
 
 

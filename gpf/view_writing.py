@@ -19,6 +19,8 @@ def write_views(file: Path, views: SceneViews, comment: str = "") -> None:
     lines += [f"fov_axis: {views.fov_axis}", "views:"]
     axis = views.fov_axis
     lines += [*_list("train", views.views.train, axis), *_list("novel", views.views.novel, axis)]
+    if views.views.more:
+        lines += _list("more", views.views.more, axis)
     if views.path is not None:
         lines += _path(views.path)
     write_text(file, "\n".join(lines) + "\n")

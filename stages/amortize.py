@@ -66,7 +66,7 @@ def cost_lines(work: Workspace) -> Comparison:
 
 def mean_convergence(work: Workspace) -> dict[int, float]:
     """PSNR of SPPM against the reference by number of passes, mean over novel views."""
-    rows = read_json(work.metrics("convergence"), "metrics")
+    rows = read_json(work.convergence, "metrics")
     return {int(row["passes"]): float(row["psnr"]) for row in rows}
 
 

@@ -28,6 +28,7 @@ STAGES = {
     "photons": ("stages.photons", "trace"),
     "train": ("stages.train", "train_field"),
     "render": ("stages.render", "render_views"),
+    "baseline": ("stages.baseline", "run_baselines"),
     "metrics": ("stages.metrics", "compare_images"),
     "amortize": ("stages.amortize", "amortize"),
 }
@@ -42,12 +43,27 @@ def stage(
         str | None,
         typer.Option(metavar="FIRST:LAST", help="Of `reference`: these passes alone, as a slice."),
     ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Of `baseline`: this row of params.yaml alone."),
+    ] = None,
+    go_on: Annotated[
+        bool,
+        typer.Option("--go-on", help="Of `baseline`: a system that cannot serve is no error."),
+    ] = False,
 ) -> None:
     """Run one stage of the pipeline for one scene, from what the stages before it left."""
-    if passes is not None and name.value != "reference":
-        raise UserError(f"--passes {passes}", f"is not for {name.value}", "Leave it out.")
+    given = {
+        "passes": ("reference", passes),
+        "method": ("baseline", method),
+        "go_on": ("baseline", go_on or None),
+    }
+    options = {option: value for option, (_, value) in given.items() if value is not None}
+    for option in options:
+        if name.value != given[option][0]:
+            flag = "--go-on" if option == "go_on" else f"--{option} {options[option]}"
+            raise UserError(flag, f"is not for {name.value}", "Leave it out.")
     module, function = STAGES[name.value]
-    options = {} if passes is None else {"passes": passes}
     try:
         getattr(importlib.import_module(module), function)(scene, **options)
     except BaseException as error:  # here and not in main: typer would not let it through

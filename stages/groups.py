@@ -1,8 +1,8 @@
-"""The three groups of a scene's references: what each renders, and with what seeds.
+"""The groups of a scene's references: what each renders, and with what seeds.
 
 Training views (their fixed visible points and samples of the scene's surfaces become targets),
-novel views (the judges), and novel views once more (the ceiling: how well does SPPM agree with
-itself). Within a group the views share their photons; between groups nothing is shared, or noise
+novel views (the judges), novel views once more (the ceiling: how well does SPPM agree with
+itself), and more training views for systems that learn from pictures. Within a group the views share their photons; between groups nothing is shared, or noise
 that the field learned would count as quality.
 """
 
@@ -32,7 +32,7 @@ from stages.passes import SURFACES, LongSum
 from stages.reference_records import group_record
 from stages.workspace import Workspace
 
-GROUPS = ("train", "novel", "ceiling")
+GROUPS = ("train", "novel", "ceiling", "more")
 
 # With `photons_per_pass: auto`, a pass is as good as so many paths that bring equal power.
 EQUAL_PATHS = 50_000
@@ -79,7 +79,7 @@ def open_group(job: Job, request: GroupRequest) -> LongSum:
     """The passes of a group: what renders them, and the parts that are done."""
     work, group = job.work, request.group
     record, seed = record_of(job, group), _group_seed(job, group)
-    views = [v for v in (*work.views.train, *work.views.novel) if v.name in request.views]
+    views = [view for view in views_of(work, group) if view.name in request.views]
     points = {}
     if group == "train":
         job.costs.parts.pop("points", None)
@@ -101,11 +101,17 @@ def open_group(job: Job, request: GroupRequest) -> LongSum:
     return LongSum(work, group, renderer, parts, job.costs)
 
 
+def views_of(work: Workspace, group: str) -> tuple[View, ...]:
+    """The views of a group."""
+    if group == "more":
+        return work.views.more[: work.params.reference.more_images]
+    return work.views.train if group == "train" else work.views.novel
+
+
 def record_of(job: Job, group: str) -> dict[str, Any]:
     """What all views of a group have in common."""
     work, section = job.work, job.work.params.reference
-    views = work.views.train if group == "train" else work.views.novel
-    share, imaged = 1.0, [view.name for view in views]
+    share, imaged = 1.0, [view.name for view in views_of(work, group)]
     if group == "train":
         share, imaged = (
             share_of_pixels(work, section.view_points),

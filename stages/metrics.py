@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from gpf.artifacts import write_json, write_text
+from gpf.artifacts import read_json, write_json, write_text
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr
 from metrics.image import compare, flip_exposures, psnr
@@ -21,44 +23,39 @@ NUMBERS = ("psnr", "ssim", "lpips", "flip", "flip_hdr", "relmse")
 
 
 def compare_images(scene_name: str) -> None:
-    """Compare the field and SPPM at several pass counts with the references."""
+    """Compare the field, SPPM at several pass counts, and all baselines with the references."""
     work = Workspace.open(scene_name)
     exposure = work.views.exposure
     epsilon = work.params.metrics.relmse_epsilon
     names = [view.name for view in work.views.novel]
-    references, cameras = {}, {}
-    for name in names:
-        layers, record = read_exr(work.reference(name), "reference")
-        references[name], cameras[name] = layers["radiance"], record["view"]
-    for name, image in references.items():
-        check_finite(image, str(work.reference(name)))
+    references = {name: _read_reference(work, name) for name in names}
     passes = snapshot_passes(work.params.reference.passes)
-    # Method -> layer of the ceiling's EXR, or the field's own image.
-    methods = {"gpf": "gpf", "sppm_3": "sppm_3", "ceiling": f"sppm_{passes[-1]}"}
+    refused = {m: reason for m in work.params.methods.all if (reason := _refusal(work, m))}
+    methods = ["gpf", *(m for m in work.params.methods.all if m not in refused), "ceiling"]
     exposures: tuple[float, float] | tuple[None, None] = (None, None)
     # All black: HDR-FLIP of each image says why it is missing.
     with suppress(ValueError):
         exposures = flip_exposures(list(references.values()))
 
-    results: dict[str, Any] = {method: {} for method in methods}
+    results: dict[str, dict[str, Any]] = {method: {} for method in methods}
     curves: dict[str, dict[int, float]] = {}
     costs = CostMeter()
     title = f"{scene_name}: metrics"
-    with progress_bar(title, len(names)) as advance, costs.measure("metrics"):
-        for done, name in enumerate(names, start=1):
-            layers, _ = read_exr(work.ceiling(name), "reference")
-            rendered, record = read_exr(work.render("gpf", name), "render")
-            layers["gpf"] = rendered["radiance"]
-            _check_views(work, name, cameras[name], record["view"])
-            _check_layers(work, name, layers, references[name], passes)
-            for method, layer in methods.items():
-                results[method][name] = compare(
-                    layers[layer], references[name], exposure, exposures[0], exposures[1], epsilon
+    total = len(names) * len(methods)
+    with progress_bar(title, total) as advance, costs.measure("metrics"):
+        for name in names:
+            snapshots = _read_snapshots(work, name, references[name], passes)
+            curves[name] = {n: psnr(image, references[name], exposure) for n, image in snapshots}
+            for method in methods:
+                image = (
+                    snapshots[-1][1]
+                    if method == "ceiling"
+                    else _read_render(work, method, name, references[name])
                 )
-            curves[name] = {
-                n: psnr(layers[f"sppm_{n}"], references[name], exposure) for n in passes
-            }
-            advance(done)
+                results[method][name] = compare(
+                    image, references[name], exposure, exposures[0], exposures[1], epsilon
+                )
+                advance(sum(map(len, results.values())))
 
     rows, summaries = [], {}
     for method, views in results.items():
@@ -72,49 +69,88 @@ def compare_images(scene_name: str) -> None:
         write_json(work.metrics(method), report)
         summaries[method] = summary
         rows.append({"scene": scene_name, "method": method, **summary})
-    write_json(work.metrics("summary"), summaries)
+    for method, reason in refused.items():
+        write_json(work.metrics(method), {"cannot_serve": reason})
+        rows.append({"scene": scene_name, "method": method, "reason": reason})
+    _forget_others(work, (*methods, *refused))
+    write_json(work.summary, summaries)
     mean_curve = {n: float(np.mean([curves[name][n] for name in names])) for n in passes}
     write_json(
-        work.metrics("convergence"),
+        work.convergence,
         [{"passes": n, "psnr": value} for n, value in mean_curve.items()],
     )
     costs.write(work.cost("metrics"))
-    table = pd.DataFrame(rows)
+    table = pd.DataFrame(rows, columns=["scene", "method", *NUMBERS, "reason"])
     write_text(work.root / "tables" / f"quality_{scene_name}.csv", table.to_csv(index=False))
 
 
-def _check_views(work: Workspace, name: str, reference: object, rendered: object) -> None:
-    """Refuse a reference or a render of another camera than views.yaml has."""
-    wanted = work.views.find(name).model_dump(mode="json")
-    for stage, found in (("reference", reference), ("render", rendered)):
-        if found != wanted:
-            path = work.reference(name) if stage == "reference" else work.render("gpf", name)
-            raise UserError(
-                str(path), "was made with another camera", f"Run `gpf stage {stage}` again."
-            )
+def _refusal(work: Workspace, method: str) -> str | None:
+    """Why a method has no images of the scene, if it has none."""
+    file = work.refusal(method)
+    if not file.exists():
+        return None
+    reason: str = read_json(file, f"baseline --method {method}")["reason"]
+    return reason
 
 
-def _check_layers(
-    work: Workspace,
-    name: str,
-    layers: dict[str, np.ndarray],
-    reference: np.ndarray,
-    passes: list[int],
+def _forget_others(work: Workspace, methods: Sequence[str]) -> None:
+    """Remove the numbers of methods that params.yaml no longer lists."""
+    for path in work.metrics("gpf").parent.glob("*.json"):
+        if path.stem not in methods:
+            path.unlink()
+
+
+def _read_reference(work: Workspace, name: str) -> np.ndarray:
+    path = work.reference(name)
+    layers, record = read_exr(path, "reference")
+    _check_view(work, path, name, record, "reference")
+    check_finite(layers["radiance"], str(path))
+    return layers["radiance"]
+
+
+def _read_snapshots(
+    work: Workspace, name: str, reference: np.ndarray, passes: list[int]
+) -> list[tuple[int, np.ndarray]]:
+    """The independent SPPM's image of a view after each number of passes."""
+    path = work.ceiling(name)
+    layers, _ = read_exr(path, "reference")
+    for n in passes:
+        if f"sppm_{n}" not in layers:
+            raise UserError(str(path), f"has no layer sppm_{n}", "Run `gpf stage reference` again.")
+        _check_image(path, layers[f"sppm_{n}"], reference, "reference")
+    return [(n, layers[f"sppm_{n}"]) for n in passes]
+
+
+def _read_render(work: Workspace, method: str, name: str, reference: np.ndarray) -> np.ndarray:
+    """A method's image of a view."""
+    path = work.render(method, name)
+    stage = "render" if method == "gpf" else f"baseline --method {method}"
+    layers, record = read_exr(path, stage)
+    _check_view(work, path, name, record, stage)
+    _check_image(path, layers["radiance"], reference, stage)
+    return layers["radiance"]
+
+
+def _check_view(
+    work: Workspace, path: Path, name: str, record: Mapping[str, Any], stage: str
 ) -> None:
-    """Refuse images that were made with other parameters than the references."""
-    for layer in ("gpf", *(f"sppm_{n}" for n in passes)):
-        path = work.render("gpf", name) if layer == "gpf" else work.ceiling(name)
-        stages = "`gpf stage reference` and `gpf stage render`"
-        if layer not in layers:
-            raise UserError(str(path), f"has no layer {layer}", f"Run {stages} again.")
-        if layers[layer].shape != reference.shape:
-            raise UserError(
-                str(path),
-                f"has {layers[layer].shape[1]}x{layers[layer].shape[0]} pixels, its reference "
-                f"{reference.shape[1]}x{reference.shape[0]}",
-                f"Run {stages} again.",
-            )
-        check_finite(layers[layer], str(path))
+    """Refuse an image of another camera than views.yaml has."""
+    if record["view"] != work.views.find(name).model_dump(mode="json"):
+        raise UserError(
+            str(path), "was made with another camera", f"Run `gpf stage {stage}` again."
+        )
+
+
+def _check_image(path: Path, image: np.ndarray, reference: np.ndarray, stage: str) -> None:
+    """Refuse an image of another size than its reference."""
+    if image.shape != reference.shape:
+        raise UserError(
+            str(path),
+            f"has {image.shape[1]}x{image.shape[0]} pixels, its reference "
+            f"{reference.shape[1]}x{reference.shape[0]}",
+            f"Run `gpf stage reference` and `gpf stage {stage}` again.",
+        )
+    check_finite(image, str(path))
 
 
 def _mean(values: list[float | None]) -> float | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedSeq
 
 from gpf.artifacts import write_text
 from gpf.config import Params, read_params
@@ -37,7 +38,7 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
         section, _, leaf = key.partition(".")
         before = document[section][leaf] if leaf in document.setdefault(section, {}) else None
         if before != value:
-            document[section][leaf] = value
+            document[section][leaf] = in_one_line(value)
             changes += 1
             console.print(f"{key}: {before} -> {value}", highlight=False)
     Params.model_validate(YAML(typ="safe").load(dump_yaml(yaml, document)))
@@ -46,11 +47,19 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
     console.print(f"{file}: profile {name}, {changes} values changed", highlight=False)
 
 
+def in_one_line(value: Any) -> Any:
+    """A value as params.yaml has it: a list between brackets."""
+    if isinstance(value, list):
+        value = CommentedSeq(value)
+        value.fa.set_flow_style()
+    return value
+
+
 def open_yaml(text: str) -> tuple[YAML, Any]:
     """A document whose comments survive :func:`dump_yaml`, and what writes it."""
     yaml = YAML()
     yaml.preserve_quotes = True
-    yaml.width = 100
+    yaml.width = 200  # a list stays in one line
     yaml.indent(mapping=2, sequence=4, offset=2)  # as params.yaml is written
     return yaml, yaml.load(text)
 

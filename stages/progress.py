@@ -35,9 +35,9 @@ class Bar:
     def __init__(self, progress: Progress, task: TaskID) -> None:
         self._progress, self._task = progress, task
 
-    def __call__(self, done: int) -> None:
-        """Move to so many steps."""
-        self._progress.update(self._task, completed=done)
+    def __call__(self, done: int, total: int | None = None) -> None:
+        """Move to so many steps, of ``total`` if that has turned out to be another number."""
+        self._progress.update(self._task, completed=done, total=total)
 
     def describe(self, text: str) -> None:
         """Change the words beside the bar."""

@@ -79,9 +79,23 @@ class Workspace:
         """A method's image of a view."""
         return self.folder / "renders" / method / f"{view}.exr"
 
+    def refusal(self, method: str) -> Path:
+        """Why a method has no images."""
+        return self.folder / "renders" / method / "cannot_serve.json"
+
     def metrics(self, method: str) -> Path:
         """How a method's images compare with the references."""
         return self.folder / "metrics" / f"{method}.json"
+
+    @property
+    def summary(self) -> Path:
+        """The numbers of all methods, means over views."""
+        return self.folder / "summary.json"
+
+    @property
+    def convergence(self) -> Path:
+        """PSNR of SPPM by number of passes."""
+        return self.folder / "convergence.json"
 
     def cost(self, stage: str) -> Path:
         """What a stage cost."""

@@ -29,6 +29,11 @@ class _Options(BaseModel):
         """How many training views with references the system is given."""
         return 0
 
+    @property
+    def waits_for_field(self) -> bool:
+        """Whether the system is given the time that a view of the field costs."""
+        return False
+
 
 class _Learned(_Options):
     """A system that knows a scene from pictures alone."""
@@ -71,6 +76,11 @@ class DenoisedOptions(_Options):
 
     system: Literal["denoised"]
     spp: Count | Literal["equal_time"] = 50
+
+    @property
+    def waits_for_field(self) -> bool:
+        """Whether the system is given the time that a view of the field costs."""
+        return self.spp == "equal_time"
 
 
 class EmGmmOptions(_Options):

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from stages.cli import main
+from stages.cli import STAGES, main
 from stages.profiles import apply_profile
 
 PROJECT = Path(__file__).parent.parent.parent
@@ -114,7 +114,8 @@ def new_project(folder: Path) -> Project:
     shutil.copytree(source, folder / "scenes" / SCENE)
     shutil.copy(PROJECT / "params.yaml", folder)
     project = Project(folder)
-    project.edit("params.yaml", scenes=[SCENE])
+    few = {"classical": ["path_10"], "equal_time": [], "learned": []}
+    project.edit("params.yaml", scenes=[SCENE], methods=few)
     project.replace(f"scenes/{SCENE}/views.yaml", "aspect: 1.0", "aspect: 1.25")
     with redirect_stderr(StringIO()):
         apply_profile("smoke", folder / "params.yaml")
@@ -131,7 +132,7 @@ def fresh(tmp_path: Path) -> Project:
 def built(tmp_path_factory: pytest.TempPathFactory) -> Project:
     """A project in which every stage has run once; not to be changed."""
     project = new_project(tmp_path_factory.mktemp("built") / "project")
-    for stage in ("scene", "reference", "photons", "train", "render", "metrics", "amortize"):
+    for stage in STAGES:
         outcome = project.stage(stage)
         assert outcome.code == 0, (stage, outcome.text)
     return project

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
-from gpf.config import Params
+from gpf.config import Methods, Params, read_params
 from stages.cli import STAGES
 
 PROJECT = Path(__file__).parent.parent.parent
+PARAMS = read_params(PROJECT / "params.yaml")
 PACKAGES = ("gpf", "stages", "metrics")
 
 # Whose change cannot change what a stage writes: they start things up, complain or report.
@@ -29,11 +30,19 @@ NO_INFLUENCE = {
     "stages/cluster.py",
     "stages/progress.py",
 }
-# Who renders a pass changes no bit of it.
-WHO_RENDERS = {"executor", "cluster"}
+# Who renders a pass changes no bit of it; DVC calls `baseline` for each method by itself.
+WHO_RENDERS = {"executor", "cluster", "methods"}
+
+# Names of one command that runs for several lists of methods.
+BASELINES = ("classical", "equal_time", "learned")
 
 # Loaded by name, where no import tells.
-LOADED = {"render": ["gpf/integrators/gpf.py"], "metrics": ["metrics/image.py"]}
+SYSTEMS = [f.relative_to(PROJECT).as_posix() for f in (PROJECT / "gpf" / "baselines").glob("*.py")]
+LOADED = {
+    "render": ["gpf/integrators/gpf.py"],
+    "metrics": ["metrics/image.py"],
+    **dict.fromkeys(BASELINES, [*SYSTEMS, "gpf/integrators/sppm.py"]),
+}
 
 # Parameters that Workspace reads on the way, by the names that it reads them for.
 BEHIND = {"film_size": "film", "sensor": "film"}
@@ -41,6 +50,15 @@ BEHIND = {"film_size": "film", "sensor": "film"}
 
 def pipeline() -> dict:
     return YAML(typ="safe").load((PROJECT / "dvc.yaml").read_text(encoding="utf-8"))
+
+
+NAMES = list(pipeline()["stages"])
+
+
+def definition(stage: str) -> dict:
+    """A stage as if it were for one scene."""
+    found = pipeline()["stages"][stage]
+    return found.get("do", found)
 
 
 @functools.cache
@@ -89,7 +107,8 @@ def needed_by(stage: str) -> set[str]:
 
 
 def stage_file(stage: str) -> str:
-    return STAGES[stage][0].replace(".", "/") + ".py"
+    command = "baseline" if stage in BASELINES else stage
+    return STAGES[command][0].replace(".", "/") + ".py"
 
 
 def covers(entries: list[str], file: str) -> bool:
@@ -97,30 +116,41 @@ def covers(entries: list[str], file: str) -> bool:
 
 
 def deps(stage: str) -> list[str]:
-    return [str(entry) for entry in pipeline()["stages"][stage]["do"]["deps"]]
+    return [str(entry).replace("item.scene", "item") for entry in definition(stage)["deps"]]
 
 
-def outs(stage: str) -> list[str]:
-    do = pipeline()["stages"][stage]["do"]
+def outs(stage: str, ran: Methods = PARAMS.methods) -> list[str]:
+    do = definition(stage)
     entries = [*do.get("outs", []), *do.get("metrics", []), *do.get("plots", [])]
-    return [entry if isinstance(entry, str) else next(iter(entry)) for entry in entries]
+    names = [entry if isinstance(entry, str) else next(iter(entry)) for entry in entries]
+    names = [name.replace("item.scene", "item") for name in names]
+    if stage not in BASELINES:
+        return names
+    methods = getattr(ran, stage)
+    return [name.replace("${item.method}", method) for name in names for method in methods]
 
 
 def test_the_stages_are_those_of_the_command_line():
-    assert list(pipeline()["stages"]) == list(STAGES)
+    commands = ["baseline" if name in BASELINES else name for name in NAMES]
+    assert list(dict.fromkeys(commands)) == list(STAGES)
     for name, stage in pipeline()["stages"].items():
-        assert stage["foreach"] == "${scenes}"
-        assert stage["do"]["cmd"] == f"gpf stage {name} --scene ${{item}}"
+        if name in BASELINES:
+            assert stage["matrix"] == {"scene": "${scenes}", "method": f"${{methods.{name}}}"}
+            item = "--go-on --scene ${item.scene} --method ${item.method}"
+            assert stage["cmd"] == f"gpf stage baseline {item}"
+        else:
+            assert stage["foreach"] == "${scenes}"
+            assert stage["do"]["cmd"] == f"gpf stage {name} --scene ${{item}}"
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", NAMES)
 def test_every_module_that_a_stage_imports_is_a_dependency(stage):
     needed = needed_by(stage)
     missing = sorted(file for file in needed if not covers(deps(stage), file))
     assert missing == []
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", NAMES)
 def test_no_dependency_is_without_reason(stage):
     """What a stage does not import should not make it run again."""
     needed = needed_by(stage)
@@ -176,9 +206,9 @@ def params_path(node: ast.AST, aliases: dict[str, str]) -> str | None:
     return ".".join(kept) or None
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", NAMES)
 def test_every_parameter_that_a_stage_reads_is_declared(stage):
-    declared = pipeline()["stages"][stage]["do"]["params"]
+    declared = [entry.removesuffix(".${item.method}") for entry in definition(stage)["params"]]
     # What Workspace reads is read by the names in BEHIND.
     own = needed_by(stage) - {"stages/workspace.py"}
     files = [stage_file(stage), *(file for file in own if file.startswith("stages/"))]
@@ -199,10 +229,11 @@ def test_the_reader_of_parameters_sees_them():
     assert "reference.passes" in read_params_of("stages/metrics.py")
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", NAMES)
 def test_declared_parameters_exist(stage):
     params = YAML(typ="safe").load((PROJECT / "params.yaml").read_text(encoding="utf-8"))
-    for entry in pipeline()["stages"][stage]["do"]["params"]:
+    for entry in definition(stage)["params"]:
+        entry = entry.removesuffix(".${item.method}")
         place = params
         for part in entry.split("."):
             assert part in place, entry
@@ -210,16 +241,19 @@ def test_declared_parameters_exist(stage):
 
 
 def test_what_a_stage_takes_another_makes():
-    made = [entry for stage in STAGES for entry in outs(stage)]
-    for stage in STAGES:
+    made = [entry for stage in NAMES for entry in outs(stage)]
+    for stage in NAMES:
         for entry in deps(stage):
             if entry.startswith("results/"):
-                assert covers(made, entry), (stage, entry)
+                # What others make of it, or in it.
+                within = any(covers([entry], path) for path in made)
+                assert within or covers(made, entry), (stage, entry)
     assert len(made) == len(set(made))
 
 
 def test_all_that_the_pipeline_writes_is_an_output(built):
-    made = [entry.replace("${item}", "cornell_box") for stage in STAGES for entry in outs(stage)]
+    ran = read_params(built.folder / "params.yaml").methods
+    made = [entry.replace("${item}", "cornell_box") for s in NAMES for entry in outs(s, ran)]
     files = sorted(built.snapshot())
     assert [file for file in files if not covers(made, file)] == []
     assert [entry for entry in made if not any(covers([entry], file) for file in files)] == []
@@ -227,7 +261,7 @@ def test_all_that_the_pipeline_writes_is_an_output(built):
 
 def test_expensive_outputs_survive_a_rerun():
     """DVC deletes outputs before a stage runs, unless they say that they persist."""
-    do = pipeline()["stages"]["reference"]["do"]
+    do = definition("reference")
     persist = {
         name
         for entry in do["outs"]

@@ -1,0 +1,71 @@
+"""Views as the pinhole cameras of computer vision: x to the right, y down, z ahead."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpf.views import View
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """A camera with square pixels, whose axis meets the middle of the image.
+
+    Attributes
+    ----------
+    origin: where it stands, (3,).
+    rotation: camera to world, (3, 3); its columns point to the right, down and ahead.
+    focal: focal length, pixels.
+    size: width and height of the image, pixels.
+    """
+
+    origin: np.ndarray
+    rotation: np.ndarray
+    focal: float
+    size: tuple[int, int]
+
+    @property
+    def pose(self) -> np.ndarray:
+        """Camera to world, (4, 4)."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.rotation, self.origin
+        return matrix
+
+    def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels (N, 2), of which 0 and 1 are the left and right borders of the first, and depths.
+
+        Points (N, 3) behind the camera have depths below zero, and no meaningful pixels.
+        """
+        x, y, z = ((points - self.origin) @ self.rotation).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = np.stack([self.focal * x / z, self.focal * y / z], axis=1)
+        return pixels + np.array(self.size) / 2, z
+
+
+def make_pinhole(view: View, size: tuple[int, int]) -> Pinhole:
+    """The camera of a view, with the very pixels of :func:`gpf.sensors.make_sensor`."""
+    origin = np.array(view.origin, dtype=float)
+    ahead = _unit(np.array(view.target) - origin)
+    right = _unit(np.cross(ahead, view.up))
+    rotation = np.stack([right, np.cross(ahead, right), ahead], axis=1)
+    return Pinhole(origin, rotation, find_focal(view, size), size)
+
+
+def find_focal(view: View, size: tuple[int, int]) -> float:
+    """Focal length in pixels: half of what ``fov_axis`` means, over tan(fov / 2)."""
+    width, height = size
+    extents = {
+        "x": width,
+        "y": height,
+        "diagonal": math.hypot(width, height),
+        "smaller": min(size),
+        "larger": max(size),
+    }
+    return extents[view.fov_axis] / 2 / math.tan(math.radians(view.fov) / 2)
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)

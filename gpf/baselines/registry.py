@@ -1,0 +1,16 @@
+"""From a row of params.yaml to its system, whose module is imported only now."""
+
+from __future__ import annotations
+
+import importlib
+
+from gpf.baselines.options import BaselineOptions
+from gpf.baselines.protocol import Baseline
+
+
+def make_baseline(options: BaselineOptions) -> Baseline:
+    """The system that the options are for: ``EmGmm`` of :mod:`gpf.baselines.em_gmm` for ``em_gmm``."""
+    module = importlib.import_module(f"gpf.baselines.{options.system}")
+    class_name = "".join(part.capitalize() for part in options.system.split("_"))
+    system: Baseline = getattr(module, class_name)(options)
+    return system

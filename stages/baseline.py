@@ -1,0 +1,196 @@
+"""Stage `baseline`: novel views by a system that the field is compared with."""
+
+from __future__ import annotations
+
+import json
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpf.artifacts import read_json, write_json, write_text
+from gpf.baselines.options import BaselineOptions
+from gpf.baselines.protocol import CannotServe, Prepared, Task, TrainingView
+from gpf.baselines.registry import make_baseline
+from gpf.errors import UserError
+from gpf.images import check_finite, read_exr, write_exr, write_png
+from gpf.yaml_files import suggest
+from stages.costs import CostMeter
+from stages.progress import console, progress_bar
+from stages.workspace import Workspace
+
+
+def run_baselines(scene_name: str, method: str | None = None, go_on: bool = False) -> None:
+    """Run a row of `baselines`, or all that `methods` lists, each in a process of its own.
+
+    ``go_on``: a method that cannot serve the scene is no error; its reason is kept either way.
+    """
+    work = Workspace.open(scene_name)
+    if method is None:
+        for name in work.params.methods.all:
+            command = ["stage", "baseline", "--scene", scene_name, "--method", name, "--go-on"]
+            subprocess.run([sys.executable, "-m", "stages.cli", *command], check=True)
+        return
+    rows = work.params.baselines
+    if method not in rows:
+        todo = suggest(method, list(rows), "The rows of baselines in params.yaml are")
+        raise UserError(f"method {method!r}", "does not exist", todo)
+    try:
+        render_with(work, method, rows[method])
+    except CannotServe as refusal:
+        refuse(work, method, refusal)
+        if not go_on:
+            raise
+        console.print(f"{scene_name}, {method}: {refusal}", highlight=False, soft_wrap=True)
+
+
+def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
+    """Prepare a system and render all novel views, as EXR and as previews."""
+    if options.scenes and work.scene not in options.scenes:
+        raise CannotServe(
+            f"params.yaml: baselines.{method}.scenes",
+            "not asked for",
+            f"Add {work.scene} there, or leave `scenes` out for all.",
+        )
+    if not work.views.novel:
+        raise UserError(
+            str(work.views_file), "has no novel views", "Add some: they are what is rendered."
+        )
+    state = open_state(work, method, options)
+    costs = CostMeter.load(state / "costs.json")
+    title = f"{work.scene}: {method}"
+    with progress_bar(f"{title}, preparing", 1) as bar:
+
+        def report(done: int, total: int) -> None:
+            nonlocal kept
+            bar(done, total)
+            # What a killed run has spent belongs to the cost of the one that goes on.
+            if time.monotonic() - kept > 10:
+                costs.so_far("prepare")
+                costs.write(state / "costs.json")
+                kept = time.monotonic()
+
+        kept = time.monotonic()
+        task = make_task(work, options, state, report)
+        with costs.measure("prepare"):
+            prepared = make_baseline(options).prepare(task)
+    folder = work.render(method, "").parent
+    shutil.rmtree(folder, ignore_errors=True)
+    with progress_bar(f"{title}, rendering", len(work.views.novel)) as bar:
+        render_all(work, method, prepared, costs, bar)
+    costs.facts |= {"views": len(work.views.novel), **prepared.facts}
+    costs.facts["storage_megabytes"] = prepared.storage_bytes / 1e6
+    costs.facts["peak_memory_megabytes"] = peak_memory()
+    costs.write(work.cost(f"baselines/{method}"))
+    shutil.rmtree(state)
+    work.forget_checkpoints()
+
+
+def render_all(
+    work: Workspace, method: str, prepared: Prepared, costs: CostMeter, bar: Any
+) -> None:
+    """Render the novel views."""
+    options = work.params.baselines[method].model_dump(mode="json")
+    for k, view in enumerate(work.views.novel):
+        with costs.measure("render"):
+            image = prepared.render(view, work.params.render.seed + k)
+        check_finite(image, f"{work.scene}, {method}, view {view.name}")
+        width, height = work.film_size
+        if image.shape != (height, width, 3):
+            raise ValueError(f"{method}: image of {image.shape}, wanted {(height, width, 3)}")
+        path = work.render(method, view.name)
+        record = {"method": method, "options": options, "view": view.model_dump(mode="json")}
+        write_exr(path, {"radiance": image.astype(np.float32)}, record)
+        write_png(path.with_suffix(".png"), image, work.views.exposure)
+        bar(k + 1)
+
+
+def make_task(work: Workspace, options: BaselineOptions, state: Path, report: Any) -> Task:
+    """What the system is given."""
+    return Task(
+        name=work.scene,
+        scene=work.load_scene(),
+        file=work.frozen_scene / "scene.xml",
+        size=work.film_size,
+        exposure=work.views.exposure,
+        training=training_views(work, options.training_views),
+        targets=work.targets,
+        rr_depth=work.params.render.rr_depth,
+        seed=work.params.render.seed,
+        state=state,
+        seconds_per_view=seconds_per_view(work) if options.waits_for_field else None,
+        report=report,
+    )
+
+
+def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
+    """So many training views with their references, those that the field learns from first."""
+    found: list[TrainingView] = []
+    for view in (*work.views.train, *work.views.more):
+        path = work.reference(view.name)
+        if len(found) < count and path.exists():
+            layers, record = read_exr(path, "reference")
+            current = record["view"] == view.model_dump(mode="json")
+            if current and "radiance" in layers:
+                found.append(TrainingView(view, layers))
+    if len(found) < count:
+        raise CannotServe(
+            str(work.folder / "reference"),
+            f"{count} training views with images are needed, there are {len(found)}",
+            "Raise reference.training_images or reference.more_images in params.yaml, list views "
+            f"under `more` in scenes/{work.scene}/views.yaml, and run the stages scene and "
+            "reference.",
+        )
+    return tuple(found)
+
+
+def seconds_per_view(work: Workspace) -> float:
+    """What a view from the field costs, without compilation."""
+    cost = read_json(work.cost("render"), "render")
+    seconds: float = cost["parts"]["render"]["wall_seconds"] / cost["facts"]["views"]
+    return seconds
+
+
+def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
+    """The folder where a killed preparation left what it had, if that was the same task."""
+    state = work.folder / "checkpoints" / f"baseline-{method}"
+    task = {
+        "scene": work.scene_digest,
+        "options": options.model_dump(mode="json"),
+        "size": list(work.film_size),
+        "seed": work.params.render.seed,
+        "targets": work.digest(work.targets),
+        "views": [
+            work.digest(work.reference(view.name)) for view in (*work.views.train, *work.views.more)
+        ],
+    }
+    text = json.dumps(task, indent=2, sort_keys=True) + "\n"
+    file = state / "task.json"
+    if not file.exists() or file.read_text(encoding="utf-8") != text:
+        shutil.rmtree(state, ignore_errors=True)
+        write_text(file, text)
+    return state
+
+
+def refuse(work: Workspace, method: str, refusal: CannotServe) -> None:
+    """Keep the reason in place of images."""
+    file = work.refusal(method)
+    shutil.rmtree(file.parent, ignore_errors=True)
+    write_json(file, {"reason": refusal.what, "where": refusal.where, "todo": refusal.todo})
+    costs = CostMeter()
+    costs.facts["reason"] = refusal.what
+    costs.write(work.cost(f"baselines/{method}"))
+
+
+def peak_memory() -> float:
+    """The most memory that this process and those that it started had at a time, MB."""
+    kilobytes = sum(
+        resource.getrusage(who).ru_maxrss
+        for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    )
+    return kilobytes * 1024 / 1e6
