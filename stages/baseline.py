@@ -8,8 +8,9 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from gpf.errors import UserError
 from gpf.images import check_finite, read_exr, write_exr, write_png
 from gpf.yaml_files import suggest
 from stages.costs import CostMeter
-from stages.progress import console, progress_bar
+from stages.progress import Bar, console, progress_bar
 from stages.workspace import Workspace
 
 
@@ -65,17 +66,7 @@ def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
     costs = CostMeter.load(state / "costs.json")
     title = f"{work.scene}: {method}"
     with progress_bar(f"{title}, preparing", 1) as bar:
-
-        def report(done: int, total: int) -> None:
-            nonlocal kept
-            bar(done, total)
-            # What a killed run has spent belongs to the cost of the one that goes on.
-            if time.monotonic() - kept > 10:
-                costs.so_far("prepare")
-                costs.write(state / "costs.json")
-                kept = time.monotonic()
-
-        kept = time.monotonic()
+        report = Reporter(bar, costs, state / "costs.json")
         task = make_task(work, options, state, report)
         with costs.measure("prepare"):
             prepared = make_baseline(options).prepare(task)
@@ -91,8 +82,26 @@ def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
     work.forget_checkpoints()
 
 
+@dataclass
+class Reporter:
+    """Shows how far a preparation is, and keeps what it has cost for a run that goes on."""
+
+    bar: Bar
+    costs: CostMeter
+    file: Path
+    kept: float = field(default_factory=time.monotonic)
+
+    def __call__(self, done: int, total: int) -> None:
+        """So much of the preparation is done."""
+        self.bar(done, total)
+        if time.monotonic() - self.kept > 10:
+            self.costs.so_far("prepare")
+            self.costs.write(self.file)
+            self.kept = time.monotonic()
+
+
 def render_all(
-    work: Workspace, method: str, prepared: Prepared, costs: CostMeter, bar: Any
+    work: Workspace, method: str, prepared: Prepared, costs: CostMeter, bar: Bar
 ) -> None:
     """Render the novel views."""
     options = work.params.baselines[method].model_dump(mode="json")
@@ -110,7 +119,9 @@ def render_all(
         bar(k + 1)
 
 
-def make_task(work: Workspace, options: BaselineOptions, state: Path, report: Any) -> Task:
+def make_task(
+    work: Workspace, options: BaselineOptions, state: Path, report: Callable[[int, int], None]
+) -> Task:
     """What the system is given."""
     return Task(
         name=work.scene,

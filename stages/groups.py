@@ -1,9 +1,9 @@
 """The groups of a scene's references: what each renders, and with what seeds.
 
 Training views (their fixed visible points and samples of the scene's surfaces become targets),
-novel views (the judges), novel views once more (the ceiling: how well does SPPM agree with
-itself), and more training views for systems that learn from pictures. Within a group the views share their photons; between groups nothing is shared, or noise
-that the field learned would count as quality.
+novel views (the judges), novel views once more (the ceiling: how well does SPPM agree with itself),
+and more training views for systems that learn from pictures. Within a group the views share their
+photons; between groups nothing is shared, or noise that the field learned would count as quality.
 """
 
 from __future__ import annotations

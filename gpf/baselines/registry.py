@@ -9,7 +9,10 @@ from gpf.baselines.protocol import Baseline
 
 
 def make_baseline(options: BaselineOptions) -> Baseline:
-    """The system that the options are for: ``EmGmm`` of :mod:`gpf.baselines.em_gmm` for ``em_gmm``."""
+    """The system that the options are for.
+
+    That of ``system: em_gmm`` is the class ``EmGmm`` of :mod:`gpf.baselines.em_gmm`.
+    """
     module = importlib.import_module(f"gpf.baselines.{options.system}")
     class_name = "".join(part.capitalize() for part in options.system.split("_"))
     system: Baseline = getattr(module, class_name)(options)

@@ -41,7 +41,7 @@ SYSTEMS = [f.relative_to(PROJECT).as_posix() for f in (PROJECT / "gpf" / "baseli
 LOADED = {
     "render": ["gpf/integrators/gpf.py"],
     "metrics": ["metrics/image.py"],
-    **dict.fromkeys(BASELINES, [*SYSTEMS, "gpf/integrators/sppm.py"]),
+    **{name: [*SYSTEMS, "gpf/integrators/sppm.py"] for name in BASELINES},
 }
 
 # Parameters that Workspace reads on the way, by the names that it reads them for.
