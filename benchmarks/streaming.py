@@ -23,14 +23,17 @@ from rich.table import Table  # noqa: E402
 from gpf.artifacts import read_json  # noqa: E402
 from gpf.bounds import scene_bounds  # noqa: E402
 from gpf.errors import UserError  # noqa: E402
+from gpf.field import GaussianPhotonField  # noqa: E402
 from gpf.field_files import read_field  # noqa: E402
 from gpf.images import read_exr  # noqa: E402
 from gpf.streaming import train_on_stream  # noqa: E402
 from gpf.training import Progress, Trainer  # noqa: E402
 from metrics.image import psnr  # noqa: E402
+from stages.gaussian_count import choose_count  # noqa: E402
 from stages.render import FieldRenderer  # noqa: E402
 from stages.streaming import open_stream, stream_settings  # noqa: E402
-from stages.train import initial_field, photons_for_field, supervise, training_settings  # noqa: E402
+from stages.train import initial_field, photons_for_field, supervise  # noqa: E402
+from stages.train_settings import training_settings  # noqa: E402
 from stages.workspace import Workspace  # noqa: E402
 
 
@@ -80,8 +83,16 @@ def prepare(work: Workspace) -> list[Moment]:
     start, checking = time.perf_counter(), 0.0
     stream, photons = open_stream(work)
     targets, photons = stream.targets(), photons_for_field(work, photons)
-    field = initial_field(work, photons, targets, scene_bounds(stream.passes.scene))
-    trainer = Trainer(field, supervise(work, targets), training_settings(work))
+    points, bounds = supervise(work, targets), scene_bounds(stream.scene)
+
+    def make_field(count: int) -> GaussianPhotonField:
+        return initial_field(work, count, photons, targets, bounds)
+
+    judges = None
+    if work.params.field.gaussians == "auto":
+        judges = supervise(work, stream.independent().targets())
+    field = make_field(choose_count(work, make_field, points, judges))
+    trainer = Trainer(field, points, training_settings(work))
     renderer = FieldRenderer.open(work, work.params.film.height, work.params.render.spp)
     exposure, moments = work.views.exposure, []
 

@@ -113,7 +113,7 @@ class Photons(_Section):
 class FieldSection(_Section):
     """The field's make, query (:mod:`gpf.field`) and file (:mod:`gpf.field_files`)."""
 
-    gaussians: Count = 100_000
+    gaussians: AutoCount = 100_000
     initialization: Literal["photons", "random"] = "photons"
     initial_colour: Literal["targets", "density", "flux"] = "targets"
     initial_scale: Length = "auto"
@@ -126,6 +126,11 @@ class FieldSection(_Section):
     normal_test: bool = True
     anisotropic: bool = True
     precision: Literal["float32", "compact"] = "float32"
+
+    @property
+    def most_gaussians(self) -> int:
+        """How many there may be."""
+        return 100_000 if self.gaussians == "auto" else self.gaussians
 
 
 class Rates(_Section):
@@ -159,23 +164,12 @@ class Stream(_Section):
 
     passes: Count = 300
     first: Count = 24
-    sets: Annotated[int, Field(ge=1, le=64)] = 4
     growth: Annotated[float, Field(gt=1)] = 1.5
-    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.8
-    radius: Positive = 1.5
+    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.75
+    radius: Positive = 1.3
     view_points: Count = 200_000
     surface_points: Count = 300_000
     seed: Seed = 6
-
-    @model_validator(mode="after")
-    def _all_points_are_served(self) -> Self:
-        if self.sets > min(self.first, self.passes):
-            raise PydanticCustomError(
-                "sets",
-                "sets is more than first or passes: before the first step, every set of points has "
-                "to be served by a pass",
-            )
-        return self
 
 
 class Render(_Section):

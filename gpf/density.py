@@ -76,7 +76,9 @@ def same_surface(record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f, radius2: mi
 class PhotonDensity:
     """Photons sorted by place, and the irradiance that their density stands for anywhere:
 
-        E(x) = 1 / (π r²) Σ Φ_i    over photons with |x - x_i| ≤ r on the same surface.
+        E(x) = 1 / (π r²) Σ κ(|x - x_i|² / r²) Φ_i    over photons on the same surface,
+
+    with the kernel κ(s) = 1, or, where it is to be smooth, κ(s) = 2 (1 - s).
 
     Photons are added up cell by cell, and within a cell in the order in which they are given: the
     sums of photons in the same order are the same to the last bit.
@@ -86,9 +88,11 @@ class PhotonDensity:
     photons: (M,).
     radius: kernel radius r, world units.
     bounds: corners of the scene's bounding box.
+    smooth: whether a photon counts the less the farther away it is.
     """
 
-    def __init__(self, photons: Photons, radius: float, bounds: Any) -> None:
+    def __init__(self, photons: Photons, radius: float, bounds: Any, smooth: bool = False) -> None:
+        self._smooth = smooth
         self._empty = dr.width(photons.p) == 0
         if self._empty:
             return
@@ -127,7 +131,10 @@ class PhotonDensity:
             counts = inside & same_surface(record, p, n, radius2)
             counts &= (depth <= limit) & (depth >= shallowest)
             power = dr.gather(mi.Vector4f, self._power, index, counts)
-            return total + mi.Color3f(power.x, power.y, power.z)
+            color = mi.Color3f(power.x, power.y, power.z)
+            if self._smooth:
+                color *= 2 * (1 - distance2 / radius2)
+            return total + color
 
         total = self._grid.visit(p, self._radius, add, mi.Color3f(0), mi.Bool(active))
         return total * self._scale

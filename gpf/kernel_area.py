@@ -24,8 +24,10 @@ def area_correction(
     valid: mi.Bool,
     radius: float,
     seed: int,
+    smooth: bool = False,
 ) -> mi.Float:
-    """An estimate of π r² / A(x), (N,), A being the area on which photons count at x.
+    """An estimate of π r² / A(x), (N,), A being the area on which photons count at x, by the
+    kernel's measure.
 
     Short rays, perpendicular to the disc, go through random points of it until one meets the
     surface. If that happens with probability c, the number of rays has the expected value 1/c; it
@@ -41,6 +43,7 @@ def area_correction(
     valid: points that take part, (N,); 1 elsewhere.
     radius: kernel radius, world units.
     seed: the numbers that a point draws depend on it and on the point's position alone.
+    smooth: whether the kernel is (:class:`gpf.density.PhotonDensity`).
     """
     r, key = dr.opaque(mi.Float, radius), dr.opaque(mi.UInt32, seed)
     frame = mi.Frame3f(n)
@@ -58,6 +61,8 @@ def area_correction(
             disc = r * mi.warp.square_to_uniform_disk(
                 mi.Point2f(mi.Float(first >> 8), mi.Float(second >> 8)) * 2.0**-24
             )
+            if smooth:  # from a uniform density to one of (1 - s), s being the squared distance
+                disc *= dr.rsqrt(1 + dr.sqrt(dr.maximum(1 - dr.squared_norm(disc) / (r * r), 0)))
             ray.o = p + frame.to_world(mi.Vector3f(disc.x, disc.y, r))
             left = 2 * r
         ray.maxt = left

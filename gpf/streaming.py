@@ -8,6 +8,7 @@ the mean over all passes before it.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -15,14 +16,28 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.bounds import scene_bounds
+from gpf.density import PhotonDensity, radius_at
+from gpf.emission import Source, emit_light
 from gpf.fixed_points import FixedPoints
-from gpf.progressive import PhotonPass, PhotonPasses
+from gpf.kernel_area import area_correction
+from gpf.photon_sums import PhotonSums
+from gpf.progressive import PassSettings, suit_scene
+from gpf.seeds import pass_seed, spread_sample
 from gpf.structs import SurfacePoints, VisiblePoints, concatenate, take, to_numpy
 from gpf.supervision import Targets
 from gpf.training import Progress, Trainer
 
-# Of the random numbers with which points sample the emitters.
-STREAM = 1000
+# Edge of the cells in which photons are added up, in units of the kernel's radius after so many
+# passes.
+CELL, TYPICAL_PASSES = 0.25, 100
+
+# Of the emitters, for each point whenever targets are asked for; and of their random numbers.
+DIRECT_SAMPLES = 16
+DIRECT_STREAM = 1000
+
+# Of the seed of passes that are to be independent.
+INDEPENDENT_STREAM = 1001
 
 
 @dataclass(frozen=True)
@@ -50,72 +65,101 @@ class StreamSettings:
 
 
 class PhotonStream:
-    """Points whose irradiance becomes known pass by pass.
+    """Photons that come in pass by pass, and what they say at points so far.
 
-    A photon counts at all points within the kernel's radius, which are many more than are needed
-    to make use of it: each pass serves one of several interleaved sets of the points.
+    Photons are added up in cells (:class:`gpf.photon_sums.PhotonSums`), so that a pass costs the
+    same however many points there are; whenever targets are asked for, all photons so far are
+    gathered with one radius, that which pass n of SPPM would have.
 
     Parameters
     ----------
+    settings: of the passes; ``alpha`` and ``initial_radius`` give the radius.
     points: by their source: the number of the view that sees them, or
         :data:`gpf.supervision.SURFACE`.
-    sets: into so many the points are divided; as many passes are the least that serves all.
     """
 
     def __init__(
-        self, passes: PhotonPasses, points: Mapping[int, VisiblePoints], sets: int = 1
+        self,
+        scene: mi.Scene,
+        settings: PassSettings,
+        points: Mapping[int, VisiblePoints],
+        seed: int,
+        source: Source = emit_light,
     ) -> None:
-        self.passes, self.count = passes, 0
+        self.scene, self.seed, self.count = scene, seed, 0
+        self.settings = suit_scene(settings, scene)
+        self._light, self._bounds = source, scene_bounds(scene)
+        self._apart = self.settings.direct == "emitters"
+        # The smallest radius there will be is not known, but that it shrinks slowly.
+        self._cell = CELL * radius_at(
+            TYPICAL_PASSES, self.settings.initial_radius, self.settings.alpha
+        )
+        self.sums = PhotonSums(self._cell, self._bounds, indirect=self._apart)
         valid = [take(each, dr.compress(each.valid)) for each in points.values()]
-        joined = concatenate(valid)
-        source = np.repeat(np.array(list(points), np.int32), [dr.width(each.p) for each in valid])
-        lanes = np.arange(len(source), dtype=np.uint32)
-        self._sets = [
-            _PointSet(
-                FixedPoints(passes.scene, take(joined, mi.UInt32(lanes[k::sets]))), source[k::sets]
-            )
-            for k in range(sets)
-        ]
+        self._source = np.repeat(
+            np.array(list(points), np.int32), [dr.width(each.p) for each in valid]
+        )
+        self._points = FixedPoints(scene, concatenate(valid))
+        self._direct = dr.zeros(mi.Color3f, len(self._source))
+        self._samples = 0
+
+    def independent(self) -> PhotonStream:
+        """As many passes of other photons, for the same points."""
+        other = copy.copy(self)
+        other.seed, other.count = pass_seed(self.seed, 0, INDEPENDENT_STREAM), 0
+        other.sums = PhotonSums(self._cell, self._bounds, indirect=self._apart)
+        other._direct, other._samples = dr.zeros(mi.Color3f, len(self._source)), 0
+        other.advance(self.count)
+        return other
 
     def advance(self, count: int, tick: Callable[[int], None] = lambda done: None) -> None:
         """Add passes until there are ``count``."""
+        settings = self.settings
         while self.count < count:
             self.count += 1
-            number = self.count % len(self._sets)
-            self._sets[number].add(self.passes.trace(self.count), STREAM + number)
+            seed = pass_seed(self.seed, self.count, stream=0)
+            self.sums.trace(
+                self.scene, settings.photons_per_pass, seed, settings.rr_depth, self._light
+            )
             dr.sync_thread()
             tick(self.count)
 
     def targets(self) -> Targets:
-        """The points with the mean over all passes so far that served them."""
-        return Targets.join([points.targets() for points in self._sets])
-
-
-class _PointSet:
-    """Points with the sum over the passes that served them."""
-
-    def __init__(self, points: FixedPoints, source: np.ndarray) -> None:
-        self.points, self.source, self.count = points, source, 0
-        self.irradiance, self.direct = (dr.zeros(mi.Color3f, len(source)) for _ in range(2))
-
-    def add(self, photons: PhotonPass, stream: int) -> None:
-        self.count += 1
-        irradiance, direct = photons.all_irradiance(self.points, stream, self.count)
-        self.irradiance += irradiance
-        if direct is not None:
-            self.direct += direct
-        dr.eval(self.irradiance, self.direct)
-
-    def targets(self) -> Targets:
-        points, passes = self.points.points, max(self.count, 1)
+        """The points with what all passes so far say."""
+        points, irradiance = self._points.points, to_numpy(self._gather())
+        if self._apart:
+            self._sample_emitters()
+        direct = to_numpy(self._direct) / np.float32(max(self._samples, 1))
         return Targets(
             position=to_numpy(points.p),
             normal=to_numpy(points.n),
-            irradiance=to_numpy(self.irradiance) / passes,
-            direct=to_numpy(self.direct) / passes,
+            irradiance=irradiance + direct,
+            direct=direct,
             reflectance=to_numpy(points.reflectance),
-            source=self.source,
+            source=self._source,
         )
+
+    def _gather(self) -> mi.Color3f:
+        points, n = self._points.points, self._points.points.n
+        radius = radius_at(self.count, self.settings.initial_radius, self.settings.alpha)
+        density = PhotonDensity(self.sums.photons(), radius, self._bounds, smooth=True)
+        irradiance = density.irradiance(points.p, n)
+        if self.settings.edge_correction:
+            seed = pass_seed(self.seed, self.count, stream=9)
+            irradiance *= area_correction(
+                self.scene, points.p, n, points.valid, radius, seed, smooth=True
+            )
+        return irradiance
+
+    def _sample_emitters(self) -> None:
+        """Add to the direct light at the points; what a few samples miss, later rounds make up."""
+        seed, lanes = pass_seed(self.seed, 0, DIRECT_STREAM), len(self._source)
+        for _ in range(DIRECT_SAMPLES):
+            self._samples += 1
+            self._direct += self._points.direct_irradiance(
+                spread_sample(seed, lanes, self._samples)
+            )
+            dr.eval(self._direct)
 
 
 def train_on_stream(
@@ -138,11 +182,13 @@ def train_on_stream(
     """
     steps, done = trainer.settings.steps, trainer.step_count
     for count in settings.rounds():
-        stream.advance(count, lambda passes: tick(passes, trainer.step_count))
         wanted = round(steps * count / settings.passes)
+        fresh = count > stream.count
+        stream.advance(count, lambda passes: tick(passes, trainer.step_count))
         if wanted == done and count < settings.passes:
             continue
-        trainer.retarget(supervise(stream.targets()))
+        if fresh:  # the first round's are those that the trainer began with
+            trainer.retarget(supervise(stream.targets()))
         while trainer.step_count < wanted:
             trainer.advance(1)
             tick(stream.count, trainer.step_count)

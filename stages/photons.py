@@ -23,7 +23,7 @@ def trace(scene_name: str) -> None:
         lookout = Lookout.open(work, scene)
         paths = section.paths
         if paths == "auto":
-            paths = lookout.paths_for_gaussians(work.params.field.gaussians)
+            paths = lookout.paths_for_gaussians(work.params.field.most_gaussians)
         photons = collect_photons(
             scene, lookout.outlook, paths, section.seed, section.rr_depth, lookout.source
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gpf.progressive import PhotonPasses
 from gpf.streaming import PhotonStream, StreamSettings
 from gpf.structs import Photons
 from gpf.supervision import SURFACE
@@ -26,14 +25,13 @@ def open_stream(work: Workspace) -> tuple[PhotonStream, Photons]:
     share = share_of_pixels(work, section.view_points)
     wanted = "views" if work.params.field.stores == "radiance" else work.params.train.points
     surfaces = 0 if wanted == "views" else section.surface_points
-    paths = job.lookout.paths_for_gaussians(work.params.field.gaussians)
+    paths = job.lookout.paths_for_gaussians(work.params.field.most_gaussians)
     photons = job.collect(max(paths, 2 * settings.photons_per_pass), section.seed)
     seen = [] if wanted == "surface" else views
     sets = target_points(job, seen, share, surfaces, section.seed, photons)
     sources = {view.name: k for k, view in enumerate(views)} | {SURFACES: SURFACE}
     points = {sources[name]: found for name, found in sets.items()}
-    passes = PhotonPasses(job.scene, settings, section.seed, job.lookout.source)
-    stream = PhotonStream(passes, points, section.sets)
+    stream = PhotonStream(job.scene, settings, points, section.seed, job.lookout.source)
     stream.advance(stream_settings(work).rounds()[0])
     return stream, photons
 

@@ -25,10 +25,12 @@ from gpf.initialization import (
 from gpf.streaming import PhotonStream, train_on_stream
 from gpf.structs import Photons, SurfacePoints, take
 from gpf.supervision import Targets
-from gpf.training import LearningRates, Progress, Trainer, TrainingSettings
+from gpf.training import Progress, Trainer
 from stages.costs import CostMeter
+from stages.gaussian_count import choose_count
 from stages.progress import console, progress_bar
 from stages.streaming import open_stream, stream_settings
+from stages.train_settings import training_settings
 from stages.workspace import Workspace
 
 
@@ -36,20 +38,28 @@ def train_field(scene_name: str) -> None:
     """Fit a field, keep its best state, and record the curves."""
     work = Workspace.open(scene_name)
     section, fields = work.params.train, work.params.field
-    costs, stream = CostMeter(), None
+    costs, stream, judges = CostMeter(), None, None
     if section.supervision == "streaming":
         with costs.measure("stream"):
             stream, photons = open_stream(work)
-        targets = stream.targets()
+            targets = stream.targets()
+            if fields.gaussians == "auto":
+                judges = supervise(work, stream.independent().targets())
     else:
         photons, targets = load_photons(work), Targets.load(work.targets)
     photons, points = photons_for_field(work, photons), supervise(work, targets)
+    bounds = scene_bounds(work.load_scene())
+
+    def make_field(count: int) -> GaussianPhotonField:
+        return initial_field(work, count, photons, targets, bounds)
+
     with costs.measure("initialization"):
-        field = initial_field(work, photons, targets, scene_bounds(work.load_scene()))
+        count = choose_count(work, make_field, points, judges)
+        field = make_field(count)
     with costs.measure("training"):
         trainer = Trainer(field, points, training_settings(work))
     if stream is None:
-        spent = trainer.restore(work.checkpoint("train"), _fingerprint(work))
+        spent = trainer.restore(work.checkpoint("train"), _fingerprint(work, count))
         if spent:
             costs.parts["training"] = spent
     with Live(str(work.folder / "training"), save_dvc_exp=False, dvcyaml=None, report=None) as live:
@@ -64,7 +74,7 @@ def train_field(scene_name: str) -> None:
         for progress in trainer.history:
             report(progress)
         if stream is None:
-            _train_on_references(work, trainer, costs, report)
+            _train_on_references(work, trainer, count, costs, report)
         else:
             _train_on_stream(work, trainer, stream, costs, report)
     trained = trainer.finish()
@@ -76,7 +86,8 @@ def train_field(scene_name: str) -> None:
     }
     save_field(trained, work.field, fields.precision)
     work.checkpoint("train").unlink(missing_ok=True)
-    costs.facts |= {"held_out_error": trainer.best_error, **asdict(trained.settings)}
+    costs.facts |= {"held_out_error": trainer.best_error, "gaussians": count}
+    costs.facts |= asdict(trained.settings)
     costs.write(work.cost("train"))
 
 
@@ -93,9 +104,10 @@ def _params(work: Workspace) -> dict[str, Any]:
     return {name: getattr(work.params, name).model_dump() for name in names}
 
 
-def _fingerprint(work: Workspace) -> dict[str, Any]:
+def _fingerprint(work: Workspace, count: int) -> dict[str, Any]:
     """What a checkpoint belongs to."""
     return {
+        "gaussians": count,
         "targets": work.digest(work.targets),
         "photons": work.digest(work.photons),
         "params": _params(work),
@@ -103,11 +115,15 @@ def _fingerprint(work: Workspace) -> dict[str, Any]:
 
 
 def _train_on_references(
-    work: Workspace, trainer: Trainer, costs: CostMeter, report: Callable[[Progress], None]
+    work: Workspace,
+    trainer: Trainer,
+    count: int,
+    costs: CostMeter,
+    report: Callable[[Progress], None],
 ) -> None:
     """All steps that are left, on targets that do not change."""
     section = work.params.train
-    checkpoint, fingerprint = work.checkpoint("train"), _fingerprint(work)
+    checkpoint, fingerprint = work.checkpoint("train"), _fingerprint(work, count)
     saved = time.monotonic()
     with progress_bar(f"{work.scene}: training", section.steps) as advance:
 
@@ -145,23 +161,6 @@ def _train_on_stream(
         )
 
 
-def training_settings(work: Workspace) -> TrainingSettings:
-    """The library's settings from the sections of params.yaml."""
-    section = work.params.train
-    return TrainingSettings(
-        steps=section.steps,
-        batch=section.batch,
-        rates=LearningRates(**section.rates.model_dump()),
-        final_rate=section.final_rate,
-        rebuild_every=section.rebuild_every,
-        evaluate_every=section.evaluate_every,
-        held_out=section.held_out,
-        from_targets=work.params.field.initial_colour == "targets",
-        anisotropic=work.params.field.anisotropic,
-        seed=section.seed,
-    )
-
-
 def load_photons(work: Workspace) -> Photons:
     """The photons that the stage `photons` kept."""
     tensors, _ = read_tensors(work.photons, "photons", "photons")
@@ -190,7 +189,7 @@ def photons_for_field(work: Workspace, photons: Photons) -> Photons:
             "its photons are direct light alone, which field.direct: emitters leaves to emitters",
             "Set field.direct to field.",
         )
-    if count < section.gaussians:
+    if section.gaussians != "auto" and count < section.gaussians:
         console.print(
             f"{work.scene}: {count} of the photons are not direct light; the field has as many "
             f"Gaussians, not {section.gaussians}. More photons.paths bring more",
@@ -200,16 +199,16 @@ def photons_for_field(work: Workspace, photons: Photons) -> Photons:
 
 
 def initial_field(
-    work: Workspace, photons: Photons, targets: Targets, bounds: tuple[Any, Any]
+    work: Workspace, count: int, photons: Photons, targets: Targets, bounds: tuple[Any, Any]
 ) -> GaussianPhotonField:
-    """The field before training."""
+    """The field before training, with so many Gaussians."""
     section = work.params.field
     radius = section.search_radius
     if radius == "auto":
-        radius = propose_search_radius(photons, section.gaussians, targets.position, bounds)
+        radius = propose_search_radius(photons, count, targets.position, bounds)
     scale = 0.6 * radius if section.initial_scale == "auto" else section.initial_scale
     initial = InitializationSettings(
-        gaussians=section.gaussians,
+        gaussians=count,
         source=section.initialization,
         colour="flux" if section.initial_colour == "flux" else "density",
         scale=scale,

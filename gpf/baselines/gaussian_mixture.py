@@ -20,7 +20,9 @@ _REACH = 3.5
 _FAINTEST = -10.0
 
 # Every cell has so many components to begin with, however far away they are.
-_AT_LEAST = 4
+_AT_LEAST = 8
+
+_BLOCK = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -94,9 +96,7 @@ def improve_mixture(
     while True:
         shares, likelihoods = _expect(joint)
         history.append(float(np.average(likelihoods, weights=cells.mass)))
-        done = len(history) > steps or (
-            len(history) > 1 and history[-1] - history[-2] < tolerance
-        )
+        done = len(history) > steps or (len(history) > 1 and history[-1] - history[-2] < tolerance)
         if done:
             return mixture, history
         mixture, joint = _maximize(shares, cells, moments, origin)
@@ -146,11 +146,18 @@ def _log_joint(
     """log w_s + <log g_s>_A where ``pairs`` has entries."""
     parameters = _parameters(mixture, origin)
     cell = np.repeat(np.arange(len(moments)), np.diff(pairs.indptr))
-    values = np.einsum("pj,pj->p", moments[cell], parameters[pairs.indices])
+    values = np.empty(pairs.nnz)
+    # A few at a time, so that what is gathered stays in the processor's cache.
+    for first in range(0, pairs.nnz, _BLOCK):
+        block = slice(first, first + _BLOCK)
+        left = moments.take(cell[block], axis=0)
+        right = parameters.take(pairs.indices[block], axis=0)
+        values[block] = np.einsum("pj,pj->p", left, right)
     return csr_array((values, pairs.indices, pairs.indptr), shape=pairs.shape)
 
 
 def _without_faint(joint: csr_array) -> csr_array:
+    """The entries that matter to their cells."""
     sizes = np.diff(joint.indptr)
     greatest = np.maximum.reduceat(joint.data, joint.indptr[:-1])
     matters = joint.data - np.repeat(greatest, sizes) >= _FAINTEST
@@ -171,9 +178,10 @@ def _expect(joint: csr_array) -> tuple[csr_array, np.ndarray]:
 def _maximize(
     shares: csr_array, cells: PhotonCells, moments: np.ndarray, origin: np.ndarray
 ) -> tuple[GaussianMixture, csr_array]:
+    """The mixture that fits the shares best, and the shares of those that are left in it."""
     sums = shares.T @ np.concatenate([cells.mass[:, None] * moments, cells.flux], axis=1)
     mass = sums[:, 0]
-    alive = np.flatnonzero(mass > 1e-9 * mass.sum() / len(mass))
+    alive = np.flatnonzero(mass > 0)
     if len(alive) < len(mass):
         sums, mass, shares = sums[alive], mass[alive], shares[:, alive]
     means = sums[:, 1:4] / mass[:, None]

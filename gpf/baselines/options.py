@@ -84,39 +84,67 @@ class DenoisedOptions(_Options):
 
 
 class EmGmmOptions(_Options):
-    """Progressive expectation maximisation for photons (Jakob, Regg and Jarosz 2011)."""
+    """Progressive expectation maximisation for photons (Jakob, Regg and Jarosz 2011).
+
+    ``paths`` photon paths come in so many ``passes``, or more of 100000 paths each. ``bandwidth``:
+    the standard deviation of the kernel that a photon stands for, world units, or ``auto``: half of
+    what a typical component begins with. ``normalisation``: that of the method, over the
+    ``volume``, or for photons in a ``plane`` (:mod:`gpf.baselines.em_gmm`).
+    """
 
     system: Literal["em_gmm"]
     components: Count = 4096
     paths: Count = 100_000
+    passes: Count = 5
+    bandwidth: Positive | Literal["auto"] = "auto"
+    normalisation: Literal["volume", "plane"] = "volume"
+    spp: Count = 8
 
 
 class InstantNgpOptions(_Learned):
-    """Hash grids and small networks, fitted to pictures (Müller and others 2022)."""
+    """Hash grids and small networks, fitted to pictures (Müller and others 2022).
+
+    ``samples``: along all rays of a step.
+    """
 
     system: Literal["instant_ngp"]
     steps: Count = 2000
+    samples: Count = 131_072
 
 
 class SplattingOptions(_Learned):
-    """3D Gaussian splatting (Kerbl and others 2023)."""
+    """3D Gaussian splatting (Kerbl and others 2023).
+
+    ``gaussians`` to start with, ``most`` once their number has grown where that helps, with
+    spherical harmonics up to a ``degree``.
+    """
 
     system: Literal["splatting"]
     steps: Count = 2000
     gaussians: Count = 20_000
+    most: Count = 50_000
+    degree: Annotated[int, Field(ge=0, le=3)] = 3
 
 
 class RadianceCacheOptions(_Options):
-    """A hash grid and a small network in place of the Gaussians."""
+    """A hash grid and a small network in place of the Gaussians.
+
+    ``size``: of both, as :mod:`gpf.baselines.radiance_cache` describes it.
+    """
 
     system: Literal["radiance_cache"]
+    size: Literal["small", "large"] = "large"
     steps: Count = 500
     batch: Count = 32_768
     spp: Count = 64
 
 
 class RenderFormerOptions(_Options):
-    """RenderFormer (Zeng and others 2025)."""
+    """RenderFormer (Zeng and others 2025).
+
+    ``triangles``: more are simplified away. ``weights``: a folder, or a name of the Hugging Face
+    hub that is in its local cache. The published code is where ``GPF_RENDERFORMER`` says.
+    """
 
     system: Literal["renderformer"]
     triangles: Count = 4096
@@ -124,7 +152,11 @@ class RenderFormerOptions(_Options):
 
 
 class AnySplatOptions(_Learned):
-    """AnySplat (Jiang and others 2025)."""
+    """AnySplat (Jiang and others 2025).
+
+    ``weights``: a folder, or a name of the Hugging Face hub that is in its local cache. The
+    published code is where ``GPF_ANYSPLAT`` says.
+    """
 
     system: Literal["anysplat"]
     weights: str = "lhjiang/anysplat"

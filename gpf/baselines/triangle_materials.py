@@ -47,7 +47,7 @@ def refuse_what_triangles_lack(scene: mi.Scene, where: str) -> None:
             )
     # Not mi.traverse(scene): its hierarchy has textures that no surface uses.
     for name, owner in [*materials.items(), *_name_emitters(scene)]:
-        if any(isinstance(o, mi.Texture) and o.is_spatially_varying() for o in _parts(owner)):
+        if any(isinstance(o, mi.Texture) and not _is_constant(o) for o in _parts(owner)):
             raise CannotServe(
                 f"{where}: {name}",
                 "no textures",
@@ -66,7 +66,6 @@ def read_material(bsdf: mi.BSDF, where: str) -> Material:
     """The numbers of a BSDF that :func:`refuse_what_triangles_lack` let pass."""
     values = mi.traverse(bsdf)
     kind = bsdf.class_name()
-    prefix = ""
     if kind == "TwoSidedBRDF":
         inner = [part for part in _parts(bsdf) if isinstance(part, mi.BSDF) and part is not bsdf]
         if len({id(part) for part in inner}) == 1:
@@ -76,16 +75,16 @@ def read_material(bsdf: mi.BSDF, where: str) -> Material:
         return Material(_colour(values, "reflectance"), np.zeros(3), ROUGHEST)
     if kind in ("SmoothPlastic", "RoughPlastic"):
         eta = float(np.ravel(np.asarray(values["eta"]))[0])
-        specular = ((eta - 1) / (eta + 1)) ** 2 * _colour(values, "specular_reflectance")
+        specular = ((eta - 1) / (eta + 1)) ** 2 * _tint(values)
         diffuse = _colour(values, "diffuse_reflectance")
         return Material(np.minimum(diffuse, 1 - specular), _whiten(specular), _roughness(values))
     if kind in ("SmoothConductor", "RoughConductor"):
-        eta, k = _colour(values, "eta"), _colour(values, "k")
-        fresnel = ((eta - 1) ** 2 + k**2) / ((eta + 1) ** 2 + k**2)
-        specular = fresnel * _colour(values, "specular_reflectance")
+        n, k = _colour(values, "eta"), _colour(values, "k")
+        fresnel = ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)
+        specular = fresnel * _tint(values)
         return Material(np.zeros(3), _whiten(specular), _roughness(values))
     raise CannotServe(
-        f"{where}: {prefix}{bsdf.id()}",
+        f"{where}: {bsdf.id()}",
         f"no material of type {kind}",
         "The system knows diffuse surfaces, plastic and metals: leave it out for this scene.",
     )
@@ -97,11 +96,14 @@ def read_radiance(emitter: mi.Emitter) -> np.ndarray:
 
 
 def _colour(values: Any, name: str) -> np.ndarray:
-    """A spectrum of ``mi.traverse`` as three numbers; ones where there is none to be seen."""
-    key = f"{name}.value"
-    if key not in values:
-        return np.ones(3)
-    return np.broadcast_to(np.ravel(np.asarray(values[key], dtype=float)), 3).copy()
+    """A spectrum of ``mi.traverse`` as three numbers."""
+    return np.broadcast_to(np.ravel(np.asarray(values[f"{name}.value"], dtype=float)), 3).copy()
+
+
+def _tint(values: Any) -> np.ndarray:
+    """What the specular reflection is multiplied by: ones where the scene does not say."""
+    known = "specular_reflectance.value" in values
+    return _colour(values, "specular_reflectance") if known else np.ones(3)
 
 
 def _whiten(colour: np.ndarray) -> np.ndarray:
@@ -109,20 +111,17 @@ def _whiten(colour: np.ndarray) -> np.ndarray:
 
 
 def _roughness(values: Any) -> float:
-    """√α, the mean one where it differs along the surface; the smoothest without any."""
-    names = [name for name in ("alpha", "alpha_u", "alpha_v") if _has(values, name)]
-    if not names:
+    """√α, of the mean α where there are two; the smoothest without any."""
+    names = [f"{name}{end}" for name in ("alpha", "alpha_u", "alpha_v") for end in ("", ".value")]
+    found = [np.ravel(np.asarray(values[name]))[0] for name in names if name in values]
+    if not found:
         return SMOOTHEST
-    alpha = float(np.mean([np.ravel(np.asarray(_get(values, name)))[0] for name in names]))
-    return float(np.clip(np.sqrt(alpha), SMOOTHEST, ROUGHEST))
+    return float(np.clip(np.sqrt(np.mean(found)), SMOOTHEST, ROUGHEST))
 
 
-def _has(values: Any, name: str) -> bool:
-    return name in values or f"{name}.value" in values
-
-
-def _get(values: Any, name: str) -> Any:
-    return values[name] if name in values else values[f"{name}.value"]
+def _is_constant(texture: mi.Texture) -> bool:
+    # Not is_spatially_varying, which the attributes of meshes deny.
+    return texture.class_name().endswith("Spectrum")
 
 
 def _name_emitters(scene: mi.Scene) -> list[tuple[str, mi.Emitter]]:

@@ -1,0 +1,122 @@
+"""Lines of JSON in, lines of JSON out: how a program talks with the process that started it."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import resource
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+Answer = dict[str, Any]
+
+MEND = "Download them again, or correct `weights` in params.yaml."
+
+
+class Refusal(Exception):
+    """Words for the user: ``what`` is wrong, what there is ``todo``."""
+
+    def __init__(self, what: str, todo: str) -> None:
+        super().__init__(what)
+        self.what, self.todo = what, todo
+
+
+def converse(start: Callable[[Answer], tuple[Callable[[Answer], Answer], Answer]]) -> None:
+    """Answer requests until there are no more.
+
+    ``start`` takes the first one, and returns a function for all others with an answer to it. What
+    else is printed goes to the errors, so that nothing but answers comes out.
+    """
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    respond = None
+    for line in sys.stdin:
+        request = json.loads(line)
+        try:
+            if respond is None:
+                sys.path.insert(0, request["code"])
+                respond, answer = start(request)
+            else:
+                answer = respond(request)
+        except Refusal as refusal:
+            answer = {"refused": refusal.what, "todo": refusal.todo}
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
+
+
+def find_weights(name: str) -> Path:
+    """The folder of weights: the one of this name, or the hub's copy in the local cache.
+
+    Raises
+    ------
+    Refusal: there is none, or it lacks a file.
+    """
+    folder = Path(name)
+    if not folder.is_dir():
+        folder = _find_in_cache(name)
+    for file in ("config.json", "model.safetensors"):
+        if not (folder / file).is_file():
+            raise Refusal(f"weights not installed: {name} has no {file}", MEND)
+    return folder
+
+
+def _find_in_cache(name: str) -> Path:
+    try:
+        hub = importlib.import_module("huggingface_hub")
+        return Path(hub.snapshot_download(name, local_files_only=True))
+    except Exception as error:  # an unknown name and an empty cache have errors of their own
+        traceback.print_exc()
+        raise Refusal(
+            f"weights not installed: {name}",
+            f"{say_how_to_download(name)}, or name a folder that has config.json and "
+            "model.safetensors as `weights` in params.yaml.",
+        ) from error
+
+
+def say_how_to_download(name: str) -> str:
+    """The command that brings weights from the hub into the cache."""
+    return f"Run `pip install huggingface_hub && hf download {name}` where there is a network"
+
+
+def load_network(network: Any, folder: Path) -> Any:
+    """``network.from_pretrained``, with an eye on what it passes over in silence.
+
+    Raises
+    ------
+    Refusal: tensors are missing, or of other shapes than the network's.
+    OSError: the network itself asked for a file that is not there.
+    """
+    try:
+        model = network.from_pretrained(str(folder))
+    except OSError:
+        raise
+    except Exception as error:  # torch, safetensors and the networks raise several kinds
+        traceback.print_exc()
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        detail = next((line for line in lines if "size mismatch" in line), (lines or ["?"])[-1])
+        raise Refusal(f"weights do not fit the network: {detail.rstrip('.')}", MEND) from error
+    with importlib.import_module("safetensors").safe_open(
+        str(folder / "model.safetensors"), framework="np"
+    ) as stored:
+        missing = sorted({key for key, _ in model.named_parameters()} - set(stored.keys()))
+    if missing:  # the network would keep random numbers there
+        raise Refusal(
+            f"weights do not fit the network: {len(missing)} tensors are missing, among them "
+            f"{missing[0]}",
+            MEND,
+        )
+    return model.eval()
+
+
+def describe(model: Any, device: str) -> Answer:
+    """What there is to say of a loaded network."""
+    return {"device": device, "parameters": sum(p.numel() for p in model.parameters())}
+
+
+def peak_megabytes() -> float:
+    """The most memory that this process had at a time."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6

@@ -1,0 +1,102 @@
+"""Similarities of space, and the one that lays cameras over others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpf.baselines.pinhole import Pinhole
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """x → s R x + t.
+
+    Attributes
+    ----------
+    scale: s > 0. rotation: R, (3, 3). translation: t, (3,).
+    """
+
+    scale: float
+    rotation: np.ndarray
+    translation: np.ndarray
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """Where points (..., 3) go."""
+        return self.scale * points @ self.rotation.T + self.translation
+
+    def inverse(self) -> Similarity:
+        """The way back."""
+        back = self.rotation.T
+        return Similarity(1 / self.scale, back, -(back @ self.translation) / self.scale)
+
+    def apply_camera(self, camera: Pinhole) -> Pinhole:
+        """The camera that sees of what went along what ``camera`` saw before."""
+        return Pinhole(
+            self.apply(camera.origin), self.rotation @ camera.rotation, camera.focal, camera.size
+        )
+
+
+def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
+    """The similarity that takes ``source`` (N, 3) next to ``target``, in least squares.
+
+    Umeyama 1991: R from the singular value decomposition of Σ = 1/N Σ_i y_i x_iᵀ, with x and y
+    relative to their means; s = tr(Rᵀ Σ) / var x. Where the points lie on a line, R is one of many.
+
+    Raises
+    ------
+    ValueError: all points of one kind lie in one place.
+    """
+    return _complete(_best_rotation(_cross_covariance(source, target)), source, target)
+
+
+def align_cameras(source: np.ndarray, target: np.ndarray) -> Similarity:
+    """The similarity that takes cameras next to others, which stand and look like them.
+
+    As :func:`align_points` for where they stand, but R fits the directions that they look in as
+    well: it is taken from Σ / (σ_x σ_y) + 1/N Σ_i C_i B_iᵀ, where B and C are the axes of the
+    cameras. A few cameras on a line, or far from what they see, would not tell R by their places.
+
+    Parameters
+    ----------
+    source, target: camera to world, (N, 4, 4).
+
+    Raises
+    ------
+    ValueError: all cameras of one kind stand in one place, or they do not resemble each other.
+    """
+    x, y = source[:, :3, 3], target[:, :3, 3]
+    spread = np.sqrt(_variance(x) * _variance(y))
+    turned = np.einsum("nij,nkj->ik", target[:, :3, :3], source[:, :3, :3]) / len(x)
+    return _complete(_best_rotation(_cross_covariance(x, y) / spread + turned), x, y)
+
+
+def _cross_covariance(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    covariance: np.ndarray = (y - y.mean(axis=0)).T @ (x - x.mean(axis=0)) / len(x)
+    return covariance
+
+
+def _variance(points: np.ndarray) -> float:
+    variance = float(((points - points.mean(axis=0)) ** 2).sum() / len(points))
+    # What rounding alone would make of points that are equal.
+    if not variance > 1e-12 * float((points**2).sum() / len(points)):
+        raise ValueError("all are in one place, which tells no scale")
+    return variance
+
+
+def _best_rotation(matrix: np.ndarray) -> np.ndarray:
+    """The rotation R with the largest tr(Rᵀ M)."""
+    u, _, vt = np.linalg.svd(matrix)
+    mirror = np.diag([1, 1, np.sign(np.linalg.det(u @ vt))])
+    rotation: np.ndarray = u @ mirror @ vt
+    return rotation
+
+
+def _complete(rotation: np.ndarray, x: np.ndarray, y: np.ndarray) -> Similarity:
+    """With the scale and the translation that fit best."""
+    _variance(y)
+    scale = float((rotation * _cross_covariance(x, y)).sum()) / _variance(x)
+    if not scale > 0:
+        raise ValueError("they do not resemble each other")
+    return Similarity(scale, rotation, y.mean(axis=0) - scale * rotation @ x.mean(axis=0))

@@ -1,0 +1,107 @@
+"""Photon mapping with few passes: ours, as it makes the references."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.baselines.options import SppmOptions
+from gpf.baselines.protocol import CannotServe, Task
+from gpf.baselines.sampling import own_camera
+from gpf.bounds import require_bounds
+from gpf.film import sample_film
+from gpf.materials import require_separable
+from gpf.photon_tracing import record_photons
+from gpf.progressive import propose_radius
+from gpf.seeds import pass_seed
+from gpf.sensors import make_sensor
+from gpf.structs import Photons, to_numpy
+from gpf.views import View
+
+
+class Sppm:
+    """Stochastic progressive photon mapping, stopped after a few passes.
+
+    All is as for the references, but for three things: passes are few; photons leave the lamps as
+    the lamps emit light, without a guide to where cameras look; and the radius of the first pass
+    suits what the scene's own camera sees, for there are no training views.
+    """
+
+    def __init__(self, options: SppmOptions) -> None:
+        self.options = options
+
+    def prepare(self, task: Task) -> PreparedSppm:
+        """Measure the radius of the first pass, and the photon map of one.
+
+        Raises
+        ------
+        CannotServe: photons cannot be told from other light on one of the scene's materials, or the
+            scene has no camera.
+        """
+        scene, paths = task.scene, self.options.photons_per_pass
+        try:
+            require_separable(scene)
+            require_bounds(scene)
+        except ValueError as error:
+            raise CannotServe(
+                f"scene {task.name}", f"no photon mapping: {error}", "Leave it out for this scene."
+            ) from error
+        camera = own_camera(task)
+        points = sample_film(scene, camera, pass_seed(task.seed, 0, stream=1)).points
+        radius = propose_radius(scene, points, paths, task.seed)
+        seed = pass_seed(task.seed, 1, stream=0)
+        photons = record_photons(scene, paths=paths, seed=seed, rr_depth=task.rr_depth)
+        integrator = mi.load_dict(
+            {
+                "type": "sppm",
+                "passes": self.options.passes,
+                "photons_per_pass": paths,
+                "initial_radius": radius,
+                "rr_depth": task.rr_depth,
+                "direct": "emitters",
+            }
+        )
+        storage = count_bytes(photons)
+        facts: dict[str, float | str] = {
+            "passes": self.options.passes,
+            "photons_per_pass": paths,
+            "initial_radius": radius,
+        }
+        return PreparedSppm(task, integrator, self.options.passes, storage, facts)
+
+
+@dataclass(frozen=True)
+class PreparedSppm:
+    """A scene with the radius that suits it.
+
+    Attributes
+    ----------
+    storage_bytes: the photons of one pass, which a view needs all of. Passes are traced anew for
+        each view: they are forgotten in between, but without them there is no image.
+    """
+
+    task: Task
+    integrator: mi.Integrator
+    passes: int
+    storage_bytes: int
+    facts: Mapping[str, float | str]
+
+    def render(self, view: View, seed: int) -> np.ndarray:
+        """A view's radiance, W/(m² sr), (H, W, 3) float32, linear."""
+        sensor = make_sensor(view, *self.task.size)
+        image = mi.render(
+            self.task.scene,
+            integrator=self.integrator,
+            sensor=sensor,
+            spp=self.passes,
+            seed=pass_seed(seed, 0, stream=0),
+        )
+        return np.asarray(image.numpy(), dtype=np.float32)
+
+
+def count_bytes(photons: Photons) -> int:
+    """What photons take in memory."""
+    return sum(to_numpy(getattr(photons, f.name)).nbytes for f in fields(photons))

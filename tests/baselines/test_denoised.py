@@ -1,0 +1,113 @@
+"""Path tracing with a denoiser; what needs the library itself is left out without it."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from gpf.baselines import denoised
+from gpf.baselines.denoised import Denoised
+from gpf.baselines.image_denoiser import ImageDenoiser
+from gpf.baselines.options import DenoisedOptions, PathTracerOptions
+from gpf.baselines.path_tracer import PathTracer
+from gpf.baselines.protocol import CannotServe
+from gpf.views import View
+from tests.baselines.classical import task_for
+from tests.furnace import cornell_box
+
+FRONT = View(name="front", origin=(0, 0, 3.9), target=(0, 0, 0), up=(0, 1, 0), fov=39.3)
+SIZE = (48, 40)
+
+
+def prepare(spp, scene=None, **task):
+    options = DenoisedOptions(system="denoised", spp=spp)
+    return Denoised(options).prepare(task_for(scene or cornell_box(), SIZE, **task))
+
+
+def test_without_the_package_the_command_that_brings_it_is_told(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyoidn", None)
+    with pytest.raises(CannotServe, match=r"not installed.* pip install pyoidn==2\.5\.1"):
+        prepare(4)
+
+
+def test_equal_time_needs_the_time_of_the_field():
+    with pytest.raises(CannotServe, match="analytic: .*no equal time.*`gpf stage render --scene"):
+        prepare("equal_time")
+
+
+def test_the_image_is_nearer_to_the_truth_than_a_path_tracer_of_four_times_the_samples():
+    pytest.importorskip("pyoidn")
+    task = task_for(cornell_box(), SIZE)
+
+    def trace(spp, seed):
+        options = PathTracerOptions(system="path_tracer", spp=spp)
+        return PathTracer(options).prepare(task).render(FRONT, seed)
+
+    truth = trace(1500, 0)
+    prepared = prepare(8)
+    image = prepared.render(FRONT, 1)
+    assert image.shape == (40, 48, 3)
+    assert image.dtype == np.float32
+    assert (image >= 0).all()
+    dim = truth.max(-1) < 2  # the lamp's outline has an error of its own
+    error = np.square(image - truth)[dim].mean()
+    assert error < np.square(trace(32, 2) - truth)[dim].mean()
+    assert image[dim].mean() == pytest.approx(truth[dim].mean(), rel=0.03)
+    assert prepared.storage_bytes == 0
+    assert prepared.facts["spp"] == 8
+    assert prepared.facts["guides"] == "as they are"
+    assert str(prepared.facts["on"]).startswith("Open Image Denoise 2")
+
+
+def test_guides_are_denoised_where_there_is_glass():
+    pytest.importorskip("pyoidn")
+    assert prepare(1, cornell_box(glass=True)).facts["guides"] == "prefiltered"
+
+
+def test_equal_time_is_time_for_samples_or_a_reason(monkeypatch):
+    pytest.importorskip("pyoidn")
+    times = iter([1.0, 0.5, 1.0, 0.5])
+    monkeypatch.setattr(denoised, "time_of", lambda action: (action(), next(times))[1])
+    with pytest.raises(CannotServe, match=r"takes 1\.5 s, .* take 1\.5 s, so .* no equal time"):
+        prepare("equal_time", seconds_per_view=1.5)
+    prepared = prepare("equal_time", seconds_per_view=2.5)
+    start = time.perf_counter()
+    image = prepared.render(FRONT, 1)
+    assert time.perf_counter() - start > 1  # 2.5 s, less half a second for the denoiser
+    assert prepared.facts["spp"] > 8
+    dim = image.max(-1) < 2
+    monkeypatch.undo()
+    assert image[dim].mean() == pytest.approx(prepare(32).render(FRONT, 2)[dim].mean(), rel=0.05)
+
+
+def test_bright_images_keep_their_brightness():
+    pytest.importorskip("pyoidn")
+    albedo, normal = np.full((40, 48, 3), 0.5), np.broadcast_to((0.0, 0.0, 1.0), (40, 48, 3))
+    colour = np.broadcast_to((80.0, 40.0, 20.0), (40, 48, 3)).copy()
+    colour[:, 24:] /= 100
+    image = ImageDenoiser(SIZE, prefilter=False).denoise(colour, albedo, normal)
+    inner = np.s_[8:32, [8, 40]]
+    np.testing.assert_allclose(image[inner], colour[inner], rtol=0.05)
+
+
+def test_noise_of_guides_gets_into_the_image_unless_they_are_denoised():
+    pytest.importorskip("pyoidn")
+    rng = np.random.default_rng(5)
+    albedo = np.clip(0.5 + 0.2 * rng.standard_normal((40, 48, 3)), 0, 1)
+    normal = np.broadcast_to((0.0, 0.0, 1.0), (40, 48, 3))
+    colour = rng.gamma(2, 0.25, (40, 48, 3))
+    spread = [
+        ImageDenoiser(SIZE, prefilter=p).denoise(colour, albedo, normal).std()
+        for p in (False, True)
+    ]
+    assert spread[1] < 0.7 * spread[0]
+
+
+def test_an_image_of_another_size_is_refused():
+    pytest.importorskip("pyoidn")
+    wrong = np.zeros((48, 40, 3), np.float32)
+    with pytest.raises(ValueError, match=r"color has the shape \(48, 40, 3\)"):
+        ImageDenoiser(SIZE, prefilter=False).denoise(wrong, wrong, wrong)
