@@ -24,7 +24,7 @@ class InitializationSettings:
     gaussians: number M of primitives.
     source: ``photons``: means and normals of M photons, chosen at random; ``random``: means are
         uniform in the scene's bounding box, with the normal of the nearest photon.
-    colour: ``density``: kernel estimate of E at the photon; ``flux``: the photon's own power Φ.
+    colour: ``density``: kernel estimate of E at the Gaussian; ``flux``: the photon's own power Φ.
     scale: initial standard deviation of all axes, world units.
     density_radius: kernel radius of the estimate, world units.
     """
@@ -45,16 +45,11 @@ def initialize_gaussians(
     """
     rng = np.random.default_rng(seed)
     available = dr.width(photons.p)
-    if settings.colour == "density":
-        density = PhotonDensity(photons, settings.density_radius, bounds)
-        value = density.irradiance(photons.p, photons.n)
-    else:
-        value = photons.power
     count = min(settings.gaussians, available)
     chosen = mi.UInt32(np.sort(rng.permutation(available)[:count]).astype(np.uint32))
     means = dr.gather(mi.Point3f, photons.p, chosen)
     normals = dr.gather(mi.Normal3f, photons.n, chosen)
-    irradiance = dr.gather(mi.Color3f, value, chosen)
+    irradiance = dr.gather(mi.Color3f, photons.power, chosen)
     if settings.source == "random":
         lower, upper = (np.array([b[i] for i in range(3)]) for b in bounds)
         means = mi.Point3f(rng.uniform(lower, upper, (count, 3)).T.astype(np.float32))
@@ -63,6 +58,9 @@ def initialize_gaussians(
         nearest, _ = grid.nearest(means, 1, mi.Float(cell), mi.Float(2 * grid.extent))
         photon = dr.gather(mi.UInt32, grid.order, nearest[0])
         normals = dr.gather(mi.Normal3f, photons.n, photon)
+    if settings.colour == "density":
+        density = PhotonDensity(photons, settings.density_radius, bounds)
+        irradiance = density.irradiance(means, normals)
     quats = rng.normal(size=(4, count)).astype(np.float32)
     gaussians = Gaussians(
         means=means,

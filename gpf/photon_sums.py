@@ -8,6 +8,7 @@ brought, and the kernel's radius can be chosen after the fact, for all photons a
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import drjit as dr
@@ -26,6 +27,9 @@ _PLACES = 1024
 
 # Powers, in parts of a typical one.
 _POWER_STEPS = 2.0**24
+
+# Paths that tell how much a photon brings, and how many land.
+PILOT = 1024
 
 # Room for a cell's sums, in 64-bit numbers. A key is never zero: no normal is.
 _LINE = 8
@@ -50,7 +54,9 @@ class PhotonSums:
         self._lower = mi.Point3f(*(dr.opaque(mi.Float, float(bounds[0][i])) for i in range(3)))
         self._cell = dr.opaque(mi.Float, cell)
         self._least_depth = dr.opaque(mi.UInt32, int(indirect))
-        self._unit = 0.0
+        self._unit, self._landings = 0.0, 0.0
+        self._indirect = indirect
+        self._lost = dr.zeros(mi.UInt32, 1)
         self.paths = 0
         self._make_room(capacity)
 
@@ -69,16 +75,21 @@ class PhotonSums:
     ) -> None:
         """Add the photons of so many more paths."""
         if not self._unit:
-            few = record_photons(scene, paths=1024, seed=seed, rr_depth=rr_depth, source=source)
+            few = record_photons(scene, paths=PILOT, seed=seed, rr_depth=rr_depth, source=source)
             power = np.asarray(few.power.numpy()).max(axis=0) if dr.width(few.p) else np.ones(1)
-            self._unit = float(np.mean(power)) * 1024 / _POWER_STEPS
+            self._unit = float(np.mean(power)) * PILOT / _POWER_STEPS
+            self._landings = (dr.width(few.p) + 1) / PILOT
+        # Each photon may open a cell of its own, and half of the table is to stay empty.
+        wanted = 2 * (int(self._cells[0]) + 1.5 * self._landings * paths)
+        if wanted > self.capacity:
+            self._grow(1 << math.ceil(math.log2(wanted)))
         # A photon's power is that of one of `paths`; sums are of paths of power one.
         self._scale = dr.opaque(mi.Float, paths / self._unit)
         trace_photons(scene, self._add, paths, seed, rr_depth=rr_depth, source=source)
-        dr.eval(self._cells, self._keys, self._sums)
+        dr.eval(self._cells, self._lost, self._keys, self._sums)
         self.paths += paths
-        if 2 * int(self._cells[0]) > self.capacity:
-            self._grow()
+        if int(self._lost[0]) > 0:
+            raise RuntimeError(f"{self._lost[0]} photons found no room in {self.capacity} cells")
 
     def _add(self, photons: Photons, active: mi.Bool) -> None:
         counts = active & (photons.depth >= self._least_depth)
@@ -99,7 +110,7 @@ class PhotonSums:
         """The cell's slot in an open-addressing table; a new one where the cell has none."""
         low, high = mi.sample_tea_32(mi.UInt32(key), mi.UInt32(key >> 32), 4)
         slot = (low ^ high) & self._mask
-        looking = mi.Bool(active)
+        looking, probes = mi.Bool(active), mi.UInt32(0)
         while looking:
             there = dr.gather(mi.UInt64, self._keys, slot, looking)
             if there == 0:
@@ -108,6 +119,10 @@ class PhotonSums:
                 there = dr.select(won, key, old)
             looking &= there != key
             slot = dr.select(looking, (slot + 1) & self._mask, slot)
+            probes += 1
+            if probes > self._mask:  # the table is full
+                dr.scatter_add(self._lost, mi.UInt32(1), 0, looking)
+                looking = mi.Bool(False)
         return slot
 
     def photons(self) -> Photons:
@@ -132,16 +147,18 @@ class PhotonSums:
             p=mi.Point3f(_columns(position)),
             n=mi.Normal3f(_columns(normal)),
             power=mi.Color3f(_columns(power * scale)),
-            depth=mi.UInt32(self._least_depth + dr.zeros(mi.UInt32, len(keys))),
+            depth=dr.full(mi.UInt32, int(self._indirect), len(keys)),
         )
 
-    def _grow(self) -> None:
-        """Move all cells into a table of twice the size."""
+    def _grow(self, capacity: int) -> None:
+        """Move all cells into a larger table."""
         keys, sums = self._keys, self._sums
         taken = dr.compress(keys != 0)
-        self._make_room(2 * self.capacity)
+        self._make_room(capacity)
+        if dr.width(taken) == 0:
+            return
         slot = self._find(dr.gather(mi.UInt64, keys, taken), mi.Bool(True))
-        dr.eval(slot, self._keys, self._cells)
+        dr.eval(slot, self._keys, self._cells, self._lost)
         for k in range(_LINE):
             value = dr.gather(mi.UInt64, sums, _LINE * taken + k)
             dr.scatter(self._sums, value, _LINE * slot + k)

@@ -210,7 +210,8 @@ def initial_field(
     initial = InitializationSettings(
         gaussians=count,
         source=section.initialization,
-        colour="flux" if section.initial_colour == "flux" else "density",
+        # That of the targets is not known here: the trainer sees to it.
+        colour="density" if section.initial_colour == "density" else "flux",
         scale=scale,
         density_radius=radius,
     )

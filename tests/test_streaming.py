@@ -9,8 +9,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.bounds import scene_bounds
+from gpf.density import PhotonDensity, radius_at
 from gpf.field import FieldSettings
-from gpf.progressive import PassSettings, PhotonPasses
+from gpf.photon_tracing import record_photons
+from gpf.progressive import PassSettings
+from gpf.seeds import pass_seed
 from gpf.streaming import PhotonStream, StreamSettings, train_on_stream
 from gpf.structs import SurfacePoints, VisiblePoints, to_numpy
 from gpf.supervision import Targets
@@ -25,7 +29,7 @@ def supervise(targets: Targets) -> SurfacePoints:
     return targets.supervised_points("views", "irradiance", "relative")
 
 
-def make_stream(settings: PassSettings = SETTINGS, sets: int = 1) -> PhotonStream:
+def make_stream(settings: PassSettings = SETTINGS) -> PhotonStream:
     light = point_light((0, 0, 1), 2, 1, 0.5)
     scene = mi.load_dict({"type": "scene", "floor": floor(diffuse(0.5)), "light": light})
     place = np.random.default_rng(1).uniform(-0.5, 0.5, (2, 300)).astype(np.float32)
@@ -37,7 +41,7 @@ def make_stream(settings: PassSettings = SETTINGS, sets: int = 1) -> PhotonStrea
     points.reflectance = mi.Color3f(0.5)
     dr.make_opaque(points)
     points.valid &= dr.arange(mi.UInt32, 300) % 3 != 0  # those in between are of no use
-    return PhotonStream(PhotonPasses(scene, settings, 3), {0: points}, sets)
+    return PhotonStream(scene, settings, {0: points}, seed=3)
 
 
 @pytest.mark.parametrize(("passes", "first"), [(250, 8), (20, 8), (5, 8), (1, 1)])
@@ -47,17 +51,33 @@ def test_rounds_grow_and_end_with_the_last_pass(passes, first):
     assert rounds == sorted(set(rounds))
 
 
-def test_targets_are_the_mean_so_far():
+def test_targets_are_what_all_photons_so_far_say():
+    """Gathered one by one from the same photons, with the last pass's radius for all."""
     stream = make_stream()
     stream.advance(3)
-    targets = stream.targets()
-    points = dr.zeros(VisiblePoints, len(targets.source))
-    points.p, points.n = mi.Point3f(targets.position.T), mi.Normal3f(targets.normal.T)
-    points.valid = dr.full(mi.Bool, True, len(targets.source))
-    singles = [stream.passes.trace(t).irradiance(points) for t in (1, 2, 3)]
-    expected = np.mean([to_numpy(e) for e in singles], axis=0)
-    np.testing.assert_allclose(targets.irradiance, expected, rtol=1e-5)
+    targets, radius = stream.targets(), radius_at(3, 0.3, SETTINGS.alpha)
+    p, n = mi.Point3f(targets.position.T), mi.Normal3f(targets.normal.T)
+    expected = np.zeros_like(targets.irradiance)
+    for t in (1, 2, 3):
+        photons = record_photons(stream.scene, paths=4000, seed=pass_seed(3, t, stream=0))
+        bounds = scene_bounds(stream.scene)
+        density = PhotonDensity(photons, radius, bounds, smooth=True)
+        expected += to_numpy(density.irradiance(p, n)) / 3
+    difference = targets.irradiance - expected
+    assert np.sqrt(np.mean(difference**2)) < 0.02 * expected.mean()
+    assert targets.irradiance.mean() == pytest.approx(expected.mean(), rel=2e-3)
     assert targets.direct.max() == 0
+
+
+def test_independent_passes_have_other_photons_for_the_same_points():
+    stream = make_stream()
+    stream.advance(2)
+    other = stream.independent()
+    ours, theirs = stream.targets(), other.targets()
+    np.testing.assert_array_equal(ours.position, theirs.position)
+    relative = (ours.irradiance - theirs.irradiance) / ours.irradiance.mean()
+    assert 0.01 < np.sqrt(np.mean(relative**2)) < 0.5
+    assert stream.count == other.count == 2
 
 
 def test_all_passes_and_steps_are_done():
@@ -85,25 +105,3 @@ def test_direct_light_may_come_from_samples_of_the_emitters():
     expected = np.array([2, 1, 0.5]) / squared[:, None] ** 1.5
     np.testing.assert_allclose(targets.direct, expected, rtol=1e-4)
     np.testing.assert_allclose(targets.irradiance, expected, rtol=1e-4)
-
-
-def test_passes_serve_sets_of_points_in_turn():
-    """Three sets, six passes: each point knows two of them, and none is left out."""
-    stream, whole = make_stream(sets=3), make_stream()
-    stream.advance(6)
-    targets, points = stream.targets(), whole.targets()
-    order, other = (np.lexsort(t.position.T) for t in (targets, points))
-    np.testing.assert_array_equal(targets.position[order], points.position[other])
-    passes = [make_stream() for _ in range(6)]
-    singles = []
-    for t, each in enumerate(passes, start=1):
-        each.advance(t)
-        singles.append(t * each.targets().irradiance)
-    by_pass = np.diff([np.zeros_like(singles[0]), *singles], axis=0)
-    expected = np.empty_like(by_pass[0])
-    for k in range(3):
-        served = [t - 1 for t in range(1, 7) if t % 3 == k]
-        expected[k::3] = by_pass[served, k::3].mean(axis=0)
-    np.testing.assert_allclose(
-        targets.irradiance[order], expected[other], rtol=1e-3, atol=1e-4 * expected.max()
-    )

@@ -98,7 +98,7 @@ class EmGmmOptions(_Options):
     passes: Count = 5
     bandwidth: Positive | Literal["auto"] = "auto"
     normalisation: Literal["volume", "plane"] = "volume"
-    spp: Count = 8
+    spp: Count = 4
 
 
 class InstantNgpOptions(_Learned):
