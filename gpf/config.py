@@ -110,6 +110,10 @@ class Photons(_Section):
     seed: Seed = 2
 
 
+# With `field.gaussians: auto`.
+MOST_GAUSSIANS = 100_000
+
+
 class FieldSection(_Section):
     """The field's make, query (:mod:`gpf.field`) and file (:mod:`gpf.field_files`)."""
 
@@ -130,7 +134,7 @@ class FieldSection(_Section):
     @property
     def most_gaussians(self) -> int:
         """How many there may be."""
-        return 100_000 if self.gaussians == "auto" else self.gaussians
+        return MOST_GAUSSIANS if self.gaussians == "auto" else self.gaussians
 
 
 class Rates(_Section):

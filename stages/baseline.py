@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import shutil
 import subprocess
@@ -33,9 +34,13 @@ def run_baselines(scene_name: str, method: str | None = None, go_on: bool = Fals
     """
     work = Workspace.open(scene_name)
     if method is None:
+        # Also where the project is not installed, but imported from a folder.
+        places = [str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH", "")]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))}
         for name in work.params.methods.all:
             command = ["stage", "baseline", "--scene", scene_name, "--method", name, "--go-on"]
-            subprocess.run([sys.executable, "-m", "stages.cli", *command], check=True)
+            whole = [sys.executable, "-m", "stages.cli", *command]
+            subprocess.run(whole, check=True, env=environment)
         return
     rows = work.params.baselines
     if method not in rows:

@@ -4,7 +4,7 @@
 known; but through water and glass a point is not seen where it is, and what has been refracted only
 fits together at its apparent place. So each point is moved along the ray that saw it to where the
 other pictures agree best with its surroundings: no nearer than the first thing that the ray meets,
-and hardly further than the way that the light went.
+and hardly further than the way that the light went. Without a visible point, that is the sky.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from scipy.ndimage import gaussian_filter
 from gpf.baselines.pinhole import Pinhole
 from gpf.baselines.splat_model import Seeds
 from gpf.baselines.splat_training import Picture
+from gpf.bounds import bounding_box
 from gpf.seeds import pass_seed
 from gpf.structs import to_numpy
 from gpf.visible_points import find_visible_points
@@ -27,6 +28,10 @@ from gpf.visible_points import find_visible_points
 DISTANCES = 32
 # How much further than the light's way a point may seem to be.
 BEYOND = 1.1
+# The sky is a sphere around each camera with this radius, in diagonals of the scene.
+SKY = 5
+# There is nothing to see in pixels whose channels are no brighter than this.
+DARKEST = 1 / 255
 # What surrounds a pixel: means with these standard deviations, in heights of the image.
 SURROUNDINGS = (1 / 85, 1 / 32)
 # Only what is further from a camera than this can be compared with what it saw.
@@ -41,7 +46,7 @@ class Sight:
     ----------
     directions: unit vectors, (M, 3).
     near: the way to the first thing, world units.
-    far: the way of the light from the first diffuse surface.
+    far: the way of the light from the first diffuse surface; where there is none, to the sky.
     rows, columns: of the pixels.
     """
 
@@ -59,11 +64,11 @@ class Sight:
 def find_seeds(
     scene: mi.Scene, pictures: Sequence[Picture], count: int, seed: int, rr_depth: int = 5
 ) -> Seeds:
-    """At most ``count`` seeds, from the pixels of all pictures that see a diffuse surface."""
-    sights = [
-        look(scene, picture.camera, pass_seed(seed, k, stream=33), rr_depth)
-        for k, picture in enumerate(pictures)
-    ]
+    """At most ``count`` seeds, from the pixels of all pictures that are not black."""
+    sights = []
+    for k, picture in enumerate(pictures):
+        sight = look(scene, picture.camera, pass_seed(seed, k, stream=33), rr_depth)
+        sights.append(sight.take(np.flatnonzero(picture.image.max(axis=-1) > DARKEST)))
     sizes = [len(sight.near) for sight in sights]
     rng = np.random.default_rng(pass_seed(seed, 0, stream=34))
     chosen = np.sort(rng.permutation(sum(sizes))[:count])
@@ -79,7 +84,7 @@ def find_seeds(
 
 
 def look(scene: mi.Scene, camera: Pinhole, seed: int, rr_depth: int) -> Sight:
-    """Follow a ray through the centre of each pixel; those without a visible point are left out."""
+    """Follow a ray through the centre of each pixel, row by row."""
     width, height = camera.size
     rows, columns = (index.ravel() for index in np.indices((height, width)))
     x, y = columns + 0.5 - width / 2, rows + 0.5 - height / 2
@@ -90,15 +95,11 @@ def look(scene: mi.Scene, camera: Pinhole, seed: int, rr_depth: int) -> Sight:
     sampler.seed(seed, len(rows))
     found = find_visible_points(scene, sampler, ray, rr_depth=rr_depth)
     first = scene.ray_intersect(ray)
-    valid = np.array(found.valid)
-    sight = Sight(
-        directions=directions,
-        near=np.array(first.t),
-        far=np.linalg.norm(to_numpy(found.p) - camera.origin, axis=1),
-        rows=rows,
-        columns=columns,
-    )
-    return sight.take(np.flatnonzero(valid))
+    outside = SKY * float(np.linalg.norm(np.diff(bounding_box(scene), axis=0)))
+    way = np.linalg.norm(to_numpy(found.p) - camera.origin, axis=1)
+    far = np.where(np.array(found.valid), way, outside)
+    near = np.minimum(np.array(first.t), far)
+    return Sight(directions, near, far, rows, columns)
 
 
 def describe(image: np.ndarray) -> np.ndarray:

@@ -14,15 +14,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import mitsuba as mi
 import numpy as np
 
 from gpf.baselines.options import SplattingOptions
 from gpf.baselines.pinhole import Pinhole, make_pinhole
 from gpf.baselines.protocol import CannotServe, Task
 from gpf.baselines.splat_gsplat import make_rasteriser
-from gpf.baselines.splat_model import Seeds, SplatModel, grow_from
+from gpf.baselines.splat_model import SplatModel, grow_from
 from gpf.baselines.splat_seeds import find_seeds
 from gpf.baselines.splat_training import Picture, Plan, SplatTrainer
+from gpf.bounds import bounding_box
 from gpf.images import tone_map
 from gpf.views import View
 
@@ -49,24 +51,24 @@ class Splatting:
             seeds = find_seeds(task.scene, pictures, options.gaussians, task.seed, task.rr_depth)
             if not len(seeds.points):
                 raise CannotServe(
-                    task.name, "no training view sees a diffuse surface", "Turn one to the scene."
+                    task.name, "all training views are black", "Turn one to what is lit."
                 )
             tensors = grow_from(seeds, options.degree, rasteriser.device)
-            model = SplatModel(tensors, measure(pictures, seeds))
+            model = SplatModel(tensors, measure(pictures, task.scene))
             trainer = SplatTrainer(model, pictures, rasteriser, plan)
         trainer.run(file, task.report)
         return FittedSplats(trainer, task.exposure)
 
 
-def measure(pictures: Sequence[Picture], seeds: Seeds) -> float:
-    """The scene's size: how far cameras stand from their middle, or seeds from theirs.
+def measure(pictures: Sequence[Picture], scene: mi.Scene) -> float:
+    """The scene's size: how far cameras stand from their middle, as in 3DGS, or shapes from theirs.
 
-    3DGS has the former alone, which is 0 for a single view.
+    The former alone is 0 for a single view.
     """
     origins = np.stack([picture.camera.origin for picture in pictures])
     return 1.1 * max(
         float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
-        for points in (origins, seeds.points)
+        for points in (origins, bounding_box(scene))
     )
 
 

@@ -59,11 +59,22 @@ def test_direct_light_has_to_be_told_apart(finished):
     assert "set both to emitters" in outcome.text
 
 
-def test_every_point_has_to_be_served_before_the_first_step(finished):
-    finished.edit("params.yaml", stream__sets=8, stream__first=4)
+def test_the_number_of_gaussians_is_the_best_of_a_trial(finished, monkeypatch):
+    monkeypatch.setattr("gpf.config.MOST_GAUSSIANS", 640)
+    finished.edit("params.yaml", field__gaussians="auto")
     outcome = finished.stage("train")
-    assert outcome.code == 2
-    assert "sets is more than first" in outcome.text
+    assert outcome.code == 0, outcome.text
+    count = read_json(finished.results / "costs" / "train.json", "train")["facts"]["gaussians"]
+    assert count in (40, 160, 640) and f"{count} Gaussians" in outcome.text
+    tensors = read_field(finished.results / "field.safetensors").tensors
+    assert len(tensors["means"]) == count
+    errors = {}
+    for fixed in (40, 160, 640):
+        finished.edit("params.yaml", field__gaussians=fixed)
+        assert finished.stage("train").code == 0
+        record = read_json(finished.results / "costs" / "train.json", "train")["facts"]
+        errors[fixed] = record["held_out_error"]
+    assert errors[count] < 1.1 * min(errors.values())
 
 
 def test_targets_of_an_earlier_version_are_said_to_be_so(finished):
