@@ -66,6 +66,7 @@ def diagnose() -> list[Check]:
         check_repository(),
         check_lpips_weights(),
         check_flip(),
+        *check_baselines(),
         check_disk(),
         check_memory(),
         Check("processor", True, f"{read_cpu_model()}, {count_cores()} cores for this process"),
@@ -101,7 +102,7 @@ def spell_out(remedy: str) -> str:
     A bare ``pip`` would be the system's wherever the environment is not activated.
     """
     interpreter, lock = shlex.quote(_shorten(Path(sys.executable))), shlex.quote(_shorten(LOCK))
-    remedy = re.sub(r"\bpip (?=(un)?install)", lambda _: f"{interpreter} -m pip ", remedy)
+    remedy = re.sub(r"(?<![/\w])pip (?=(un)?install)", lambda _: f"{interpreter} -m pip ", remedy)
     return remedy.replace("requirements.lock", lock)
 
 
@@ -225,6 +226,15 @@ def check_flip() -> Check:
         remedy = "pip install --no-deps flip-evaluator==1.7"
         return Check("FLIP", None, "flip-evaluator is not installed; FLIP will be null", remedy)
     return Check("FLIP", True, f"flip-evaluator {read_version('flip-evaluator')}")
+
+
+def check_baselines() -> list[Check]:
+    """What systems that the field is compared with need, each for itself."""
+    available = importlib.import_module("gpf.baselines.available")
+    return [
+        Check(part.name, part.there or None, part.detail, part.remedy)
+        for part in available.list_parts()
+    ]
 
 
 def check_disk() -> Check:

@@ -19,7 +19,10 @@ from stages.workspace import Workspace
 
 # Tried one after another, as shares of the most there may be, until the error rises.
 SHARES = (1 / 16, 1 / 4, 1)
-TRIAL_STEPS = 100
+
+# Part of all steps that a trial takes. In shorter ones, the noise that points share has not been
+# learned yet, so that only judges who know other noise can tell.
+TRIAL, TRIAL_WITH_JUDGES = 0.5, 0.2
 
 
 def choose_count(
@@ -45,11 +48,13 @@ def choose_count(
     best, least = section.most_gaussians, float("inf")
     if work.params.train.held_out == 0:
         return best
-    settings = replace(training_settings(work), steps=TRIAL_STEPS, rebuild_every=TRIAL_STEPS // 2)
+    whole = training_settings(work)
+    steps = max(round(whole.steps * (TRIAL if judges is None else TRIAL_WITH_JUDGES)), 1)
+    settings = replace(whole, steps=steps, rebuild_every=min(whole.rebuild_every, steps))
     for share in SHARES:
         count = round(section.most_gaussians * share)
         trainer = Trainer(make_field(count), points, settings)
-        trainer.advance(TRIAL_STEPS)
+        trainer.advance(steps)
         if judges is not None:
             trainer.retarget(judges)
         error = trainer.judge().held_out_error

@@ -90,6 +90,7 @@ class CacheTraining:
     rate: float = 4e-2
     final_rate: float = 0.03
     shrink: float = 1.0
+    unfold: float = 0.0
     held_out: float = 0.1
     seed: int = 0
 
@@ -109,6 +110,7 @@ class CacheTrainer:
             part.target /= dr.opaque(mi.Float, model.unit)
             dr.eval(part)
         self.fit = Fit(model.parameters)
+        self.levels = model.grid.levels()
         self._gradients = Recorded(self._trace_gradients)
 
     def run(
@@ -135,8 +137,13 @@ class CacheTrainer:
         seed = dr.opaque(mi.UInt64, s.seed)
         *gradients, errors = self._gradients(*fit.values, self.training, seed, number)
         rate = dr.opaque(mi.Float, s.rate * decay(fit.step / s.steps, s.final_rate))
-        values = fit.adam.step(fit.values, gradients, [rate, rate], fit.step + 1)
-        values[0] -= rate * s.shrink * fit.values[0]
+        if s.unfold:
+            joined = fit.step / s.steps / s.unfold * self.model.grid.shape.levels + 1
+            table_rate = rate * dr.clip(dr.opaque(mi.Float, joined) - self.levels, 0, 1)
+        else:
+            table_rate = rate
+        values = fit.adam.step(fit.values, gradients, [table_rate, rate], fit.step + 1)
+        values[0] -= table_rate * s.shrink * fit.values[0]
         dr.eval(values, fit.adam.first, fit.adam.second)
         fit.values, fit.step = values, fit.step + 1
         return errors

@@ -115,7 +115,7 @@ class InstantNgpOptions(_Learned):
 class SplattingOptions(_Learned):
     """3D Gaussian splatting (Kerbl and others 2023).
 
-    ``gaussians`` to start with, ``most`` once their number has grown where that helps, with
+    ``gaussians`` to start with, about ``most`` once there are more where that helps, with
     spherical harmonics up to a ``degree``.
     """
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,12 +81,13 @@ class SplatTrainer:
     def run(self, file: Path, report: Callable[[int, int], None]) -> None:
         """Make the steps that are left; ``file`` keeps what is there every now and then."""
         saved = time.monotonic()
-        while self.done < self.plan.steps:
-            self.step()
-            report(self.done, self.plan.steps)
-            if time.monotonic() - saved > CHECKPOINT_SECONDS:
-                self.save(file)
-                saved = time.monotonic()
+        with _one_thread():
+            while self.done < self.plan.steps:
+                self.step()
+                report(self.done, self.plan.steps)
+                if time.monotonic() - saved > CHECKPOINT_SECONDS:
+                    self.save(file)
+                    saved = time.monotonic()
 
     def step(self) -> float:
         """Fit one picture a little better, and return how far from it the image was."""
@@ -149,3 +151,14 @@ class SplatTrainer:
                 trainer.state[name.removeprefix("state.")] = value
         trainer.done = record["done"]
         return trainer
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Keep torch to one thread: what it has to do here is less than waiting for others to join."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

@@ -1,0 +1,49 @@
+"""What of the optional parts of systems is there, and what brings the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+from gpf.baselines.anysplat import CODE as ANYSPLAT
+from gpf.baselines.protocol import CannotServe
+from gpf.baselines.renderformer import CODE as RENDERFORMER
+
+# Module -> what it is, what needs it, and what brings it.
+PACKAGES = {
+    "pyoidn": ("OIDN", "denoised rows", "pip install pyoidn==2.5.1.0"),
+    "gsplat": ("gsplat", "splatting rows", "pip install --no-deps gsplat==1.5.3"),
+    "h5py": ("h5py", "RenderFormer", "pip install h5py==3.16.0"),
+    "fast_simplification": (
+        "decimation",
+        "RenderFormer",
+        "pip install fast-simplification==0.2.0",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a system. ``remedy`` brings it where it is missing."""
+
+    name: str
+    there: bool
+    detail: str
+    remedy: str
+
+
+def list_parts() -> list[Part]:
+    """The optional parts of all systems; nothing is imported that may fail."""
+    parts = []
+    for module, (name, user, remedy) in PACKAGES.items():
+        there = find_spec(module) is not None
+        detail = f"for {user}" if there else f"not installed; {user} will say so in the tables"
+        parts.append(Part(name, there, detail, remedy))
+    for code in (RENDERFORMER, ANYSPLAT):
+        try:
+            detail = f"{code.find()}, run by {code.find_interpreter()}"
+            parts.append(Part(code.name, True, detail, ""))
+        except CannotServe as missing:
+            detail = f"{missing.what}; its rows will say so in the tables"
+            parts.append(Part(code.name, False, detail, code.install))
+    return parts
