@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TypeVar, get_args
+from typing import Literal, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from ruamel.yaml import YAML
@@ -53,10 +53,7 @@ def _explain(file: Path, model: type[BaseModel], error: ValidationError) -> User
     where = f"{file}: {place}" if place else str(file)
     if first["type"] == "extra_forbidden":
         *path, key = first["loc"]
-        for part in path:
-            if isinstance(part, str):  # a number is a place in a list
-                model = _model_in(model.model_fields[part].annotation)
-        known = sorted(model.model_fields)
+        known = sorted(_model_at(model, path).model_fields)
         return UserError(where, "is an unknown key", suggest(str(key), known, "Known here are"))
     if first["type"] == "missing":
         return UserError(where, "is missing", "Add it.")
@@ -68,13 +65,28 @@ def _explain(file: Path, model: type[BaseModel], error: ValidationError) -> User
     return UserError(where, f"is {arrived}", f"{first['msg']}.")
 
 
-def _model_in(annotation: object) -> type[BaseModel]:
-    """The model inside an annotation such as ``tuple[Annotated[View, ...], ...] | None``."""
+def _model_at(model: type[BaseModel], path: Sequence[str | int]) -> type[BaseModel]:
+    """The model that a place in the data has to fit, such as that of one row of a table."""
+    here: object = model
+    for part in path:
+        models = list(_models_in(here))
+        fields = [m.model_fields[part].annotation for m in models if part in m.model_fields]
+        tagged = [m for m in models if _is_tagged(m, part)]
+        # Keys of a dictionary and places in a list have no model of their own.
+        here = next(iter([*fields, *tagged]), here)
+    return next(_models_in(here))
+
+
+def _is_tagged(model: type[BaseModel], tag: object) -> bool:
+    """Whether the tag is what tells this model from the others of a union."""
+    kinds = [field.annotation for field in model.model_fields.values()]
+    return any(get_origin(kind) is Literal and tag in get_args(kind) for kind in kinds)
+
+
+def _models_in(annotation: object) -> Iterator[type[BaseModel]]:
+    """The models inside an annotation such as ``tuple[Annotated[View, ...], ...] | None``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
-    for part in get_args(annotation):
-        try:
-            return _model_in(part)
-        except LookupError:
-            continue
-    raise LookupError(annotation)
+        yield annotation
+    else:
+        for part in get_args(annotation):
+            yield from _models_in(part)
