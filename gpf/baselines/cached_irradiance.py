@@ -91,6 +91,7 @@ class CacheTraining:
     final_rate: float = 0.03
     shrink: float = 1.0
     unfold: float = 0.0
+    floor: float = 0.0
     held_out: float = 0.1
     seed: int = 0
 
@@ -163,7 +164,11 @@ class CacheTrainer:
         chosen = self._batch(dr.width(points.p), seed, number)
         p, n = dr.gather(mi.Point3f, points.p, chosen), dr.gather(mi.Normal3f, points.n, chosen)
         difference = self.model.relative(p, n) - dr.gather(mi.Color3f, points.target, chosen)
-        errors = dr.gather(mi.Float, points.weight, chosen) * dr.squared_norm(difference)
+        if self.settings.floor:
+            value = dr.detach(difference + dr.gather(mi.Color3f, points.target, chosen))
+            errors = dr.squared_norm(difference / dr.sqrt(dr.square(value) + self.settings.floor**2))
+        else:
+            errors = dr.gather(mi.Float, points.weight, chosen) * dr.squared_norm(difference)
         dr.backward(errors)
         result = dr.grad(table), dr.grad(weights), dr.detach(errors)
         dr.eval(result)

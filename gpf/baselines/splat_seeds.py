@@ -25,7 +25,7 @@ from gpf.structs import to_numpy
 from gpf.visible_points import find_visible_points
 
 # Distances that are tried for each point, evenly spaced in their inverses.
-DISTANCES = 32
+DISTANCES = 96
 # How much further than the light's way a point may seem to be.
 BEYOND = 1.1
 # The sky is a sphere around each camera with this radius, in diagonals of the scene.
@@ -33,7 +33,7 @@ SKY = 5
 # There is nothing to see in pixels whose channels are no brighter than this.
 DARKEST = 1 / 255
 # What surrounds a pixel: means with these standard deviations, in heights of the image.
-SURROUNDINGS = (1 / 85, 1 / 32)
+SURROUNDINGS = (1 / 60, 1 / 20)
 # Only what is further from a camera than this can be compared with what it saw.
 NEAREST = 0.05
 

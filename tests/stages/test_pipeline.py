@@ -43,11 +43,12 @@ def test_everything_that_should_exist_exists(built):
         *(f"reference/{view}.exr" for view in TRAIN + NOVEL),
         *(f"ceiling/{view}.exr" for view in NOVEL),
         *(f"renders/gpf/{view}.{kind}" for view in NOVEL for kind in ("exr", "png")),
-        *(f"costs/{stage}.json" for stage in STAGES),
-        *(
-            f"metrics/{name}.json"
-            for name in ("gpf", "sppm_3", "ceiling", "summary", "convergence")
-        ),
+        *(f"renders/path_10/{view}.{kind}" for view in NOVEL for kind in ("exr", "png")),
+        *(f"costs/{stage}.json" for stage in STAGES if stage != "baseline"),
+        "costs/baselines/path_10.json",
+        *(f"metrics/{name}.json" for name in ("gpf", "path_10", "ceiling")),
+        "summary.json",
+        "convergence.json",
     }
     assert files_below(built.results) == expected
     shared = files_below(built.folder / "results") - {f"cornell_box/{e}" for e in expected}
@@ -112,11 +113,11 @@ def test_the_field_is_fitted(built):
 
 def test_numbers_are_finite_and_tell_the_methods_apart(built):
     summary = json.loads((built.results / "summary.json").read_text())
-    assert summary.keys() == {"gpf", "sppm_3", "ceiling"}
+    assert summary.keys() == {"gpf", "path_10", "ceiling"}
     for numbers in summary.values():
         assert np.isfinite([v for v in numbers.values() if v is not None]).all()
         assert numbers["psnr"] > 5 and 0 < numbers["ssim"] <= 1
-    assert summary["ceiling"]["psnr"] > summary["sppm_3"]["psnr"]
+    assert summary["ceiling"]["psnr"] > summary["path_10"]["psnr"]
     reasons = json.loads((built.results / "metrics" / "gpf.json").read_text())["reasons"]
     missing = {key for key, value in summary["gpf"].items() if value is None}
     assert missing == set(reasons)
