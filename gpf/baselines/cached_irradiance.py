@@ -166,7 +166,9 @@ class CacheTrainer:
         difference = self.model.relative(p, n) - dr.gather(mi.Color3f, points.target, chosen)
         if self.settings.floor:
             value = dr.detach(difference + dr.gather(mi.Color3f, points.target, chosen))
-            errors = dr.squared_norm(difference / dr.sqrt(dr.square(value) + self.settings.floor**2))
+            errors = dr.squared_norm(
+                difference / dr.sqrt(dr.square(value) + self.settings.floor**2)
+            )
         else:
             errors = dr.gather(mi.Float, points.weight, chosen) * dr.squared_norm(difference)
         dr.backward(errors)

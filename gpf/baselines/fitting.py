@@ -87,7 +87,7 @@ def digest(*arrays: np.ndarray) -> str:
     """A short name for the contents of arrays."""
     total = hashlib.sha256()
     for array in arrays:
-        total.update(np.ascontiguousarray(array))
+        total.update(np.ascontiguousarray(array).tobytes())
     return total.hexdigest()[:16]
 
 

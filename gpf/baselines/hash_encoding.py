@@ -1,8 +1,9 @@
 """Hash grids and small networks on Dr.Jit: what the learned systems are made of.
 
-A multiresolution hash grid (Müller and others 2022) turns a point of the unit cube into features: on
-each of its levels the features of the eight corners of the cell around the point are interpolated,
-and those of all levels are joined. A small fully connected network makes an answer of them.
+A multiresolution hash grid (Müller and others 2022) turns a point of the unit cube into features:
+on each of its levels the features of the eight corners of the cell around the point are
+interpolated, and those of all levels are joined. A small fully connected network makes an answer of
+them.
 
 Parameters are flat float32 arrays, which the caller owns, changes and hands back with ``update``.
 """
@@ -126,7 +127,7 @@ class Cube:
 
     @classmethod
     def around(cls, box: np.ndarray, margin: float) -> Cube:
-        """The smallest cube around a box (2, 3), larger by a share ``margin`` of it on each side."""
+        """The smallest cube around a box (2, 3), larger by ``margin`` of it on each side."""
         edge = float((box[1] - box[0]).max()) * (1 + 2 * margin)
         x, y, z = (box.mean(axis=0) - edge / 2).tolist()
         return cls((x, y, z), edge)

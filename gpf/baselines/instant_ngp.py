@@ -1,8 +1,9 @@
 """Instant-NGP (Müller and others 2022): a radiance field from pictures alone.
 
-A hash grid and small networks, as in the paper; smaller ones, for a CPU is to train them. From there
-too: rays that skip what an occupancy grid knows to be empty, steps of equal length, view dependence by
-spherical harmonics of order 3, and a batch that is as many rays as fill a fixed number of samples.
+A hash grid and small networks, as in the paper; smaller ones, for a CPU is to train them. From
+there too: rays that skip what an occupancy grid knows to be empty, steps of equal length, view
+dependence by spherical harmonics of order 3, and a batch that is as many rays as fill a fixed
+number of samples.
 
 The pictures are HDR, so colour is linear, without an upper bound, and the loss is RawNeRF's
 (Mildenhall and others 2022): squared differences relative to what is shown already, the linearised

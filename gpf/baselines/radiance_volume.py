@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -63,7 +64,7 @@ class RadianceVolume:
 
     def update(self, parameters: list[mi.Float]) -> None:
         """Take other parameters."""
-        parts = self.grid, self.density_network, self.colour_network
+        parts: tuple[Any, ...] = self.grid, self.density_network, self.colour_network
         for part, values in zip(parts, parameters, strict=True):
             part.update(values)
 

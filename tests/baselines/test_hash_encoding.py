@@ -101,9 +101,7 @@ def check_differences(
         direction = gradient * rng.uniform(0, 2, len(gradient))
         direction /= np.linalg.norm(direction)
         h = 1e-2
-        ahead, behind = (
-            loss((values + s * h * direction).astype(np.float32)) for s in (1, -1)
-        )
+        ahead, behind = (loss((values + s * h * direction).astype(np.float32)) for s in (1, -1))
         assert (ahead - behind) / (2 * h) == pytest.approx(gradient @ direction, rel=0.02)
 
 

@@ -40,9 +40,7 @@ def make_scene() -> mi.Scene:
         {
             "type": "scene",
             "back": panel(t().translate([0, 0, -1]).scale([1, 0.7, 1]), [0.8, 0.3, 0.1]),
-            "floor": panel(
-                t().translate([0, -0.7, 0]).rotate([1, 0, 0], -90), [0.1, 0.25, 0.5]
-            ),
+            "floor": panel(t().translate([0, -0.7, 0]).rotate([1, 0, 0], -90), [0.1, 0.25, 0.5]),
             "lamp": panel(t().translate([0.3, -0.1, 0.2]).scale(0.35), [6.0, 5.0, 3.0]),
         }
     )
@@ -78,9 +76,7 @@ def task(tmp_path: Path, pictures: tuple[TrainingView, ...]) -> Task:
 
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    shape = VolumeShape(
-        GridShape(5, 2, log2_entries=12, coarsest=6, finest=48), (16,), 7, (16,)
-    )
+    shape = VolumeShape(GridShape(5, 2, log2_entries=12, coarsest=6, finest=48), (16,), 7, (16,))
     monkeypatch.setattr(instant_ngp, "SHAPE", shape)
     monkeypatch.setattr(instant_ngp, "CELLS", 24)
     monkeypatch.setattr(instant_ngp, "STEPS", 100)
@@ -120,9 +116,7 @@ def test_a_killed_training_goes_on(task: Task):
     seen: list[int] = []
     prepare(task, 40, lambda done, total: seen.append(done))
     assert seen == list(range(30, 41))
-    dimmer = [
-        TrainingView(v.view, {"radiance": 0.5 * v.radiance}) for v in task.training
-    ]
+    dimmer = [TrainingView(v.view, {"radiance": 0.5 * v.radiance}) for v in task.training]
     other = Task(**(vars(task) | {"training": tuple(dimmer)}))
     prepare(other, 2, lambda done, total: seen.append(done))
     assert seen[-3:] == [0, 1, 2]

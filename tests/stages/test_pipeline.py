@@ -283,7 +283,7 @@ def test_dvc_repro_twice_the_second_time_for_nothing(fresh, environment, tmp_pat
     call("git", "add", ".")
     call("git", "commit", "--quiet", "-m", "project")
     first = dvc("repro")
-    assert first.count("Running stage") == 7
+    assert first.count("Running stage") == 8
     files = files_below(fresh.folder / "results")
     assert "cornell_box/amortize.json" in files and "figures/cost_cornell_box.svg" in files
     before = fresh.snapshot()
