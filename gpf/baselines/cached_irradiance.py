@@ -11,7 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.baselines.fitting import CHECKPOINT_STEPS, Fit, Recorded, decay
+from gpf.baselines.fitting import CHECKPOINT_STEPS, Fit, Recorded, decay, given
 from gpf.baselines.hash_encoding import Cube, GridShape, HashGrid, Network
 from gpf.structs import SurfacePoints, take
 
@@ -90,8 +90,6 @@ class CacheTraining:
     rate: float = 4e-2
     final_rate: float = 0.03
     shrink: float = 1.0
-    unfold: float = 0.0
-    floor: float = 0.0
     held_out: float = 0.1
     seed: int = 0
 
@@ -111,7 +109,6 @@ class CacheTrainer:
             part.target /= dr.opaque(mi.Float, model.unit)
             dr.eval(part)
         self.fit = Fit(model.parameters)
-        self.levels = model.grid.levels()
         self._gradients = Recorded(self._trace_gradients)
 
     def run(
@@ -138,13 +135,8 @@ class CacheTrainer:
         seed = dr.opaque(mi.UInt64, s.seed)
         *gradients, errors = self._gradients(*fit.values, self.training, seed, number)
         rate = dr.opaque(mi.Float, s.rate * decay(fit.step / s.steps, s.final_rate))
-        if s.unfold:
-            joined = fit.step / s.steps / s.unfold * self.model.grid.shape.levels + 1
-            table_rate = rate * dr.clip(dr.opaque(mi.Float, joined) - self.levels, 0, 1)
-        else:
-            table_rate = rate
-        values = fit.adam.step(fit.values, gradients, [table_rate, rate], fit.step + 1)
-        values[0] -= table_rate * s.shrink * fit.values[0]
+        values = fit.adam.step(fit.values, gradients, [rate, rate], fit.step + 1)
+        values[0] -= rate * s.shrink * fit.values[0]
         dr.eval(values, fit.adam.first, fit.adam.second)
         fit.values, fit.step = values, fit.step + 1
         return errors
@@ -160,17 +152,12 @@ class CacheTrainer:
         """Gradients of the summed error of a batch by both parameters, and the errors, (B,)."""
         table, weights = dr.detach(table), dr.detach(weights)  # the caller's stay as they are
         dr.enable_grad(table, weights)
-        self.model.update([table, weights])
         chosen = self._batch(dr.width(points.p), seed, number)
         p, n = dr.gather(mi.Point3f, points.p, chosen), dr.gather(mi.Normal3f, points.n, chosen)
-        difference = self.model.relative(p, n) - dr.gather(mi.Color3f, points.target, chosen)
-        if self.settings.floor:
-            value = dr.detach(difference + dr.gather(mi.Color3f, points.target, chosen))
-            errors = dr.squared_norm(
-                difference / dr.sqrt(dr.square(value) + self.settings.floor**2)
-            )
-        else:
-            errors = dr.gather(mi.Float, points.weight, chosen) * dr.squared_norm(difference)
+        with given(self.model, [table, weights]):
+            found = self.model.relative(p, n)
+        difference = found - dr.gather(mi.Color3f, points.target, chosen)
+        errors = dr.gather(mi.Float, points.weight, chosen) * dr.squared_norm(difference)
         dr.backward(errors)
         result = dr.grad(table), dr.grad(weights), dr.detach(errors)
         dr.eval(result)

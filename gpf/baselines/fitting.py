@@ -6,10 +6,11 @@ import gc
 import hashlib
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -89,6 +90,32 @@ def digest(*arrays: np.ndarray) -> str:
     for array in arrays:
         total.update(np.ascontiguousarray(array).tobytes())
     return total.hexdigest()[:16]
+
+
+class Model(Protocol):
+    """What has parameters and takes others."""
+
+    @property
+    def parameters(self) -> list[mi.Float]:
+        """The parameters, arrays of any sizes."""
+
+    def update(self, parameters: list[mi.Float]) -> None:
+        """Take others of the same sizes."""
+
+
+@contextmanager
+def given(model: Model, parameters: list[mi.Float]) -> Iterator[None]:
+    """A model with other parameters, for as long as the ``with`` lasts.
+
+    What a recorded function replaced for good would be freed while Dr.Jit records, and that ends
+    the process.
+    """
+    before = model.parameters
+    model.update(parameters)
+    try:
+        yield
+    finally:
+        model.update(before)
 
 
 class Recorded:

@@ -67,12 +67,6 @@ class HashGrid:
         self.parameters = mi.Float(self._encoding.data)
         dr.eval(self.parameters)
 
-    def levels(self) -> mi.Float:
-        """The number of the level that each parameter belongs to, from 0."""
-        ends = np.array([self._encoding.level_offset(k + 1) for k in range(self.shape.levels)])
-        counts = np.diff(ends, prepend=0) * self.shape.features
-        return mi.Float(np.repeat(np.arange(self.shape.levels, dtype=np.float32), counts))
-
     def update(self, parameters: mi.Float) -> None:
         """Take other parameters of the same number."""
         self.parameters = parameters

@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.baselines.fitting import CHECKPOINT_STEPS, Fit, Recorded, decay
+from gpf.baselines.fitting import CHECKPOINT_STEPS, Fit, Recorded, decay, given
 from gpf.baselines.hash_encoding import Cube
 from gpf.baselines.occupancy_grid import OccupancyGrid
 from gpf.baselines.pinhole import Pinhole
@@ -211,9 +211,9 @@ class VolumeTrainer:
         self, values: list[mi.Float], p: mi.Point3f, d: mi.Vector3f
     ) -> tuple[mi.Float, mi.Color3f]:
         """Density and colour at places, along directions."""
-        self.volume.update(values)
-        result = self.volume(p, d)
-        dr.eval(result)
+        with given(self.volume, values):
+            result = self.volume(p, d)
+            dr.eval(result)
         return result
 
     def _trace_gradients(
@@ -227,8 +227,8 @@ class VolumeTrainer:
         """Gradients by all parameters, from those by density and colour."""
         values = [dr.detach(value) for value in values]  # the caller's stay as they are
         dr.enable_grad(values)
-        self.volume.update(values)
-        density, colour = self.volume(p, d)
+        with given(self.volume, values):
+            density, colour = self.volume(p, d)
         dr.backward(density * by_density + dr.dot(colour, by_colour))
         result = [dr.grad(value) for value in values]
         dr.eval(result)
