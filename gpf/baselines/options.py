@@ -25,6 +25,11 @@ class _Options(BaseModel):
     scenes: tuple[str, ...] = ()
 
     @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        raise NotImplementedError
+
+    @property
     def training_views(self) -> int:
         """How many training views with references the system is given."""
         return 0
@@ -52,12 +57,22 @@ class PathTracerOptions(_Options):
     system: Literal["path_tracer"]
     spp: Count = 50
 
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        return f"Path tracer, {self.spp} spp"
+
 
 class ParticleTracerOptions(_Options):
     """Mitsuba's ``ptracer``."""
 
     system: Literal["particle_tracer"]
     spp: Count = 64
+
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        return f"Particle tracer, {self.spp} spp"
 
 
 class SppmOptions(_Options):
@@ -66,6 +81,11 @@ class SppmOptions(_Options):
     system: Literal["sppm"]
     passes: Count = 3
     photons_per_pass: Count = 100_000
+
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        return f"SPPM, {self.passes} passes"
 
 
 class DenoisedOptions(_Options):
@@ -76,6 +96,11 @@ class DenoisedOptions(_Options):
 
     system: Literal["denoised"]
     spp: Count | Literal["equal_time"] = 50
+
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        return f"Path tracer + OIDN, {'equal time' if self.waits_for_field else f'{self.spp} spp'}"
 
     @property
     def waits_for_field(self) -> bool:
@@ -100,6 +125,11 @@ class EmGmmOptions(_Options):
     normalisation: Literal["volume", "plane"] = "volume"
     spp: Count = 4
 
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        return "EM-GMM" if self.normalisation == "volume" else "EM-GMM, in planes"
+
 
 class InstantNgpOptions(_Learned):
     """Hash grids and small networks, fitted to pictures (Müller and others 2022).
@@ -110,6 +140,11 @@ class InstantNgpOptions(_Learned):
     system: Literal["instant_ngp"]
     steps: Count = 2000
     samples: Count = 131_072
+
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        return f"Instant-NGP, {self.views} views"
 
 
 class SplattingOptions(_Learned):
@@ -125,6 +160,11 @@ class SplattingOptions(_Learned):
     most: Count = 50_000
     degree: Annotated[int, Field(ge=0, le=3)] = 3
 
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        return f"3D Gaussian splatting, {self.views} views"
+
 
 class RadianceCacheOptions(_Options):
     """A hash grid and a small network in place of the Gaussians.
@@ -138,6 +178,11 @@ class RadianceCacheOptions(_Options):
     batch: Count = 32_768
     spp: Count = 64
 
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        return f"Neural radiance cache, {self.size}"
+
 
 class RenderFormerOptions(_Options):
     """RenderFormer (Zeng and others 2025).
@@ -150,6 +195,11 @@ class RenderFormerOptions(_Options):
     triangles: Count = 4096
     weights: str = "microsoft/renderformer-v1.1-swin-large"
 
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        return "RenderFormer"
+
 
 class AnySplatOptions(_Learned):
     """AnySplat (Jiang and others 2025).
@@ -160,6 +210,11 @@ class AnySplatOptions(_Learned):
 
     system: Literal["anysplat"]
     weights: str = "lhjiang/anysplat"
+
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        return f"AnySplat, {self.views} views"
 
 
 BaselineOptions = Annotated[

@@ -1,0 +1,1 @@
+"""What the stages measured, for people: tables, figures and a page that shows both."""
