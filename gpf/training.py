@@ -33,6 +33,7 @@ from gpf.errors import UserError
 from gpf.field import GaussianPhotonField
 from gpf.gaussians import Gaussians
 from gpf.neighbour_lists import list_neighbours
+from gpf.seeds import step_random
 from gpf.structs import SurfacePoints, take, to_numpy
 
 
@@ -210,8 +211,8 @@ class Trainer:
         count = dr.width(self.training.p)
         size = min(self.settings.batch, count)
         # Opaque: what changes from step to step must not become part of the kernel.
-        seed, step = (dr.opaque(mi.UInt64, v) for v in (self.settings.seed, self.step_count))
-        rng = mi.PCG32(size, seed, step)
+        seed, step = (dr.opaque(mi.UInt32, v) for v in (self.settings.seed, self.step_count))
+        rng = step_random(size, seed, step)
         stride = dr.opaque(mi.Float, count / size)
         place = (mi.Float(dr.arange(mi.UInt32, size)) + rng.next_float32()) * stride
         return dr.minimum(mi.UInt32(place), count - 1)

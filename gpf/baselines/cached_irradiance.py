@@ -13,6 +13,7 @@ import numpy as np
 
 from gpf.baselines.fitting import CHECKPOINT_STEPS, Fit, Recorded, decay, given
 from gpf.baselines.hash_encoding import Cube, GridShape, HashGrid, Network
+from gpf.seeds import step_random
 from gpf.structs import SurfacePoints, take
 
 
@@ -131,8 +132,8 @@ class CacheTrainer:
     def step(self) -> mi.Float:
         """One optimiser step; returns the squared errors of its batch, (B,)."""
         s, fit = self.settings, self.fit
-        number = dr.opaque(mi.UInt64, fit.step)
-        seed = dr.opaque(mi.UInt64, s.seed)
+        number = dr.opaque(mi.UInt32, fit.step)
+        seed = dr.opaque(mi.UInt32, s.seed)
         *gradients, errors = self._gradients(*fit.values, self.training, seed, number)
         rate = dr.opaque(mi.Float, s.rate * decay(fit.step / s.steps, s.final_rate))
         values = fit.adam.step(fit.values, gradients, [rate, rate], fit.step + 1)
@@ -146,8 +147,8 @@ class CacheTrainer:
         table: mi.Float,
         weights: mi.Float,
         points: SurfacePoints,
-        seed: mi.UInt64,
-        number: mi.UInt64,
+        seed: mi.UInt32,
+        number: mi.UInt32,
     ) -> tuple[mi.Float, mi.Float, mi.Float]:
         """Gradients of the summed error of a batch by both parameters, and the errors, (B,)."""
         table, weights = dr.detach(table), dr.detach(weights)  # the caller's stay as they are
@@ -163,10 +164,10 @@ class CacheTrainer:
         dr.eval(result)
         return result
 
-    def _batch(self, count: int, seed: mi.UInt64, number: mi.UInt64) -> mi.UInt32:
+    def _batch(self, count: int, seed: mi.UInt32, number: mi.UInt32) -> mi.UInt32:
         """A random point of each run of P / B consecutive ones: lanes that are close in space."""
         size = min(self.settings.batch, count)
-        rng = mi.PCG32(size, seed, number)
+        rng = step_random(size, seed, number)
         stride = dr.opaque(mi.Float, count / size)
         place = (mi.Float(dr.arange(mi.UInt32, size)) + rng.next_float32()) * stride
         return dr.minimum(mi.UInt32(place), count - 1)

@@ -45,7 +45,7 @@ from gpf.views import View
 SHAPE = VolumeShape(GridShape(8, 2, log2_entries=17, coarsest=16, finest=512))
 
 # Cells of the occupancy grid along an edge of the cube, and steps of a ray along its diagonal.
-CELLS = 96
+CELLS = 128
 STEPS = 512
 
 # Share of the scene's box that the volume is larger by on each side.

@@ -10,6 +10,7 @@ import numpy as np
 
 from gpf.baselines.hash_encoding import Cube
 from gpf.baselines.pinhole import Pinhole
+from gpf.seeds import step_random
 
 # A cell is empty below this opacity along one step of a ray, or below that of the mean density if
 # that is less: at first, nothing is dense.
@@ -69,7 +70,7 @@ class OccupancyGrid:
         first = dr.opaque(mi.UInt32, turn % TURNS)
         cell = dr.arange(mi.UInt32, count) * TURNS + first
         active = cell < self.resolution**3
-        rng = mi.PCG32(count, dr.opaque(mi.UInt64, seed), dr.opaque(mi.UInt64, turn))
+        rng = step_random(count, dr.opaque(mi.UInt32, seed), dr.opaque(mi.UInt32, turn))
         side = dr.opaque(mi.UInt32, self.resolution)
         corner = mi.Point3f(cell % side, cell // side % side, cell // (side * side))
         shift = mi.Vector3f(rng.next_float32(), rng.next_float32(), rng.next_float32())

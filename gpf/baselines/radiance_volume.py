@@ -33,7 +33,7 @@ class VolumeShape:
     grid: GridShape
     density_hidden: tuple[int, ...] = (32,)
     features: int = 15
-    colour_hidden: tuple[int, ...] = (32, 32)
+    colour_hidden: tuple[int, ...] = (32,)
 
 
 class RadianceVolume:

@@ -24,9 +24,12 @@ from gpf.baselines.ray_marching import (
     composite_adjoint,
     take_samples,
 )
+from gpf.seeds import step_random
 
-# Added to what a pixel shows, in the denominator of the loss, in units of display white.
-LOSS_FLOOR = 1e-3
+# Added to what a pixel shows, in the denominator of the loss, in units of display white. RawNeRF
+# has 1e-3, for photographs at night; with so little, single dark pixels outweigh all others (after
+# 500 steps 15.7 instead of 17.6 dB on the training views of Water-Caustic 2).
+LOSS_FLOOR = 0.1
 
 # Steps between updates of the occupancy grid.
 UPDATE_STEPS = 16
@@ -192,8 +195,8 @@ class VolumeTrainer:
     def _choose_rays(self) -> tuple[Rays, mi.Color3f, mi.Float]:
         """Rays through random places of random pixels, what these show, and their first steps."""
         views, height, width = self.shape
-        seed, number = dr.opaque(mi.UInt64, self.settings.seed), dr.opaque(mi.UInt64, self.fit.step)
-        rng = mi.PCG32(self.rays, seed, number)
+        seed, number = dr.opaque(mi.UInt32, self.settings.seed), dr.opaque(mi.UInt32, self.fit.step)
+        rng = step_random(self.rays, seed, number)
         count = dr.opaque(mi.UInt32, views * height * width)
         index = dr.mul_hi(rng.next_uint32(), count)
         columns = dr.opaque(mi.UInt32, width)

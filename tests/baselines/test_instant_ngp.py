@@ -18,7 +18,7 @@ from gpf.views import View
 from metrics.image import psnr
 
 WIDTH, HEIGHT = 24, 20
-STEPS = 150
+STEPS = 500
 VIEWS = [
     View(name="left", origin=(-2.2, 0.8, 2.6), target=(0, 0, 0), fov=42),
     View(name="right", origin=(2.3, 1.0, 2.4), target=(0, 0, 0), fov=42),
