@@ -8,7 +8,6 @@ import pytest
 
 from gpf.baselines.options import SplattingOptions
 from gpf.baselines.protocol import CannotServe
-from gpf.baselines.splat_model import RATES
 from gpf.baselines.splat_training import SplatTrainer
 from gpf.baselines.splatting import FittedSplats, Splatting, undo_tone_map
 from gpf.images import tone_map
@@ -93,9 +92,10 @@ def test_a_killed_training_goes_on(tmp_path, monkeypatch):
     found = system.prepare(replace(killed, report=lambda done, _: steps_made.append(done)))
     assert steps_made == list(range(18, 31))
     assert found.facts["gaussians"] == expected.facts["gaussians"] > 400
-    for name in RATES:
-        ours, theirs = (p.params[name].detach().numpy() for p in (found, expected))
-        assert abs(ours - theirs).mean() < 1e-3 * max(abs(theirs).mean(), 1e-3), name
+    # Sums of gradients depend on the order of their terms, and Adam makes whole steps of the
+    # difference for a Gaussian that hardly counts: so it is images that are compared.
+    ours, theirs = (p.render(NOVEL, 0) for p in (found, expected))
+    assert abs(ours - theirs).mean() < 1e-4 * theirs.mean()
 
 
 def test_a_damaged_checkpoint_is_as_none(tmp_path):
