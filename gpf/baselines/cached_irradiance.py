@@ -11,7 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.baselines.fitting import CHECKPOINT_STEPS, Fit, Recorded, decay, given
+from gpf.baselines.fitting import Fit, Recorded, decay, given, run_steps
 from gpf.baselines.hash_encoding import Cube, GridShape, HashGrid, Network
 from gpf.seeds import step_random
 from gpf.structs import SurfacePoints, take
@@ -119,14 +119,12 @@ class CacheTrainer:
         report: Callable[[int, int], None] = lambda done, total: None,
     ) -> None:
         """Make all steps that are left; the model has the result."""
-        steps = self.settings.steps
         self.fit.restore(checkpoint, fingerprint)
-        report(self.fit.step, steps)
-        while self.fit.step < steps:
-            self.step()
-            if self.fit.step % CHECKPOINT_STEPS == 0 or self.fit.step == steps:
-                self.fit.save(checkpoint, fingerprint)
-            report(self.fit.step, steps)
+
+        def save() -> None:
+            self.fit.save(checkpoint, fingerprint)
+
+        run_steps(self.fit, self.settings.steps, self.step, save, report)
         self.model.update(self.fit.values)
 
     def step(self) -> mi.Float:

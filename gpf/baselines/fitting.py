@@ -79,6 +79,22 @@ class Fit:
         return tensors
 
 
+def run_steps(
+    fit: Fit,
+    steps: int,
+    step: Callable[[], object],
+    save: Callable[[], None],
+    report: Callable[[int, int], None],
+) -> None:
+    """Make all steps that are left of so many, with checkpoints."""
+    report(fit.step, steps)
+    while fit.step < steps:
+        step()
+        if fit.step % CHECKPOINT_STEPS == 0 or fit.step == steps:
+            save()
+        report(fit.step, steps)
+
+
 def decay(done: float, final: float) -> float:
     """A cosine from 1 to ``final`` while ``done`` goes from 0 to 1."""
     return final + (1 - final) * 0.5 * (1 + math.cos(math.pi * min(done, 1.0)))

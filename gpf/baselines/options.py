@@ -138,7 +138,7 @@ class InstantNgpOptions(_Learned):
     """
 
     system: Literal["instant_ngp"]
-    steps: Count = 2000
+    steps: Count = 1000
     samples: Count = 131_072
 
     @property

@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.baselines.fitting import CHECKPOINT_STEPS, Fit, Recorded, decay, given
+from gpf.baselines.fitting import Fit, Recorded, decay, given, run_steps
 from gpf.baselines.hash_encoding import Cube
 from gpf.baselines.occupancy_grid import OccupancyGrid
 from gpf.baselines.pinhole import Pinhole
@@ -147,18 +147,16 @@ class VolumeTrainer:
         report: Callable[[int, int], None] = lambda done, total: None,
     ) -> None:
         """Make all steps that are left; volume and grid have the result."""
-        steps = self.settings.steps
         more = self.fit.restore(checkpoint, fingerprint)
         if more is not None:
             self.grid.density, self.rays = mi.Float(more["density"]), int(more["rays"][0])
             self.grid.refresh()
-        report(self.fit.step, steps)
-        while self.fit.step < steps:
-            self.step()
-            if self.fit.step % CHECKPOINT_STEPS == 0 or self.fit.step == steps:
-                kept = {"density": self.grid.density.numpy(), "rays": np.array([self.rays])}
-                self.fit.save(checkpoint, fingerprint, kept)
-            report(self.fit.step, steps)
+
+        def save() -> None:
+            kept = {"density": self.grid.density.numpy(), "rays": np.array([self.rays])}
+            self.fit.save(checkpoint, fingerprint, kept)
+
+        run_steps(self.fit, self.settings.steps, self.step, save, report)
         self.volume.update(self.fit.values)
 
     def step(self) -> float:

@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines import instant_ngp, volume_training
+from gpf.baselines import fitting, instant_ngp
 from gpf.baselines.hash_encoding import GridShape
 from gpf.baselines.instant_ngp import InstantNgp, PreparedVolume
 from gpf.baselines.options import InstantNgpOptions
@@ -80,7 +80,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(instant_ngp, "SHAPE", shape)
     monkeypatch.setattr(instant_ngp, "CELLS", 24)
     monkeypatch.setattr(instant_ngp, "STEPS", 100)
-    monkeypatch.setattr(volume_training, "CHECKPOINT_STEPS", 10)
+    monkeypatch.setattr(fitting, "CHECKPOINT_STEPS", 10)
 
 
 def prepare(

@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines import cached_irradiance, radiance_cache
+from gpf.baselines import fitting, radiance_cache
 from gpf.baselines.cached_irradiance import CacheShape
 from gpf.baselines.hash_encoding import GridShape
 from gpf.baselines.options import RadianceCacheOptions
@@ -79,7 +79,7 @@ def task(tmp_path: Path) -> Task:
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     shape = CacheShape(GridShape(4, 2, log2_entries=10, coarsest=4, finest=24), (16, 16))
     monkeypatch.setitem(radiance_cache.SHAPES, "small", shape)
-    monkeypatch.setattr(cached_irradiance, "CHECKPOINT_STEPS", 20)
+    monkeypatch.setattr(fitting, "CHECKPOINT_STEPS", 20)
 
 
 def prepare(task: Task, report: Callable[[int, int], None] | None = None) -> PreparedCache:
