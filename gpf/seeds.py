@@ -12,21 +12,6 @@ def pass_seed(seed: int, t: int, stream: int) -> int:
     return int(np.random.SeedSequence([seed, t, stream]).generate_state(1)[0])
 
 
-def step_random(lanes: int, seed: mi.UInt32, step: mi.UInt32) -> mi.PCG32:
-    """Random numbers of a step: other ones for each seed, step and lane.
-
-    ``PCG32(lanes, seed, step)`` alone will not do: the streams of neighbouring lanes in one step
-    are those of others in the next, and over all steps the same few thousand numbers come back.
-
-    Parameters
-    ----------
-    seed, step: (1), opaque where they change from call to call.
-    """
-    lane = dr.arange(mi.UInt32, lanes)
-    state, sequence = mi.sample_tea_32(mi.sample_tea_32(seed, step)[0], lane)
-    return mi.PCG32(lanes, mi.UInt64(state), mi.UInt64(sequence))
-
-
 # 1 / g and 1 / g² for the real solution g of g³ = g + 1: a sequence of low discrepancy in the
 # plane (Roberts 2018).
 _SPREAD = (0.7548776662466927, 0.5698402909980532)

@@ -33,7 +33,7 @@ from gpf.errors import UserError
 from gpf.field import GaussianPhotonField
 from gpf.gaussians import Gaussians
 from gpf.neighbour_lists import list_neighbours
-from gpf.seeds import step_random
+from gpf.step_random import step_random
 from gpf.structs import SurfacePoints, take, to_numpy
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from gpf.baselines.fitting import Fit, Recorded, decay, given, run_steps
 from gpf.baselines.hash_encoding import Cube, GridShape, HashGrid, Network
-from gpf.seeds import step_random
+from gpf.step_random import step_random
 from gpf.structs import SurfacePoints, take
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from gpf.baselines.hash_encoding import Cube
 from gpf.baselines.pinhole import Pinhole
-from gpf.seeds import step_random
+from gpf.step_random import step_random
 
 # A cell is empty below this opacity along one step of a ray, or below that of the mean density if
 # that is less: at first, nothing is dense.

@@ -24,7 +24,7 @@ from gpf.baselines.ray_marching import (
     composite_adjoint,
     take_samples,
 )
-from gpf.seeds import step_random
+from gpf.step_random import step_random
 
 # Added to what a pixel shows, in the denominator of the loss, in units of display white. RawNeRF
 # has 1e-3, for photographs at night; with so little, single dark pixels outweigh all others (after
