@@ -155,9 +155,9 @@ class SplattingOptions(_Learned):
     """
 
     system: Literal["splatting"]
-    steps: Count = 2000
-    gaussians: Count = 20_000
-    most: Count = 50_000
+    steps: Count = 500
+    gaussians: Count = 8_000
+    most: Count = 30_000
     degree: Annotated[int, Field(ge=0, le=3)] = 3
 
     @property
