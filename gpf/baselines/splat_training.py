@@ -25,9 +25,9 @@ from gpf.seeds import pass_seed
 # from the second time on, and until this share of it is over.
 REFINEMENTS = 30
 LAST_REFINEMENT = 0.6
-# Gaussians whose centres pull harder than this, in half images, are split or doubled. 3DGS has 2e-4;
-# with ten views, and images that water bends, more Gaussians fit the training views better and
-# novel ones worse.
+# Gaussians whose centres pull harder than this, in half images, are split or doubled. 3DGS has
+# 2e-4; with ten views, and images that water bends, more Gaussians fit the training views better
+# and novel ones worse.
 PULL = 1e-3
 # The harmonics of one more degree count after so much of the training.
 DEGREE_STEP = 0.1
