@@ -54,9 +54,48 @@ class Results:
         field = f"GPF, {self.params.render.spp} spp"
         return rows | {FIELD: field, CEILING: f"SPPM, {self.params.reference.passes} passes"}
 
+    @property
+    def unmeasured(self) -> list[str]:
+        """Scenes of params.yaml that have not been measured."""
+        return [s for s in self.params.scenes if s not in self.scenes]
+
+    def methods_of(self, scene: str) -> dict[str, str]:
+        """Methods that could have numbers of a scene, with their titles: also rows of `baselines`
+        that `methods` does not list, but none that is meant for other scenes alone."""
+        rows = self.params.baselines
+        known = dict.fromkeys([*self.params.methods.all, *rows])
+        meant = [m for m in known if not rows[m].scenes or scene in rows[m].scenes]
+        own = {m: self.methods[m] for m in (FIELD, CEILING)}
+        return {m: rows[m].title for m in meant} | own
+
     def scene(self, name: str) -> SceneResults:
         """The files of one scene."""
         return SceneResults(name, self.root / name)
+
+    def options(self, method: str) -> dict[str, Any]:
+        """How a method is set up: its row of `baselines`; for the field and the ceiling, what they
+        are and what tells them from others of their kind."""
+        if method == FIELD:
+            return {"system": FIELD, "spp": self.params.render.spp}
+        if method == CEILING:
+            return {"system": CEILING, "passes": self.params.reference.passes}
+        return self.params.baselines[method].model_dump(mode="json")
+
+    def row(self, scene: str, method: str) -> dict[str, float]:
+        """What :attr:`quality` has of a method in a scene, as far as it is known."""
+        frame = self.quality
+        found = frame[(frame["scene"] == scene) & (frame["method"] == method)]
+        if found.empty:
+            return {}
+        numbers = found.iloc[0].drop(["scene", "method", "title", "reason"]).dropna()
+        return {str(key): float(value) for key, value in numbers.items()}
+
+    def reasons(self, scene: str, method: str) -> dict[str, str]:
+        """Why numbers are missing, by their names; by "" for all numbers of a method's images."""
+        if method not in self.methods:
+            return {"": "not asked for: `methods` in params.yaml does not list it"}
+        why = self.scene(scene).numbers(method).get("reason")
+        return {"": str(why)} if why else self.scene(scene).gaps(method)
 
     @cached_property
     def quality(self) -> pd.DataFrame:
@@ -85,10 +124,15 @@ class SceneResults:
     name: str
     folder: Path
 
-    def read(self, *parts: str) -> Mapping[str, Any]:
+    def read(self, *parts: str) -> Any:
         """A JSON file below the scene's folder; empty where it does not exist."""
         path = self.folder.joinpath(*parts)
         return read_json(path, "report") if path.exists() else {}
+
+    @property
+    def title(self) -> str:
+        """The scene's name for people."""
+        return self.name.replace("_", " ").title()
 
     @cached_property
     def views(self) -> SceneViews:
@@ -110,11 +154,32 @@ class SceneResults:
             return {"reason": found["cannot_serve"]}
         return dict(found["mean"])
 
+    def gaps(self, method: str) -> dict[str, str]:
+        """Why single numbers of a method's images are missing, by their names."""
+        return dict(self.read("metrics", f"{method}.json").get("reasons", {}))
+
+    @cached_property
+    def convergence(self) -> dict[int, float]:
+        """PSNR of SPPM against the reference by number of passes, mean over novel views."""
+        return {int(row["passes"]): float(row["psnr"]) for row in self.read("convergence.json")}
+
+    @cached_property
+    def seconds_per_pass(self) -> float | None:
+        """What a pass of SPPM takes where a single view is asked for."""
+        facts = self.read("costs", "reference.json").get("facts", {})
+        seconds = facts.get("seconds_per_single_view_pass")
+        return None if seconds is None else float(seconds)
+
+    @cached_property
+    def ablations(self) -> dict[str, Mapping[str, Any]]:
+        """What the stage `ablation` measured: variant -> its file."""
+        files = sorted(self.folder.glob("ablations/*.json"))
+        return {file.stem: self.read("ablations", file.name) for file in files}
+
     def cost(self, method: str, params: Params) -> dict[str, float]:
         """Seconds, megabytes: the columns of :attr:`Results.quality` that are known."""
         if method == CEILING:
-            facts = self.read("costs", "reference.json").get("facts", {})
-            per_pass = facts.get("seconds_per_single_view_pass")
+            per_pass = self.seconds_per_pass
             return {"seconds_per_view": per_pass * params.reference.passes} if per_pass else {}
         found = self.read("costs", *_COSTS.get(method, ("baselines", f"{method}.json")))
         facts, parts = found.get("facts", {}), found.get("parts", {})

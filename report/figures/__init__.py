@@ -1,0 +1,51 @@
+"""The figures of the report: one module each, and all that is the same for all in three.
+
+:mod:`report.figures.style` has fonts, markers and dashes, :mod:`report.figures.sketch` the files,
+:mod:`report.figures.pictures` the images that methods made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+from report.figures.comparison import draw_comparison
+from report.figures.convergence import draw_convergence
+from report.figures.cumulative_cost import draw_cumulative_cost
+from report.figures.novel_views import draw_novel_views
+from report.figures.quality_time import draw_quality_time
+from report.figures.sketch import Figure, Missing, Sketch, leave_out, save
+from report.figures.teaser import draw_teaser
+from report.figures.training import draw_training
+from report.results import Results
+
+__all__ = ["Figure", "draw_figures"]
+
+
+def draw_figures(results: Results, folder: Path) -> list[Figure]:
+    """Write every figure into a folder, as SVG and PNG; equal results give equal files.
+
+    A figure that lacks what it would show has a ``reason`` in place of files, and what an earlier
+    call wrote of it is removed.
+    """
+    figures = []
+    for name, title, draw in _plan(results):
+        try:
+            figures.append(save(draw(results), name, title, folder))
+        except Missing as missing:
+            figures.append(leave_out(name, title, str(missing), folder))
+    return figures
+
+
+def _plan(results: Results) -> Iterator[tuple[str, str, Callable[[Results], Sketch]]]:
+    """Names, titles and makers, in the order of the report."""
+    yield "teaser", "The hardest view", draw_teaser
+    for scene in results.scenes:
+        title = results.scene(scene).title
+        yield f"comparison_{scene}", f"{title}: methods", partial(draw_comparison, scene=scene)
+        yield f"views_{scene}", f"{title}: novel views", partial(draw_novel_views, scene=scene)
+    yield "quality_time", "Quality over time", draw_quality_time
+    yield "cumulative_cost", "Cost of many views", draw_cumulative_cost
+    yield "convergence", "Convergence of SPPM", draw_convergence
+    yield "training", "Training", draw_training

@@ -1,0 +1,185 @@
+"""Per scene: what every system makes of a view, at the places that tell them apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+
+from report.figures.pictures import (
+    Picture,
+    add_error_bar,
+    best_of_each_system,
+    decibels,
+    measured_views,
+    open_picture,
+    open_reference,
+    outline,
+    put_letter,
+    show,
+    show_error,
+)
+from report.figures.places import find_place, focused_light, typical_error
+from report.figures.sketch import Missing, Sketch
+from report.figures.style import WIDTH, canvas, styled, wrap
+from report.results import CEILING, FIELD, Results, SceneResults
+
+COLUMNS, FEWEST = 10, 5
+"""At most so many pictures beside each other, and room for so many where there are fewer."""
+
+PLACES = {
+    "A": "where light changes most along surfaces",
+    "B": "where the typical method is farthest from the reference",
+    "C": "where GPF is",
+}
+
+
+def draw_comparison(results: Results, scene: str) -> Sketch:
+    """A view, three places in it, and what the best method of each system shows there."""
+    found = results.scene(scene)
+    methods = best_of_each_system(results, found)
+    if FIELD not in methods:
+        raise Missing(f"{scene} has no measured images of GPF: run the stages render and metrics")
+    view = hardest_view(found)
+    reference, layers = open_reference(results, found, view)
+    pictures = [open_picture(results, found, m, view) for m in methods if _has(found, m, view)]
+    field = pictures[-1]
+    size = part_size(reference)
+    corners = choose_places(pictures, reference, layers, size)
+
+    shown = [reference, *pictures]
+    bands = -(-len(shown) // COLUMNS)
+    columns = max(-(-len(shown) // bands), FEWEST)
+    with styled():
+        width = max(WIDTH, columns * 0.98)
+        overview = width / 3 / found.views.aspect + 0.35
+        inches = 6 * width / columns + 0.75
+        drawing = canvas(overview + bands * inches + 0.6, width)
+        parts: Any = drawing.subfigures(
+            bands + 1, 1, height_ratios=[overview + 0.6, *[inches] * bands], hspace=0.01
+        )
+        _draw_overview(parts[0], reference, field, corners, size)
+        for part, k in zip(parts[1:], range(0, len(shown), columns), strict=True):
+            _draw_band(part, shown[k : k + columns], columns, reference, corners, size)
+    return Sketch(drawing, _describe(found, view, pictures), _explain(results, found, view, shown))
+
+
+def hardest_view(scene: SceneResults) -> str:
+    """The novel view where the field's PSNR is lowest."""
+    measured = measured_views(scene, FIELD)
+    return min(measured, key=measured.__getitem__)
+
+
+def part_size(picture: Picture) -> int:
+    """Edge of the parts that are shown enlarged, pixels."""
+    height, width = picture.shown.shape[:2]
+    return min(max(8, height // 4), height, width)
+
+
+def choose_places(
+    pictures: Sequence[Picture], reference: Picture, layers: dict[str, np.ndarray], size: int
+) -> list[tuple[int, int]]:
+    """Upper left corners of the squares of :data:`PLACES`; the last picture is the field."""
+    errors = [picture.error(reference) for picture in pictures]
+    names = "irradiance", "position", "normal", "valid"
+    known = all(name in layers for name in names)
+    light = focused_light(*(layers[name] for name in names)) if known else errors[-1]
+    scores = [light, typical_error(errors), errors[-1]]
+    corners: list[tuple[int, int]] = []
+    for score in scores:
+        corners.append(find_place(score, size, corners))
+    return corners
+
+
+def _has(scene: SceneResults, method: str, view: str) -> bool:
+    return view in measured_views(scene, method)
+
+
+def _draw_overview(
+    part: Canvas,
+    reference: Picture,
+    field: Picture,
+    corners: Sequence[tuple[int, int]],
+    size: int,
+) -> None:
+    """The whole view: reference, field, and their difference."""
+    grid = part.subplots(1, 3)
+    show(grid[0], reference.shown)
+    show(grid[1], field.shown)
+    show_error(grid[2], field.error(reference))
+    for letter, corner in zip(PLACES, corners, strict=True):
+        outline(grid[0], corner, size, letter)
+    grid[0].set_title(reference.title)
+    grid[1].set_title(", ".join(filter(None, [field.title, decibels(field.psnr)])))
+    grid[2].set_title("Error of GPF")
+    add_error_bar(part, list(grid), location="bottom", shrink=0.5, aspect=50, pad=0.03)
+
+
+def _draw_band(
+    part: Canvas,
+    pictures: Sequence[Picture],
+    columns: int,
+    reference: Picture,
+    corners: Sequence[tuple[int, int]],
+    size: int,
+) -> None:
+    """Places of some pictures: at each, what they show and how far off it is."""
+    grid = part.subplots(2 * len(corners), columns, squeeze=False)
+    for column, axes in enumerate(grid.T):
+        if column >= len(pictures):
+            for one in axes:
+                one.remove()
+            continue
+        picture = pictures[column]
+        axes[0].set_title(_heading(picture), fontsize=7.5, fontweight=_weight(picture))
+        for row, (letter, (x, y)) in enumerate(zip(PLACES, corners, strict=True)):
+            inside = np.s_[y : y + size, x : x + size]
+            show(axes[2 * row], picture.shown[inside], pixels=True)
+            if picture is reference:
+                put_letter(axes[2 * row], -0.5, -0.5, letter)
+                _leave_blank(axes[2 * row + 1], "error")
+            else:
+                show_error(axes[2 * row + 1], picture.error(reference)[inside], pixels=True)
+
+
+def _heading(picture: Picture) -> str:
+    lines = wrap(picture.title, 13).split("\n")
+    number = [] if picture.psnr is None else [decibels(picture.psnr)]
+    return "\n".join([*lines, *number])
+
+
+def _weight(picture: Picture) -> str:
+    return "bold" if picture.method == FIELD else "normal"
+
+
+def _leave_blank(axes: Axes, text: str) -> None:
+    """A place in the grid that only has a word for its row."""
+    axes.set_axis_off()
+    axes.set_box_aspect(1)
+    axes.text(0.97, 0.5, text, transform=axes.transAxes, ha="right", va="center", fontsize=8)
+
+
+def _describe(scene: SceneResults, view: str, pictures: Sequence[Picture]) -> str:
+    quality = ", ".join(f"{p.title.replace(',', '')} {decibels(p.psnr)}" for p in pictures)
+    return (
+        f"{scene.title}, view {view}: reference, GPF and its error, then crops of every "
+        f"method at three places with error maps. PSNR of the view: {quality}."
+    )
+
+
+def _explain(results: Results, scene: SceneResults, view: str, shown: Sequence[Picture]) -> str:
+    places = "; ".join(f"{letter}, {words}" for letter, words in PLACES.items())
+    reasons: dict[str, list[str]] = {}
+    for method, title in results.methods.items():
+        reason = scene.numbers(method).get("reason")
+        if reason and method != CEILING:
+            reasons.setdefault(reason, []).append(title)
+    missing = [f"{'; '.join(titles)} ({reason})" for reason, titles in reasons.items()]
+    without = f" Missing: {'; '.join(missing)}." if missing else ""
+    return (
+        f"{scene.title}, view “{view}”, the novel view where GPF's PSNR is lowest. "
+        f"{places}. Of each system its best method; the numbers are for the whole view.{without}"
+    )

@@ -1,0 +1,101 @@
+"""What many views cost, and from how many on the field has paid for its preparation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from report.figures.sketch import Missing, Sketch
+from report.figures.style import (
+    BLACK,
+    STRONG,
+    gather_legend,
+    plain_numbers,
+    put_legend,
+    small_multiples,
+    styled,
+)
+from report.results import Results
+
+FIELD, LONG, EQUAL = "GPF", "SPPM", "SPPM at equal quality"
+"""Names of the lines in what `gpf stage amortize` writes."""
+
+_LINES: dict[str, dict[str, Any]] = {
+    FIELD: {"color": BLACK, "linestyle": "-", "linewidth": 2.2},
+    LONG: {"color": STRONG, "linestyle": "--"},
+    EQUAL: {"color": "0.5", "linestyle": (0, (1, 1)), "linewidth": 2.2},
+}
+
+
+def draw_cumulative_cost(results: Results) -> Sketch:
+    """A panel for each scene that has been through `amortize`."""
+    found = {s: results.scene(s).read("amortize.json") for s in results.scenes}
+    known = {"break_even_views", "passes", "preparation_seconds", "seconds_per_view"}
+    found = {scene: cost for scene, cost in found.items() if known <= cost.keys()}
+    if not found:
+        raise Missing("no scene has an amortize.json: run the stage amortize")
+    last = results.params.amortize.views
+    with styled():
+        titles = [results.scene(scene).title for scene in found]
+        drawing, panels, spare = small_multiples(titles, "views", "seconds, preparation included")
+        passes = results.params.reference.passes
+        labels = {FIELD: "GPF", LONG: f"SPPM, {passes} passes", EQUAL: "SPPM at GPF's PSNR"}
+        for axes, cost in zip(panels, found.values(), strict=True):
+            _draw_panel(axes, cost, last, labels)
+        put_legend(drawing, spare, gather_legend(panels))
+    words = "; ".join(f"{results.scene(s).title}: {_tell(c, passes)}" for s, c in found.items())
+    alt = f"Cumulative cost in seconds over 1 to {last} views, on logarithmic axes. {words}."
+    caption = (
+        f"Seconds for 1 to {last} views. Circles mark the first view from which on GPF, with all "
+        f"of its preparation, costs less in all. {words}. SPPM at GPF's PSNR has no line "
+        "where not even its last pass comes up to GPF."
+    )
+    return Sketch(drawing, alt, caption)
+
+
+def _draw_panel(axes: Axes, cost: dict[str, Any], last: int, labels: dict[str, str]) -> None:
+    views = np.arange(1, last + 1)
+    per_view = cost["seconds_per_view"]
+    drawn = [name for name in _LINES if name != EQUAL or not _is_bound(cost)]
+    for name in drawn:
+        start = cost["preparation_seconds"] if name == FIELD else 0
+        zorder = 3 if name == FIELD else 2
+        total = start + views * per_view[name]
+        axes.plot(views, total, zorder=zorder, label=labels[name], **_LINES[name])
+    evens = (cost["break_even_views"][name] for name in drawn if name != FIELD)
+    counts = {n for n in evens if n is not None and n <= last}
+    # Labels of the first and of the last break-even lie on different sides of the line.
+    for k, count in enumerate(sorted(counts)):
+        height = cost["preparation_seconds"] + count * per_view[FIELD]
+        axes.plot(count, height, "o", color=BLACK, markerfacecolor="white", zorder=4, markersize=7)
+        above = k == 0 and len(counts) > 1
+        axes.annotate(
+            "1 view" if count == 1 else f"{count} views",
+            (count, height),
+            textcoords="offset points",
+            xytext=(-6, 6) if above else (6, -6),
+            ha="right" if above else "left",
+            va="bottom" if above else "top",
+        )
+    axes.set(xscale="log", yscale="log", xlim=(1, last))
+    plain_numbers(axes.xaxis)
+    plain_numbers(axes.yaxis)
+
+
+def _tell(cost: dict[str, Any], passes: int) -> str:
+    counts, equal = cost["break_even_views"], cost["passes"][EQUAL]
+
+    def words(count: int | None) -> str:
+        return "never" if count is None else f"from view {count} on"
+
+    long = f"cheaper than SPPM of {passes} passes {words(counts[LONG])}"
+    if _is_bound(cost):
+        return f"{long}, which has a lower PSNR"
+    return f"{long}, than SPPM of the same PSNR ({equal} passes) {words(counts[EQUAL])}"
+
+
+def _is_bound(cost: dict[str, Any]) -> bool:
+    """Whether SPPM was not seen to reach the field's PSNR."""
+    return str(cost["passes"][EQUAL]).startswith(">")

@@ -1,0 +1,69 @@
+"""The most telling parts of a view, found in the images: pure functions of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+
+def window_sums(score: np.ndarray, size: int) -> np.ndarray:
+    """Sums over all squares of ``size`` pixels, by upper left corner, (H-s+1, W-s+1)."""
+    total = np.zeros((score.shape[0] + 1, score.shape[1] + 1))
+    total[1:, 1:] = score.cumsum(axis=0).cumsum(axis=1)
+    return total[size:, size:] - total[:-size, size:] - total[size:, :-size] + total[:-size, :-size]
+
+
+def find_place(
+    score: np.ndarray, size: int, taken: Sequence[tuple[int, int]] = ()
+) -> tuple[int, int]:
+    """Upper left corner (x, y) of the square with the highest score.
+
+    It keeps off squares that are taken already, as far as there is room: their score counts as
+    none.
+    """
+    left = np.array(score, dtype=float)
+    for x, y in taken:
+        left[y : y + size, x : x + size] = 0
+    sums = window_sums(left, size)
+    for x, y in taken:
+        top, start = max(y - size + 1, 0), max(x - size + 1, 0)
+        sums[top : y + size, start : x + size] = -1
+    if sums.max() < 0:
+        sums = window_sums(left, size)
+    best = divmod(int(sums.argmax()), sums.shape[1])
+    return best[1], best[0]
+
+
+def focused_light(
+    irradiance: np.ndarray, position: np.ndarray, normal: np.ndarray, valid: np.ndarray
+) -> np.ndarray:
+    """How sharply light changes along surfaces, (H, W): high in caustics and at hard shadows.
+
+    Differences of neighbouring pixels in irradiance (H, W, 3), where the step from the one's
+    position to the other's runs along the surface of both: the edges of objects do not count. The
+    brightest hundredth is the unit.
+    """
+    light = irradiance.mean(axis=-1)
+    seen = light[valid > 0]
+    unit = float(np.percentile(seen, 99)) if seen.size else 0.0
+    strength = np.zeros(light.shape)
+    if unit <= 0:
+        return strength
+    level = np.clip(light / unit, 0, 1)
+    for before, after in (
+        ((slice(None), slice(0, -1)), (slice(None), slice(1, None))),
+        ((slice(0, -1), slice(None)), (slice(1, None), slice(None))),
+    ):
+        same = (valid[before] > 0) & (valid[after] > 0)
+        same &= (normal[before] * normal[after]).sum(axis=-1) > 0.95
+        step = position[after] - position[before]
+        off = np.abs((step * normal[before]).sum(axis=-1))
+        same &= off <= 0.2 * np.linalg.norm(step, axis=-1)
+        strength[before] += np.where(same, np.abs(level[after] - level[before]), 0)
+    return strength
+
+
+def typical_error(errors: Sequence[np.ndarray]) -> np.ndarray:
+    """The median of error maps, (H, W): one method that is far off does not decide it."""
+    return np.asarray(np.median(np.stack(errors), axis=0))

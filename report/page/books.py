@@ -1,0 +1,198 @@
+"""Flip-books: of each scene, all methods' images of some novel views, in so many bytes.
+
+Each scene gets its most typical view, where the field's PSNR is closest to its mean; then the one
+in which the field does worst; then the others, scene by scene in turn, as long as there is room.
+Where the typical views alone take too much, all pictures are shrunk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gpf.images import read_exr
+from report.page.pictures import Picture, encode, shrink
+from report.results import CEILING, FIELD, Results, SceneResults
+
+REFERENCE = "reference"
+NO_IMAGES = "its images are not among the files"
+SMALLEST = 16
+"""Pixels along a side: pictures are not shrunk below it."""
+
+WHY = {
+    "typical": "the view {} is typical: there the field's PSNR is closest to its mean",
+    "worst": "in the view {} it is lowest",
+}
+
+
+@dataclass(frozen=True)
+class BookView:
+    """A view: why it was chosen, and its images' numbers and pictures by method."""
+
+    name: str
+    why: str
+    numbers: Mapping[str, Mapping[str, float]]
+    pictures: Mapping[str, Picture]
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return sum(len(picture.data) for picture in self.pictures.values())
+
+
+@dataclass
+class Book:
+    """A scene's flip-book.
+
+    Attributes
+    ----------
+    exposure: what radiance is multiplied by to be shown as it was compared.
+    methods: titles of those that have pictures, by name, in the order in which one leafs.
+    missing: titles of those that have none, by the reason why.
+    left_out: names of views for which there was no room.
+    """
+
+    scene: str
+    title: str
+    exposure: float
+    methods: dict[str, str]
+    missing: dict[str, list[str]]
+    views: list[BookView] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+
+    @property
+    def aspect(self) -> float:
+        """Width over height."""
+        picture = next(iter(self.views[0].pictures.values()))
+        return picture.width / picture.height
+
+
+@dataclass(frozen=True)
+class Shelf:
+    """All books; ``shrunk`` is how many pixels became one along each side."""
+
+    books: list[Book]
+    shrunk: int = 1
+
+    @property
+    def size(self) -> int:
+        """Bytes of all pictures."""
+        return sum(view.size for book in self.books for view in book.views)
+
+
+def make_books(results: Results, most_bytes: int) -> Shelf:
+    """Fill the books of all scenes whose images are there."""
+    scenes = [results.scene(name) for name in results.scenes]
+    orders = {s.name: order_views(s) for s in scenes}
+    orders = {name: order for name, order in orders.items() if order}
+    scenes = [s for s in scenes if s.name in orders]
+    factor = 1
+    while True:
+        firsts = {s.name: _make_view(results, s, *orders[s.name][0], factor) for s in scenes}
+        shelf = Shelf([_make_book(results, s, firsts[s.name]) for s in scenes], factor)
+        sides = [min(p.width, p.height) for v in firsts.values() for p in v.pictures.values()]
+        if shelf.size <= most_bytes or min(sides) < 2 * SMALLEST:
+            break
+        factor *= 2
+    for turn in range(1, max(map(len, orders.values()), default=0)):
+        for scene, book in zip(scenes, shelf.books, strict=True):
+            if turn < len(orders[scene.name]):
+                view = _make_view(results, scene, *orders[scene.name][turn], factor)
+                if shelf.size + view.size <= most_bytes:
+                    book.views.append(view)
+                else:
+                    book.left_out.append(view.name)
+    return shelf
+
+
+def order_views(scene: SceneResults) -> list[tuple[str, str]]:
+    """Novel views that have a reference, and why each is where it is (or "")."""
+    if not scene.image(REFERENCE, "").parent.is_dir():  # then views.yaml may be missing, too
+        return []
+    names = [v.name for v in scene.views.novel if scene.image(REFERENCE, v.name).exists()]
+    found = scene.read("metrics", f"{FIELD}.json")
+    psnr = {name: n["psnr"] for name, n in found.get("views", {}).items() if name in names}
+    if len(psnr) < len(names) or len(names) < 2:
+        return [(name, "") for name in names]
+    mean = np.mean(list(psnr.values()))
+    typical = min(names, key=lambda name: abs(psnr[name] - mean))
+    worst = min((name for name in names if name != typical), key=lambda name: psnr[name])
+    rest = [(name, "") for name in names if name not in (typical, worst)]
+    reasons = [
+        (name, WHY[why].format(name)) for name, why in ((typical, "typical"), (worst, "worst"))
+    ]
+    return [*reasons, *rest]
+
+
+def read_image(results: Results, scene: SceneResults, method: str, view: str) -> np.ndarray | None:
+    """Radiance (H, W, 3), or None where there is no file."""
+    path = scene.image(method, view)
+    if not path.exists():
+        return None
+    maker = {REFERENCE: "reference", CEILING: "reference", FIELD: "render"}
+    layers, _ = read_exr(path, maker.get(method, f"baseline --method {method}"))
+    # The second reference is kept at several numbers of passes.
+    name = f"sppm_{results.params.reference.passes}" if method == CEILING else "radiance"
+    return layers.get(name)
+
+
+def _titles(results: Results) -> dict[str, str]:
+    """All methods in the order in which one leafs: what is right, the field, and the others."""
+    titles = {REFERENCE: "Reference", FIELD: results.methods[FIELD]}
+    titles[CEILING] = f"Second reference: {results.methods[CEILING]}"
+    return titles | {m: title for m, title in results.methods.items() if m not in titles}
+
+
+def _make_view(results: Results, scene: SceneResults, name: str, why: str, factor: int) -> BookView:
+    numbers: dict[str, dict[str, float]] = {}
+    pictures: dict[str, Picture] = {}
+    for method in _titles(results):
+        image = read_image(results, scene, method, name)
+        views = scene.read("metrics", f"{method}.json").get("views", {})
+        if image is not None and (method == REFERENCE or name in views):
+            small = shrink(image, factor) if factor > 1 else image
+            pictures[method] = encode(small, str(scene.image(method, name)))
+            numbers[method] = _known(views.get(name, {}))
+    return BookView(name, why, numbers, pictures)
+
+
+def _known(numbers: Mapping[str, Any]) -> dict[str, float]:
+    return {key: value for key, value in numbers.items() if isinstance(value, float)}
+
+
+def _make_book(results: Results, scene: SceneResults, first: BookView) -> Book:
+    titles = _titles(results)
+    missing: dict[str, list[str]] = {}
+    for method in (m for m in titles if m not in first.pictures):
+        reason = results.reasons(scene.name, method).get("", NO_IMAGES)
+        missing.setdefault(reason, []).append(titles[method])
+    shown = {m: title for m, title in titles.items() if m in first.pictures}
+    return Book(scene.name, scene.title, scene.views.exposure, shown, missing, views=[first])
+
+
+def map_pictures(shelf: Shelf, use: Callable[[Picture], str]) -> list[dict[str, Any]]:
+    """What `flipbook.js` reads: the books as JSON values, each picture as ``use`` says."""
+    return [
+        {
+            "scene": book.scene,
+            "title": book.title,
+            "start": FIELD if FIELD in book.methods else REFERENCE,
+            "exposure": book.exposure,
+            "methods": [{"name": m, "title": title} for m, title in book.methods.items()],
+            "views": [
+                {
+                    "name": view.name,
+                    "numbers": view.numbers,
+                    "pictures": {
+                        m: {"width": p.width, "height": p.height, "id": use(p)}
+                        for m, p in view.pictures.items()
+                    },
+                }
+                for view in book.views
+            ],
+        }
+        for book in shelf.books
+    ]

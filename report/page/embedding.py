@@ -1,0 +1,73 @@
+"""Pictures inside the page: data URIs of figures and of tone-mapped images."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PIL import Image
+
+from gpf.errors import UserError
+from gpf.images import tone_map
+
+if TYPE_CHECKING:
+    from report.figures import Figure
+
+LARGE = 250_000
+"""Bytes of a file from which on a figure is compressed with losses that the eye does not see."""
+
+
+@dataclass(frozen=True)
+class Embedded:
+    """An ``<img>``: a data URI, its size in pixels, which keeps its place free, and how wide it is
+    meant to be, in inches (0: as wide as it gets)."""
+
+    source: str
+    width: int
+    height: int
+    inches: float = 0.0
+
+
+def embed_figure(figure: Figure) -> Embedded | None:
+    """A figure as small as it gets: its drawing, if that is small; else its pixels, as WebP if
+    they take much. What moves stays as it is. None for a figure that was left out."""
+    if figure.svg is None or figure.png is None:
+        return None
+    try:
+        with Image.open(figure.png) as picture:
+            width, height = picture.size
+            inches = width / picture.info["dpi"][0] if "dpi" in picture.info else 0.0
+            moves = getattr(picture, "is_animated", False)
+            if not moves and figure.svg.stat().st_size <= LARGE:
+                data, kind = figure.svg.read_bytes(), "svg+xml"
+            elif moves or figure.png.stat().st_size <= LARGE:
+                data, kind = figure.png.read_bytes(), "png"
+            else:
+                data, kind = _webp(picture), "webp"
+    except OSError as error:
+        raise UserError(
+            str(error.filename or figure.png),
+            f"cannot be read as the figure {figure.name} ({error.strerror or error})",
+            "Run `gpf stage report` again: it draws all figures.",
+        ) from error
+    return Embedded(_uri(data, kind), width, height, inches)
+
+
+def embed_radiance(radiance: np.ndarray, exposure: float) -> Embedded:
+    """An image of a scene, tone-mapped as it was compared."""
+    pixels = np.round(tone_map(radiance, exposure) * 255).astype(np.uint8)
+    picture = Image.fromarray(pixels)
+    return Embedded(_uri(_webp(picture), "webp"), picture.width, picture.height)
+
+
+def _webp(picture: Image.Image) -> bytes:
+    stream = BytesIO()
+    picture.convert("RGB").save(stream, "WEBP", quality=90, method=6)
+    return stream.getvalue()
+
+
+def _uri(data: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"

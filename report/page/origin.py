@@ -1,0 +1,83 @@
+"""How the results came about: machines, versions, commits, parameters and seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from io import StringIO
+from typing import Any
+
+from ruamel.yaml import YAML
+
+from gpf.artifacts import read_json
+from report.results import Results
+
+UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What some stages ran on."""
+
+    facts: dict[str, str]
+    stages: list[str]
+
+
+def list_machines(results: Results) -> list[Machine]:
+    """Each machine with its software once, and what it was used for."""
+    used: dict[tuple[tuple[str, str], ...], list[str]] = {}
+    for scene, stage, cost in _costs(results):
+        machine = cost.get("machine", {})
+        packages = machine.get("packages", {})
+        facts = {
+            "Processor": machine.get("cpu"),
+            "Cores": machine.get("cores"),
+            "GPU": machine.get("gpu") or "none",
+            "Variant of Mitsuba": machine.get("variant"),
+            "LLVM": machine.get("llvm"),
+            "Python": machine.get("python"),
+            **{name: version for name, version in sorted(packages.items())},
+        }
+        key = tuple((name, str(value or UNKNOWN)) for name, value in facts.items())
+        used.setdefault(key, []).append(f"{scene}: {stage}")
+    return [Machine(dict(key), stages) for key, stages in used.items()]
+
+
+def list_commits(results: Results) -> dict[str, dict[str, str]]:
+    """Stage -> scene -> the git commit that it was run with, in short."""
+    commits: dict[str, dict[str, str]] = {}
+    for scene, stage, cost in _costs(results):
+        commit = cost.get("machine", {}).get("commit") or UNKNOWN
+        commits.setdefault(stage, {})[scene] = commit[:7] if commit != UNKNOWN else commit
+    return commits
+
+
+def list_seeds(results: Results) -> dict[str, int]:
+    """Section of params.yaml -> its seed."""
+    sections = results.params.model_dump()
+    return {
+        name: section["seed"]
+        for name, section in sections.items()
+        if isinstance(section, dict) and "seed" in section
+    }
+
+
+def write_params(results: Results) -> str:
+    """All parameters, those with their defaults too, as YAML."""
+    stream = StringIO()
+    yaml = YAML()
+    yaml.default_flow_style = False
+    yaml.dump(results.params.model_dump(mode="json"), stream)
+    return stream.getvalue()
+
+
+def _costs(results: Results) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+    """Scene, stage (or method) and cost file, of all there are."""
+    for scene in results.params.scenes:
+        folder = results.root / scene / "costs"
+        for path in sorted(folder.glob("*.json")):
+            yield results.scene(scene).title, path.stem, read_json(path, path.stem)
+        for path in sorted(folder.glob("baselines/*.json")):
+            title = results.methods.get(path.stem)
+            if title:
+                yield results.scene(scene).title, title, read_json(path, "baseline")

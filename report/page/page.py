@@ -1,0 +1,195 @@
+"""`results/report.html`: words, tables, figures and flip-books in one file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from gpf.artifacts import write_text
+from gpf.errors import UserError
+from report.figures.pictures import ERRORS, LARGEST_ERROR
+from report.page.books import Book, Shelf, make_books, map_pictures, order_views, read_image
+from report.page.embedding import Embedded, embed_figure, embed_radiance
+from report.page.origin import list_commits, list_machines, list_seeds, write_params
+from report.page.pictures import PRECISION, Picture
+from report.page.systems import list_systems
+from report.page.words import SceneWords, describe_scene, main_numbers
+from report.results import FIELD, Results, SceneResults
+
+if TYPE_CHECKING:
+    from report.figures import Figure
+    from report.table import Table
+
+MOST_BYTES = 25_000_000
+HERE = Path(__file__).parent
+SCRIPTS = ("codec.js", "flipbook.js", "tables.js", "start.js")
+COST_FIGURES = ("quality_time", "cumulative_cost")
+COST_TABLES = ("table_4", "costs", "equal_time", "equal_quality")
+OPENING = "teaser"
+
+
+@dataclass(frozen=True)
+class ScenePart:
+    """What the page shows of a scene."""
+
+    name: str
+    title: str
+    words: SceneWords
+    poster: Embedded | None
+    poster_view: str
+    book: Book | None
+    figures: list[tuple[Figure, Embedded | None]]
+
+
+def write_page(
+    results: Results,
+    tables: Sequence[Table],
+    figures: Sequence[Figure],
+    path: Path,
+    most_bytes: int = MOST_BYTES,
+) -> None:
+    """Write the page, atomically.
+
+    Everything has to be inside ``most_bytes``: flip-books take what words, tables and figures
+    leave (:mod:`report.page.books`).
+
+    Raises
+    ------
+    UserError: a figure's file is missing, or what is not flip-books takes more than there is.
+    """
+    embedded = {figure.name: (figure, embed_figure(figure)) for figure in figures}
+    parts = _scene_parts(results, embedded)
+    bare = len(_render(results, tables, embedded, parts, Shelf([])).encode())
+    room = most_bytes - bare - _surroundings(results)
+    if room < 0:
+        raise UserError(
+            str(path),
+            f"would have {bare / 1e6:.1f} MB without its flip-books; {most_bytes / 1e6:.1f} MB are "
+            "the most",
+            "Make the figures smaller.",
+        )
+    shelf = make_books(results, room)
+    text = _render(results, tables, embedded, _scene_parts(results, embedded, shelf), shelf)
+    write_text(path, text)
+
+
+def _render(
+    results: Results,
+    tables: Sequence[Table],
+    embedded: dict[str, tuple[Figure, Embedded | None]],
+    scenes: Sequence[ScenePart],
+    shelf: Shelf,
+) -> str:
+    """The page as text."""
+    pictures: dict[str, Picture] = {}
+
+    def keep(picture: Picture) -> str:
+        name = f"picture-{len(pictures)}"
+        pictures[name] = picture
+        return name
+
+    # The scale of error maps is that of the figures.
+    errors = {"colours": _colours(1024).reshape(-1).tolist(), "largest": LARGEST_ERROR}
+    content = {"books": map_pictures(shelf, keep), "errors": errors}
+    elsewhere = {OPENING, *COST_FIGURES, *(f.name for s in scenes for f, _ in s.figures)}
+    environment = Environment(
+        loader=FileSystemLoader(HERE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("template.html").render(
+        style=_read("style.css"),
+        scripts=Markup("\n").join(_read(name) for name in SCRIPTS),
+        content=_json(content),
+        pictures=pictures,
+        gradient=_gradient(),
+        largest_error=LARGEST_ERROR,
+        numbers=main_numbers(results),
+        scenes=scenes,
+        unmeasured=[results.scene(name).title for name in results.unmeasured],
+        shrunk=shelf.shrunk,
+        passes=results.params.reference.passes,
+        height=results.params.film.height,
+        systems=list_systems(results),
+        opening=embedded.get(OPENING),
+        cost_figures=[embedded[name] for name in COST_FIGURES if name in embedded],
+        figures=[pair for name, pair in embedded.items() if name not in elsewhere],
+        cost_tables=[_with_html(t) for t in tables if t.name in COST_TABLES],
+        tables=[_with_html(t) for t in tables if t.name not in COST_TABLES],
+        machines=list_machines(results),
+        commits=list_commits(results),
+        seeds=list_seeds(results),
+        params=write_params(results),
+        precision=PRECISION,
+    )
+
+
+def _scene_parts(
+    results: Results,
+    embedded: dict[str, tuple[Figure, Embedded | None]],
+    shelf: Shelf | None = None,
+) -> list[ScenePart]:
+    books = {book.scene: book for book in shelf.books} if shelf else {}
+    parts = []
+    for scene in map(results.scene, results.scenes):
+        view, poster = _poster(results, scene)
+        figures = [p for name, p in embedded.items() if _scene_of(name, results) == scene.name]
+        words, book = describe_scene(results, scene), books.get(scene.name)
+        parts.append(ScenePart(scene.name, scene.title, words, poster, view, book, figures))
+    return parts
+
+
+def _scene_of(figure: str, results: Results) -> str | None:
+    """The scene whose name a figure's ends with; the longest, should it end with several."""
+    fitting = [scene for scene in results.scenes if figure.endswith(f"_{scene}")]
+    return max(fitting, key=len, default=None)
+
+
+def _poster(results: Results, scene: SceneResults) -> tuple[str, Embedded | None]:
+    """The field's image (else the reference) of the scene's most typical view."""
+    for view, _ in order_views(scene)[:1]:
+        for method in (FIELD, "reference"):
+            image = read_image(results, scene, method, view)
+            if image is not None:
+                return view, embed_radiance(image, scene.views.exposure)
+    return "", None
+
+
+def _surroundings(results: Results) -> int:
+    """Bytes that all flip-books take beside their pictures' data, at most."""
+    views = sum(len(order_views(results.scene(name))) for name in results.scenes)
+    return 10_000 * len(results.scenes) + 400 * views * (len(results.methods) + 1)
+
+
+def _with_html(table: Table) -> tuple[Table, Markup]:
+    """A table, and its HTML with a caption that stays in sight while one scrolls sideways."""
+    html = table.to_html().replace("<caption>", "<caption><span>")
+    return table, Markup(html.replace("</caption>", "</span></caption>"))
+
+
+def _read(name: str) -> Markup:
+    return Markup((HERE / name).read_text(encoding="utf-8"))
+
+
+def _json(value: Any) -> Markup:
+    """JSON that cannot end the element it stands in."""
+    return Markup(json.dumps(value, separators=(",", ":")).replace("<", "\\u003c"))
+
+
+def _colours(count: int) -> np.ndarray:
+    """Red, green and blue, 0 to 255, of so many errors from 0 to the largest: (count, 3)."""
+    return np.asarray(ERRORS.to_rgba(np.linspace(0, LARGEST_ERROR, count), bytes=True))[:, :3]
+
+
+def _gradient() -> str:
+    """The same for a legend."""
+    return ", ".join(f"rgb({red},{green},{blue})" for red, green, blue in _colours(33))

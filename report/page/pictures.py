@@ -1,0 +1,83 @@
+"""Radiance as a page carries it: bfloat16, predicted from its neighbours, deflated, as text.
+
+bfloat16 is the upper half of a float32: its range, and 8 significant bits, so that a stored value
+is at most 1/256 of itself away from what was rendered, at any exposure. The codes of G, and those
+of R and B less those of G, are predicted by the median of left, above and left + above - corner
+(as JPEG-LS does); what the prediction misses is deflated. `codec.js` is the way back.
+"""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpf.images import check_finite
+
+PRECISION = 1 / 256
+"""Relative error of a stored value, at most."""
+
+_LARGEST = np.uint32(0x7F7F)  # the next code is infinity
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image as text: base64 of the deflated residuals of ``height`` rows of ``width`` pixels."""
+
+    width: int
+    height: int
+    data: str
+
+
+def encode(radiance: np.ndarray, where: str) -> Picture:
+    """Pack radiance (H, W, 3). Negative radiance, which no screen shows, becomes 0.
+
+    Raises
+    ------
+    UserError: NaN or infinite values; ``where`` names the image.
+    """
+    check_finite(radiance, where)
+    height, width, _ = radiance.shape
+    residuals = predict(to_codes(radiance))
+    octets = residuals.astype("<u2").view(np.uint8)
+    # Upper and lower bytes apart: the upper ones are nearly all 0.
+    packed = zlib.compress(octets[0::2].tobytes() + octets[1::2].tobytes(), 9)
+    return Picture(width, height, base64.b64encode(packed).decode("ascii"))
+
+
+def to_codes(radiance: np.ndarray) -> np.ndarray:
+    """The nearest bfloat16 of each value, as uint16 of the same shape."""
+    bits = np.maximum(radiance, 0).astype(np.float32).view(np.uint32)
+    rounded = (bits + 0x7FFF + ((bits >> 16) & 1)) >> 16  # halves go to the even neighbour
+    return np.minimum(rounded, _LARGEST).astype(np.uint16)
+
+
+def to_radiance(codes: np.ndarray) -> np.ndarray:
+    """What codes stand for, float32."""
+    return (codes.astype(np.uint32) << 16).view(np.float32)
+
+
+def predict(codes: np.ndarray) -> np.ndarray:
+    """What the prediction misses, plane by plane and row by row: (3 H W,) uint16, zigzag coded.
+
+    Zigzag puts small residuals first: 0, -1, 1, -2, … become 0, 1, 2, 3, …
+    """
+    red, green, blue = np.moveaxis(codes.astype(np.int32), -1, 0)
+    planes = np.stack([green, red - green, blue - green])
+    left, above, corner = np.zeros((3, *planes.shape), dtype=np.int32)
+    left[:, :, 1:] = planes[:, :, :-1]
+    above[:, 1:] = planes[:, :-1]
+    corner[:, 1:, 1:] = planes[:, :-1, :-1]
+    low, high = np.minimum(left, above), np.maximum(left, above)
+    missed = planes - np.clip(left + above - corner, low, high)
+    missed = missed.astype(np.int16).astype(np.int32)  # modulo 2^16, as the way back adds
+    return ((missed << 1) ^ (missed >> 31)).astype(np.uint16).reshape(-1)
+
+
+def shrink(radiance: np.ndarray, factor: int) -> np.ndarray:
+    """Means of ``factor`` × ``factor`` pixels; what is left over at the right and below is cut."""
+    height, width = (side // factor for side in radiance.shape[:2])
+    cut = radiance[: height * factor, : width * factor]
+    return cut.reshape(height, factor, width, factor, 3).mean(axis=(1, 3))

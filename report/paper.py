@@ -1,0 +1,123 @@
+"""The numbers that the paper reports, from paper.yaml: the only ones that nobody measured here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from statistics import fmean
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from gpf.yaml_files import read_yaml
+
+FILE = Path(__file__).with_suffix(".yaml")
+
+Positive = Annotated[float, Field(gt=0)]
+Group = Literal["components", "gaussians", "k"]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Numbers(_Model):
+    """What is said of a method's images: dB, and what SSIM and LPIPS are in; MB; seconds."""
+
+    psnr: Positive
+    ssim: Positive
+    lpips: Positive
+    storage_mb: Positive | None = None
+    seconds_per_view: Positive | None = None
+
+    @property
+    def known(self) -> dict[str, float]:
+        """Those that there are."""
+        return {key: getattr(self, key) for key in _NUMBERS if getattr(self, key) is not None}
+
+
+_NUMBERS = ("psnr", "ssim", "lpips", "storage_mb", "seconds_per_view")
+
+
+class Variant(Numbers):
+    """A row of an ablation: its title, and how its field is made."""
+
+    title: str
+    field: dict[str, Any]
+
+
+class Ablations(_Model):
+    """Tables 3, S1 and S2, all of one scene."""
+
+    scene: str
+    components: tuple[Variant, ...]
+    gaussians: tuple[Variant, ...]
+    k: tuple[Variant, ...]
+
+    def of(self, group: str) -> Sequence[Variant]:
+        """One of the tables; none for what the paper does not have."""
+        return getattr(self, group) if group in Group.__args__ else ()  # type: ignore[attr-defined]
+
+
+class Cost(_Model):
+    """What the paper says about all views together."""
+
+    reference_hours_per_view: Positive
+    training_views: int
+    training_hours: Positive
+    total_hours: Positive
+    seconds_per_view: Positive
+    break_even_views: int
+    speedup: dict[int, float]
+
+
+class Paper(_Model):
+    """Everything that the paper reports: scene -> method -> numbers.
+
+    Scenes have this project's names; :meth:`name_of` tells what a method of ours is called here.
+    """
+
+    methods: dict[str, dict[str, Any]]
+    systems: dict[str, dict[str, Numbers]]
+    mean: dict[str, Numbers]
+    learned: dict[str, dict[str, Numbers]]
+    seconds: dict[str, dict[str, Positive]]
+    ablations: Ablations
+    cost: Cost
+
+    def name_of(self, options: Mapping[str, Any]) -> str:
+        """The method that is set up so; "" if the paper has none."""
+        alike = (
+            name
+            for name, settings in self.methods.items()
+            if all(options.get(key) == value for key, value in settings.items())
+        )
+        return next(alike, "")
+
+    def quality(self, scene: str, method: str) -> dict[str, float]:
+        """PSNR, SSIM, LPIPS and storage of a method in a scene, as far as reported."""
+        for table in (self.systems, self.learned):
+            if method in table.get(scene, {}):
+                return table[scene][method].known
+        return {}
+
+    def mean_over(self, scenes: Sequence[str], method: str) -> dict[str, float]:
+        """The means over these scenes: as printed for all five, else of what is printed of each."""
+        if set(scenes) == set(self.systems):
+            return self.mean[method].known if method in self.mean else {}
+        rows = [self.quality(scene, method) for scene in scenes]
+        keys: Mapping[str, float] = rows[0] if rows else {}
+        return {
+            key: fmean(row[key] for row in rows) for key in keys if all(key in row for row in rows)
+        }
+
+    def time(self, scene: str, method: str) -> float | None:
+        """Seconds per image."""
+        return self.seconds.get(method, {}).get(scene)
+
+
+@cache
+def read_paper() -> Paper:
+    """The paper's numbers."""
+    return read_yaml(FILE, Paper, "It belongs to the package `report`: install that again.")

@@ -1,0 +1,123 @@
+"""Table 4 and what else a method costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from report.formats import join, significant
+from report.paper import read_paper
+from report.results import CEILING, FIELD, Results
+from report.table import Column, Row, Table
+from report.tables.columns import MEMORY, PAPER, PREPARATION, SECONDS, STORAGE
+from report.tables.quality import scenes_left_out
+
+PATH = "`path` with max_depth 2 at 1 spp"
+"""The unit of time that carries over from machine to machine, more or less."""
+
+
+def time_table(results: Results) -> Table:
+    """Table 4: seconds per image, and in units of what a simple image takes in the same run."""
+    scenes = results.scenes
+    rows = [
+        _row(results, method, title, group)
+        for group in ("Seconds per image", f"Times an image by {PATH}, in the same run")
+        for method, title in _methods(results).items()
+    ]
+    across = tuple(Column(s, results.scene(s).title, significant(3), "lower") for s in scenes)
+    return Table(
+        name="table_4",
+        title="Table 4: time per image",
+        caption="Wall-clock time of a novel view, without preparation and without compiling "
+        f"kernels. {PAPER} Who is fastest may be far from the reference: Table 1 tells.",
+        columns=across,
+        rows=tuple(rows),
+        grouped_by="quantity",
+        remarks=scenes_left_out(results),
+    )
+
+
+def cost_table(results: Results) -> Table:
+    """All costs of a method, scene by scene."""
+    times = Column("times_path", "× path", significant(3), "lower")
+    columns = (PREPARATION, SECONDS, times, STORAGE, MEMORY)
+    rows = []
+    for scene in results.scenes:
+        for method, title in results.methods_of(scene).items():
+            values = results.row(scene, method)
+            if ratio := _ratio(values):
+                values["times_path"] = ratio
+            rows.append(
+                Row(
+                    title,
+                    values,
+                    group=results.scene(scene).title,
+                    reasons=_reasons(results, scene, method, values),
+                    competes=method != CEILING,
+                    ours=method == FIELD,
+                )
+            )
+    return Table(
+        name="costs",
+        title="What a method costs",
+        caption="Preparation happens once per scene, for the field with its photons and targets. "
+        f"× path: time per view over that of a view by {PATH}, in the same run. Times are without "
+        "compiling kernels.",
+        columns=columns,
+        rows=tuple(rows),
+        grouped_by="scene",
+        remarks=scenes_left_out(results),
+    )
+
+
+def _row(results: Results, method: str, title: str, group: str) -> Row:
+    seconds = group.startswith("Seconds")
+    paper = read_paper()
+    values, reported, reasons = {}, {}, {}
+    for scene in results.scenes:
+        known = results.row(scene, method)
+        value = known.get(SECONDS.key) if seconds else _ratio(known)
+        if value is not None:
+            values[scene] = value
+        elif method not in results.methods_of(scene):
+            meant = results.params.baselines[method].scenes
+            titles = [results.scene(s).title for s in meant]
+            reasons[scene] = f"asked for in {join(titles)} alone"
+        else:
+            found = _reasons(results, scene, method, known)
+            reasons[scene] = found.get("") or found[SECONDS.key if seconds else "times_path"]
+        time = paper.time(scene, paper.name_of(results.options(method)))
+        if seconds and time is not None:
+            reported[scene] = time
+    if not values and len(set(reasons.values())) == 1:
+        reasons = {"": next(iter(reasons.values()))}
+    return Row(title, values, reported, group, reasons, method != CEILING, method == FIELD)
+
+
+def _methods(results: Results) -> dict[str, str]:
+    """All methods that some scene could have; the field and the ceiling last."""
+    every = {m: t for s in results.scenes for m, t in results.methods_of(s).items()}
+    return {m: every[m] for m in sorted(every, key=lambda m: m in (FIELD, CEILING))}
+
+
+def _ratio(values: Mapping[str, float]) -> float | None:
+    """Seconds per view over those of the unit in the same run."""
+    if "path_seconds" not in values or SECONDS.key not in values:
+        return None
+    return values[SECONDS.key] / values["path_seconds"]
+
+
+def _reasons(
+    results: Results, scene: str, method: str, values: Mapping[str, float]
+) -> dict[str, str]:
+    """Why costs are missing."""
+    whole = results.reasons(scene, method).get("")
+    if whole and SECONDS.key not in values:
+        return {"": whole}
+    keys = (PREPARATION.key, SECONDS.key, STORAGE.key, MEMORY.key)
+    reasons = dict.fromkeys(keys, "its costs are not on file")
+    reasons["times_path"] = f"the run did not time {PATH}"
+    if method == CEILING:
+        reasons |= dict.fromkeys((STORAGE.key, MEMORY.key), "not measured of references")
+        reasons[PREPARATION.key] = "SPPM needs none"
+        reasons["times_path"] = f"references are not timed beside {PATH}"
+    return reasons

@@ -1,0 +1,63 @@
+"""Stage `report`: what all stages of all scenes measured -> tables, figures and a page."""
+
+from __future__ import annotations
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table as Grid
+from rich.text import Text
+
+from gpf.errors import UserError
+from report.figures import draw_figures
+from report.page import write_page
+from report.results import Results
+from report.table import Table
+from report.tables import write_tables
+from stages.progress import console
+
+
+def write_report() -> None:
+    """Write results/tables, results/figures and results/report.html, and print Table 1's PSNR."""
+    results = Results.open()
+    if not results.scenes:
+        raise UserError(
+            str(results.root),
+            f"has no numbers of any scene of params.yaml ({', '.join(results.params.scenes)})",
+            "Run `gpf repro`, or the stages of one scene up to `gpf stage metrics --scene "
+            f"{results.params.scenes[0]}`.",
+        )
+    root = results.root
+    tables = write_tables(results, root / "tables")
+    figures = draw_figures(results, root / "figures")
+    write_page(results, tables, figures, root / "report.html")
+    console.print(show(tables[0]))
+    for note in tables[0].notes:
+        say(f"  {note}")
+    left_out = [figure for figure in figures if figure.reason]
+    for figure in left_out:
+        say(f"no figure {figure.name}: {figure.reason}")
+    say(f"{len(tables)} tables in {root / 'tables'}: CSV, Markdown, LaTeX, HTML")
+    say(f"{len(figures) - len(left_out)} figures in {root / 'figures'}: SVG, PNG")
+    size = (root / "report.html").stat().st_size / 1e6
+    say(f"all in one page, {size:.1f} MB: {root / 'report.html'}")
+
+
+def show(table: Table) -> Grid:
+    """A table for a terminal, which is too narrow for the paper's numbers."""
+    grid = Grid(title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    grid.add_column(table.label.capitalize(), no_wrap=True)
+    for column in table.columns:
+        grid.add_column(column.title, justify="right")
+    for row in range(len(table.rows)):
+        label, why = table.label_of(row)
+        cells = [Text(label + (f" [{why}]" if why else ""))]
+        for column in table.columns:
+            text, _, why = table.cell(row, column)
+            style = {"best": "bold", "second": "underline"}.get(table.marks.loc[row, column.key])
+            cells.append(Text(text, style=style or "").append(f" [{why}]" if why else ""))
+        grid.add_row(*cells)
+    return grid
+
+
+def say(text: str) -> None:
+    """A line of text, however long, with nothing coloured in it."""
+    console.print(text, highlight=False, soft_wrap=True, markup=False)

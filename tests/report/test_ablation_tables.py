@@ -1,0 +1,89 @@
+"""Tables 3, S1, S2 and that of switches: rows find their numbers, and the paper's, by settings."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from gpf.artifacts import read_json
+from report.results import Results
+from report.tables.ablations import ablation_tables
+from tests.report.made_up import BOX, WATER, edit, make_results
+
+
+@pytest.fixture
+def results(tmp_path):
+    return make_results(tmp_path / "results")
+
+
+def frames(results):
+    made = ablation_tables(Results(results.params, results.root))
+    labels = {table.name: table.label for table in made}
+    return {t.name: t.frame.set_index(["scene", labels[t.name]]) for t in made}
+
+
+def mean(results, *parts):
+    return read_json(results.root.joinpath(WATER, *parts), "metrics")["mean"]
+
+
+def test_components(results):
+    frame = frames(results)["table_3"].loc["Water Caustic"]
+    assert list(frame.index[:2]) == ["radius only", "all (default)"] and len(frame) == 6
+    radius, field = frame.loc["radius only"], frame.loc["all (default)"]
+    assert radius["psnr"] == mean(results, "ablations", "radius.json")["psnr"]
+    assert radius["psnr_paper"] == 26.73 and field["psnr_paper"] == 27.12
+    assert field["psnr"] == mean(results, "metrics", "gpf.json")["psnr"]
+    assert radius["psnr_difference"] == pytest.approx(radius["psnr"] - field["psnr"])
+    cost = read_json(results.root / WATER / "costs" / "train.json", "train")
+    assert field["train_seconds"] == cost["parts"]["training"]["wall_seconds"]
+    # The paper's other rows keep their places.
+    assert (
+        math.isnan(frame.loc["kNN only", "psnr"]) and frame.loc["kNN only", "psnr_paper"] == 26.42
+    )
+    assert frame.loc["kNN only", "reason"] == "no variant in params.yaml is made so"
+
+
+def test_numbers_of_gaussians_are_in_order(results):
+    frame = frames(results)["table_s1"].loc["Water Caustic"]
+    assert list(frame.index) == ["10,000", "50,000", "100,000 (default)", "200,000"]
+    assert frame.loc["10,000", "psnr"] == mean(results, "ablations", "few.json")["psnr"]
+    assert frame["psnr_paper"].tolist() == [24.32, 26.18, 27.12, 27.25]
+    assert frame["seconds_per_view_paper"].tolist() == [7.23, 12.7, 16.37, 24.35]
+
+
+def test_another_number_than_the_papers_has_none_beside_it(results):
+    edit(results.root / WATER / "costs" / "train.json", facts__gaussians=25_000)
+    frame = frames(results)["table_s1"].loc["Water Caustic"]
+    labels = ["10,000", "25,000 (default)", "50,000", "100,000", "200,000"]
+    assert list(frame.index) == labels
+    assert math.isnan(frame.loc["25,000 (default)", "psnr_paper"])
+
+
+def test_what_was_not_run_says_so(results):
+    found = frames(results)
+    k = found["table_s2"].loc["Water Caustic"]
+    assert list(k.index) == ["1", "3 (default)", "5", "10"]
+    assert k.loc["10", "reason"] == "not run" and k.loc["10", "psnr_paper"] == 27.08
+    switch = found["switches"].loc[("Water Caustic", "plain sum")]
+    assert "`ablations.run` in params.yaml does not list it" in switch["reason"]
+
+
+def test_a_variant_that_cannot_be_made_gives_its_reason(results):
+    row = {"variant": "k_10", "title": "ten", "group": "k", "overrides": {"field.k": 10}}
+    file = results.root / WATER / "ablations" / "k_10.json"
+    file.write_text(str(row | {"reason": "too few photons", "todo": "More."}).replace("'", '"'))
+    k = frames(results)["table_s2"].loc["Water Caustic"]
+    assert math.isnan(k.loc["10", "psnr"]) and k.loc["10", "reason"] == "too few photons"
+
+
+def test_a_scene_that_nobody_asked_for_is_shown_once_it_has_files(results):
+    assert set(frames(results)["table_3"].index.get_level_values(0)) == {"Water Caustic"}
+    source = results.root / WATER / "ablations" / "radius.json"
+    target = results.root / BOX / "ablations" / "radius.json"
+    target.parent.mkdir()
+    target.write_bytes(source.read_bytes())
+    frame = frames(results)["table_3"]
+    row = frame.loc[("Cornell Box", "radius only")]
+    assert row["psnr"] == mean(results, "ablations", "radius.json")["psnr"]
+    assert math.isnan(row["psnr_paper"])

@@ -1,0 +1,193 @@
+"""The report in headless Chromium: it asks nobody for anything, and does what its keys say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gpf.images import tone_map
+from report.figures.pictures import ERRORS
+from report.page import write_page
+from report.page.pictures import to_codes, to_radiance
+from report.tables import make_tables
+from tests.report.browser import find_browser, open_page
+from tests.report.made_up import BOX, WATER
+from tests.report.pictured import HEIGHT, WIDTH, make_figure, make_pictured, radiance
+
+PROGRAM = find_browser()
+pytestmark = pytest.mark.skipif(
+    PROGRAM is None, reason="no Chromium on the path (Debian and Ubuntu: apt install chromium)"
+)
+BOOK = f"document.querySelector('#scene-{BOX} .book')"
+METHOD, VIEW = "gpf", "above"  # what a book opens with
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    root = tmp_path_factory.mktemp("browser")
+    results = make_pictured(root / "results")
+    figures = [make_figure(root, "teaser"), make_figure(root, f"comparison_{WATER}")]
+    write_page(results, make_tables(results), figures, root / "report.html")
+    return root / "report.html"
+
+
+@pytest.fixture(scope="module")
+def page(file, tmp_path_factory):
+    with open_page(PROGRAM, file, tmp_path_factory.mktemp("profile")) as page:
+        yield page
+
+
+@pytest.fixture
+def book(page):
+    """The first flip-book in sight, as it opens."""
+    page.evaluate(f"{BOOK}.scrollIntoView({{behavior: 'instant', block: 'center'}})")
+    page.wait_for(f"{BOOK}.dataset.shows !== undefined")
+    page.evaluate(
+        f"(() => {{ const book = {BOOK}.flipBook; book.fit(); "
+        f"return book.set({{method: '{METHOD}', view: 0, stops: 0, error: false}}); }})()"
+    )
+    page.evaluate(f"{BOOK}.querySelector('canvas').focus({{preventScroll: true}})")
+    return page
+
+
+def shown(page) -> np.ndarray:
+    """What the first flip-book's canvas shows at the middle of each pixel, (H, W, 3) in [0, 1]."""
+    box = page.evaluate(
+        f"(() => {{ const b = {BOOK}.querySelector('canvas').getBoundingClientRect();"
+        "return [b.left + scrollX, b.top + scrollY, b.width, b.height]; })()"
+    )
+    picture = page.look(*box) / 255
+    scale = min(box[2] / WIDTH, box[3] / HEIGHT)
+    left, top = (box[2] - WIDTH * scale) / 2, (box[3] - HEIGHT * scale) / 2
+    x = (left + (np.arange(WIDTH) + 0.5) * scale).astype(int)
+    y = (top + (np.arange(HEIGHT) + 0.5) * scale).astype(int)
+    return picture[y[:, None], x[None, :]]
+
+
+def expected(method: str, view: str = VIEW, stops: float = 0) -> np.ndarray:
+    """The same from what was rendered."""
+    stored = to_radiance(to_codes(radiance(method, view)))
+    return tone_map(stored, 1.5 * 2**stops)
+
+
+def assert_shows(page, picture: np.ndarray) -> None:
+    np.testing.assert_allclose(shown(page), picture, atol=1.5 / 255)
+
+
+def state(page, script: str):
+    return page.evaluate(f"{BOOK}{script}")
+
+
+def test_no_requests_no_complaints_and_something_to_see(page, book):
+    own = [url for url in page.requests if not url.startswith("data:")]
+    assert len(own) == 1 and own[0].startswith("file:///")
+    assert page.complaints == []
+    page.evaluate("scrollTo({top: 0, behavior: 'instant'})")
+    picture = page.look(0, 0, 1400, 900)
+    assert picture.shape == (900, 1400, 3)
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
+
+
+def test_the_picture_is_what_was_rendered(book):
+    assert state(book, ".dataset.shows") == f"{VIEW}/{METHOD}"
+    assert_shows(book, expected(METHOD))
+
+
+def test_numbers_and_arrows_switch_methods(book):
+    for key, method in {
+        "1": "reference",
+        "3": "ceiling",
+        "ArrowLeft": "gpf",
+        "4": "path_10",
+    }.items():
+        book.press(key)
+        book.wait_for(f"{BOOK}.dataset.shows === '{VIEW}/{method}'")
+    assert_shows(book, expected("path_10"))
+    assert state(book, ".querySelector('.methods :checked').value") == "path_10"
+    assert "Path tracer, 10 spp" in state(book, ".querySelector('canvas').ariaLabel")
+    assert "40.0 dB" in state(book, ".querySelector('.spoken').textContent")
+    book.press("v")
+    book.wait_for(f"{BOOK}.dataset.shows === 'below/path_10'")
+    assert_shows(book, expected("path_10", "below"))
+
+
+def test_a_click_switches_methods(book):
+    state(book, ".querySelector('.methods input[value=path_50]').click()")
+    book.wait_for(f"{BOOK}.dataset.shows === '{VIEW}/path_50'")
+    assert_shows(book, expected("path_50"))
+
+
+def test_exposure_changes_pixels(book):
+    book.press(".")
+    book.press(".")
+    assert state(book, ".querySelector('.exposure output').textContent") == "+1.00"
+    assert_shows(book, expected(METHOD, stops=1))
+    state(book, ".querySelector('.exposure button').click()")
+    assert_shows(book, expected(METHOD))
+
+
+def test_the_error_map_has_the_colours_of_the_figures(book):
+    book.press("e")
+    assert state(book, ".querySelector('.error').ariaPressed") == "true"
+    error = np.abs(expected(METHOD) - expected("reference")).mean(-1)
+    assert error.min() < 0.001 and error.max() > 0.05
+    np.testing.assert_allclose(shown(book), ERRORS.to_rgba(error)[..., :3], atol=0.05)
+    book.press("1")  # from itself the reference differs nowhere
+    np.testing.assert_allclose(shown(book), 0, atol=0.03)
+
+
+def test_the_reference_while_a_key_is_held(book):
+    book.call("Input.dispatchKeyEvent", type="keyDown", key="r")
+    book.wait_for(f"{BOOK}.dataset.shows === '{VIEW}/reference'")
+    assert_shows(book, expected("reference"))
+    book.call("Input.dispatchKeyEvent", type="keyUp", key="r")
+    book.wait_for(f"{BOOK}.dataset.shows === '{VIEW}/{METHOD}'")
+
+
+def test_zoom_keeps_the_place_while_methods_change(book):
+    box = state(book, ".querySelector('canvas').getBoundingClientRect().toJSON()")
+    scale = min(box["width"] / WIDTH, box["height"] / HEIGHT)
+    left = box["left"] + (box["width"] - WIDTH * scale) / 2
+    x, y = left + 9.5 * scale, box["top"] + box["height"] / 2 + 1.5 * scale  # column 9, row 5
+    book.point(x, y)
+    assert state(book, ".querySelector('.place').textContent") == "x 9, y 5"
+    book.point(x, y, "mouseWheel", deltaX=0, deltaY=-600)
+    book.wait_for(f"{BOOK}.flipBook.place.zoom === 4")
+    book.press("1")
+    book.wait_for(f"{BOOK}.dataset.shows === '{VIEW}/reference'")
+    assert state(book, ".querySelector('.place').textContent") == "x 9, y 5"
+    values = state(book, ".querySelector('.value').textContent").split()
+    np.testing.assert_allclose(
+        [float(v) for v in values], radiance("reference", VIEW)[5, 9], rtol=0.03
+    )
+    book.press("f")
+    assert_shows(book, expected("reference"))
+
+
+def test_tables_sort_by_click_and_keyboard(page):
+    table = "document.querySelector('#title-table_1_psnr').parentElement.querySelector('table')"
+    column = f"[...{table}.tBodies[0].rows].map((row) => row.cells[1].dataset.value ?? '')"
+    before = page.evaluate(column)
+    page.evaluate(f"{table}.querySelectorAll('.sort')[1].click()")
+    falling = page.evaluate(column)
+    known = [float(value) for value in falling if value]
+    assert known == sorted(known, reverse=True) and len(known) > 3
+    assert falling[len(known) :] == [""] * (len(falling) - len(known))  # missing ones last
+    page.evaluate(f"{table}.querySelectorAll('.sort')[1].focus()")
+    page.call("Input.dispatchKeyEvent", type="keyDown", key="Enter", text="\r")
+    page.call("Input.dispatchKeyEvent", type="keyUp", key="Enter")
+    rising = page.evaluate(column)
+    assert [float(value) for value in rising if value] == known[::-1]
+    assert (
+        page.evaluate(f"{table}.querySelectorAll('th')[1].getAttribute('aria-sort')") == "ascending"
+    )
+    assert sorted(before) == sorted(rising) and before != rising
+
+
+def test_on_a_phone_in_the_dark_nothing_sticks_out(file, tmp_path):
+    with open_page(PROGRAM, file, tmp_path, 390, 844, dark=True) as phone:
+        phone.evaluate(f"{BOOK}.scrollIntoView({{behavior: 'instant'}})")
+        phone.wait_for(f"{BOOK}.dataset.shows !== undefined")
+        assert phone.evaluate("document.documentElement.scrollWidth") == 390
+        assert phone.look(0, 0, 390, 40).mean() < 60
+        assert phone.complaints == []

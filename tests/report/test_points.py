@@ -1,0 +1,99 @@
+"""Equal time and equal quality: what was measured, and what is only a guess."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from report.points import Point, extrapolate, measured_points
+from report.results import Results
+from report.tables.equal import equal_quality_table, equal_time_table
+from tests.report.made_up import BOX, edit, make_results
+
+COSTS = {"path_10": 8.0, "path_50": 40.0, "sppm_3": 400.0}
+PSNR = {"path_10": 20.0, "path_50": 26.0, "sppm_3": 22.0, "gpf": 33.0}
+CURVE = {1: 18.0, 3: 24.0, 10: 30.0, 30: 36.0}
+
+
+@pytest.fixture
+def results(tmp_path):
+    """In the box, a view from the field takes 10 s, and a pass of SPPM 1 s."""
+    results = make_results(tmp_path / "results", scenes=[BOX], ablations={})
+    folder = results.root / BOX
+    for method, psnr in PSNR.items():
+        edit(folder / "metrics" / f"{method}.json", mean__psnr=psnr)
+    for method, seconds in COSTS.items():
+        file = folder / "costs" / "baselines" / f"{method}.json"
+        edit(file, parts__render__wall_seconds=seconds)
+    edit(folder / "costs" / "render.json", parts__render__wall_seconds=40.0)
+    edit(folder / "costs" / "reference.json", facts__seconds_per_single_view_pass=1.0)
+    rows = [{"passes": passes, "psnr": psnr} for passes, psnr in CURVE.items()]
+    (folder / "convergence.json").write_text(str(rows).replace("'", '"'))
+    return Results(results.params, results.root)
+
+
+def test_points_are_in_the_order_of_time(results):
+    points = measured_points(results, BOX)
+    assert [(p.seconds, p.psnr) for p in points["path_tracer"]] == [(2, 20), (10, 26)]
+    sppm = [(1, 18), (3, 24), (10, 30), (30, 36), (100, 22)]
+    assert [(p.seconds, p.psnr) for p in points["sppm"]] == sppm
+    assert points["renderformer"] == []
+
+
+def test_at_equal_time_the_best_that_was_run(results):
+    frame = equal_time_table(results).frame.set_index("method")
+    assert frame["psnr"].dropna().to_dict() == {
+        "Path tracer, 50 spp": 26,
+        "SPPM, 10 passes as in references": 30,
+        "GPF, 16 spp": 33,
+    }
+    assert math.isnan(frame.loc["SPPM, 10 passes as in references", "ssim"])
+    assert "PSNR alone" in frame.loc["SPPM, 10 passes as in references", "reason"]
+    assert frame.loc["RenderFormer", "reason"] == "glass and water are beyond it"
+
+
+def test_who_is_slower_at_its_fastest_is_told_so(results):
+    edit(results.root / BOX / "costs" / "render.json", parts__render__wall_seconds=2.0)
+    frame = equal_time_table(Results(results.params, results.root)).frame.set_index("method")
+    assert frame.loc["Path tracer", "reason"] == "its fastest setting takes 2.00 s per view"
+
+
+def test_equal_quality_is_measured_or_not_reached(results):
+    table = equal_quality_table(results)
+    frame = table.frame.set_index("system")
+    assert frame.loc["SPPM", "seconds_needed"] == 30 and frame.loc["SPPM", "psnr"] == 36
+    assert frame.loc["SPPM", "setting"] == "30 passes as in references"
+    assert frame.loc["Path tracer", "seconds_needed"] == "not reached in 10.0"
+    assert frame.loc["GPF", ["seconds_needed", "seconds_needed_rank"]].tolist() == [10, 1]
+    # 5 times the time for 6 dB, and 7 dB to go.
+    guess = frame.loc["Path tracer", "extrapolated_seconds"]
+    assert guess == pytest.approx(10 * 5 ** (7 / 6))
+    assert "| ≈ 65.4 |" in " ".join(table.to_markdown().split())
+    assert "no measurement" in table.caption
+
+
+def points(*pairs):
+    return [Point("x", seconds, {"psnr": psnr}) for seconds, psnr in pairs]
+
+
+@pytest.mark.parametrize(
+    ("known", "seconds"),
+    [
+        (points((1, 20), (10, 30)), 10 * math.sqrt(10)),
+        (points((1, 29), (2, 20), (20, 30)), 20 * math.sqrt(10)),
+        (points((1, 20)), None),
+        (points((1, 20), (10, 20)), None),
+        (points((1, 20), (10, 20.5)), None),
+    ],
+)
+def test_extrapolation(known, seconds):
+    """To 35 dB: log time is linear in dB, by the last two, and not for ever."""
+    found = extrapolate(known, 35)
+    assert found == (None if seconds is None else pytest.approx(seconds))
+
+
+def test_without_the_field_there_is_nothing_to_equal(results):
+    (results.root / BOX / "metrics" / "gpf.json").unlink()
+    table = equal_quality_table(Results(results.params, results.root))
+    assert not table.rows and "gpf stage render --scene cornell_box" in table.notes[0]
