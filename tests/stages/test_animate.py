@@ -1,0 +1,156 @@
+"""Stage `animate`: frames that are kept, those that are missing, and flicker as a number."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gpf.artifacts import read_json, write_text
+from gpf.images import read_exr, tone_map
+from gpf.views import read_views
+from tests.stages.results import files_below
+
+FRAMES = 3
+
+
+class Grey:
+    """A system of one colour with noise, that counts what it is asked for and may fail once."""
+
+    asked: list[str] = []  # noqa: RUF012
+    fails_at: str | None = None
+    storage_bytes = 0
+    facts: dict[str, float] = {}  # noqa: RUF012
+
+    def __init__(self, options=None):
+        pass
+
+    def prepare(self, task):
+        self.asked.append("prepare")
+        self.size = task.size
+        return self
+
+    def render(self, view, seed):
+        if view.name == Grey.fails_at:
+            Grey.fails_at = None
+            raise KeyboardInterrupt
+        self.asked.append(view.name)
+        noise = np.random.default_rng(seed).normal(size=(self.size[1], self.size[0], 1))
+        return (0.2 + 0.01 * noise * np.ones(3)).astype(np.float32)
+
+
+class StillField:
+    """In place of the field: the same colour in every frame."""
+
+    @classmethod
+    def open(cls, work, height, spp):
+        cls.size = work.film_size
+        return cls()
+
+    def render(self, view, seed):
+        self.radiance = np.full((self.size[1], self.size[0], 3), 0.3)
+        return self
+
+
+@pytest.fixture
+def walked(fresh, monkeypatch):
+    """A scene with a short path, and systems that take no time."""
+    monkeypatch.setattr("stages.animate.make_baseline", Grey)
+    monkeypatch.setattr("stages.animate.FieldRenderer", StillField)
+    monkeypatch.setattr(Grey, "asked", [])
+    fresh.replace("scenes/cornell_box/views.yaml", "frames: 24", f"frames: {FRAMES}")
+    fresh.edit(
+        "params.yaml",
+        animation__scenes=["cornell_box"],
+        animation__methods=["gpf", "path_10", "splatting_3"],
+    )
+    assert fresh.stage("scene").code == 0
+    return fresh
+
+
+def test_frames_films_and_flicker(walked):
+    outcome = walked.stage("animate")
+    assert outcome.code == 0, outcome.text
+    folder = walked.results / "animation"
+    frames = {f"{m}/{k:02d}.exr" for m in ("gpf", "path_10") for k in range(FRAMES)}
+    films = {"animation.mp4", "animation.webp", "flicker.json"}
+    assert files_below(folder) == frames | films
+    layers, record = read_exr(folder / "path_10" / "02.exr", "animate")
+    assert layers["radiance"].shape == (16, 20, 3) and record["view"]["name"] == "frame_002"
+    with Image.open(folder / "animation.webp") as picture:
+        assert picture.n_frames == FRAMES
+    told = read_json(folder / "flicker.json", "animate")["methods"]
+    assert told["splatting_3"] == {"cannot_serve": "not asked for"}
+    assert told["gpf"]["directly"]["change"] == pytest.approx(0, abs=1e-9)
+    low, high = tone_map(np.array([0.19, 0.21]), read_views(walked.results / "views.yaml").exposure)
+    noise = 255 * (high - low) / 2
+    assert told["path_10"]["directly"]["noise"] == pytest.approx(noise, rel=0.1)
+    assert 0.1 < told["gpf"]["directly"]["share"] < 1 and "refracted" not in told["gpf"]
+    assert read_json(walked.results / "costs/animate.json", "animate")["facts"] == {
+        "frames": FRAMES
+    }
+
+
+def test_a_run_that_was_killed_goes_on(walked, monkeypatch):
+    monkeypatch.setattr(Grey, "fails_at", "frame_001")
+    assert walked.stage("animate").code == 130
+    assert Grey.asked == ["prepare", "frame_000"]
+    assert walked.stage("animate").code == 0
+    assert Grey.asked == ["prepare", "frame_000", "prepare", "frame_001", "frame_002"]
+    before = walked.snapshot()
+    assert walked.stage("animate").code == 0
+    # Nothing is prepared for nothing, and what is made anew is the same.
+    assert len(Grey.asked) == 5
+    after = walked.snapshot()
+    made = {name for name in before if name.startswith("results/cornell_box/animation/")}
+    assert all(before[name][0] == after[name][0] for name in made) and len(made) == 2 * FRAMES + 3
+
+
+def test_what_changed_is_rendered_again(walked):
+    assert walked.stage("animate").code == 0
+    del Grey.asked[:]
+    walked.edit("params.yaml", baselines__path_10__spp=11)
+    assert walked.stage("animate").code == 0
+    assert Grey.asked == ["prepare", "frame_000", "frame_001", "frame_002"]
+    walked.edit("params.yaml", animation__methods=["gpf"])
+    assert walked.stage("animate").code == 0
+    folders = {path.name for path in (walked.results / "animation").glob("*/")}
+    assert folders == {"gpf"}
+
+
+def test_another_scene_is_not_asked_for(walked):
+    walked.edit("params.yaml", animation__scenes=[])
+    outcome = walked.stage("animate")
+    assert outcome.code == 0 and "animation.scenes in params.yaml does not list it" in outcome.text
+    assert not (walked.results / "animation").exists()
+
+
+def test_a_scene_without_a_path_is_said_in_words(walked):
+    views = walked.results / "views.yaml"
+    text = views.read_text(encoding="utf-8")
+    write_text(views, text[: text.index("path:")])
+    outcome = walked.stage("animate")
+    assert outcome.code == 2 and "has no camera path. Add a path" in outcome.text
+
+
+def test_what_was_learned_is_kept_for_the_animation(walked, monkeypatch):
+    """Of a system that learns from images, as it was left; of another, nothing."""
+
+    class Learner(Grey):
+        def prepare(self, task):
+            known = task.state / "learned.txt"
+            self.asked.append("again" if known.exists() else "learn")
+            write_text(known, "all of it")
+            return super().prepare(task)
+
+    monkeypatch.setattr("stages.animate.make_baseline", Learner)
+    monkeypatch.setattr("stages.baseline.make_baseline", Learner)
+    monkeypatch.setattr("stages.baseline.training_views", lambda *_: ())
+    row = {"system": "splatting", "views": 3}
+    walked.edit("params.yaml", baselines__splatting_3=row)
+    for method in ("splatting_3", "path_10"):
+        arguments = ("--scene", "cornell_box", "--method", method)
+        assert walked.gpf("stage", "baseline", *arguments).code == 0
+    del Grey.asked[:]
+    assert walked.stage("animate").code == 0
+    assert [word for word in Grey.asked if word in ("again", "learn")] == ["learn", "again"]
