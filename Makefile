@@ -18,9 +18,10 @@ help: ## show this list
 	@grep -hE '^[a-z]+:.*## ' Makefile | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 10
 
 repro: $(STAMP) ## environment, then every stage of the pipeline that is out of date
-	@$(VENV) -m dvc repro $(ARGS)
+	@.venv/bin/gpf repro $(ARGS)
 	@echo
-	@echo "Results: results/tables (numbers), results/figures (plots), results/<scene>/renders (images)."
+	@echo "Results: results/report.html (all in one page), results/tables, results/figures,"
+	@echo "results/<scene>/renders (images)."
 	@echo "On the command line: dvc metrics show; dvc plots show   (after: . .venv/bin/activate)"
 
 test: $(STAMP) ## all tests
@@ -43,8 +44,9 @@ $(STAMP): requirements.lock requirements-nodeps.lock pyproject.toml
 	@$(PIP) --version >/dev/null 2>&1 || sh tools/make_venv.sh
 	$(PIP) install -r requirements.lock
 	@$(PIP) install --no-deps --no-build-isolation --use-pep517 -r requirements-nodeps.lock \
-	  || echo "Warning: the packages of requirements-nodeps.lock could not be installed; LPIPS and" \
-	     "FLIP will be null in the tables. \`make doctor\` names the commands that add them." >&2
+	  || echo "Warning: the packages of requirements-nodeps.lock could not be installed; LPIPS," \
+	     "FLIP and 3D Gaussian splatting will be missing in the tables. \`make doctor\` names the" \
+	     "commands that add them." >&2
 	$(PIP) install --no-deps --no-build-isolation -e .
 	@touch $(STAMP)
 
