@@ -102,5 +102,5 @@ if __name__ == "__main__":
     all_scenes = read_params().scenes
     for name in all_scenes:
         draw_scene(name)
-        copyfile(f"results/figures/cost_{name}.png", IMAGES / f"cost_{name}.png")
+        copyfile(f"results/{name}/cost.png", IMAGES / f"cost_{name}.png")
     write_table(Path("README.md"), results_table(all_scenes))

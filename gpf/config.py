@@ -6,14 +6,22 @@ The comments in params.yaml explain the keys to users; the docstrings here say w
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PlainValidator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from gpf.baselines.options import BaselineOptions
-from gpf.yaml_files import read_yaml, suggest
+from gpf.yaml_files import explain, read_yaml, suggest
 
 Count = Annotated[int, Field(ge=1)]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
@@ -207,6 +215,40 @@ class Methods(_Section):
         return (*self.classical, *self.equal_time, *self.learned)
 
 
+# Sections that a variant of an ablation may change: scene and references stay as they are.
+VARIED = ("field", "train", "stream", "render")
+
+
+class Variant(_Section):
+    """The field made otherwise: dotted keys of params.yaml and what they are there."""
+
+    group: MethodName
+    title: str = ""
+    set: dict[str, Any] = Field(default_factory=dict)
+
+
+class Ablations(_Section):
+    """Variants of the field, those that run, and the scenes that they run in."""
+
+    scenes: tuple[str, ...] = ()
+    run: tuple[MethodName, ...] = ()
+    variants: dict[MethodName, Variant] = Field(default_factory=dict)
+
+    def title(self, name: str) -> str:
+        """What people are shown for a variant."""
+        variant = self.variants[name]
+        settings = ", ".join(f"{key}: {value}" for key, value in variant.set.items())
+        return variant.title or settings or "default"
+
+
+class Animation(_Section):
+    """The camera path of water scenes, by several methods side by side."""
+
+    scenes: tuple[str, ...] = ()
+    methods: tuple[MethodName, ...] = ("gpf",)
+    fps: Annotated[int, Field(ge=1, le=120)] = 12
+
+
 class Metrics(_Section):
     """What images are compared by (:mod:`metrics.image`)."""
 
@@ -236,36 +278,102 @@ class Params(_Section):
     render: Render = Render()
     methods: Methods = Methods()
     baselines: dict[MethodName, BaselineOptions] = Field(default_factory=dict)
+    ablations: Ablations = Ablations()
+    animation: Animation = Animation()
     metrics: Metrics = Metrics()
     amortize: Amortize = Amortize()
+
+    def vary(self, overrides: Mapping[str, Any]) -> Params:
+        """The same with other values of some dotted keys, and without ablations.
+
+        Raises
+        ------
+        pydantic.ValidationError: a key that no section has, or a bad value.
+        """
+        data: dict[str, Any] = {name: getattr(self, name) for name in Params.model_fields}
+        del data["ablations"]
+        for key, value in overrides.items():
+            *path, leaf = key.split(".")
+            place = data
+            for part in path:
+                if isinstance(place.get(part), BaseModel):
+                    place[part] = place[part].model_dump()
+                # What is no section is objected to as what it then is: a value or an unknown key.
+                if not isinstance(place.get(part), dict):
+                    place[part] = {}
+                place = place[part]
+            place[leaf] = value
+        return Params.model_validate(data)
+
+    def variant(self, name: str, also: Mapping[str, Any] | None = None) -> Params:
+        """The parameters of a variant of the ablations; ``also``: values that it may override."""
+        return self.vary({**(also or {}), **self.ablations.variants[name].set})
 
     @model_validator(mode="after")
     def _methods_are_known(self) -> Self:
         known, listed = list(self.baselines), self.methods.all
         for name in (*known, *listed):
             if name in OWN_METHODS:
-                raise PydanticCustomError(
-                    "method", f"{name} is what the pipeline itself renders: call the row otherwise"
-                )
+                todo = "To have both, call the row otherwise."
+                raise _objection(f"{name} is what the pipeline itself renders", todo)
         for name in listed:
             if name not in known:
-                hint = suggest(name, known, "The rows of baselines are")
-                raise PydanticCustomError(
-                    "method", f"methods has {name}, which baselines does not have. {hint}"
-                )
+                todo = suggest(name, known, "The rows of baselines are")
+                raise _objection(f"methods has {name}, which baselines does not have", todo)
             if listed.count(name) > 1:
-                raise PydanticCustomError("method", f"methods has {name} more than once")
+                raise _objection(f"methods has {name} more than once", "Leave one out.")
+        return self
+
+    @model_validator(mode="after")
+    def _ablations_can_be_run(self) -> Self:
+        rows = self.ablations.variants
+        for name, variant in rows.items():
+            where = f"ablations.variants.{name}.set"
+            for key in variant.set:
+                if key.split(".")[0] not in VARIED or "." not in key:
+                    todo = f"Keys begin with one of: {', '.join(f'{v}.' for v in VARIED)}"
+                    raise _objection(f"{where}: {key} is not for a variant", todo)
+            try:
+                self.variant(name)
+            except ValidationError as error:
+                told = explain(where, Params, error)
+                raise _objection(f"{told.where}: {told.what}", told.todo) from None
+        for name in self.ablations.run:
+            if name not in rows:
+                todo = suggest(name, list(rows), "The rows of ablations.variants are")
+                raise _objection(f"ablations.run: {name} is not among the variants", todo)
+            if self.ablations.run.count(name) > 1:
+                raise _objection(f"ablations.run: has {name} more than once", "Leave one out.")
+        return self
+
+    @model_validator(mode="after")
+    def _what_has_scenes_of_its_own_has_known_ones(self) -> Self:
+        for section in ("ablations", "animation"):
+            for scene in getattr(self, section).scenes:
+                if scene not in self.scenes:
+                    todo = suggest(scene, self.scenes, "Leave it out; scenes are")
+                    raise _objection(f"{section}.scenes: {scene} is not among the scenes", todo)
+        known = ["gpf", *self.baselines]
+        for method in self.animation.methods:
+            if method not in known:
+                todo = suggest(method, known, "There are")
+                raise _objection(f"animation.methods: {method} is no method", todo)
         return self
 
     @model_validator(mode="after")
     def _targets_tell_direct_light_apart(self) -> Self:
         if self.field.direct == "emitters" and self.reference.direct != "emitters":
-            raise PydanticCustomError(
-                "direct",
+            raise _objection(
                 "field.direct is emitters, but reference.direct is photons, which do not tell "
-                "direct light from other light: set both to emitters, or field.direct to field",
+                "direct light from other light",
+                "Either set both to emitters, or field.direct to field.",
             )
         return self
+
+
+def _objection(what: str, todo: str) -> PydanticCustomError:
+    """What is wrong between places of params.yaml, and what to do about it."""
+    return PydanticCustomError("params", "{what}", {"what": what, "todo": todo})
 
 
 def read_params(file: Path = Path("params.yaml")) -> Params:

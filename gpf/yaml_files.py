@@ -44,13 +44,14 @@ def read_yaml(file: Path, model: type[Model], if_missing: str) -> Model:
     try:
         return model.model_validate({} if data is None else data)
     except ValidationError as error:
-        raise _explain(file, model, error) from error
+        raise explain(str(file), model, error) from error
 
 
-def _explain(file: Path, model: type[BaseModel], error: ValidationError) -> UserError:
+def explain(source: str, model: type[BaseModel], error: ValidationError) -> UserError:
+    """The first of the objections to what ``source`` says, in words."""
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"])
-    where = f"{file}: {place}" if place else str(file)
+    where = f"{source}: {place}" if place else source
     if first["type"] == "extra_forbidden":
         *path, key = first["loc"]
         known = sorted(_model_at(model, path).model_fields)

@@ -14,7 +14,7 @@ import pandas as pd
 from gpf.artifacts import read_json, write_atomically, write_json, write_text
 from metrics.cost import CostLine, break_even, cumulative
 from metrics.worth import worth_passes
-from stages.costs import CostMeter
+from stages.costs import KINDS
 from stages.progress import console
 from stages.workspace import Workspace
 
@@ -70,19 +70,25 @@ def mean_convergence(work: Workspace) -> dict[int, float]:
     return {int(row["passes"]): float(row["psnr"]) for row in rows}
 
 
+def seconds_of_all(work: Workspace) -> pd.DataFrame:
+    """A row for each part of each stage that has run for the scene: wall, CPU and compilation."""
+    folder = work.cost("scene").parent
+    rows = [
+        {"stage": path.relative_to(folder).with_suffix("").as_posix(), "part": name, **part}
+        for path in sorted(folder.rglob("*.json"))
+        for name, part in read_json(path, path.stem).get("parts", {}).items()
+    ]
+    return pd.DataFrame(rows, columns=["stage", "part", *KINDS])
+
+
 def amortize(scene_name: str) -> None:
-    """Write the table and the figure of cumulative cost, and print the break-even counts."""
+    """Write the tables of costs and the figure of cumulative cost, and print the break-even
+    counts."""
     work = Workspace.open(scene_name)
-    costs = CostMeter()
-    with costs.measure("amortize"):
-        _write_all(work, scene_name)
-    costs.write(work.cost("amortize"))
-
-
-def _write_all(work: Workspace, scene_name: str) -> None:
+    write_text(work.all_costs, seconds_of_all(work).to_csv(index=False))
     lines = cost_lines(work)
     table = cumulative([lines.field, *lines.others], range(1, work.params.amortize.views + 1))
-    write_text(work.root / "tables" / f"cost_{scene_name}.csv", table.to_csv(index=False))
+    write_text(work.folder / "cost.csv", table.to_csv(index=False))
     counts = {other.name: break_even(lines.field, other) for other in lines.others}
     write_json(
         work.folder / "amortize.json",
@@ -134,7 +140,7 @@ def _draw(
     axes.legend(frameon=False)
     axes.grid(True, which="both", alpha=0.2)
     for suffix in (".svg", ".png"):
-        path = work.root / "figures" / f"cost_{work.scene}{suffix}"
+        path = work.folder / f"cost{suffix}"
         write_atomically(
             path, lambda p: figure.savefig(p, dpi=120, metadata=_NO_DATE.get(p.suffix))
         )

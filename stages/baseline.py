@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import os
-import resource
 import shutil
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,15 +10,20 @@ from pathlib import Path
 
 import numpy as np
 
-from gpf.artifacts import read_json, write_json, write_text
+from gpf import baselines
+from gpf.artifacts import read_json, write_json
 from gpf.baselines.options import BaselineOptions
 from gpf.baselines.protocol import CannotServe, Prepared, Task, TrainingView
 from gpf.baselines.registry import make_baseline
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr, write_exr, write_png
 from gpf.yaml_files import suggest
+from stages import resuming
+from stages.apart import run_each
+from stages.code_digest import digest_code
 from stages.costs import CostMeter
 from stages.progress import Bar, console, progress_bar
+from stages.unit_time import time_path
 from stages.workspace import Workspace
 
 
@@ -34,13 +34,7 @@ def run_baselines(scene_name: str, method: str | None = None, go_on: bool = Fals
     """
     work = Workspace.open(scene_name)
     if method is None:
-        # Also where the project is not installed, but imported from a folder.
-        places = [str(Path(__file__).parent.parent), os.environ.get("PYTHONPATH", "")]
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))}
-        for name in work.params.methods.all:
-            command = ["stage", "baseline", "--scene", scene_name, "--method", name, "--go-on"]
-            whole = [sys.executable, "-m", "stages.cli", *command]
-            subprocess.run(whole, check=True, env=environment)
+        run_each("baseline", scene_name, "method", work.params.methods.all)
         return
     rows = work.params.baselines
     if method not in rows:
@@ -57,12 +51,7 @@ def run_baselines(scene_name: str, method: str | None = None, go_on: bool = Fals
 
 def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
     """Prepare a system and render all novel views, as EXR and as previews."""
-    if options.scenes and work.scene not in options.scenes:
-        raise CannotServe(
-            f"params.yaml: baselines.{method}.scenes",
-            "not asked for",
-            f"Add {work.scene} there, or leave `scenes` out for all.",
-        )
+    refuse_other_scenes(work, method, options)
     if not work.views.novel:
         raise UserError(
             str(work.views_file), "has no novel views", "Add some: they are what is rendered."
@@ -81,10 +70,23 @@ def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
         render_all(work, method, prepared, costs, bar)
     costs.facts |= {"views": len(work.views.novel), **prepared.facts}
     costs.facts["storage_megabytes"] = prepared.storage_bytes / 1e6
-    costs.facts["peak_memory_megabytes"] = peak_memory()
+    costs.note_peak_memory()
+    costs.facts["path_seconds"] = time_path(task.scene, work.views.novel[0], work.film_size)
     costs.write(work.cost(f"baselines/{method}"))
-    shutil.rmtree(state)
-    work.forget_checkpoints()
+    # What it learned stays: the stage `animate` need not learn it again.
+    if not options.training_views:
+        shutil.rmtree(state)
+        work.forget_checkpoints()
+
+
+def refuse_other_scenes(work: Workspace, method: str, options: BaselineOptions) -> None:
+    """Raise the refusal of a method that is not meant for the scene."""
+    if options.scenes and work.scene not in options.scenes:
+        raise CannotServe(
+            f"params.yaml: baselines.{method}.scenes",
+            "not asked for",
+            f"Add {work.scene} there, or leave `scenes` out for all.",
+        )
 
 
 @dataclass
@@ -174,8 +176,8 @@ def seconds_per_view(work: Workspace) -> float:
 
 def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
     """The folder where a killed preparation left what it had, if that was the same task."""
-    state = work.folder / "checkpoints" / f"baseline-{method}"
     task = {
+        "code": digest_code(sorted(Path(baselines.__file__).parent.glob("*.py"))),
         "scene": work.scene_digest,
         "options": options.model_dump(mode="json"),
         "size": list(work.film_size),
@@ -185,12 +187,7 @@ def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
             work.digest(work.reference(view.name)) for view in (*work.views.train, *work.views.more)
         ],
     }
-    text = json.dumps(task, indent=2, sort_keys=True) + "\n"
-    file = state / "task.json"
-    if not file.exists() or file.read_text(encoding="utf-8") != text:
-        shutil.rmtree(state, ignore_errors=True)
-        write_text(file, text)
-    return state
+    return resuming.open_state(work.folder / "checkpoints" / f"baseline-{method}", task)
 
 
 def refuse(work: Workspace, method: str, refusal: CannotServe) -> None:
@@ -201,12 +198,3 @@ def refuse(work: Workspace, method: str, refusal: CannotServe) -> None:
     costs = CostMeter()
     costs.facts["reason"] = refusal.what
     costs.write(work.cost(f"baselines/{method}"))
-
-
-def peak_memory() -> float:
-    """The most memory that this process and those that it started had at a time, MB."""
-    kilobytes = sum(
-        resource.getrusage(who).ru_maxrss
-        for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    )
-    return kilobytes * 1024 / 1e6

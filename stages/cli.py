@@ -1,4 +1,4 @@
-"""The command line: `gpf stage NAME --scene SCENE`, and `gpf --help` lists the others."""
+"""The command line: `gpf repro`, `gpf stage NAME`, and what `gpf --help` lists."""
 
 from __future__ import annotations
 
@@ -30,15 +30,22 @@ STAGES = {
     "render": ("stages.render", "render_views"),
     "baseline": ("stages.baseline", "run_baselines"),
     "metrics": ("stages.metrics", "compare_images"),
+    "ablation": ("stages.ablation", "run_ablations"),
+    "animate": ("stages.animate", "animate"),
     "amortize": ("stages.amortize", "amortize"),
+    "report": ("stages.report", "write_report"),
 }
+# These are run once, for all scenes.
+OF_ALL_SCENES = ("report",)
 StageName = StrEnum("StageName", list(STAGES))  # type: ignore[misc]
 
 
 @app.command()
 def stage(
     name: Annotated[StageName, typer.Argument(help="The stage to run.")],
-    scene: Annotated[str, typer.Option(help="The scene to run it for.")],
+    scene: Annotated[
+        str | None, typer.Option(help="The scene to run it for; all but `report` need one.")
+    ] = None,
     passes: Annotated[
         str | None,
         typer.Option(metavar="FIRST:LAST", help="Of `reference`: these passes alone, as a slice."),
@@ -47,30 +54,62 @@ def stage(
         str | None,
         typer.Option(metavar="NAME", help="Of `baseline`: this row of params.yaml alone."),
     ] = None,
+    variant: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Of `ablation`: this variant of params.yaml alone."),
+    ] = None,
     go_on: Annotated[
         bool,
-        typer.Option("--go-on", help="Of `baseline`: a system that cannot serve is no error."),
+        typer.Option(
+            "--go-on",
+            help="Of `baseline` and `ablation`: what cannot serve the scene is no error.",
+        ),
     ] = False,
 ) -> None:
     """Run one stage of the pipeline for one scene, from what the stages before it left."""
     given = {
-        "passes": ("reference", passes),
-        "method": ("baseline", method),
-        "go_on": ("baseline", go_on or None),
+        "scene": (tuple(s for s in STAGES if s not in OF_ALL_SCENES), scene),
+        "passes": (("reference",), passes),
+        "method": (("baseline",), method),
+        "variant": (("ablation",), variant),
+        "go_on": (("baseline", "ablation"), go_on or None),
     }
     options = {option: value for option, (_, value) in given.items() if value is not None}
     for option in options:
-        if name.value != given[option][0]:
+        if name.value not in given[option][0]:
             flag = "--go-on" if option == "go_on" else f"--{option} {options[option]}"
             raise UserError(flag, f"is not for {name.value}", "Leave it out.")
+    if name.value not in OF_ALL_SCENES and "scene" not in options:
+        raise UserError(f"stage {name.value}", "is run for a scene", "Name it with --scene.")
     module, function = STAGES[name.value]
+    arguments = [options.pop("scene")] if "scene" in options else []
     try:
-        getattr(importlib.import_module(module), function)(scene, **options)
+        getattr(importlib.import_module(module), function)(*arguments, **options)
     except BaseException as error:  # here and not in main: typer would not let it through
         if not _is_interrupt(error):
             raise
         typer.echo("\nstopped; the next run goes on from the last checkpoint", err=True)
         raise typer.Exit(130) from None
+
+
+@app.command(context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def repro(
+    context: typer.Context,
+    name: Annotated[
+        str | None,
+        typer.Option("--profile", metavar="NAME", help="First set its sizes, as `gpf profile`."),
+    ] = None,
+) -> None:
+    """Run all stages that are out of date, and tell how much time is left.
+
+    Further arguments are those of `dvc repro`: stages, such as `train@cornell_box`, and options.
+    """
+    from stages.profiles import apply_profile
+    from stages.repro import reproduce
+
+    if name is not None:
+        apply_profile(name)
+    raise typer.Exit(reproduce(context.args))
 
 
 @app.command()

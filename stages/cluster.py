@@ -203,7 +203,7 @@ def _unpack(needed: bytes) -> Path:
 @cache
 def _open(scene: str, request: GroupRequest, digest: str) -> LongSum:
     """The passes of a group, loaded once in a process."""
-    passes = open_group(Job.open(scene), request)
+    passes = open_group(Job.open(Workspace.open(scene)), request)
     if passes.parts.digest != digest:
         raise UserError(
             "a worker of the cluster",

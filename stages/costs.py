@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -68,6 +69,14 @@ class CostMeter:
         whole = self.parts.pop(part)
         for name in names:
             self.parts[f"{part}/{name}"] = {k: v / len(names) for k, v in whole.items()}
+
+    def note_peak_memory(self) -> None:
+        """Keep the most memory that this process and those that it started had at a time, MB."""
+        kilobytes = sum(
+            resource.getrusage(who).ru_maxrss
+            for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+        )
+        self.facts["peak_memory_megabytes"] = kilobytes * 1024 / 1e6
 
     def write(self, path: Path) -> None:
         """Write the parts, further facts and a description of the machine."""

@@ -49,9 +49,8 @@ class Job:
     costs: CostMeter
 
     @classmethod
-    def open(cls, scene_name: str) -> Job:
+    def open(cls, work: Workspace) -> Job:
         """Load the scene, and measure what is automatic."""
-        work = Workspace.open(scene_name)
         scene = work.load_scene()
         costs = CostMeter.load(work.cost("reference"))
         costs.parts.pop("radius", None)

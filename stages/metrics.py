@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,18 +26,11 @@ NUMBERS = ("psnr", "ssim", "lpips", "flip", "flip_hdr", "relmse")
 def compare_images(scene_name: str) -> None:
     """Compare the field, SPPM at several pass counts, and all baselines with the references."""
     work = Workspace.open(scene_name)
-    exposure = work.views.exposure
-    epsilon = work.params.metrics.relmse_epsilon
-    names = [view.name for view in work.views.novel]
-    references = {name: _read_reference(work, name) for name in names}
+    judge = Judge.open(work)
+    names, references = list(judge.references), judge.references
     passes = snapshot_passes(work.params.reference.passes)
     refused = {m: reason for m in work.params.methods.all if (reason := _refusal(work, m))}
     methods = ["gpf", *(m for m in work.params.methods.all if m not in refused), "ceiling"]
-    exposures: tuple[float, float] | tuple[None, None] = (None, None)
-    # All black: HDR-FLIP of each image says why it is missing.
-    with suppress(ValueError):
-        exposures = flip_exposures(list(references.values()))
-
     results: dict[str, dict[str, Any]] = {method: {} for method in methods}
     curves: dict[str, dict[int, float]] = {}
     costs = CostMeter()
@@ -45,23 +39,21 @@ def compare_images(scene_name: str) -> None:
     with progress_bar(title, total) as advance, costs.measure("metrics"):
         for name in names:
             snapshots = _read_snapshots(work, name, references[name], passes)
-            curves[name] = {n: psnr(image, references[name], exposure) for n, image in snapshots}
+            curves[name] = {
+                n: psnr(image, references[name], work.views.exposure) for n, image in snapshots
+            }
             for method in methods:
-                image = (
-                    snapshots[-1][1]
+                results[method][name] = (
+                    judge.compare(name, snapshots[-1][1])
                     if method == "ceiling"
-                    else _read_render(work, method, name, references[name])
-                )
-                results[method][name] = compare(
-                    image, references[name], exposure, exposures[0], exposures[1], epsilon
+                    else judge.compare_render(method, name)
                 )
                 advance(sum(map(len, results.values())))
 
     rows, summaries = [], {}
     for method, views in results.items():
-        summary = {key: _mean([views[name][key] for name in names]) for key in NUMBERS}
-        reasons = {k: v for name in names for k, v in views[name]["reasons"].items()}
-        report = {"mean": summary, "views": views, "reasons": reasons}
+        report = summarize(views)
+        summary = report["mean"]
         if method == "gpf":
             report["worth_sppm_passes"] = {
                 name: str(worth_passes(views[name]["psnr"], curves[name])) for name in names
@@ -81,7 +73,50 @@ def compare_images(scene_name: str) -> None:
     )
     costs.write(work.cost("metrics"))
     table = pd.DataFrame(rows, columns=["scene", "method", *NUMBERS, "reason"])
-    write_text(work.root / "tables" / f"quality_{scene_name}.csv", table.to_csv(index=False))
+    write_text(work.folder / "quality.csv", table.to_csv(index=False))
+
+
+@dataclass(frozen=True)
+class Judge:
+    """The references of a scene's novel views, and what every image is compared by.
+
+    Attributes
+    ----------
+    references: view -> radiance, (H, W, 3).
+    exposures: the range of HDR-FLIP, in stops; None where all is black.
+    """
+
+    work: Workspace
+    references: Mapping[str, np.ndarray]
+    exposures: tuple[float, float] | tuple[None, None]
+
+    @classmethod
+    def open(cls, work: Workspace) -> Judge:
+        """Read the references."""
+        names = [view.name for view in work.views.novel]
+        references = {name: _read_reference(work, name) for name in names}
+        exposures: tuple[float, float] | tuple[None, None] = (None, None)
+        # All black: HDR-FLIP of each image says why it is missing.
+        with suppress(ValueError):
+            exposures = flip_exposures(list(references.values()))
+        return cls(work, references, exposures)
+
+    def compare(self, view: str, image: np.ndarray) -> dict[str, Any]:
+        """The numbers of an image of a view, with the reasons of those that are missing."""
+        exposure, epsilon = self.work.views.exposure, self.work.params.metrics.relmse_epsilon
+        first, last = self.exposures
+        return {**compare(image, self.references[view], exposure, first, last, epsilon)}
+
+    def compare_render(self, method: str, view: str) -> dict[str, Any]:
+        """The numbers of a method's image."""
+        return self.compare(view, _read_render(self.work, method, view, self.references[view]))
+
+
+def summarize(views: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """The numbers of views, their means, and why some are missing."""
+    mean = {key: _mean([numbers[key] for numbers in views.values()]) for key in NUMBERS}
+    reasons = {k: v for numbers in views.values() for k, v in numbers["reasons"].items()}
+    return {"mean": mean, "views": views, "reasons": reasons}
 
 
 def _refusal(work: Workspace, method: str) -> str | None:

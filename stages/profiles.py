@@ -16,6 +16,9 @@ from gpf.errors import UserError
 from gpf.yaml_files import suggest
 from stages.progress import console
 
+# Of `ablations.run`: all rows of `ablations.variants`, whichever the project has.
+EVERY = "all"
+
 
 def read_profiles() -> Mapping[str, Mapping[str, Any]]:
     """Profile name -> dotted key of params.yaml -> value."""
@@ -36,6 +39,10 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
     changes = 0
     for key, value in profiles[name].items():
         section, _, leaf = key.partition(".")
+        if value == EVERY:
+            value = list(document.get(section, {}).get("variants", {}))
+        if leaf == "scenes":  # of the project's own
+            value = [scene for scene in value if scene in document["scenes"]]
         before = document[section][leaf] if leaf in document.setdefault(section, {}) else None
         if before != value:
             document[section][leaf] = in_one_line(value)

@@ -43,7 +43,7 @@ def render_references(scene_name: str, passes: str | None = None) -> None:
     ``passes``, written ``FIRST:LAST``, limits that to a range of passes, which other runs or other
     machines complete; files are written once all passes are there.
     """
-    job = Job.open(scene_name)
+    job = Job.open(Workspace.open(scene_name))
     work, costs = job.work, job.costs
     wanted = _parse_range(passes, work.params.reference.passes) if passes else None
     rendered = [_render_group(job, group, wanted) for group in GROUPS]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ from gpf.images import read_record
 from gpf.progressive import PassSettings
 from gpf.reference import settings_record
 from gpf.views import View
+from stages.code_digest import digest_code
 from stages.workspace import Workspace
 
 _CODE = (
@@ -48,15 +47,8 @@ def group_record(
 
 def code_digest() -> str:
     """A hash of the code that decides what a reference looks like, without its comments."""
-    digest = hashlib.sha256()
-    for name in _CODE.split():
-        source = (Path(gpf.__file__).parent / f"{name}.py").read_text(encoding="utf-8")
-        tree = ast.parse(source)
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-                node.value.value = None  # a docstring
-        digest.update(ast.dump(tree).encode())
-    return digest.hexdigest()[:16]
+    folder = Path(gpf.__file__).parent
+    return digest_code(folder / f"{name}.py" for name in _CODE.split())
 
 
 def view_record(record: dict[str, Any], view: View) -> dict[str, Any]:

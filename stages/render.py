@@ -17,6 +17,7 @@ from gpf.sensors import make_sensor
 from gpf.views import View
 from stages.costs import CostMeter
 from stages.progress import console, progress_bar
+from stages.unit_time import time_path
 from stages.workspace import Workspace
 
 # Camera samples that are in flight at once: some 2 GB of state.
@@ -27,8 +28,12 @@ WEAK_REACH = 1.5
 
 
 def render_views(scene_name: str) -> None:
+    """Render every novel view from the scene's field."""
+    render_novel_views(Workspace.open(scene_name))
+
+
+def render_novel_views(work: Workspace) -> None:
     """Render every novel view, as EXR and as a preview."""
-    work = Workspace.open(scene_name)
     section, views = work.params.render, work.views.novel
     if not views:
         raise UserError(
@@ -36,7 +41,7 @@ def render_views(scene_name: str) -> None:
         )
     renderer = FieldRenderer.open(work, work.params.film.height, section.spp)
     costs, shares = CostMeter(), {}
-    with progress_bar(f"{scene_name}: rendering", len(views)) as advance:
+    with progress_bar(f"{work.scene}: rendering", len(views)) as advance:
         for k, view in enumerate(views):
             with costs.measure("render"):
                 picture = renderer.render(view, section.seed + k)
@@ -47,10 +52,12 @@ def render_views(scene_name: str) -> None:
             write_png(path.with_suffix(".png"), picture.radiance, work.views.exposure)
             shares[view.name] = picture.weakly_covered
             advance(k + 1)
-    tell_of_coverage(scene_name, shares)
+    tell_of_coverage(work.scene, shares)
     costs.facts |= {"views": len(views), "spp": section.spp}
     costs.facts["weakly_covered"] = list(shares.values())
     costs.facts["field_megabytes"] = work.field.stat().st_size / 1e6
+    costs.note_peak_memory()
+    costs.facts["path_seconds"] = time_path(renderer.scene, views[0], work.film_size)
     costs.write(work.cost("render"))
 
 

@@ -15,7 +15,7 @@ from stages.workspace import Workspace
 def open_stream(work: Workspace) -> tuple[PhotonStream, Photons]:
     """Points in the training views and on the surfaces, what the first passes bring there, and
     photons for Gaussians."""
-    job, section = Job.open(work.scene), work.params.stream
+    job, section = Job.open(work), work.params.stream
     settings = replace(
         job.settings,
         alpha=section.alpha,

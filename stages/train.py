@@ -35,8 +35,12 @@ from stages.workspace import Workspace
 
 
 def train_field(scene_name: str) -> None:
+    """Fit the scene's field."""
+    fit(Workspace.open(scene_name))
+
+
+def fit(work: Workspace) -> None:
     """Fit a field, keep its best state, and record the curves."""
-    work = Workspace.open(scene_name)
     section, fields = work.params.train, work.params.field
     costs, stream, judges = CostMeter(), None, None
     if section.supervision == "streaming":
@@ -62,7 +66,8 @@ def train_field(scene_name: str) -> None:
         spent = trainer.restore(work.checkpoint("train"), _fingerprint(work, count))
         if spent:
             costs.parts["training"] = spent
-    with Live(str(work.folder / "training"), save_dvc_exp=False, dvcyaml=None, report=None) as live:
+    curves = str(work.field_folder / "training")
+    with Live(curves, save_dvc_exp=False, dvcyaml=None, report=None) as live:
 
         def report(progress: Progress) -> None:
             live.step = progress.step

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,19 @@ from gpf.views import SceneViews, View, read_views
 
 @dataclass(frozen=True)
 class Workspace:
-    """The parameters, and the files of one scene under ``results/``."""
+    """The parameters, and the files of one scene under ``results/``.
+
+    Attributes
+    ----------
+    params: those of params.yaml, or of a variant.
+    root: ``results/``.
+    apart: where a variant's field and all that is made of it lie; None for the field itself.
+    """
 
     params: Params
     scene: str
     root: Path = Path("results")
+    apart: Path | None = None
 
     @classmethod
     def open(cls, scene: str) -> Workspace:
@@ -32,10 +40,19 @@ class Workspace:
         choose_variant(params.runtime.variant)
         return cls(params, scene)
 
+    def variant(self, params: Params, folder: Path) -> Workspace:
+        """The same scene and references, with a field of other parameters in a folder apart."""
+        return replace(self, params=params, apart=folder)
+
     @property
     def folder(self) -> Path:
         """All that belongs to the scene."""
         return self.root / self.scene
+
+    @property
+    def field_folder(self) -> Path:
+        """The field, and all that is made of it."""
+        return self.apart or self.folder
 
     @property
     def frozen_scene(self) -> Path:
@@ -65,7 +82,7 @@ class Workspace:
     @property
     def field(self) -> Path:
         """The fitted field."""
-        return self.folder / "field.safetensors"
+        return self.field_folder / "field.safetensors"
 
     def reference(self, view: str) -> Path:
         """The reference image of a view."""
@@ -77,7 +94,7 @@ class Workspace:
 
     def render(self, method: str, view: str) -> Path:
         """A method's image of a view."""
-        return self.folder / "renders" / method / f"{view}.exr"
+        return self.field_folder / "renders" / method / f"{view}.exr"
 
     def refusal(self, method: str) -> Path:
         """Why a method has no images."""
@@ -97,13 +114,18 @@ class Workspace:
         """PSNR of SPPM by number of passes."""
         return self.folder / "convergence.json"
 
+    @property
+    def all_costs(self) -> Path:
+        """What all stages cost; beside those of other scenes, for what is made of them all."""
+        return self.root / "costs" / f"{self.scene}.csv"
+
     def cost(self, stage: str) -> Path:
         """What a stage cost."""
-        return self.folder / "costs" / f"{stage}.json"
+        return self.field_folder / "costs" / f"{stage}.json"
 
     def checkpoint(self, stage: str, part: str = "all") -> Path:
         """Where a stage keeps what it would lose if it were stopped."""
-        return self.folder / "checkpoints" / f"{stage}-{part}.safetensors"
+        return self.field_folder / "checkpoints" / f"{stage}-{part}.safetensors"
 
     def parts(self, stage: str, group: str) -> Path:
         """Where a stage keeps sums over parts of its passes."""

@@ -132,6 +132,96 @@ def test_a_value_out_of_range_names_its_key(tmp_path, key, value, words):
         read(tmp_path, f"scenes: [a]\n{section}:\n  {leaf}: {value}\n")
 
 
+VARIED = """\
+scenes: [a, b]
+baselines:
+  sppm_3: {system: sppm, passes: 3}
+ablations:
+  scenes: [a]
+  run: [k_5]
+  variants:
+    k_5: {group: k, title: "5", set: {field.k: 5}}
+    fast: {group: switches, set: {train.rates.means: 0, field.neighbours: knn}}
+animation:
+  scenes: [b]
+  methods: [gpf, sppm_3]
+"""
+
+
+def test_variants_change_what_they_name_and_nothing_else(tmp_path):
+    params = read(tmp_path, VARIED)
+    five, fast = params.variant("k_5"), params.variant("fast", {"field.k": 7})
+    assert (five.field.k, fast.field.k, params.field.k) == (5, 7, 3)
+    assert (fast.train.rates.means, fast.field.neighbours) == (0, "knn")
+    assert fast.train.rates.quats == params.train.rates.quats
+    assert five == params.vary({"field.k": 5}) != params.vary({})
+    assert params.variant("k_5", {"field.k": 7}) == five
+    assert params.ablations.title("k_5") == "5"
+    assert params.ablations.title("fast") == "train.rates.means: 0, field.neighbours: knn"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "field.k: 5",
+            "field.kk: 5",
+            r"params\.yaml: ablations\.variants\.k_5\.set: field\.kk: is an unknown key\. Did you",
+        ),
+        ("field.k: 5", "field.k: 0", r"k_5\.set: field\.k: is 0\. Input should be greater than or"),
+        ("field.k: 5", "field.k: [5]", r"k_5\.set: field\.k: is \[5\]\. .* valid integer"),
+        ("field.k: 5", "field.k.x: 5", r"k_5\.set: field\.k: is \{'x': 5\}\. .* valid integer"),
+        (
+            "field.k: 5",
+            "field: 5",
+            r"k_5\.set: field is not for a variant\. Keys begin with one of",
+        ),
+        (
+            "field.k: 5",
+            "film.height: 5",
+            r"film\.height is not for a variant\. .*: field\., train\.",
+        ),
+        ("rates.means: 0", "rate.means: 0", r"fast\.set: train\.rate: is an unknown key\. Did you"),
+        (
+            "title:",
+            "titel:",
+            r"ablations\.variants\.k_5\.titel: is an unknown key\. Did you mean 'ti",
+        ),
+        ("group: k,", "", r"ablations\.variants\.k_5\.group: is missing"),
+        (
+            "run: [k_5]",
+            "run: [k_6]",
+            r"ablations\.run: k_6 is not among the variants\. Did you mean 'k",
+        ),
+        ("run: [k_5]", "run: [k_5, k_5]", r"ablations\.run: has k_5 more than once"),
+        (
+            "scenes: [a]",
+            "scenes: [c]",
+            r"ablations\.scenes: c is not among the scenes\. .*are a, b",
+        ),
+        ("scenes: [b]", "scenes: [c]", r"animation\.scenes: c is not among the scenes"),
+        ("sppm_3]", "sppm_4]", r"animation\.methods: sppm_4 is no method\. Did you mean 'sppm_3'"),
+        (
+            "methods: [gpf",
+            "fps: 0\n  methods: [gpf",
+            r"animation\.fps: is 0\. .*than or equal to 1",
+        ),
+        (
+            "field.k: 5",
+            "field.direct: emitters",
+            r"k_5\.set: field\.direct is emitters, but reference\.direct is photons",
+        ),
+    ],
+)
+def test_what_variants_may_not_say(tmp_path, old, new, words):
+    assert old in VARIED
+    text = VARIED.replace(old, new)
+    if "emitters" in new:
+        text += "reference: {direct: photons}\n"
+    with pytest.raises(UserError, match=words):
+        read(tmp_path, text)
+
+
 def test_no_params_at_all(tmp_path):
     with pytest.raises(UserError, match=r"params\.yaml: cannot be read\. Run `gpf` in the project"):
         read_params(tmp_path / "params.yaml")

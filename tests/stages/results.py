@@ -7,6 +7,10 @@ from pathlib import Path
 
 from gpf.artifacts import read_tensors
 from gpf.images import read_exr
+from stages.cli import STAGES
+
+# With `smoke`, no camera path is animated.
+SMOKE_STAGES = tuple(stage for stage in STAGES if stage != "animate")
 
 TRAIN, NOVEL = ("front", "left", "right"), ("above", "floor", "inside", "ceiling")
 

@@ -60,6 +60,7 @@ def test_images_costs_and_numbers(built):
     assert set(cost["parts"]) == {"prepare", "render"}
     assert cost["facts"]["storage_megabytes"] == 0 and cost["facts"]["views"] == 4
     assert 100 < cost["facts"]["peak_memory_megabytes"] < 20_000
+    assert 0 < cost["facts"]["path_seconds"] < 10
     summary = read_json(built.results / "summary.json", "metrics")
     assert list(summary) == ["ceiling", "gpf", "path_10"]
     assert 5 < summary["path_10"]["psnr"] < 40
@@ -83,7 +84,7 @@ def test_a_reason_takes_the_place_of_images(finished, go_on):
     assert finished.stage("metrics").code == 0
     report = read_json(finished.results / "metrics" / "path_10.json", "metrics")
     assert report == {"cannot_serve": "not asked for"}
-    with (finished.folder / "results" / "tables" / "quality_cornell_box.csv").open() as table:
+    with (finished.results / "quality.csv").open() as table:
         rows = {row["method"]: row for row in csv.DictReader(table)}
     assert rows["path_10"]["psnr"] == "" and rows["path_10"]["reason"] == "not asked for"
     assert float(rows["gpf"]["psnr"]) > 10 and rows["gpf"]["reason"] == ""

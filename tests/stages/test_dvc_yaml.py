@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import ast
 import functools
+import re
 from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
 
-from gpf.config import Methods, Params, read_params
-from stages.cli import STAGES
+from gpf.config import Params, read_params
+from stages.cli import OF_ALL_SCENES, STAGES
+from stages.profiles import read_profiles
+from tests.stages.results import SMOKE_STAGES
 
 PROJECT = Path(__file__).parent.parent.parent
 PARAMS = read_params(PROJECT / "params.yaml")
-PACKAGES = ("gpf", "stages", "metrics")
+PACKAGES = ("gpf", "stages", "metrics", "report")
 
 # Whose change cannot change what a stage writes: they start things up, complain or report.
 NO_INFLUENCE = {
@@ -26,12 +29,19 @@ NO_INFLUENCE = {
     "gpf/yaml_files.py",
     "metrics/__init__.py",
     "metrics/errors.py",
+    "report/__init__.py",
     "stages/__init__.py",
+    "stages/apart.py",
     "stages/cluster.py",
     "stages/progress.py",
 }
-# Who renders a pass changes no bit of it; DVC calls `baseline` for each method by itself.
-WHO_RENDERS = {"executor", "cluster", "methods"}
+# Who renders a pass changes no bit of it; DVC calls `baseline` for each method by itself, and
+# `ablation` for each variant.
+WHO_RENDERS = {"executor", "cluster", "methods", "ablations", "ablations.run"}
+# Rows of params.yaml that one command runs, by the command's option.
+ROWS = {"baseline": "method", "ablation": "variant"}
+# The scenes that a stage runs for.
+SCENES = {"animate": "animation.scenes", "ablation": "ablations.scenes"}
 
 # Names of one command that runs for several lists of methods.
 BASELINES = ("classical", "equal_time", "learned")
@@ -43,9 +53,18 @@ SYSTEMS = {
     stage: [f"gpf/baselines/{PARAMS.baselines[method].system}.py" for method in methods]
     for stage, methods in LISTED.items()
 }
+# Those that are animated in some profile.
+ANIMATED = {
+    PARAMS.baselines[method].system
+    for profile in read_profiles().values()
+    for method in profile["animation.methods"]
+    if method in PARAMS.baselines
+}
 LOADED = {
     "render": ["gpf/integrators/gpf.py"],
     "metrics": ["metrics/image.py"],
+    "ablation": ["gpf/integrators/gpf.py", "metrics/image.py"],
+    "animate": ["gpf/integrators/gpf.py", *(f"gpf/baselines/{s}.py" for s in sorted(ANIMATED))],
     **SYSTEMS,
 }
 
@@ -116,8 +135,11 @@ def needed_by(stage: str) -> set[str]:
 
 
 def stage_file(stage: str) -> str:
-    command = "baseline" if stage in BASELINES else stage
-    return STAGES[command][0].replace(".", "/") + ".py"
+    return STAGES[command(stage)][0].replace(".", "/") + ".py"
+
+
+def command(stage: str) -> str:
+    return "baseline" if stage in BASELINES else stage
 
 
 def covers(entries: list[str], file: str) -> bool:
@@ -128,27 +150,34 @@ def deps(stage: str) -> list[str]:
     return [str(entry).replace("item.scene", "item") for entry in definition(stage)["deps"]]
 
 
-def outs(stage: str, ran: Methods = PARAMS.methods) -> list[str]:
+def outs(stage: str, ran: Params = PARAMS) -> list[str]:
     do = definition(stage)
     entries = [*do.get("outs", []), *do.get("metrics", []), *do.get("plots", [])]
     names = [entry if isinstance(entry, str) else next(iter(entry)) for entry in entries]
     names = [name.replace("item.scene", "item") for name in names]
-    if stage not in BASELINES:
+    if command(stage) not in ROWS:
         return names
-    methods = getattr(ran, stage)
-    return [name.replace("${item.method}", method) for name in names for method in methods]
+    rows = getattr(ran.methods, stage) if stage in BASELINES else ran.ablations.run
+    return [without_row(name, row) for name in names for row in rows]
+
+
+def without_row(entry: str, row: str) -> str:
+    return re.sub(r"\$\{item\.(method|variant)\}", row, entry)
 
 
 def test_the_stages_are_those_of_the_command_line():
-    commands = ["baseline" if name in BASELINES else name for name in NAMES]
-    assert list(dict.fromkeys(commands)) == list(STAGES)
+    assert list(dict.fromkeys(command(name) for name in NAMES)) == list(STAGES)
     for name, stage in pipeline()["stages"].items():
-        if name in BASELINES:
-            assert stage["matrix"] == {"scene": "${scenes}", "method": f"${{methods.{name}}}"}
-            item = "--go-on --scene ${item.scene} --method ${item.method}"
-            assert stage["cmd"] == f"gpf stage baseline {item}"
+        scenes = f"${{{SCENES.get(name, 'scenes')}}}"
+        if row := ROWS.get(command(name)):
+            listed = f"methods.{name}" if name in BASELINES else "ablations.run"
+            assert stage["matrix"] == {"scene": scenes, row: f"${{{listed}}}"}
+            item = f"--go-on --scene ${{item.scene}} --{row} ${{item.{row}}}"
+            assert stage["cmd"] == f"gpf stage {command(name)} {item}"
+        elif name in OF_ALL_SCENES:
+            assert stage["cmd"] == f"gpf stage {name}"
         else:
-            assert stage["foreach"] == "${scenes}"
+            assert stage["foreach"] == scenes
             assert stage["do"]["cmd"] == f"gpf stage {name} --scene ${{item}}"
 
 
@@ -215,9 +244,19 @@ def params_path(node: ast.AST, aliases: dict[str, str]) -> str | None:
     return ".".join(kept) or None
 
 
+def params_of(stage: str) -> list[str] | None:
+    """Declared parameters, rows by their section; None: all of params.yaml."""
+    entries = definition(stage)["params"]
+    if entries == [{"params.yaml": None}]:
+        return None
+    return [re.sub(r"\.\$\{item\.(method|variant)\}$", "", entry) for entry in entries]
+
+
 @pytest.mark.parametrize("stage", NAMES)
 def test_every_parameter_that_a_stage_reads_is_declared(stage):
-    declared = [entry.removesuffix(".${item.method}") for entry in definition(stage)["params"]]
+    declared = params_of(stage)
+    if declared is None:  # all of them
+        return
     # What Workspace reads is read by the names in BEHIND.
     own = needed_by(stage) - {"stages/workspace.py"}
     files = [stage_file(stage), *(file for file in own if file.startswith("stages/"))]
@@ -241,8 +280,7 @@ def test_the_reader_of_parameters_sees_them():
 @pytest.mark.parametrize("stage", NAMES)
 def test_declared_parameters_exist(stage):
     params = YAML(typ="safe").load((PROJECT / "params.yaml").read_text(encoding="utf-8"))
-    for entry in definition(stage)["params"]:
-        entry = entry.removesuffix(".${item.method}")
+    for entry in params_of(stage) or []:
         place = params
         for part in entry.split("."):
             assert part in place, entry
@@ -261,11 +299,14 @@ def test_what_a_stage_takes_another_makes():
 
 
 def test_all_that_the_pipeline_writes_is_an_output(built):
-    ran = read_params(built.folder / "params.yaml").methods
-    made = [entry.replace("${item}", "cornell_box") for s in NAMES for entry in outs(s, ran)]
+    ran = read_params(built.folder / "params.yaml")
+    names = [name for name in NAMES if command(name) in SMOKE_STAGES]
+    made = [entry.replace("${item}", "cornell_box") for s in names for entry in outs(s, ran)]
     files = sorted(built.snapshot())
     assert [file for file in files if not covers(made, file)] == []
-    assert [entry for entry in made if not any(covers([entry], file) for file in files)] == []
+    idle = [entry for entry in made if not any(covers([entry], file) for file in files)]
+    # A variant that is the field as it is has a folder with nothing in it.
+    assert idle == ["results/cornell_box/ablations/all"] and (built.folder / idle[0]).is_dir()
 
 
 def test_expensive_outputs_survive_a_rerun():

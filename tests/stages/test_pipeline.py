@@ -22,6 +22,23 @@ from tests.stages.results import NOVEL, TRAIN, assert_whole, files_below
 
 PROJECT = Path(__file__).parent.parent.parent
 HEIGHT, WIDTH = 16, 20
+WITHOUT_COSTS = ("baseline", "ablation", "animate", "amortize", "report")
+# `all` is the field as it is: nothing is made for it.
+ABLATIONS = {
+    *(f"ablations/{name}.json" for name in ("init_radius", "all")),
+    *(f"costs/ablations/{name}.json" for name in ("init_radius", "all")),
+    *(
+        f"ablations/init_radius/renders/gpf/{view}.{kind}"
+        for view in NOVEL
+        for kind in ("exr", "png")
+    ),
+    *(f"ablations/init_radius/{name}" for name in ("field.safetensors", "training/metrics.json")),
+    *(
+        f"ablations/init_radius/training/plots/metrics/{name}_error.tsv"
+        for name in ("training", "held_out")
+    ),
+    *(f"ablations/init_radius/costs/{stage}.json" for stage in ("train", "render")),
+}
 
 
 # --- what it leaves ---------------------------------------------------------------------------
@@ -44,20 +61,20 @@ def test_everything_that_should_exist_exists(built):
         *(f"ceiling/{view}.exr" for view in NOVEL),
         *(f"renders/gpf/{view}.{kind}" for view in NOVEL for kind in ("exr", "png")),
         *(f"renders/path_10/{view}.{kind}" for view in NOVEL for kind in ("exr", "png")),
-        *(f"costs/{stage}.json" for stage in STAGES if stage != "baseline"),
+        *(f"costs/{stage}.json" for stage in STAGES if stage not in WITHOUT_COSTS),
         "costs/baselines/path_10.json",
+        *ABLATIONS,
+        "quality.csv",
+        *(f"cost.{kind}" for kind in ("csv", "svg", "png")),
         *(f"metrics/{name}.json" for name in ("gpf", "path_10", "ceiling")),
         "summary.json",
         "convergence.json",
     }
     assert files_below(built.results) == expected
     shared = files_below(built.folder / "results") - {f"cornell_box/{e}" for e in expected}
-    assert shared == {
-        "tables/quality_cornell_box.csv",
-        "tables/cost_cornell_box.csv",
-        "figures/cost_cornell_box.svg",
-        "figures/cost_cornell_box.png",
-    }
+    places = {name.split("/")[0] for name in shared}
+    assert "costs/cornell_box.csv" in shared
+    assert places == {"costs", "tables", "figures", "report.html"}
     assert_whole(built.folder / "results")
 
 
@@ -145,7 +162,7 @@ def test_costs_are_counted_once_for_each_part(built):
             assert part.keys() == {"wall_seconds", "cpu_seconds", "compile_seconds"}
             assert 0 < part["wall_seconds"] < 120
         assert cost["machine"]
-    table = pd.read_csv(built.folder / "results/tables/cost_cornell_box.csv")
+    table = pd.read_csv(built.results / "cost.csv")
     assert len(table) == 100 and np.isfinite(table.to_numpy()).all()
     assert (table.drop(columns="views").diff().dropna() > 0).all(axis=None)
     amortize = json.loads((built.results / "amortize.json").read_text())
@@ -252,7 +269,7 @@ def test_dvc_repro_twice_the_second_time_for_nothing(fresh, environment, tmp_pat
     pytest.importorskip("dvc")
     for name in ("dvc.yaml", ".dvcignore"):
         shutil.copy(PROJECT / name, fresh.folder)
-    for name in ("gpf", "stages", "metrics"):
+    for name in ("gpf", "stages", "metrics", "report"):
         shutil.copytree(
             PROJECT / name, fresh.folder / name, ignore=shutil.ignore_patterns("__pycache__")
         )
@@ -283,9 +300,9 @@ def test_dvc_repro_twice_the_second_time_for_nothing(fresh, environment, tmp_pat
     call("git", "add", ".")
     call("git", "commit", "--quiet", "-m", "project")
     first = dvc("repro")
-    assert first.count("Running stage") == 8
+    assert first.count("Running stage") == 11
     files = files_below(fresh.folder / "results")
-    assert "cornell_box/amortize.json" in files and "figures/cost_cornell_box.svg" in files
+    assert "cornell_box/amortize.json" in files and "report.html" in files
     before = fresh.snapshot()
     second = dvc("repro")
     assert "Running stage" not in second and second.count("didn't change, skipping") >= 7

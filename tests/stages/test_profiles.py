@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 
 from gpf.config import Params, read_params
 from gpf.errors import UserError
-from stages.profiles import apply_profile, read_profiles
+from stages.profiles import EVERY, apply_profile, read_profiles
 
 PROJECT = Path(__file__).parent.parent.parent
 NAMES = ("smoke", "desk", "full", "paper")
@@ -47,7 +47,31 @@ def test_every_profile_gives_valid_params(params, name):
     apply_profile(name, params)
     read = read_params(params)
     for key, value in read_profiles()[name].items():
-        assert look_up(read, key) == value
+        wanted = list(read.ablations.variants) if value == EVERY else value
+        assert look_up(read, key) == wanted
+
+
+def test_all_variants_are_those_that_the_project_has(params):
+    params.write_text(
+        params.read_text().replace(
+            "  variants: ", "  variants:\n    mine: {group: k, set: {field.k: 7}} "
+        )
+    )
+    apply_profile("full", params)
+    read = read_params(params)
+    assert read.ablations.run == tuple(read.ablations.variants) and "mine" in read.ablations.run
+
+
+def test_a_profile_asks_for_no_scene_that_the_project_lacks(params):
+    params.write_text(
+        re.sub(r"  scenes: \[.*\]", "  scenes: []", params.read_text()).replace(
+            "  - water_caustic\n", ""
+        )
+    )
+    apply_profile("full", params)
+    read = read_params(params)
+    assert read.ablations.scenes == ("cornell_box",)
+    assert read.animation.scenes == ("water_caustic_2",)
 
 
 def test_the_projects_params_are_the_profile_desk():
@@ -92,7 +116,7 @@ def test_what_changed_is_said(params, capfd):
     assert f"reference.passes: {before} -> 1000" in text
     assert "methods.learned: [] -> ['radiance_cache'," in text
     assert "photons.paths" not in text
-    assert re.search(r"params\.yaml: profile full, 3 values changed", text)
+    assert re.search(r"params\.yaml: profile full, 6 values changed", text)
     apply_profile("full", params)
     assert "0 values changed" in re.sub(r"\s+", " ", capfd.readouterr().err)
 

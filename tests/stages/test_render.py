@@ -51,6 +51,12 @@ def test_a_compact_field_is_trained_and_rendered(finished):
         assert np.abs(again - image).mean() < 5e-3 * image.mean(), view.name
 
 
+def test_costs_have_memory_and_the_unit_of_time(built):
+    facts = read_json(built.results / "costs" / "render.json", "render")["facts"]
+    assert 100 < facts["peak_memory_megabytes"] < 20_000
+    assert 0 < facts["path_seconds"] < 10
+
+
 def test_how_much_of_the_pictures_has_little_support_is_said(finished):
     outcome = finished.stage("render")
     assert outcome.code == 0

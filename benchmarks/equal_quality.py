@@ -1,0 +1,100 @@
+"""`python -m benchmarks.equal_quality SCENE …`: what SPPM takes for images as good as the field's.
+
+After `dvc repro`. Every novel view comes from the field at several numbers of samples; SPPM's
+convergence on the same views says how many passes are as good; and both are timed in turns, in this
+process, so that other load on the machine meets both.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
+from gpf.runtime import choose_variant
+
+choose_variant("auto")
+
+import numpy as np  # noqa: E402
+from rich.console import Console  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+from gpf.images import read_exr  # noqa: E402
+from gpf.reference import ReferenceRenderer  # noqa: E402
+from metrics.image import psnr  # noqa: E402
+from metrics.worth import worth_passes  # noqa: E402
+from stages.amortize import mean_convergence  # noqa: E402
+from stages.groups import Job  # noqa: E402
+from stages.render import FieldRenderer  # noqa: E402
+from stages.workspace import Workspace  # noqa: E402
+
+SAMPLES = (4, 16, 32, 64)
+
+
+def main() -> None:
+    """Print one table per scene."""
+    console = Console(width=120)
+    for name in sys.argv[1:]:
+        work = Workspace.open(name)
+        table = Table("spp", "PSNR", "s per view", "SPPM passes as good", "s per pass", "ratio")
+        table.title = name
+        for row in compare(work):
+            table.add_row(*row)
+        console.print(table)
+
+
+def compare(work: Workspace) -> list[list[str]]:
+    """A row for each number of samples."""
+    passes, curve = SinglePasses(work), mean_convergence(work)
+    rows = []
+    for spp in SAMPLES:
+        renderer = FieldRenderer.open(work, work.params.film.height, spp)
+        renderer.render(work.views.novel[0], 0)  # compiles
+        quality, seconds, per_pass = [], [], []
+        for k, view in enumerate(work.views.novel):
+            start = time.perf_counter()
+            image = renderer.render(view, work.params.render.seed + k).radiance
+            seconds.append(time.perf_counter() - start)
+            per_pass.append(passes.seconds(len(work.views.novel), k))
+            reference = read_exr(work.reference(view.name), "reference")[0]["radiance"]
+            quality.append(psnr(image, reference, work.views.exposure))
+        worth = worth_passes(float(np.mean(quality)), curve)
+        mine, theirs = float(np.mean(seconds)), float(np.mean(per_pass))
+        rows.append(
+            [
+                str(spp),
+                f"{np.mean(quality):.2f}",
+                f"{mine:.2f}",
+                str(worth),
+                f"{theirs:.4f}",
+                f"{worth.bound}{worth.passes * theirs / mine:.0f}",
+            ]
+        )
+    return rows
+
+
+class SinglePasses:
+    """SPPM for one view, a pass at a time."""
+
+    def __init__(self, work: Workspace) -> None:
+        job = Job.open(work)
+        view = work.views.novel[0]
+        self.passes = work.params.reference.passes
+        sensors = {view.name: work.sensor(view)}
+        seed, source = work.params.reference.seed, job.lookout.source
+        self.renderer = ReferenceRenderer(job.scene, sensors, {}, job.settings, seed, source)
+        for _ in range(2):  # compile
+            self.renderer.run_pass(1)
+
+    def seconds(self, parts: int, k: int, samples: int = 8) -> float:
+        """Mean over passes of the ``k``-th of so many parts: they get cheaper as radii shrink."""
+        first, last = 1 + self.passes * k // parts, self.passes * (k + 1) // parts
+        numbers = np.linspace(first, max(first, last), samples).astype(int)
+        start = time.perf_counter()
+        for t in numbers:
+            self.renderer.run_pass(int(t))
+        return (time.perf_counter() - start) / samples
+
+
+if __name__ == "__main__":
+    main()
