@@ -28,7 +28,7 @@ from gpf.baselines.hash_encoding import Cube, GridShape
 from gpf.baselines.occupancy_grid import OccupancyGrid
 from gpf.baselines.options import InstantNgpOptions
 from gpf.baselines.pinhole import make_pinhole
-from gpf.baselines.protocol import CannotServe, Task
+from gpf.baselines.protocol import CannotServe, Task, TrainingView
 from gpf.baselines.radiance_volume import RadianceVolume, VolumeShape
 from gpf.baselines.ray_marching import Rays, next_distance
 from gpf.baselines.volume_training import (
@@ -39,6 +39,7 @@ from gpf.baselines.volume_training import (
     step_length,
 )
 from gpf.bounds import bounding_box
+from gpf.images import tone_map
 from gpf.seeds import pass_seed
 from gpf.views import View
 
@@ -117,7 +118,7 @@ class PreparedVolume:
         box: Box,
         cube: Cube,
     ) -> None:
-        self._size, self._steps = task.size, steps
+        self._task, self._size, self._steps = task, task.size, steps
         self._volume, self._grid, self._box, self._cube = volume, grid, box, cube
 
     @property
@@ -128,13 +129,22 @@ class PreparedVolume:
 
     @property
     def facts(self) -> Mapping[str, float | str]:
-        """Steps, parameters, and the share of the cells that something is in."""
+        """Steps, parameters, the share of the cells that something is in, and the mean PSNR of the
+        training views, dB."""
         return {
             "steps": self._steps,
             "parameters": sum(dr.width(values) for values in self._volume.parameters),
             "occupied": self._grid.share,
+            "training_psnr": float(np.mean([self._compare(k) for k in self._task.training])),
             "loss": "RawNeRF",
         }
+
+    def _compare(self, seen: TrainingView) -> float:
+        """PSNR of a training view as it is shown, dB."""
+        exposure = self._task.exposure
+        image = self.render(seen.view, self._task.seed)
+        error = np.mean((tone_map(image, exposure) - tone_map(seen.radiance, exposure)) ** 2)
+        return float(-10 * np.log10(max(error, 1e-10)))
 
     def render(self, view: View, seed: int) -> np.ndarray:
         """A view's radiance, W/(m² sr), (H, W, 3) float32."""

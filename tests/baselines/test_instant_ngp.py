@@ -103,6 +103,7 @@ def test_training_views_are_reproduced(task: Task):
         # Linear, and far brighter than a display's white.
         np.testing.assert_allclose(image[lamp].mean(0), [6, 5, 3], rtol=0.15)
     assert 0 < prepared.facts["occupied"] < 0.5
+    assert 25 < prepared.facts["training_psnr"] < 60
     assert prepared.storage_bytes > 4 * prepared.facts["parameters"] > 4000
 
 
