@@ -116,6 +116,12 @@ def tone_map(radiance: np.ndarray, exposure: float) -> np.ndarray:
     return np.where(linear <= 0.0031308, 12.92 * linear, curved)
 
 
+def undo_tone_map(shown: np.ndarray) -> np.ndarray:
+    """Exposed linear radiance of sRGB values, which are clamped to [0, 1]."""
+    value = np.clip(np.asarray(shown, dtype=np.float64), 0, 1)
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
 def write_png(path: Path, radiance: np.ndarray, exposure: float) -> None:
     """Write a tone-mapped preview, 8 bits a channel."""
     import mitsuba as mi

@@ -101,9 +101,9 @@ def link_frames(earlier: FramePoints, later: FramePoints) -> Link:
     Pixels at edges, where neighbours see other surfaces or a surface bends, take no part.
     """
     height, width = earlier.usable.shape
-    smooth = _smooth(earlier)
+    smooth = smooth_pixels(earlier)
     rows, columns = np.nonzero(smooth)
-    wanted = np.flatnonzero(_smooth(later))
+    wanted = np.flatnonzero(smooth_pixels(later))
     if not len(rows) or not len(wanted):
         none = np.zeros((0, 4))
         return Link(wanted[:0], none.astype(int), none, later.usable.size)
@@ -166,13 +166,17 @@ def change_of_noise(radiance: Array, standard_error: Array, exposure: float) -> 
     ----------
     radiance, standard_error: of linear pixels, (..., 3); noise is small against the radiance.
     """
+    radiance, standard_error = (np.reshape(x, (1, -1, 3)) for x in (radiance, standard_error))
     above = expose(radiance + standard_error, exposure)
     below = expose(np.maximum(radiance - standard_error, 0), exposure)
     return LEVELS * float(np.mean(above - below)) / math.sqrt(math.pi)
 
 
-def _smooth(frame: FramePoints) -> Array:
-    """Pixels in the middle of a cross of pixels that see the same smooth surface, (H, W)."""
+def smooth_pixels(frame: FramePoints) -> Array:
+    """Pixels in the middle of a cross of pixels that see the same smooth surface, (H, W), bool.
+
+    Others are at edges, and never have a match.
+    """
     p, usable = np.asarray(frame.points, dtype=np.float64), np.asarray(frame.usable, dtype=bool)
     kept = np.zeros_like(usable)
     if min(usable.shape) < 3:

@@ -32,6 +32,10 @@ LPIPS_MINIMUM = 16
 """Smallest side in pixels that survives the four halvings of VGG-16."""
 
 
+NUMBERS = ("psnr", "ssim", "lpips", "flip", "flip_hdr", "relmse")
+"""What :func:`compare` finds out, by name."""
+
+
 class Comparison(TypedDict):
     """All metrics of one image; ``None`` where ``reasons`` says why there is no number."""
 

@@ -69,14 +69,16 @@ def field_point(results: Results, scene: str) -> Point | None:
 
 def extrapolate(points: Sequence[Point], psnr: float, reach: float = 100.0) -> float | None:
     """Seconds that would give ``psnr`` if the last two points went on: log(seconds) is linear in
-    PSNR where the error falls as a power of the number of samples.
+    PSNR where the error falls as a power of the number of samples. Points that take more than half
+    the time of the last are too near to it to tell.
 
     Nothing if there are no two points of which the slower is the better one, or if it would be
     further than ``reach`` times the last of them.
     """
-    if len(points) < 2 or points[-1].psnr <= points[-2].psnr:
+    earlier = [p for p in points if 2 * p.seconds <= points[-1].seconds]
+    if not earlier or points[-1].psnr <= earlier[-1].psnr:
         return None
-    before, last = points[-2:]
+    before, last = earlier[-1], points[-1]
     slope = math.log(last.seconds / before.seconds) / (last.psnr - before.psnr)
     seconds = last.seconds * math.exp(min((psnr - last.psnr) * slope, 700.0))
     return seconds if seconds <= reach * last.seconds else None

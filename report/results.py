@@ -14,11 +14,10 @@ from typing import Any
 import pandas as pd
 
 from gpf.artifacts import read_json
+from gpf.baselines.options import BaselineOptions
 from gpf.config import Params, read_params
 from gpf.views import SceneViews, read_views
-
-NUMBERS = ("psnr", "ssim", "lpips", "flip", "flip_hdr", "relmse")
-"""What is known of an image, as `gpf stage metrics` names it."""
+from metrics.image import NUMBERS
 
 FIELD, CEILING = "gpf", "ceiling"
 """Methods without a row in `baselines`: the field, and a second, independent reference."""
@@ -192,9 +191,34 @@ class SceneResults:
             known["seconds_per_view"] = parts["render"]["wall_seconds"] / facts["views"]
         if method == FIELD:
             known["prepare_seconds"] = self.read("amortize.json").get("preparation_seconds")
+            trained = self.read("costs", "train.json").get("facts", {})
+            memory = [f.get("peak_memory_megabytes") for f in (facts, trained)]
+            known["memory_mb"] = max((m for m in memory if m is not None), default=None)
         elif "prepare" in parts:
-            known["prepare_seconds"] = parts["prepare"]["wall_seconds"]
+            inputs = self.inputs_seconds(params.baselines[method], params.reference.passes)
+            if inputs is not None:
+                known["prepare_seconds"] = inputs + parts["prepare"]["wall_seconds"]
         return {key: value for key, value in known.items() if value is not None}
+
+    def inputs_seconds(self, options: BaselineOptions, passes: int) -> float | None:
+        """What it takes to render what a system learns from: targets, or references of views.
+
+        None where that was not measured.
+        """
+        found = self.read("costs", "reference.json")
+        facts, parts = found.get("facts", {}), found.get("parts", {})
+        try:
+            seconds = (
+                options.training_views * passes * facts["seconds_per_single_view_pass"]
+                if (options.training_views)
+                else 0.0
+            )
+            if options.learns_from_targets:
+                seconds += passes * facts["seconds_per_target_pass"]
+                seconds += sum(parts[part]["wall_seconds"] for part in ("radius", "points"))
+        except KeyError:
+            return None
+        return float(seconds)
 
 
 _COSTS = {FIELD: ("render.json",)}

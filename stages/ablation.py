@@ -15,6 +15,7 @@ from gpf.errors import UserError
 from gpf.field_files import read_field
 from gpf.yaml_files import suggest
 from stages.apart import run_each
+from stages.code_digest import library_digest
 from stages.costs import CostMeter
 from stages.metrics import Judge, summarize
 from stages.progress import console
@@ -79,6 +80,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
     """Train, render and measure; a run that was killed goes on where it was."""
     name = row["variant"]
     task = {
+        "code": library_digest(),
         "scene": work.scene_digest,
         "targets": work.digest(work.targets),
         "photons": work.digest(work.photons),

@@ -16,6 +16,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import mitsuba as mi
 import numpy as np
 
 from gpf.artifacts import write_json
@@ -25,8 +26,15 @@ from gpf.errors import UserError
 from gpf.images import check_finite, read_exr, read_record, tone_map, write_exr
 from gpf.views import View
 from gpf.yaml_files import suggest
-from metrics.flicker import FramePoints, change_of_noise, link_frames, measure_flicker
-from stages.baseline import make_task, open_state, refuse_other_scenes
+from metrics.flicker import (
+    FramePoints,
+    change_of_noise,
+    link_frames,
+    measure_flicker,
+    smooth_pixels,
+)
+from stages.baseline import forget_state, make_task, open_state, refuse_other_scenes
+from stages.code_digest import library_digest
 from stages.costs import CostMeter
 from stages.filmstrip import (
     Reel,
@@ -42,6 +50,9 @@ from stages.render import FieldRenderer
 from stages.workspace import Workspace
 
 FIELD = "gpf"
+
+WAYS = ("directly", "refracted")
+"""How surfaces are seen whose flicker is told; named as in :class:`SeenPoints`."""
 
 Draw = Callable[[View, int], np.ndarray]
 
@@ -72,6 +83,7 @@ def animate(scene_name: str) -> None:
             shutil.rmtree(frame(work, method, 0).parent, ignore_errors=True)
             refusals[method] = refusal.what
             console.print(f"{scene_name}, {method}: {refusal}", highlight=False, soft_wrap=True)
+        forget_state_of(work, method)
     forget_others(work, section.methods)
     shown = [m for m in section.methods if m not in refusals]
     with costs.measure("flicker"):
@@ -126,7 +138,11 @@ def plan(work: Workspace, method: str) -> tuple[dict[str, Any], Callable[[Bar], 
     """What a method's frames depend on, and what makes it ready to render them."""
     params = work.params
     if method == FIELD:
-        task = {"render": params.render.model_dump(mode="json"), "field": work.digest(work.field)}
+        task = {
+            "code": library_digest(),
+            "render": params.render.model_dump(mode="json"),
+            "field": work.digest(work.field),
+        }
 
         def open_field(bar: Bar) -> Draw:
             renderer = FieldRenderer.open(work, params.film.height, params.render.spp)
@@ -151,6 +167,13 @@ def plan(work: Workspace, method: str) -> tuple[dict[str, Any], Callable[[Bar], 
     return {"method": method, "scene": work.scene_digest, "size": size, **task}, open_method
 
 
+def forget_state_of(work: Workspace, method: str) -> None:
+    """Remove the state of a system that learns nothing; of others it spares a further run much."""
+    options = work.params.baselines.get(method)
+    if options and not options.training_views and not options.learns_from_targets:
+        forget_state(work, method)
+
+
 def forget_others(work: Workspace, methods: Sequence[str]) -> None:
     """Remove frames of methods that params.yaml does not list any more."""
     for folder in (work.folder / "animation").glob("*/"):
@@ -163,13 +186,10 @@ def compare_frames(
 ) -> dict[str, Any]:
     """Flicker of each method on surfaces that are seen directly, and through water or glass."""
     scene, closed = work.load_scene(), bool(work.views.path and work.views.path.closed)
-    seen = [see_points(scene, view, work.film_size) for view in views]
-    ways = {
-        "directly": [FramePoints(s.points, s.directly) for s in seen],
-        "refracted": [FramePoints(s.points, s.refracted) for s in seen],
-    }
+    seen = [see_ways(scene, view, work) for view in views]
     links = {}
-    for way, points in ways.items():
+    for way in WAYS:
+        points = [ways[way] for ways in seen]
         steps = list(zip(points, [*points[1:], points[0]], strict=True))
         found = [link_frames(a, b) for a, b in (steps if closed else steps[:-1])]
         if any(len(link.later) for link in found):
@@ -187,20 +207,39 @@ def compare_frames(
         "unit": "levels of 255",
         "frames": len(views),
         "methods": told,
-        "noise_of_references": noise_of_references(work),
+        "noise_of_references": noise_of_references(work, scene),
     }
 
 
-def noise_of_references(work: Workspace) -> dict[str, float]:
-    """What references of the path would change by, from their noise alone: in the novel views."""
-    changes = []
+def see_ways(scene: mi.Scene, view: View, work: Workspace) -> dict[str, FramePoints]:
+    """What a view's pixels see in each of :data:`WAYS`."""
+    seen = see_points(scene, view, work.film_size)
+    return {way: FramePoints(seen.points, getattr(seen, way)) for way in WAYS}
+
+
+def noise_of_references(work: Workspace, scene: mi.Scene) -> dict[str, dict[str, float]]:
+    """What references of the path would change by, from their noise alone.
+
+    It is told in the novel views, in pixels of the kinds in which methods are measured; ``share``
+    is that of these pixels.
+    """
+    found: dict[str, list[np.ndarray]] = {way: [] for way in WAYS}
+    noise: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {way: [] for way in WAYS}
     for view in work.views.novel:
         path = work.reference(view.name)
         layers = read_exr(path, "reference")[0] if path.exists() else {}
         if "standard_error" in layers:
-            image, error = layers["radiance"], layers["standard_error"]
-            changes.append(change_of_noise(image, error, work.views.exposure))
-    return {"change": float(np.mean(changes))} if changes else {}
+            for way, points in see_ways(scene, view, work).items():
+                kept = smooth_pixels(points)
+                found[way].append(kept)
+                noise[way].append((layers["radiance"][kept], layers["standard_error"][kept]))
+    told = {}
+    for way in WAYS:
+        if np.any(found[way]):
+            radiance, error = (np.concatenate(part) for part in zip(*noise[way], strict=True))
+            change = change_of_noise(radiance, error, work.views.exposure)
+            told[way] = {"change": change, "share": float(np.mean(found[way]))}
+    return told
 
 
 def write_films(work: Workspace, refusals: dict[str, str], count: int) -> None:

@@ -5,22 +5,21 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from gpf import baselines
 from gpf.artifacts import read_json, write_json
 from gpf.baselines.options import BaselineOptions
-from gpf.baselines.protocol import CannotServe, Prepared, Task, TrainingView
+from gpf.baselines.protocol import CannotServe, FieldEffort, Prepared, Task, TrainingView
 from gpf.baselines.registry import make_baseline
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr, write_exr, write_png
 from gpf.yaml_files import suggest
 from stages import resuming
 from stages.apart import run_each
-from stages.code_digest import digest_code
+from stages.code_digest import library_digest
 from stages.costs import CostMeter
 from stages.progress import Bar, console, progress_bar
 from stages.unit_time import time_path
@@ -64,6 +63,7 @@ def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
         task = make_task(work, options, state, report)
         with costs.measure("prepare"):
             prepared = make_baseline(options).prepare(task)
+        costs.write(state / "costs.json")
     folder = work.render(method, "").parent
     shutil.rmtree(folder, ignore_errors=True)
     with progress_bar(f"{title}, rendering", len(work.views.novel)) as bar:
@@ -75,8 +75,7 @@ def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
     costs.write(work.cost(f"baselines/{method}"))
     # What it learned stays: the stage `animate` need not learn it again.
     if not options.training_views:
-        shutil.rmtree(state)
-        work.forget_checkpoints()
+        forget_state(work, method)
 
 
 def refuse_other_scenes(work: Workspace, method: str, options: BaselineOptions) -> None:
@@ -141,9 +140,20 @@ def make_task(
         rr_depth=work.params.render.rr_depth,
         seed=work.params.render.seed,
         state=state,
+        field=effort_for(work, options),
         seconds_per_view=seconds_per_view(work) if options.waits_for_field else None,
         report=report,
     )
+
+
+def effort_for(work: Workspace, options: BaselineOptions) -> FieldEffort:
+    """What the field is given, for systems that are to have as much."""
+    if not options.learns_from_targets:
+        return FieldEffort()
+    # Here alone: no other system depends on how the field is trained.
+    from stages.field_effort import field_effort
+
+    return field_effort(work)
 
 
 def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
@@ -177,9 +187,13 @@ def seconds_per_view(work: Workspace) -> float:
 def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
     """The folder where a killed preparation left what it had, if that was the same task."""
     task = {
-        "code": digest_code(sorted(Path(baselines.__file__).parent.glob("*.py"))),
+        "code": library_digest(),
         "scene": work.scene_digest,
         "options": options.model_dump(mode="json"),
+        "exposure": work.views.exposure,
+        "field": asdict(effort_for(work, options)),
+        "rr_depth": work.params.render.rr_depth,
+        "seconds_per_view": seconds_per_view(work) if options.waits_for_field else None,
         "size": list(work.film_size),
         "seed": work.params.render.seed,
         "targets": work.digest(work.targets),
@@ -187,7 +201,18 @@ def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
             work.digest(work.reference(view.name)) for view in (*work.views.train, *work.views.more)
         ],
     }
-    return resuming.open_state(work.folder / "checkpoints" / f"baseline-{method}", task)
+    return resuming.open_state(state_folder(work, method), task)
+
+
+def forget_state(work: Workspace, method: str) -> None:
+    """Remove what a method's preparation has left for another run."""
+    shutil.rmtree(state_folder(work, method), ignore_errors=True)
+    work.forget_checkpoints()
+
+
+def state_folder(work: Workspace, method: str) -> Path:
+    """Where a method's preparation keeps what a killed run would lose."""
+    return work.folder / "checkpoints" / f"baseline-{method}"
 
 
 def refuse(work: Workspace, method: str, refusal: CannotServe) -> None:

@@ -5,7 +5,16 @@ from __future__ import annotations
 import ast
 import hashlib
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
+
+import gpf
+
+
+@cache
+def library_digest() -> str:
+    """That of the whole library, for what would take more care than time to tell apart."""
+    return digest_code(sorted(Path(gpf.__file__).parent.rglob("*.py")))
 
 
 def digest_code(files: Iterable[Path]) -> str:

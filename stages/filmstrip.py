@@ -24,6 +24,11 @@ FILM_HEIGHTS = 256, 384
 PICTURE_WIDTH, PICTURE_BYTES = 960, 3_000_000
 """Of the picture that moves: made for a README."""
 
+_REINSTALL = (
+    "See that the disk has room; `pip install --force-reinstall imageio-ffmpeg` brings the encoder "
+    "anew."
+)
+
 
 @dataclass(frozen=True)
 class Reel:
@@ -94,14 +99,8 @@ def write_film(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
     ------
     UserError: the package that brings the encoder is missing, or it failed.
     """
-    try:
-        from imageio_ffmpeg import get_ffmpeg_exe
-    except ImportError as error:
-        raise UserError(
-            "imageio_ffmpeg", "is not installed, so no MP4", "pip install imageio-ffmpeg"
-        ) from error
     width, height = frames[0].size
-    command = [get_ffmpeg_exe(), "-y", "-loglevel", "error"]
+    command = [_find_encoder(), "-y", "-loglevel", "error"]
     command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps}"]
     command += ["-i", "-", "-c:v", "libx264", "-preset", "slow", "-crf", "20"]
     # One thread and no dates: what is written depends on the frames alone.
@@ -110,11 +109,26 @@ def write_film(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
 
     def encode(file: Path) -> None:
         raw = b"".join(frame.tobytes() for frame in frames)
-        done = subprocess.run([*command, str(file)], input=raw, capture_output=True, check=False)
-        if done.returncode:
-            raise RuntimeError(done.stderr.decode(errors="replace").strip()[-300:])
+        run = subprocess.run([*command, str(file)], input=raw, capture_output=True, check=False)
+        if run.returncode:
+            said = run.stderr.decode(errors="replace").strip()[-300:] or f"status {run.returncode}"
+            raise UserError(str(path), f"could not be encoded: {said}", _REINSTALL)
 
     write_atomically(path, encode)
+
+
+def _find_encoder() -> str:
+    """The program of the package imageio-ffmpeg."""
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        return str(get_ffmpeg_exe())
+    except ImportError as error:
+        raise UserError(
+            "imageio_ffmpeg", "is not installed, so no MP4", "pip install imageio-ffmpeg"
+        ) from error
+    except RuntimeError as error:
+        raise UserError("imageio_ffmpeg", f"brings no encoder: {error}", _REINSTALL) from error
 
 
 def write_moving_picture(path: Path, frames: Sequence[Image.Image], fps: int) -> None:

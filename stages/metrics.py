@@ -14,13 +14,11 @@ import pandas as pd
 from gpf.artifacts import read_json, write_json, write_text
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr
-from metrics.image import compare, flip_exposures, psnr
+from metrics.image import NUMBERS, compare, flip_exposures, psnr
 from metrics.worth import snapshot_passes, worth_passes
 from stages.costs import CostMeter
 from stages.progress import progress_bar
 from stages.workspace import Workspace
-
-NUMBERS = ("psnr", "ssim", "lpips", "flip", "flip_hdr", "relmse")
 
 
 def compare_images(scene_name: str) -> None:

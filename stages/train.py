@@ -93,6 +93,7 @@ def fit(work: Workspace) -> None:
     work.checkpoint("train").unlink(missing_ok=True)
     costs.facts |= {"held_out_error": trainer.best_error, "gaussians": count}
     costs.facts |= asdict(trained.settings)
+    costs.note_peak_memory()
     costs.write(work.cost("train"))
 
 

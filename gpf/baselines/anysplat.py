@@ -27,7 +27,7 @@ from gpf.baselines.pinhole import Pinhole, make_pinhole
 from gpf.baselines.predicted_splats import Prediction, draw, make_splats, read_prediction
 from gpf.baselines.protocol import CannotServe, Task, TrainingView
 from gpf.baselines.sim3 import Similarity, align_cameras
-from gpf.images import tone_map
+from gpf.images import tone_map, undo_tone_map
 from gpf.views import View
 
 CODE = OfficialCode(
@@ -146,9 +146,3 @@ def place_error(found: Prediction, cameras: list[Pinhole], to_world: Similarity)
     true = np.stack([camera.origin for camera in cameras])
     apart = ((to_world.apply(found.poses[:, :3, 3]) - true) ** 2).sum()
     return float(np.sqrt(apart / ((true - true.mean(axis=0)) ** 2).sum()))
-
-
-def undo_tone_map(shown: np.ndarray) -> np.ndarray:
-    """Linear values of sRGB ones, which are clamped to [0, 1]."""
-    value = np.clip(shown, 0, 1)
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)

@@ -35,6 +35,11 @@ class _Options(BaseModel):
         return 0
 
     @property
+    def learns_from_targets(self) -> bool:
+        """Whether the system learns from the points that the field learns from."""
+        return False
+
+    @property
     def waits_for_field(self) -> bool:
         """Whether the system is given the time that a view of the field costs."""
         return False
@@ -51,28 +56,46 @@ class _Learned(_Options):
         return self.views
 
 
-class PathTracerOptions(_Options):
+class _Sampled(_Options):
+    """A system whose error goes to zero with the number of samples per pixel.
+
+    ``spp: equal_time`` takes as many as fit into the time of a view from the field.
+    """
+
+    spp: Count | Literal["equal_time"] = 50
+
+    @property
+    def samples(self) -> str:
+        """How many there are, as titles tell it."""
+        return "equal time" if self.waits_for_field else f"{self.spp} spp"
+
+    @property
+    def waits_for_field(self) -> bool:
+        """Whether the system is given the time that a view of the field costs."""
+        return self.spp == "equal_time"
+
+
+class PathTracerOptions(_Sampled):
     """Mitsuba's ``path``."""
 
     system: Literal["path_tracer"]
-    spp: Count = 50
 
     @property
     def title(self) -> str:
         """The method's name in tables and figures."""
-        return f"Path tracer, {self.spp} spp"
+        return f"Path tracer, {self.samples}"
 
 
-class ParticleTracerOptions(_Options):
+class ParticleTracerOptions(_Sampled):
     """Mitsuba's ``ptracer``."""
 
     system: Literal["particle_tracer"]
-    spp: Count = 64
+    spp: Count | Literal["equal_time"] = 64
 
     @property
     def title(self) -> str:
         """The method's name in tables and figures."""
-        return f"Particle tracer, {self.spp} spp"
+        return f"Particle tracer, {self.samples}"
 
 
 class SppmOptions(_Options):
@@ -88,24 +111,15 @@ class SppmOptions(_Options):
         return f"SPPM, {self.passes} passes"
 
 
-class DenoisedOptions(_Options):
-    """Mitsuba's ``path``, denoised.
-
-    ``spp: equal_time`` takes as many samples as fit into the time of a view from the field.
-    """
+class DenoisedOptions(_Sampled):
+    """Mitsuba's ``path``, denoised."""
 
     system: Literal["denoised"]
-    spp: Count | Literal["equal_time"] = 50
 
     @property
     def title(self) -> str:
         """The method's name in tables and figures."""
-        return f"Path tracer + OIDN, {'equal time' if self.waits_for_field else f'{self.spp} spp'}"
-
-    @property
-    def waits_for_field(self) -> bool:
-        """Whether the system is given the time that a view of the field costs."""
-        return self.spp == "equal_time"
+        return f"Path tracer + OIDN, {self.samples}"
 
 
 class EmGmmOptions(_Options):
@@ -169,14 +183,20 @@ class SplattingOptions(_Learned):
 class RadianceCacheOptions(_Options):
     """A hash grid and a small network in place of the Gaussians.
 
-    ``size``: of both, as :mod:`gpf.baselines.radiance_cache` describes it.
+    ``size``: of both, as :mod:`gpf.baselines.radiance_cache` describes it. It gets as many steps,
+    points in each and camera samples as the field, unless a row says otherwise.
     """
 
     system: Literal["radiance_cache"]
     size: Literal["small", "large"] = "large"
-    steps: Count = 500
-    batch: Count = 32_768
-    spp: Count = 64
+    steps: Count | None = None
+    batch: Count | None = None
+    spp: Count | None = None
+
+    @property
+    def learns_from_targets(self) -> bool:
+        """Whether the system learns from the points that the field learns from."""
+        return True
 
     @property
     def title(self) -> str:

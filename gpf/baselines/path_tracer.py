@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import mitsuba as mi
-import numpy as np
 
 from gpf.baselines.options import PathTracerOptions
 from gpf.baselines.protocol import Task
-from gpf.baselines.sampling import render_radiance
-from gpf.sensors import make_sensor
-from gpf.views import View
+from gpf.baselines.sampling import PreparedSampling
 
 
 class PathTracer:
@@ -26,33 +20,9 @@ class PathTracer:
     def __init__(self, options: PathTracerOptions) -> None:
         self.options = options
 
-    def prepare(self, task: Task) -> PreparedPathTracer:
-        """Nothing to do."""
-        return PreparedPathTracer(task, make_path_integrator(task.rr_depth), self.options.spp)
-
-
-@dataclass(frozen=True)
-class PreparedPathTracer:
-    """A scene, and how many samples its pixels get."""
-
-    task: Task
-    integrator: mi.Integrator
-    spp: int
-
-    @property
-    def storage_bytes(self) -> int:
-        """Nothing is kept."""
-        return 0
-
-    @property
-    def facts(self) -> Mapping[str, float | str]:
-        """``spp``."""
-        return {"spp": self.spp}
-
-    def render(self, view: View, seed: int) -> np.ndarray:
-        """A view's radiance, W/(m² sr), (H, W, 3) float32, linear."""
-        sensor = make_sensor(view, *self.task.size)
-        return render_radiance(self.task.scene, self.integrator, sensor, self.spp, seed)
+    def prepare(self, task: Task) -> PreparedSampling:
+        """Nothing to do but what :meth:`PreparedSampling.make` does."""
+        return PreparedSampling.make(task, make_path_integrator(task.rr_depth), self.options.spp)
 
 
 def make_path_integrator(rr_depth: int) -> mi.Integrator:

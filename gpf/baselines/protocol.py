@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 import mitsuba as mi
 import numpy as np
@@ -45,6 +45,21 @@ class TrainingView:
 
 
 @dataclass(frozen=True)
+class FieldEffort:
+    """What the field is given, for systems that are to have as much: the sections ``train`` and
+    ``render`` of params.yaml say what each is."""
+
+    steps: int = 500
+    batch: int = 32_768
+    points: Literal["views", "surface", "both"] = "both"
+    loss: Literal["squared", "relative"] = "relative"
+    spp: int = 64
+    sampler: str = "multijitter"
+    adaptive: bool = True
+    glossy_walks: int = 8
+
+
+@dataclass(frozen=True)
 class Task:
     """A scene to be served.
 
@@ -62,6 +77,7 @@ class Task:
     seed: of all that is random in the preparation.
     state: a folder, which is there, where the preparation may keep what a killed run would lose.
         Once all views are rendered it is emptied, but for what was learned from pictures.
+    field: what the field is given.
     seconds_per_view: what a view of the field costs, for systems that are to take as long.
     report: called with how much of the preparation is done, and of how much.
     """
@@ -76,6 +92,7 @@ class Task:
     rr_depth: int
     seed: int
     state: Path
+    field: FieldEffort = FieldEffort()
     seconds_per_view: float | None = None
     report: Callable[[int, int], None] = lambda done, total: None
 

@@ -11,7 +11,7 @@ irradiance there, and how fast that is.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import mitsuba as mi
@@ -26,7 +26,7 @@ from gpf.baselines.cached_irradiance import (
 from gpf.baselines.fitting import digest
 from gpf.baselines.hash_encoding import Cube, GridShape
 from gpf.baselines.options import RadianceCacheOptions
-from gpf.baselines.protocol import Task
+from gpf.baselines.protocol import FieldEffort, Task
 from gpf.bounds import bounding_box, scene_bounds
 from gpf.field import FieldSettings
 from gpf.sensors import make_sensor
@@ -51,21 +51,27 @@ class RadianceCache:
 
     def prepare(self, task: Task) -> PreparedCache:
         """Fit the network to the targets that the field learns from."""
-        options = self.options
-        targets = Targets.load(task.targets)
-        points = targets.supervised_points("both", "irradiance", "relative")
-        unit = float(np.mean(targets.irradiance))
+        effort, targets = effort_of(self.options, task), Targets.load(task.targets)
+        points = targets.supervised_points(effort.points, "irradiance", effort.loss)
+        unit = float(np.mean(targets.irradiance)) or 1.0
         cube = Cube.around(bounding_box(task.scene), MARGIN)
-        model = CachedIrradiance(SHAPES[options.size], cube, unit if unit > 0 else 1.0, task.seed)
-        settings = CacheTraining(steps=options.steps, batch=options.batch, seed=task.seed)
+        model = CachedIrradiance(SHAPES[self.options.size], cube, unit, task.seed)
+        settings = CacheTraining(steps=effort.steps, batch=effort.batch, seed=task.seed)
         trainer = CacheTrainer(model, points, settings)
         fingerprint = {
-            "options": options.model_dump(mode="json"),
+            "size": self.options.size,
+            "effort": asdict(effort),
             "seed": task.seed,
             "targets": digest(targets.position, targets.normal, targets.irradiance),
         }
         trainer.run(task.state / "radiance_cache.safetensors", fingerprint, task.report)
-        return PreparedCache(task, options, model, trainer.held_out_error())
+        return PreparedCache(task, self.options.size, effort, model, trainer.held_out_error())
+
+
+def effort_of(options: RadianceCacheOptions, task: Task) -> FieldEffort:
+    """What the field is given, but for what a row says otherwise."""
+    said = {key: getattr(options, key) for key in ("steps", "batch", "spp")}
+    return replace(task.field, **{k: value for k, value in said.items() if value is not None})
 
 
 @dataclass(frozen=True)
@@ -85,11 +91,17 @@ class PreparedCache:
     """A scene with its fitted network."""
 
     def __init__(
-        self, task: Task, options: RadianceCacheOptions, model: CachedIrradiance, error: float
+        self, task: Task, size: str, effort: FieldEffort, model: CachedIrradiance, error: float
     ) -> None:
-        self._task, self._options, self._model, self._error = task, options, model, error
+        self._task, self._size, self._effort = task, size, effort
+        self._model, self._error = model, error
         self._integrator = mi.load_dict(
-            {"type": "gpf", "rr_depth": task.rr_depth, "adaptive": True}
+            {
+                "type": "gpf",
+                "rr_depth": task.rr_depth,
+                "glossy_walks": effort.glossy_walks,
+                "adaptive": effort.adaptive,
+            }
         )
         settings = FieldSettings(search_radius=1.0)  # it has none
         self._integrator.field = CacheAsField(model, settings, scene_bounds(task.scene))
@@ -103,8 +115,8 @@ class PreparedCache:
     def facts(self) -> Mapping[str, float | str]:
         """Steps, parameters and the error on held-out points, in units of the mean target."""
         return {
-            "steps": self._options.steps,
-            "size": self._options.size,
+            "steps": self._effort.steps,
+            "size": self._size,
             "parameters": self.storage_bytes // 4,
             "held_out_error": self._error,
         }
@@ -112,12 +124,9 @@ class PreparedCache:
     def render(self, view: View, seed: int) -> np.ndarray:
         """A view, (H, W, 3), from the camera walks that the field's rendering would make."""
         width, height = self._task.size
-        sensor = make_sensor(view, width, height, spp=self._options.spp, sampler="multijitter")
+        spp, sampler = self._effort.spp, self._effort.sampler
+        sensor = make_sensor(view, width, height, spp=spp, sampler=sampler)
         image = mi.render(
-            self._task.scene,
-            integrator=self._integrator,
-            sensor=sensor,
-            spp=self._options.spp,
-            seed=seed,
+            self._task.scene, integrator=self._integrator, sensor=sensor, spp=spp, seed=seed
         )
         return np.asarray(image)[..., :3].astype(np.float32)

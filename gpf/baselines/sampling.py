@@ -2,18 +2,77 @@
 
 from __future__ import annotations
 
-from typing import Any
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import mitsuba as mi
 import numpy as np
 
 from gpf.baselines.protocol import CannotServe, Task
+from gpf.baselines.timed_sampling import Samples
 from gpf.importing.sensors import views_of_sensors
 from gpf.seeds import pass_seed
 from gpf.sensors import make_sensor
+from gpf.views import View
 
 # Samples that are in flight at once: some 2 GB of state.
 LARGEST_WAVEFRONT = 1 << 26
+
+
+@dataclass(frozen=True)
+class PreparedSampling:
+    """A scene, an integrator of Mitsuba, and how many samples its pixels get."""
+
+    task: Task
+    integrator: mi.Integrator
+    samples: Samples
+
+    @classmethod
+    def make(
+        cls,
+        task: Task,
+        integrator: mi.Integrator,
+        spp: int | Literal["equal_time"],
+        alike: bool = False,
+    ) -> PreparedSampling:
+        """For ``equal_time``, images of the scene's own camera compile the kernels beforehand.
+
+        ``alike``: an integrator that is compiled anew for each view and number of samples.
+
+        Raises
+        ------
+        CannotServe: the time of a view from the field is asked for, and not known; or the scene
+            has no camera of its own then.
+        """
+        samples = Samples.plan(spp, task)
+        samples.alike = alike
+        if samples.number is None:
+            sensor = own_camera(task)
+            for few in (1, 2):  # a single sample has a kernel of its own
+                render_radiance(task.scene, integrator, sensor, few, task.seed)
+        return cls(task, integrator, samples)
+
+    @property
+    def storage_bytes(self) -> int:
+        """Nothing is kept."""
+        return 0
+
+    @property
+    def facts(self) -> Mapping[str, float | str]:
+        """``spp``, for ``equal_time`` the mean over the views so far."""
+        return {"spp": self.samples.spp}
+
+    def render(self, view: View, seed: int) -> np.ndarray:
+        """A view's radiance, W/(m² sr), (H, W, 3) float32, linear."""
+        start = time.perf_counter()
+        sensor = make_sensor(view, *self.task.size)
+        return self.samples.trace(
+            lambda spp, seed: render_radiance(self.task.scene, self.integrator, sensor, spp, seed),
+            seed,
+            time.perf_counter() - start,
+        )
 
 
 def render_radiance(

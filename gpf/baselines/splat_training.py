@@ -90,6 +90,7 @@ class SplatTrainer:
                 if time.monotonic() - saved > CHECKPOINT_SECONDS:
                     self.save(file)
                     saved = time.monotonic()
+        self.save(file)
 
     def step(self) -> float:
         """Fit one picture a little better, and return how far from it the image was."""

@@ -25,7 +25,7 @@ from gpf.baselines.splat_model import SplatModel, grow_from
 from gpf.baselines.splat_seeds import find_seeds
 from gpf.baselines.splat_training import Picture, Plan, SplatTrainer
 from gpf.bounds import bounding_box
-from gpf.images import tone_map
+from gpf.images import tone_map, undo_tone_map
 from gpf.views import View
 
 
@@ -106,8 +106,3 @@ class FittedSplats:
         """PSNR of a training view, dB."""
         error = np.mean((self._draw(picture.camera) - picture.image) ** 2)
         return float(-10 * np.log10(max(error, 1e-10)))
-
-
-def undo_tone_map(shown: np.ndarray) -> np.ndarray:
-    """Linear values of sRGB in [0, 1]."""
-    return np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)

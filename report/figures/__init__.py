@@ -40,7 +40,7 @@ def draw_figures(results: Results, folder: Path) -> list[Figure]:
 
 def _plan(results: Results) -> Iterator[tuple[str, str, Callable[[Results], Sketch]]]:
     """Names, titles and makers, in the order of the report."""
-    yield "teaser", "The hardest view", draw_teaser
+    yield "teaser", "Where the field leads most", draw_teaser
     for scene in results.scenes:
         title = results.scene(scene).title
         yield f"comparison_{scene}", f"{title}: methods", partial(draw_comparison, scene=scene)

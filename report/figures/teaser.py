@@ -1,4 +1,4 @@
-"""One wide picture: the view that others find hardest, by four methods."""
+"""One wide picture: the view where the field leads most, by four methods."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ class Choice:
 def choose_view(results: Results) -> Choice:
     """The novel view where the field leads most.
 
-    Of the denoised path tracer that row is taken which costs most like the field, of SPPM the
-    cheapest.
+    Of the denoised path tracer and of SPPM with few passes that row is taken which costs most like
+    the field.
     """
     choices = []
     for name in results.scenes:

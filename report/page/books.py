@@ -82,25 +82,46 @@ class Shelf:
         """Bytes of all pictures."""
         return sum(view.size for book in self.books for view in book.views)
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether all views are there as they were rendered."""
+        return self.shrunk == 1 and not any(book.left_out for book in self.books)
 
-def make_books(results: Results, most_bytes: int) -> Shelf:
-    """Fill the books of all scenes whose images are there."""
+
+class ViewMaker:
+    """Packs views; what was packed is kept for further calls."""
+
+    def __init__(self, results: Results) -> None:
+        self.results = results
+        self.made: dict[tuple[str, str, int], BookView] = {}
+
+    def make(self, scene: SceneResults, name: str, why: str, factor: int) -> BookView:
+        """A view with all its pictures, ``factor`` times smaller along each side."""
+        place = scene.name, name, factor
+        if place not in self.made:
+            self.made[place] = _make_view(self.results, scene, name, why, factor)
+        return self.made[place]
+
+
+def make_books(results: Results, most_bytes: int, maker: ViewMaker | None = None) -> Shelf:
+    """Fill the books of all scenes whose images are there; a ``maker`` may have views already."""
+    maker = maker or ViewMaker(results)
     scenes = [results.scene(name) for name in results.scenes]
     orders = {s.name: order_views(s) for s in scenes}
     orders = {name: order for name, order in orders.items() if order}
     scenes = [s for s in scenes if s.name in orders]
     factor = 1
     while True:
-        firsts = {s.name: _make_view(results, s, *orders[s.name][0], factor) for s in scenes}
+        firsts = {s.name: maker.make(s, *orders[s.name][0], factor) for s in scenes}
         shelf = Shelf([_make_book(results, s, firsts[s.name]) for s in scenes], factor)
         sides = [min(p.width, p.height) for v in firsts.values() for p in v.pictures.values()]
-        if shelf.size <= most_bytes or min(sides) < 2 * SMALLEST:
+        if shelf.size <= most_bytes or min(sides, default=0) < 2 * SMALLEST:
             break
         factor *= 2
     for turn in range(1, max(map(len, orders.values()), default=0)):
         for scene, book in zip(scenes, shelf.books, strict=True):
             if turn < len(orders[scene.name]):
-                view = _make_view(results, scene, *orders[scene.name][turn], factor)
+                view = maker.make(scene, *orders[scene.name][turn], factor)
                 if shelf.size + view.size <= most_bytes:
                     book.views.append(view)
                 else:

@@ -53,14 +53,14 @@ def embed_figure(figure: Figure) -> Embedded | None:
             f"cannot be read as the figure {figure.name} ({error.strerror or error})",
             "Run `gpf stage report` again: it draws all figures.",
         ) from error
-    return Embedded(_uri(data, kind), width, height, inches)
+    return Embedded(to_uri(data, kind), width, height, inches)
 
 
 def embed_radiance(radiance: np.ndarray, exposure: float) -> Embedded:
     """An image of a scene, tone-mapped as it was compared."""
     pixels = np.round(tone_map(radiance, exposure) * 255).astype(np.uint8)
     picture = Image.fromarray(pixels)
-    return Embedded(_uri(_webp(picture), "webp"), picture.width, picture.height)
+    return Embedded(to_uri(_webp(picture), "webp"), picture.width, picture.height)
 
 
 def _webp(picture: Image.Image) -> bytes:
@@ -69,5 +69,6 @@ def _webp(picture: Image.Image) -> bytes:
     return stream.getvalue()
 
 
-def _uri(data: bytes, kind: str) -> str:
+def to_uri(data: bytes, kind: str) -> str:
+    """A picture's bytes as an address that holds them."""
     return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"

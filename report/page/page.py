@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +15,9 @@ from markupsafe import Markup
 from gpf.artifacts import write_text
 from gpf.errors import UserError
 from report.figures.pictures import ERRORS, LARGEST_ERROR
-from report.page.books import Book, Shelf, make_books, map_pictures, order_views, read_image
+from report.page.books import Book, Shelf, map_pictures, order_views, read_image
 from report.page.embedding import Embedded, embed_figure, embed_radiance
+from report.page.films import Film, open_films, share_room
 from report.page.origin import list_commits, list_machines, list_seeds, write_params
 from report.page.pictures import PRECISION, Picture
 from report.page.systems import list_systems
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 MOST_BYTES = 25_000_000
 HERE = Path(__file__).parent
-SCRIPTS = ("codec.js", "flipbook.js", "tables.js", "start.js")
+SCRIPTS = ("codec.js", "flipbook.js", "films.js", "tables.js", "start.js")
 COST_FIGURES = ("quality_time", "cumulative_cost")
 COST_TABLES = ("table_4", "costs", "equal_time", "equal_quality")
 OPENING = "teaser"
@@ -46,6 +47,8 @@ class ScenePart:
     poster_view: str
     book: Book | None
     figures: list[tuple[Figure, Embedded | None]]
+    film: Film | None = None
+    film_left_out: bool = False
 
 
 def write_page(
@@ -57,12 +60,13 @@ def write_page(
 ) -> None:
     """Write the page, atomically.
 
-    Everything has to be inside ``most_bytes``: flip-books take what words, tables and figures
-    leave (:mod:`report.page.books`).
+    Everything has to be inside ``most_bytes``: films and flip-books take what words, tables and
+    figures leave (:mod:`report.page.films`, :mod:`report.page.books`).
 
     Raises
     ------
-    UserError: a figure's file is missing, or what is not flip-books takes more than there is.
+    UserError: a picture's file is missing, or what is neither flip-book nor film takes more than
+        there is.
     """
     embedded = {figure.name: (figure, embed_figure(figure)) for figure in figures}
     parts = _scene_parts(results, embedded)
@@ -75,8 +79,13 @@ def write_page(
             "the most",
             "Make the figures smaller.",
         )
-    shelf = make_books(results, room)
-    text = _render(results, tables, embedded, _scene_parts(results, embedded, shelf), shelf)
+    films = open_films(results)
+    shown, shelf = share_room(results, films, room)
+    scenes = [
+        replace(part, film=shown.get(part.name), film_left_out=part.name in films.keys() - shown)
+        for part in _scene_parts(results, embedded, shelf)
+    ]
+    text = _render(results, tables, embedded, scenes, shelf)
     write_text(path, text)
 
 
@@ -165,7 +174,7 @@ def _poster(results: Results, scene: SceneResults) -> tuple[str, Embedded | None
 
 
 def _surroundings(results: Results) -> int:
-    """Bytes that all flip-books take beside their pictures' data, at most."""
+    """Bytes that all flip-books and films take beside their pictures' data, at most."""
     views = sum(len(order_views(results.scene(name))) for name in results.scenes)
     return 10_000 * len(results.scenes) + 400 * views * (len(results.methods) + 1)
 

@@ -6,6 +6,8 @@ const content = JSON.parse(document.getElementById("content").textContent);
 const roots = [...document.querySelectorAll(".book")];
 const books = roots.map((root, k) => new FlipBook(root, content.books[k], content.errors));
 
+for (const root of document.querySelectorAll(".film")) root.film = new Film(root);
+
 for (const table of document.querySelectorAll("main table")) makeSortable(table);
 
 // Keys act on the flip-book that has the focus; without one, on the one in sight.

@@ -9,6 +9,7 @@ from report.table import Table
 from report.tables.ablations import ablation_tables
 from report.tables.costs import cost_table, time_table
 from report.tables.equal import equal_quality_table, equal_time_table
+from report.tables.flicker import flicker_table
 from report.tables.quality import glance_table, learned_table, systems_table
 
 __all__ = ["make_tables", "write_tables"]
@@ -25,6 +26,7 @@ def make_tables(results: Results) -> list[Table]:
         cost_table(results),
         equal_time_table(results),
         equal_quality_table(results),
+        flicker_table(results),
     ]
 
 

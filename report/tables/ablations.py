@@ -232,8 +232,14 @@ _COSTS = {
 def _changes_nothing(results: Results, overrides: Mapping[str, Any], default: Made) -> bool:
     """Whether a variant is the field as it is."""
     params = results.params.model_dump(mode="json") | {"field": default.settings}
-    places = {key: key.split(".") for key in overrides}
-    return all(params[s][k] == overrides[key] for key, (s, k) in places.items())
+
+    def value(key: str) -> Any:
+        found: Any = params
+        for part in key.split("."):
+            found = found[part]
+        return found
+
+    return all(value(key) == wanted for key, wanted in overrides.items())
 
 
 def _settings(

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gpf.baselines.anysplat import CODE, Anysplat, make_picture, undo_tone_map
+from gpf.baselines.anysplat import CODE, Anysplat, make_picture
 from gpf.baselines.options import AnySplatOptions
 from gpf.baselines.pinhole import make_pinhole
 from gpf.baselines.predicted_splats import Prediction, draw, make_splats
 from gpf.baselines.protocol import CannotServe, TrainingView
 from gpf.baselines.sim3 import Similarity
-from gpf.images import tone_map
+from gpf.images import tone_map, undo_tone_map
 from gpf.views import View
 from tests.baselines.adapters import STAND_INS, make_task, write_weights
 

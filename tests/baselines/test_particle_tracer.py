@@ -7,13 +7,16 @@ import pytest
 
 from gpf.baselines.options import ParticleTracerOptions
 from gpf.baselines.particle_tracer import ParticleTracer
+from gpf.views import View
 from tests.baselines.classical import ABOVE, INSIDE, floor_radiance, lit_floor, pane, task_for
-from tests.furnace import furnace
+from tests.furnace import cornell_box, furnace
+
+FRONT = View(name="front", origin=(0, 0, 3.9), target=(0, 0, 0), up=(0, 1, 0), fov=39.3)
 
 
-def prepare(scene, spp):
+def prepare(scene, spp, **task):
     options = ParticleTracerOptions(system="particle_tracer", spp=spp)
-    return ParticleTracer(options).prepare(task_for(scene))
+    return ParticleTracer(options).prepare(task_for(scene, **task))
 
 
 # Half of what the area furnace shows is its own light, seen directly.
@@ -34,6 +37,15 @@ def test_each_pixel_sees_its_part_of_the_floor():
 
 def test_what_is_behind_glass_remains_black():
     assert prepare(lit_floor(pane=pane()), 1000).render(ABOVE, seed=3).max() == 0
+
+
+def test_equal_time_is_by_the_clock():
+    box = cornell_box()
+    prepared = prepare(box, "equal_time", seconds_per_view=0.5)
+    image = prepared.render(FRONT, 1)
+    spp = prepared.facts["spp"]
+    assert spp > 16 and prepared.facts["paths"] == spp * 48
+    np.testing.assert_allclose(image.mean(), prepare(box, 2000).render(FRONT, 2).mean(), rtol=0.1)
 
 
 def test_nothing_is_kept_and_the_paths_are_told():

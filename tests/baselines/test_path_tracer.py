@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
 from gpf.baselines.options import PathTracerOptions
 from gpf.baselines.path_tracer import PathTracer
+from gpf.baselines.protocol import CannotServe
+from gpf.views import View
 from tests.baselines.classical import ABOVE, INSIDE, floor_radiance, lit_floor, pane, task_for
-from tests.furnace import furnace
+from tests.furnace import cornell_box, furnace
+
+FRONT = View(name="front", origin=(0, 0, 3.9), target=(0, 0, 0), up=(0, 1, 0), fov=39.3)
 
 
 def prepare(scene, spp=400, **task):
@@ -36,6 +42,24 @@ def test_each_pixel_sees_its_part_of_the_floor():
 def test_a_caustic_of_a_point_is_never_found():
     prepared = prepare(lit_floor(pane=pane()))
     assert prepared.render(ABOVE, seed=3).max() == 0
+
+
+def test_equal_time_is_by_the_clock_or_has_a_reason():
+    with pytest.raises(CannotServe, match="analytic: .*no equal time.*`gpf stage render --scene"):
+        prepare(cornell_box(), "equal_time")
+    prepared = prepare(cornell_box(), "equal_time", seconds_per_view=0.5)
+    start = time.perf_counter()
+    image = prepared.render(FRONT, 1)
+    assert time.perf_counter() - start > 0.2
+    spp = prepared.facts["spp"]
+    assert spp > 16
+    dim = image.max(-1) < 2
+    wanted = prepare(cornell_box(), 500).render(FRONT, 2)[dim].mean()
+    assert image[dim].mean() == pytest.approx(wanted, rel=0.1)
+    prepared.render(FRONT, 3)
+    # What is told is the mean over views.
+    assert prepared.facts["spp"] == pytest.approx(np.mean(prepared.samples.taken))
+    assert len(prepared.samples.taken) == 2 and prepared.samples.taken[0] == spp
 
 
 def test_nothing_is_kept_and_the_samples_are_told():

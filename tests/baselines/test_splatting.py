@@ -9,8 +9,8 @@ import pytest
 from gpf.baselines.options import SplattingOptions
 from gpf.baselines.protocol import CannotServe
 from gpf.baselines.splat_training import SplatTrainer
-from gpf.baselines.splatting import FittedSplats, Splatting, undo_tone_map
-from gpf.images import tone_map
+from gpf.baselines.splatting import FittedSplats, Splatting
+from gpf.images import tone_map, undo_tone_map
 from tests.baselines.splat_cases import PICTURE_SIZE, photograph, place_view, wall_task
 
 PLACES = [(-0.8, 0.1), (0.1, -0.5), (0.9, 0.2), (0.2, 0.8)]

@@ -87,3 +87,13 @@ def test_a_scene_that_nobody_asked_for_is_shown_once_it_has_files(results):
     row = frame.loc[("Cornell Box", "radius only")]
     assert row["psnr"] == mean(results, "ablations", "radius.json")["psnr"]
     assert math.isnan(row["psnr_paper"])
+
+
+def test_a_variant_may_change_what_lies_deep(tmp_path):
+    deep = {"group": "switches", "title": "slow means", "set": {"train.rates.means": 0.001}}
+    alike = {"group": "switches", "title": "as it is", "set": {"train.rates.means": 0.008}}
+    variants = {"scenes": [WATER], "run": [], "variants": {"slow": deep, "alike": alike}}
+    frame = frames(make_results(tmp_path, ablations=variants))["switches"].loc["Water Caustic"]
+    # The one that changes nothing is the field as it is, which stands there already.
+    assert list(frame.index) == ["slow means", "all (default)"]
+    assert math.isnan(frame.loc["slow means", "psnr"]) and frame.loc["all (default)", "psnr"] > 0

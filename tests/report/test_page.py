@@ -28,7 +28,7 @@ ENOUGH = 10_000_000
 class Reader(HTMLParser):
     """Elements with their attributes, the text of scripts, and whether all that opens closes."""
 
-    VOID = ("meta", "link", "img", "input", "br")
+    VOID = ("meta", "link", "img", "input", "br", "source")
 
     def __init__(self, text: str) -> None:
         super().__init__()

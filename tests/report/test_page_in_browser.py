@@ -13,6 +13,7 @@ from report.tables import make_tables
 from tests.report.browser import find_browser, open_page
 from tests.report.made_up import BOX, WATER
 from tests.report.pictured import HEIGHT, WIDTH, make_figure, make_pictured, radiance
+from tests.report.test_films import add_film
 
 PROGRAM = find_browser()
 pytestmark = pytest.mark.skipif(
@@ -25,7 +26,8 @@ METHOD, VIEW = "gpf", "above"  # what a book opens with
 @pytest.fixture(scope="module")
 def file(tmp_path_factory):
     root = tmp_path_factory.mktemp("browser")
-    results = make_pictured(root / "results")
+    make_pictured(root / "results")
+    results = add_film(root / "results", BOX)
     figures = [make_figure(root, "teaser"), make_figure(root, f"comparison_{WATER}")]
     write_page(results, make_tables(results), figures, root / "report.html")
     return root / "report.html"
@@ -182,6 +184,28 @@ def test_tables_sort_by_click_and_keyboard(page):
         page.evaluate(f"{table}.querySelectorAll('th')[1].getAttribute('aria-sort')") == "ascending"
     )
     assert sorted(before) == sorted(rising) and before != rising
+
+
+def test_a_film_moves_unless_somebody_prefers_it_still(page):
+    film = f"document.querySelector('#film-{BOX}')"
+    page.evaluate(f"{film}.scrollIntoView({{behavior: 'instant', block: 'center'}})")
+    moves = f"{film}.querySelector('img').currentSrc === {film}.querySelector('img').src"
+    word = f"{film}.querySelector('button').textContent"
+    still = f"{film}.querySelector('img').currentSrc === {film}.querySelector('source').srcset"
+    page.wait_for(moves)
+    assert page.evaluate(word) == "Pause"
+    page.evaluate(f"{film}.querySelector('button').click()")
+    page.wait_for(still)
+    assert page.evaluate(word) == "Play"
+    page.evaluate(f"{film}.querySelector('img').click()")
+    page.wait_for(moves)
+    preference = {"name": "prefers-reduced-motion", "value": "reduce"}
+    page.call("Emulation.setEmulatedMedia", features=[preference])
+    page.wait_for(still)
+    page.evaluate(f"{film}.querySelector('img').click()")
+    page.wait_for(moves)
+    page.call("Emulation.setEmulatedMedia", features=[preference | {"value": "no-preference"}])
+    page.wait_for(moves)
 
 
 def test_on_a_phone_in_the_dark_nothing_sticks_out(file, tmp_path):

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from gpf.artifacts import write_json
 from report.points import Point, extrapolate, measured_points
 from report.results import Results
 from report.tables.equal import equal_quality_table, equal_time_table
@@ -53,6 +54,24 @@ def test_at_equal_time_the_best_that_was_run(results):
     assert frame.loc["RenderFormer", "reason"] == "glass and water are beyond it"
 
 
+def test_who_takes_as_long_stands_among_its_system(results):
+    """Its own time is not quite that of the field; the table takes the best that fits."""
+    rows = results.params.model_dump(mode="json")
+    rows["baselines"]["path_equal_time"] = {"system": "path_tracer", "spp": "equal_time"}
+    rows["methods"]["equal_time"] = ["path_equal_time"]
+    results = Results(results.params.model_validate(rows), results.root)
+    folder = results.root / BOX
+    write_json(folder / "metrics" / "path_equal_time.json", {"mean": {"psnr": 27.0}})
+    cost = {"facts": {"views": 4}, "parts": {"render": {"wall_seconds": 40.4}}}
+    write_json(folder / "costs" / "baselines" / "path_equal_time.json", cost)
+    frame = equal_time_table(results).frame.set_index("method")
+    assert frame.loc["Path tracer, equal time", "psnr"] == 27
+    assert "Path tracer, 50 spp" not in frame.index
+    needed = equal_quality_table(results).frame.set_index("system").loc["Path tracer"]
+    assert needed["setting"] == "equal time" and needed["psnr"] == 27
+    assert needed["extrapolated_seconds"] == pytest.approx(10.1 * (10.1 / 2) ** (6 / 7))
+
+
 def test_who_is_slower_at_its_fastest_is_told_so(results):
     edit(results.root / BOX / "costs" / "render.json", parts__render__wall_seconds=2.0)
     frame = equal_time_table(Results(results.params, results.root)).frame.set_index("method")
@@ -82,6 +101,9 @@ def points(*pairs):
     [
         (points((1, 20), (10, 30)), 10 * math.sqrt(10)),
         (points((1, 29), (2, 20), (20, 30)), 20 * math.sqrt(10)),
+        # A third that is close to the last tells nothing.
+        (points((1, 20), (9, 30.5), (10, 30)), 10 * math.sqrt(10)),
+        (points((9, 20), (10, 30)), None),
         (points((1, 20)), None),
         (points((1, 20), (10, 20)), None),
         (points((1, 20), (10, 20.5)), None),

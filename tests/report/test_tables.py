@@ -12,9 +12,11 @@ from statistics import fmean
 
 import pandas as pd
 import pytest
+from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
 import report
+from gpf.baselines.options import BaselineOptions
 from report.paper import FILE
 from report.results import NUMBERS, Results
 from report.table import MISSING
@@ -85,6 +87,11 @@ def test_every_number_is_of_a_file(results):
         known.add(fmean(files[path]["facts"][key] for path in costs))
     costs = [results.root / s / "costs" / "render.json" for s in (BOX, WATER)]
     known.add(fmean(files[path]["facts"]["field_megabytes"] for path in costs))
+    # And the references that a system learned from: 3 views, of 30 passes.
+    per_pass = files[results.root / WATER / "costs" / "reference.json"]["facts"]
+    fit = files[results.root / WATER / "costs" / "baselines" / "splatting_3.json"]["parts"]
+    references = 3 * 30 * per_pass["seconds_per_single_view_pass"]
+    known.add(references + fit["prepare"]["wall_seconds"])
     default = files[results.root / WATER / "metrics" / "gpf.json"]["mean"]["psnr"]
     for path in (results.root / WATER / "ablations").iterdir():
         known.add(files[path]["mean"]["psnr"] - default)
@@ -124,6 +131,26 @@ def test_a_changed_file_changes_its_cells_and_no_others(results):
     for name in set(before) - {"table_1"}:
         for _, key in changes(before[name].frame, after[name].frame):
             assert (name, key) == ("equal_time", "ssim")
+
+
+def test_preparation_counts_what_is_learned_from(results):
+    scene, passes = results.scene(BOX), 30
+    path, splats, cache = (
+        TypeAdapter(BaselineOptions).validate_python(row)
+        for row in (
+            {"system": "path_tracer"},
+            {"system": "splatting", "views": 10},
+            {"system": "radiance_cache"},
+        )
+    )
+    file = results.root / BOX / "costs" / "reference.json"
+    edit(file, facts__seconds_per_single_view_pass=0.5)
+    assert scene.inputs_seconds(path, passes) == 0
+    assert scene.inputs_seconds(splats, passes) == 10 * 30 * 0.5
+    assert scene.inputs_seconds(cache, passes) is None  # targets were not timed
+    edit(file, facts__seconds_per_target_pass=0.25)
+    edit(file, parts={"radius": {"wall_seconds": 7.0}, "points": {"wall_seconds": 5.0}})
+    assert scene.inputs_seconds(cache, passes) == 30 * 0.25 + 7 + 5
 
 
 def test_costs_come_from_cost_files(results):
@@ -217,7 +244,13 @@ def test_the_ceiling_and_no_bytes_are_not_ranked(results):
 def test_all_tables_are_written_in_four_ways(results, tmp_path):
     tables = write_tables(results, tmp_path / "tables")
     names = {"table_1_psnr", "table_1", "table_2", "table_3", "table_s1", "table_s2", "switches"}
-    assert {t.name for t in tables} == names | {"table_4", "costs", "equal_time", "equal_quality"}
+    assert {t.name for t in tables} == names | {
+        "table_4",
+        "costs",
+        "equal_time",
+        "equal_quality",
+        "flicker",
+    }
     files = {f"{t.name}{suffix}" for t in tables for suffix in (".csv", ".md", ".tex", ".html")}
     assert {path.name for path in (tmp_path / "tables").iterdir()} == files
     written = pd.read_csv(tmp_path / "tables" / "table_1.csv")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -147,12 +149,21 @@ def test_a_variant_that_cannot_run_says_so(project, go_on, environment):
     assert costs["facts"]["reason"] == found["reason"]
 
 
-def test_all_that_are_listed_run_one_after_another(project, monkeypatch):
+@pytest.mark.parametrize("broken", [None, "few"])
+def test_all_that_are_listed_run_one_after_another(project, monkeypatch, broken):
+    """Also after one that fails, which is named at the end."""
     called = []
-    monkeypatch.setattr("stages.apart.subprocess.run", lambda command, **_: called.append(command))
+
+    def run(command: list[str], **_: object) -> SimpleNamespace:
+        called.append(command)
+        return SimpleNamespace(returncode=2 if command[-2] == broken else 0)
+
+    monkeypatch.setattr("stages.apart.subprocess.run", run)
     project.edit("params.yaml", ablations__run=["few", "all"])
-    assert project.stage("ablation").code == 0
+    outcome = project.stage("ablation")
     assert [command[-3:-1] for command in called] == [["--variant", "few"], ["--variant", "all"]]
+    assert outcome.code == (2 if broken else 0)
+    assert ("1 of 2 failed: few" in outcome.text) == bool(broken)
 
 
 def test_what_is_missing_is_no_fault_of_the_variant(project):

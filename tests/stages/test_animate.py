@@ -7,8 +7,10 @@ import pytest
 from PIL import Image
 
 from gpf.artifacts import read_json, write_text
-from gpf.images import read_exr, tone_map
+from gpf.images import read_exr, tone_map, write_exr
 from gpf.views import read_views
+from metrics.flicker import change_of_noise
+from stages.frame_points import SeenPoints
 from tests.stages.results import files_below
 
 FRAMES = 3
@@ -154,3 +156,43 @@ def test_what_was_learned_is_kept_for_the_animation(walked, monkeypatch):
     del Grey.asked[:]
     assert walked.stage("animate").code == 0
     assert [word for word in Grey.asked if word in ("again", "learn")] == ["learn", "again"]
+    kept = [path.name for path in (walked.results / "checkpoints").iterdir()]
+    assert kept == ["baseline-splatting_3"]
+
+
+def test_of_who_learns_nothing_nothing_is_left(walked):
+    assert walked.stage("animate").code == 0
+    assert walked.stage("animate").code == 0
+    assert not (walked.results / "checkpoints").exists()
+
+
+def test_the_noise_of_references_is_that_of_the_same_kinds_of_pixels(walked, monkeypatch):
+    """Left half seen directly, right half through glass; noise differs between them and what
+    neither shows."""
+    columns = np.arange(20)
+    left, right = columns < 9, columns >= 11
+
+    def see(scene, view, size):
+        width, height = size
+        x, y = np.meshgrid(np.arange(width), np.arange(height))
+        points = np.stack([x, y, 0 * x], axis=-1).astype(float)
+        ways = (np.broadcast_to(half, (height, width)) for half in (left, right))
+        return SeenPoints(points, *ways)
+
+    monkeypatch.setattr("stages.animate.see_points", see)
+    views = read_views(walked.results / "views.yaml")
+    error = np.where(left, 0.001, np.where(right, 0.002, 5.0))[None, :, None]
+    layers = {"radiance": np.full((16, 20, 3), 0.3), "standard_error": error * np.ones((16, 20, 3))}
+    layers = {name: layer.astype(np.float32) for name, layer in layers.items()}
+    for view in views.novel:
+        write_exr(walked.results / "reference" / f"{view.name}.exr", layers, {})
+    assert walked.stage("animate").code == 0
+    told = read_json(walked.results / "animation" / "flicker.json", "animate")
+    noise = told["noise_of_references"]
+    assert set(noise) == {"directly", "refracted"}
+    # Without the edges: 14 of 16 rows, 7 of the 9 columns of each half.
+    assert noise["directly"]["share"] == noise["refracted"]["share"] == pytest.approx(98 / 320)
+    ratio = noise["refracted"]["change"] / noise["directly"]["change"]
+    assert ratio == pytest.approx(2, rel=0.01)
+    alone = change_of_noise(*(layers[key][:, :9] for key in layers), views.exposure)
+    assert noise["directly"]["change"] == pytest.approx(alone, rel=1e-5)

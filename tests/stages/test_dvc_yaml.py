@@ -68,6 +68,10 @@ LOADED = {
     **SYSTEMS,
 }
 
+# Imported for systems that learn from the field's targets: of these lists none does.
+FOR_TARGETS = "stages/field_effort.py"
+WITHOUT_TARGETS = ("classical", "equal_time")
+
 # Parameters that Workspace reads on the way, by the names that it reads them for.
 BEHIND = {"film_size": "film", "sensor": "film"}
 # Properties of a section, by the parameters that they read.
@@ -131,7 +135,8 @@ def needed_by(stage: str) -> set[str]:
     if stage == "scene":
         for builder in sorted(PROJECT.glob("scenes/*/build.py")):
             loaded |= imports_of(builder.relative_to(PROJECT).as_posix())
-    return closure(stage_file(stage), *loaded)
+    needed = closure(stage_file(stage), *loaded)
+    return needed - {FOR_TARGETS} if stage in WITHOUT_TARGETS else needed
 
 
 def stage_file(stage: str) -> str:
@@ -270,6 +275,12 @@ def test_every_parameter_that_a_stage_reads_is_declared(stage):
     assert missing == set()
 
 
+@pytest.mark.parametrize("stage", WITHOUT_TARGETS)
+def test_systems_that_depend_on_the_fields_training_are_of_no_other_list(stage):
+    assert not any(PARAMS.baselines[m].learns_from_targets for m in LISTED[stage])
+    assert PARAMS.baselines["radiance_cache"].learns_from_targets
+
+
 def test_the_reader_of_parameters_sees_them():
     assert "train.steps" in read_params_of("stages/train_settings.py")
     assert "field.anisotropic" in read_params_of("stages/train_settings.py")
@@ -307,6 +318,14 @@ def test_all_that_the_pipeline_writes_is_an_output(built):
     idle = [entry for entry in made if not any(covers([entry], file) for file in files)]
     # A variant that is the field as it is has a folder with nothing in it.
     assert idle == ["results/cornell_box/ablations/all"] and (built.folder / idle[0]).is_dir()
+
+
+def test_flicker_is_a_metric_of_each_scene_that_is_animated():
+    """DVC has no loop over such entries."""
+    listed = [f"results/{scene}/animation/flicker.json" for scene in PARAMS.animation.scenes]
+    assert pipeline()["metrics"] == listed
+    # Within an output of the stage, that is, and of no stage's metrics.
+    assert "results/${item}/animation" in outs("animate")
 
 
 def test_expensive_outputs_survive_a_rerun():

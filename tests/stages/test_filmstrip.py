@@ -107,6 +107,25 @@ def test_without_the_encoder_it_is_said_what_brings_it(frames, tmp_path, monkeyp
     assert not (tmp_path / "film.mp4").exists()
 
 
+def test_an_encoder_that_fails_is_told_in_its_own_words(frames, tmp_path, monkeypatch):
+    program = tmp_path / "encoder"
+    program.write_text("#!/bin/sh\ncat > /dev/null\necho 'no room for x264' >&2\nexit 3\n")
+    program.chmod(0o755)
+    monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", lambda: str(program))
+    with pytest.raises(
+        UserError, match=r"film\.mp4: could not be encoded: no room for x264\. .*pip"
+    ):
+        filmstrip.write_film(tmp_path / "film.mp4", frames, 12)
+    assert [path.name for path in tmp_path.iterdir()] == ["encoder"]
+
+    def find_none():
+        raise RuntimeError("No ffmpeg exe could be found")
+
+    monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", find_none)
+    with pytest.raises(UserError, match="brings no encoder: No ffmpeg exe"):
+        filmstrip.write_film(tmp_path / "film.mp4", frames, 12)
+
+
 def test_sizes_of_panels():
     assert film_panel((20, 16)) == (320, 256) and film_panel((1280, 720)) == (683, 384)
     width, height = picture_panel((256, 256), 5)
