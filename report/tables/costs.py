@@ -59,7 +59,7 @@ def cost_table(results: Results) -> Table:
     return Table(
         name="costs",
         title="What a method costs",
-        caption="Preparation happens once per scene, for all with what they learn from: photons and "
+        caption="Preparation happens once per scene, and counts what is learned from: photons and "
         "targets for the field, targets for the radiance cache, references for systems that learn "
         "from pictures. "
         f"× path: time per view over that of a view by {PATH}, in the same run. Times are without "
