@@ -18,7 +18,7 @@ from report.results import CEILING, FIELD, Results
 PAGES = (Path("README.md"), *sorted(Path("docs").glob("*.md")))
 FIGURES = Path("results/figures")
 IMAGES = Path("docs/images")
-PICTURES = ("teaser", "cumulative_cost")
+PICTURES = ("teaser", "cumulative_cost", "quality_time", "comparison_water_caustic_2")
 
 _MARKS = re.compile(r"<!-- (\w+) -->\n.*?<!-- /\1 -->", re.DOTALL)
 
