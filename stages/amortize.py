@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import pandas as pd
 
-from gpf.artifacts import read_json, write_atomically, write_json, write_text
+from gpf.artifacts import read_json, write_json, write_text
 from metrics.cost import CostLine, break_even, cumulative
 from metrics.worth import worth_passes
 from stages.costs import KINDS
@@ -82,8 +77,7 @@ def seconds_of_all(work: Workspace) -> pd.DataFrame:
 
 
 def amortize(scene_name: str) -> None:
-    """Write the tables of costs and the figure of cumulative cost, and print the break-even
-    counts."""
+    """Write the tables of costs, and print the break-even counts."""
     work = Workspace.open(scene_name)
     write_text(work.all_costs, seconds_of_all(work).to_csv(index=False))
     lines = cost_lines(work)
@@ -101,51 +95,7 @@ def amortize(scene_name: str) -> None:
             },
         },
     )
-    _draw(work, lines, table, counts)
     for name, count in counts.items():
         passes = lines.passes if name == "SPPM" else lines.equal_passes
         views = "never" if count is None else f"from view {count} on"
         console.print(f"{scene_name}: GPF costs less than {name} ({passes} passes) {views}")
-
-
-def _draw(
-    work: Workspace, lines: Comparison, table: pd.DataFrame, counts: dict[str, int | None]
-) -> None:
-    figure, axes = plt.subplots(figsize=(6.4, 4.2), layout="constrained")
-    styles = ("-", "--", ":")
-    labels = (
-        f"GPF, {work.params.render.spp} spp",
-        f"SPPM, {lines.passes} passes",
-        f"SPPM at GPF's PSNR, {lines.equal_passes} passes",
-    )
-    for line, style, label in zip((lines.field, *lines.others), styles, labels, strict=True):
-        axes.plot(table["views"], table[line.name], style, color="black", label=label)
-    for count in counts.values():
-        if count is not None and count <= table["views"].iloc[-1]:
-            cost = table.loc[table["views"] == count, lines.field.name].iloc[0]
-            axes.plot(count, cost, "o", color="black", markersize=5)
-            axes.annotate(
-                f"{count} view{'s' if count > 1 else ''}",
-                (count, cost),
-                textcoords="offset points",
-                xytext=(6, -12),
-            )
-    axes.set(
-        xscale="log",
-        yscale="log",
-        xlabel="views",
-        ylabel="seconds in all, preparation included",
-        title=f"{work.scene}: cost of n views",
-    )
-    axes.legend(frameon=False)
-    axes.grid(True, which="both", alpha=0.2)
-    for suffix in (".svg", ".png"):
-        path = work.folder / f"cost{suffix}"
-        write_atomically(
-            path, lambda p: figure.savefig(p, dpi=120, metadata=_NO_DATE.get(p.suffix))
-        )
-    plt.close(figure)
-
-
-# Without a date, the same numbers give the same file.
-_NO_DATE = {".svg": {"Date": None}}
