@@ -79,8 +79,8 @@ def seconds_of_all(work: Workspace) -> pd.DataFrame:
 def amortize(scene_name: str) -> None:
     """Write the tables of costs, and print the break-even counts."""
     work = Workspace.open(scene_name)
-    write_text(work.all_costs, seconds_of_all(work).to_csv(index=False))
-    lines = cost_lines(work)
+    lines, seconds = cost_lines(work), seconds_of_all(work)
+    write_text(work.all_costs, seconds.to_csv(index=False))
     table = cumulative([lines.field, *lines.others], range(1, work.params.amortize.views + 1))
     write_text(work.folder / "cost.csv", table.to_csv(index=False))
     counts = {other.name: break_even(lines.field, other) for other in lines.others}
