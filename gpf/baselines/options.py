@@ -6,6 +6,7 @@ tells the model that its other keys have to fit.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -25,9 +26,9 @@ class _Options(BaseModel):
     scenes: tuple[str, ...] = ()
 
     @property
+    @abstractmethod
     def title(self) -> str:
         """The method's name in tables and figures."""
-        raise NotImplementedError
 
     @property
     def training_views(self) -> int:
