@@ -23,6 +23,7 @@ PACKAGES = ("gpf", "stages", "metrics", "report")
 NO_INFLUENCE = {
     "gpf/__init__.py",
     "gpf/config.py",
+    "gpf/config_sections.py",
     "gpf/errors.py",
     "gpf/integrators/__init__.py",
     "gpf/runtime.py",
