@@ -12,6 +12,7 @@ import numpy as np
 from gpf.bounds import scene_bounds
 from gpf.config import read_params
 from gpf.errors import UserError
+from gpf.field_files import read_field
 from gpf.images import read_exr
 from gpf.supervision import Targets
 from gpf.training import Trainer
@@ -57,6 +58,7 @@ def time_training(scene_name: str) -> tuple[float, float, float]:
     section, views = work.params.train, work.views.novel
     references = {v.name: read_exr(work.reference(v.name), "reference")[0] for v in views}
     photons = photons_for_field(work, load_photons(work))
+    count = len(read_field(work.field).tensors["means"])
     integrator = mi.load_dict({"type": "gpf"})
     settings = training_settings(work)
     curve: list[tuple[float, float]] = []
@@ -65,7 +67,7 @@ def time_training(scene_name: str) -> tuple[float, float, float]:
     for _ in range(2):
         curve.clear()
         start = time.perf_counter()
-        field = initial_field(work, photons, targets, scene_bounds(scene))
+        field = initial_field(work, count, photons, targets, scene_bounds(scene))
         trainer = Trainer(field, supervise(work, targets), replace(settings, steps=section.steps))
         checking = 0.0
         while trainer.step_count < section.steps:

@@ -1,9 +1,10 @@
 """Camera samples where they are needed: pixels that a few samples leave noisy get more of them.
 
 Most of an image is known after a few samples per pixel: the field has no noise. What is left is in
-few pixels, behind glass and along edges. A pilot of a quarter of the samples finds them; the rest
-is given to pixels in proportion to their noise (Neyman's allocation), in sets as large as the
-pilot's, so that all samples are one kernel's and each set is as evenly spread as the sampler can.
+few pixels, behind glass and along edges. A pilot of half of the samples finds them; the rest is
+given to pixels in proportion to their noise (Neyman's allocation), in sets as large as the pilot's,
+so that all samples are one kernel's. Within a set they are as evenly spread as the sampler can,
+which is why sets are large: a fine texture is worth more of that than of the allocation.
 
 How many sets a pixel gets is decided by the pilot's samples in the pixels *around* it, never by
 its own. A pixel whose pilot missed something bright would otherwise get few more samples, one that
@@ -73,14 +74,26 @@ def sample_adaptively(
 
 
 def _choose_set(sampler: mi.Sampler, spp: int) -> int:
-    """How many samples a set has: a square, which samplers divide evenly in both dimensions.
+    """How many samples a set has, which the sampler divides evenly in both dimensions.
 
-    No more than a quarter of all, and the largest of which whole multiples leave no more than a
-    twentieth of the samples unused. The sampler may make another number of it.
+    No more than half of all, and the largest of which whole multiples leave no more than a
+    sixteenth of the samples unused. The sampler may make another number of it.
     """
-    squares = [n * n for n in range(2, math.isqrt(spp // 4) + 1)]
-    sampler.set_sample_count(max(n for n in squares if n == 4 or 20 * (spp % n) <= spp))
+    sizes = [n for n in range(4, spp // 2 + 1) if _is_even(sampler, n)]
+    sampler.set_sample_count(max(n for n in sizes if n == 4 or 16 * (spp % n) <= spp))
     return int(sampler.sample_count())
+
+
+def _is_even(sampler: mi.Sampler, n: int) -> bool:
+    """Whether a sampler has grids of ``n`` cells: most have squares alone."""
+    side = math.isqrt(n)
+    match sampler.class_name():
+        case "MultijitterSampler":
+            return n % side == 0
+        case "LowDiscrepancySampler":
+            return n == side * side and side.bit_count() == 1
+        case _:
+            return n == side * side
 
 
 def tile_order(width: int, height: int) -> np.ndarray:

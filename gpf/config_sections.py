@@ -117,6 +117,7 @@ class FieldSection(Section):
 
     gaussians: AutoCount = 100_000
     initialization: Literal["photons", "random"] = "photons"
+    fill_gaps: bool = True
     initial_colour: Literal["targets", "density", "flux"] = "targets"
     initial_scale: Length = "auto"
     search_radius: Length = "auto"

@@ -12,7 +12,7 @@ import numpy as np
 from gpf.density import PhotonDensity
 from gpf.gaussians import Gaussians
 from gpf.spatial_hash import SpatialHash
-from gpf.structs import Photons
+from gpf.structs import Photons, concatenate, take
 
 
 @dataclass(frozen=True)
@@ -37,19 +37,28 @@ class InitializationSettings:
 
 
 def initialize_gaussians(
-    photons: Photons, settings: InitializationSettings, bounds: tuple[Any, Any], seed: int
+    photons: Photons,
+    settings: InitializationSettings,
+    bounds: tuple[Any, Any],
+    seed: int,
+    gaps: Photons | None = None,
 ) -> Gaussians:
     """One Gaussian for each of M photons: mean at the photon, random orientation, equal scales.
 
-    With fewer than M photons, all of them are used: the field then has fewer Gaussians.
+    With fewer than M photons, all of them are used: the field then has fewer Gaussians. Photons in
+    ``gaps`` are among those in any case (:mod:`gpf.gap_filling`).
     """
     rng = np.random.default_rng(seed)
     available = dr.width(photons.p)
-    count = min(settings.gaussians, available)
-    chosen = mi.UInt32(np.sort(rng.permutation(available)[:count]).astype(np.uint32))
-    means = dr.gather(mi.Point3f, photons.p, chosen)
-    normals = dr.gather(mi.Normal3f, photons.n, chosen)
-    irradiance = dr.gather(mi.Color3f, photons.power, chosen)
+    filling = 0 if gaps is None else dr.width(gaps.p)
+    count = min(settings.gaussians - filling, available)
+    origins = take(
+        photons, mi.UInt32(np.sort(rng.permutation(available)[:count]).astype(np.uint32))
+    )
+    if gaps is not None and filling:
+        origins = concatenate([origins, gaps])
+        count += filling
+    means, normals, irradiance = origins.p, origins.n, origins.power
     if settings.source == "random":
         lower, upper = (np.array([b[i] for i in range(3)]) for b in bounds)
         means = mi.Point3f(rng.uniform(lower, upper, (count, 3)).T.astype(np.float32))

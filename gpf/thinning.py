@@ -29,7 +29,8 @@ def thin_photons(
     looks: visible points of cameras, (L,).
     width: of the grid's cells, world units.
     """
-    p, seen = _places(photons, width), _places(looks, width)
+    p = oriented_places(to_numpy(photons.p), to_numpy(photons.n), width)
+    seen = oriented_places(to_numpy(looks.p), to_numpy(looks.n), width)
     photon, look = count_in_cells(p, width, p, seen)
     ratio = (look / len(seen)) / (photon / len(p))
     # Where no look fell into the cell, half of one might have.
@@ -43,12 +44,12 @@ def thin_photons(
     return kept
 
 
-def _places(points: Photons | VisiblePoints, width: float) -> np.ndarray:
-    """Positions, and as a fourth coordinate which of the six axes the normal is nearest to."""
-    n = to_numpy(points.n)
+def oriented_places(p: np.ndarray, n: np.ndarray, width: float) -> np.ndarray:
+    """Positions (N, 3), and as a fourth coordinate which of the six axes their normals (N, 3) are
+    nearest to: cells of ``width`` are then of one surface each, (N, 4)."""
     axis = np.abs(n).argmax(axis=1)
     side = np.take_along_axis(n, axis[:, None], axis=1)[:, 0] > 0
-    return np.column_stack([to_numpy(points.p), (2 * axis + side + 0.5) * width])
+    return np.column_stack([p, (2 * axis + side + 0.5) * width])
 
 
 def count_in_cells(at: np.ndarray, width: float, *sets: np.ndarray) -> list[np.ndarray]:

@@ -18,13 +18,15 @@ import numpy as np
 from gpf.bounds import scene_bounds
 from gpf.emission import Source
 from gpf.film import sample_film
+from gpf.outlook import Outlook
 from gpf.pass_parts import PassParts
 from gpf.photon_map import collect_photons
+from gpf.photon_tracing import record_photons
 from gpf.progressive import PassSettings, propose_radius
 from gpf.reference import ReferenceRenderer, fixed_points
 from gpf.seeds import pass_seed
-from gpf.structs import Photons, VisiblePoints
-from gpf.surface_samples import sample_surface_points
+from gpf.structs import Photons, VisiblePoints, take
+from gpf.surface_samples import Places, sample_surface_points
 from gpf.views import View
 from stages.costs import CostMeter
 from stages.lookout import Lookout
@@ -36,6 +38,9 @@ GROUPS = ("train", "novel", "ceiling", "more")
 
 # With `photons_per_pass: auto`, a pass is as good as so many paths that bring equal power.
 EQUAL_PATHS = 50_000
+
+# Paths whose photons tell what is lit beyond the outlook.
+BEYOND_PATHS = 100_000
 
 
 @dataclass(frozen=True)
@@ -63,6 +68,17 @@ class Job:
         """Photons in the outlook, of so many paths."""
         outlook, source = self.lookout.outlook, self.lookout.source
         return collect_photons(self.scene, outlook, paths, seed, self.settings.rr_depth, source)
+
+    def collect_beyond(self, outlook: Outlook, seed: int) -> Photons:
+        """Photons that land elsewhere."""
+        photons = record_photons(
+            self.scene,
+            paths=BEYOND_PATHS,
+            seed=pass_seed(seed, 0, stream=13),
+            rr_depth=self.settings.rr_depth,
+            source=self.lookout.source,
+        )
+        return take(photons, dr.compress(~outlook.contains(photons.p, photons.n)))
 
 
 @dataclass(frozen=True)
@@ -140,7 +156,7 @@ def target_points(
     """Fixed points of a share of the views' pixels, and at most so many samples of surfaces.
 
     The surfaces are where ``photons`` lie, by default twice as many as a pass has: there is to be
-    a choice.
+    a choice; and where cameras look.
     """
     work, scene, settings = job.work, job.scene, job.settings
     points = {
@@ -149,8 +165,12 @@ def target_points(
     if surfaces > 0:
         if photons is None:
             photons = job.collect(2 * settings.photons_per_pass, seed)
+        outlook = job.lookout.outlook
+        places = Places(photons)
+        if outlook is not None:
+            places = Places(photons, outlook.points, job.collect_beyond(outlook, seed))
         points[SURFACES] = sample_surface_points(
-            photons, surfaces, settings.initial_radius, scene_bounds(scene), seed
+            places, surfaces, settings.initial_radius, scene_bounds(scene), seed
         )
     return points
 

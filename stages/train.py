@@ -17,6 +17,7 @@ from gpf.bounds import scene_bounds
 from gpf.errors import UserError
 from gpf.field import FieldSettings, GaussianPhotonField
 from gpf.field_files import save_field
+from gpf.gap_filling import find_gaps
 from gpf.initialization import (
     InitializationSettings,
     initialize_gaussians,
@@ -221,11 +222,6 @@ def initial_field(
         scale=scale,
         density_radius=radius,
     )
-    gaussians = initialize_gaussians(photons, initial, bounds, seed=work.params.train.seed)
-    if section.stores == "radiance":
-        # Photons know nothing of what reflects their light; views do, on average.
-        mean = targets.select("views").reflectance.mean(axis=0) / np.pi
-        gaussians.irradiance *= mi.Color3f(*(float(c) for c in mean))
     settings = FieldSettings(
         search_radius=radius,
         k=section.k,
@@ -235,4 +231,14 @@ def initial_field(
         direct=section.direct,
         normal_test=section.normal_test,
     )
+    seed = work.params.train.seed
+    gaussians = initialize_gaussians(photons, initial, bounds, seed)
+    if section.fill_gaps and section.initialization == "photons":
+        field = GaussianPhotonField(gaussians, settings, bounds)
+        gaps = find_gaps(field, targets.position, targets.normal, seed)
+        gaussians = initialize_gaussians(photons, initial, bounds, seed, gaps)
+    if section.stores == "radiance":
+        # Photons know nothing of what reflects their light; views do, on average.
+        mean = targets.select("views").reflectance.mean(axis=0) / np.pi
+        gaussians.irradiance *= mi.Color3f(*(float(c) for c in mean))
     return GaussianPhotonField(gaussians, settings, bounds)

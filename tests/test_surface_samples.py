@@ -8,7 +8,8 @@ import pytest
 from gpf.bounds import scene_bounds
 from gpf.errors import UserError
 from gpf.photon_tracing import record_photons
-from gpf.surface_samples import sample_surface_points
+from gpf.structs import VisiblePoints
+from gpf.surface_samples import Places, sample_surface_points
 
 
 def lit_floor(looks_down: bool = True) -> mi.Scene:
@@ -35,10 +36,28 @@ def lit_floor(looks_down: bool = True) -> mi.Scene:
     )
 
 
-def sample(count: int, paths: int, radius: float, looks_down: bool = True):
+def sample(count: int, paths: int, radius: float, looks_down: bool = True, **sets):
     scene = lit_floor(looks_down)
     photons = record_photons(scene, paths=paths, seed=3)
-    return sample_surface_points(photons, count, radius, scene_bounds(scene), seed=3)
+    return sample_surface_points(
+        Places(photons, **sets), count, radius, scene_bounds(scene), seed=3
+    )
+
+
+def seen_at(height: float, count: int) -> VisiblePoints:
+    """Visible points all over a plane of the floor's size, at a height."""
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform([[-2], [-1]], [[2], [1]], (2, count))
+    return VisiblePoints(
+        p=mi.Point3f(x, y, height),
+        n=mi.Normal3f(0, 0, dr.full(mi.Float, 1, count)),
+        reflectance=mi.Color3f(0.5),
+        throughput=mi.Color3f(1),
+        emission=mi.Color3f(0),
+        depth=mi.UInt32(0),
+        valid=dr.full(mi.Bool, True, count),
+        lit=mi.Bool(False),
+    )
 
 
 def test_surface_points_lie_on_the_lit_surface_and_are_spread():
@@ -53,6 +72,32 @@ def test_surface_points_lie_on_the_lit_surface_and_are_spread():
     assert 0.25 < below < 0.6
     left = np.mean(x < 0)
     assert left > 0.1  # half of the floor gets next to no light, but its points
+
+
+def test_what_is_seen_in_the_dark_has_its_share():
+    points = sample(3000, paths=20_000, radius=0.1, seen=seen_at(-0.5, 5000))
+    dark = np.array(points.p.z) < -0.25
+    # All of the second half but what is on the floor, which is as large.
+    assert 0.2 < dark.mean() < 0.3
+    assert np.std(np.array(points.p.x)[dark]) > 1.0  # 4 / √12 = 1.15, where it is uniform
+    assert np.mean(np.array(points.p.x)[dark] < 0) == pytest.approx(0.5, abs=0.08)
+
+
+def test_a_tenth_lies_beyond():
+    sets = {"seen": seen_at(-0.5, 5000), "beyond": seen_at(0.25, 1000)}
+    points = sample(3000, paths=20_000, radius=0.1, **sets)
+    assert np.count_nonzero(np.array(points.p.z) > 0.2) == 300
+    sets["beyond"] = seen_at(0.25, 70)
+    points = sample(3000, paths=20_000, radius=0.1, **sets)
+    assert np.count_nonzero(np.array(points.p.z) > 0.2) == 70
+    assert dr.width(points.p) == 3000
+
+
+def test_a_point_is_chosen_once():
+    sets = {"seen": seen_at(0.0, 300), "beyond": seen_at(-0.5, 40)}
+    points = sample(100_000, paths=1000, radius=0.1, **sets)
+    places = np.unique(np.array(points.p), axis=1)
+    assert places.shape[1] == dr.width(points.p) > 800
 
 
 def test_no_more_surface_points_than_photons():
