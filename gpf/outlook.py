@@ -84,6 +84,10 @@ class Outlook:
         """The photons that landed on it."""
         return take(photons, dr.compress(self.contains(photons.p, photons.n)))
 
+    def reject(self, photons: Photons) -> Photons:
+        """The photons that landed elsewhere."""
+        return take(photons, dr.compress(~self.contains(photons.p, photons.n)))
+
 
 def look_out(scene: mi.Scene, sensor: mi.Sensor, samples: int, seed: int) -> VisiblePoints:
     """Visible points of a view's rays and of rays that begin somewhere along them, (samples,)."""

@@ -14,7 +14,8 @@ from gpf.errors import UserError
 from gpf.seeds import pass_seed
 from gpf.structs import Photons, VisiblePoints, concatenate
 
-# The share of the points that lie beyond what is seen.
+# The share of the points, and of the work of gathering photons at them, that lies beyond what is
+# seen: where most of the light is, as in the room next door, points cost most.
 BEYOND = 0.1
 
 
@@ -26,11 +27,13 @@ class Places:
     ----------
     lit: photons where cameras look.
     seen: visible points of cameras, all of them valid.
-    beyond: photons where no camera looks that is known, but one that stands elsewhere may.
+    arrivals: photons of some paths, wherever they landed.
+    beyond: those of them where no camera looks that is known, but one that stands elsewhere may.
     """
 
     lit: Photons
     seen: VisiblePoints | None = None
+    arrivals: Photons | None = None
     beyond: Photons | None = None
 
 
@@ -43,18 +46,20 @@ def sample_surface_points(
     from photons and visible points, with probabilities in inverse proportion to their density on
     their surface (within ``radius``, world units), which makes it nearly uniform over all that is
     lit or seen, and twice as dense along edges: joints and shadows get photons too seldom to be
-    learned from photons alone. A share, :data:`BEYOND`, is spread likewise over the rest.
+    learned from photons alone. A share, :data:`BEYOND`, is spread likewise over what lies beyond.
     """
     lit = dr.width(places.lit.p)
     if lit == 0:
         raise UserError(
             "scene", "no photon reached a diffuse surface", "Check where the emitters point."
         )
-    sets = [s for s in (places.lit, places.seen, places.beyond) if s is not None]
-    p, n = concatenate([s.p for s in sets]), concatenate([s.n for s in sets])
-    every, beyond = dr.width(p), 0 if places.beyond is None else dr.width(places.beyond.p)
+    beyond = 0 if places.beyond is None else dr.width(places.beyond.p)
+    sets = [places.lit, places.seen, places.beyond if beyond else None]
+    p = concatenate([s.p for s in sets if s is not None])
+    n = concatenate([s.n for s in sets if s is not None])
+    every = dr.width(p)
     known = every - beyond
-    sparse = 1 / _density(p, n, radius, bounds)
+    sparse = 1 / _at(_alike(p, n, radius, bounds), p, n, np.arange(every))
     rng = np.random.default_rng(pass_seed(seed, 0, stream=5))
 
     def spread(start: int, stop: int, number: int) -> np.ndarray:
@@ -70,7 +75,12 @@ def sample_surface_points(
     first = rng.choice(lit, min(near // 2, lit), replace=False)
     sparse[first] = 0  # they are in already
     second = spread(0, known, near - len(first))
-    chosen = mi.UInt32(np.sort(np.concatenate([first, second, third])).astype(np.uint32))
+    here = np.concatenate([first, second])
+    if len(third) and places.arrivals is not None:
+        arrivals = _alike(places.arrivals.p, places.arrivals.n, radius, bounds)
+        work = [_at(arrivals, p, n, points).mean() for points in (here, third)]
+        third = rng.permutation(third)[: round(min(1, work[0] / work[1]) * len(third))]
+    chosen = mi.UInt32(np.sort(np.concatenate([here, third])).astype(np.uint32))
     return VisiblePoints(
         p=dr.gather(mi.Point3f, p, chosen),
         n=dr.gather(mi.Normal3f, n, chosen),
@@ -78,15 +88,21 @@ def sample_surface_points(
         throughput=mi.Color3f(1),
         emission=mi.Color3f(0),
         depth=mi.UInt32(0),
-        valid=dr.full(mi.Bool, True, count),
+        valid=dr.full(mi.Bool, True, dr.width(chosen)),
         lit=mi.Bool(False),
     )
 
 
-def _density(p: mi.Point3f, n: mi.Normal3f, radius: float, bounds: tuple[Any, Any]) -> np.ndarray:
-    """How many points (N, 3) lie around each of them, up to a factor, (N,)."""
+def _alike(p: mi.Point3f, n: mi.Normal3f, radius: float, bounds: tuple[Any, Any]) -> PhotonDensity:
+    """The density of points (N, 3), as of photons of equal power."""
     count = dr.width(p)
     power = mi.Color3f(dr.full(mi.Float, 1, count))
     alike = Photons(p=p, n=n, power=power, depth=dr.zeros(mi.UInt32, count))
-    density = PhotonDensity(alike, radius, bounds).irradiance(p, n)
-    return np.asarray(density.x.numpy(), dtype=np.float64)
+    return PhotonDensity(alike, radius, bounds)
+
+
+def _at(density: PhotonDensity, p: mi.Point3f, n: mi.Normal3f, chosen: np.ndarray) -> np.ndarray:
+    """A density at some of the points, (len(chosen),)."""
+    lanes = mi.UInt32(chosen.astype(np.uint32))
+    found = density.irradiance(dr.gather(mi.Point3f, p, lanes), dr.gather(mi.Normal3f, n, lanes))
+    return np.asarray(found.x.numpy(), dtype=np.float64)

@@ -18,14 +18,13 @@ import numpy as np
 from gpf.bounds import scene_bounds
 from gpf.emission import Source
 from gpf.film import sample_film
-from gpf.outlook import Outlook
 from gpf.pass_parts import PassParts
 from gpf.photon_map import collect_photons
 from gpf.photon_tracing import record_photons
 from gpf.progressive import PassSettings, propose_radius
 from gpf.reference import ReferenceRenderer, fixed_points
 from gpf.seeds import pass_seed
-from gpf.structs import Photons, VisiblePoints, take
+from gpf.structs import Photons, VisiblePoints
 from gpf.surface_samples import Places, sample_surface_points
 from gpf.views import View
 from stages.costs import CostMeter
@@ -40,7 +39,7 @@ GROUPS = ("train", "novel", "ceiling", "more")
 EQUAL_PATHS = 50_000
 
 # Paths whose photons tell what is lit beyond the outlook.
-BEYOND_PATHS = 100_000
+ARRIVAL_PATHS = 100_000
 
 
 @dataclass(frozen=True)
@@ -69,16 +68,15 @@ class Job:
         outlook, source = self.lookout.outlook, self.lookout.source
         return collect_photons(self.scene, outlook, paths, seed, self.settings.rr_depth, source)
 
-    def collect_beyond(self, outlook: Outlook, seed: int) -> Photons:
-        """Photons that land elsewhere."""
-        photons = record_photons(
+    def arrivals(self, seed: int) -> Photons:
+        """Photons of some paths, wherever they land."""
+        return record_photons(
             self.scene,
-            paths=BEYOND_PATHS,
+            paths=ARRIVAL_PATHS,
             seed=pass_seed(seed, 0, stream=13),
             rr_depth=self.settings.rr_depth,
             source=self.lookout.source,
         )
-        return take(photons, dr.compress(~outlook.contains(photons.p, photons.n)))
 
 
 @dataclass(frozen=True)
@@ -168,7 +166,8 @@ def target_points(
         outlook = job.lookout.outlook
         places = Places(photons)
         if outlook is not None:
-            places = Places(photons, outlook.points, job.collect_beyond(outlook, seed))
+            arrivals = job.arrivals(seed)
+            places = Places(photons, outlook.points, arrivals, outlook.reject(arrivals))
         points[SURFACES] = sample_surface_points(
             places, surfaces, settings.initial_radius, scene_bounds(scene), seed
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,12 @@ def group_record(
     }
 
 
+@cache
 def code_digest() -> str:
-    """A hash of the code that decides what a reference looks like, without its comments."""
+    """A hash of the code that decides what a reference looks like, without its comments.
+
+    That of this process, whatever becomes of the files while it runs.
+    """
     folder = Path(gpf.__file__).parent
     return digest_code(folder / f"{name}.py" for name in _CODE.split())
 

@@ -8,7 +8,7 @@ import pytest
 from gpf.bounds import scene_bounds
 from gpf.errors import UserError
 from gpf.photon_tracing import record_photons
-from gpf.structs import VisiblePoints
+from gpf.structs import Photons, VisiblePoints, concatenate, take
 from gpf.surface_samples import Places, sample_surface_points
 
 
@@ -87,10 +87,29 @@ def test_a_tenth_lies_beyond():
     sets = {"seen": seen_at(-0.5, 5000), "beyond": seen_at(0.25, 1000)}
     points = sample(3000, paths=20_000, radius=0.1, **sets)
     assert np.count_nonzero(np.array(points.p.z) > 0.2) == 300
+    sets["beyond"] = take(sets["beyond"], mi.UInt32())
+    points = sample(3000, paths=20_000, radius=0.1, **sets)
+    assert dr.width(points.p) == 3000
     sets["beyond"] = seen_at(0.25, 70)
     points = sample(3000, paths=20_000, radius=0.1, **sets)
     assert np.count_nonzero(np.array(points.p.z) > 0.2) == 70
     assert dr.width(points.p) == 3000
+
+
+def test_beyond_costs_no_more_than_its_share():
+    """Where ten times as many photons arrive, there are a tenth as many points."""
+    sets = {"seen": seen_at(-0.5, 5000), "beyond": seen_at(0.25, 1000)}
+    floor, above = seen_at(0.0, 2000), seen_at(0.25, 20_000)
+    below = seen_at(-0.5, 2000)
+    p = concatenate([floor.p, below.p, above.p])
+    n = concatenate([floor.n, below.n, above.n])
+    every = dr.width(p)
+    power = mi.Color3f(dr.full(mi.Float, 1, every))
+    arrivals = Photons(p=p, n=n, power=power, depth=dr.zeros(mi.UInt32, every))
+    points = sample(3000, paths=20_000, radius=0.1, arrivals=arrivals, **sets)
+    # A bit more than of the floor's points, most of which lie below its lamp and not at the border.
+    assert 25 < np.count_nonzero(np.array(points.p.z) > 0.2) < 45
+    assert np.count_nonzero(np.array(points.p.z) < 0.2) == 2700
 
 
 def test_a_point_is_chosen_once():
