@@ -19,12 +19,11 @@ import numpy as np  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
+from benchmarks.single_passes import SinglePasses  # noqa: E402
 from gpf.images import read_exr  # noqa: E402
-from gpf.reference import ReferenceRenderer  # noqa: E402
 from metrics.image import psnr  # noqa: E402
 from metrics.worth import worth_passes  # noqa: E402
 from stages.amortize import mean_convergence  # noqa: E402
-from stages.groups import Job  # noqa: E402
 from stages.render import FieldRenderer  # noqa: E402
 from stages.workspace import Workspace  # noqa: E402
 
@@ -71,29 +70,6 @@ def compare(work: Workspace) -> list[list[str]]:
             ]
         )
     return rows
-
-
-class SinglePasses:
-    """SPPM for one view, a pass at a time."""
-
-    def __init__(self, work: Workspace) -> None:
-        job = Job.open(work)
-        view = work.views.novel[0]
-        self.passes = work.params.reference.passes
-        sensors = {view.name: work.sensor(view)}
-        seed, source = work.params.reference.seed, job.lookout.source
-        self.renderer = ReferenceRenderer(job.scene, sensors, {}, job.settings, seed, source)
-        for _ in range(2):  # compile
-            self.renderer.run_pass(1)
-
-    def seconds(self, parts: int, k: int, samples: int = 8) -> float:
-        """Mean over passes of the ``k``-th of so many parts: they get cheaper as radii shrink."""
-        first, last = 1 + self.passes * k // parts, self.passes * (k + 1) // parts
-        numbers = np.linspace(first, max(first, last), samples).astype(int)
-        start = time.perf_counter()
-        for t in numbers:
-            self.renderer.run_pass(int(t))
-        return (time.perf_counter() - start) / samples
 
 
 if __name__ == "__main__":

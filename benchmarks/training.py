@@ -17,13 +17,8 @@ from gpf.images import read_exr
 from gpf.supervision import Targets
 from gpf.training import Trainer
 from metrics.image import psnr
-from stages.train import (
-    initial_field,
-    load_photons,
-    photons_for_field,
-    supervise,
-    training_settings,
-)
+from stages.train_settings import training_settings
+from stages.training_inputs import initial_field, load_photons, photons_for_field, supervise
 from stages.workspace import Workspace
 
 CHECK_EVERY = 50

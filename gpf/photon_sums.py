@@ -127,28 +127,28 @@ class PhotonSums:
 
     def photons(self) -> Photons:
         """One photon for each cell, in the order of cells: the powers are of all paths so far."""
-        keys = np.asarray(self._keys.numpy())
-        slots = np.flatnonzero(keys)
-        slots = slots[np.argsort(keys[slots])]
-        keys = keys[slots]
-        sums = np.asarray(self._sums.numpy()).reshape(-1, _LINE)[slots]
-        power, places = sums[:, :3], sums[:, 3:5]
-        low, high = places & 0xFFFFFFFF, places >> 32
-        count = high[:, 1:]
-        inside = (np.stack([low[:, 0], high[:, 0], low[:, 1]], axis=1) / count + 0.5) / _PLACES
-        corner = np.stack([(keys >> (16 * k)) & 0xFFFF for k in range(3)], axis=1)
-        lower = np.array([self._lower[k][0] for k in range(3)])
-        position = lower + (corner + inside) * self._cell[0]
-        thirds = np.stack([(keys >> (48 + 3 * k)) & 7 for k in range(3)], axis=1)
-        normal = thirds.astype(np.float64) - _NORMAL_STEPS
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        scale = self._unit / max(self.paths, 1)
-        return Photons(
-            p=mi.Point3f(_columns(position)),
-            n=mi.Normal3f(_columns(normal)),
-            power=mi.Color3f(_columns(power * scale)),
-            depth=dr.full(mi.UInt32, int(self._indirect), len(keys)),
+        taken = dr.compress(self._keys != 0)
+        if dr.width(taken) == 0:
+            return dr.zeros(Photons, 0)
+        found = np.asarray(dr.gather(mi.UInt64, self._keys, taken).numpy())
+        slot = dr.gather(mi.UInt32, taken, mi.UInt32(np.argsort(found).astype(np.uint32)))
+        key = dr.gather(mi.UInt64, self._keys, slot)
+        red, green, blue, xy, zn = (
+            dr.gather(mi.UInt64, self._sums, _LINE * slot + k) for k in range(5)
         )
+        corner = mi.Vector3f(*(mi.Float((key >> (16 * k)) & 0xFFFF) for k in range(3)))
+        thirds = mi.Vector3f(*(mi.Float((key >> (48 + 3 * k)) & 7) for k in range(3)))
+        places = mi.Vector3f(*(mi.Float(mi.UInt32(v)) for v in (xy, xy >> 32, zn)))
+        inside = (places / mi.Float(mi.UInt32(zn >> 32)) + 0.5) / _PLACES
+        scale = dr.opaque(mi.Float, self._unit / max(self.paths, 1))
+        photons = Photons(
+            p=mi.Point3f(self._lower + self._cell * corner + self._cell * inside),
+            n=mi.Normal3f(dr.normalize(thirds - _NORMAL_STEPS)),
+            power=mi.Color3f(mi.Float(red), mi.Float(green), mi.Float(blue)) * scale,
+            depth=dr.full(mi.UInt32, int(self._indirect), len(found)),
+        )
+        dr.eval(photons)
+        return photons
 
     def _grow(self, capacity: int) -> None:
         """Move all cells into a larger table."""
@@ -171,7 +171,3 @@ def _pack(corner: mi.Vector3u, thirds: mi.Vector3u) -> mi.UInt64:
     for k in range(3):
         key |= (mi.UInt64(corner[k]) << (16 * k)) | (mi.UInt64(thirds[k]) << (48 + 3 * k))
     return key
-
-
-def _columns(rows: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(rows.T, np.float32)

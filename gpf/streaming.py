@@ -33,7 +33,7 @@ from gpf.training import Progress, Trainer
 CELL, TYPICAL_PASSES = 0.25, 100
 
 # Of the emitters, for each point whenever targets are asked for; and of their random numbers.
-DIRECT_SAMPLES = 16
+DIRECT_SAMPLES = 8
 DIRECT_STREAM = 1000
 
 # Of the seed of passes that are to be independent.
@@ -103,12 +103,15 @@ class PhotonStream:
         self._direct = dr.zeros(mi.Color3f, len(self._source))
         self._samples = 0
 
-    def independent(self) -> PhotonStream:
-        """As many passes of other photons, for the same points."""
+    def independent(self, every: int = 1) -> PhotonStream:
+        """As many passes of other photons, for one in ``every`` of the same points."""
         other = copy.copy(self)
+        other._source = self._source[::every]
+        lanes = every * dr.arange(mi.UInt32, len(other._source))
+        other._points = FixedPoints(self.scene, take(self._points.points, lanes))
         other.seed, other.count = pass_seed(self.seed, 0, INDEPENDENT_STREAM), 0
         other.sums = PhotonSums(self._cell, self._bounds, indirect=self._apart)
-        other._direct, other._samples = dr.zeros(mi.Color3f, len(self._source)), 0
+        other._direct, other._samples = dr.zeros(mi.Color3f, len(other._source)), 0
         other.advance(self.count)
         return other
 

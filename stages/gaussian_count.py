@@ -7,14 +7,16 @@ than a hundred thousand.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
-from gpf.field import GaussianPhotonField
-from gpf.structs import SurfacePoints
-from gpf.training import Trainer
+from gpf.streaming import PhotonStream
+from gpf.structs import Photons
+from gpf.supervision import Targets
+from gpf.training import Trainer, TrainingSettings
 from stages.progress import console
 from stages.train_settings import training_settings
+from stages.training_inputs import initial_field, supervise
 from stages.workspace import Workspace
 
 # Tried one after another, as shares of the most there may be, until the error rises. From the most
@@ -25,23 +27,27 @@ SHARES = (1, 1 / 4, 1 / 16)
 # learned yet, so that only judges who know other noise can tell.
 TRIAL, TRIAL_WITH_JUDGES = 0.5, 0.2
 
+# With judges, one in so many points is enough, and batches that are as much smaller.
+JUDGED_EVERY = 4
+
 
 def choose_count(
     work: Workspace,
-    make_field: Callable[[int], GaussianPhotonField],
-    points: SurfacePoints,
-    judges: SurfacePoints | None = None,
+    photons: Photons,
+    targets: Targets,
+    bounds: tuple[Any, Any],
+    stream: PhotonStream | None = None,
 ) -> int:
     """The number of Gaussians whose field is best after a short training.
 
-    It is judged at the points that training does not see.
+    It is judged at points that training does not see. Targets of a stream have so much noise, which
+    neighbours share, that they would not tell noise from light: other photons judge there.
 
     Parameters
     ----------
-    make_field: the field before training, with so many Gaussians.
-    points: what training learns from, (P,).
-    judges: the same points with targets of other photons, where those of ``points`` have so much
-        noise, which neighbours share, that they would not tell noise from light.
+    photons, targets: that the field starts from and learns from.
+    bounds: corners of the scene's bounding box.
+    stream: of the targets, if they come from one.
     """
     section = work.params.field
     if section.gaussians != "auto":
@@ -49,13 +55,17 @@ def choose_count(
     best, least = section.most_gaussians, float("inf")
     if work.params.train.held_out == 0:
         return best
-    whole = training_settings(work)
-    steps = max(round(whole.steps * (TRIAL if judges is None else TRIAL_WITH_JUDGES)), 1)
-    settings = replace(whole, steps=steps, rebuild_every=min(whole.rebuild_every, steps))
+    settings, judges = _settings(work, TRIAL), None
+    if stream is not None:
+        settings = _settings(work, TRIAL_WITH_JUDGES, JUDGED_EVERY)
+        targets = Targets(**{name: rows[::JUDGED_EVERY] for name, rows in vars(targets).items()})
+        judges = supervise(work, stream.independent(JUDGED_EVERY).targets())
+    points = supervise(work, targets)
     for share in SHARES:
         count = round(section.most_gaussians * share)
-        trainer = Trainer(make_field(count), points, settings)
-        trainer.advance(steps)
+        field = initial_field(work, count, photons, targets, bounds)
+        trainer = Trainer(field, points, settings)
+        trainer.advance(settings.steps)
         if judges is not None:
             trainer.retarget(judges)
         error = trainer.judge().held_out_error
@@ -64,3 +74,15 @@ def choose_count(
         best, least = count, error
     console.print(f"{work.scene}: {best} Gaussians", highlight=False)
     return best
+
+
+def _settings(work: Workspace, share: float, every: int = 1) -> TrainingSettings:
+    """Those of a share of all steps, with batches of one in so many points."""
+    whole = training_settings(work)
+    steps = max(round(whole.steps * share), 1)
+    return replace(
+        whole,
+        steps=steps,
+        batch=max(whole.batch // every, 1),
+        rebuild_every=min(whole.rebuild_every, steps),
+    )
