@@ -50,7 +50,7 @@ def measured_points(results: Results, scene: str) -> dict[str, list[Point]]:
             systems[rows[method].system].append(point)
     files = results.scene(scene)
     if files.seconds_per_pass:
-        last = results.params.reference.passes
+        last = max(files.convergence, default=0)
         for passes, psnr in files.convergence.items():
             title = f"SPPM, {passes} pass{'es' if passes > 1 else ''} as in references"
             known = results.row(scene, CEILING) if passes == last else {}

@@ -51,7 +51,13 @@ class Results:
         """All methods that params.yaml asks for, with their titles: baselines, field, ceiling."""
         rows = {m: self.params.baselines[m].title for m in self.params.methods.all}
         field = f"GPF, {self.params.render.spp} spp"
-        return rows | {FIELD: field, CEILING: f"SPPM, {self.params.reference.passes} passes"}
+        return rows | {FIELD: field, CEILING: f"SPPM, {self.passes} passes"}
+
+    @property
+    def passes(self) -> str:
+        """How many passes references have, for people."""
+        section = self.params.reference
+        return f"at most {section.passes}" if section.target_psnr else str(section.passes)
 
     @property
     def unmeasured(self) -> list[str]:
@@ -179,7 +185,8 @@ class SceneResults:
         """Seconds, megabytes: the columns of :attr:`Results.quality` that are known."""
         if method == CEILING:
             per_pass = self.seconds_per_pass
-            return {"seconds_per_view": per_pass * params.reference.passes} if per_pass else {}
+            passes = max(self.convergence, default=params.reference.passes)
+            return {"seconds_per_view": per_pass * passes} if per_pass else {}
         found = self.read("costs", *_COSTS.get(method, ("baselines", f"{method}.json")))
         facts, parts = found.get("facts", {}), found.get("parts", {})
         known = {
@@ -203,16 +210,17 @@ class SceneResults:
     def inputs_seconds(self, options: BaselineOptions, passes: int) -> float | None:
         """What it takes to render what a system learns from: targets, or references of views.
 
+        Of so many passes, unless fewer did (`reference.target_psnr`).
         None where that was not measured.
         """
         found = self.read("costs", "reference.json")
         facts, parts = found.get("facts", {}), found.get("parts", {})
+        passes = facts.get("passes_done", {}).get("train", passes)
         try:
-            seconds = (
-                options.training_views * passes * facts["seconds_per_single_view_pass"]
-                if (options.training_views)
-                else 0.0
-            )
+            seconds = 0.0
+            if options.training_views:
+                per_pass = facts["seconds_per_single_view_pass"]
+                seconds = options.training_views * passes * per_pass
             if options.learns_from_targets:
                 seconds += passes * facts["seconds_per_target_pass"]
                 seconds += sum(parts[part]["wall_seconds"] for part in ("radius", "points"))

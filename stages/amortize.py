@@ -34,9 +34,11 @@ def cost_lines(work: Workspace) -> Comparison:
     reference = read_json(work.cost("reference"), "reference")["facts"]
     render = read_json(work.cost("render"), "render")["facts"]
     per_pass = reference["seconds_per_single_view_pass"]
-    passes = work.params.reference.passes
+    curve = mean_convergence(work)
+    passes = max(curve)
+    done = reference.get("passes_done", {}).get("train", work.params.reference.passes)
     quality = read_json(work.metrics("gpf"), "metrics")["mean"]["psnr"]
-    equal = worth_passes(quality, mean_convergence(work))
+    equal = worth_passes(quality, curve)
 
     preparation = sum(seconds["train"].values())
     if "stream" not in seconds["train"]:
@@ -46,7 +48,7 @@ def cost_lines(work: Workspace) -> Comparison:
         preparation += (
             seconds["reference"]["radius"]
             + seconds["reference"]["points"]
-            + passes * reference["seconds_per_target_pass"]
+            + done * reference["seconds_per_target_pass"]
         )
     return Comparison(
         CostLine("GPF", preparation, seconds["render"]["render"] / render["views"]),

@@ -15,7 +15,7 @@ from gpf.artifacts import read_json, write_json, write_text
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr
 from metrics.image import NUMBERS, compare, flip_exposures, psnr
-from metrics.worth import snapshot_passes, worth_passes
+from metrics.worth import worth_passes
 from stages.costs import CostMeter
 from stages.progress import progress_bar
 from stages.workspace import Workspace
@@ -26,7 +26,7 @@ def compare_images(scene_name: str) -> None:
     work = Workspace.open(scene_name)
     judge = Judge.open(work)
     names, references = list(judge.references), judge.references
-    passes = snapshot_passes(work.params.reference.passes)
+    passes = _snapshots_of_all(work, names)
     refused = {m: reason for m in work.params.methods.all if (reason := _refusal(work, m))}
     methods = ["gpf", *(m for m in work.params.methods.all if m not in refused), "ceiling"]
     results: dict[str, dict[str, Any]] = {method: {} for method in methods}
@@ -141,6 +141,23 @@ def _read_reference(work: Workspace, name: str) -> np.ndarray:
     return layers["radiance"]
 
 
+def _snapshots_of_all(work: Workspace, views: Sequence[str]) -> list[int]:
+    """Numbers of passes after which the independent SPPM's images of all views are known.
+
+    Its last is what `reference.passes` asks for, or fewer if `reference.target_psnr` is reached.
+    """
+    files = [read_exr(work.ceiling(name), "reference")[0] for name in views]
+    names = set(files[0]).intersection(*files[1:])
+    passes = sorted(int(n) for n in (s.removeprefix("sppm_") for s in names) if n.isdecimal())
+    if not passes:
+        raise UserError(
+            str(work.ceiling(views[0]).parent),
+            "has no layer sppm_N that is in the files of all views",
+            "Run `gpf stage reference` again.",
+        )
+    return passes
+
+
 def _read_snapshots(
     work: Workspace, name: str, reference: np.ndarray, passes: list[int]
 ) -> list[tuple[int, np.ndarray]]:
@@ -148,8 +165,6 @@ def _read_snapshots(
     path = work.ceiling(name)
     layers, _ = read_exr(path, "reference")
     for n in passes:
-        if f"sppm_{n}" not in layers:
-            raise UserError(str(path), f"has no layer sppm_{n}", "Run `gpf stage reference` again.")
         _check_image(path, layers[f"sppm_{n}"], reference, "reference")
     return [(n, layers[f"sppm_{n}"]) for n in passes]
 

@@ -33,7 +33,13 @@ from stages.groups import (
 from stages.passes import SURFACES, LongSum
 from stages.progress import console
 from stages.publishing import make_ready, settle
-from stages.reference_records import has_surfaces, is_current, surface_record, view_record
+from stages.reference_records import (
+    has_surfaces,
+    is_current,
+    passes_done,
+    surface_record,
+    view_record,
+)
 from stages.workspace import Workspace
 
 
@@ -59,6 +65,7 @@ def render_references(scene_name: str, passes: str | None = None) -> None:
         costs.parts.pop("probe", None)
         with costs.measure("probe"):
             costs.facts |= _time_passes(job)
+    costs.facts["passes_done"] = {g: passes_done(work, g, views_of(work, g)) for g in GROUPS}
     costs.facts |= settings_record(job.settings, work.params.reference.seed) | job.lookout.facts()
     costs.write(work.cost("reference"))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -79,6 +80,14 @@ def is_current(work: Workspace, group: str, view: View, record: dict[str, Any]) 
     if found.get("imaged") is True:  # an image that nobody needs does no harm
         needed.pop("imaged")
     return found.items() >= needed.items()
+
+
+def passes_done(work: Workspace, group: str, views: Sequence[View]) -> int:
+    """How many passes the files of a group's views have: fewer than asked for, where fewer did."""
+    paths = [work.ceiling(v.name) if group == "ceiling" else work.reference(v.name) for v in views]
+    records = [record for path in paths if (record := read_record(path)) is not None]
+    done = [record["passes_done"] for record in records if "passes_done" in record]
+    return min(done, default=work.params.reference.passes)
 
 
 def has_surfaces(work: Workspace, record: dict[str, Any]) -> bool:

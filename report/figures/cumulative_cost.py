@@ -40,7 +40,7 @@ def draw_cumulative_cost(results: Results) -> Sketch:
     with styled():
         titles = [results.scene(scene).title for scene in found]
         drawing, panels, spare = small_multiples(titles, "views", "seconds, preparation included")
-        passes = results.params.reference.passes
+        passes = results.passes
         labels = {FIELD: "GPF", LONG: f"SPPM, {passes} passes", EQUAL: "SPPM at GPF's PSNR"}
         for axes, cost in zip(panels, found.values(), strict=True):
             _draw_panel(axes, cost, last, labels)
@@ -84,7 +84,7 @@ def _draw_panel(axes: Axes, cost: dict[str, Any], last: int, labels: dict[str, s
     plain_numbers(axes.yaxis)
 
 
-def _tell(cost: dict[str, Any], passes: int) -> str:
+def _tell(cost: dict[str, Any], passes: str) -> str:
     counts, equal = cost["break_even_views"], cost["passes"][EQUAL]
 
     def words(count: int | None) -> str:

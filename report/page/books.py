@@ -156,7 +156,7 @@ def read_image(results: Results, scene: SceneResults, method: str, view: str) ->
     maker = {REFERENCE: "reference", CEILING: "reference", FIELD: "render"}
     layers, _ = read_exr(path, maker.get(method, f"baseline --method {method}"))
     # The second reference is kept at several numbers of passes.
-    name = f"sppm_{results.params.reference.passes}" if method == CEILING else "radiance"
+    name = f"sppm_{max(scene.convergence, default=0)}" if method == CEILING else "radiance"
     return layers.get(name)
 
 

@@ -126,7 +126,7 @@ def _render(
         scenes=scenes,
         unmeasured=[results.scene(name).title for name in results.unmeasured],
         shrunk=shelf.shrunk,
-        passes=results.params.reference.passes,
+        passes=results.passes,
         height=results.params.film.height,
         systems=list_systems(results),
         opening=embedded.get(OPENING),

@@ -140,7 +140,7 @@ def _speed(results: Results) -> MainNumber | None:
     ratio, field, sppm = sorted(pairs)[(len(pairs) - 1) // 2]
     least, most = (f"{significant(2)(r)}" for r in (min(pairs)[0], max(pairs)[0]))
     across = f"; {least} to {most} times in all scenes" if len(pairs) > 1 else ""
-    passes = results.params.reference.passes
+    passes = results.passes
     return MainNumber(
         f"{significant(2)(ratio)}×",
         "",
@@ -159,7 +159,7 @@ def _break_even(results: Results) -> MainNumber | None:
     if not known:
         return None
     value = str(known[0]) if known[0] == known[-1] else f"{known[0]}–{known[-1]}"
-    passes = results.params.reference.passes
+    passes = results.passes
     never = [results.scene(name).title for name, count in counts.items() if count is None]
     detail = f"photons, targets and training included, against SPPM with {passes} passes"
     detail += f"; never in {join(never)}" if never else ""

@@ -65,7 +65,7 @@ def systems_table(results: Results) -> Table:
     return Table(
         name="table_1",
         title="Table 1: all systems",
-        caption=f"Novel views against references of {results.params.reference.passes} SPPM passes. "
+        caption=f"Novel views against references of {results.passes} SPPM passes. "
         f"{_how_to_read(results)} What stores nothing is not ranked by storage.",
         columns=(*QUALITY, STORAGE),
         rows=tuple(rows),

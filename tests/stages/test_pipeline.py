@@ -179,6 +179,16 @@ def test_enough_is_enough(fresh, no_probe):
         assert record["passes_done"] == 25 and record["estimated_ceiling"] >= 3
         layers, _ = read_exr(fresh.results / f"ceiling/{view}.exr", "reference")
         assert layers.keys() == {"sppm_1", "sppm_3", "sppm_10", "sppm_25"}
+    fresh.edit("params.yaml", methods__classical=["path_10"], methods__equal_time=[])
+    for stage in ("photons", "train", "render", "baseline", "metrics", "amortize", "report"):
+        assert fresh.stage(stage).code == 0
+    amortize = json.loads((fresh.results / "amortize.json").read_text())
+    assert amortize["passes"]["SPPM"] == 25
+    facts = json.loads((fresh.results / "costs/reference.json").read_text())["facts"]
+    expected = 25 * facts["seconds_per_single_view_pass"]
+    assert amortize["seconds_per_view"]["SPPM"] == pytest.approx(expected)
+    table = (fresh.results.parent / "tables/table_1.md").read_text()
+    assert "SPPM, at most 200 passes" in table
 
 
 def test_pictures_of_what_is_being_rendered(fresh, no_probe):
