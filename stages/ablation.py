@@ -13,6 +13,7 @@ from gpf.artifacts import read_json, write_json
 from gpf.config import Params
 from gpf.errors import UserError
 from gpf.field_files import read_field
+from gpf.supervision import Targets
 from gpf.yaml_files import suggest
 from stages.apart import run_each
 from stages.code_digest import library_digest
@@ -22,10 +23,15 @@ from stages.progress import console
 from stages.render import render_novel_views
 from stages.resuming import open_state
 from stages.train import fit
+from stages.training_inputs import load_photons
 from stages.workspace import Workspace
 
 # What a variant's field depends on.
 SECTIONS = ("film", "outlook", "reference", "field", "train", "stream", "render")
+MAKERS = tuple(
+    f"stages/{name}.py"
+    for name in ("train", "training_inputs", "train_settings", "streaming", "render")
+)
 
 
 def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = False) -> None:
@@ -56,7 +62,10 @@ def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = Fal
         keep(work, row, {"same_as": "gpf", **found}, {})
         console.print(f"{scene_name}: {variant} is the field as it is", highlight=False)
         return
-    judge = Judge.open(work)  # what is missing of the stages before is no fault of the variant
+    # What is missing of the stages before is no fault of the variant.
+    judge = Judge.open(work)
+    Targets.load(work.targets)
+    load_photons(work)
     try:
         make(work, row, params, judge)
     except UserError as refusal:
@@ -80,7 +89,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
     """Train, render and measure; a run that was killed goes on where it was."""
     name = row["variant"]
     task = {
-        "code": library_digest(),
+        "code": library_digest(*MAKERS),
         "scene": work.scene_digest,
         "targets": work.digest(work.targets),
         "photons": work.digest(work.photons),

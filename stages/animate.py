@@ -12,28 +12,18 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 
 from gpf.artifacts import write_json
 from gpf.baselines.protocol import CannotServe
-from gpf.baselines.registry import make_baseline
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr, read_record, tone_map, write_exr
 from gpf.views import View
 from gpf.yaml_files import suggest
-from metrics.flicker import (
-    FramePoints,
-    change_of_noise,
-    link_frames,
-    measure_flicker,
-    smooth_pixels,
-)
-from stages.baseline import forget_state, make_task, open_state, refuse_other_scenes
+from stages.baseline import forget_state, open_state, prepare, refuse_other_scenes
 from stages.code_digest import library_digest
 from stages.costs import CostMeter
 from stages.filmstrip import (
@@ -44,15 +34,12 @@ from stages.filmstrip import (
     write_film,
     write_moving_picture,
 )
-from stages.frame_points import see_points
+from stages.frame_flicker import compare_frames
 from stages.progress import Bar, console, progress_bar
 from stages.render import FieldRenderer
 from stages.workspace import Workspace
 
 FIELD = "gpf"
-
-WAYS = ("directly", "refracted")
-"""How surfaces are seen whose flicker is told; named as in :class:`SeenPoints`."""
 
 Draw = Callable[[View, int], np.ndarray]
 
@@ -87,7 +74,8 @@ def animate(scene_name: str) -> None:
     forget_others(work, section.methods)
     shown = [m for m in section.methods if m not in refusals]
     with costs.measure("flicker"):
-        flicker = compare_frames(work, shown, views)
+        files = {m: [frame(work, m, k) for k in range(len(views))] for m in shown}
+        flicker = compare_frames(work, files, views)
     flicker["methods"] |= {m: {"cannot_serve": why} for m, why in refusals.items()}
     write_json(work.folder / "animation" / "flicker.json", flicker)
     with costs.measure("film"):
@@ -139,7 +127,7 @@ def plan(work: Workspace, method: str) -> tuple[dict[str, Any], Callable[[Bar], 
     params = work.params
     if method == FIELD:
         task = {
-            "code": library_digest(),
+            "code": library_digest("stages/render.py"),
             "render": params.render.model_dump(mode="json"),
             "field": work.digest(work.field),
         }
@@ -156,7 +144,7 @@ def plan(work: Workspace, method: str) -> tuple[dict[str, Any], Callable[[Bar], 
         task = {"task": work.digest(state / "task.json")}
 
         def open_baseline(bar: Bar) -> Draw:
-            prepared = make_baseline(options).prepare(make_task(work, options, state, bar))
+            prepared, _ = prepare(work, method, options, bar)
             return prepared.render
 
         open_method = open_baseline
@@ -179,67 +167,6 @@ def forget_others(work: Workspace, methods: Sequence[str]) -> None:
     for folder in (work.folder / "animation").glob("*/"):
         if folder.name not in methods:
             shutil.rmtree(folder)
-
-
-def compare_frames(
-    work: Workspace, methods: Sequence[str], views: Sequence[View]
-) -> dict[str, Any]:
-    """Flicker of each method on surfaces that are seen directly, and through water or glass."""
-    scene, closed = work.load_scene(), bool(work.views.path and work.views.path.closed)
-    seen = [see_ways(scene, view, work) for view in views]
-    links = {}
-    for way in WAYS:
-        points = [ways[way] for ways in seen]
-        steps = list(zip(points, [*points[1:], points[0]], strict=True))
-        found = [link_frames(a, b) for a, b in (steps if closed else steps[:-1])]
-        if any(len(link.later) for link in found):
-            links[way] = found
-    told: dict[str, dict[str, Any]] = {}
-    for method in methods:
-        images = [
-            read_exr(frame(work, method, k), "animate")[0]["radiance"] for k in range(len(views))
-        ]
-        told[method] = {}
-        for way, found in links.items():
-            flicker = measure_flicker(images, found, work.views.exposure)
-            told[method][way] = {**asdict(flicker), "noise": flicker.noise}
-    return {
-        "unit": "levels of 255",
-        "frames": len(views),
-        "methods": told,
-        "noise_of_references": noise_of_references(work, scene),
-    }
-
-
-def see_ways(scene: mi.Scene, view: View, work: Workspace) -> dict[str, FramePoints]:
-    """What a view's pixels see in each of :data:`WAYS`."""
-    seen = see_points(scene, view, work.film_size)
-    return {way: FramePoints(seen.points, getattr(seen, way)) for way in WAYS}
-
-
-def noise_of_references(work: Workspace, scene: mi.Scene) -> dict[str, dict[str, float]]:
-    """What references of the path would change by, from their noise alone.
-
-    It is told in the novel views, in pixels of the kinds in which methods are measured; ``share``
-    is that of these pixels.
-    """
-    found: dict[str, list[np.ndarray]] = {way: [] for way in WAYS}
-    noise: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {way: [] for way in WAYS}
-    for view in work.views.novel:
-        path = work.reference(view.name)
-        layers = read_exr(path, "reference")[0] if path.exists() else {}
-        if "standard_error" in layers:
-            for way, points in see_ways(scene, view, work).items():
-                kept = smooth_pixels(points)
-                found[way].append(kept)
-                noise[way].append((layers["radiance"][kept], layers["standard_error"][kept]))
-    told = {}
-    for way in WAYS:
-        if np.any(found[way]):
-            radiance, error = (np.concatenate(part) for part in zip(*noise[way], strict=True))
-            change = change_of_noise(radiance, error, work.views.exposure)
-            told[way] = {"change": change, "share": float(np.mean(found[way]))}
-    return told
 
 
 def write_films(work: Workspace, refusals: dict[str, str], count: int) -> None:

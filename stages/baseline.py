@@ -55,15 +55,9 @@ def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
         raise UserError(
             str(work.views_file), "has no novel views", "Add some: they are what is rendered."
         )
-    state = open_state(work, method, options)
-    costs = CostMeter.load(state / "costs.json")
     title = f"{work.scene}: {method}"
     with progress_bar(f"{title}, preparing", 1) as bar:
-        report = Reporter(bar, costs, state / "costs.json")
-        task = make_task(work, options, state, report)
-        with costs.measure("prepare"):
-            prepared = make_baseline(options).prepare(task)
-        costs.write(state / "costs.json")
+        prepared, costs = prepare(work, method, options, bar)
     folder = work.render(method, "").parent
     shutil.rmtree(folder, ignore_errors=True)
     with progress_bar(f"{title}, rendering", len(work.views.novel)) as bar:
@@ -71,11 +65,25 @@ def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
     costs.facts |= {"views": len(work.views.novel), **prepared.facts}
     costs.facts["storage_megabytes"] = prepared.storage_bytes / 1e6
     costs.note_peak_memory()
-    costs.facts["path_seconds"] = time_path(task.scene, work.views.novel[0], work.film_size)
+    costs.facts["path_seconds"] = time_path(work.load_scene(), work.views.novel[0], work.film_size)
     costs.write(work.cost(f"baselines/{method}"))
     # What it learned stays: the stage `animate` need not learn it again.
     if not options.training_views:
         forget_state(work, method)
+
+
+def prepare(
+    work: Workspace, method: str, options: BaselineOptions, bar: Bar
+) -> tuple[Prepared, CostMeter]:
+    """What a system renders with, and what it has cost, earlier runs of the same task included."""
+    state = open_state(work, method, options)
+    costs = CostMeter.load(state / "costs.json")
+    report = Reporter(bar, costs, state / "costs.json")
+    task = make_task(work, options, state, report)
+    with costs.measure("prepare"):
+        prepared = make_baseline(options).prepare(task)
+    costs.write(state / "costs.json")
+    return prepared, costs
 
 
 def refuse_other_scenes(work: Workspace, method: str, options: BaselineOptions) -> None:

@@ -12,9 +12,13 @@ import gpf
 
 
 @cache
-def library_digest() -> str:
-    """That of the whole library, for what would take more care than time to tell apart."""
-    return digest_code(sorted(Path(gpf.__file__).parent.rglob("*.py")))
+def library_digest(*others: str) -> str:
+    """That of the whole library, for what would take more care than time to tell apart.
+
+    ``others``: files beside it that decide, too, such as ``stages/render.py``.
+    """
+    library = Path(gpf.__file__).parent
+    return digest_code([*sorted(library.rglob("*.py")), *(library.parent / o for o in others)])
 
 
 def digest_code(files: Iterable[Path]) -> str:

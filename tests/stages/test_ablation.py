@@ -166,11 +166,19 @@ def test_all_that_are_listed_run_one_after_another(project, monkeypatch, broken)
     assert ("1 of 2 failed: few" in outcome.text) == bool(broken)
 
 
-def test_what_is_missing_is_no_fault_of_the_variant(project):
-    (project.results / "reference" / "floor.exr").unlink()
+@pytest.mark.parametrize(
+    ("file", "stage"),
+    [
+        ("reference/floor.exr", "reference"),
+        ("targets.safetensors", "reference"),
+        ("photons.safetensors", "photons"),
+    ],
+)
+def test_what_is_missing_is_no_fault_of_the_variant(project, file, stage):
+    (project.results / file).unlink()
     before = project.snapshot()
     outcome = ablate(project, "few", "--go-on")
-    assert outcome.code == 2 and "floor.exr: is missing. Run `gpf stage reference`" in outcome.text
+    assert outcome.code == 2 and f"{file}: is missing. Run `gpf stage {stage}`" in outcome.text
     assert project.snapshot() == before
 
 

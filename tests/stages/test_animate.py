@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -57,7 +59,7 @@ class StillField:
 @pytest.fixture
 def walked(fresh, monkeypatch):
     """A scene with a short path, and systems that take no time."""
-    monkeypatch.setattr("stages.animate.make_baseline", Grey)
+    monkeypatch.setattr("stages.baseline.make_baseline", Grey)
     monkeypatch.setattr("stages.animate.FieldRenderer", StillField)
     monkeypatch.setattr(Grey, "asked", [])
     fresh.replace("scenes/cornell_box/views.yaml", "frames: 24", f"frames: {FRAMES}")
@@ -145,7 +147,6 @@ def test_what_was_learned_is_kept_for_the_animation(walked, monkeypatch):
             write_text(known, "all of it")
             return super().prepare(task)
 
-    monkeypatch.setattr("stages.animate.make_baseline", Learner)
     monkeypatch.setattr("stages.baseline.make_baseline", Learner)
     monkeypatch.setattr("stages.baseline.training_views", lambda *_: ())
     row = {"system": "splatting", "views": 3}
@@ -158,6 +159,25 @@ def test_what_was_learned_is_kept_for_the_animation(walked, monkeypatch):
     assert [word for word in Grey.asked if word in ("again", "learn")] == ["learn", "again"]
     kept = [path.name for path in (walked.results / "checkpoints").iterdir()]
     assert kept == ["baseline-splatting_3"]
+
+
+def test_learning_for_the_animation_counts_when_the_method_is_run(walked, monkeypatch):
+    class Learner(Grey):
+        def prepare(self, task):
+            known = task.state / "learned.txt"
+            if not known.exists():
+                time.sleep(0.5)
+                write_text(known, "all of it")
+            return super().prepare(task)
+
+    monkeypatch.setattr("stages.baseline.make_baseline", Learner)
+    monkeypatch.setattr("stages.baseline.training_views", lambda *_: ())
+    walked.edit("params.yaml", baselines__splatting_3={"system": "splatting", "views": 3})
+    assert walked.stage("animate").code == 0
+    arguments = ("--scene", "cornell_box", "--method", "splatting_3")
+    assert walked.gpf("stage", "baseline", *arguments).code == 0
+    costs = read_json(walked.results / "costs/baselines/splatting_3.json", "baseline")
+    assert costs["parts"]["prepare"]["wall_seconds"] > 0.5
 
 
 def test_of_who_learns_nothing_nothing_is_left(walked):
@@ -179,7 +199,7 @@ def test_the_noise_of_references_is_that_of_the_same_kinds_of_pixels(walked, mon
         ways = (np.broadcast_to(half, (height, width)) for half in (left, right))
         return SeenPoints(points, *ways)
 
-    monkeypatch.setattr("stages.animate.see_points", see)
+    monkeypatch.setattr("stages.frame_flicker.see_points", see)
     views = read_views(walked.results / "views.yaml")
     error = np.where(left, 0.001, np.where(right, 0.002, 5.0))[None, :, None]
     layers = {"radiance": np.full((16, 20, 3), 0.3), "standard_error": error * np.ones((16, 20, 3))}

@@ -286,7 +286,7 @@ def test_the_reader_of_parameters_sees_them():
     assert "train.steps" in read_params_of("stages/train_settings.py")
     assert "field.anisotropic" in read_params_of("stages/train_settings.py")
     assert {"reference.surface_points", "film"} <= read_params_of("stages/groups.py")
-    assert "reference.passes" in read_params_of("stages/metrics.py")
+    assert "reference.passes" in read_params_of("stages/amortize.py")
 
 
 @pytest.mark.parametrize("stage", NAMES)
