@@ -95,6 +95,14 @@ class Params(Section):
                 raise _objection(f"methods has {name}, which baselines does not have", todo)
             if listed.count(name) > 1:
                 raise _objection(f"methods has {name} more than once", "Leave one out.")
+        for group in Methods.model_fields:
+            for name in getattr(self.methods, group):
+                fitting = self.baselines[name].lists
+                if group not in fitting:
+                    todo = f"List it under {' or '.join(f'methods.{g}' for g in fitting)}."
+                    raise _objection(
+                        f"methods.{group} has {name}, which waits for something else", todo
+                    )
         return self
 
     @model_validator(mode="after")

@@ -230,7 +230,10 @@ def check_flip() -> Check:
 
 def check_baselines() -> list[Check]:
     """What systems that the field is compared with need, each for itself."""
-    available = importlib.import_module("gpf.baselines.available")
+    try:
+        available = importlib.import_module("gpf.baselines.available")
+    except Exception as error:  # whatever ails mitsuba or drjit, other checks have its words
+        return [Check("baselines", None, f"cannot be looked at: {error}", "mend mitsuba first")]
     return [
         Check(part.name, part.there or None, part.detail, part.remedy)
         for part in available.list_parts()

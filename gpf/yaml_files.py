@@ -50,12 +50,10 @@ def read_yaml(file: Path, model: type[Model], if_missing: str) -> Model:
 def explain(source: str, model: type[BaseModel], error: ValidationError) -> UserError:
     """The first of the objections to what ``source`` says, in words."""
     first = error.errors()[0]
-    place = ".".join(str(part) for part in first["loc"])
-    where = f"{source}: {place}" if place else source
+    place, here = _follow(model, first["loc"])
+    where = f"{source}: {'.'.join(place)}" if place else source
     if first["type"] == "extra_forbidden":
-        *path, key = first["loc"]
-        known = sorted(_model_at(model, path).model_fields)
-        return UserError(where, "is an unknown key", suggest(str(key), known, "Known here are"))
+        return UserError(where, "is an unknown key", suggest(place[-1], here, "Known here are"))
     if first["type"] == "missing":
         return UserError(where, "is missing", "Add it.")
     todo = first.get("ctx", {}).get("todo")
@@ -66,16 +64,45 @@ def explain(source: str, model: type[BaseModel], error: ValidationError) -> User
     return UserError(where, f"is {arrived}", f"{first['msg']}.")
 
 
-def _model_at(model: type[BaseModel], path: Sequence[str | int]) -> type[BaseModel]:
-    """The model that a place in the data has to fit, such as that of one row of a table."""
+def _follow(model: type[BaseModel], path: Sequence[str | int]) -> tuple[list[str], list[str]]:
+    """A place in the data as its file has it, and the keys that are known where it ends.
+
+    Pydantic's places also name which part of a union was meant; files do not.
+    """
     here: object = model
+    place, known = [], sorted(model.model_fields)
     for part in path:
         models = list(_models_in(here))
-        fields = [m.model_fields[part].annotation for m in models if part in m.model_fields]
-        tagged = [m for m in models if _is_tagged(m, part)]
-        # Keys of a dictionary and places in a list have no model of their own.
-        here = next(iter([*fields, *tagged]), here)
-    return next(_models_in(here))
+        known = sorted({key for m in models for key in m.model_fields})
+        tagged = [m for m in models if len(models) > 1 and _is_tagged(m, part)]
+        if tagged and not _is_collection(here):
+            here = tagged[0]
+            continue
+        if not models and not _is_collection(here) and isinstance(part, str):
+            continue  # which kind of value of several
+        place.append(str(part))
+        if _is_collection(here):
+            here = _without_wrapping(here)
+            here = get_args(here)[1 if get_origin(here) is dict else 0]
+        else:
+            fields = [m.model_fields[part].annotation for m in models if part in m.model_fields]
+            here = next(iter(fields), None)
+    return place, known
+
+
+def _without_wrapping(annotation: object) -> object:
+    """What an annotation such as ``Annotated[dict[str, Model], ...] | None`` wraps."""
+    while get_origin(annotation) not in (dict, list, tuple):
+        parts = [a for a in get_args(annotation) if any(_models_in(a))]
+        if not parts or isinstance(annotation, type):
+            return annotation
+        annotation = parts[0]
+    return annotation
+
+
+def _is_collection(annotation: object) -> bool:
+    """Whether it stands for a dictionary or list of models."""
+    return get_origin(_without_wrapping(annotation)) in (dict, list, tuple)
 
 
 def _is_tagged(model: type[BaseModel], tag: object) -> bool:

@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedSeq
 
 from gpf.artifacts import write_text
 from gpf.config import Params, read_params
 from gpf.errors import UserError
-from gpf.yaml_files import suggest
+from gpf.yaml_files import explain, suggest
 from stages.progress import console
 
 # Of `ablations.run`: all rows of `ablations.variants`, whichever the project has.
@@ -36,22 +37,29 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
         )
     read_params(file)
     yaml, document = open_yaml(file.read_text(encoding="utf-8"))
-    changes = 0
+    changes = []
     for key, value in profiles[name].items():
         section, _, leaf = key.partition(".")
         if value == EVERY:
             value = list(document.get(section, {}).get("variants", {}))
-        if leaf == "scenes":  # of the project's own
+        # Of the project's own scenes and methods.
+        if leaf == "scenes":
             value = [scene for scene in value if scene in document["scenes"]]
+        if key in ("methods.learned", "animation.methods"):
+            value = [row for row in value if row == "gpf" or row in document["baselines"]]
         before = document[section][leaf] if leaf in document.setdefault(section, {}) else None
         if before != value:
             document[section][leaf] = in_one_line(value)
-            changes += 1
-            console.print(f"{key}: {before} -> {value}", highlight=False)
-    Params.model_validate(YAML(typ="safe").load(dump_yaml(yaml, document)))
+            changes.append(f"{key}: {before} -> {value}")
+    try:
+        Params.model_validate(YAML(typ="safe").load(dump_yaml(yaml, document)))
+    except ValidationError as error:
+        raise explain(f"{file}, with profile {name}", Params, error) from error
+    for change in changes:
+        console.print(change, highlight=False)
     if changes:
         write_text(file, dump_yaml(yaml, document))
-    console.print(f"{file}: profile {name}, {changes} values changed", highlight=False)
+    console.print(f"{file}: profile {name}, {len(changes)} values changed", highlight=False)
 
 
 def in_one_line(value: Any) -> Any:

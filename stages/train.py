@@ -38,12 +38,13 @@ def fit(work: Workspace) -> None:
             targets = stream.targets()
     else:
         photons, targets = load_photons(work), Targets.load(work.targets)
-    photons, bounds = photons_for_field(work, photons), scene_bounds(work.load_scene())
+    photons, points = photons_for_field(work, photons), supervise(work, targets)
+    bounds = scene_bounds(work.load_scene())
     with costs.measure("initialization"):
         count = choose_count(work, photons, targets, bounds, stream)
         field = initial_field(work, count, photons, targets, bounds)
     with costs.measure("training"):
-        trainer = Trainer(field, supervise(work, targets), training_settings(work))
+        trainer = Trainer(field, points, training_settings(work))
     if stream is None:
         spent = trainer.restore(work.checkpoint("train"), _fingerprint(work, count))
         if spent:

@@ -1,5 +1,6 @@
 """params.yaml: what it may say, and the words for what it may not."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,39 @@ def read(tmp_path: Path, text: str) -> Params:
     file = tmp_path / "params.yaml"
     file.write_text(text, encoding="utf-8")
     return read_params(file)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("{spp: {system: path_tracer, spq: 3}}", "baselines.spp.spq: is an unknown key. Did"),
+        ("{mine: {system: path_tracer, spq: 3}}", "baselines.mine.spq: is an unknown key. Did"),
+        ("{mine: {system: path_tracer, spp: -3}}", "baselines.mine.spp: is -3. Input should be"),
+        ("{mine: {system: nerf}}", "baselines.mine: is {'system': 'nerf'}. Input tag 'nerf'"),
+    ],
+)
+def test_rows_are_named_as_the_file_has_them(tmp_path, more, words):
+    """Even where a row is called like one of its keys."""
+    with pytest.raises(UserError, match=re.escape(words)):
+        read(tmp_path, f"{GOOD}baselines: {more}\n")
+
+
+@pytest.mark.parametrize(
+    ("row", "group", "fitting"),
+    [
+        ("{system: path_tracer, spp: equal_time}", "classical", "equal_time"),
+        ("{system: path_tracer, spp: equal_time}", "learned", "equal_time"),
+        ("{system: radiance_cache}", "classical", "learned"),
+        ("{system: splatting}", "equal_time", "learned"),
+        ("{system: path_tracer, spp: 4}", "equal_time", "classical or methods.learned"),
+    ],
+)
+def test_methods_are_listed_where_the_pipeline_waits_for_what_they_need(
+    tmp_path, row, group, fitting
+):
+    words = f"methods.{group} has mine, which waits for something else. List it under methods."
+    with pytest.raises(UserError, match=re.escape(words + fitting)):
+        read(tmp_path, f"{GOOD}baselines: {{mine: {row}}}\nmethods: {{{group}: [mine]}}\n")
 
 
 def test_what_is_left_out_has_its_default(tmp_path):

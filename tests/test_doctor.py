@@ -236,6 +236,17 @@ def test_missing_weights_are_optional_and_named(
     assert doctor.check_lpips_weights() == Check("LPIPS weights", True, str(tmp_path))
 
 
+def test_baselines_are_looked_at_where_mitsuba_can_be_imported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(name: str) -> None:
+        raise ModuleNotFoundError("No module named 'mitsuba'")
+
+    monkeypatch.setattr(doctor.importlib, "import_module", fail)
+    (check,) = doctor.check_baselines()
+    assert check.ok is None and "No module named 'mitsuba'" in check.detail
+
+
 def test_flip_is_optional(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "find_spec", lambda name: None)
     check = doctor.check_flip()

@@ -33,7 +33,7 @@ class Part:
 
 
 def list_parts() -> list[Part]:
-    """The optional parts of all systems; nothing is imported that may fail."""
+    """The optional parts of all systems; none of them is imported."""
     parts = []
     for module, (name, user, remedy) in PACKAGES.items():
         there = find_spec(module) is not None

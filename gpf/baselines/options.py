@@ -45,6 +45,15 @@ class _Options(BaseModel):
         """Whether the system is given the time that a view of the field costs."""
         return False
 
+    @property
+    def lists(self) -> tuple[str, ...]:
+        """The lists of ``methods`` whose stages wait for what the system needs."""
+        if self.waits_for_field:
+            return ("equal_time",)
+        if self.training_views or self.learns_from_targets:
+            return ("learned",)
+        return ("classical", "learned")
+
 
 class _Learned(_Options):
     """A system that knows a scene from pictures alone."""

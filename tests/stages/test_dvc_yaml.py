@@ -12,7 +12,6 @@ from ruamel.yaml import YAML
 
 from gpf.config import Params, read_params
 from stages.cli import OF_ALL_SCENES, STAGES
-from stages.profiles import read_profiles
 from tests.stages.results import SMOKE_STAGES
 
 PROJECT = Path(__file__).parent.parent.parent
@@ -54,13 +53,8 @@ SYSTEMS = {
     stage: [f"gpf/baselines/{PARAMS.baselines[method].system}.py" for method in methods]
     for stage, methods in LISTED.items()
 }
-# Those that are animated in some profile.
-ANIMATED = {
-    PARAMS.baselines[method].system
-    for profile in read_profiles().values()
-    for method in profile["animation.methods"]
-    if method in PARAMS.baselines
-}
+# Any row may be animated.
+ANIMATED = {options.system for options in PARAMS.baselines.values()}
 LOADED = {
     "render": ["gpf/integrators/gpf.py"],
     "metrics": ["metrics/image.py"],

@@ -33,6 +33,24 @@ def look_up(params: Params, key: str) -> object:
     return list(value) if isinstance(value, tuple) else value
 
 
+def test_rows_that_the_project_does_not_have_are_left_out(params):
+    text = re.sub(r"\n  splatting_10: .*", "", params.read_text())
+    params.write_text(text)
+    apply_profile("full", params)
+    read = read_params(params)
+    assert "splatting_3" in read.methods.learned and "splatting_10" not in read.methods.learned
+    assert "splatting_10" not in read.animation.methods
+
+
+def test_values_that_do_not_go_together_are_refused_before_anything_is_said(params, capsys):
+    text = params.read_text()
+    params.write_text(text.replace("direct: field ", "direct: emitters "))
+    before = params.read_text()
+    with pytest.raises(UserError, match=r"with profile paper: .*field\.direct is emitters, but"):
+        apply_profile("paper", params)
+    assert params.read_text() == before and " -> " not in capsys.readouterr().out
+
+
 def test_there_are_four():
     assert tuple(read_profiles()) == NAMES
 
