@@ -7,6 +7,7 @@ marks such as `<!-- table_1_psnr -->` and `<!-- /table_1_psnr -->`.
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 from shutil import copyfile
 
@@ -14,6 +15,9 @@ from gpf.artifacts import write_text
 from gpf.errors import UserError
 from report.page.words import describe_scene
 from report.results import CEILING, FIELD, Results
+from stages.profiles import EVERY, read_profiles
+
+PROFILE = "full"
 
 PAGES = (Path("README.md"), *sorted(Path("docs").glob("*.md")))
 FIGURES = Path("results/figures")
@@ -24,19 +28,42 @@ _MARKS = re.compile(r"<!-- (\w+) -->\n.*?<!-- /\1 -->", re.DOTALL)
 
 
 def main() -> None:
-    """Publish what there is; a table or picture that is missing is an error."""
-    results = Results.open()
-    IMAGES.mkdir(parents=True, exist_ok=True)
-    for name in PICTURES:
-        source = FIGURES / f"{name}.png"
+    """Publish what there is: all of it, or with an exit code of 2 nothing."""
+    try:
+        publish(Results.open())
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+def publish(results: Results) -> None:
+    """Copy the pictures and fill in the tables; one that is missing is an error."""
+    refuse_other_sizes(results)
+    sources = [FIGURES / f"{name}.png" for name in PICTURES]
+    for source in sources:
         if not source.exists():
-            raise UserError(str(source), "is missing", "Run `gpf repro --profile full` first.")
-        copyfile(source, IMAGES / source.name)
+            raise UserError(str(source), "is missing", f"Run `gpf repro --profile {PROFILE}`.")
+    pages = {}
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
-        new = _MARKS.sub(lambda match: fill(match[1], results), text)
-        if new != text:
+        pages[page] = text, _MARKS.sub(lambda match: fill(match[1], results), text)
+    IMAGES.mkdir(parents=True, exist_ok=True)
+    for source in sources:
+        copyfile(source, IMAGES / source.name)
+    for page, (old, new) in pages.items():
+        if new != old:
             write_text(page, new)
+
+
+def refuse_other_sizes(results: Results) -> None:
+    """Raise an error where params.yaml is not as the pages say that it was."""
+    for key, wanted in read_profiles()[PROFILE].items():
+        section, leaf = key.split(".")
+        found = getattr(getattr(results.params, section), leaf)
+        found = list(found) if isinstance(found, tuple) else found
+        if wanted != EVERY and found != wanted:
+            todo = f"Run `gpf profile {PROFILE}` and `gpf repro`: the pages speak of that."
+            raise UserError(f"params.yaml: {key}", f"is {found}, not {wanted}", todo)
 
 
 def fill(name: str, results: Results) -> str:
@@ -46,7 +73,7 @@ def fill(name: str, results: Results) -> str:
     else:
         file = results.root / "tables" / f"{name}.md"
         if not file.exists():
-            raise UserError(str(file), "is missing", "Run `gpf repro --profile full` first.")
+            raise UserError(str(file), "is missing", f"Run `gpf repro --profile {PROFILE}`.")
         # Without the title, which the page has as a heading of its own.
         body = file.read_text(encoding="utf-8").split("\n", 2)[2].strip()
     return f"<!-- {name} -->\n{body}\n<!-- /{name} -->"

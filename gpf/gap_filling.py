@@ -25,7 +25,7 @@ MOST = 0.1
 def find_gaps(
     field: GaussianPhotonField, position: np.ndarray, normal: np.ndarray, seed: int
 ) -> Photons:
-    """Photons of no power at points whose search radius holds no more than k Gaussians.
+    """Photons of no power at points whose search radius holds fewer than k Gaussians.
 
     One in each cell of a grid, and surfaces that face different ways have cells of their own.
 

@@ -123,12 +123,11 @@ def link_frames(earlier: FramePoints, later: FramePoints) -> Link:
     s, t = (place - first).T
     weights = np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=1)
     corner = first[:, 1] * width + first[:, 0]
-    return Link(
-        wanted[found],
-        corner[:, None] + np.array([0, 1, width, width + 1]),
-        weights,
-        height * width,
-    )
+    around = corner[:, None] + np.array([0, 1, width, width + 1])
+    # The cross around the nearest pixel says nothing of the one that lies diagonally from it.
+    sound = _on_surface(earlier, row[found], column[found], around) | (weights == 0)
+    kept = sound.all(axis=1)
+    return Link(wanted[found][kept], around[kept], weights[kept], height * width)
 
 
 def measure_flicker(images: Sequence[Array], links: Sequence[Link], exposure: float) -> Flicker:
@@ -191,6 +190,20 @@ def smooth_pixels(frame: FramePoints) -> Array:
         inside &= usable[before] & usable[after] & (bend <= BEND * step) & (step > 0)
     kept[1:-1, 1:-1] = inside
     return kept
+
+
+def _on_surface(frame: FramePoints, row: Array, column: Array, around: Array) -> Array:
+    """Whether pixels (M, 4) are usable and continue the surface that crosses (M,) are on."""
+    p = np.asarray(frame.points, dtype=np.float64)
+    width = p.shape[1]
+    across = (p[row, column + 1] - p[row, column - 1]) / 2
+    down = (p[row + 1, column] - p[row - 1, column]) / 2
+    x, y = around % width - column[:, None], around // width - row[:, None]
+    middle = p[row, column][:, None]
+    expected = middle + x[..., None] * across[:, None] + y[..., None] * down[:, None]
+    step = np.sqrt(np.minimum((across**2).sum(1), (down**2).sum(1)))[:, None]
+    off = np.linalg.norm(p.reshape(-1, 3)[around] - expected, axis=-1)
+    return np.asarray(frame.usable, dtype=bool).reshape(-1)[around] & (off <= 2 * BEND * step)
 
 
 def _solve(across: Array, down: Array, target: Array) -> tuple[Array, Array]:

@@ -61,15 +61,10 @@ class Ablations(_Model):
 
 
 class Cost(_Model):
-    """What the paper says about all views together."""
+    """Hours of preparation, and the number of views from which on they pay."""
 
-    reference_hours_per_view: Positive
-    training_views: int
-    training_hours: Positive
     total_hours: Positive
-    seconds_per_view: Positive
     break_even_views: int
-    speedup: dict[int, float]
 
 
 class Paper(_Model):

@@ -42,6 +42,8 @@ def reproduce(arguments: Sequence[str]) -> int:
         todo = "Run `gpf repro` in the project's folder."
         raise UserError("dvc.yaml", "is missing", todo)
     dvc = [sys.executable, "-m", "dvc"]
+    if {"--dry", "--help", "-h"} & set(arguments):  # nothing runs that could be watched
+        return subprocess.call([*dvc, "repro", *arguments])
     try:
         plan = Plan.read(dvc, arguments)
     except DvcFailed as error:

@@ -44,7 +44,7 @@ def field_at(p: np.ndarray, count: int, gaps: Photons | None = None) -> Gaussian
     return GaussianPhotonField(gaussians_at(p, count, gaps), settings, BOUNDS)
 
 
-def test_gaps_are_where_the_search_radius_holds_no_more_than_k():
+def test_gaps_are_where_the_search_radius_holds_fewer_than_k():
     rng = np.random.default_rng(3)
     lit = sheet(rng, 3000, 0, 2)
     points = sheet(rng, 4000, 0, 2.9)
@@ -54,9 +54,9 @@ def test_gaps_are_where_the_search_radius_holds_no_more_than_k():
     assert {tuple(row) for row in places} <= known
     tree = cKDTree(lit.astype(np.float32))
     held = np.array([len(near) for near in tree.query_ball_point(places, RADIUS)])
-    assert (held <= K).all()
+    assert (held < K).all() and held.max() == K - 1
     # Every point with too few is near one of them: in its cell.
-    sparse = points[[len(near) <= K for near in tree.query_ball_point(points, RADIUS)]]
+    sparse = points[[len(near) < K for near in tree.query_ball_point(points, RADIUS)]]
     assert len(sparse) > 500
     far, _ = cKDTree(places).query(sparse)
     assert far.max() <= np.sqrt(2) * SPACING * RADIUS

@@ -17,6 +17,7 @@ from report.figures.style import (
     small_multiples,
     styled,
 )
+from report.paper import read_paper
 from report.results import Results
 
 FIELD, LONG, EQUAL = "GPF", "SPPM", "SPPM at equal quality"
@@ -45,12 +46,15 @@ def draw_cumulative_cost(results: Results) -> Sketch:
         for axes, cost in zip(panels, found.values(), strict=True):
             _draw_panel(axes, cost, last, labels)
         put_legend(drawing, spare, gather_legend(panels))
+    paper = read_paper().cost
     words = "; ".join(f"{results.scene(s).title}: {_tell(c, passes)}" for s, c in found.items())
     alt = f"Cumulative cost in seconds over 1 to {last} views, on logarithmic axes. {words}."
     caption = (
         f"Seconds for 1 to {last} views. Circles mark the first view from which on GPF, with all "
         f"of its preparation, costs less in all. {words}. SPPM at GPF's PSNR has no line "
-        "where not even its last pass comes up to GPF."
+        "where not even its last pass comes up to GPF. "
+        f"The paper reports {paper.total_hours:g} hours of preparation, paid for by "
+        f"{paper.break_even_views} views."
     )
     return Sketch(drawing, alt, caption)
 

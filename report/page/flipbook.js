@@ -245,8 +245,6 @@ class FlipBook {
     on(".hold", "contextmenu", (e) => e.preventDefault());
     on(".hold", "keydown", (e) => [" ", "Enter"].includes(e.key) && hold(true));
     this.root.addEventListener("keyup", (e) => [" ", "Enter"].includes(e.key) && hold(false));
-    this.root.addEventListener("pointerdown", () => (FlipBook.used = this));
-    this.root.addEventListener("focusin", () => (FlipBook.used = this));
     this.listenToCanvas();
   }
 

@@ -21,7 +21,7 @@ from report.page.films import Film, open_films, share_room
 from report.page.origin import list_commits, list_machines, list_seeds, write_params
 from report.page.pictures import PRECISION, Picture
 from report.page.systems import list_systems
-from report.page.words import SceneWords, describe_scene, main_numbers
+from report.page.words import SceneWords, describe_scene, main_numbers, tell_victory
 from report.results import FIELD, Results, SceneResults
 
 if TYPE_CHECKING:
@@ -123,6 +123,7 @@ def _render(
         gradient=_gradient(),
         largest_error=LARGEST_ERROR,
         numbers=main_numbers(results),
+        victory=tell_victory(results),
         scenes=scenes,
         unmeasured=[results.scene(name).title for name in results.unmeasured],
         shrunk=shelf.shrunk,

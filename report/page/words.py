@@ -96,6 +96,23 @@ def find_defeats(results: Results, scene: str) -> list[Defeat]:
     return defeats
 
 
+def tell_victory(results: Results) -> str:
+    """What may be said where no other method is better in anything that was compared."""
+    compared: list[str] = []
+    missing: list[str] = []
+    for key, (name, *_) in JUDGED.items():
+        known = results.quality.dropna(subset=[key])
+        others = known[~known["method"].isin([FIELD, CEILING])]["scene"]
+        field = known[known["method"] == FIELD]["scene"]
+        both = set(others) & set(field)
+        (compared if both and both >= set(results.scenes) else missing).append(name)
+    if not compared:
+        return "No number is known of the field and of another method in every scene."
+    told = f"in each scene it has the best {join(compared)} of them"
+    rest = f" {join(missing)} cannot be told: not every scene has the numbers." if missing else ""
+    return f"Nowhere among the methods that were measured: {told}.{rest}"
+
+
 def _quality(results: Results) -> MainNumber | None:
     frame = results.quality.dropna(subset=["psnr"])
     scenes = frame[frame["method"] == FIELD]["scene"].tolist()

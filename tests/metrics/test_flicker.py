@@ -76,6 +76,21 @@ def test_a_change_of_all_pixels_is_found_as_it_is():
     assert measure_flicker([low, high], links, EXPOSURE).change == pytest.approx(7)
 
 
+def test_what_takes_no_part_is_not_read_either():
+    """Around a pixel of another surface no match uses it, diagonally neither."""
+    earlier, later = see(), see(0.005, 0)  # half a pixel to the side
+    other = (20, 30)
+    hole = earlier.usable.copy()
+    hole[other] = False
+    behind = earlier.points.copy()
+    behind[other] += [0, 0, -1]
+    flat = other[0] * 64 + other[1]
+    for frame in (FramePoints(earlier.points, hole), FramePoints(behind, earlier.usable)):
+        link = link_frames(frame, FramePoints(later.points + np.array([0, 0.005, 0]), later.usable))
+        assert len(link.later) > 0.8 * 64 * 48
+        assert not ((link.earlier == flat) & (link.weights > 0)).any()
+
+
 def test_a_closed_path_leads_back():
     frame = see()
     link = link_frames(frame, frame)

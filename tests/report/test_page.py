@@ -15,7 +15,7 @@ from report.figures.sketch import Figure
 from report.page import write_page
 from report.page.books import make_books, order_views
 from report.page.pictures import PRECISION, Picture
-from report.page.words import describe_scene, find_defeats, main_numbers
+from report.page.words import describe_scene, find_defeats, main_numbers, tell_victory
 from report.results import Results
 from report.tables import make_tables
 from tests.report.made_up import BOX, WATER, edit, made_up_params, make_results
@@ -253,6 +253,18 @@ def test_where_the_field_is_beaten_is_told(tmp_path):
     write_page(results, [], [], tmp_path / "report.html")
     text = Reader((tmp_path / "report.html").read_text(encoding="utf-8")).text
     assert "Cornell Box. LPIPS 0.500, and Path tracer, 50 spp 0.400." in text
+
+
+def test_no_victory_is_told_of_what_was_not_compared(tmp_path):
+    results = make_pictured(tmp_path / "results")
+    told = tell_victory(results)
+    assert "in each scene it has the best PSNR, SSIM, LPIPS, FLIP and relMSE" in told
+    for file in (tmp_path / "results").glob("*/metrics/*.json"):
+        if "mean" in read_json(file, "metrics"):
+            edit(file, mean__lpips=None)
+    edit(tmp_path / "results" / BOX / "metrics" / "gpf.json", mean__flip=None)
+    told = tell_victory(type(results)(results.params, results.root))
+    assert "in each scene it has the best PSNR, SSIM and relMSE of them. LPIPS and FLIP" in told
 
 
 def test_a_field_that_never_pays_is_told(tmp_path):

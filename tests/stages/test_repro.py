@@ -201,6 +201,12 @@ def test_failing_and_going_on(small):
     assert small.gpf("repro", "thrid").code == 255
 
 
+def test_a_dry_run_runs_nothing_and_says_so(small):
+    outcome = small.gpf("repro", "--dry")
+    assert outcome.code == 0 and "stages ran" not in outcome.text
+    assert not (small.folder / "first-a").exists() and not (small.folder / "results").exists()
+
+
 def test_ctrl_c_and_going_on(small, environment):
     (small.folder / "work.sh").write_text(
         'if [ -e again ]; then cp "$1" "$2"; else touch here; sleep 60; fi\n'
