@@ -202,7 +202,7 @@ def test_failing_and_going_on(small):
 
 
 def test_a_dry_run_runs_nothing_and_says_so(small):
-    outcome = small.gpf("repro", "--dry")
+    outcome = small.gpf("repro", "--dry", "first@a")
     assert outcome.code == 0 and "stages ran" not in outcome.text
     assert not (small.folder / "first-a").exists() and not (small.folder / "results").exists()
 
