@@ -71,7 +71,7 @@ def animate(scene_name: str) -> None:
             refusals[method] = refusal.what
             console.print(f"{scene_name}, {method}: {refusal}", highlight=False, soft_wrap=True)
         forget_state_of(work, method)
-    forget_others(work, section.methods)
+    forget_others(work, section.methods, len(views))
     shown = [m for m in section.methods if m not in refusals]
     with costs.measure("flicker"):
         files = {m: [frame(work, m, k) for k in range(len(views))] for m in shown}
@@ -162,11 +162,15 @@ def forget_state_of(work: Workspace, method: str) -> None:
         forget_state(work, method)
 
 
-def forget_others(work: Workspace, methods: Sequence[str]) -> None:
-    """Remove frames of methods that params.yaml does not list any more."""
+def forget_others(work: Workspace, methods: Sequence[str], frames: int) -> None:
+    """Remove frames of methods that params.yaml does not list any more, and of a longer path."""
     for folder in (work.folder / "animation").glob("*/"):
         if folder.name not in methods:
             shutil.rmtree(folder)
+            continue
+        known = {frame(work, folder.name, k) for k in range(frames)}
+        for file in set(folder.glob("*.exr")) - known:
+            file.unlink()
 
 
 def write_films(work: Workspace, refusals: dict[str, str], count: int) -> None:

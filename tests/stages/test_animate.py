@@ -120,6 +120,9 @@ def test_what_changed_is_rendered_again(walked):
     assert walked.stage("animate").code == 0
     folders = {path.name for path in (walked.results / "animation").glob("*/")}
     assert folders == {"gpf"}
+    walked.replace("scenes/cornell_box/views.yaml", f"frames: {FRAMES}", "frames: 2")
+    assert walked.stage("scene").code == 0 and walked.stage("animate").code == 0
+    assert len(list((walked.results / "animation" / "gpf").iterdir())) == 2
 
 
 def test_another_scene_is_not_asked_for(walked):
