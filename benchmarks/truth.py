@@ -1,7 +1,7 @@
-"""`python -m benchmarks.truth SCENE VIEW …`: field and SPPM against a path tracer that takes its time.
+"""`python -m benchmarks.truth SCENE VIEW …`: field and SPPM against a patient path tracer.
 
-After `dvc repro`, in scenes whose light a path tracer finds. References have noise of their own, which
-counts against whoever does not share it; here the judge is independent of both, and has less.
+After `dvc repro`, in scenes whose light a path tracer finds. References have noise of their own,
+which counts against whoever does not share it; here the judge is independent of both, and has less.
 """
 
 from __future__ import annotations
