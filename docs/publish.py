@@ -22,6 +22,7 @@ PROFILE = "full"
 PAGES = (Path("README.md"), *sorted(Path("docs").glob("*.md")))
 FIGURES = Path("results/figures")
 IMAGES = Path("docs/images")
+FILMS = ("water_caustic_2",)
 PICTURES = ("teaser", "cumulative_cost", "quality_time", "comparison_water_caustic_2")
 
 _MARKS = re.compile(r"<!-- (\w+) -->\n.*?<!-- /\1 -->", re.DOTALL)
@@ -39,8 +40,12 @@ def main() -> None:
 def publish(results: Results) -> None:
     """Copy the pictures and fill in the tables; one that is missing is an error."""
     refuse_other_sizes(results)
-    sources = [FIGURES / f"{name}.png" for name in PICTURES]
-    for source in sources:
+    copies = {FIGURES / f"{name}.png": IMAGES / f"{name}.png" for name in PICTURES}
+    copies |= {
+        results.scene(name).folder / "animation" / "animation.webp": IMAGES / f"{name}.webp"
+        for name in FILMS
+    }
+    for source in copies:
         if not source.exists():
             raise UserError(str(source), "is missing", f"Run `gpf repro --profile {PROFILE}`.")
     pages = {}
@@ -48,8 +53,8 @@ def publish(results: Results) -> None:
         text = page.read_text(encoding="utf-8")
         pages[page] = text, _MARKS.sub(lambda match: fill(match[1], results), text)
     IMAGES.mkdir(parents=True, exist_ok=True)
-    for source in sources:
-        copyfile(source, IMAGES / source.name)
+    for source, copy in copies.items():
+        copyfile(source, copy)
     for page, (old, new) in pages.items():
         if new != old:
             write_text(page, new)
