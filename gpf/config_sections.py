@@ -167,7 +167,7 @@ class Stream(Section):
 
     passes: Count = 300
     first: Count = 24
-    growth: Annotated[float, Field(gt=1)] = 1.5
+    growth: Annotated[float, Field(gt=1)] = 2.0
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.75
     radius: Positive = 1.3
     view_points: Count = 200_000

@@ -53,7 +53,7 @@ class StreamSettings:
 
     passes: int = 300
     first: int = 24
-    growth: float = 1.5
+    growth: float = 2.0
 
     def rounds(self) -> list[int]:
         """Numbers of passes after which steps are made, ascending; the last is ``passes``."""
