@@ -12,7 +12,8 @@ import numpy as np
 from gpf.density import PhotonDensity
 from gpf.errors import UserError
 from gpf.seeds import pass_seed
-from gpf.structs import Photons, VisiblePoints, concatenate
+from gpf.space_order import order_in_space
+from gpf.structs import Photons, VisiblePoints, concatenate, to_numpy
 
 # The share of the points, and of the work of gathering photons at them, that lies beyond what is
 # seen: where most of the light is, as in the room next door, points cost most.
@@ -47,6 +48,7 @@ def sample_surface_points(
     their surface (within ``radius``, world units), which makes it nearly uniform over all that is
     lit or seen, and twice as dense along edges: joints and shadows get photons too seldom to be
     learned from photons alone. A share, :data:`BEYOND`, is spread likewise over what lies beyond.
+    Those that follow each other lie close together.
     """
     lit = dr.width(places.lit.p)
     if lit == 0:
@@ -80,7 +82,9 @@ def sample_surface_points(
         arrivals = _alike(places.arrivals.p, places.arrivals.n, radius, bounds)
         work = [_at(arrivals, p, n, points).mean() for points in (here, third)]
         third = rng.permutation(third)[: round(min(1, work[0] / work[1]) * len(third))]
-    chosen = mi.UInt32(np.sort(np.concatenate([here, third])).astype(np.uint32))
+    points = np.sort(np.concatenate([here, third]))
+    points = points[order_in_space(to_numpy(p)[points], radius / 2)]
+    chosen = mi.UInt32(points.astype(np.uint32))
     return VisiblePoints(
         p=dr.gather(mi.Point3f, p, chosen),
         n=dr.gather(mi.Normal3f, n, chosen),

@@ -23,7 +23,7 @@ from stages.workspace import Workspace
 _CODE = (
     "bounds density emission emission_guiding exact_sums film fixed_points kernel_area materials "
     "next_event outlook pass_sums photon_map photon_tracing pilot progressive reference "
-    "seeds sensors spatial_hash structs surface_samples thinning visible_points"
+    "seeds sensors space_order spatial_hash structs surface_samples thinning visible_points"
 )
 
 
