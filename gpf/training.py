@@ -33,6 +33,7 @@ from gpf.errors import UserError
 from gpf.field import GaussianPhotonField
 from gpf.gaussians import Gaussians
 from gpf.neighbour_lists import list_neighbours
+from gpf.space_order import order_in_space
 from gpf.step_random import step_random
 from gpf.structs import SurfacePoints, take, to_numpy
 
@@ -112,7 +113,10 @@ class Trainer:
         count = dr.width(points.p)
         rng = np.random.default_rng(settings.seed)
         split = rng.random(count) < settings.held_out
-        self._rows = [mi.UInt32(np.flatnonzero(s).astype(np.uint32)) for s in (~split, split)]
+        # Batches are then even over space, and lanes of a packet have the same neighbours.
+        order = order_in_space(to_numpy(points.p), field.settings.search_radius / 2)
+        sets = (order[~split[order]], order[split[order]])
+        self._rows = [mi.UInt32(rows.astype(np.uint32)) for rows in sets]
         self.training, self.held_out = (take(points, rows) for rows in self._rows)
 
         mean_target = np.mean(np.asarray(self.training.target.numpy()))
@@ -206,7 +210,8 @@ class Trainer:
     def batch(self) -> mi.UInt32:
         """A stratified random batch: one point of each run of P / B consecutive ones.
 
-        Points come in image order, so that the lanes of a packet stay close to each other.
+        Points come in the order of :func:`gpf.space_order.order_in_space`, so that a batch is even
+        over all surfaces, and the lanes of a packet stay close to each other.
         """
         count = dr.width(self.training.p)
         size = min(self.settings.batch, count)
