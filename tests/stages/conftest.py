@@ -25,6 +25,14 @@ PROJECT = Path(__file__).parent.parent.parent
 SCENE = "cornell_box"
 
 
+HEARING = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from stages.cli import main
+main()
+"""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How a call of the command line ended, and what it said."""
@@ -61,9 +69,12 @@ class Project:
         return self.gpf("stage", name, *([] if name in OF_ALL_SCENES else ["--scene", scene]))
 
     def start(self, name: str, environment: dict[str, str]) -> subprocess.Popen[str]:
-        """Run one stage in a process of its own; what it says comes through one pipe."""
+        """Run one stage in a process of its own; what it says comes through one pipe.
+
+        It hears Ctrl-C even where the tests run in the background, which do not.
+        """
         return subprocess.Popen(
-            [sys.executable, "-m", "stages.cli", "stage", name, "--scene", SCENE],
+            [sys.executable, "-c", HEARING, "stage", name, "--scene", SCENE],
             cwd=self.folder,
             env=environment,
             stdout=subprocess.PIPE,

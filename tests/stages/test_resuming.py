@@ -213,7 +213,10 @@ def test_ctrl_c_in_a_process_of_its_own(fresh, environment):
         while not passes_kept(kept) and process.poll() is None and time.monotonic() < deadline:
             time.sleep(0.1)
         process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=30)
+        try:
+            output, _ = process.communicate(timeout=30)
+        finally:
+            process.kill()  # otherwise it would go on for hours
     assert process.returncode == 130, output
     assert "stopped; the next run goes on from the last checkpoint" in output
     assert "Traceback" not in output
