@@ -146,8 +146,16 @@ def _snapshots_of_all(work: Workspace, views: Sequence[str]) -> list[int]:
 
     Its last is what `reference.passes` asks for, or fewer if `reference.target_psnr` is reached.
     """
-    files = [read_exr(work.ceiling(name), "reference")[0] for name in views]
-    names = set(files[0]).intersection(*files[1:])
+    files = {name: read_exr(work.ceiling(name), "reference") for name in views}
+    wanted = work.params.reference.passes
+    for name, (_, record) in files.items():
+        if record["passes"] != wanted:
+            raise UserError(
+                str(work.ceiling(name)),
+                f"is of {record['passes']} passes, params.yaml asks for {wanted}",
+                "Run `gpf stage reference` again, or set reference.passes back.",
+            )
+    names = set.intersection(*(set(layers) for layers, _ in files.values()))
     passes = sorted(int(n) for n in (s.removeprefix("sppm_") for s in names) if n.isdecimal())
     if not passes:
         raise UserError(
