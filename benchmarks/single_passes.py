@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
-import numpy as np
-
 from gpf.reference import ReferenceRenderer
 from stages.groups import Job
+from stages.pass_times import compile_passes, time_passes
 from stages.workspace import Workspace
 
 
@@ -21,14 +18,9 @@ class SinglePasses:
         sensors = {view.name: work.sensor(view)}
         seed, source = work.params.reference.seed, job.lookout.source
         self.renderer = ReferenceRenderer(job.scene, sensors, {}, job.settings, seed, source)
-        for _ in range(2):  # compile
-            self.renderer.run_pass(1)
+        compile_passes([self.renderer])
 
     def seconds(self, parts: int, k: int, samples: int = 8) -> float:
-        """Mean over passes of the ``k``-th of so many parts: they get cheaper as radii shrink."""
-        first, last = 1 + self.passes * k // parts, self.passes * (k + 1) // parts
-        numbers = np.linspace(first, max(first, last), samples).astype(int)
-        start = time.perf_counter()
-        for t in numbers:
-            self.renderer.run_pass(int(t))
-        return (time.perf_counter() - start) / samples
+        """Mean over passes of the ``k``-th of so many parts."""
+        passes = range(1 + self.passes * k // parts, 1 + self.passes * (k + 1) // parts)
+        return float(time_passes([self.renderer], passes, samples)[0])

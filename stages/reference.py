@@ -5,7 +5,6 @@ A view whose file was made by the same scene, camera and parameters is left alon
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -30,6 +29,7 @@ from stages.groups import (
     target_points,
     views_of,
 )
+from stages.pass_times import compile_passes, time_passes
 from stages.passes import SURFACES, LongSum
 from stages.progress import console
 from stages.publishing import make_ready, settle
@@ -214,21 +214,7 @@ def _time_passes(job: Job) -> dict[str, float]:
     source, settings, seed = job.lookout.source, job.settings, section.seed
     alone = ReferenceRenderer(job.scene, sensor, {}, settings, seed, source)
     targets = ReferenceRenderer(job.scene, {}, points, settings, seed, source)
-    passes = section.passes
-    return {
-        "seconds_per_single_view_pass": _seconds_per_pass(alone, passes),
-        "seconds_per_target_pass": _seconds_per_pass(targets, passes),
-    }
-
-
-def _seconds_per_pass(renderer: ReferenceRenderer, passes: int, samples: int = 12) -> float:
-    """Mean over samples spread evenly over all passes: a pass gets cheaper as its radius shrinks.
-
-    The first two are not counted: they may compile.
-    """
-    seconds = []
-    for t in [1, 1, *np.linspace(1, passes, samples).astype(int)]:
-        start = time.perf_counter()
-        renderer.run_pass(int(t))
-        seconds.append(time.perf_counter() - start)
-    return float(np.mean(seconds[2:]))
+    both = (alone, targets)
+    compile_passes(both)
+    single, target = time_passes(both, range(1, section.passes + 1), samples=16)
+    return {"seconds_per_single_view_pass": float(single), "seconds_per_target_pass": float(target)}
