@@ -37,8 +37,8 @@ from stages.train_settings import training_settings  # noqa: E402
 from stages.training_inputs import initial_field, photons_for_field, supervise  # noqa: E402
 from stages.workspace import Workspace  # noqa: E402
 
-# Of SPPM, timed before the training and after it.
-PASSES = 64
+# Of SPPM for each novel view, timed before the training and after it.
+PASSES = 16
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
+
 # ruff: isort: split
 import matplotlib
 

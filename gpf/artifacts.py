@@ -9,6 +9,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,18 @@ from safetensors.numpy import save
 from gpf.errors import UserError
 
 SCHEMA_VERSION = 1
+
+
+def stage_command(maker: str, path: Path) -> str:
+    """The command that makes a file: ``gpf stage train --scene cornell_box``.
+
+    What belongs to a scene lies below ``results/SCENE``; elsewhere, and for the report of all
+    scenes, the command names none.
+    """
+    folders = Path(path).parts[:-1]
+    scene = [below for above, below in pairwise(folders) if above == "results"][-1:]
+    of_scene = scene and maker != "report"
+    return f"gpf stage {maker}" + (f" --scene {scene[0]}" if of_scene else "")
 
 
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
@@ -61,10 +74,14 @@ def read_json(path: Path, maker: str) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
-        raise UserError(str(path), "is missing", f"Run `gpf stage {maker}` first.") from error
+        raise UserError(
+            str(path), "is missing", f"Run `{stage_command(maker, path)}` first."
+        ) from error
     except json.JSONDecodeError as error:
         raise UserError(
-            str(path), f"is not JSON ({error})", f"Delete it and run `gpf stage {maker}` again."
+            str(path),
+            f"is not JSON ({error})",
+            f"Delete it and run `{stage_command(maker, path)}` again.",
         ) from error
 
 
@@ -89,9 +106,9 @@ def read_tensors(path: Path, kind: str, maker: str) -> tuple[dict[str, np.ndarra
     ------
     UserError: the file is missing, truncated, of another kind or of another schema version.
     """
-    again = f"Delete it and run `gpf stage {maker}` again."
+    again = f"Delete it and run `{stage_command(maker, path)}` again."
     if not path.exists():
-        raise UserError(str(path), "is missing", f"Run `gpf stage {maker}` first.")
+        raise UserError(str(path), "is missing", f"Run `{stage_command(maker, path)}` first.")
     try:
         with safe_open(str(path), framework="numpy") as file:
             header = file.metadata() or {}

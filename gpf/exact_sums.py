@@ -24,12 +24,12 @@ class ExactSum:
     Parameters
     ----------
     size: number of lanes N.
-    bits: the step is 2^-bits: for 40, the default, 1e-12. Up to 2^(62 - bits) terms have room.
+    bits: the step is 2^-bits: for 40, the default, 1e-12.
     """
 
     def __init__(self, size: int, bits: int = 40) -> None:
         self.size = size
-        self._step = 2.0**-bits
+        self._bits, self._step = bits, 2.0**-bits
         kind = dr.int64_array_t(mi.Color3f)
         self._whole = dr.zeros(kind, size)
         self._steps = dr.zeros(kind, size)
@@ -44,7 +44,7 @@ class ExactSum:
         self._whole += kind(whole)
         self._steps += kind((value - whole) * (1 / self._step))
         self._broken |= dr.select(finite, mi.UInt32(0), 1)
-        dr.eval(self._whole, self._steps, self._broken)
+        self._carry()
 
     def total(self) -> np.ndarray:
         """The sum, float64, (N, 3)."""
@@ -67,6 +67,15 @@ class ExactSum:
         self._whole += kind(np.ascontiguousarray(tensors["whole"].T))
         self._steps += kind(np.ascontiguousarray(tensors["steps"].T))
         self._broken |= mi.UInt32(tensors["broken"])
+        self._carry()
+
+    def _carry(self) -> None:
+        """Full steps become wholes: what is left, 0 to 2^bits - 1, has room for any more terms."""
+        if self.size == 0:  # what is empty takes no operand of one lane
+            return
+        full = self._steps >> self._bits
+        self._whole += full
+        self._steps -= full << self._bits
         dr.eval(self._whole, self._steps, self._broken)
 
 

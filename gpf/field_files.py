@@ -26,7 +26,7 @@ from typing import Any, Literal
 import mitsuba as mi
 import numpy as np
 
-from gpf.artifacts import read_tensors, write_tensors
+from gpf.artifacts import read_tensors, stage_command, write_tensors
 from gpf.errors import UserError
 from gpf.field import FieldSettings, GaussianPhotonField
 from gpf.gaussians import Gaussians
@@ -125,7 +125,7 @@ def read_field(path: Path) -> StoredField:
         raise UserError(
             str(path),
             f"has the precision {precision}; this program reads float32 and compact",
-            "Delete it and run `gpf stage train` again.",
+            f"Delete it and run `{stage_command('train', path)}` again.",
         )
     _check_finite(path, tensors)
     settings = FieldSettings(**metadata["settings"])
@@ -138,7 +138,8 @@ def _check_finite(path: Path, tensors: Mapping[str, np.ndarray]) -> None:
             raise UserError(
                 str(path),
                 f"has NaN or infinite values in {name}",
-                "Look at the references, lower the learning rates, and run `gpf stage train`.",
+                "Look at the references, lower the learning rates, and run "
+                f"`{stage_command('train', path)}`.",
             )
 
 

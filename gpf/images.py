@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from gpf.artifacts import SCHEMA_VERSION, write_atomically
+from gpf.artifacts import SCHEMA_VERSION, stage_command, write_atomically
 from gpf.errors import UserError
 
 # The header attribute that says what made an image.
@@ -56,8 +56,8 @@ def read_exr(path: Path, maker: str) -> tuple[dict[str, np.ndarray], dict[str, A
     UserError: the file is missing, truncated or of another schema version.
     """
     if not path.exists():
-        raise UserError(str(path), "is missing", f"Run `gpf stage {maker}` first.")
-    again = f"Delete it and run `gpf stage {maker}` again."
+        raise UserError(str(path), "is missing", f"Run `{stage_command(maker, path)}` first.")
+    again = f"Delete it and run `{stage_command(maker, path)}` again."
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             record = json.loads(file.header().get(_RECORD, "{}"))

@@ -10,7 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from gpf.artifacts import read_json, read_tensors, write_json, write_tensors
+from gpf.artifacts import read_json, read_tensors, stage_command, write_json, write_tensors
 from gpf.errors import UserError
 from gpf.pass_sums import PassSums
 
@@ -29,20 +29,24 @@ class PassParts:
     folder: what belongs to a ``fingerprint`` lies in a folder below that is named after it, with
         the fingerprint beside the parts; parts of anything else are left alone.
     fingerprint: all that the sums depend on, as JSON values.
+    passes: how many there are to be. Parts that reach further, of a longer sum, are left alone.
     maker: the stage that makes such files, for messages.
     """
 
-    def __init__(self, folder: Path, fingerprint: Mapping[str, Any], maker: str) -> None:
+    def __init__(
+        self, folder: Path, fingerprint: Mapping[str, Any], passes: int, maker: str
+    ) -> None:
         text = json.dumps(fingerprint, sort_keys=True)
         self.digest = hashlib.sha256(text.encode()).hexdigest()[:12]
         self.parent, self.folder, self.maker = folder, folder / self.digest, maker
+        self.passes = passes
         self._fingerprint: dict[str, Any] = json.loads(text)
 
     def done(self) -> list[range]:
         """Ranges of passes that are done, in order and without overlap, as 0-based ranges."""
         chosen: list[range] = []
         names = [_NAME.fullmatch(p.name) for p in self.folder.glob("*.safetensors")]
-        found = [range(int(m[1]), int(m[2])) for m in names if m]
+        found = [range(int(m[1]), int(m[2])) for m in names if m and int(m[2]) <= self.passes]
         # Where one lies within another, the longer one counts.
         for part in sorted(found, key=lambda r: (r.start, -r.stop)):
             if not chosen or part.start >= chosen[-1].stop:
@@ -102,7 +106,8 @@ class PassParts:
                 str(self.file(part)),
                 "holds passes of another scene, other views, parameters or code "
                 f"({metadata.get('digest', 'unknown')}), and is left as it is",
-                f"Move it out of this folder and run `gpf stage {self.maker}` again.",
+                "Move it out of this folder and run "
+                f"`{stage_command(self.maker, self.folder)}` again.",
             )
         sums.add_tensors(tensors, metadata["passes"])
         costs: dict[str, float] = metadata["costs"]

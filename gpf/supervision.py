@@ -10,7 +10,7 @@ from typing import Literal
 import mitsuba as mi
 import numpy as np
 
-from gpf.artifacts import read_tensors, write_tensors
+from gpf.artifacts import read_tensors, stage_command, write_tensors
 from gpf.errors import UserError
 from gpf.structs import SurfacePoints
 
@@ -77,7 +77,7 @@ class Targets:
             raise UserError(
                 str(path),
                 f"is from an earlier version: it has no {', '.join(sorted(missing))}",
-                "Run `gpf stage reference` again.",
+                f"Run `{stage_command('reference', path)}` again.",
             )
         return cls(**tensors)
 

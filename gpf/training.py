@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,56 +34,15 @@ from gpf.field import GaussianPhotonField
 from gpf.gaussians import Gaussians
 from gpf.neighbour_lists import list_neighbours
 from gpf.space_order import order_in_space
-from gpf.step_random import step_random
+from gpf.step_random import stratified_batch
 from gpf.structs import SurfacePoints, take, to_numpy
-
-
-@dataclass(frozen=True)
-class LearningRates:
-    """Adam's step sizes. Means are in units of the search radius, irradiance in units of the mean
-    target around the Gaussian; log scales and quaternions have none."""
-
-    means: float = 8e-3
-    log_scales: float = 2e-2
-    quats: float = 2e-2
-    irradiance: float = 8e-2
-
-
-@dataclass(frozen=True)
-class TrainingSettings:
-    """How the field is fitted.
-
-    Attributes
-    ----------
-    steps: optimiser steps.
-    batch: supervised points per step.
-    rates: initial learning rates; they decay to ``final_rate`` times that on a cosine.
-    rebuild_every: steps between rebuilds of the neighbour lists.
-    evaluate_every: steps between evaluations on the held-out points.
-    held_out: share of the points that training does not see; the state with the smallest error
-        there is kept.
-    from_targets: whether irradiance starts from the mean of the nearest targets instead of what the
-        field has.
-    anisotropic: whether the three scales of a Gaussian are free of each other.
-    seed: of the split and the batches.
-    """
-
-    steps: int = 1000
-    batch: int = 32_768
-    rates: LearningRates = field(default_factory=LearningRates)
-    final_rate: float = 0.1
-    rebuild_every: int = 100
-    evaluate_every: int = 50
-    held_out: float = 0.1
-    from_targets: bool = False
-    anisotropic: bool = True
-    seed: int = 0
+from gpf.training_settings import TrainingSettings, cosine_decay
 
 
 @dataclass(frozen=True)
 class Progress:
     """What training reports: after ``step`` steps, the root mean square errors of the last batch
-    and of the held-out points, both in units of the mean target."""
+    and of the held-out points, both in units of the mean target and weighted like the loss."""
 
     step: int
     training_error: float
@@ -103,7 +62,7 @@ class Trainer:
     Parameters
     ----------
     field: where to start.
-    points: positions, normals and targets, (P); shuffled copies are made.
+    points: positions, normals and targets, (P); copies are made, in the order of space.
     """
 
     def __init__(
@@ -170,8 +129,7 @@ class Trainer:
     def rates(self) -> list[mi.Float]:
         """Learning rates of this step, one per parameter; a cosine from 1 to ``final_rate``."""
         s = self.settings
-        done = min(self.step_count / max(s.steps, 1), 1.0)
-        decay = s.final_rate + (1 - s.final_rate) * 0.5 * (1 + np.cos(np.pi * done))
+        decay = cosine_decay(self.step_count / max(s.steps, 1), s.final_rate)
         r = s.rates
         unit = self.field.settings.search_radius
         values = [r.means * unit] * 3 + [r.log_scales] * 3 + [r.quats] * 4
@@ -208,22 +166,14 @@ class Trainer:
         return errors
 
     def batch(self) -> mi.UInt32:
-        """A stratified random batch: one point of each run of P / B consecutive ones.
-
-        Points come in the order of :func:`gpf.space_order.order_in_space`, so that a batch is even
-        over all surfaces, and the lanes of a packet stay close to each other.
-        """
-        count = dr.width(self.training.p)
-        size = min(self.settings.batch, count)
+        """The points of this step: even over all surfaces, for they come in the order of space."""
         # Opaque: what changes from step to step must not become part of the kernel.
         seed, step = (dr.opaque(mi.UInt32, v) for v in (self.settings.seed, self.step_count))
-        rng = step_random(size, seed, step)
-        stride = dr.opaque(mi.Float, count / size)
-        place = (mi.Float(dr.arange(mi.UInt32, size)) + rng.next_float32()) * stride
-        return dr.minimum(mi.UInt32(place), count - 1)
+        return stratified_batch(dr.width(self.training.p), self.settings.batch, seed, step)
 
     def evaluate(self) -> float:
-        """Root mean square error on the held-out points, in units of the mean target; 0 if none."""
+        """Root mean square error on the held-out points, weighted like the loss, in units of the
+        mean target; 0 if there are none."""
         if dr.width(self.held_out.p) == 0:
             return 0.0
         every = dr.arange(mi.UInt32, dr.width(self.held_out.p))

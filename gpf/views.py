@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from gpf.errors import UserError
@@ -115,6 +115,20 @@ class SceneViews(_Model):
     exposure: Positive = 1.0
     aspect: Positive = 1.0
     fov_axis: FovAxis = "x"
+
+    @model_validator(mode="after")
+    def _check_frames(self) -> SceneViews:
+        try:
+            self.frames()
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = " ".join(str(part) for part in first["loc"])
+            raise PydanticCustomError(
+                "path",
+                f"leads through cameras that cannot be: {where} {first['msg']}",
+                {"todo": "Add keyframes where it swings too far, or move them apart."},
+            ) from error
+        return self
 
     @property
     def train(self) -> tuple[View, ...]:

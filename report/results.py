@@ -210,6 +210,8 @@ class SceneResults:
     def inputs_seconds(self, options: BaselineOptions, passes: int) -> float | None:
         """What it takes to render what a system learns from: targets, or references of views.
 
+        Views are rendered together, from the same photons.
+
         Of so many passes, unless fewer did (`reference.target_psnr`).
         None where that was not measured.
         """
@@ -219,7 +221,7 @@ class SceneResults:
         try:
             seconds = 0.0
             if options.training_views:
-                per_pass = facts["seconds_per_single_view_pass"]
+                per_pass = facts["seconds_per_shared_view_pass"]
                 seconds = options.training_views * passes * per_pass
             if options.learns_from_targets:
                 seconds += passes * facts["seconds_per_target_pass"]

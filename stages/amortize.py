@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from gpf.artifacts import read_json, write_json, write_text
+from gpf.artifacts import read_json, stage_command, write_json, write_text
+from gpf.errors import UserError
 from metrics.cost import CostLine, break_even, cumulative
 from metrics.worth import worth_passes
 from stages.costs import KINDS
@@ -16,12 +17,21 @@ from stages.workspace import Workspace
 
 @dataclass(frozen=True)
 class Comparison:
-    """The field's cost line and those that it is compared with."""
+    """The field's cost line and those that it is compared with.
+
+    Attributes
+    ----------
+    passes: of SPPM, for an image like the reference.
+    equal_passes: of SPPM, for an image as good as the field's; in words.
+    together: seconds for a view of ``passes`` where all views are known in advance and share
+        photons. The field's views need not be.
+    """
 
     field: CostLine
     others: tuple[CostLine, ...]
     passes: int
     equal_passes: str
+    together: float
 
 
 def cost_lines(work: Workspace) -> Comparison:
@@ -40,6 +50,12 @@ def cost_lines(work: Workspace) -> Comparison:
     quality = read_json(work.metrics("gpf"), "metrics")["mean"]["psnr"]
     equal = worth_passes(quality, curve)
 
+    if missing := {"radius", "points"} - seconds["reference"].keys():
+        raise UserError(
+            str(work.cost("reference")),
+            f"has no times of {' and '.join(sorted(missing))}",
+            f"Delete it and run `{stage_command('reference', work.cost('reference'))}` again.",
+        )
     preparation = sum(seconds["train"].values())
     if "stream" not in seconds["train"]:
         preparation += sum(seconds["photons"].values())
@@ -58,6 +74,7 @@ def cost_lines(work: Workspace) -> Comparison:
         ),
         passes,
         str(equal),
+        passes * reference["seconds_per_shared_view_pass"],
     )
 
 
@@ -71,11 +88,18 @@ def seconds_of_all(work: Workspace) -> pd.DataFrame:
     """A row for each part of each stage that has run for the scene: wall, CPU and compilation."""
     folder = work.cost("scene").parent
     rows = [
-        {"stage": path.relative_to(folder).with_suffix("").as_posix(), "part": name, **part}
+        {"stage": stage, "part": name, **part}
         for path in sorted(folder.rglob("*.json"))
-        for name, part in read_json(path, path.stem).get("parts", {}).items()
+        for stage in [path.relative_to(folder).with_suffix("").as_posix()]
+        for name, part in read_json(path, _maker(stage)).get("parts", {}).items()
     ]
     return pd.DataFrame(rows, columns=["stage", "part", *KINDS])
+
+
+def _maker(stage: str) -> str:
+    """The stage, with its option, that writes costs under this name."""
+    folder, _, method = stage.rpartition("/")
+    return f"baseline --method {method}" if folder == "baselines" else stage
 
 
 def amortize(scene_name: str) -> None:
@@ -95,6 +119,7 @@ def amortize(scene_name: str) -> None:
             "seconds_per_view": {
                 line.name: line.per_view_seconds for line in (lines.field, *lines.others)
             },
+            "seconds_per_view_together": lines.together,
         },
     )
     for name, count in counts.items():

@@ -158,7 +158,7 @@ def plan(work: Workspace, method: str) -> tuple[dict[str, Any], Callable[[Bar], 
 def forget_state_of(work: Workspace, method: str) -> None:
     """Remove the state of a system that learns nothing; of others it spares a further run much."""
     options = work.params.baselines.get(method)
-    if options and not options.training_views and not options.learns_from_targets:
+    if options and not options.learns:
         forget_state(work, method)
 
 

@@ -68,7 +68,7 @@ def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
     costs.facts["path_seconds"] = time_path(work.load_scene(), work.views.novel[0], work.film_size)
     costs.write(work.cost(f"baselines/{method}"))
     # What it learned stays: the stage `animate` need not learn it again.
-    if not options.training_views:
+    if not options.learns:
         forget_state(work, method)
 
 

@@ -48,7 +48,7 @@ def stage(
     ] = None,
     passes: Annotated[
         str | None,
-        typer.Option(metavar="FIRST:LAST", help="Of `reference`: these passes alone, as a slice."),
+        typer.Option(metavar="FIRST:LAST", help="Of `reference`: FIRST to LAST-1 alone, from 0."),
     ] = None,
     method: Annotated[
         str | None,
@@ -62,7 +62,7 @@ def stage(
         bool,
         typer.Option(
             "--go-on",
-            help="Of `baseline` and `ablation`: what cannot serve the scene is no error.",
+            help="Of `baseline` and `ablation`: note why one cannot serve the scene; no error.",
         ),
     ] = False,
 ) -> None:
@@ -88,7 +88,7 @@ def stage(
     except BaseException as error:  # here and not in main: typer would not let it through
         if not _is_interrupt(error):
             raise
-        typer.echo("\nstopped; the next run goes on from the last checkpoint", err=True)
+        typer.echo("\nstopped; run it again to go on", err=True)
         raise typer.Exit(130) from None
 
 
@@ -97,7 +97,11 @@ def repro(
     context: typer.Context,
     name: Annotated[
         str | None,
-        typer.Option("--profile", metavar="NAME", help="First set its sizes, as `gpf profile`."),
+        typer.Option(
+            "--profile",
+            metavar="NAME",
+            help="First write its sizes into params.yaml: smoke, desk, full, paper.",
+        ),
     ] = None,
 ) -> None:
     """Run all stages that are out of date, and tell how much time is left.
@@ -127,7 +131,9 @@ def render(
     scene: Annotated[str, typer.Argument(help="A scene that has been trained.")],
     view: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="A view of its views.yaml; novel views by default."),
+        typer.Option(
+            metavar="NAME", help="A view of its views.yaml, or several; by default the novel ones."
+        ),
     ] = None,
     frames: Annotated[bool, typer.Option("--frames", help="All of its camera path.")] = False,
     out: Annotated[

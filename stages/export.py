@@ -45,7 +45,9 @@ def check_options(ply: Path | None, compact: Path | None, exposure: float | None
     """Raise a :class:`UserError` for options that make no sense."""
     if ply is None and compact is None:
         raise UserError(
-            "gpf export", "was not told what to write", "Add --ply OUT.ply or --compact OUT."
+            "gpf export",
+            "was not told what to write",
+            "Add --ply OUT.ply or --compact OUT.safetensors.",
         )
     for option, target, suffix in (("ply", ply, ".ply"), ("compact", compact, ".safetensors")):
         if target is not None and target.suffix.lower() != suffix:

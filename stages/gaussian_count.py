@@ -13,7 +13,8 @@ from typing import Any
 from gpf.streaming import PhotonStream
 from gpf.structs import Photons
 from gpf.supervision import Targets
-from gpf.training import Trainer, TrainingSettings
+from gpf.training import Trainer
+from gpf.training_settings import TrainingSettings
 from stages.progress import console
 from stages.train_settings import training_settings
 from stages.training_inputs import initial_field, supervise

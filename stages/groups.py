@@ -95,10 +95,8 @@ def open_group(job: Job, request: GroupRequest) -> LongSum:
     views = [view for view in views_of(work, group) if view.name in request.views]
     points = {}
     if group == "train":
-        job.costs.parts.pop("points", None)
-        with job.costs.measure("points"):
-            surfaces = work.params.reference.surface_points if request.surfaces else 0
-            points = target_points(job, views, record["share"], surfaces, seed)
+        surfaces = work.params.reference.surface_points if request.surfaces else 0
+        points = target_points(job, views, record["share"], surfaces, seed)
     elif group == "novel":
         points = target_points(job, views, record["share"], 0, seed)
     sensors = {view.name: work.sensor(view) for view in views if view.name in record["imaged"]}
@@ -110,7 +108,8 @@ def open_group(job: Job, request: GroupRequest) -> LongSum:
         "points": {name: dr.width(points.p) for name, points in renderer.points.items()},
         "training": [view.model_dump(mode="json") for view in work.views.train],
     }
-    parts = PassParts(work.parts("reference", group), fingerprint, "reference")
+    folder, passes = work.parts("reference", group), work.params.reference.passes
+    parts = PassParts(folder, fingerprint, passes, "reference")
     return LongSum(work, group, renderer, parts, job.costs)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gpf.artifacts import read_json, write_json, write_text
+from gpf.artifacts import read_json, stage_command, write_json, write_text
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr
 from metrics.image import NUMBERS, compare, flip_exposures, psnr
@@ -153,7 +153,8 @@ def _snapshots_of_all(work: Workspace, views: Sequence[str]) -> list[int]:
             raise UserError(
                 str(work.ceiling(name)),
                 f"is of {record['passes']} passes, params.yaml asks for {wanted}",
-                "Run `gpf stage reference` again, or set reference.passes back.",
+                f"Run `{stage_command('reference', work.ceiling(name))}` again, or set "
+                "reference.passes back.",
             )
     names = set.intersection(*(set(layers) for layers, _ in files.values()))
     passes = sorted(int(n) for n in (s.removeprefix("sppm_") for s in names) if n.isdecimal())
@@ -161,7 +162,7 @@ def _snapshots_of_all(work: Workspace, views: Sequence[str]) -> list[int]:
         raise UserError(
             str(work.ceiling(views[0]).parent),
             "has no layer sppm_N that is in the files of all views",
-            "Run `gpf stage reference` again.",
+            f"Run `{stage_command('reference', work.ceiling(views[0]))}` again.",
         )
     return passes
 
@@ -193,7 +194,7 @@ def _check_view(
     """Refuse an image of another camera than views.yaml has."""
     if record["view"] != work.views.find(name).model_dump(mode="json"):
         raise UserError(
-            str(path), "was made with another camera", f"Run `gpf stage {stage}` again."
+            str(path), "was made with another camera", f"Run `{stage_command(stage, path)}` again."
         )
 
 
@@ -204,7 +205,7 @@ def _check_image(path: Path, image: np.ndarray, reference: np.ndarray, stage: st
             str(path),
             f"has {image.shape[1]}x{image.shape[0]} pixels, its reference "
             f"{reference.shape[1]}x{reference.shape[0]}",
-            f"Run `gpf stage reference` and `gpf stage {stage}` again.",
+            f"Run `{stage_command('reference', path)}` and `{stage_command(stage, path)}` again.",
         )
     check_finite(image, str(path))
 

@@ -8,6 +8,47 @@ from collections.abc import Sequence
 import numpy as np
 
 from gpf.reference import ReferenceRenderer
+from stages.groups import Job, share_of_pixels, target_points
+
+SAMPLES = 8
+"""Passes that are timed of each kind."""
+
+
+def time_kinds_of_passes(job: Job, passes: int) -> dict[str, float]:
+    """What one of so many passes costs: for one view, for views that share photons, for targets.
+
+    The stage's own passes serve images and targets at once. Single views: mean over the novel
+    views, each on its own; shared: all of them at once, divided by their number.
+    """
+    section, source = job.work.params.reference, job.lookout.source
+    for part in ("points", "probe"):
+        job.costs.parts.pop(part, None)
+    with job.costs.measure("points"):
+        share = share_of_pixels(job.work, section.view_points)
+        views = job.work.views.train
+        points = target_points(job, views, share, section.surface_points, section.seed)
+    singles = single_views(job)
+    sensors = {name: s for renderer in singles for name, s in renderer.sensors.items()}
+    shared = ReferenceRenderer(job.scene, sensors, {}, job.settings, section.seed, source)
+    targets = ReferenceRenderer(job.scene, {}, points, job.settings, section.seed, source)
+    every = [*singles, shared, targets]
+    with job.costs.measure("probe"):
+        compile_passes(every)
+        seconds = time_passes(every, range(1, passes + 1), SAMPLES)
+    return {
+        "seconds_per_single_view_pass": float(seconds[:-2].mean()),
+        "seconds_per_shared_view_pass": float(seconds[-2] / len(singles)),
+        "seconds_per_target_pass": float(seconds[-1]),
+    }
+
+
+def single_views(job: Job) -> list[ReferenceRenderer]:
+    """SPPM for each of the novel views on its own; without any, for the first training view."""
+    work, source, seed = job.work, job.lookout.source, job.work.params.reference.seed
+    return [
+        ReferenceRenderer(job.scene, {v.name: work.sensor(v)}, {}, job.settings, seed, source)
+        for v in work.views.novel or work.views.train[:1]
+    ]
 
 
 def compile_passes(renderers: Sequence[ReferenceRenderer]) -> None:

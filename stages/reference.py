@@ -25,11 +25,9 @@ from stages.groups import (
     Job,
     open_group,
     record_of,
-    share_of_pixels,
-    target_points,
     views_of,
 )
-from stages.pass_times import compile_passes, time_passes
+from stages.pass_times import time_kinds_of_passes
 from stages.passes import SURFACES, LongSum
 from stages.progress import console
 from stages.publishing import make_ready, settle
@@ -61,11 +59,10 @@ def render_references(scene_name: str, passes: str | None = None) -> None:
             highlight=False,
         )
         return
-    if any(rendered) or "seconds_per_target_pass" not in costs.facts:
-        costs.parts.pop("probe", None)
-        with costs.measure("probe"):
-            costs.facts |= _time_passes(job)
-    costs.facts["passes_done"] = {g: passes_done(work, g, views_of(work, g)) for g in GROUPS}
+    done = {g: passes_done(work, g, views_of(work, g)) for g in GROUPS}
+    if any(rendered) or "seconds_per_shared_view_pass" not in costs.facts:
+        costs.facts |= time_kinds_of_passes(job, max(done.values()))
+    costs.facts["passes_done"] = done
     costs.facts |= settings_record(job.settings, work.params.reference.seed) | job.lookout.facts()
     costs.write(work.cost("reference"))
 
@@ -199,22 +196,3 @@ def _collect_targets(work: Workspace, views: Sequence[View], surfaces: bool) -> 
         tensors, _ = read_tensors(work.surfaces, "surfaces", "reference")
         parts.append(Targets.from_surfaces(tensors))
     Targets.join(parts).save(work.targets)
-
-
-def _time_passes(job: Job) -> dict[str, float]:
-    """What a pass costs for one view's image alone, and for the field's targets alone.
-
-    The stage's own passes serve both at once, and several views.
-    """
-    section = job.work.params.reference
-    view = job.work.views.train[0]
-    sensor = {view.name: job.work.sensor(view)}
-    share = share_of_pixels(job.work, section.view_points)
-    points = target_points(job, job.work.views.train, share, section.surface_points, section.seed)
-    source, settings, seed = job.lookout.source, job.settings, section.seed
-    alone = ReferenceRenderer(job.scene, sensor, {}, settings, seed, source)
-    targets = ReferenceRenderer(job.scene, {}, points, settings, seed, source)
-    both = (alone, targets)
-    compile_passes(both)
-    single, target = time_passes(both, range(1, section.passes + 1), samples=16)
-    return {"seconds_per_single_view_pass": float(single), "seconds_per_target_pass": float(target)}

@@ -26,6 +26,9 @@ _CODE = (
     "seeds sensors space_order spatial_hash structs surface_samples thinning visible_points"
 )
 
+_STAGES = ("groups.py", "lookout.py")
+"""They decide where the points of the targets are, and who guides the photons."""
+
 
 def group_record(
     work: Workspace, group: str, settings: PassSettings, seed: int, share: float, imaged: list[str]
@@ -54,7 +57,8 @@ def code_digest() -> str:
     That of this process, whatever becomes of the files while it runs.
     """
     folder = Path(gpf.__file__).parent
-    return digest_code(folder / f"{name}.py" for name in _CODE.split())
+    library = [folder / f"{name}.py" for name in _CODE.split()]
+    return digest_code([*library, *(Path(__file__).with_name(name) for name in _STAGES)])
 
 
 def view_record(record: dict[str, Any], view: View) -> dict[str, Any]:

@@ -9,19 +9,16 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from gpf.adaptive_sampling import LEAST_SPP
 from gpf.errors import UserError
 from gpf.field_files import load_field
 from gpf.images import check_finite, write_exr, write_png
+from gpf.parted_rendering import render_in_parts
 from gpf.sensors import make_sensor
 from gpf.views import View
 from stages.costs import CostMeter
 from stages.progress import console, progress_bar
 from stages.unit_time import time_path
 from stages.workspace import Workspace
-
-# Camera samples that are in flight at once: some 2 GB of state.
-LARGEST_WAVEFRONT = 1 << 26
 
 # A pixel is weakly covered where the field had to reach so many search radii for its neighbours.
 WEAK_REACH = 1.5
@@ -111,32 +108,9 @@ class FieldRenderer:
         """One view."""
         size, sampler = self.work.views.size(self.height), self.work.params.render.sampler
         sensor = make_sensor(view, *size, spp=self.spp, sampler=sampler)
-        image = render_image(self.scene, self.integrator, sensor, self.spp, seed)
+        image = render_in_parts(self.scene, self.integrator, sensor, self.spp, seed)
         check_finite(image[..., :3], f"{self.work.scene}, view {view.name}")
         return Picture(image[..., :3], image[..., 3])
-
-
-def render_image(
-    scene: mi.Scene, integrator: mi.Integrator, sensor: mi.Sensor, spp: int, seed: int
-) -> np.ndarray:
-    """An image as (H, W, C) float32, in as many parts of its samples as memory asks for.
-
-    Adaptive samples see to that by themselves.
-    """
-    width, height = sensor.film().crop_size()
-    parts = -(-spp * int(width) * int(height) // LARGEST_WAVEFRONT)
-    if integrator.adaptive and spp >= LEAST_SPP:
-        parts = 1
-    total: Any = 0
-    done = 0
-    for part in range(parts):
-        share = (spp - done) // (parts - part)
-        image = mi.render(
-            scene, integrator=integrator, sensor=sensor, spp=share, seed=seed + part * 2**16
-        )
-        total = total + np.array(image) * (share / spp)
-        done += share
-    return np.asarray(total)
 
 
 def tell_of_coverage(scene: str, shares: Mapping[str, float]) -> None:

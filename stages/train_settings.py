@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gpf.training import LearningRates, TrainingSettings
+from gpf.training_settings import LearningRates, TrainingSettings
 from stages.workspace import Workspace
 
 

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from gpf.artifacts import stage_command
 from gpf.config import Params, read_params
 from gpf.errors import UserError
 from gpf.runtime import choose_variant
@@ -123,9 +124,9 @@ class Workspace:
         """What a stage cost."""
         return self.field_folder / "costs" / f"{stage}.json"
 
-    def checkpoint(self, stage: str, part: str = "all") -> Path:
+    def checkpoint(self, stage: str) -> Path:
         """Where a stage keeps what it would lose if it were stopped."""
-        return self.field_folder / "checkpoints" / f"{stage}-{part}.safetensors"
+        return self.field_folder / "checkpoints" / f"{stage}.safetensors"
 
     def parts(self, stage: str, group: str) -> Path:
         """Where a stage keeps sums over parts of its passes."""
@@ -144,7 +145,7 @@ class Workspace:
             raise UserError(
                 str(self.views_file),
                 "is missing",
-                f"Run `gpf stage scene --scene {self.scene}` first.",
+                f"Run `{stage_command('scene', self.views_file)}` first.",
             )
         return read_views(self.views_file)
 
@@ -170,7 +171,7 @@ class Workspace:
             raise UserError(
                 str(self.frozen_scene),
                 "is missing",
-                f"Run `gpf stage scene --scene {self.scene}` first.",
+                f"Run `{stage_command('scene', self.frozen_scene)}` first.",
             )
         return load_scene_file(file)
 

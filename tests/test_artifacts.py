@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from gpf.artifacts import (
     SCHEMA_VERSION,
     read_json,
     read_tensors,
+    stage_command,
     write_atomically,
     write_json,
     write_tensors,
@@ -178,3 +180,18 @@ def test_the_errors_words_are_its_three_parts():
     assert re.fullmatch(r"file: key: is -1\. Give 0 or more", str(error))
     assert (error.where, error.what, error.todo) == ("file: key", "is -1", "Give 0 or more")
     assert error.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("maker", "path", "command"),
+    [
+        ("train", "results/kitchen/field.safetensors", "gpf stage train --scene kitchen"),
+        ("reference", "/a/results/kitchen/reference/x.exr", "gpf stage reference --scene kitchen"),
+        ("train", "/results/old/results/kitchen/x.json", "gpf stage train --scene kitchen"),
+        ("report", "results/kitchen/costs/train.json", "gpf stage report"),
+        ("train", "results/field.safetensors", "gpf stage train"),
+        ("train", "elsewhere/field.safetensors", "gpf stage train"),
+    ],
+)
+def test_the_command_that_makes_a_file(maker, path, command):
+    assert stage_command(maker, Path(path)) == command

@@ -60,6 +60,16 @@ def test_a_long_sum_of_small_terms_does_not_stall():
     np.testing.assert_array_equal(result.total(), 2.0**20 + 1)
 
 
+def test_a_fine_step_leaves_room_for_any_number_of_terms():
+    """Eight terms of 2^60 steps are all that 64 bits hold."""
+    result, other = ExactSum(1, bits=60), ExactSum(1, bits=60)
+    for _ in range(32):
+        result.add(mi.Color3f(0.75, -0.75, 0.25))
+    other.add_tensors(result.tensors())
+    other.add_tensors(result.tensors())
+    np.testing.assert_array_equal(other.total(), [[48, -48, 16]])
+
+
 @pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
 def test_what_is_not_finite_stays_so(value):
     result = ExactSum(2)

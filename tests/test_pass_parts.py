@@ -32,8 +32,8 @@ def render(renderer: ReferenceRenderer, passes: range) -> None:
         renderer.run_pass(t + 1)
 
 
-def parts_in(folder, seed: int = 3) -> PassParts:
-    return PassParts(folder, {"seed": seed, "size": (8, 6)}, "reference")
+def parts_in(folder, seed: int = 3, passes: int = 1000) -> PassParts:
+    return PassParts(folder, {"seed": seed, "size": (8, 6)}, passes, "reference")
 
 
 def touch(parts: PassParts, *ranges: tuple[int, int]) -> None:
@@ -57,6 +57,16 @@ def test_parts_add_up_to_the_same_bits(renderer, tmp_path):
     np.testing.assert_array_equal(renderer.image("front"), expected[0])
     np.testing.assert_array_equal(renderer.mean_irradiance("floor"), expected[1])
     assert expected[0].mean() > 0.05 and expected[1].mean() > 0.05
+
+
+def test_parts_of_a_longer_sum_are_left_alone(tmp_path):
+    short, long = parts_in(tmp_path, passes=250), parts_in(tmp_path)
+    touch(long, (0, 100), (100, 300), (300, 640))
+    assert short.done() == [range(100)]
+    assert short.missing(range(250)) == [range(100, 250)]
+    touch(short, (100, 250))
+    assert short.done() == [range(100), range(100, 250)]
+    assert long.done() == [range(100), range(100, 300), range(300, 640)]
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -133,7 +143,7 @@ def test_parts_of_something_else_are_left_alone(renderer, tmp_path):
 
 def test_fingerprints_are_compared_as_json(tmp_path):
     """What was a tuple when it was written is a list when it is read."""
-    as_list = PassParts(tmp_path, {"size": [8, 6], "seed": 3}, "reference")
+    as_list = PassParts(tmp_path, {"size": [8, 6], "seed": 3}, 1000, "reference")
     assert as_list.digest == parts_in(tmp_path).digest
 
 

@@ -18,7 +18,8 @@ from gpf.seeds import pass_seed
 from gpf.streaming import PhotonStream, StreamSettings, train_on_stream
 from gpf.structs import SurfacePoints, VisiblePoints, to_numpy
 from gpf.supervision import Targets
-from gpf.training import Trainer, TrainingSettings
+from gpf.training import Trainer
+from gpf.training_settings import TrainingSettings
 from tests.furnace import diffuse, floor, point_light
 from tests.plain_field import make_field, random_gaussians
 

@@ -12,7 +12,8 @@ import pytest
 from gpf.blending import parameters
 from gpf.errors import UserError
 from gpf.field import FieldSettings, GaussianPhotonField
-from gpf.training import LearningRates, Progress, Trainer, TrainingSettings, local_targets
+from gpf.training import Progress, Trainer, local_targets
+from gpf.training_settings import LearningRates, TrainingSettings
 from tests.plain_field import ask, make_field, random_gaussians, surface_points
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -119,3 +119,16 @@ def test_sensor_sees_what_the_view_says(tmp_path):
     angle = np.degrees(np.arctan2(ray.d.y, -ray.d.z))
     np.testing.assert_allclose(np.array(angle).ravel(), 20, atol=1e-3)
     np.testing.assert_allclose(np.array(ray.o).ravel(), [0, 0, 4], atol=2e-3)
+
+
+def test_a_path_that_swings_too_far_is_told_in_words(tmp_path):
+    """Between two narrow views the curve of the angle would go below zero."""
+    keys = "".join(
+        f"    - {{origin: [{k}, 0, 4], target: [0, 0, 0], fov: {fov}}}\n"
+        for k, fov in enumerate((60, 5, 5, 60))
+    )
+    start, _, _ = GOOD.partition("    - {origin: [0, 0, 4], target: [0, 0, 0], fov: 40}\n")
+    text = start.replace("frames: 4", "frames: 7").replace("closed: true", "closed: false") + keys
+    with pytest.raises(UserError, match=r"leads through cameras that cannot be: fov.*keyframes"):
+        read_views(write(tmp_path, text))
+    assert len(read_views(write(tmp_path, text.replace("fov: 5}", "fov: 30}"))).frames()) == 7

@@ -11,10 +11,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.baselines.fitting import Fit, Recorded, decay, given, run_steps
+from gpf.baselines.fitting import Fit, Recorded, given, run_steps
 from gpf.baselines.hash_encoding import Cube, GridShape, HashGrid, Network
-from gpf.step_random import step_random
+from gpf.step_random import stratified_batch
 from gpf.structs import SurfacePoints, take
+from gpf.training_settings import cosine_decay
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ class CacheTrainer:
         number = dr.opaque(mi.UInt32, fit.step)
         seed = dr.opaque(mi.UInt32, s.seed)
         *gradients, errors = self._gradients(*fit.values, self.training, seed, number)
-        rate = dr.opaque(mi.Float, s.rate * decay(fit.step / s.steps, s.final_rate))
+        rate = dr.opaque(mi.Float, s.rate * cosine_decay(fit.step / s.steps, s.final_rate))
         values = fit.adam.step(fit.values, gradients, [rate, rate], fit.step + 1)
         values[0] -= rate * s.shrink * fit.values[0]
         dr.eval(values, fit.adam.first, fit.adam.second)
@@ -151,7 +152,7 @@ class CacheTrainer:
         """Gradients of the summed error of a batch by both parameters, and the errors, (B,)."""
         table, weights = dr.detach(table), dr.detach(weights)  # the caller's stay as they are
         dr.enable_grad(table, weights)
-        chosen = self._batch(dr.width(points.p), seed, number)
+        chosen = stratified_batch(dr.width(points.p), self.settings.batch, seed, number)
         p, n = dr.gather(mi.Point3f, points.p, chosen), dr.gather(mi.Normal3f, points.n, chosen)
         with given(self.model, [table, weights]):
             found = self.model.relative(p, n)
@@ -161,14 +162,6 @@ class CacheTrainer:
         result = dr.grad(table), dr.grad(weights), dr.detach(errors)
         dr.eval(result)
         return result
-
-    def _batch(self, count: int, seed: mi.UInt32, number: mi.UInt32) -> mi.UInt32:
-        """A random point of each run of P / B consecutive ones: lanes that are close in space."""
-        size = min(self.settings.batch, count)
-        rng = step_random(size, seed, number)
-        stride = dr.opaque(mi.Float, count / size)
-        place = (mi.Float(dr.arange(mi.UInt32, size)) + rng.next_float32()) * stride
-        return dr.minimum(mi.UInt32(place), count - 1)
 
     def held_out_error(self) -> float:
         """Root mean square error on the held-out points, in units of u; 0 if there are none."""

@@ -14,8 +14,9 @@ from gpf.baselines.image_denoiser import ImageDenoiser
 from gpf.baselines.options import DenoisedOptions
 from gpf.baselines.path_tracer import make_path_integrator
 from gpf.baselines.protocol import CannotServe, Task
-from gpf.baselines.sampling import own_camera, render_radiance
+from gpf.baselines.sampling import own_camera
 from gpf.baselines.timed_sampling import Samples, time_of
+from gpf.parted_rendering import render_in_parts
 from gpf.sensors import make_sensor
 from gpf.views import View
 
@@ -120,4 +121,4 @@ class PreparedDenoised:
         self.denoising_seconds = denoising
 
     def _trace(self, sensor: mi.Sensor, spp: int, seed: int) -> np.ndarray:
-        return render_radiance(self.task.scene, self.integrator, sensor, spp, seed)
+        return render_in_parts(self.task.scene, self.integrator, sensor, spp, seed)

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.baselines.sampling import split_samples
+from gpf.parted_rendering import split_samples
 from gpf.seeds import pass_seed
 
 # Rays of a guide that are in flight at once.

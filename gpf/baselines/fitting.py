@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import hashlib
 import json
-import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -93,11 +92,6 @@ def run_steps(
         if fit.step % CHECKPOINT_STEPS == 0 or fit.step == steps:
             save()
         report(fit.step, steps)
-
-
-def decay(done: float, final: float) -> float:
-    """A cosine from 1 to ``final`` while ``done`` goes from 0 to 1."""
-    return final + (1 - final) * 0.5 * (1 + math.cos(math.pi * min(done, 1.0)))
 
 
 def digest(*arrays: np.ndarray) -> str:

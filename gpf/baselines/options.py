@@ -41,6 +41,11 @@ class _Options(BaseModel):
         return False
 
     @property
+    def learns(self) -> bool:
+        """Whether the system learns anything that is worth keeping between runs."""
+        return self.training_views > 0 or self.learns_from_targets
+
+    @property
     def waits_for_field(self) -> bool:
         """Whether the system is given the time that a view of the field costs."""
         return False
@@ -50,7 +55,7 @@ class _Options(BaseModel):
         """The lists of ``methods`` whose stages wait for what the system needs."""
         if self.waits_for_field:
             return ("equal_time",)
-        if self.training_views or self.learns_from_targets:
+        if self.learns:
             return ("learned",)
         return ("classical", "learned")
 
@@ -179,7 +184,7 @@ class SplattingOptions(_Learned):
     """
 
     system: Literal["splatting"]
-    steps: Count = 500
+    steps: Count = 1000
     gaussians: Count = 8_000
     most: Count = 30_000
     degree: Annotated[int, Field(ge=0, le=3)] = 3

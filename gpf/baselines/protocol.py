@@ -76,7 +76,7 @@ class Task:
     rr_depth: interactions before Russian roulette, where the system walks paths.
     seed: of all that is random in the preparation.
     state: a folder, which is there, where the preparation may keep what a killed run would lose.
-        Once all views are rendered it is emptied, but for what was learned from pictures.
+        Once all views are rendered it is emptied, but for what was learned.
     field: what the field is given.
     seconds_per_view: what a view of the field costs, for systems that are to take as long.
     report: called with how much of the preparation is done, and of how much.

@@ -29,6 +29,7 @@ from gpf.baselines.options import RadianceCacheOptions
 from gpf.baselines.protocol import FieldEffort, Task
 from gpf.bounds import bounding_box, scene_bounds
 from gpf.field import FieldSettings
+from gpf.parted_rendering import render_in_parts
 from gpf.sensors import make_sensor
 from gpf.structs import VisiblePoints, to_numpy
 from gpf.supervision import Targets
@@ -126,7 +127,4 @@ class PreparedCache:
         width, height = self._task.size
         spp, sampler = self._effort.spp, self._effort.sampler
         sensor = make_sensor(view, width, height, spp=spp, sampler=sampler)
-        image = mi.render(
-            self._task.scene, integrator=self._integrator, sensor=sensor, spp=spp, seed=seed
-        )
-        return np.asarray(image)[..., :3].astype(np.float32)
+        return render_in_parts(self._task.scene, self._integrator, sensor, spp, seed)[..., :3]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import mitsuba as mi
 import numpy as np
@@ -13,12 +13,9 @@ import numpy as np
 from gpf.baselines.protocol import CannotServe, Task
 from gpf.baselines.timed_sampling import Samples
 from gpf.importing.sensors import views_of_sensors
-from gpf.seeds import pass_seed
+from gpf.parted_rendering import render_in_parts
 from gpf.sensors import make_sensor
 from gpf.views import View
-
-# Samples that are in flight at once: some 2 GB of state.
-LARGEST_WAVEFRONT = 1 << 26
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ class PreparedSampling:
         if samples.number is None:
             sensor = own_camera(task)
             for few in (1, 2):  # a single sample has a kernel of its own
-                render_radiance(task.scene, integrator, sensor, few, task.seed)
+                render_in_parts(task.scene, integrator, sensor, few, task.seed)
         return cls(task, integrator, samples)
 
     @property
@@ -69,44 +66,10 @@ class PreparedSampling:
         start = time.perf_counter()
         sensor = make_sensor(view, *self.task.size)
         return self.samples.trace(
-            lambda spp, seed: render_radiance(self.task.scene, self.integrator, sensor, spp, seed),
+            lambda spp, seed: render_in_parts(self.task.scene, self.integrator, sensor, spp, seed),
             seed,
             time.perf_counter() - start,
         )
-
-
-def render_radiance(
-    scene: mi.Scene,
-    integrator: mi.Integrator,
-    sensor: mi.Sensor,
-    spp: int,
-    seed: int,
-    largest: int = LARGEST_WAVEFRONT,
-) -> np.ndarray:
-    """An image of ``spp`` samples per pixel, (H, W, 3) float32.
-
-    It is made in as many parts of independent samples as it takes for none of them to have more
-    than ``largest`` samples; a part has at least one per pixel.
-    """
-    width, height = (int(n) for n in sensor.film().crop_size())
-    total = np.zeros((height, width, 3))
-    for part, share in enumerate(split_samples(spp, width * height, largest)):
-        image: Any = mi.render(
-            scene,
-            integrator=integrator,
-            sensor=sensor,
-            spp=share,
-            seed=pass_seed(seed, part, stream=0),
-        )
-        total += np.asarray(image.numpy(), dtype=np.float64) * (share / spp)
-    return total.astype(np.float32)
-
-
-def split_samples(spp: int, pixels: int, largest: int) -> list[int]:
-    """Samples per pixel of each part, as equal as can be."""
-    most = max(largest // pixels, 1)
-    parts = -(-spp // most)
-    return [(spp * (k + 1)) // parts - (spp * k) // parts for k in range(parts)]
 
 
 def own_camera(task: Task) -> mi.Sensor:

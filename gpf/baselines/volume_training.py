@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.baselines.fitting import Fit, Recorded, decay, given, run_steps
+from gpf.baselines.fitting import Fit, Recorded, given, run_steps
 from gpf.baselines.hash_encoding import Cube
 from gpf.baselines.occupancy_grid import OccupancyGrid
 from gpf.baselines.pinhole import Pinhole
@@ -25,10 +25,11 @@ from gpf.baselines.ray_marching import (
     take_samples,
 )
 from gpf.step_random import step_random
+from gpf.training_settings import cosine_decay
 
 # Added to what a pixel shows, in the denominator of the loss, in units of display white. RawNeRF
 # has 1e-3, for photographs at night; with so little, single dark pixels outweigh all others (after
-# 500 steps 15.7 instead of 17.6 dB on the training views of Water-Caustic 2).
+# 500 steps 15.7 instead of 17.6 dB on the training views of Water Caustic 2).
 LOSS_FLOOR = 0.1
 
 # Steps between updates of the occupancy grid.
@@ -178,7 +179,7 @@ class VolumeTrainer:
         p, d = dr.gather(mi.Point3f, p, chosen), dr.gather(mi.Vector3f, d, chosen)
         dr.eval(p, d)
         gradients = self._gradients(fit.values, p, d, *by_answer)
-        rate = dr.opaque(mi.Float, s.rate * decay(fit.step / s.steps, s.final_rate))
+        rate = dr.opaque(mi.Float, s.rate * cosine_decay(fit.step / s.steps, s.final_rate))
         rates = [rate] * len(fit.values)
         fit.values = fit.adam.step(fit.values, gradients, rates, fit.step + 1)
         dr.eval(fit.values, fit.adam.first, fit.adam.second)

@@ -39,7 +39,12 @@ PlaceViews = Callable[["mi.Scene", Sequence[View], float], SceneViews]
 """From the scene, the views of its own sensors and the aspect of the first to all its views."""
 
 NAME = r"[a-z][a-z0-9_]*"
-RESERVED = ("figures", "tables", "true", "false", "null", "yes", "no", "on", "off", "y", "n")
+RESERVED = (
+    "costs",
+    "figures",
+    "tables",
+    *["true", "false", "null", "yes", "no", "on", "off", "y", "n"],
+)
 """Folders that the pipeline writes beside those of the scenes, and what YAML takes for no text."""
 
 PAPERS = ("licence", "license", "copying", "readme")

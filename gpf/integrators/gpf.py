@@ -82,7 +82,9 @@ def define() -> type:
             self.coverage = props.get("coverage", False)
             self.adaptive = props.get("adaptive", False)
             super().__init__(props)
-            self._checked: int | None = None
+            # Of the last scene, which it is told by: they refer to no scene, so that nothing refers
+            # to itself, and being held, no others take their place in memory.
+            self._checked: list[mi.Shape] | None = None
             self._compared: Any = None
             self._walks = 1
             self.record = props.get("record", False)
@@ -145,8 +147,8 @@ def define() -> type:
             """Once for each pair of scene and field: whether they belong together."""
             if self.field is not None:
                 bounds = [[float(v) for v in corner] for corner in self.field.bounds]
-                if self._compared != (id(scene), bounds):
-                    self._compared = id(scene), bounds
+                if self._compared != (scene.shapes(), bounds):
+                    self._compared = scene.shapes(), bounds
                     warn_of_another_scene(scene, bounds)
 
         def _render_with(
@@ -169,10 +171,10 @@ def define() -> type:
                     'The gpf integrator has no field: set its "field" property to the path of a '
                     "field.safetensors, or assign a GaussianPhotonField to its attribute field."
                 )
-            if self._checked != id(scene):
+            if self._checked != scene.shapes():
                 require_separable(scene)
                 self._walks = self.glossy_walks if has_gloss(scene) else 1
-                self._checked = id(scene)
+                self._checked = scene.shapes()
             ray = mi.Ray3f(ray)
             found = self._walk(scene, sampler, ray, active)
             if self._walks > 1:

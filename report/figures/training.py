@@ -45,7 +45,7 @@ def draw_training(results: Results) -> Sketch:
         raise Missing("no scene has training curves: run the stage train")
     with styled():
         titles = [results.scene(scene).title for scene in found]
-        drawing, panels, spare = small_multiples(titles, "step", "error / mean target")
+        drawing, panels, spare = small_multiples(titles, "step", "weighted error / mean target")
         for axes, curves in zip(panels, found.values(), strict=True):
             for name, (label, style) in CURVES.items():
                 curve = curves[name]
@@ -61,7 +61,8 @@ def draw_training(results: Results) -> Sketch:
     )
     alt = f"Training curves: the field's error over steps, falling. At the end: {ends}."
     caption = (
-        "Root mean square error of the field's irradiance at supervised points, over the mean "
-        "target. The points that no step saw judge; the best state is kept."
+        "Root mean square error of the field's irradiance at supervised points, weighted like the "
+        "loss (train.loss), over the mean target. The points that no step saw judge; the best "
+        "state is kept."
     )
     return Sketch(drawing, alt, caption)

@@ -15,6 +15,7 @@ JUDGED = {
     "ssim": ("SSIM", "", fixed(3), True),
     "lpips": ("LPIPS", "", fixed(3), False),
     "flip": ("FLIP", "", fixed(3), False),
+    "flip_hdr": ("HDR-FLIP", "", fixed(3), False),
     "relmse": ("relMSE", "", significant(3), False),
 }
 """Number -> its name, its unit, how it is written, and whether more is better."""

@@ -7,7 +7,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.fitting import Fit, Recorded, decay, digest
+from gpf.baselines.fitting import Fit, Recorded, digest
+from gpf.training_settings import cosine_decay
 
 
 def make_fit(step: int = 0) -> Fit:
@@ -48,9 +49,9 @@ def test_what_does_not_belong_to_the_fit_is_left_alone(tmp_path: Path, what: str
 
 
 def test_decay():
-    assert decay(0, 0.1) == 1
-    assert decay(0.5, 0.1) == pytest.approx(0.55)
-    assert decay(1, 0.1) == pytest.approx(0.1) == decay(1.5, 0.1)
+    assert cosine_decay(0, 0.1) == 1
+    assert cosine_decay(0.5, 0.1) == pytest.approx(0.55)
+    assert cosine_decay(1, 0.1) == pytest.approx(0.1) == cosine_decay(1.5, 0.1)
 
 
 def test_a_digest_tells_contents_apart():

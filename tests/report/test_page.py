@@ -241,7 +241,7 @@ def test_where_the_field_is_beaten_is_told(tmp_path):
         edit(
             files / f"{name}.json", mean__psnr=20.0, mean__ssim=0.5, mean__lpips=0.5, mean__flip=0.5
         )
-        edit(files / f"{name}.json", mean__relmse=0.5)
+        edit(files / f"{name}.json", mean__flip_hdr=0.5, mean__relmse=0.5)
     assert find_defeats(results, BOX) == []
     edit(files / "gpf.json", mean__psnr=19.96)  # reads the same
     edit(files / "path_50.json", mean__lpips=0.4)
@@ -258,13 +258,16 @@ def test_where_the_field_is_beaten_is_told(tmp_path):
 def test_no_victory_is_told_of_what_was_not_compared(tmp_path):
     results = make_pictured(tmp_path / "results")
     told = tell_victory(results)
-    assert "in each scene it has the best PSNR, SSIM, LPIPS, FLIP and relMSE" in told
+    assert "in each scene it has the best PSNR, SSIM, LPIPS, FLIP, HDR-FLIP and relMSE" in told
     for file in (tmp_path / "results").glob("*/metrics/*.json"):
         if "mean" in read_json(file, "metrics"):
             edit(file, mean__lpips=None)
     edit(tmp_path / "results" / BOX / "metrics" / "gpf.json", mean__flip=None)
     told = tell_victory(type(results)(results.params, results.root))
-    assert "in each scene it has the best PSNR, SSIM and relMSE of them. LPIPS and FLIP" in told
+    assert (
+        "in each scene it has the best PSNR, SSIM, HDR-FLIP and relMSE of them. LPIPS and FLIP"
+        in told
+    )
 
 
 def test_a_field_that_never_pays_is_told(tmp_path):

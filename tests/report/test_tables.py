@@ -90,7 +90,7 @@ def test_every_number_is_of_a_file(results):
     # And the references that a system learned from: 3 views, of 30 passes.
     per_pass = files[results.root / WATER / "costs" / "reference.json"]["facts"]
     fit = files[results.root / WATER / "costs" / "baselines" / "splatting_3.json"]["parts"]
-    references = 3 * 30 * per_pass["seconds_per_single_view_pass"]
+    references = 3 * 30 * per_pass["seconds_per_shared_view_pass"]
     known.add(references + fit["prepare"]["wall_seconds"])
     default = files[results.root / WATER / "metrics" / "gpf.json"]["mean"]["psnr"]
     for path in (results.root / WATER / "ablations").iterdir():
@@ -177,7 +177,7 @@ def test_preparation_counts_what_is_learned_from(results):
         )
     )
     file = results.root / BOX / "costs" / "reference.json"
-    edit(file, facts__seconds_per_single_view_pass=0.5)
+    edit(file, facts__seconds_per_shared_view_pass=0.5)
     assert scene.inputs_seconds(path, passes) == 0
     assert scene.inputs_seconds(splats, passes) == 10 * 30 * 0.5
     assert scene.inputs_seconds(cache, passes) is None  # targets were not timed

@@ -178,7 +178,9 @@ def test_what_is_missing_is_no_fault_of_the_variant(project, file, stage):
     (project.results / file).unlink()
     before = project.snapshot()
     outcome = ablate(project, "few", "--go-on")
-    assert outcome.code == 2 and f"{file}: is missing. Run `gpf stage {stage}`" in outcome.text
+    assert (
+        outcome.code == 2 and f"{file}: is missing. Run `gpf stage {stage} --scene" in outcome.text
+    )
     assert project.snapshot() == before
 
 

@@ -99,7 +99,10 @@ ARTIFACTS = [
 def test_missing_artifact(finished, stage, file, maker):
     (finished.results / file).unlink()
     assert_refused(
-        finished, stage, rf"results/cornell_box/{file}: is missing\. Run `gpf stage {maker}` first"
+        finished,
+        stage,
+        rf"results/cornell_box/{file}: is missing\. Run `gpf stage {maker} --scene "
+        "cornell_box` first",
     )
 
 
@@ -110,8 +113,8 @@ def test_truncated_artifact(finished, stage, file, maker):
     assert_refused(
         finished,
         stage,
-        rf"results/cornell_box/{file}: is truncated or \w.* Delete it and run `gpf stage {maker}` "
-        "again",
+        rf"results/cornell_box/{file}: is truncated or \w.* Delete it and run `gpf stage {maker} "
+        "--scene cornell_box` again",
     )
 
 
@@ -122,7 +125,7 @@ def test_artifact_of_another_schema_version(finished, stage, file, maker):
         finished,
         stage,
         rf"results/cornell_box/{file}: has schema version 99; this program reads \d+\. Delete it "
-        rf"and run `gpf stage {maker}` again",
+        rf"and run `gpf stage {maker} --scene cornell_box` again",
     )
 
 
@@ -159,18 +162,19 @@ def test_truncated_json(finished, stage, file, maker):
     assert_refused(
         finished,
         stage,
-        rf"results/cornell_box/{file}: is not JSON .* Delete it and run `gpf stage {maker}` again",
+        rf"results/cornell_box/{file}: is not JSON .* Delete it and run `gpf stage {maker} --scene "
+        "cornell_box` again",
     )
 
 
 def test_truncated_checkpoint(finished):
     folder = finished.results / "checkpoints"
     folder.mkdir()
-    (folder / "train-all.safetensors").write_bytes(b"half")
+    (folder / "train.safetensors").write_bytes(b"half")
     assert_refused(
         finished,
         "train",
-        r"checkpoints/train-all\.safetensors: is truncated or damaged .*Delete it and run",
+        r"checkpoints/train\.safetensors: is truncated or damaged .*Delete it and run",
     )
 
 

@@ -167,6 +167,7 @@ def test_costs_are_counted_once_for_each_part(built):
     assert (table.drop(columns="views").diff().dropna() > 0).all(axis=None)
     amortize = json.loads((built.results / "amortize.json").read_text())
     assert len(amortize["break_even_views"]) == 2
+    assert amortize["seconds_per_view_together"] > 0
 
 
 def test_enough_is_enough(fresh, no_probe):

@@ -43,7 +43,7 @@ def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monk
         interrupt_after(patch, ReferenceRenderer, "run_pass", 4 + 2)  # in the novel views
         outcome = fresh.stage("reference")
     assert outcome.code == 130
-    assert "stopped; the next run goes on from the last checkpoint" in outcome.text
+    assert "stopped; run it again to go on" in outcome.text
     assert "Traceback" not in outcome.text
     assert_whole(fresh.folder / "results")
     done = files_below(fresh.results)
@@ -184,13 +184,29 @@ def test_the_ceiling_goes_on_from_a_checkpoint_too(fresh, monkeypatch, no_probe)
     assert layers.keys() == {"sppm_1", "sppm_3", "sppm_4"}
 
 
+def test_what_more_passes_have_left_is_not_in_a_sum_of_fewer(fresh, built, monkeypatch, no_probe):
+    fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6, reference__passes=12)
+    assert fresh.stage("scene").code == 0
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, ReferenceRenderer, "run_pass", 12 + 12 + 7)
+        assert fresh.stage("reference").code == 130
+    fresh.edit("params.yaml", reference__checkpoint_seconds=30, reference__passes=4)
+    assert fresh.stage("reference").code == 0
+    for file in ("ceiling/above.exr", "reference/above.exr"):
+        layers, record = read_exr(fresh.results / file, "reference")
+        expected, _ = read_exr(built.results / file, "reference")
+        assert record["passes_done"] == 4 and layers.keys() == expected.keys()
+        for name, layer in layers.items():
+            np.testing.assert_array_equal(layer, expected[name], err_msg=name)
+
+
 def test_an_interrupted_training_goes_on_from_its_checkpoint(finished, monkeypatch):
     finished.edit("params.yaml", train__checkpoint_seconds=1e-6)
     (finished.results / "field.safetensors").unlink()
     with monkeypatch.context() as patch:
         interrupt_after(patch, Trainer, "step", 12)
         outcome = finished.stage("train")
-    assert outcome.code == 130 and "stopped; the next run goes on" in outcome.text
+    assert outcome.code == 130 and "stopped; run it again" in outcome.text
     assert_whole(finished.folder / "results")
     assert not (finished.results / "field.safetensors").exists()
     with monkeypatch.context() as patch:
@@ -218,7 +234,7 @@ def test_ctrl_c_in_a_process_of_its_own(fresh, environment):
         finally:
             process.kill()  # otherwise it would go on for hours
     assert process.returncode == 130, output
-    assert "stopped; the next run goes on from the last checkpoint" in output
+    assert "stopped; run it again to go on" in output
     assert "Traceback" not in output
     assert passes_kept(kept)
     assert_whole(fresh.folder / "results")
