@@ -18,6 +18,7 @@ from gpf.baselines.options import BaselineOptions
 from gpf.config import Params, read_params
 from gpf.views import SceneViews, read_views
 from metrics.image import NUMBERS
+from metrics.stage_costs import passes_done, seconds_per_view, target_seconds
 
 FIELD, CEILING = "gpf", "ceiling"
 """Methods without a row in `baselines`: the field, and a second, independent reference."""
@@ -195,7 +196,7 @@ class SceneResults:
             "path_seconds": facts.get("path_seconds"),
         }
         if facts.get("views"):
-            known["seconds_per_view"] = parts["render"]["wall_seconds"] / facts["views"]
+            known["seconds_per_view"] = seconds_per_view(found)
         if method == FIELD:
             known["prepare_seconds"] = self.read("amortize.json").get("preparation_seconds")
             trained = self.read("costs", "train.json").get("facts", {})
@@ -210,25 +211,20 @@ class SceneResults:
     def inputs_seconds(self, options: BaselineOptions, passes: int) -> float | None:
         """What it takes to render what a system learns from: targets, or references of views.
 
-        Views are rendered together, from the same photons.
-
-        Of so many passes, unless fewer did (`reference.target_psnr`).
-        None where that was not measured.
+        Views are rendered together, from the same photons, and of so many passes, unless fewer did
+        (`reference.target_psnr`). None where that was not measured.
         """
-        found = self.read("costs", "reference.json")
-        facts, parts = found.get("facts", {}), found.get("parts", {})
-        passes = facts.get("passes_done", {}).get("train", passes)
+        cost, seconds = self.read("costs", "reference.json"), 0.0
         try:
-            seconds = 0.0
+            passes = passes_done(cost, "train", passes)
             if options.training_views:
-                per_pass = facts["seconds_per_shared_view_pass"]
+                per_pass = float(cost["facts"]["seconds_per_shared_view_pass"])
                 seconds = options.training_views * passes * per_pass
             if options.learns_from_targets:
-                seconds += passes * facts["seconds_per_target_pass"]
-                seconds += sum(parts[part]["wall_seconds"] for part in ("radius", "points"))
+                seconds += target_seconds(cost, passes)
         except KeyError:
             return None
-        return float(seconds)
+        return seconds
 
 
 _COSTS = {FIELD: ("render.json",)}

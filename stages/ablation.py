@@ -15,6 +15,7 @@ from gpf.errors import UserError
 from gpf.field_files import read_field
 from gpf.supervision import Targets
 from gpf.yaml_files import suggest
+from metrics.stage_costs import learning_seconds, seconds_per_view
 from stages.apart import run_each
 from stages.code_digest import library_digest
 from stages.costs import CostMeter
@@ -121,13 +122,12 @@ def numbers(work: Workspace, measured: Mapping[str, Any]) -> dict[str, Any]:
     """What is known of a field, the search for its number of Gaussians not counted."""
     train, render = (read_json(work.cost(stage), stage) for stage in ("train", "render"))
     path_seconds = render["facts"].get("path_seconds")
-    learning = [train["parts"].get(part) for part in ("stream", "training")]
     return {
         **measured,
-        "seconds_per_view": render["parts"]["render"]["wall_seconds"] / render["facts"]["views"],
+        "seconds_per_view": seconds_per_view(render),
         **({} if path_seconds is None else {"path_seconds": path_seconds}),
         "storage_megabytes": render["facts"]["field_megabytes"],
-        "train_seconds": sum(part["wall_seconds"] for part in learning if part),
+        "train_seconds": learning_seconds(train),
         "gaussians": len(read_field(work.field).tensors["means"]),
     }
 

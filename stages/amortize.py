@@ -9,6 +9,7 @@ import pandas as pd
 from gpf.artifacts import read_json, stage_command, write_json, write_text
 from gpf.errors import UserError
 from metrics.cost import CostLine, break_even, cumulative
+from metrics.stage_costs import part_seconds, passes_done, seconds_per_view, target_seconds
 from metrics.worth import worth_passes
 from stages.costs import KINDS
 from stages.progress import console
@@ -23,58 +24,50 @@ class Comparison:
     ----------
     passes: of SPPM, for an image like the reference.
     equal_passes: of SPPM, for an image as good as the field's; in words.
-    together: seconds for a view of ``passes`` where all views are known in advance and share
-        photons. The field's views need not be.
     """
 
     field: CostLine
     others: tuple[CostLine, ...]
     passes: int
     equal_passes: str
-    together: float
 
 
 def cost_lines(work: Workspace) -> Comparison:
     """Cost lines from what the stages measured (wall seconds without compilation)."""
-    seconds = {
-        stage: {name: part["wall_seconds"] for name, part in cost["parts"].items()}
-        for stage in ("reference", "photons", "train", "render")
-        for cost in [read_json(work.cost(stage), stage)]
-    }
-    reference = read_json(work.cost("reference"), "reference")["facts"]
-    render = read_json(work.cost("render"), "render")["facts"]
-    per_pass = reference["seconds_per_single_view_pass"]
+    reference, photons, train, render = (
+        read_json(work.cost(stage), stage) for stage in ("reference", "photons", "train", "render")
+    )
     curve = mean_convergence(work)
     passes = max(curve)
-    done = reference.get("passes_done", {}).get("train", work.params.reference.passes)
     quality = read_json(work.metrics("gpf"), "metrics")["mean"]["psnr"]
     equal = worth_passes(quality, curve)
-
-    if missing := {"radius", "points"} - seconds["reference"].keys():
+    preparation = part_seconds(train, *train["parts"])
+    try:
+        if "stream" not in train["parts"]:
+            # The field needs the targets alone. The stage also makes images of the training views,
+            # for other methods and for people; they are not in this sum.
+            done = passes_done(reference, "train", work.params.reference.passes)
+            preparation += part_seconds(photons, "photons") + target_seconds(reference, done)
+        alone, together = (
+            reference["facts"][f"seconds_per_{kind}_view_pass"] for kind in ("single", "shared")
+        )
+    except KeyError as error:
+        file = work.cost("reference")
         raise UserError(
-            str(work.cost("reference")),
-            f"has no times of {' and '.join(sorted(missing))}",
-            f"Delete it and run `{stage_command('reference', work.cost('reference'))}` again.",
-        )
-    preparation = sum(seconds["train"].values())
-    if "stream" not in seconds["train"]:
-        preparation += sum(seconds["photons"].values())
-        # The field needs the targets alone. The stage also makes images of the training views, for
-        # other methods and for people; they are not in this sum.
-        preparation += (
-            seconds["reference"]["radius"]
-            + seconds["reference"]["points"]
-            + done * reference["seconds_per_target_pass"]
-        )
+            str(file),
+            f"has no time of {error.args[0]!r}",
+            f"Delete it and run `{stage_command('reference', file)}` again.",
+        ) from error
     return Comparison(
-        CostLine("GPF", preparation, seconds["render"]["render"] / render["views"]),
+        CostLine("GPF", preparation, seconds_per_view(render)),
         (
-            CostLine("SPPM", 0.0, passes * per_pass),
-            CostLine("SPPM at equal quality", 0.0, equal.passes * per_pass),
+            CostLine("SPPM", 0.0, passes * alone),
+            CostLine("SPPM at equal quality", 0.0, equal.passes * alone),
+            # Where all views are known in advance; the field's need not be.
+            CostLine("SPPM, views together", 0.0, passes * together),
         ),
         passes,
         str(equal),
-        passes * reference["seconds_per_shared_view_pass"],
     )
 
 
@@ -119,10 +112,9 @@ def amortize(scene_name: str) -> None:
             "seconds_per_view": {
                 line.name: line.per_view_seconds for line in (lines.field, *lines.others)
             },
-            "seconds_per_view_together": lines.together,
         },
     )
     for name, count in counts.items():
-        passes = lines.passes if name == "SPPM" else lines.equal_passes
+        passes = lines.equal_passes if name == "SPPM at equal quality" else lines.passes
         views = "never" if count is None else f"from view {count} on"
         console.print(f"{scene_name}: GPF costs less than {name} ({passes} passes) {views}")

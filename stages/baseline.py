@@ -17,6 +17,7 @@ from gpf.baselines.registry import make_baseline
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr, write_exr, write_png
 from gpf.yaml_files import suggest
+from metrics import stage_costs
 from stages import resuming
 from stages.apart import run_each
 from stages.code_digest import library_digest
@@ -187,9 +188,7 @@ def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
 
 def seconds_per_view(work: Workspace) -> float:
     """What a view from the field costs, without compilation."""
-    cost = read_json(work.cost("render"), "render")
-    seconds: float = cost["parts"]["render"]["wall_seconds"] / cost["facts"]["views"]
-    return seconds
+    return stage_costs.seconds_per_view(read_json(work.cost("render"), "render"))
 
 
 def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:

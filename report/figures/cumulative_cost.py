@@ -21,12 +21,14 @@ from report.paper import read_paper
 from report.results import Results
 
 FIELD, LONG, EQUAL = "GPF", "SPPM", "SPPM at equal quality"
+TOGETHER = "SPPM, views together"
 """Names of the lines in what `gpf stage amortize` writes."""
 
 _LINES: dict[str, dict[str, Any]] = {
     FIELD: {"color": BLACK, "linestyle": "-", "linewidth": 2.2},
     LONG: {"color": STRONG, "linestyle": "--"},
     EQUAL: {"color": "0.5", "linestyle": (0, (1, 1)), "linewidth": 2.2},
+    TOGETHER: {"color": STRONG, "linestyle": "-.", "linewidth": 0.9},
 }
 
 
@@ -42,7 +44,12 @@ def draw_cumulative_cost(results: Results) -> Sketch:
         titles = [results.scene(scene).title for scene in found]
         drawing, panels, spare = small_multiples(titles, "views", "seconds, preparation included")
         passes = results.passes
-        labels = {FIELD: "GPF", LONG: f"SPPM, {passes} passes", EQUAL: "SPPM at GPF's PSNR"}
+        labels = {
+            FIELD: "GPF",
+            LONG: f"SPPM, {passes} passes",
+            EQUAL: "SPPM at GPF's PSNR",
+            TOGETHER: "SPPM, views together",
+        }
         for axes, cost in zip(panels, found.values(), strict=True):
             _draw_panel(axes, cost, last, labels)
         put_legend(drawing, spare, gather_legend(panels))
@@ -52,7 +59,8 @@ def draw_cumulative_cost(results: Results) -> Sketch:
     caption = (
         f"Seconds for 1 to {last} views. Circles mark the first view from which on GPF, with all "
         f"of its preparation, costs less in all. {words}. SPPM at GPF's PSNR has no line "
-        "where not even its last pass comes up to GPF. "
+        "where not even its last pass comes up to GPF. Views that are known in advance may be "
+        "rendered together, from the same photons; those of GPF need not be known. "
         f"The paper reports {paper.total_hours:g} hours of preparation, paid for by "
         f"{paper.break_even_views} views."
     )
@@ -70,11 +78,13 @@ def _draw_panel(axes: Axes, cost: dict[str, Any], last: int, labels: dict[str, s
         axes.plot(views, total, zorder=zorder, label=labels[name], **_LINES[name])
     evens = (cost["break_even_views"][name] for name in drawn if name != FIELD)
     counts = {n for n in evens if n is not None and n <= last}
-    # Labels of the first and of the last break-even lie on different sides of the line.
-    for k, count in enumerate(sorted(counts)):
+    for count in sorted(counts):
         height = cost["preparation_seconds"] + count * per_view[FIELD]
         axes.plot(count, height, "o", color=BLACK, markerfacecolor="white", zorder=4, markersize=7)
-        above = k == 0 and len(counts) > 1
+        if min(counts) < count < max(counts):
+            continue
+        # Labels of the first and of the last lie on different sides of the line.
+        above = count > min(counts)
         axes.annotate(
             "1 view" if count == 1 else f"{count} views",
             (count, height),

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from metrics.stage_costs import learning_seconds
 from report.formats import fixed, signed, significant, whole
 from report.paper import Variant, read_paper
 from report.results import FIELD, NUMBERS, Results
@@ -174,8 +175,7 @@ def _default(results: Results, scene: str) -> Made:
     cost = results.scene(scene).read("costs", "train.json")
     values = results.row(scene, FIELD)
     if cost:
-        learning = [cost["parts"].get(part) for part in ("stream", "training")]
-        values["train_seconds"] = sum(part["wall_seconds"] for part in learning if part)
+        values["train_seconds"] = learning_seconds(cost)
         values["gaussians"] = float(cost["facts"]["gaussians"])
     settings = _settings(results, {}, values.get("gaussians"))
     gaps = results.reasons(scene, FIELD)

@@ -104,10 +104,15 @@ def colour(method: str) -> np.ndarray:
 
 
 COST = {
-    "break_even_views": {"SPPM": 9, "SPPM at equal quality": 20},
+    "break_even_views": {"SPPM": 9, "SPPM at equal quality": 20, "SPPM, views together": 33},
     "passes": {"SPPM": 30, "SPPM at equal quality": "20"},
     "preparation_seconds": 32.0,
-    "seconds_per_view": {"GPF": 2.0, "SPPM": 6.0, "SPPM at equal quality": 3.7},
+    "seconds_per_view": {
+        "GPF": 2.0,
+        "SPPM": 6.0,
+        "SPPM at equal quality": 3.7,
+        "SPPM, views together": 3.0,
+    },
 }
 
 _VIEWS = """\

@@ -103,13 +103,13 @@ def test_points_of_quality_over_time_are_where_the_numbers_are(results, tmp_path
 def test_break_even_points_are_marked(results, tmp_path):
     sketch = draw_cumulative_cost(results)
     shown = pixels(sketch, tmp_path)
-    for count in (9, 20):
+    for count in (9, 20, 33):
         row, column = at(sketch, 0, count, 32 + 2 * count)
         assert shown[row, column].min() > 240
         assert shown[row - 9 : row + 10, column].min() < 40
     row, column = at(sketch, 0, 50, 32 + 100)
     assert shown[row - 2 : row + 3, column].min() < 40
-    assert [t.get_text() for t in sketch.canvas.axes[0].texts] == ["9 views", "20 views"]
+    assert [t.get_text() for t in sketch.canvas.axes[0].texts] == ["9 views", "33 views"]
     assert "from view 9 on" in sketch.alt and "(20 passes) from view 20 on" in sketch.caption
 
 
@@ -119,9 +119,10 @@ def test_sppm_that_never_gets_there_has_no_line(results, tmp_path):
     for scene in (SCENE, OTHER):
         write_json(tmp_path / "results" / scene / "amortize.json", COST | {"passes": passes})
     sketch = draw_cumulative_cost(Results(results.params, tmp_path / "results"))
-    labels = [line.get_label() for line in sketch.canvas.axes[0].lines[:2]]
-    assert labels == ["GPF", "SPPM, 30 passes"]
-    assert len(sketch.canvas.axes[0].texts) == 1 and "which has a lower PSNR" in sketch.alt
+    labels = [line.get_label() for line in sketch.canvas.axes[0].lines[:3]]
+    assert labels == ["GPF", "SPPM, 30 passes", "SPPM, views together"]
+    assert [t.get_text() for t in sketch.canvas.axes[0].texts] == ["9 views", "33 views"]
+    assert "which has a lower PSNR" in sketch.alt
 
 
 def test_the_level_of_the_field_crosses_the_curve(results, tmp_path):

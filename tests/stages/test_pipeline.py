@@ -166,8 +166,9 @@ def test_costs_are_counted_once_for_each_part(built):
     assert len(table) == 100 and np.isfinite(table.to_numpy()).all()
     assert (table.drop(columns="views").diff().dropna() > 0).all(axis=None)
     amortize = json.loads((built.results / "amortize.json").read_text())
-    assert len(amortize["break_even_views"]) == 2
-    assert amortize["seconds_per_view_together"] > 0
+    names = {"SPPM", "SPPM at equal quality", "SPPM, views together"}
+    assert amortize["break_even_views"].keys() == names
+    assert amortize["seconds_per_view"].keys() == {"GPF", *names}
 
 
 def test_enough_is_enough(fresh, no_probe):
