@@ -17,8 +17,13 @@ def part_seconds(cost: Cost, *names: str) -> float:
 
 
 def seconds_per_view(render: Cost) -> float:
-    """What a view takes; ``render``: of the stage `render`, or of a baseline."""
-    return part_seconds(render, "render") / int(render["facts"]["views"])
+    """What a view takes; ``render``: of the stage `render`, or of a baseline.
+
+    Raises
+    ------
+    KeyError: it was not timed; a view that takes no time would be a lie.
+    """
+    return float(render["parts"]["render"]["wall_seconds"]) / int(render["facts"]["views"])
 
 
 def learning_seconds(train: Cost) -> float:

@@ -47,7 +47,8 @@ def cost_lines(work: Workspace) -> Comparison:
             # The field needs the targets alone. The stage also makes images of the training views,
             # for other methods and for people; they are not in this sum.
             done = passes_done(reference, "train", work.params.reference.passes)
-            preparation += part_seconds(photons, "photons") + target_seconds(reference, done)
+            preparation += part_seconds(photons, *photons["parts"])
+            preparation += target_seconds(reference, done)
         alone, together = (
             reference["facts"][f"seconds_per_{kind}_view_pass"] for kind in ("single", "shared")
         )

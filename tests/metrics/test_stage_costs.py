@@ -27,6 +27,8 @@ def test_parts_are_added_and_what_was_not_run_takes_nothing():
 
 def test_a_view_is_a_share_of_the_rendering():
     assert seconds_per_view(cost({"views": 4}, render=10.0, prepare=99.0)) == 2.5
+    with pytest.raises(KeyError, match="render"):
+        seconds_per_view(cost({"views": 4}, prepare=99.0))
 
 
 def test_learning_leaves_out_the_search_for_the_number_of_gaussians():
