@@ -41,6 +41,8 @@ class FilmSamples:
         rays, extra = dr.width(self.position), dr.width(self.split)
         if extra == 0 or self.walks == 1:
             return radiance
+        # A gather evaluates what it reads, one channel at a time: three searches instead of one.
+        dr.eval(radiance)
         lanes = dr.arange(mi.UInt32, extra)
         total = dr.gather(mi.Color3f, radiance, self.split)
         for k in range(self.walks - 1):

@@ -158,6 +158,20 @@ def test_walks_of_a_ray_are_averaged():
     np.testing.assert_allclose(merged, expected, rtol=1e-6)
 
 
+def test_radiance_is_computed_once_for_all_channels():
+    """It is the search for photons: three times that was most of a pass."""
+    scene = mi.load_dict(metal_box(**sppm()))
+    samples = sample_film(scene, scene.sensors()[0], seed=1, walks=3)
+    dr.eval(samples)
+    size = dr.width(samples.points.p)
+    radiance = mi.Color3f(dr.sqrt(samples.points.p))
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        dr.eval(samples.merge(radiance))
+        kernels = [k for k in dr.kernel_history() if k["type"] == dr.KernelType.JIT]
+    assert [k["size"] for k in kernels].count(size) == 1
+
+
 @pytest.mark.parametrize("kind", ["sppm", "gpf"])
 def test_more_walks_have_less_noise_and_the_same_mean(kind):
     options = sppm(photons=20_000, radius=0.15) if kind == "sppm" else {"type": "gpf"}
