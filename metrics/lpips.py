@@ -43,23 +43,32 @@ class LpipsVGG:
         ]
         self.shift = torch.tensor([-0.030, -0.088, -0.188]).reshape(1, 3, 1, 1)
         self.scale = torch.tensor([0.458, 0.448, 0.450]).reshape(1, 3, 1, 1)
+        self._last: tuple[Tensor, list[Tensor]] | None = None
 
     def __call__(self, first: Tensor, second: Tensor) -> Tensor:
-        """Distances ``(N,)`` of two batches ``(N, 3, H, W)`` in [-1, 1], sides >= 16."""
+        """Distances ``(N,)`` of two batches ``(N, 3, H, W)`` in [-1, 1], sides >= 16.
+
+        The features of ``second`` are kept for the next call, which often has the same one: all
+        methods' images of a view are compared with one reference.
+        """
         with torch.inference_mode():
-            # One batch for both; each depth is used up before the next is computed.
-            features = (torch.cat([first, second]) - self.shift) / self.scale
-            layers = iter(self.convolutions)
-            total = torch.zeros(len(first))
-            for block, count in enumerate(CONVOLUTIONS_PER_BLOCK):
-                if block > 0:
-                    features = functional.max_pool2d(features, 2)
-                for _ in range(count):
-                    features = functional.conv2d(features, *next(layers), padding=1).relu_()
-                length = features.square().sum(dim=1, keepdim=True).sqrt()
-                a, b = (features / (length + 1e-10)).chunk(2)
-                total += (self.heads[block] * (a - b).square()).sum(dim=1).mean(dim=(1, 2))
-            return total
+            if self._last is None or not torch.equal(self._last[0], second):
+                self._last = second.clone(), list(self.features(second))
+            pairs = zip(self.heads, self.features(first), self._last[1], strict=True)
+            terms = [(head * (a - b).square()).sum(dim=1).mean(dim=(1, 2)) for head, a, b in pairs]
+            return torch.stack(terms).sum(dim=0)
+
+    def features(self, images: Tensor) -> Iterator[Tensor]:
+        """Features of unit length of a batch ``(N, 3, H, W)`` in [-1, 1], depth by depth."""
+        features = (images - self.shift) / self.scale
+        layers = iter(self.convolutions)
+        for block, count in enumerate(CONVOLUTIONS_PER_BLOCK):
+            if block > 0:
+                features = functional.max_pool2d(features, 2)
+            for _ in range(count):
+                features = functional.conv2d(features, *next(layers), padding=1).relu_()
+            length = features.square().sum(dim=1, keepdim=True).sqrt()
+            yield features / (length + 1e-10)
 
 
 def distance(

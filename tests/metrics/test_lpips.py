@@ -94,6 +94,19 @@ def test_network_agrees_with_the_naive_twin(miniature, monkeypatch):
     assert linear == pytest.approx(shown, rel=1e-4)
 
 
+def test_the_features_of_the_last_reference_are_those_of_this_one(miniature):
+    """One reference serves many images, then another comes."""
+    network = lpips.LpipsVGG(miniature)
+    rng = np.random.default_rng(9)
+    images = [torch.from_numpy(rng.uniform(-1, 1, (1, 3, 16, 18))).float() for _ in range(4)]
+    pairs = [(0, 2), (1, 2), (0, 3), (1, 3), (0, 2)]
+    found = [float(network(images[a], images[b])) for a, b in pairs]
+    assert found == [float(lpips.LpipsVGG(miniature)(images[a], images[b])) for a, b in pairs]
+    images[2] += 0.1  # in place: not the one that it was
+    changed = float(network(images[0], images[2]))
+    assert changed == float(lpips.LpipsVGG(miniature)(images[0], images[2])) != found[0]
+
+
 def test_a_batch_gives_one_distance_per_pair(miniature):
     network = lpips.LpipsVGG(miniature)
     batch = torch.rand(2, 3, 3, 16, 20, generator=torch.Generator().manual_seed(0)) * 2 - 1
