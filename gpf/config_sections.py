@@ -179,7 +179,7 @@ class Render(Section):
     """Rendering novel views from the field (:mod:`gpf.integrators.gpf`)."""
 
     spp: Count = 64
-    glossy_walks: Count = 8
+    glossy_walks: Count = 4
     adaptive: bool = True
     sampler: Literal["independent", "stratified", "multijitter", "ldsampler"] = "multijitter"
     rr_depth: Count = 5

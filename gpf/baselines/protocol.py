@@ -56,7 +56,7 @@ class FieldEffort:
     spp: int = 64
     sampler: str = "multijitter"
     adaptive: bool = True
-    glossy_walks: int = 8
+    glossy_walks: int = 4
 
 
 @dataclass(frozen=True)

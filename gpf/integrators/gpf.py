@@ -42,7 +42,7 @@ def define() -> type:
          * - glossy_walks
            - |int|
            - Camera walks of a sample that meets a glossy surface first, for it may be reflected
-             anywhere. (Default: 8)
+             anywhere. (Default: 4)
          * - coverage
            - |bool|
            - Also output, as channel ``coverage``, how far the answer's neighbours lie in units of
@@ -78,7 +78,7 @@ def define() -> type:
         def __init__(self, props: mi.Properties) -> None:
             self.depth_limit = read_depths(props, "gpf")
             path = props.get("field", "")
-            self.glossy_walks = whole_number(props.get("glossy_walks", 8), "glossy_walks", 1)
+            self.glossy_walks = whole_number(props.get("glossy_walks", 4), "glossy_walks", 1)
             self.coverage = props.get("coverage", False)
             self.adaptive = props.get("adaptive", False)
             super().__init__(props)

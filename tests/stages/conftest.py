@@ -128,10 +128,11 @@ def new_project(folder: Path) -> Project:
     shutil.copy(PROJECT / "params.yaml", folder)
     project = Project(folder)
     few = {"classical": ["path_10"], "equal_time": [], "learned": []}
-    project.edit("params.yaml", scenes=[SCENE], methods=few, animation__scenes=[])
+    project.edit("params.yaml", scenes=[SCENE], animation__scenes=[])
     project.replace(f"scenes/{SCENE}/views.yaml", "aspect: 1.0", "aspect: 1.25")
     with redirect_stderr(StringIO()):
         apply_profile("smoke", folder / "params.yaml")
+    project.edit("params.yaml", methods=few)
     return project
 
 

@@ -47,7 +47,8 @@ SCENES = {"animate": "animation.scenes", "ablation": "ablations.scenes"}
 BASELINES = ("classical", "equal_time", "learned")
 
 # Loaded by name, where no import tells.
-LISTED = {"classical": PARAMS.methods.classical, "equal_time": PARAMS.methods.equal_time}
+LISTED = {"classical": list(PARAMS.methods.classical)}
+LISTED["equal_time"] = [m for m, o in PARAMS.baselines.items() if o.waits_for_field]
 LISTED["learned"] = [m for m in PARAMS.baselines if not any(m in rows for rows in LISTED.values())]
 SYSTEMS = {
     stage: [f"gpf/baselines/{PARAMS.baselines[method].system}.py" for method in methods]
