@@ -19,12 +19,13 @@ from stages.profiles import EVERY, read_profiles
 
 PROFILE = "full"
 
-PAGES = (Path("README.md"), *sorted(Path("docs").glob("*.md")))
 FIGURES = Path("results/figures")
 IMAGES = Path("docs/images")
 FILMS = ("water_caustic_2",)
 PICTURES = ("teaser", "cumulative_cost", "quality_time", "comparison_water_caustic_2")
 
+# In a footnote; a system that cannot serve a scene has another reason.
+_UNFINISHED = re.compile(r"^<sup>.*\bnot run\b", re.MULTILINE)
 _MARKS = re.compile(r"<!-- (\w+) -->\n.*?<!-- /\1 -->", re.DOTALL)
 
 
@@ -49,7 +50,7 @@ def publish(results: Results) -> None:
         if not source.exists():
             raise UserError(str(source), "is missing", f"Run `gpf repro --profile {PROFILE}`.")
     pages = {}
-    for page in PAGES:
+    for page in (Path("README.md"), *sorted(Path("docs").glob("*.md"))):
         text = page.read_text(encoding="utf-8")
         pages[page] = text, _MARKS.sub(lambda match: fill(match[1], results), text)
     IMAGES.mkdir(parents=True, exist_ok=True)
@@ -81,6 +82,9 @@ def fill(name: str, results: Results) -> str:
             raise UserError(str(file), "is missing", f"Run `gpf repro --profile {PROFILE}`.")
         # Without the title, which the page has as a heading of its own.
         body = file.read_text(encoding="utf-8").split("\n", 2)[2].strip()
+        if _UNFINISHED.search(body):
+            todo = f"Run `gpf repro --profile {PROFILE}` to its end."
+            raise UserError(str(file), "has rows whose reason is `not run`", todo)
     return f"<!-- {name} -->\n{body}\n<!-- /{name} -->"
 
 

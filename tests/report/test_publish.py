@@ -1,0 +1,69 @@
+"""Tables and pictures of a report in the README: all of a finished one, or nothing."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from gpf.config import read_params
+from gpf.errors import UserError
+from report.results import Results
+from stages.profiles import apply_profile
+
+PROJECT = Path(__file__).parents[2]
+
+PAGE = "before\n<!-- k -->\nold\n<!-- /k -->\nafter\n"
+TABLE = "# Title\n\nCaption.\n\n| a |\n| - |\n| {cell} |\n\n<sup>1</sup> {reason}\n"
+
+
+@pytest.fixture
+def publish(tmp_path, monkeypatch):
+    """The script, where a run with the profile `full` has left a table and a picture."""
+    spec = importlib.util.spec_from_file_location("publish", PROJECT / "docs" / "publish.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "PICTURES", ("teaser",))
+    monkeypatch.setattr(module, "FILMS", ())
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "params.yaml").write_text((PROJECT / "params.yaml").read_text())
+    apply_profile("full", tmp_path / "params.yaml")
+    Path("README.md").write_text(PAGE)
+    for folder in ("results/tables", "results/figures", "docs"):
+        Path(folder).mkdir(parents=True)
+    Path("results/figures/teaser.png").write_bytes(b"new")
+    Path("results/tables/k.md").write_text(TABLE.format(cell=31.5, reason="no transmission"))
+    return module
+
+
+def run(module):
+    module.publish(Results(read_params(Path("params.yaml")), Path("results")))
+
+
+def test_a_table_finds_its_marks_and_a_picture_its_folder(publish):
+    run(publish)
+    body = TABLE.format(cell=31.5, reason="no transmission").split("\n", 2)[2].strip()
+    assert Path("README.md").read_text() == PAGE.replace("old", body)
+    assert Path("docs/images/teaser.png").read_bytes() == b"new"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda: apply_profile("desk", Path("params.yaml")), r"reference\.passes.*250, not 1000"),
+        (lambda: Path("results/tables/k.md").unlink(), r"k\.md.*missing"),
+        (lambda: Path("results/figures/teaser.png").unlink(), r"teaser\.png.*missing"),
+        (
+            lambda: Path("results/tables/k.md").write_text(
+                TABLE.format(cell="–", reason="not run; 3 training views are needed")
+            ),
+            r"k\.md.*not run.*to its end",
+        ),
+    ],
+)
+def test_what_is_not_whole_is_not_published(publish, spoil, said):
+    spoil()
+    with pytest.raises(UserError, match=said):
+        run(publish)
+    assert Path("README.md").read_text() == PAGE and not Path("docs/images").exists()
