@@ -31,6 +31,7 @@ from gpf.images import read_exr, tone_map  # noqa: E402
 from gpf.structs import to_numpy  # noqa: E402
 from gpf.supervision import SURFACE, Targets  # noqa: E402
 from gpf.views import View  # noqa: E402
+from report.figures.places import arriving_light  # noqa: E402
 from stages.workspace import Workspace  # noqa: E402
 
 REGIONS = ("glass", "edge", "unseen", "caustic", "rest")
@@ -109,7 +110,7 @@ def find_regions(
     place = layers["position"].reshape(-1, 3)
     lit = layers["valid"].ravel() > 0.5
     unseen = lit & (seen.query(place)[0] > 2 * r)
-    level = layers["irradiance"].mean(axis=2)
+    level = arriving_light(layers["radiance"], layers["reflectance"]).mean(axis=2)
     around = median_filter(level, 5)
     steep = (np.abs(level - around) > CHANGE * np.maximum(around, 1e-6)).ravel() & lit
     region = np.full(len(place), REGIONS.index("rest"))

@@ -25,7 +25,7 @@ import numpy as np
 
 from gpf.images import tone_map
 from gpf.runtime import choose_variant
-from gpf.scenes import freeze_scene
+from gpf.scene_freezing import freeze_scene
 
 BLOCKS = 8  # per axis
 WAVEFRONT = 2**21  # camera paths at a time

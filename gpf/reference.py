@@ -31,7 +31,7 @@ class ReferenceView:
         that has points alone.
     standard_error: of the radiance, from its variance between passes, (H, W, 3); None likewise.
     position, normal, reflectance: of one fixed visible point per pixel, (H, W, 3).
-    irradiance: mean over passes at that point, (H, W, 3).
+    irradiance: mean over passes at that point, (H, W, 3); None for a view that has an image alone.
     direct: how much of it came from samples of the emitters; 0 where photons brought all of it.
     valid: 1 where the pixel has a visible point, else 0, (H, W).
     """
@@ -41,8 +41,8 @@ class ReferenceView:
     position: np.ndarray
     normal: np.ndarray
     reflectance: np.ndarray
-    irradiance: np.ndarray
-    direct: np.ndarray
+    irradiance: np.ndarray | None
+    direct: np.ndarray | None
     valid: np.ndarray
 
     def layers(self) -> dict[str, np.ndarray]:
@@ -128,18 +128,23 @@ class ReferenceRenderer:
         return value.reshape(height, width, 3).astype(np.float32)
 
     def view(self, name: str, size: tuple[int, int] | None = None) -> ReferenceView:
-        """All that is known so far of a view whose fixed points have its name.
+        """All that is known so far of a view: its image, the fixed points that have its name.
 
         ``size`` is the width and height of its film, which a view with an image knows.
         """
         width, height = size or self.sizes[name]
-        points = self.points[name]
+        points = self.points.get(name)
+        if points is None:
+            points = fixed_points(self.scene, self.sensors[name], name, self.settings, self.seed)
 
         def grid(value: Any) -> np.ndarray:
             array = to_numpy(value)
             return array.reshape(height, width, *array.shape[1:])
 
-        image = standard_error = None
+        image = standard_error = irradiance = direct = None
+        if name in self.points:
+            irradiance = self.mean_irradiance(name).reshape(height, width, 3)
+            direct = self.mean_direct(name).reshape(height, width, 3)
         if name in self.sensors:
             image = self.image(name)
             tally = self.sums.views[name]
@@ -150,8 +155,8 @@ class ReferenceRenderer:
             position=grid(points.p),
             normal=grid(points.n),
             reflectance=grid(points.reflectance),
-            irradiance=self.mean_irradiance(name).reshape(height, width, 3),
-            direct=self.mean_direct(name).reshape(height, width, 3),
+            irradiance=irradiance,
+            direct=direct,
             valid=grid(dr.select(points.valid, mi.Float(1), 0)),
         )
 

@@ -97,8 +97,6 @@ def open_group(job: Job, request: GroupRequest) -> LongSum:
     if group == "train":
         surfaces = work.params.reference.surface_points if request.surfaces else 0
         points = target_points(job, views, record["share"], surfaces, seed)
-    elif group == "novel":
-        points = target_points(job, views, record["share"], 0, seed)
     sensors = {view.name: work.sensor(view) for view in views if view.name in record["imaged"]}
     source = job.lookout.source
     renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, seed, source)

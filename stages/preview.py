@@ -12,7 +12,9 @@ from gpf.config import read_params
 from gpf.errors import UserError
 from gpf.preview import Preview, choose_views, draw_contact_sheet, render_previews
 from gpf.runtime import choose_variant
-from gpf.scenes import freeze_scene, load_scene_file, load_views, scenes_root
+from gpf.scene_folders import load_views, scenes_root
+from gpf.scene_freezing import freeze_scene
+from gpf.scenes import load_scene_file
 from stages.progress import progress_bar
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from gpf.artifacts import read_tensors, write_tensors
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr, write_exr
-from gpf.reference import ReferenceRenderer, fixed_points, settings_record
+from gpf.reference import settings_record
 from gpf.structs import to_numpy
 from gpf.supervision import Targets
 from gpf.views import View
@@ -132,8 +132,6 @@ def _write_group(
         for view in views:
             if group == "ceiling":
                 path, layers = work.ceiling(view.name), snapshots[view.name]
-            elif group == "more":
-                path, layers = work.reference(view.name), _picture(passes.renderer, view)
             else:
                 path = work.reference(view.name)
                 layers = renderer.view(view.name, work.film_size).layers()
@@ -157,19 +155,6 @@ def _write_group(
     passes.parts.clear()
     settle(passes.parts.folder, work.folder)
     work.forget_checkpoints()
-
-
-def _picture(renderer: ReferenceRenderer, view: View) -> dict[str, np.ndarray]:
-    """The image of a view that no field learns from, and where its pixels look."""
-    width, height = renderer.sizes[view.name]
-    sensor, settings = renderer.sensors[view.name], renderer.settings
-    points = fixed_points(renderer.scene, sensor, view.name, settings, renderer.seed)
-    return {
-        "radiance": renderer.image(view.name),
-        "position": to_numpy(points.p).reshape(height, width, 3),
-        "normal": to_numpy(points.n).reshape(height, width, 3),
-        "valid": to_numpy(points.valid).reshape(height, width).astype(np.float32),
-    }
 
 
 def _noise(passes: LongSum, view: str) -> dict[str, Any]:

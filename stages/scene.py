@@ -6,7 +6,9 @@ import os
 
 from gpf.artifacts import write_json
 from gpf.errors import UserError
-from gpf.scenes import freeze_scene, load_views, scene_folder, scene_info
+from gpf.scene_folders import load_views, scene_folder
+from gpf.scene_freezing import freeze_scene
+from gpf.scene_info import scene_info
 from stages.costs import CostMeter
 from stages.workspace import Workspace
 

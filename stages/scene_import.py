@@ -14,7 +14,7 @@ from gpf.importing.description import print_report
 from gpf.importing.importer import import_scene
 from gpf.importing.placement import place_views
 from gpf.runtime import choose_variant
-from gpf.scenes import scenes_root
+from gpf.scene_folders import scenes_root
 from stages.profiles import dump_yaml, open_yaml
 from stages.progress import console
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from gpf.config import read_params
 from gpf.errors import UserError
-from gpf.scenes import list_scenes, load_views, scenes_root
+from gpf.scene_folders import list_scenes, load_views, scenes_root
 
 
 def print_scenes() -> None:

@@ -12,7 +12,8 @@ from gpf.artifacts import stage_command
 from gpf.config import Params, read_params
 from gpf.errors import UserError
 from gpf.runtime import choose_variant
-from gpf.scenes import load_scene_file, scene_folder
+from gpf.scene_folders import scene_folder
+from gpf.scenes import load_scene_file
 from gpf.sensors import make_sensor
 from gpf.views import SceneViews, View, read_views
 

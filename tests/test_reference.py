@@ -57,6 +57,18 @@ def test_shapes(scene):
         renderer.view("back")
 
 
+def test_a_view_with_an_image_alone(scene):
+    """It is that of a view with fixed points, and knows where its pixels look."""
+    whole, sensors = start(scene, "front"), {"front": mi.load_dict(CAMERAS["front"])}
+    image = ReferenceRenderer(scene, sensors, {}, SETTINGS, whole.seed)
+    for renderer in (whole, image):
+        renderer.run(2)
+    expected, found = whole.view("front").layers(), image.view("front").layers()
+    assert set(expected) - set(found) == {"irradiance", "direct"}
+    for key, layer in found.items():
+        np.testing.assert_array_equal(layer, expected[key], err_msg=key)
+
+
 def test_a_share_of_the_fixed_points(scene):
     sensor = mi.load_dict(
         CAMERAS["front"] | {"film": {"type": "hdrfilm", "width": 64, "height": 48}}

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from gpf import scenes
+from gpf import scene_folders, scene_freezing, scene_info, scenes
 from gpf.errors import UserError
 
 PROJECT = Path(__file__).parent.parent
@@ -34,7 +34,7 @@ def root(tmp_path_factory) -> Path:
     for name in NAMES:
         source = PROJECT / "scenes" / name
         shutil.copytree(source, root / name, ignore=shutil.ignore_patterns("meshes", "__pycache__"))
-        scenes.build_scene(name, root)
+        scene_freezing.build_scene(name, root)
     return root
 
 
@@ -45,7 +45,7 @@ def make_scene(root: Path, text: str = GOOD_SCENE, name: str = "ball") -> Path:
 
 
 def test_scene_info_counts_and_classifies(tmp_path):
-    info = scenes.scene_info(scenes.load_scene("ball", root=make_scene(tmp_path)))
+    info = scene_info.scene_info(scenes.load_scene("ball", root=make_scene(tmp_path)))
     assert info["emitters"] == {"count": 1, "types": {"AreaLight": 1}}
     assert info["bbox"] == {"min": [-1, -1, -1], "max": [4, 1, 1]}
     assert [shape["id"] for shape in info["shapes"]] == ["ball", "pane"]
@@ -55,7 +55,7 @@ def test_scene_info_counts_and_classifies(tmp_path):
 
 
 def test_water_is_traced_through(root):
-    bsdfs = scenes.scene_info(scenes.load_scene("water_caustic", root=root))["bsdfs"]
+    bsdfs = scene_info.scene_info(scenes.load_scene("water_caustic", root=root))["bsdfs"]
     assert {name for name, bsdf in bsdfs.items() if bsdf["queried"]} == {"white", "red", "green"}
     assert {name for name, bsdf in bsdfs.items() if bsdf["traced"]} == {"water"}
 
@@ -103,11 +103,13 @@ def test_unknown_scenes_get_a_suggestion(root):
         match=r"'cornel_box': does not exist\. Did you mean 'cornell_box'\? "
         r"The scenes are cornell_box, water_caustic",
     ):
-        scenes.load_views("cornel_box", root)
+        scene_folders.load_views("cornel_box", root)
 
 
 def test_scene_files_name_everything_a_scene_needs(root):
-    names = [str(file.relative_to(root)) for file in scenes.scene_files("water_caustic", root)]
+    names = [
+        str(file.relative_to(root)) for file in scene_folders.scene_files("water_caustic", root)
+    ]
     assert names == [
         "water_caustic/build.py",
         "water_caustic/meshes/sheet.ply",
@@ -127,7 +129,7 @@ def test_included_files_and_parameters_are_followed(tmp_path):
         '<scene version="3.9.0"><shape type="ply"><string name="filename" value="c.ply"/></shape>'
         "</scene>"
     )
-    files = [file.name for file in scenes.scene_files("ball", tmp_path)]
+    files = [file.name for file in scene_folders.scene_files("ball", tmp_path)]
     assert sorted(files) == ["b.xml", "c.ply", "scene.xml"]
 
 
@@ -138,16 +140,16 @@ def test_scenes_are_found_from_below_and_by_variable(tmp_path, monkeypatch):
     (project / "scenes").mkdir()
     monkeypatch.chdir(project / "deep/down")
     with pytest.raises(UserError, match="neither this folder nor one above it has scenes"):
-        scenes.scenes_root()
+        scene_folders.scenes_root()
     make_scene(project / "scenes")
-    assert scenes.scenes_root() == project / "scenes"
-    assert scenes.list_scenes() == ["ball"]
+    assert scene_folders.scenes_root() == project / "scenes"
+    assert scene_folders.list_scenes() == ["ball"]
     (tmp_path / "other").mkdir()
     monkeypatch.setenv("GPF_SCENES", str(tmp_path / "other"))
-    assert scenes.list_scenes() == []
+    assert scene_folders.list_scenes() == []
     monkeypatch.setenv("GPF_SCENES", str(tmp_path / "nowhere"))
     with pytest.raises(UserError, match=r"GPF_SCENES: .*nowhere is not a folder"):
-        scenes.scenes_root()
+        scene_folders.scenes_root()
 
 
 def test_a_failing_builder_leaves_the_old_files(tmp_path):
@@ -160,10 +162,10 @@ def test_a_failing_builder_leaves_the_old_files(tmp_path):
         "    raise ValueError('out of clay')\n"
     )
     with pytest.raises(ValueError, match="out of clay"):
-        scenes.build_scene("ball", tmp_path)
+        scene_freezing.build_scene("ball", tmp_path)
     assert built.read_text() == "old"
     (tmp_path / "ball/build.py").write_text("x = 1\n")
     with pytest.raises(UserError, match="has no function build"):
-        scenes.build_scene("ball", tmp_path)
+        scene_freezing.build_scene("ball", tmp_path)
     names = {file.name for file in (tmp_path / "ball").iterdir()}
     assert names - {"__pycache__"} == {"build.py", "mesh.bin", "scene.xml"}

@@ -16,7 +16,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.baselines.protocol import CannotServe
-from gpf.scenes import scene_materials
+from gpf.scene_info import scene_materials
 
 # Roughness of what is perfectly smooth, and of what is not glossy at all: the ends of the range.
 SMOOTHEST, ROUGHEST = 0.01, 0.99

@@ -30,8 +30,10 @@ from gpf.importing.sensors import (
     views_of_sensors,
 )
 from gpf.importing.sources import Source, open_source
+from gpf.scene_folders import scenes_root
+from gpf.scene_freezing import make_folders
 from gpf.scene_xml import SceneXml, read_scene_xml
-from gpf.scenes import load_scene_file, make_folders, scenes_root
+from gpf.scenes import load_scene_file
 from gpf.view_writing import write_views
 from gpf.views import SceneViews, View
 
@@ -81,7 +83,7 @@ def import_scene(
     root: Path | None = None,
     photons: int = 100_000,
 ) -> ImportReport:
-    """Make the scene ``name`` below ``root`` (default: :func:`gpf.scenes.scenes_root`).
+    """Make the scene ``name`` below ``root`` (default: :func:`gpf.scene_folders.scenes_root`).
 
     Copied are the scene file, as ``scene.xml``, all that it refers to, at the same relative paths,
     and files that tell of licence and origin. ``views.yaml`` gets what ``place_views`` answers.

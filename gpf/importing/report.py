@@ -18,7 +18,7 @@ from gpf.initialization import propose_search_radius
 from gpf.photon_tracing import record_photons
 from gpf.pilot import trace_pilot
 from gpf.progressive import propose_radius
-from gpf.scenes import scene_info, scene_materials
+from gpf.scene_info import scene_info, scene_materials
 from gpf.sensors import make_sensor
 from gpf.structs import Photons, VisiblePoints, to_numpy
 from gpf.views import View

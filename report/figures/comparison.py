@@ -22,7 +22,7 @@ from report.figures.pictures import (
     show,
     show_error,
 )
-from report.figures.places import find_place, focused_light, typical_error
+from report.figures.places import arriving_light, find_place, focused_light, typical_error
 from report.figures.sketch import Missing, Sketch
 from report.figures.style import WIDTH, canvas, styled, wrap
 from report.results import CEILING, FIELD, Results, SceneResults
@@ -84,10 +84,12 @@ def choose_places(
 ) -> list[tuple[int, int]]:
     """Upper left corners of the squares of :data:`PLACES`; the last picture is the field."""
     errors = [picture.error(reference) for picture in pictures]
-    names = "irradiance", "position", "normal", "valid"
-    known = all(name in layers for name in names)
-    light = focused_light(*(layers[name] for name in names)) if known else errors[-1]
-    scores = [light, typical_error(errors), errors[-1]]
+    names = "position", "normal", "valid"
+    focus = errors[-1]
+    if all(name in layers for name in (*names, "reflectance")):
+        light = arriving_light(layers["radiance"], layers["reflectance"])
+        focus = focused_light(light, *(layers[name] for name in names))
+    scores = [focus, typical_error(errors), errors[-1]]
     corners: list[tuple[int, int]] = []
     for score in scores:
         corners.append(find_place(score, size, corners))

@@ -35,22 +35,27 @@ def find_place(
     return best[1], best[0]
 
 
+def arriving_light(radiance: np.ndarray, reflectance: np.ndarray) -> np.ndarray:
+    """About what arrives where pixels look, (H, W, 3): their radiance without the texture."""
+    return radiance / np.maximum(reflectance, 0.05)
+
+
 def focused_light(
-    irradiance: np.ndarray, position: np.ndarray, normal: np.ndarray, valid: np.ndarray
+    light: np.ndarray, position: np.ndarray, normal: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
     """How sharply light changes along surfaces, (H, W): high in caustics and at hard shadows.
 
-    Differences of neighbouring pixels in irradiance (H, W, 3), where the step from the one's
+    Differences of neighbouring pixels in arriving light (H, W, 3), where the step from the one's
     position to the other's runs along the surface of both: the edges of objects do not count. The
     brightest hundredth is the unit.
     """
-    light = irradiance.mean(axis=-1)
-    seen = light[valid > 0]
+    level = light.mean(axis=-1)
+    seen = level[valid > 0]
     unit = float(np.percentile(seen, 99)) if seen.size else 0.0
-    strength = np.zeros(light.shape)
+    strength = np.zeros(level.shape)
     if unit <= 0:
         return strength
-    level = np.clip(light / unit, 0, 1)
+    level = np.clip(level / unit, 0, 1)
     for before, after in (
         ((slice(None), slice(0, -1)), (slice(None), slice(1, None))),
         ((slice(0, -1), slice(None)), (slice(1, None), slice(None))),

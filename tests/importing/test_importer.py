@@ -15,7 +15,9 @@ from rich.console import Console
 from gpf.importing.description import print_report
 from gpf.importing.report import Material, examine_scene, list_materials
 from gpf.pilot import trace_pilot
-from gpf.scenes import freeze_scene, list_scenes, load_scene, load_views
+from gpf.scene_folders import list_scenes, load_views
+from gpf.scene_freezing import freeze_scene
+from gpf.scenes import load_scene
 from gpf.views import View
 from tests.importing.foreign_scene import SCENE, bring, files_of, pack
 

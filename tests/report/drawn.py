@@ -136,14 +136,14 @@ def _image(method: str, worse: float) -> np.ndarray:
 
 
 def _write_reference(path: Path) -> None:
-    """A wall; on it, a chequered caustic."""
-    irradiance = np.full((*SIZE, 3), 0.5, np.float32)
+    """A chequered wall that looks all the same, for a chequered caustic is on it."""
+    arriving = np.full((*SIZE, 3), 0.5, np.float32)
     row, column = CAUSTIC
-    irradiance[row : row + 8 : 2, column : column + 8] = 2
+    arriving[row : row + 8 : 2, column : column + 8] = 2
     y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
     layers = {
         "radiance": np.full((*SIZE, 3), LEVELS["reference"], np.float32),
-        "irradiance": irradiance,
+        "reflectance": LEVELS["reference"] / arriving,
         "position": np.stack([x, y, 0 * x], axis=-1),
         "normal": np.broadcast_to(np.float32([0, 0, 1]), (*SIZE, 3)),
         "valid": np.ones(SIZE, np.float32),

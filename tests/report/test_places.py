@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from report.figures.places import find_place, focused_light, typical_error, window_sums
+from report.figures.places import (
+    arriving_light,
+    find_place,
+    focused_light,
+    typical_error,
+    window_sums,
+)
 
 
 def test_sums_over_windows():
@@ -31,17 +37,17 @@ def test_light_counts_along_surfaces_and_not_across_edges():
     y, x = np.mgrid[:height, :width].astype(float)
     position, normal = np.stack([x, y, 0 * x], -1), np.zeros((height, width, 3))
     normal[..., 2] = 1
-    irradiance, valid = np.full((height, width, 3), 0.5), np.ones((height, width))
-    irradiance[:, 8:] = 2  # a shadow's edge along x = 8
-    strength = focused_light(irradiance, position, normal, valid)
+    light, valid = np.full((height, width, 3), 0.5), np.ones((height, width))
+    light[:, 8:] = 2  # a shadow's edge along x = 8
+    strength = focused_light(light, position, normal, valid)
     assert (strength[:, 7] == 0.75).all() and strength.sum() == 0.75 * height
     step = position.copy()
     step[:, 8:, 2] = 3  # the same light, on a step
-    assert focused_light(irradiance, step, normal, valid).sum() == 0
+    assert focused_light(light, step, normal, valid).sum() == 0
     corner = normal.copy()
     corner[:, 8:] = [1, 0, 0]
-    assert focused_light(irradiance, position, corner, valid).sum() == 0
-    assert focused_light(irradiance, position, normal, 0 * valid).sum() == 0
+    assert focused_light(light, position, corner, valid).sum() == 0
+    assert focused_light(light, position, normal, 0 * valid).sum() == 0
 
 
 def test_one_bad_method_does_not_decide():
@@ -49,3 +55,10 @@ def test_one_bad_method_does_not_decide():
     errors[0][1, 2] = errors[1][1, 2] = 0.3
     errors[2][3, 5] = 9
     assert np.unravel_index(typical_error(errors).argmax(), (4, 6)) == (1, 2)
+
+
+def test_the_light_that_arrives_has_no_texture():
+    light = np.random.default_rng(2).uniform(0.5, 2, (4, 6, 3))
+    texture = np.random.default_rng(3).uniform(0.1, 0.9, (4, 6, 3))
+    np.testing.assert_allclose(arriving_light(light * texture, texture), light)
+    assert np.isfinite(arriving_light(light, 0 * light)).all()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gpf import scenes
+from gpf import scene_folders, scene_freezing
 
 PROJECT = Path(__file__).parents[2]
 
@@ -15,7 +15,7 @@ def root(tmp_path_factory) -> Path:
     """A copy of the project's scenes, built."""
     root = tmp_path_factory.mktemp("scenes")
     made = shutil.ignore_patterns("meshes", "textures", "__pycache__")
-    for name in scenes.list_scenes(PROJECT / "scenes"):
+    for name in scene_folders.list_scenes(PROJECT / "scenes"):
         shutil.copytree(PROJECT / "scenes" / name, root / name, ignore=made)
-        scenes.build_scene(name, root)
+        scene_freezing.build_scene(name, root)
     return root

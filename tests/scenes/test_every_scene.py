@@ -9,12 +9,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf import scenes
+from gpf import scene_folders, scene_freezing, scenes
 from gpf.sensors import make_sensor
 from gpf.view_checks import covered, report_views, spacing
 
 PROJECT = Path(__file__).parents[2]
-NAMES = scenes.list_scenes(PROJECT / "scenes")
+NAMES = scene_folders.list_scenes(PROJECT / "scenes")
 BUILT = [name for name in NAMES if (PROJECT / "scenes" / name / "build.py").exists()]
 TRAINING = {"veach_bidir": 30}
 
@@ -22,7 +22,7 @@ TRAINING = {"veach_bidir": 30}
 @pytest.fixture(scope="module", params=NAMES)
 def loaded(request, root):
     name = request.param
-    return scenes.load_scene(name, 8, 6, root), scenes.load_views(name, root), name
+    return scenes.load_scene(name, 8, 6, root), scene_folders.load_views(name, root), name
 
 
 def test_the_benchmark_is_complete():
@@ -65,7 +65,7 @@ def test_all_render_in_the_scalar_variant(root):
 def test_it_is_rebuilt_bit_for_bit(name, root, tmp_path):
     made = shutil.ignore_patterns("meshes", "textures", "__pycache__")
     shutil.copytree(root / name, tmp_path / name, ignore=made)
-    again = scenes.build_scene(name, tmp_path)
+    again = scene_freezing.build_scene(name, tmp_path)
     assert again
     for file in again:
         first = root / file.relative_to(tmp_path)

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf import scenes
+from gpf import scene_freezing, scenes
 from gpf.modelling.teapot import body_field
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -19,7 +19,7 @@ TABLE = 0.6506  # height of its top
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene") / "veach_ajar"
-    scenes.freeze_scene("veach_ajar", folder, SCENES)
+    scene_freezing.freeze_scene("veach_ajar", folder, SCENES)
     return scenes.load_scene_file(folder / "scene.xml", 8, 6)
 
 

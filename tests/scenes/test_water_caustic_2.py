@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gpf import scenes
+from gpf import scene_freezing, scenes
 from gpf.photon_tracing import record_photons
 
 NAME = "water_caustic_2"
@@ -23,7 +23,7 @@ def root(tmp_path_factory) -> Path:
     root = tmp_path_factory.mktemp("scenes")
     ignored = shutil.ignore_patterns("meshes", "textures", "__pycache__")
     shutil.copytree(SOURCE, root / NAME, ignore=ignored)
-    scenes.build_scene(NAME, root)
+    scene_freezing.build_scene(NAME, root)
     return root
 
 
