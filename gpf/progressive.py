@@ -134,21 +134,19 @@ class PhotonPass:
         return irradiance
 
     def all_irradiance(
-        self, fixed: FixedPoints, stream: int, number: int
+        self, fixed: FixedPoints, start: mi.Point2f, number: int
     ) -> tuple[mi.Color3f, mi.Color3f | None]:
         """E at fixed points, W/m², (N, 3), and how much of it came from a sample of the emitters:
         None if photons bring direct light too.
 
         Parameters
         ----------
-        stream: of the samples; another one for every set of points.
+        start: of the points' samples, (N, 2); see :func:`gpf.seeds.random_start`.
         number: how many passes have served these points, this one included.
         """
         if self.settings.direct == "photons":
             return self.irradiance(fixed.points), None
-        lanes = dr.width(fixed.points.p)
-        sample = spread_sample(pass_seed(self.seed, 0, stream), lanes, number)
-        direct = fixed.direct_irradiance(sample)
+        direct = fixed.direct_irradiance(spread_sample(start, number))
         dr.eval(direct)  # each use is a kernel of its own, and would trace it anew
         indirect = self.irradiance(replace(fixed.points, lit=mi.Bool(True)))
         return indirect + direct, direct

@@ -17,8 +17,8 @@ from gpf.film import FilmSamples, sample_film
 from gpf.fixed_points import FixedPoints
 from gpf.pass_sums import PassSums
 from gpf.progressive import PassSettings, PhotonPasses
-from gpf.seeds import pass_seed
-from gpf.structs import VisiblePoints, take, to_numpy
+from gpf.seeds import pass_seed, random_start
+from gpf.structs import VisiblePoints, concatenate, take, to_numpy
 
 
 @dataclass(frozen=True)
@@ -80,14 +80,25 @@ class ReferenceRenderer:
         self.points = dict(points)
         # Only valid points are gathered at: of many views they may be few.
         self._valid = {name: dr.compress(points.valid) for name, points in self.points.items()}
-        self._gathered = {
-            name: FixedPoints(scene, take(points, self._valid[name]))
-            for name, points in self.points.items()
-            if dr.width(self._valid[name]) > 0
-        }
         dr.eval(self.points)
+        self._join_points()
         self.sizes = {name: film_size(sensor) for name, sensor in self.sensors.items()}
         self.sums = self.empty_sums()
+
+    def _join_points(self) -> None:
+        """Make one set of all: many small ones would each wait for their slowest point."""
+        parts, starts, self._lanes, first = [], [], {}, 0
+        for name, valid in self._valid.items():
+            count = dr.width(valid)
+            if count > 0:
+                stream = zlib.crc32(f"points {name}".encode())
+                starts.append(random_start(pass_seed(self.seed, 0, stream), count))
+                parts.append(take(self.points[name], valid))
+                self._lanes[name] = dr.arange(mi.UInt32, first, first + count)
+                first += count
+        self._joined = FixedPoints(self.scene, concatenate(parts)) if parts else None
+        self._start = concatenate(starts) if parts else mi.Point2f()
+        dr.eval(self._lanes, self._start)
 
     def empty_sums(self) -> PassSums:
         """Sums over no passes, of the right shape."""
@@ -109,12 +120,13 @@ class ReferenceRenderer:
             dr.eval(film)
             radiance = film.points.radiance(photons.irradiance(film.points))
             self.sums.views[name].add(film.merge(radiance), t)
-        for name, points in self._gathered.items():
-            stream = zlib.crc32(f"points {name}".encode())
-            irradiance, direct = photons.all_irradiance(points, stream, t)
-            self.sums.points[name].add(irradiance)
-            if direct is not None:
-                self.sums.direct[name].add(direct)
+        if self._joined is not None:
+            irradiance, direct = photons.all_irradiance(self._joined, self._start, t)
+            dr.eval(irradiance)  # or each set's sum would search for all photons anew
+            for name, lanes in self._lanes.items():
+                self.sums.points[name].add(dr.gather(mi.Color3f, irradiance, lanes))
+                if direct is not None:
+                    self.sums.direct[name].add(dr.gather(mi.Color3f, direct, lanes))
         # Without waiting, passes pile up and the progress bar lies.
         dr.sync_thread()
         self.sums.passes += 1

@@ -23,7 +23,7 @@ from gpf.fixed_points import FixedPoints
 from gpf.kernel_area import area_correction
 from gpf.photon_sums import PhotonSums
 from gpf.progressive import PassSettings, suit_scene
-from gpf.seeds import pass_seed, spread_sample
+from gpf.seeds import pass_seed, random_start, spread_sample
 from gpf.structs import SurfacePoints, VisiblePoints, concatenate, take, to_numpy
 from gpf.supervision import Targets
 from gpf.training import Progress, Trainer
@@ -156,12 +156,11 @@ class PhotonStream:
 
     def _sample_emitters(self) -> None:
         """Add to the direct light at the points; what a few samples miss, later rounds make up."""
-        seed, lanes = pass_seed(self.seed, 0, DIRECT_STREAM), len(self._source)
+        start = random_start(pass_seed(self.seed, 0, DIRECT_STREAM), len(self._source))
         for _ in range(DIRECT_SAMPLES):
             self._samples += 1
-            self._direct += self._points.direct_irradiance(
-                spread_sample(seed, lanes, self._samples)
-            )
+            sample = spread_sample(start, self._samples)
+            self._direct += self._points.direct_irradiance(sample)
             dr.eval(self._direct)
 
 

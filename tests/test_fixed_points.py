@@ -14,7 +14,7 @@ from gpf.fixed_points import FixedPoints
 from gpf.next_event import samples_every_emitter
 from gpf.progressive import PassSettings, PhotonPasses
 from gpf.reference import fixed_points
-from gpf.seeds import spread_sample
+from gpf.seeds import random_start, spread_sample
 from gpf.structs import VisiblePoints, take, to_numpy
 from tests.furnace import Scene, camera, diffuse, floor, lamp, point_light, rectangle, rgb
 
@@ -29,9 +29,9 @@ def points_at(p: Any, n: Any) -> VisiblePoints:
 
 
 def direct(scene: mi.Scene, points: VisiblePoints, samples: int = 1) -> np.ndarray:
-    fixed, lanes = FixedPoints(scene, points), dr.width(points.p)
+    fixed, start = FixedPoints(scene, points), random_start(7, dr.width(points.p))
     found = [
-        to_numpy(fixed.direct_irradiance(spread_sample(7, lanes, t))) for t in range(1, samples + 1)
+        to_numpy(fixed.direct_irradiance(spread_sample(start, t))) for t in range(1, samples + 1)
     ]
     return np.mean(found, axis=0)
 
@@ -106,10 +106,10 @@ def compare(shapes: dict[str, Scene]) -> None:
     settings = PassSettings(photons_per_pass=40_000, initial_radius=0.08, max_depth=2)
     points = fixed_points(scene, sensor, "view", settings, 1)
     fixed = FixedPoints(scene, take(points, dr.compress(points.valid)))
-    means = []
+    start, means = random_start(9, dr.width(fixed.points.p)), []
     for way in ("photons", "emitters"):
         passes = PhotonPasses(scene, replace(settings, direct=way), 5)
-        singles = [passes.trace(t).all_irradiance(fixed, 1000, t)[0] for t in range(1, 41)]
+        singles = [passes.trace(t).all_irradiance(fixed, start, t)[0] for t in range(1, 41)]
         means.append(np.mean([to_numpy(e) for e in singles], axis=0))
     photons, samples = means
     assert samples.mean() > 0.1

@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpf.seeds import spread_sample
+from gpf.seeds import random_start, spread_sample
 from gpf.structs import to_numpy
 
 
 def integral_errors(count: int) -> tuple[float, float]:
     """RMS error of the area of a quarter disc, by one lane's sequence and by random numbers."""
     inside = [
-        (to_numpy(spread_sample(3, 4000, t)) ** 2).sum(axis=1) < 1 for t in range(1, count + 1)
+        (to_numpy(spread_sample(random_start(3, 4000), t)) ** 2).sum(axis=1) < 1
+        for t in range(1, count + 1)
     ]
     area = np.mean(inside, axis=0)
     spread = np.sqrt(np.mean((area - np.pi / 4) ** 2))
@@ -21,7 +22,7 @@ def integral_errors(count: int) -> tuple[float, float]:
 
 def test_every_element_is_uniform():
     for t in (1, 2, 1000, 10**6):
-        sample = to_numpy(spread_sample(5, 100_000, t))
+        sample = to_numpy(spread_sample(random_start(5, 100_000), t))
         assert sample.min() >= 0 and sample.max() < 1
         np.testing.assert_allclose(sample.mean(axis=0), 0.5, atol=0.005)
         np.testing.assert_allclose(np.var(sample, axis=0), 1 / 12, rtol=0.02)
@@ -36,6 +37,6 @@ def test_a_lane_integrates_faster_than_random_numbers(count):
 
 
 def test_seeds_and_lanes_differ():
-    a, b = (to_numpy(spread_sample(seed, 1000, 1)) for seed in (1, 2))
+    a, b = (to_numpy(spread_sample(random_start(seed, 1000), 1)) for seed in (1, 2))
     assert np.abs(a - b).max() > 0.5
     assert len(np.unique(a, axis=0)) == 1000
