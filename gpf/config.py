@@ -82,6 +82,12 @@ class Params(Section):
         """The parameters of a variant of the ablations; ``also``: values that it may override."""
         return self.vary({**(also or {}), **self.ablations.variants[name].set})
 
+    def images_to_learn_from(self, scene: str) -> int:
+        """How many training views of a scene need an image, for systems that are run there."""
+        animated = self.animation.methods if scene in self.animation.scenes else ()
+        rows = [self.baselines[m] for m in (*self.methods.all, *animated) if m not in OWN_METHODS]
+        return max((r.training_views for r in rows if not r.scenes or scene in r.scenes), default=0)
+
     @model_validator(mode="after")
     def _methods_are_known(self) -> Self:
         known, listed = list(self.baselines), self.methods.all

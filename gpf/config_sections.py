@@ -92,8 +92,7 @@ class Reference(Section):
     rr_depth: Count = 5
     view_points: Count = 200_000
     surface_points: Annotated[int, Field(ge=0)] = 300_000
-    training_images: Annotated[int, Field(ge=0)] = 3
-    more_images: Annotated[int, Field(ge=0)] = 0
+    images: Annotated[int, Field(ge=0)] | Literal["auto"] = "auto"
     seed: Seed = 1
     checkpoint_seconds: Positive = 30.0
     preview_seconds: Annotated[float, Field(ge=0)] = 10.0

@@ -179,8 +179,8 @@ def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
         raise CannotServe(
             str(work.folder / "reference"),
             f"{count} training views with images are needed, there are {len(found)}",
-            "Raise reference.training_images or reference.more_images in params.yaml, list views "
-            f"under `more` in scenes/{work.scene}/views.yaml, and run the stages scene and "
+            "Set reference.images in params.yaml to auto, or to so many; list more views under "
+            f"`more` in scenes/{work.scene}/views.yaml, and run the stages scene and "
             "reference.",
         )
     return tuple(found)

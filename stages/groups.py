@@ -114,7 +114,7 @@ def open_group(job: Job, request: GroupRequest) -> LongSum:
 def views_of(work: Workspace, group: str) -> tuple[View, ...]:
     """The views of a group."""
     if group == "more":
-        return work.views.more[: work.params.reference.more_images]
+        return work.views.more[: max(images_of(work) - len(work.views.train), 0)]
     return work.views.train if group == "train" else work.views.novel
 
 
@@ -125,9 +125,15 @@ def record_of(job: Job, group: str) -> dict[str, Any]:
     if group == "train":
         share, imaged = (
             share_of_pixels(work, section.view_points),
-            imaged[: section.training_images],
+            imaged[: images_of(work)],
         )
     return group_record(work, group, job.settings, _group_seed(job, group), share, imaged)
+
+
+def images_of(work: Workspace) -> int:
+    """How many of the training views, and then of the `more`, have an image beside their points."""
+    images = work.params.reference.images
+    return work.params.images_to_learn_from(work.scene) if images == "auto" else images
 
 
 def _group_seed(job: Job, group: str) -> int:

@@ -166,6 +166,24 @@ def test_a_value_out_of_range_names_its_key(tmp_path, key, value, words):
         read(tmp_path, f"scenes: [a]\n{section}:\n  {leaf}: {value}\n")
 
 
+def test_images_are_for_those_who_learn_from_them(tmp_path):
+    text = """
+scenes: [a, b, c]
+methods: {classical: [path_50], learned: [splatting_3, cache, everywhere]}
+baselines:
+  path_50: {system: path_tracer}
+  cache: {system: radiance_cache}
+  splatting_3: {system: splatting, views: 3, scenes: [a]}
+  everywhere: {system: instant_ngp, views: 2}
+  walking: {system: instant_ngp, views: 10}
+animation: {scenes: [b], methods: [gpf, walking, path_50]}
+"""
+    params = read(tmp_path, text)
+    assert [params.images_to_learn_from(scene) for scene in "abc"] == [3, 10, 2]
+    alone = read(tmp_path, text.replace(", everywhere]", "]").replace("[b]", "[]"))
+    assert [alone.images_to_learn_from(scene) for scene in "abc"] == [3, 0, 0]
+
+
 VARIED = """\
 scenes: [a, b]
 baselines:

@@ -132,7 +132,7 @@ def new_project(folder: Path) -> Project:
     project.replace(f"scenes/{SCENE}/views.yaml", "aspect: 1.0", "aspect: 1.25")
     with redirect_stderr(StringIO()):
         apply_profile("smoke", folder / "params.yaml")
-    project.edit("params.yaml", methods=few)
+    project.edit("params.yaml", methods=few, reference__images=3)
     return project
 
 

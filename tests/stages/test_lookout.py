@@ -86,7 +86,7 @@ def test_another_training_view_moves_the_samples_of_the_surfaces(finished):
 def test_an_image_more_than_needed_is_left_alone(finished):
     files = [finished.results / f"reference/{name}.exr" for name in ("front", "left", "right")]
     before = [file.stat().st_mtime_ns for file in files]
-    finished.edit("params.yaml", reference__training_images=1)
+    finished.edit("params.yaml", reference__images=1)
     assert finished.stage("reference").code == 0
     assert [file.stat().st_mtime_ns for file in files] == before
 

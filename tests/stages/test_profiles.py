@@ -135,7 +135,7 @@ def test_what_changed_is_said(params, capfd):
     assert f"reference.passes: {before} -> 1000" in text
     assert "methods.learned: [] -> ['radiance_cache'," in text
     assert "photons.paths" not in text
-    assert re.search(r"params\.yaml: profile full, 8 values changed", text)
+    assert re.search(r"params\.yaml: profile full, 6 values changed", text)
     apply_profile("full", params)
     assert "0 values changed" in re.sub(r"\s+", " ", capfd.readouterr().err)
 
