@@ -57,8 +57,8 @@ def draw_cumulative_cost(results: Results) -> Sketch:
     words = "; ".join(f"{results.scene(s).title}: {_tell(c, passes)}" for s, c in found.items())
     alt = f"Cumulative cost in seconds over 1 to {last} views, on logarithmic axes. {words}."
     caption = (
-        f"Seconds for 1 to {last} views. Circles mark the first view from which on GPF, with all "
-        f"of its preparation, costs less in all. {words}. SPPM at GPF's PSNR has no line "
+        f"Seconds for 1 to {last} views. Circles, with the number of views, mark the first "
+        "view from which on GPF, with all of its preparation, costs less in all. {words}. SPPM at GPF's PSNR has no line "
         "where not even its last pass comes up to GPF. Views that are known in advance may be "
         "rendered together, from the same photons; those of GPF need not be known. "
         f"The paper reports {paper.total_hours:g} hours of preparation, paid for by "
@@ -83,10 +83,10 @@ def _draw_panel(axes: Axes, cost: dict[str, Any], last: int, labels: dict[str, s
         axes.plot(count, height, "o", color=BLACK, markerfacecolor="white", zorder=4, markersize=7)
         if min(counts) < count < max(counts):
             continue
-        # Labels of the first and of the last lie on different sides of the line.
-        above = count > min(counts)
+        # Each on the side where no line is: those of SPPM rise from the left to the right.
+        above = count == min(counts) < max(counts)
         axes.annotate(
-            "1 view" if count == 1 else f"{count} views",
+            f"{count}",
             (count, height),
             textcoords="offset points",
             xytext=(-6, 6) if above else (6, -6),

@@ -109,7 +109,7 @@ def test_break_even_points_are_marked(results, tmp_path):
         assert shown[row - 9 : row + 10, column].min() < 40
     row, column = at(sketch, 0, 50, 32 + 100)
     assert shown[row - 2 : row + 3, column].min() < 40
-    assert [t.get_text() for t in sketch.canvas.axes[0].texts] == ["9 views", "33 views"]
+    assert [t.get_text() for t in sketch.canvas.axes[0].texts] == ["9", "33"]
     assert "from view 9 on" in sketch.alt and "(20 passes) from view 20 on" in sketch.caption
 
 
@@ -121,7 +121,7 @@ def test_sppm_that_never_gets_there_has_no_line(results, tmp_path):
     sketch = draw_cumulative_cost(Results(results.params, tmp_path / "results"))
     labels = [line.get_label() for line in sketch.canvas.axes[0].lines[:3]]
     assert labels == ["GPF", "SPPM, 30 passes", "SPPM, views together"]
-    assert [t.get_text() for t in sketch.canvas.axes[0].texts] == ["9 views", "33 views"]
+    assert [t.get_text() for t in sketch.canvas.axes[0].texts] == ["9", "33"]
     assert "which has a lower PSNR" in sketch.alt
 
 
