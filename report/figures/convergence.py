@@ -65,9 +65,9 @@ def _draw_panel(axes: Axes, curve: Mapping[int, float], level: float | None) -> 
         f"GPF {level:.1f} dB",
         (0, level),
         xycoords=("axes fraction", "data"),
-        xytext=(4, 3),
+        xytext=(4, -4),
         textcoords="offset points",
-        va="bottom",
+        va="top",  # above, the title is near; the curve begins far below
     )
     worth = worth_passes(level, curve)
     if not worth.bound:

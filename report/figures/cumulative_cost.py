@@ -58,7 +58,8 @@ def draw_cumulative_cost(results: Results) -> Sketch:
     alt = f"Cumulative cost in seconds over 1 to {last} views, on logarithmic axes. {words}."
     caption = (
         f"Seconds for 1 to {last} views. Circles, with the number of views, mark the first "
-        "view from which on GPF, with all of its preparation, costs less in all. {words}. SPPM at GPF's PSNR has no line "
+        "view from which on GPF, with all of its preparation, costs less in all. "
+        f"{words}. SPPM at GPF's PSNR has no line "
         "where not even its last pass comes up to GPF. Views that are known in advance may be "
         "rendered together, from the same photons; those of GPF need not be known. "
         f"The paper reports {paper.total_hours:g} hours of preparation, paid for by "
