@@ -10,7 +10,7 @@ from typing import Any, Literal
 import drjit as dr
 import mitsuba as mi
 
-from gpf.density import pack_tag, same_surface
+from gpf.density import SAME_SURFACE_HEIGHT, pack_tag, same_surface
 from gpf.gaussians import Gaussians, whitening_rows
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import VisiblePoints
@@ -18,6 +18,12 @@ from gpf.structs import VisiblePoints
 # Keeps the sum of weights away from zero: where every Gaussian of a neighbourhood is too narrow to
 # reach the query point, the blend becomes their plain mean instead of black.
 WEIGHT_FLOOR = 1e-6
+
+# How far off the plane of a surface its Gaussians may lie, in search radii; beyond one radius the
+# limit rises to that of :func:`gpf.density.same_surface`. Near by it is less than for photons,
+# whose radius shrinks: a wall behind a lamp may be a thousand times darker than the lamp's back,
+# and what reaches it from there is more than training can make up for.
+SURFACE_HEIGHT = 0.35
 
 # The supplement's falloff reaches zero a little beyond the (k + 1)-th neighbour, so that a tie of
 # all of them leaves weights above zero; where there is none, at this multiple of the farthest.
@@ -41,7 +47,8 @@ class FieldSettings:
     stores: ``irradiance`` (multiplied by the reflectance / π at the hit) or ``radiance``.
     direct: where light straight from the emitters comes from: the ``field``, like all other, or a
         sample of the ``emitters`` at what the camera sees; the field then has what is left.
-    normal_test: whether Gaussians of another surface (normals more than 45° apart) are ignored.
+    normal_test: whether Gaussians of another surface (normals more than 45° apart, or farther off
+        the plane than :data:`SURFACE_HEIGHT`) are ignored.
     """
 
     search_radius: float
@@ -156,7 +163,12 @@ class GaussianPhotonField:
         """Whether the Gaussian of a record may answer for a surface with normal ``n`` at ``p``."""
         if not self.settings.normal_test:
             return mi.Bool(True)
-        return same_surface(record, p, n, dr.square(self._radius))
+        d = mi.Vector3f(record.x - p.x, record.y - p.y, record.z - p.z)
+        radius2 = dr.square(self._radius)
+        beyond2 = dr.maximum(dr.squared_norm(d) - radius2, 0)
+        limit2 = SURFACE_HEIGHT**2 * radius2 + SAME_SURFACE_HEIGHT**2 * beyond2
+        flat = dr.square(dr.dot(n, d)) <= limit2
+        return flat & same_surface(record, p, n, radius2)
 
     def _term(
         self, x: mi.Point3f, mean: mi.Point3f, index: mi.UInt32, support2: mi.Float, active: mi.Bool

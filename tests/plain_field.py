@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from gpf.field import (
     SUPPLEMENT_REACH,
     SUPPLEMENT_SLACK,
+    SURFACE_HEIGHT,
     WEIGHT_FLOOR,
     FieldSettings,
     GaussianPhotonField,
@@ -140,7 +141,9 @@ def neighbours_of(
     """
     distance = np.linalg.norm(g.means - x, axis=1)
     if settings.normal_test:
-        flat = np.abs((g.means - x) @ n) <= 0.5 * np.maximum(settings.search_radius, distance)
+        radius2 = settings.search_radius**2
+        limit2 = SURFACE_HEIGHT**2 * radius2 + 0.25 * np.maximum(distance**2 - radius2, 0)
+        flat = ((g.means - x) @ n) ** 2 <= limit2
         distance = np.where(flat & (g.normals @ n > np.sqrt(0.5)), distance, np.inf)
     ball = np.flatnonzero(distance <= margin * settings.search_radius)
     enough = settings.neighbours == "both" and len(ball) > settings.k

@@ -133,6 +133,16 @@ def test_the_other_side_of_a_wall_does_not_count():
     np.testing.assert_allclose(value, [[0.5, 0.5, 0], [0.5, 0.5, 0]], atol=1e-4)
 
 
+def test_a_lamp_in_front_of_a_wall_does_not_leak_onto_it():
+    """The back of the lamp has the wall's normal, and a thousand times its light."""
+    radius = 0.1
+    g = flat_gaussians([[0, 0.5, 0], [0, 0.5, 0.4 * radius]], [[1, 1, 1], [1000, 1000, 1000]])
+    g.log_scales[:] = np.log(0.6 * radius)
+    x = np.array([[0.3 * radius, 0.5, 0], [0, 0.5, 0.4 * radius]])
+    value, _ = ask(make_field(g, FieldSettings(radius, k=1)), x, np.tile(UP, (2, 1)))
+    np.testing.assert_allclose(value[:, 0], [1, 1000], rtol=1e-5)
+
+
 def test_inactive_lanes_get_nothing():
     g = flat_gaussians([[0, 0.5, 0]], [[1, 2, 3]])
     x = np.tile([0, 0.5, 0.0], (3, 1))
