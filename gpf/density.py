@@ -61,6 +61,11 @@ def unpack_depth(tag: mi.Float) -> mi.UInt32:
     return dr.reinterpret_array(mi.UInt32, tag) >> 24
 
 
+def same_orientation(record: mi.Vector4f, n: mi.Normal3f) -> mi.Bool:
+    """Whether the normal in a record's tag is like ``n``."""
+    return dr.dot(unpack_normal(record.w), n) > SAME_SURFACE_COSINE
+
+
 def same_surface(record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f, radius2: mi.Float) -> mi.Bool:
     """Whether a record lies on the surface that has the normal ``n`` at ``p``.
 
@@ -70,7 +75,7 @@ def same_surface(record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f, radius2: mi
     d = mi.Vector3f(record.x - p.x, record.y - p.y, record.z - p.z)
     scale2 = dr.maximum(radius2, dr.squared_norm(d))
     flat = dr.square(dr.dot(n, d)) <= SAME_SURFACE_HEIGHT**2 * scale2
-    return flat & (dr.dot(unpack_normal(record.w), n) > SAME_SURFACE_COSINE)
+    return flat & same_orientation(record, n)
 
 
 class PhotonDensity:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import drjit as dr
 import mitsuba as mi
 
-from gpf.density import SAME_SURFACE_HEIGHT, pack_tag, same_surface
+from gpf.density import SAME_SURFACE_HEIGHT, pack_tag, same_orientation
 from gpf.gaussians import Gaussians, whitening_rows
 from gpf.spatial_hash import SpatialHash
 from gpf.structs import VisiblePoints
@@ -168,7 +168,7 @@ class GaussianPhotonField:
         beyond2 = dr.maximum(dr.squared_norm(d) - radius2, 0)
         limit2 = SURFACE_HEIGHT**2 * radius2 + SAME_SURFACE_HEIGHT**2 * beyond2
         flat = dr.square(dr.dot(n, d)) <= limit2
-        return flat & same_surface(record, p, n, radius2)
+        return flat & same_orientation(record, n)
 
     def _term(
         self, x: mi.Point3f, mean: mi.Point3f, index: mi.UInt32, support2: mi.Float, active: mi.Bool

@@ -7,19 +7,14 @@ neighbours, compares with the target, visits the neighbours again and adds their
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.spatial import cKDTree
 
 from gpf.adam import Adam
-from gpf.artifacts import read_tensors, write_tensors
 from gpf.blending import (
     Packets,
     accumulate_gradients,
@@ -32,6 +27,7 @@ from gpf.blending import (
 from gpf.errors import UserError
 from gpf.field import GaussianPhotonField
 from gpf.gaussians import Gaussians
+from gpf.local_targets import local_targets
 from gpf.neighbour_lists import list_neighbours
 from gpf.space_order import order_in_space
 from gpf.step_random import stratified_batch
@@ -236,61 +232,3 @@ class Trainer:
         state = state or self.gaussians
         self.field.update(replace(state, irradiance=state.irradiance * self.unit))
         return self.field
-
-    def save(self, path: Path, fingerprint: Mapping[str, Any], note: Any = "") -> None:
-        """Write a checkpoint, atomically: parameters, moments, the best state and the history.
-
-        ``note`` is kept for the one who restores it.
-        """
-        states = {
-            "parameters": parameters(self.gaussians),
-            "best": parameters(self.best),
-            "first": self.adam.first,
-            "second": self.adam.second,
-        }
-        tensors = {name: np.stack([v.numpy() for v in values]) for name, values in states.items()}
-        metadata = {
-            "step": self.step_count,
-            "best_error": self.best_error,
-            "history": [asdict(progress) for progress in self.history],
-            "note": note,
-            "fingerprint": dict(fingerprint),
-        }
-        write_tensors(path, "checkpoint", tensors, metadata)
-
-    def restore(self, path: Path, fingerprint: Mapping[str, Any]) -> Any:
-        """Continue from a checkpoint if there is one that the same parameters made.
-
-        Returns its note, or None where there is no such checkpoint.
-        """
-        if not path.exists():
-            return None
-        tensors, metadata = read_tensors(path, "checkpoint", "train")
-        if metadata["fingerprint"] != json.loads(json.dumps(fingerprint)):
-            return None
-        arrays = {name: [mi.Float(row) for row in value] for name, value in tensors.items()}
-        self.gaussians = with_parameters(self.gaussians, arrays["parameters"])
-        self.best = with_parameters(self.gaussians, arrays["best"])
-        self.adam = Adam(arrays["first"], arrays["second"])
-        self.step_count, self.best_error = metadata["step"], metadata["best_error"]
-        self.history = [Progress(**progress) for progress in metadata["history"]]
-        self.rebuild()
-        return metadata["note"]
-
-
-def local_targets(
-    gaussians: Gaussians, points: SurfacePoints, radius: float, neighbours: int = 8
-) -> np.ndarray:
-    """Mean target of the points that are nearest to each Gaussian on its surface, (N, 3).
-
-    A right angle between two normals counts as 1.4 ``radius``, world units, the other side of a
-    thin wall as 2: nearness alone would take the inside of a lamp for its outside.
-    """
-
-    def places(p: mi.Point3f, n: mi.Normal3f) -> np.ndarray:
-        return np.hstack([to_numpy(p), radius * to_numpy(n)])
-
-    count = min(neighbours, dr.width(points.p))
-    tree = cKDTree(places(points.p, points.n))
-    _, near = tree.query(places(gaussians.means, gaussians.normals), k=count)
-    return to_numpy(points.target)[near.reshape(-1, count)].mean(axis=1)

@@ -14,6 +14,7 @@ from gpf.field_files import save_field
 from gpf.streaming import PhotonStream, train_on_stream
 from gpf.supervision import Targets
 from gpf.training import Progress, Trainer
+from gpf.training_checkpoints import restore_trainer, save_trainer
 from stages.code_digest import library_digest
 from stages.costs import CostMeter
 from stages.gaussian_count import choose_count
@@ -50,7 +51,7 @@ def fit(work: Workspace) -> None:
     with costs.measure("training"):
         trainer = Trainer(field, points, training_settings(work))
     if stream is None:
-        spent = trainer.restore(work.checkpoint("train"), _fingerprint(work, count))
+        spent = restore_trainer(trainer, work.checkpoint("train"), _fingerprint(work, count))
         if spent:
             costs.parts["training"] = spent
     curves = str(work.field_folder / "training")
@@ -119,7 +120,7 @@ def _train_on_references(
             nonlocal saved
             advance(step)
             if time.monotonic() - saved > section.checkpoint_seconds:
-                trainer.save(checkpoint, fingerprint, costs.so_far("training"))
+                save_trainer(trainer, checkpoint, fingerprint, costs.so_far("training"))
                 saved = time.monotonic()
 
         with costs.measure("training"):

@@ -12,7 +12,9 @@ import pytest
 from gpf.blending import parameters
 from gpf.errors import UserError
 from gpf.field import FieldSettings, GaussianPhotonField
-from gpf.training import Progress, Trainer, local_targets
+from gpf.local_targets import local_targets
+from gpf.training import Progress, Trainer
+from gpf.training_checkpoints import restore_trainer, save_trainer
 from gpf.training_settings import LearningRates, TrainingSettings
 from tests.plain_field import ask, make_field, random_gaussians, surface_points
 
@@ -286,7 +288,7 @@ class Stopped(Exception):
 def stop_at(step: int, trainer: Trainer, path: Path) -> Callable[[int], None]:
     def tick(done: int) -> None:
         if done == step:
-            trainer.save(path, {"run": [1, "a"]})
+            save_trainer(trainer, path, {"run": [1, "a"]})
         if done == step + 7:
             raise Stopped
 
@@ -301,7 +303,7 @@ def test_training_goes_on_from_a_checkpoint(tmp_path):
     best = trainer.best_error
 
     resumed = make_trainer()
-    assert resumed.restore(path, {"run": [1, "a"]}) == ""
+    assert restore_trainer(resumed, path, {"run": [1, "a"]}) == ""
     assert resumed.step_count == 40 and resumed.best_error == best
     ticks: list[int] = []
     field = resumed.run(tick=ticks.append)
@@ -316,18 +318,18 @@ def test_a_checkpoint_of_other_parameters_is_left_alone(tmp_path):
     with pytest.raises(Stopped):
         trainer.run(tick=stop_at(2, trainer, path))
     fresh = make_trainer()
-    assert not fresh.restore(path, {"run": [2, "a"]})
-    assert not fresh.restore(tmp_path / "none.safetensors", {"run": [1, "a"]})
+    assert not restore_trainer(fresh, path, {"run": [2, "a"]})
+    assert not restore_trainer(fresh, tmp_path / "none.safetensors", {"run": [1, "a"]})
     assert fresh.step_count == 0
 
 
 def test_a_truncated_checkpoint_is_said_in_words(tmp_path):
     path = tmp_path / "checkpoint.safetensors"
     trainer = make_trainer()
-    trainer.save(path, {})
+    save_trainer(trainer, path, {})
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(UserError, match=r"is truncated or damaged.*Delete it and run `gpf stage t"):
-        trainer.restore(path, {})
+        restore_trainer(trainer, path, {})
 
 
 def test_steps_are_compiled_once():
