@@ -114,7 +114,7 @@ MOST_GAUSSIANS = 100_000
 class FieldSection(Section):
     """The field's make, query (:mod:`gpf.field`) and file (:mod:`gpf.field_files`)."""
 
-    gaussians: AutoCount = 100_000
+    gaussians: AutoCount = "auto"
     initialization: Literal["photons", "random"] = "photons"
     fill_gaps: bool = True
     initial_colour: Literal["targets", "density", "flux"] = "targets"
