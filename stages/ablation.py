@@ -20,7 +20,7 @@ from stages.apart import run_each
 from stages.code_digest import library_digest
 from stages.costs import CostMeter
 from stages.metrics import Judge, summarize
-from stages.progress import console
+from stages.progress import say
 from stages.render import render_novel_views
 from stages.resuming import open_state
 from stages.train import fit
@@ -61,7 +61,7 @@ def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = Fal
     if params == work.params.vary(alike):
         found = numbers(work, read_json(work.metrics("gpf"), "metrics"))
         keep(work, row, {"same_as": "gpf", **found}, {})
-        console.print(f"{scene_name}: {variant} is the field as it is", highlight=False)
+        say(f"{scene_name}: {variant} is the field as it is")
         return
     # What is missing of the stages before is no fault of the variant.
     judge = Judge.open(work)
@@ -75,7 +75,7 @@ def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = Fal
         keep(work, row, {"reason": reason, "todo": refusal.todo}, {})
         if not go_on:
             raise
-        console.print(f"{scene_name}, {variant}: {refusal}", highlight=False, soft_wrap=True)
+        say(f"{scene_name}, {variant}: {refusal}")
 
 
 def gaussians_of_all(work: Workspace) -> dict[str, Any]:
@@ -99,7 +99,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
     }
     state = open_state(_state(work, name), task)
     variant = work.variant(params, state)
-    console.print(f"{work.scene}, {name}: {row['overrides']}", highlight=False, soft_wrap=True)
+    say(f"{work.scene}, {name}: {row['overrides']}")
     # Each writes its costs last.
     if not variant.cost("train").exists():
         fit(variant)

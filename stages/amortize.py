@@ -12,7 +12,7 @@ from metrics.cost import CostLine, break_even, cumulative
 from metrics.stage_costs import part_seconds, passes_done, seconds_per_view, target_seconds
 from metrics.worth import worth_passes
 from stages.costs import KINDS
-from stages.progress import console
+from stages.progress import say
 from stages.workspace import Workspace
 
 
@@ -118,4 +118,4 @@ def amortize(scene_name: str) -> None:
     for name, count in counts.items():
         passes = lines.equal_passes if name == "SPPM at equal quality" else lines.passes
         views = "never" if count is None else f"from view {count} on"
-        console.print(f"{scene_name}: GPF costs less than {name} ({passes} passes) {views}")
+        say(f"{scene_name}: GPF costs less than {name} ({passes} passes) {views}")

@@ -35,7 +35,7 @@ from stages.filmstrip import (
     write_moving_picture,
 )
 from stages.frame_flicker import compare_frames
-from stages.progress import Bar, console, progress_bar
+from stages.progress import Bar, progress_bar, say
 from stages.render import FieldRenderer
 from stages.workspace import Workspace
 
@@ -52,10 +52,7 @@ def animate(scene_name: str) -> None:
     work = Workspace.open(scene_name)
     section = work.params.animation
     if scene_name not in section.scenes:
-        console.print(
-            f"{scene_name}: not asked for; animation.scenes in params.yaml does not list it",
-            highlight=False,
-        )
+        say(f"{scene_name}: not asked for; animation.scenes in params.yaml does not list it")
         return
     views = work.views.frames()
     if not views:
@@ -69,7 +66,7 @@ def animate(scene_name: str) -> None:
         except CannotServe as refusal:
             shutil.rmtree(frame(work, method, 0).parent, ignore_errors=True)
             refusals[method] = refusal.what
-            console.print(f"{scene_name}, {method}: {refusal}", highlight=False, soft_wrap=True)
+            say(f"{scene_name}, {method}: {refusal}")
         forget_state_of(work, method)
     forget_others(work, section.methods, len(views))
     shown = [m for m in section.methods if m not in refusals]
@@ -87,7 +84,7 @@ def animate(scene_name: str) -> None:
             f"{numbers['change']:.2f} of 255 ({where})"
             for where, numbers in flicker["methods"][method].items()
         )
-        console.print(f"{scene_name}, {method}: flicker {told or 'not measured'}", highlight=False)
+        say(f"{scene_name}, {method}: flicker {told or 'not measured'}")
 
 
 def frame(work: Workspace, method: str, number: int) -> Path:

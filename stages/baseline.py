@@ -22,7 +22,7 @@ from stages import resuming
 from stages.apart import run_each
 from stages.code_digest import library_digest
 from stages.costs import CostMeter
-from stages.progress import Bar, console, progress_bar
+from stages.progress import Bar, progress_bar, say
 from stages.unit_time import time_path
 from stages.workspace import Workspace
 
@@ -46,7 +46,7 @@ def run_baselines(scene_name: str, method: str | None = None, go_on: bool = Fals
         refuse(work, method, refusal)
         if not go_on:
             raise
-        console.print(f"{scene_name}, {method}: {refusal}", highlight=False, soft_wrap=True)
+        say(f"{scene_name}, {method}: {refusal}")
 
 
 def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:

@@ -10,7 +10,7 @@ from gpf.field_files import StoredField, read_field, write_field
 from gpf.splat_ply import propose_exposure, write_splats
 from gpf.views import read_views
 from gpf.yaml_files import suggest
-from stages.progress import console
+from stages.progress import say
 
 RESULTS = Path("results")
 
@@ -30,11 +30,7 @@ def export_field(
             exposure = known_exposure(source, stored)
         write_splats(ply, stored, exposure)
         if stored.settings.direct == "emitters":
-            console.print(
-                f"{source} has indirect light alone (field.direct: emitters), and the splats too",
-                highlight=False,
-                soft_wrap=True,
-            )
+            say(f"{source} has indirect light alone (field.direct: emitters), and the splats too")
         tell(ply, f"{len(stored.tensors['means'])} splats, exposure {exposure:.4g}")
     if compact is not None:
         write_field(stored, compact, "compact")
@@ -98,4 +94,4 @@ def known_exposure(source: Path, stored: StoredField) -> float:
 def tell(path: Path, what: str) -> None:
     """Say what has been written."""
     size = path.stat().st_size / 1e6
-    console.print(f"{path}: {size:.1f} MB, {what}", highlight=False, soft_wrap=True)
+    say(f"{path}: {size:.1f} MB, {what}")

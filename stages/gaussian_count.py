@@ -15,7 +15,7 @@ from gpf.structs import Photons
 from gpf.supervision import Targets
 from gpf.training import Trainer
 from gpf.training_settings import TrainingSettings
-from stages.progress import console
+from stages.progress import say
 from stages.train_settings import training_settings
 from stages.training_inputs import initial_field, supervise
 from stages.workspace import Workspace
@@ -73,7 +73,7 @@ def choose_count(
         if error >= least:
             break
         best, least = count, error
-    console.print(f"{work.scene}: {best} Gaussians", highlight=False)
+    say(f"{work.scene}: {best} Gaussians")
     return best
 
 

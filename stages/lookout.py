@@ -12,7 +12,7 @@ from gpf.photon_map import BATCH
 from gpf.pilot import Pilot, trace_pilot
 from gpf.seeds import pass_seed
 from gpf.sensors import make_sensor
-from stages.progress import console
+from stages.progress import say
 from stages.workspace import Workspace
 
 # Emission is guided where fewer than this share of the paths would do if all were of use, and if
@@ -83,7 +83,7 @@ class Lookout:
 def _batches(paths: float, most: int) -> int:
     wanted = max(round(paths / BATCH), 1)
     if wanted > most:
-        console.print(
+        say(
             f"auto: {wanted * BATCH:,} photon paths would be needed, {most * BATCH:,} are taken; "
             "params.yaml can ask for more"
         )

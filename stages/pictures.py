@@ -9,7 +9,7 @@ from pathlib import Path
 from gpf.errors import UserError
 from gpf.images import write_exr, write_png
 from gpf.views import View
-from stages.progress import console, progress_bar
+from stages.progress import progress_bar, say
 from stages.render import FieldRenderer, tell_of_coverage
 from stages.workspace import Workspace
 
@@ -42,7 +42,7 @@ def render_pictures(
     seconds = (time.perf_counter() - start) / len(views)
     tell_of_coverage(scene, shares)
     what = f"{len(views)} picture{'s' if len(views) > 1 else ''}"
-    console.print(f"{folder}: {what}, {seconds:.2f} s each", highlight=False, soft_wrap=True)
+    say(f"{folder}: {what}, {seconds:.2f} s each")
 
 
 def _choose(work: Workspace, names: Sequence[str], frames: bool) -> list[View]:

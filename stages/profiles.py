@@ -15,7 +15,7 @@ from gpf.artifacts import write_text
 from gpf.config import Params, read_params
 from gpf.errors import UserError
 from gpf.yaml_files import explain, suggest
-from stages.progress import console
+from stages.progress import say
 
 # Of `ablations.run`: all rows of `ablations.variants`, whichever the project has.
 EVERY = "all"
@@ -56,10 +56,10 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
     except ValidationError as error:
         raise explain(f"{file}, with profile {name}", Params, error) from error
     for change in changes:
-        console.print(change, highlight=False)
+        say(change)
     if changes:
         write_text(file, dump_yaml(yaml, document))
-    console.print(f"{file}: profile {name}, {len(changes)} values changed", highlight=False)
+    say(f"{file}: profile {name}, {len(changes)} values changed")
 
 
 def in_one_line(value: Any) -> Any:

@@ -1,7 +1,11 @@
-"""Progress bars with rate and time left."""
+"""What a stage tells while it runs: lines, and progress bars with rate and time left."""
 
 from __future__ import annotations
 
+import os
+import re
+import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -20,6 +24,19 @@ from rich.text import Text
 
 console = Console(stderr=True)
 
+RELAY = "GPF_RELAY_PROGRESS"
+"""Where it is set, bars are also told as lines, for a program that watches the stage."""
+
+RELAY_SECONDS = 0.5
+
+# A record separator: nothing that a stage says begins so.
+_LINE = re.compile("^\x1e([0-9]+)/([0-9]+) (.*)")
+
+
+def say(text: str) -> None:
+    """A line of text, however long, as it is: nothing in it is coloured, or taken for markup."""
+    console.print(text, highlight=False, soft_wrap=True, markup=False)
+
 
 class _Rate(ProgressColumn):
     """Steps per second."""
@@ -34,14 +51,27 @@ class Bar:
 
     def __init__(self, progress: Progress, task: TaskID) -> None:
         self._progress, self._task = progress, task
+        self._told = float("-inf")
 
     def __call__(self, done: int, total: int | None = None) -> None:
         """Move to so many steps, of ``total`` if that has turned out to be another number."""
         self._progress.update(self._task, completed=done, total=total)
+        if RELAY in os.environ and time.monotonic() - self._told > RELAY_SECONDS:
+            self._told = time.monotonic()
+            task = self._progress.tasks[self._task]
+            line = f"\x1e{done}/{task.total:.0f} {task.description}"
+            # Not to `sys.stderr`: where rich draws, it puts its own in that place.
+            print(line, file=sys.__stderr__, flush=True)
 
     def describe(self, text: str) -> None:
         """Change the words beside the bar."""
         self._progress.update(self._task, description=text)
+
+
+def read_relayed(line: str) -> str | None:
+    """What a bar told in a line, in words; None for a line that no bar wrote."""
+    found = _LINE.match(line)
+    return None if found is None else f"{found[3]} {found[1]}/{found[2]}"
 
 
 @contextmanager

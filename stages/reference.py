@@ -29,7 +29,7 @@ from stages.groups import (
 )
 from stages.pass_times import time_kinds_of_passes
 from stages.passes import SURFACES, LongSum
-from stages.progress import console
+from stages.progress import say
 from stages.publishing import make_ready, settle
 from stages.reference_records import (
     has_surfaces,
@@ -53,10 +53,9 @@ def render_references(scene_name: str, passes: str | None = None) -> None:
     rendered = [_render_group(job, group, wanted) for group in GROUPS]
     if None in rendered:
         missing = ", ".join(g for g, state in zip(GROUPS, rendered, strict=True) if state is None)
-        console.print(
+        say(
             f"{scene_name}: passes {passes} are done, others are missing ({missing}); bring their "
-            "files here, or run the stage without --passes",
-            highlight=False,
+            "files here, or run the stage without --passes"
         )
         return
     done = {g: passes_done(work, g, views_of(work, g)) for g in GROUPS}
@@ -100,7 +99,7 @@ def _render_group(job: Job, group: str, wanted: range | None) -> bool | None:
         request = GroupRequest(group, tuple(view.name for view in missing), surfaces_missing)
         passes = open_group(job, request)
         for folder, difference in passes.parts.others().items():
-            console.print(f"{folder}: made with {difference}; left alone", highlight=False)
+            say(f"{folder}: made with {difference}; left alone")
         wanted = range(passes.passes) if wanted is None else wanted
         if work.params.executor == "ray":
             # Here alone: Ray is optional, and slow to import.

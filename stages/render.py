@@ -16,7 +16,7 @@ from gpf.parted_rendering import render_in_parts
 from gpf.sensors import make_sensor
 from gpf.views import View
 from stages.costs import CostMeter
-from stages.progress import console, progress_bar
+from stages.progress import progress_bar, say
 from stages.unit_time import time_path
 from stages.workspace import Workspace
 
@@ -117,11 +117,9 @@ def tell_of_coverage(scene: str, shares: Mapping[str, float]) -> None:
     """Say how much of the pictures the field knows little about."""
     worst = max(shares, key=shares.__getitem__)
     mean = sum(shares.values()) / len(shares)
-    console.print(
+    say(
         f"{scene}: {mean:.2%} of the pixels look where the field has little to go by (channel "
-        f"coverage above {WEAK_REACH:g}); in the view {worst}, {shares[worst]:.2%}",
-        highlight=False,
-        soft_wrap=True,
+        f"coverage above {WEAK_REACH:g}); in the view {worst}, {shares[worst]:.2%}"
     )
 
 
@@ -129,10 +127,8 @@ def tell_of_another_scene(work: Workspace, record: Mapping[str, Any]) -> None:
     """Say so where the field was not trained in the scene as it is; a field may not know."""
     trained_in = record.get("scene", work.scene_digest)
     if trained_in != work.scene_digest:
-        console.print(
+        say(
             f"{work.field} was trained in another scene, or before this one was changed (scene "
             f"{trained_in}, here {work.scene_digest}): the images have the light of that one. "
-            f"`gpf stage train --scene {work.scene}` makes a new field.",
-            highlight=False,
-            soft_wrap=True,
+            f"`gpf stage train --scene {work.scene}` makes a new field."
         )

@@ -19,7 +19,7 @@ from rich.live import Live
 from rich.text import Text
 
 from gpf.errors import UserError
-from stages.progress import console
+from stages.progress import RELAY, console, read_relayed
 from stages.repro_plan import Durations, DvcFailed, Plan
 
 LOG = Path("results") / "repro.log"
@@ -71,7 +71,12 @@ def start(command: Sequence[str]) -> subprocess.Popen[str]:
     places = [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
     return subprocess.Popen(
         command,
-        env={**os.environ, "PATH": os.pathsep.join(places), "PYTHONUNBUFFERED": "1"},
+        env={
+            **os.environ,
+            "PATH": os.pathsep.join(places),
+            "PYTHONUNBUFFERED": "1",
+            RELAY: "1",
+        },
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -85,9 +90,11 @@ def follow(process: subprocess.Popen[str], run: Run, log: TextIO) -> int:
     """Keep what the process says, and let the run see every line of it."""
     assert process.stdout is not None
     for line in process.stdout:
-        log.write(line)
-        log.flush()
-        run.see(line.rstrip("\n"))
+        run.inside = read_relayed(line)
+        if run.inside is None:
+            log.write(line)
+            log.flush()
+            run.see(line.rstrip("\n"))
     code = process.wait()
     run.end_stage()
     return code
@@ -135,6 +142,7 @@ class Run:
     skipped: list[str] = field(default_factory=list)
     failed: list[str] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
+    inside: str | None = None
     stopping: bool = False
 
     @contextmanager
@@ -195,6 +203,9 @@ class Run:
             text += f" {_span(elapsed)}"
             if expected is not None and elapsed < expected:
                 text += f" of about {_span(expected)}"
+            # Last, for there may be no room for it. Read once: another thread may change it.
+            inside = self.inside
+            return f"{text}; {self.time_left()}" + (f" | {inside}" if inside else "")
         return f"{text}; {self.time_left()}"
 
     def time_left(self) -> str:

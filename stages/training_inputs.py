@@ -19,7 +19,7 @@ from gpf.initialization import (
 )
 from gpf.structs import Photons, SurfacePoints, take
 from gpf.supervision import Targets
-from stages.progress import console
+from stages.progress import say
 from stages.workspace import Workspace
 
 
@@ -52,10 +52,9 @@ def photons_for_field(work: Workspace, photons: Photons) -> Photons:
             "Set field.direct to field.",
         )
     if section.gaussians != "auto" and count < section.gaussians:
-        console.print(
+        say(
             f"{work.scene}: {count} of the photons are not direct light; the field has as many "
-            f"Gaussians, not {section.gaussians}. More photons.paths bring more",
-            highlight=False,
+            f"Gaussians, not {section.gaussians}. More photons.paths bring more"
         )
     return take(photons, indirect)
 

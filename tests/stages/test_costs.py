@@ -80,7 +80,6 @@ def test_compilation_is_counted_apart():
 
 
 def test_device_work_is_waited_for():
-    costs = CostMeter()
     x = dr.arange(mi.Float, 2_000_000) + 1
     dr.eval(x)
     dr.sync_thread()
@@ -94,7 +93,6 @@ def test_device_work_is_waited_for():
                     value = dr.sin(value) + 1
                     dr.eval(value)  # runs beside this thread
     assert other.parts["work"]["wall_seconds"] > 5 * one.parts["work"]["wall_seconds"]
-    assert costs.parts == {}
 
 
 def test_a_part_is_shared_among_names():

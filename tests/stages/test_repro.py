@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from stages.progress import RELAY, progress_bar, read_relayed
 from stages.repro import Run, _span
 from stages.repro_plan import OVERHEAD, Durations, Plan, read_graph
 from tests.stages.conftest import Project
@@ -115,6 +116,23 @@ def test_a_stage_its_place_and_the_time_left(plan):
     assert run.time_left() == "about 5 min left"
 
 
+def test_bars_of_a_stage_are_shown_beside_it(plan, monkeypatch, capfd):
+    monkeypatch.setenv(RELAY, "1")
+    monkeypatch.setattr("stages.progress.RELAY_SECONDS", -1.0)
+    with progress_bar("b: training", 4) as bar:
+        bar(1)
+        bar.describe("b: last steps")
+        bar(2, 8)
+    lines = capfd.readouterr().err.split("\n")
+    relayed = [read_relayed(line) for line in lines if read_relayed(line)]
+    assert relayed == ["b: training 1/4", "b: last steps 2/8"]
+    console = Console(file=StringIO(), width=200, force_terminal=True)
+    run = Run(plan, Durations({"report": 70}), console)
+    run.see("Running stage 'train@b':")
+    run.inside = relayed[-1]
+    assert run.line() == "[1/7] train@b 0 s; more than 70 s left | b: last steps 2/8"
+
+
 def test_unknown_times_are_not_made_up(plan):
     run, _ = told(plan, {}, "Running stage 'train@b':")
     assert run.time_left() == "time left not known yet"
@@ -183,7 +201,9 @@ def small(tmp_path: Path) -> Project:
 
 
 def test_failing_and_going_on(small):
-    (small.folder / "work.sh").write_text('test "$1" = first-a && cp "$1" "$2" || exit 7\n')
+    bar = "printf '\\0361/2 a bar\\n'"
+    work = f'{bar}; test "$1" = first-a && cp "$1" "$2" || exit 7\n'
+    (small.folder / "work.sh").write_text(work)
     outcome = small.gpf("repro")
     assert outcome.code == 255  # DVC's own
     assert re.search(r"\[\d/4\] first@a: \d+ s", outcome.text), outcome.text
@@ -192,6 +212,7 @@ def test_failing_and_going_on(small):
     assert "failed after 3 of 4 stages" in outcome.text
     log = (small.folder / "results" / "repro.log").read_text()
     assert {"hello a", "hello b", "words of a", "words of b"} <= set(log.splitlines())
+    assert "a bar" not in log + outcome.text
 
     (small.folder / "work.sh").write_text('cp "$1" "$2"\n')
     outcome = small.gpf("repro", "second@b-x")
