@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -31,16 +32,19 @@ class CostLine:
         return self.preparation_seconds + views * self.per_view_seconds
 
 
-def break_even(a: CostLine, b: CostLine, limit: int = 10_000) -> int | None:
+def break_even(a: CostLine, b: CostLine) -> int | None:
     """Find the smallest number of views from which on ``a`` is cheaper than ``b``.
 
     That is the smallest n >= 1 with ``a.total(m) < b.total(m)`` for all m >= n.
-    ``None`` if there is none up to ``limit``; so also where ``a`` is cheaper at
-    first and loses that lead, because it costs more per view.
+    ``None`` if there is none; so also where ``a`` is cheaper at first and loses
+    that lead, because it costs more per view.
     """
-    if a.per_view_seconds > b.per_view_seconds:
+    # Exact: in floats, a quotient may round to the other side of a whole number.
+    saved = Fraction(b.per_view_seconds) - Fraction(a.per_view_seconds)
+    extra = Fraction(a.preparation_seconds) - Fraction(b.preparation_seconds)
+    if saved < 0 or (saved == 0 and extra >= 0):
         return None
-    return next((n for n in range(1, limit + 1) if a.total(n) < b.total(n)), None)
+    return 1 if extra < 0 else math.floor(extra / saved) + 1
 
 
 def cumulative(
