@@ -13,6 +13,7 @@ from shutil import copyfile
 
 from gpf.artifacts import write_text
 from gpf.errors import UserError
+from report.formats import join
 from report.page.words import describe_scene
 from report.results import CEILING, FIELD, Results
 from stages.profiles import EVERY, read_profiles
@@ -24,8 +25,8 @@ IMAGES = Path("docs/images")
 FILMS = ("water_caustic_2",)
 PICTURES = ("teaser", "cumulative_cost", "quality_time", "comparison_water_caustic_2")
 
-# In a footnote; a system that cannot serve a scene has another reason.
-_UNFINISHED = re.compile(r"^<sup>.*\bnot run\b", re.MULTILINE)
+# In a footnote, or a remark; a system that cannot serve a scene has another reason.
+_UNFINISHED = re.compile(r"^(?:<sup>.*\bnot run\b|Not .*\byet\b|On file, but)", re.MULTILINE)
 _MARKS = re.compile(r"<!-- (\w+) -->\n.*?<!-- /\1 -->", re.DOTALL)
 
 
@@ -41,6 +42,12 @@ def main() -> None:
 def publish(results: Results) -> None:
     """Copy the pictures and fill in the tables; one that is missing is an error."""
     refuse_other_sizes(results)
+    if results.unmeasured:
+        raise UserError(
+            str(results.root),
+            f"has no numbers of {join(results.unmeasured)} with {results.passes} passes",
+            f"Run `gpf repro --profile {PROFILE}` to its end.",
+        )
     copies = {FIGURES / f"{name}.png": IMAGES / f"{name}.png" for name in PICTURES}
     copies |= {
         results.scene(name).folder / "animation" / "animation.webp": IMAGES / f"{name}.webp"
@@ -84,7 +91,7 @@ def fill(name: str, results: Results) -> str:
         body = file.read_text(encoding="utf-8").split("\n", 2)[2].strip()
         if _UNFINISHED.search(body):
             todo = f"Run `gpf repro --profile {PROFILE}` to its end."
-            raise UserError(str(file), "has rows whose reason is `not run`", todo)
+            raise UserError(str(file), "lacks what has not been run", todo)
     return f"<!-- {name} -->\n{body}\n<!-- /{name} -->"
 
 

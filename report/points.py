@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 
 from report.results import CEILING, FIELD, NUMBERS, Results
 
+REACH = 100
+"""An extrapolation goes as far as so many times the longest time that was measured."""
+
 MORE_SAMPLES_HELP = ("path_tracer", "particle_tracer", "sppm")
 """Systems whose error goes to zero with time."""
 
@@ -67,7 +70,7 @@ def field_point(results: Results, scene: str) -> Point | None:
     return _point(results, scene, FIELD, results.methods[FIELD])
 
 
-def extrapolate(points: Sequence[Point], psnr: float, reach: float = 100.0) -> float | None:
+def extrapolate(points: Sequence[Point], psnr: float, reach: float = REACH) -> float | None:
     """Seconds that would give ``psnr`` if the last two points went on: log(seconds) is linear in
     PSNR where the error falls as a power of the number of samples. Points that take more than half
     the time of the last are too near to it to tell.

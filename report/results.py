@@ -5,6 +5,7 @@ Nothing here computes a picture or a time: what no file has is missing.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -42,17 +43,39 @@ class Results:
         """The results of the project in the working directory."""
         return cls(read_params(), root)
 
-    @property
+    @cached_property
     def scenes(self) -> list[str]:
-        """Scenes of params.yaml that have been measured, in its order."""
-        return [s for s in self.params.scenes if (self.root / s / "metrics").is_dir()]
+        """Scenes of params.yaml that have been measured, against references as it asks for, in its
+        order."""
+        return [s for s in self.params.scenes if self.has_metrics(s) and self.is_as_asked(s)]
+
+    def has_metrics(self, scene: str) -> bool:
+        """Whether the stage `metrics` has run."""
+        return (self.root / scene / "metrics").is_dir()
+
+    def is_as_asked(self, scene: str) -> bool:
+        """Whether a scene's references are not known to have another number of passes than
+        params.yaml asks for, as after a change of the profile."""
+        section, passes = self.params.reference, max(self.scene(scene).convergence, default=None)
+        if passes is None or passes == section.passes:
+            return True
+        return section.target_psnr > 0 and passes < section.passes
+
+    @cached_property
+    def titles(self) -> dict[str, str]:
+        """What people are shown for the field, the ceiling and every row of `baselines`.
+
+        Rows that differ in what titles do not tell have their names there, too.
+        """
+        own = {FIELD: field_title(self.params), CEILING: f"SPPM, {self.passes} passes"}
+        titles = {m: row.title for m, row in self.params.baselines.items()}
+        counts = Counter([*own.values(), *titles.values()])
+        return own | {m: t if counts[t] == 1 else f"{t} ({m})" for m, t in titles.items()}
 
     @property
     def methods(self) -> dict[str, str]:
         """All methods that params.yaml asks for, with their titles: baselines, field, ceiling."""
-        rows = {m: self.params.baselines[m].title for m in self.params.methods.all}
-        field = f"GPF, {self.params.render.spp} spp"
-        return rows | {FIELD: field, CEILING: f"SPPM, {self.passes} passes"}
+        return {m: self.titles[m] for m in (*self.params.methods.all, FIELD, CEILING)}
 
     @property
     def passes(self) -> str:
@@ -62,7 +85,7 @@ class Results:
 
     @property
     def unmeasured(self) -> list[str]:
-        """Scenes of params.yaml that have not been measured."""
+        """Scenes of params.yaml that have not been measured, or otherwise."""
         return [s for s in self.params.scenes if s not in self.scenes]
 
     def methods_of(self, scene: str) -> dict[str, str]:
@@ -71,8 +94,7 @@ class Results:
         rows = self.params.baselines
         known = dict.fromkeys([*self.params.methods.all, *rows])
         meant = [m for m in known if not rows[m].scenes or scene in rows[m].scenes]
-        own = {m: self.methods[m] for m in (FIELD, CEILING)}
-        return {m: rows[m].title for m in meant} | own
+        return {m: self.titles[m] for m in (*meant, FIELD, CEILING)}
 
     def scene(self, name: str) -> SceneResults:
         """The files of one scene."""
@@ -121,6 +143,11 @@ class Results:
         frame = pd.DataFrame(rows, columns=columns)
         numeric = [*NUMBERS, *costs]
         return frame.astype(dict.fromkeys(numeric, "float64"))
+
+
+def field_title(params: Params) -> str:
+    """What people are shown for the field."""
+    return f"GPF, {params.render.spp} spp"
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,8 @@ class Table:
             if column.better:
                 ranks = self.marks[column.key].map({"best": 1, "second": 2, "": pd.NA})
                 frame[f"{column.key}_rank"] = ranks.astype("Int64")
-        frame["reason"] = ["; ".join(dict.fromkeys(row.reasons.values())) for row in self.rows]
+        reasons = (self._reasons(row).values() for row in self.rows)
+        frame["reason"] = ["; ".join(dict.fromkeys(found)) for found in reasons]
         return frame
 
     @cached_property

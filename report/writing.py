@@ -13,16 +13,18 @@ if TYPE_CHECKING:
 def to_markdown(table: Table) -> str:
     """A table for a README: the best in bold, the second best underlined, the paper's in
     brackets."""
-    lines = [[_sentence(table.label), *map(table.heading, table.columns)]]
+    headings = (_sentence(table.label), *map(table.heading, table.columns))
+    lines = [[_markdown_cell(heading) for heading in headings]]
     lines.append([":--", *("--:" for _ in table.columns)])
     for group, rows in table.groups.items():
         if table.grouped_by:
-            lines.append([f"**{group}**", *("" for _ in table.columns)])
+            lines.append([f"**{_markdown_cell(group)}**", *("" for _ in table.columns)])
         for row in rows:
             label, why = table.label_of(row)
-            cells = [_escape_markdown(label) + _sup(why)]
+            cells = [_markdown_cell(label) + _sup(why)]
             for column in table.columns:
                 text, paper, why = table.cell(row, column)
+                text = _markdown_cell(text)
                 mark = table.marks.loc[row, column.key]
                 # GitHub shows <ins> underlined, and no <u>.
                 text = {"best": f"**{text}**", "second": f"<ins>{text}</ins>"}.get(mark, text)
@@ -33,8 +35,10 @@ def to_markdown(table: Table) -> str:
         "| " + " | ".join(_pad(k, cell, width) for k, (cell, width) in enumerate(cells)) + " |"
         for cells in (list(zip(line, widths, strict=True)) for line in lines)
     ]
-    notes = [*table.remarks, *(f"{_sup(str(k))} {why}" for k, why in _numbered(table))]
-    parts = [f"### {table.title}", table.caption, "\n".join(written), "  \n".join(notes)]
+    notes = [escape_markdown(remark) for remark in table.remarks]
+    notes += [f"{_sup(str(k))} {escape_markdown(why)}" for k, why in _numbered(table)]
+    title, caption = escape_markdown(table.title), escape_markdown(table.caption)
+    parts = [f"### {title}", caption, "\n".join(written), "  \n".join(notes)]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -133,9 +137,24 @@ def _html_row(table: Table, row: int) -> str:
     return opening + "".join(cells) + "</tr>"
 
 
+def escape_markdown(text: str) -> str:
+    """Text as GitHub shows it in a line, and what stands between backticks as code."""
+    # Inside of code, nothing means anything but its end.
+    code = re.split("(`[^`]*`)", " ".join(text.split()))
+    code[::2] = [re.sub(r"([*`])", r"\\\1", part).replace("<", "&lt;") for part in code[::2]]
+    return "".join(code)
+
+
+def _markdown_cell(text: str) -> str:
+    """The same in a table, where a bar would end the cell even inside of code."""
+    return escape_markdown(text).replace("|", "\\|")
+
+
 def escape_latex(text: str) -> str:
     """Text as LaTeX sets it, and what stands between backticks as code."""
-    escaped = "".join(_LATEX.get(letter, letter) for letter in text)
+    escaped = "".join(_LATEX.get(letter, letter) for letter in " ".join(text.split()))
+    # After the end of a line, LaTeX would take it for how much room is to follow.
+    escaped = "{}" + escaped if escaped.startswith("[") else escaped
     return re.sub("`([^`]*)`", r"\\texttt{\1}", escaped)
 
 
@@ -149,6 +168,7 @@ _LATEX = {
     "\\": "\\textbackslash{}",
     "~": "\\textasciitilde{}",
     "^": "\\textasciicircum{}",
+    "|": "\\textbar{}",
     "<": "$<$",
     ">": "$>$",
     "–": "--",
@@ -187,7 +207,3 @@ def _sup(number: str) -> str:
 
 def _superscript(number: str) -> str:
     return f"\\textsuperscript{{{number}}}" if number else ""
-
-
-def _escape_markdown(text: str) -> str:
-    return text.replace("|", "\\|")

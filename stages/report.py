@@ -12,7 +12,7 @@ from report.page import write_page
 from report.results import Results
 from report.table import Table
 from report.tables import write_tables
-from stages.progress import console
+from stages.progress import console, say
 
 
 def write_report() -> None:
@@ -21,7 +21,8 @@ def write_report() -> None:
     if not results.scenes:
         raise UserError(
             str(results.root),
-            f"has no numbers of any scene of params.yaml ({', '.join(results.params.scenes)})",
+            f"has no numbers of any scene of params.yaml ({', '.join(results.params.scenes)}) "
+            f"against {results.passes} passes of SPPM",
             "Run `gpf repro`, or the stages of one scene up to `gpf stage metrics --scene "
             f"{results.params.scenes[0]}`.",
         )
@@ -56,8 +57,3 @@ def show(table: Table) -> Grid:
             cells.append(Text(text, style=style or "").append(f" [{why}]" if why else ""))
         grid.add_row(*cells)
     return grid
-
-
-def say(text: str) -> None:
-    """A line of text, however long, with nothing coloured in it."""
-    console.print(text, highlight=False, soft_wrap=True, markup=False)

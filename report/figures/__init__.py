@@ -30,22 +30,23 @@ def draw_figures(results: Results, folder: Path) -> list[Figure]:
     call wrote of it is removed.
     """
     figures = []
-    for name, title, draw in _plan(results):
+    for name, title, draw, scene in _plan(results):
         try:
-            figures.append(save(draw(results), name, title, folder))
+            figures.append(save(draw(results), name, title, folder, scene))
         except Missing as missing:
-            figures.append(leave_out(name, title, str(missing), folder))
+            figures.append(leave_out(name, title, str(missing), folder, scene))
     return figures
 
 
-def _plan(results: Results) -> Iterator[tuple[str, str, Callable[[Results], Sketch]]]:
-    """Names, titles and makers, in the order of the report."""
-    yield "teaser", "Where the field leads most", draw_teaser
+def _plan(results: Results) -> Iterator[tuple[str, str, Callable[[Results], Sketch], str]]:
+    """Names, titles, makers and scenes (or ""), in the order of the report."""
+    yield "teaser", "The field beside others", draw_teaser, ""
     for scene in results.scenes:
         title = results.scene(scene).title
-        yield f"comparison_{scene}", f"{title}: methods", partial(draw_comparison, scene=scene)
-        yield f"views_{scene}", f"{title}: novel views", partial(draw_novel_views, scene=scene)
-    yield "quality_time", "Quality over time", draw_quality_time
-    yield "cumulative_cost", "Cost of many views", draw_cumulative_cost
-    yield "convergence", "Convergence of SPPM", draw_convergence
-    yield "training", "Training", draw_training
+        methods, views = (partial(d, scene=scene) for d in (draw_comparison, draw_novel_views))
+        yield f"comparison_{scene}", f"{title}: methods", methods, scene
+        yield f"views_{scene}", f"{title}: novel views", views, scene
+    yield "quality_time", "Quality over time", draw_quality_time, ""
+    yield "cumulative_cost", "Cost of many views", draw_cumulative_cost, ""
+    yield "convergence", "Convergence of SPPM", draw_convergence, ""
+    yield "training", "Training", draw_training, ""

@@ -36,7 +36,7 @@ def draw_cumulative_cost(results: Results) -> Sketch:
     """A panel for each scene that has been through `amortize`."""
     found = {s: results.scene(s).read("amortize.json") for s in results.scenes}
     known = {"break_even_views", "passes", "preparation_seconds", "seconds_per_view"}
-    found = {scene: cost for scene, cost in found.items() if known <= cost.keys()}
+    found = {s: c for s, c in found.items() if known <= c.keys() and _has_all_lines(c)}
     if not found:
         raise Missing("no scene has an amortize.json: run the stage amortize")
     last = results.params.amortize.views
@@ -66,6 +66,11 @@ def draw_cumulative_cost(results: Results) -> Sketch:
         f"{paper.break_even_views} views."
     )
     return Sketch(drawing, alt, caption)
+
+
+def _has_all_lines(cost: dict[str, Any]) -> bool:
+    """Whether the file has a time for each line; one of an older version may not."""
+    return _LINES.keys() <= cost["seconds_per_view"].keys()
 
 
 def _draw_panel(axes: Axes, cost: dict[str, Any], last: int, labels: dict[str, str]) -> None:

@@ -15,8 +15,8 @@ from report.figures.sketch import Missing, Sketch
 from report.figures.style import WIDTH, canvas, styled
 from report.results import FIELD, Results
 
-COLUMNS = 6
-"""Views beside each other; where there are more, they go on below."""
+COLUMNS, FEWEST = 6, 3
+"""At most so many views beside each other, and room for so many where there are fewer."""
 
 
 def draw_novel_views(results: Results, scene: str) -> Sketch:
@@ -27,7 +27,7 @@ def draw_novel_views(results: Results, scene: str) -> Sketch:
     if not names:
         raise Missing(f"{scene} has no measured images of GPF: run the stages render and metrics")
     bands = -(-len(names) // COLUMNS)
-    columns = -(-len(names) // bands)
+    columns = max(-(-len(names) // bands), FEWEST)
     with styled():
         inches = 3 * WIDTH / columns / found.views.aspect + 0.3
         drawing = canvas(bands * inches + 0.55)

@@ -53,9 +53,15 @@ def measured_views(scene: SceneResults, method: str) -> dict[str, float]:
     }
 
 
+def maker_of(method: str) -> str:
+    """The stage, with its option, that makes a method's images."""
+    own = {"reference": "reference", CEILING: "reference", FIELD: "render"}
+    return own.get(method, f"baseline --method {method}")
+
+
 def open_picture(results: Results, scene: SceneResults, method: str, view: str) -> Picture:
     """A method's image of a view."""
-    layers, _ = read_exr(scene.image(method, view), "baseline")
+    layers, _ = read_exr(scene.image(method, view), maker_of(method))
     shown = tone_map(layers["radiance"], scene.views.exposure)
     psnr = measured_views(scene, method).get(view)
     return Picture(method, results.methods[method], shown, psnr)

@@ -42,6 +42,7 @@ class Figure:
     title, alt, caption: in words; ``alt`` is for somebody who does not see it.
     svg, png: its files; None where it was left out.
     reason: why it was left out; empty where it was not.
+    scene: which it is of; empty where it is of all.
     """
 
     name: str
@@ -51,20 +52,21 @@ class Figure:
     svg: Path | None = None
     png: Path | None = None
     reason: str = ""
+    scene: str = ""
 
 
-def save(sketch: Sketch, name: str, title: str, folder: Path) -> Figure:
+def save(sketch: Sketch, name: str, title: str, folder: Path, scene: str = "") -> Figure:
     """Write a drawing as SVG and PNG. Without dates and random ids, equal drawings are equal."""
     svg, png = (folder / f"{name}.{suffix}" for suffix in ("svg", "png"))
     words = {"Title": title, "Description": sketch.alt}
     with rc_context(RC):
         for path, metadata in ((svg, {"Date": None, **words}), (png, words)):
             write_atomically(path, partial(sketch.canvas.savefig, metadata=metadata))
-    return Figure(name, title, sketch.alt, sketch.caption, svg, png)
+    return Figure(name, title, sketch.alt, sketch.caption, svg, png, scene=scene)
 
 
-def leave_out(name: str, title: str, reason: str, folder: Path) -> Figure:
+def leave_out(name: str, title: str, reason: str, folder: Path, scene: str = "") -> Figure:
     """Remove what an earlier call wrote, and say why there is nothing."""
     for suffix in ("svg", "png"):
         (folder / f"{name}.{suffix}").unlink(missing_ok=True)
-    return Figure(name, title, reason=reason)
+    return Figure(name, title, reason=reason, scene=scene)

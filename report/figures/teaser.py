@@ -114,9 +114,12 @@ def draw_teaser(results: Results) -> Sketch:
         f"{p.title.replace(',', '')}, {_numbers(p, seconds[p.method])}" for p in shown
     )
     alt = f"{scene.title}, view {choice.view}, by four methods: {numbers}."
+    leads = f"leads the others most, by {choice.lead:.1f} dB"
+    if choice.lead < 0:
+        leads = f"is least behind the best of the others, by {-choice.lead:.1f} dB"
     caption = (
-        f"{scene.title}, view “{choice.view}”: of all novel views the one where GPF "
-        f"leads the others most, by {choice.lead:.1f} dB. Below, the parts where light "
+        f"{scene.title}, view “{choice.view}”: of all novel views the one where GPF {leads}. "
+        "Below, the parts where light "
         "changes most along surfaces and where the typical method is farthest off. "
         "Seconds are for one view, without preparation."
     )

@@ -39,7 +39,9 @@ def draw_training(results: Results) -> Sketch:
     for scene in results.scenes:
         folder = results.scene(scene).folder / "training"
         curves = {name: read_curve(folder, name) for name in CURVES}
-        if len(curves["held_out_error"]):
+        # With `train.held_out: 0` there are no points that no step saw.
+        curves = {name: curve for name, curve in curves.items() if curve[name].any()}
+        if curves:
             found[scene] = curves
     if not found:
         raise Missing("no scene has training curves: run the stage train")
@@ -47,22 +49,24 @@ def draw_training(results: Results) -> Sketch:
         titles = [results.scene(scene).title for scene in found]
         drawing, panels, spare = small_multiples(titles, "step", "weighted error / mean target")
         for axes, curves in zip(panels, found.values(), strict=True):
-            for name, (label, style) in CURVES.items():
-                curve = curves[name]
+            for name, curve in curves.items():
+                label, style = CURVES[name]
                 sparse = max(1, len(curve) // 10)
                 axes.plot(
                     curve["step"], curve[name], label=label, markevery=sparse, markersize=4, **style
                 )
             axes.set_ylim(bottom=0)
         put_legend(drawing, spare, gather_legend(panels))
+    lasts = {scene: next(iter(curves.items())) for scene, curves in found.items()}
     ends = "; ".join(
-        f"{results.scene(scene).title}: {curves['held_out_error']['held_out_error'].iloc[-1]:.2g}"
-        for scene, curves in found.items()
+        f"{results.scene(scene).title}: {curve[name].iloc[-1]:.2g}"
+        for scene, (name, curve) in lasts.items()
     )
     alt = f"Training curves: the field's error over steps, falling. At the end: {ends}."
+    judged = any("held_out_error" in curves for curves in found.values())
     caption = (
         "Root mean square error of the field's irradiance at supervised points, weighted like the "
-        "loss (train.loss), over the mean target. The points that no step saw judge; the best "
-        "state is kept."
+        "loss (train.loss), over the mean target."
+        + (" The points that no step saw judge; the best state is kept." if judged else "")
     )
     return Sketch(drawing, alt, caption)

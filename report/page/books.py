@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from gpf.images import read_exr
+from report.figures.pictures import maker_of
 from report.page.pictures import Picture, encode, shrink
 from report.results import CEILING, FIELD, Results, SceneResults
 
@@ -153,8 +154,7 @@ def read_image(results: Results, scene: SceneResults, method: str, view: str) ->
     path = scene.image(method, view)
     if not path.exists():
         return None
-    maker = {REFERENCE: "reference", CEILING: "reference", FIELD: "render"}
-    layers, _ = read_exr(path, maker.get(method, f"baseline --method {method}"))
+    layers, _ = read_exr(path, maker_of(method))
     # The second reference is kept at several numbers of passes.
     name = f"sppm_{max(scene.convergence, default=0)}" if method == CEILING else "radiance"
     return layers.get(name)

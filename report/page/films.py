@@ -58,8 +58,9 @@ class Film:
 
 
 def open_films(results: Results) -> dict[str, Film]:
-    """The films of all scenes that have one, by scene."""
-    scenes = [results.scene(name) for name in results.scenes]
+    """The films that there are of the scenes that `animation` asks for, by scene."""
+    asked = results.params.animation.scenes
+    scenes = [results.scene(name) for name in results.scenes if name in asked]
     return {s.name: _open(results, s) for s in scenes if _file(s).exists()}
 
 

@@ -23,6 +23,7 @@ from report.page.pictures import PRECISION, Picture
 from report.page.systems import list_systems
 from report.page.words import SceneWords, describe_scene, main_numbers, tell_victory
 from report.results import FIELD, Results, SceneResults
+from report.tables.quality import scenes_left_out
 
 if TYPE_CHECKING:
     from report.figures import Figure
@@ -125,7 +126,7 @@ def _render(
         numbers=main_numbers(results),
         victory=tell_victory(results),
         scenes=scenes,
-        unmeasured=[results.scene(name).title for name in results.unmeasured],
+        left_out=scenes_left_out(results),
         shrunk=shelf.shrunk,
         passes=results.passes,
         height=results.params.film.height,
@@ -152,16 +153,10 @@ def _scene_parts(
     parts = []
     for scene in map(results.scene, results.scenes):
         view, poster = _poster(results, scene)
-        figures = [p for name, p in embedded.items() if _scene_of(name, results) == scene.name]
+        figures = [pair for pair in embedded.values() if pair[0].scene == scene.name]
         words, book = describe_scene(results, scene), books.get(scene.name)
         parts.append(ScenePart(scene.name, scene.title, words, poster, view, book, figures))
     return parts
-
-
-def _scene_of(figure: str, results: Results) -> str | None:
-    """The scene whose name a figure's ends with; the longest, should it end with several."""
-    fitting = [scene for scene in results.scenes if figure.endswith(f"_{scene}")]
-    return max(fitting, key=len, default=None)
 
 
 def _poster(results: Results, scene: SceneResults) -> tuple[str, Embedded | None]:

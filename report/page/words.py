@@ -7,18 +7,9 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from report.formats import fixed, join, significant
+from report.formats import join, significant
 from report.results import CEILING, FIELD, Results, SceneResults
-
-JUDGED = {
-    "psnr": ("PSNR", "dB", fixed(1), True),
-    "ssim": ("SSIM", "", fixed(3), True),
-    "lpips": ("LPIPS", "", fixed(3), False),
-    "flip": ("FLIP", "", fixed(3), False),
-    "flip_hdr": ("HDR-FLIP", "", fixed(3), False),
-    "relmse": ("relMSE", "", significant(3), False),
-}
-"""Number -> its name, its unit, how it is written, and whether more is better."""
+from report.tables.columns import QUALITY
 
 seconds_text = significant(2)
 
@@ -67,7 +58,7 @@ def describe_scene(results: Results, scene: SceneResults) -> SceneWords:
     cost = scene.read("amortize.json")
     per_view = cost.get("seconds_per_view", {})
     return SceneWords(
-        psnr=_written(field, "psnr"),
+        psnr=f"{field['psnr']:.1f} dB" if "psnr" in field else "",
         worth=_middle(_worths(scene)),
         seconds=_seconds(per_view.get("GPF")),
         sppm_seconds=_seconds(per_view.get("SPPM")),
@@ -83,7 +74,8 @@ def find_defeats(results: Results, scene: str) -> list[Defeat]:
     frame = frame[(frame["scene"] == scene) & (frame["method"] != CEILING)]
     field = frame[frame["method"] == FIELD]
     defeats = []
-    for key, (name, _, write, more) in JUDGED.items():
+    for column in QUALITY:
+        key, write, more = column.key, column.form, column.better == "higher"
         if field.empty or pd.isna(field[key].iloc[0]):
             continue
         own = float(field[key].iloc[0])
@@ -93,7 +85,7 @@ def find_defeats(results: Results, scene: str) -> list[Defeat]:
         # What reads the same is no defeat.
         better = [(title, write(value)) for title, value in rows if write(value) != write(own)]
         if better:
-            defeats.append(Defeat(name, write(own), better))
+            defeats.append(Defeat(column.title, write(own), better))
     return defeats
 
 
@@ -101,17 +93,18 @@ def tell_victory(results: Results) -> str:
     """What may be said where no other method is better in anything that was compared."""
     compared: list[str] = []
     missing: list[str] = []
-    for key, (name, *_) in JUDGED.items():
-        known = results.quality.dropna(subset=[key])
+    for column in QUALITY:
+        known = results.quality.dropna(subset=[column.key])
         others = known[~known["method"].isin([FIELD, CEILING])]["scene"]
         field = known[known["method"] == FIELD]["scene"]
         both = set(others) & set(field)
-        (compared if both and both >= set(results.scenes) else missing).append(name)
+        told = both and both >= set(results.scenes)
+        (compared if told else missing).append(column.title)
     if not compared:
         return "No number is known of the field and of another method in every scene."
-    told = f"in each scene it has the best {join(compared)} of them"
+    best = f"in each scene it has the best {join(compared)} of them"
     rest = f" {join(missing)} cannot be told: not every scene has the numbers." if missing else ""
-    return f"Nowhere among the methods that were measured: {told}.{rest}"
+    return f"Nowhere among the methods that were measured: {best}.{rest}"
 
 
 def _quality(results: Results) -> MainNumber | None:
@@ -143,7 +136,9 @@ def _worth(results: Results) -> MainNumber | None:
     if not values:
         return None
     values.sort(key=_worth_order)
-    detail = f"the middle one of {len(values)} novel views; the others: {values[0]} to {values[-1]}"
+    detail = "in the only novel view"
+    if len(values) > 1:
+        detail = f"the middle one of {len(values)} novel views: {values[0]} to {values[-1]}"
     return MainNumber(_middle(values), "passes", "of SPPM a view from the field is worth", detail)
 
 
@@ -162,7 +157,7 @@ def _speed(results: Results) -> MainNumber | None:
     return MainNumber(
         f"{significant(2)(ratio)}×",
         "",
-        f"faster per view than SPPM with {passes} passes",
+        f"as fast per view as SPPM with {passes} passes",
         f"{seconds_text(field)} s against {seconds_text(sppm)} s in the middle scene{across}",
     )
 
@@ -208,11 +203,6 @@ def _breaks_even(cost: object) -> str:
     if "SPPM" not in counts:
         return ""
     return "never" if counts["SPPM"] is None else f"view {counts['SPPM']}"
-
-
-def _written(row: dict[str, float], key: str) -> str:
-    _, unit, write, _ = JUDGED[key]
-    return f"{write(row[key])} {unit}".strip() if key in row else ""
 
 
 def _seconds(value: float | None) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from metrics.stage_costs import learning_seconds
-from report.formats import fixed, signed, significant, whole
+from report.formats import fixed, join, signed, significant, whole
 from report.paper import Variant, read_paper
 from report.results import FIELD, NUMBERS, Results
 from report.table import Column, Row, Table, Value
@@ -79,12 +79,14 @@ class Made:
     settings: the section ``field`` that it was made with, with the number of Gaussians it has.
     values: by the columns' keys; none where ``reason`` says why.
     gaps: why single values are missing.
+    changed: the keys of params.yaml in which it is not the default.
     """
 
     title: str
     settings: Mapping[str, Any]
     values: Mapping[str, float]
     reason: str = ""
+    changed: tuple[str, ...] = ()
     gaps: Mapping[str, str] = field(default_factory=dict)
     default: bool = False
 
@@ -101,11 +103,8 @@ def ablation_table(results: Results, ablation: Ablation) -> Table:
     rows: list[Row] = []
     for scene in results.scenes:
         # The paper's rows have their place even where nothing was varied.
-        has_files = any(
-            file["group"] == ablation.group for file in results.scene(scene).ablations.values()
-        )
         in_paper = scene == paper.scene and paper.of(ablation.group)
-        if has_files or in_paper or scene in asked:
+        if in_paper or scene in asked:
             rows += _rows_of(results, scene, ablation)
     own = (COUNT,) if ablation.key != "gaussians" else ()
     compared = f" {PAPER}" if any(row.paper for row in rows) else ""
@@ -118,8 +117,32 @@ def ablation_table(results: Results, ablation: Ablation) -> Table:
         rows=tuple(rows),
         label=ablation.label,
         grouped_by="scene",
-        remarks=() if rows else ("No scene with ablations has been measured yet.",),
+        remarks=_remarks(results, ablation, rows),
     )
+
+
+def _remarks(results: Results, ablation: Ablation, rows: Sequence[Row]) -> tuple[str, ...]:
+    """Why there are no rows, and what has none though there is a file of it."""
+    asked, remarks = results.params.ablations, []
+    if not asked.scenes and not rows:
+        remarks.append("No scene is asked for: `ablations.scenes` in params.yaml lists none.")
+    elif not rows:
+        remarks.append("No scene with ablations has been measured yet.")
+    # No stage keeps those up to date, so that their numbers may be of other sizes.
+    left = [
+        f"{file['title']} ({results.scene(scene).title})"
+        for scene in results.scenes
+        for name, file in results.scene(scene).ablations.items()
+        if file["group"] == ablation.group and not _is_asked(results, scene, name)
+    ]
+    if left:
+        remarks.append(f"On file, but not listed by `ablations` in params.yaml: {join(left)}.")
+    return tuple(remarks)
+
+
+def _is_asked(results: Results, scene: str, variant: str) -> bool:
+    asked = results.params.ablations
+    return scene in asked.scenes and variant in asked.run
 
 
 def _rows_of(results: Results, scene: str, ablation: Ablation) -> list[Row]:
@@ -155,7 +178,9 @@ def _row(
     number = made.settings.get(ablation.key, 0)
     place = float(number) if isinstance(number, int) else float("inf")
     label = made.title
-    if ablation.key and isinstance(number, int):
+    # What changes more than the number has a title of its own.
+    numbered = ablation.key and set(made.changed) <= {f"field.{ablation.key}"}
+    if numbered and isinstance(number, int):
         label = whole(number)
     if made.default:
         label = f"{label} (default)" if ablation.key else "all (default)"
@@ -179,25 +204,21 @@ def _default(results: Results, scene: str) -> Made:
         values["gaussians"] = float(cost["facts"]["gaussians"])
     settings = _settings(results, {}, values.get("gaussians"))
     gaps = results.reasons(scene, FIELD)
-    return Made("all", settings, values, gaps.get("", ""), gaps, default=True)
+    return Made("all", settings, values, gaps.get("", ""), gaps=gaps, default=True)
 
 
 def _variants(results: Results, scene: str, group: str, default: Made) -> list[Made]:
-    """Those of params.yaml in its order, then what else there are files of.
-
-    One that changes nothing is the default by another name.
-    """
-    section, found = results.params.ablations, dict(results.scene(scene).ablations)
+    """Those of params.yaml in its order; what changes nothing is the default by another name."""
+    section, found = results.params.ablations, results.scene(scene).ablations
     fields = []
     for name, variant in section.variants.items():
         if variant.group != group:
             continue
-        file = found.pop(name, None)
         if _changes_nothing(results, variant.set, default):
             fields.append(replace(default, title=section.title(name)))
             continue
-        if file is not None:
-            fields.append(_from_file(results, file))
+        if name in found and _is_asked(results, scene, name):
+            fields.append(_from_file(results, found[name]))
             continue
         reason = "not run"
         if name not in section.run:
@@ -205,19 +226,19 @@ def _variants(results: Results, scene: str, group: str, default: Made) -> list[M
         elif scene not in section.scenes:
             reason = "not asked for: `ablations.scenes` in params.yaml does not list the scene"
         settings = _settings(results, variant.set, None)
-        fields.append(Made(section.title(name), settings, {}, reason))
-    others = (file for file in found.values() if file["group"] == group)
-    return [*fields, *(_from_file(results, file) for file in others)]
+        fields.append(Made(section.title(name), settings, {}, reason, tuple(variant.set)))
+    return fields
 
 
 def _from_file(results: Results, file: Mapping[str, Any]) -> Made:
     settings = _settings(results, file["overrides"], file.get("gaussians"))
+    title, changed = file["title"], tuple(file["overrides"])
     if "mean" not in file:
-        return Made(file["title"], settings, {}, file.get("reason", "not measured"))
+        return Made(title, settings, {}, file.get("reason", "not measured"), changed)
     mean = file["mean"]
     known = {key: mean[key] for key in NUMBERS if mean.get(key) is not None}
     known |= {key: file[name] for key, name in _COSTS.items() if file.get(name) is not None}
-    return Made(file["title"], settings, known, gaps=file.get("reasons", {}))
+    return Made(title, settings, known, changed=changed, gaps=file.get("reasons", {}))
 
 
 _COSTS = {
@@ -254,5 +275,6 @@ def _settings(
 
 
 def _agrees(theirs: Variant, made: Made) -> bool:
-    """Whether a field is made as a row of the paper says."""
-    return all(made.settings.get(key) == value for key, value in theirs.field.items())
+    """Whether a field is made as a row of the paper says, which are about the field alone."""
+    alone = all(key.startswith("field.") for key in made.changed)
+    return alone and all(made.settings.get(key) == value for key, value in theirs.field.items())

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from report.formats import significant
 from report.points import (
     MORE_SAMPLES_HELP,
+    REACH,
     Point,
     extrapolate,
     field_point,
@@ -70,8 +71,8 @@ def equal_quality_table(results: Results) -> Table:
         caption="Seconds per view until a system has the field's PSNR, preparation apart: those of "
         "the fastest setting that was measured to have it; where none has, the best that was run "
         "stands here, and the longest time. The last column is no measurement: for systems whose "
-        "error goes to zero with time it goes on from the last two settings, as far as 100 times "
-        f"the time of the last. {BEST}",
+        "error goes to zero with time it goes on from the last two settings, as far as "
+        f"{REACH} times the time of the last. {BEST}",
         columns=(SETTING, REACHED, NEEDED, EXTRAPOLATED),
         rows=tuple(rows),
         label="system",
@@ -80,7 +81,7 @@ def equal_quality_table(results: Results) -> Table:
     )
 
 
-_TOO_FAR = "no two settings of which the longer is better, or further than 100 times its time"
+_TOO_FAR = f"no two settings of which the longer is better, or further than {REACH} times its time"
 
 
 def _at_equal_time(point: Point, group: str, ours: bool = False) -> Row:

@@ -17,12 +17,13 @@ NOISE = "Noise of the references alone"
 
 
 def flicker_table(results: Results) -> Table:
-    """Rows methods, columns the scenes that are animated."""
-    found = {s: results.scene(s).read("animation", "flicker.json") for s in results.params.scenes}
-    found = {scene: file for scene, file in found.items() if file}
+    """Rows methods, columns scenes: those that `animation` asks for. Files of others may be there,
+    but no stage keeps them up to date."""
     asked = results.params.animation
-    named = [*asked.methods, *(m for file in found.values() for m in file["methods"])]
-    rows = [_row(results, method, found) for method in dict.fromkeys(named)]
+    scenes = [s for s in asked.scenes if results.is_as_asked(s)]
+    found = {s: results.scene(s).read("animation", "flicker.json") for s in scenes}
+    found = {scene: file for scene, file in found.items() if file}
+    rows = [_row(results, method, found) for method in asked.methods]
     if found:
         rows.append(_noise_row(found))
     return Table(
@@ -41,10 +42,8 @@ def flicker_table(results: Results) -> Table:
 
 def title_of(results: Results, method: str) -> str:
     """A method of an animation; one that params.yaml has forgotten has its name alone."""
-    rows = results.params.baselines
-    if method == FIELD:
-        return results.methods[FIELD]
-    return rows[method].title if method in rows else method
+    titles = results.titles
+    return titles.get(method, method)
 
 
 def _columns(results: Results, found: Mapping[str, Any]) -> tuple[Column, ...]:

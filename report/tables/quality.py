@@ -78,7 +78,8 @@ def learned_table(results: Results) -> Table:
     """Table 2: systems that learn a scene from pictures."""
     options = results.params.baselines
     learned = [m for m, row in options.items() if row.system in LEARN_FROM_PICTURES]
-    rows = []
+    seen = " or ".join(str(n) for n in sorted({options[m].training_views for m in learned}))
+    rows: list[Row] = []
     for scene in results.scenes:
         methods = results.methods_of(scene)
         if any(method in methods for method in learned):
@@ -87,13 +88,19 @@ def learned_table(results: Results) -> Table:
     return Table(
         name="table_2",
         title="Table 2: systems that learn from pictures",
-        caption="Novel views of systems that see references of 3 or 10 training views, in the "
-        f"scenes that `baselines` in params.yaml has them for. {PAPER} {BEST}",
+        caption=f"Novel views of systems that see references of {seen or 'some'} training views, "
+        f"in the scenes that `baselines` in params.yaml has them for. {PAPER} {BEST}",
         columns=(*QUALITY, STORAGE, PREPARATION, SECONDS),
         rows=tuple(rows),
         grouped_by="scene",
-        remarks=scenes_left_out(results),
+        remarks=scenes_left_out(results) if rows else _no_learned(results),
     )
+
+
+def _no_learned(results: Results) -> tuple[str, ...]:
+    """Why Table 2 is empty."""
+    measured = "`baselines` has no such system for a scene that has been measured."
+    return (*scenes_left_out(results), *((measured,) if results.scenes else ()))
 
 
 def quality_row(results: Results, scene: str, method: str, title: str) -> Row:
@@ -126,16 +133,27 @@ def mean_row(results: Results, method: str, title: str) -> Row:
 
 
 def scenes_left_out(results: Results) -> tuple[str, ...]:
-    """A remark about scenes that have no numbers yet."""
-    titles = [results.scene(scene).title for scene in results.unmeasured]
-    return (f"Not measured yet: {join(titles)}.",) if titles else ()
+    """Remarks about scenes that have no numbers yet, or others than those that are asked for."""
+    remarks = []
+    without = [s for s in results.unmeasured if not results.has_metrics(s)]
+    others = [s for s in results.unmeasured if results.has_metrics(s)]
+    if without:
+        remarks.append(f"Not measured yet: {join([results.scene(s).title for s in without])}.")
+    if others:
+        titles = join([results.scene(s).title for s in others])
+        remarks.append(f"Not measured yet against {results.passes} passes of SPPM: {titles}.")
+    return tuple(remarks)
 
 
 def _remarks(results: Results) -> tuple[str, ...]:
-    """What the means are over."""
+    """What the means are over, and who is nowhere."""
     fewer = set(results.scenes) < set(read_paper().systems)
     means = ("In means, the paper's numbers are over the same scenes as ours.",) if fewer else ()
-    return (*scenes_left_out(results), *means)
+    some = {m for scene in results.scenes for m in results.methods_of(scene)}
+    nowhere = [title for m, title in results.methods.items() if m not in some]
+    where = f"Asked for in other scenes alone, by their rows of `baselines`: {join(nowhere)}."
+    alone = (where,) if nowhere and results.scenes else ()
+    return (*scenes_left_out(results), *means, *alone)
 
 
 def _row(
@@ -164,7 +182,9 @@ def _why_no_mean(results: Results, method: str, without: Sequence[str], key: str
     if len(without) == len(results.scenes) and len(reasons) == 1 and (why := reasons.pop()):
         return why
     if len(without) == len(results.scenes):
-        return _unmeasured_costs(method).get(key, "no numbers in any scene")
+        has_images = any("" not in r for r in found)
+        nothing = "no numbers in any scene"
+        return _unmeasured_costs(method).get(key, nothing) if has_images else nothing
     return f"no number in {join([results.scene(s).title for s in without])}"
 
 

@@ -77,16 +77,31 @@ def test_a_variant_that_cannot_be_made_gives_its_reason(results):
     assert math.isnan(k.loc["10", "psnr"]) and k.loc["10", "reason"] == "too few photons"
 
 
-def test_a_scene_that_nobody_asked_for_is_shown_once_it_has_files(results):
+def test_what_nobody_asks_for_is_not_compared(results):
+    """Nothing keeps such files up to date: they may be of references of other sizes."""
     assert set(frames(results)["table_3"].index.get_level_values(0)) == {"Water Caustic"}
     source = results.root / WATER / "ablations" / "radius.json"
     target = results.root / BOX / "ablations" / "radius.json"
     target.parent.mkdir()
     target.write_bytes(source.read_bytes())
-    frame = frames(results)["table_3"]
-    row = frame.loc[("Cornell Box", "radius only")]
-    assert row["psnr"] == mean(results, "ablations", "radius.json")["psnr"]
-    assert math.isnan(row["psnr_paper"])
+    table = ablation_tables(Results(results.params, results.root))[0]
+    assert set(table.frame["scene"]) == {"Water Caustic"}
+    left = "On file, but not listed by `ablations` in params.yaml: radius only (Cornell Box)."
+    assert table.remarks == (left,)
+    # Nor once a variant of a scene that is asked for does not run any more.
+    sections = results.params.model_dump(mode="json")
+    sections["ablations"]["run"] = ["all"]
+    other = Results(results.params.model_validate(sections), results.root)
+    row = ablation_tables(other)[0].frame.set_index("variant")
+    assert math.isnan(row.loc["radius only", "psnr"])
+
+
+def test_a_variant_of_more_than_the_number_has_its_title(tmp_path):
+    longer = {"group": "k", "title": "k = 10, longer", "set": {"field.k": 10, "train.steps": 9}}
+    plain = {"group": "k", "set": {"field.k": 10}}
+    variants = {"scenes": [WATER], "run": [], "variants": {"longer": longer, "plain": plain}}
+    frame = frames(make_results(tmp_path, ablations=variants))["table_s2"].loc["Water Caustic"]
+    assert {"k = 10, longer", "10"} < set(frame.index)
 
 
 def test_a_variant_may_change_what_lies_deep(tmp_path):

@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from gpf.artifacts import write_json
+from gpf.artifacts import read_json, write_json
 from report.figures.comparison import draw_comparison
 from report.figures.convergence import draw_convergence
 from report.figures.cumulative_cost import draw_cumulative_cost
@@ -51,6 +51,18 @@ def test_the_teaser_shows_each_method_in_its_column(results, tmp_path):
     assert words == ["20.0 dB, 0.4 s", "23.0 dB, 2.5 s", "36.0 dB, 2 s", "6 s"]
 
 
+def test_a_field_that_never_leads_is_not_said_to(tmp_path):
+    results = make_drawn(tmp_path)
+    for scene in (SCENE, OTHER):
+        file = tmp_path / scene / "metrics" / "denoised_50.json"
+        numbers = read_json(file, "metrics")
+        for view in numbers["views"].values():
+            view["psnr"] = 50.0
+        write_json(file, numbers)
+    assert choose_view(results).lead < 0
+    assert "is least behind the best of the others, by " in draw_teaser(results).caption
+
+
 def test_the_comparison_finds_caustic_and_error(results, tmp_path):
     sketch = draw_comparison(results, SCENE)
     shown = pixels(sketch, tmp_path)
@@ -79,9 +91,9 @@ def test_novel_views_show_field_reference_and_error(results, tmp_path):
     shown = pixels(sketch, tmp_path)
     for row, method in ((0, "gpf"), (1, "reference")):
         for column in (0, 1):
-            place = at(sketch, 2 * row + column, 40, 28)
+            place = at(sketch, 3 * row + column, 40, 28)
             assert np.abs(shown[place] - colour(method)).max() <= 2
-    assert shown[at(sketch, 5, 6, 22)].mean() > 150 > 100 > shown[at(sketch, 4, 6, 22)].mean()
+    assert shown[at(sketch, 7, 6, 22)].mean() > 150 > 100 > shown[at(sketch, 6, 6, 22)].mean()
 
 
 def test_points_of_quality_over_time_are_where_the_numbers_are(results, tmp_path):
@@ -140,3 +152,15 @@ def test_training_curves_are_those_of_the_files(results, tmp_path):
     shown = pixels(sketch, tmp_path)
     assert shown[at(sketch, 0, 50, 0.2)].max() < 40 and shown[at(sketch, 0, 100, 0.1)].max() < 40
     assert shown[at(sketch, 0, 120, 0.18)].min() > 220
+
+
+def test_points_that_do_not_exist_have_no_error(tmp_path):
+    """With `train.held_out: 0`, training reports 0 for them."""
+    results = make_drawn(tmp_path)
+    for scene in (SCENE, OTHER):
+        file = tmp_path / scene / "training" / "plots" / "metrics" / "held_out_error.tsv"
+        file.write_text("step\theld_out_error\n50\t0.0\n100\t0.0\n150\t0.0\n")
+    sketch = draw_training(results)
+    (line,) = sketch.canvas.axes[0].lines
+    assert line.get_label() == "points of the steps"
+    assert "Water Caustic: 0.033" in sketch.alt

@@ -47,6 +47,8 @@ def drawn(results, tmp_path_factory):
 def test_all_figures_have_files_words_and_something_on_them(drawn):
     folder, figures = drawn
     assert [figure.name for figure in figures] == NAMES
+    assert all(figure.scene == figure.name.partition("_")[2] for figure in figures[1:5])
+    assert not any(figure.scene for figure in (figures[0], *figures[5:]))
     shown = [figure for figure in figures if not figure.name.endswith(OTHER)]
     wanted = {f"{figure.name}.{suffix}" for figure in shown for suffix in ("svg", "png")}
     assert {path.name for path in folder.iterdir()} == wanted

@@ -76,6 +76,11 @@ def test_a_film_has_words_and_a_still_first_frame(results, tmp_path):
     assert "Not animated yet" not in page.text and "Flicker" in page.text
 
 
+def test_a_film_that_nobody_asks_for_any_more_is_not_shown(results):
+    assert list(open_films(results)) == [WATER]
+    assert open_films(Results(made_up_params(), results.root)) == {}
+
+
 def test_a_scene_without_a_film_says_nothing(tmp_path):
     results = make_pictured(tmp_path / "results")
     page = read(results, tmp_path / "report.html")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -71,6 +72,7 @@ def made(tmp_path_factory):
     results = make_pictured(root / "results")
     names = ("teaser", f"comparison_{BOX}", "quality_time", "convergence")
     figures = [make_figure(root / "figures", name) for name in names]
+    figures[1] = replace(figures[1], scene=BOX)
     figures.append(Figure("training", "Training", reason="no curves"))
     path = root / "report.html"
     write_page(results, make_tables(results), figures, path)
@@ -90,6 +92,15 @@ def test_everything_is_inside_one_file(made):
     policy = next(a["content"] for a in page.all("meta") if a.get("http-equiv"))
     assert policy.startswith("default-src 'none'")
     assert [p.name for p in path.parent.iterdir() if p.name.startswith(".")] == []
+
+
+def test_figures_of_a_scene_stand_with_it(made):
+    _, path, _ = made
+    text = path.read_text(encoding="utf-8")
+    first, second = (text.index(f'id="scene-{scene}"') for scene in (BOX, WATER))
+    assert first < text.index(f"Caption of comparison_{BOX}") < second
+    assert text.count(f"Caption of comparison_{BOX}") == 1
+    assert not first < text.index("Caption of convergence") < second
 
 
 def test_every_picture_and_control_has_words(made):
@@ -243,7 +254,7 @@ def test_where_the_field_is_beaten_is_told(tmp_path):
         )
         edit(files / f"{name}.json", mean__flip_hdr=0.5, mean__relmse=0.5)
     assert find_defeats(results, BOX) == []
-    edit(files / "gpf.json", mean__psnr=19.96)  # reads the same
+    edit(files / "gpf.json", mean__psnr=19.996)  # reads the same
     edit(files / "path_50.json", mean__lpips=0.4)
     edit(files / "ceiling.json", mean__ssim=0.99)  # does not compete
     results = type(results)(results.params, results.root)
@@ -289,4 +300,4 @@ def test_without_any_scene_there_is_a_page_that_says_so(tmp_path):
     write_page(Results(made_up_params(), tmp_path), [], [], tmp_path / "report.html")
     page = Reader((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "No scene has been measured yet: make repro" in page.text
-    assert "Not measured yet: Cornell Box, Water Caustic, Veach Ajar" in page.text
+    assert "Not measured yet: Cornell Box, Water Caustic and Veach Ajar." in page.text

@@ -32,6 +32,9 @@ def publish(tmp_path, monkeypatch):
     Path("README.md").write_text(PAGE)
     for folder in ("results/tables", "results/figures", "docs"):
         Path(folder).mkdir(parents=True)
+    for scene in read_params(Path("params.yaml")).scenes:
+        Path("results", scene, "metrics").mkdir(parents=True)
+        Path("results", scene, "convergence.json").write_text('[{"passes": 1000, "psnr": 40}]')
     Path("results/figures/teaser.png").write_bytes(b"new")
     Path("results/tables/k.md").write_text(TABLE.format(cell=31.5, reason="no transmission"))
     return module
@@ -58,7 +61,23 @@ def test_a_table_finds_its_marks_and_a_picture_its_folder(publish):
             lambda: Path("results/tables/k.md").write_text(
                 TABLE.format(cell="–", reason="not run; 3 training views are needed")
             ),
-            r"k\.md.*not run.*to its end",
+            r"k\.md.*not been run.*to its end",
+        ),
+        (
+            lambda: Path("results/tables/k.md").write_text(
+                TABLE.format(cell=1, reason="b") + "Not animated yet: Water Caustic.\n"
+            ),
+            r"k\.md.*not been run.*to its end",
+        ),
+        (
+            lambda: Path("results/veach_ajar/metrics").rmdir(),
+            r"no numbers of veach_ajar with 1000 passes.*to its end",
+        ),
+        (
+            lambda: Path("results/veach_ajar/convergence.json").write_text(
+                '[{"passes": 250, "psnr": 40}]'
+            ),
+            r"no numbers of veach_ajar with 1000 passes",
         ),
     ],
 )

@@ -64,7 +64,30 @@ def test_markdown():
     assert cells[8][:2] == ["| half", "–<sup>2</sup>"]
     assert cells[9][0] == "| **other**"
     assert lines[0] == "### Made up: 100% of it_all"
-    assert lines[-3:] == ["A remark.  ", "<sup>1</sup> no <time> for 5%  ", "<sup>2</sup> why"]
+    assert lines[-3:] == ["A remark.  ", "<sup>1</sup> no &lt;time> for 5%  ", "<sup>2</sup> why"]
+
+
+def test_markdown_keeps_to_its_line():
+    label, why = "two\nlines * `a|b`", "a | b `x<y|z` `<"
+    table = Table("t", "T", "", (SPEED,), (Row(label, {}, reasons={"": why}),))
+    text = table.to_markdown()
+    assert "| two lines \\* `a\\|b`<sup>1</sup> |" in text
+    assert text.endswith("<sup>1</sup> a | b `x<y|z` \\`&lt;\n")
+
+
+def test_reasons_are_of_what_is_missing_alone():
+    reasons = {"speed": "not timed", "error": "no image"}
+    rows = (
+        Row("whole", {"speed": 1.0, "error": 0.5}, reasons=reasons),
+        Row("half", {"speed": 1.0}, reasons=reasons),
+    )
+    frame = Table("t", "T", "", (SPEED, ERROR), rows).frame
+    assert frame["reason"].tolist() == ["", "no image"]
+
+
+def test_latex_rows_may_begin_with_a_bracket():
+    text = Table("t", "T", "", (SPEED,), (Row("[a|b]", {"speed": 1.0}),)).to_latex()
+    assert "\n{}[a\\textbar{}b] & 1.0 \\\\\n" in text
 
 
 def test_latex_escapes_and_has_booktabs():

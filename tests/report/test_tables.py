@@ -112,7 +112,8 @@ def test_every_number_is_of_a_file(results):
 def changed(data, factors):
     """The same with other numbers, each by a factor of its own."""
     if isinstance(data, dict):
-        return {key: changed(value, factors) for key, value in data.items()}
+        # References of other numbers of passes than params.yaml asks for would not be shown.
+        return {k: v if k == "passes" else changed(v, factors) for k, v in data.items()}
     if isinstance(data, list):
         return [changed(value, factors) for value in data]
     return data * next(factors) if leaves(data) else data
@@ -325,6 +326,39 @@ def test_single_numbers_that_are_missing_have_their_own_reasons(results):
     assert seen > {"table_1", "table_2", "table_3", "table_s1", "table_s2", "equal_time"}
 
 
+def test_references_of_other_lengths_are_not_compared(results):
+    """After another profile was chosen, until its stages have run."""
+    text = results.params.model_dump(mode="json")
+    text["reference"]["passes"] = 60
+    other = Results(results.params.model_validate(text), results.root)
+    assert other.scenes == [] and BOX in other.unmeasured
+    table = tables_of(other)["table_1"]
+    told = "Not measured yet against 60 passes of SPPM: Cornell Box and Water Caustic."
+    assert not table.rows and table.remarks[:2] == ("Not measured yet: Veach Ajar.", told)
+    text["reference"]["target_psnr"] = 40.0  # fewer passes may have done
+    assert Results(results.params.model_validate(text), results.root).scenes == [BOX, WATER]
+
+
+def test_rows_of_one_title_are_told_apart(results):
+    text = results.params.model_dump(mode="json")
+    text["baselines"]["more"] = {"system": "sppm", "passes": 3, "photons_per_pass": 500_000}
+    text["methods"]["classical"].append("more")
+    titles = Results(results.params.model_validate(text), results.root).methods
+    assert titles["sppm_3"] == "SPPM, 3 passes (sppm_3)" and titles["more"].endswith("(more)")
+    assert len(set(titles.values())) == len(titles)
+
+
+def test_table_2_says_why_it_is_empty(results):
+    text = results.params.model_dump(mode="json")
+    text["scenes"], text["ablations"] = [BOX], {}
+    tables = tables_of(Results(results.params.model_validate(text), results.root))
+    assert not tables["table_2"].rows
+    why = "`baselines` has no such system for a scene that has been measured."
+    assert tables["table_2"].notes == [why]
+    where = "Asked for in other scenes alone, by their rows of `baselines`: "
+    assert f"{where}3D Gaussian splatting, 3 views." in tables["table_1"].remarks
+
+
 def test_the_papers_numbers_stand_beside_the_same_methods_alone(results):
     """A row of another name is the same method; one with other settings is not."""
     text = results.params.model_dump(mode="json")
@@ -334,7 +368,7 @@ def test_the_papers_numbers_stand_beside_the_same_methods_alone(results):
     params = results.params.model_validate(text)
     frame = tables_of(Results(params, results.root))["table_1"].frame.set_index("method")
     box = frame[frame["scene"] == "Cornell Box"]["psnr_paper"]
-    assert box["Path tracer, 10 spp"].tolist() == [30.49, 30.49]
+    assert box[[f"Path tracer, 10 spp ({m})" for m in ("mine", "path_10")]].tolist() == [30.49] * 2
     assert math.isnan(box["Path tracer, 49 spp"]) and box["SPPM, 3 passes"] == 30.47
     # References of 30 passes are not those of 1000.
     time = tables_of(results)["table_4"].frame.set_index("method")
