@@ -199,7 +199,7 @@ def preview(
         bool, typer.Option("--all", help="All training views and all frames, however many.")
     ] = False,
 ) -> None:
-    """Render all views small, path tracer and SPPM side by side, and say what is wrong."""
+    """Render views small, path tracer and SPPM side by side, and say what is wrong with them."""
     from stages.preview import preview_scene
 
     preview_scene(name, out, height, passes, everything)
