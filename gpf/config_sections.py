@@ -98,6 +98,11 @@ class Reference(Section):
     preview_seconds: Annotated[float, Field(ge=0)] = 10.0
     target_psnr: Annotated[float, Field(ge=0)] = 0.0
 
+    @property
+    def told_passes(self) -> str:
+        """How many passes references have, for people."""
+        return f"at most {self.passes}" if self.target_psnr else str(self.passes)
+
 
 class Photons(Section):
     """The photons that become Gaussians (:mod:`gpf.photon_tracing`)."""

@@ -5,7 +5,6 @@ Nothing here computes a picture or a time: what no file has is missing.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,11 +16,12 @@ import pandas as pd
 from gpf.artifacts import read_json
 from gpf.baselines.options import BaselineOptions
 from gpf.config import Params, read_params
+from gpf.config_sections import OWN_METHODS
 from gpf.views import SceneViews, read_views
 from metrics.image import NUMBERS
 from metrics.stage_costs import passes_done, seconds_per_view, target_seconds
 
-FIELD, CEILING = "gpf", "ceiling"
+FIELD, CEILING = OWN_METHODS
 """Methods without a row in `baselines`: the field, and a second, independent reference."""
 
 
@@ -61,27 +61,15 @@ class Results:
             return True
         return section.target_psnr > 0 and passes < section.passes
 
-    @cached_property
-    def titles(self) -> dict[str, str]:
-        """What people are shown for the field, the ceiling and every row of `baselines`.
-
-        Rows that differ in what titles do not tell have their names there, too.
-        """
-        own = {FIELD: field_title(self.params), CEILING: f"SPPM, {self.passes} passes"}
-        titles = {m: row.title for m, row in self.params.baselines.items()}
-        counts = Counter([*own.values(), *titles.values()])
-        return own | {m: t if counts[t] == 1 else f"{t} ({m})" for m, t in titles.items()}
-
     @property
     def methods(self) -> dict[str, str]:
         """All methods that params.yaml asks for, with their titles: baselines, field, ceiling."""
-        return {m: self.titles[m] for m in (*self.params.methods.all, FIELD, CEILING)}
+        return {m: self.params.titles[m] for m in (*self.params.methods.all, FIELD, CEILING)}
 
     @property
     def passes(self) -> str:
         """How many passes references have, for people."""
-        section = self.params.reference
-        return f"at most {section.passes}" if section.target_psnr else str(section.passes)
+        return self.params.reference.told_passes
 
     @property
     def unmeasured(self) -> list[str]:
@@ -94,7 +82,7 @@ class Results:
         rows = self.params.baselines
         known = dict.fromkeys([*self.params.methods.all, *rows])
         meant = [m for m in known if not rows[m].scenes or scene in rows[m].scenes]
-        return {m: self.titles[m] for m in (*meant, FIELD, CEILING)}
+        return {m: self.params.titles[m] for m in (*meant, FIELD, CEILING)}
 
     def scene(self, name: str) -> SceneResults:
         """The files of one scene."""
@@ -143,11 +131,6 @@ class Results:
         frame = pd.DataFrame(rows, columns=columns)
         numeric = [*NUMBERS, *costs]
         return frame.astype(dict.fromkeys(numeric, "float64"))
-
-
-def field_title(params: Params) -> str:
-    """What people are shown for the field."""
-    return f"GPF, {params.render.spp} spp"
 
 
 @dataclass(frozen=True)

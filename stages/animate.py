@@ -180,7 +180,7 @@ def write_films(work: Workspace, refusals: dict[str, str], count: int) -> None:
                 image = read_exr(frame(work, method, k), "animate")[0]["radiance"]
                 shown = tone_map(image, work.views.exposure)
                 frames.append(np.round(shown * 255).astype(np.uint8))
-        reels.append(Reel(title(work, method), frames, refusals.get(method, "")))
+        reels.append(Reel(work.params.titles[method], frames, refusals.get(method, "")))
     folder, fps = work.folder / "animation", work.params.animation.fps
     if not any(reel.frames for reel in reels):
         raise UserError(
@@ -191,10 +191,3 @@ def write_films(work: Workspace, refusals: dict[str, str], count: int) -> None:
     picture = compose(reels, picture_panel(work.film_size, len(reels)))
     write_moving_picture(folder / "animation.webp", picture, fps)
     write_film(folder / "animation.mp4", compose(reels, film_panel(work.film_size)), fps)
-
-
-def title(work: Workspace, method: str) -> str:
-    """What people are shown for a method."""
-    if method == FIELD:
-        return f"GPF, {work.params.render.spp} spp"
-    return work.params.baselines[method].title

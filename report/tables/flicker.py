@@ -42,8 +42,7 @@ def flicker_table(results: Results) -> Table:
 
 def title_of(results: Results, method: str) -> str:
     """A method of an animation; one that params.yaml has forgotten has its name alone."""
-    titles = results.titles
-    return titles.get(method, method)
+    return results.params.titles.get(method, method)
 
 
 def _columns(results: Results, found: Mapping[str, Any]) -> tuple[Column, ...]:
