@@ -171,15 +171,11 @@ def check_cuda(probe: dict[str, Any]) -> Check:
 
 
 def check_torch() -> Check:
-    """Torch at the locked version, torchmetrics importable, and no torchvision beside them."""
+    """Torch at the locked version, and no torchvision beside it."""
     if vision := read_version("torchvision"):
-        detail = f"torchvision {vision} is installed; its presence breaks torchmetrics' import"
+        detail = f"torchvision {vision} is installed; it has to be built for torch's very build"
         return Check("torch", False, detail, "pip uninstall -y torchvision")
-    check = check_locked("torch")
-    if not check.ok:
-        return check
-    metrics = check_importable("torch", "torchmetrics")
-    return check if metrics.ok else metrics
+    return check_locked("torch")
 
 
 def check_importable(name: str, module: str) -> Check:
