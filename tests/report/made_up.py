@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from gpf.artifacts import read_json, write_json
 from gpf.config import Params
 from report.results import NUMBERS, Results
+from report.tables import make_tables
 
 BOX, WATER = "cornell_box", "water_caustic"
 METHODS = {
@@ -97,6 +101,22 @@ def edit(file: Path, **changes: Any) -> None:
             place = place[part]
         place[leaf] = value
     write_json(file, data)
+
+
+def tables_of(results: Results):
+    """As a new process would make them: nothing that was read before is kept."""
+    return {table.name: table for table in make_tables(Results(results.params, results.root))}
+
+
+def cells(frame: pd.DataFrame) -> dict[tuple, float]:
+    """(row, column) -> number."""
+    return {
+        (row, key): float(value)
+        for key in frame.columns
+        if not str(key).endswith("_rank")
+        for row, value in enumerate(frame[key])
+        if isinstance(value, int | float) and not math.isnan(value)
+    }
 
 
 def _facts(numbers: Iterator[float]) -> dict[str, float]:

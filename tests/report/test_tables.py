@@ -1,203 +1,23 @@
-"""Tables are made from metric files, cost files and the paper's numbers, and of nothing else."""
+"""Rows, means, places and reasons of the tables that are made of results."""
 
 from __future__ import annotations
 
-import ast
-import json
 import math
 import re
-from itertools import combinations, count
-from pathlib import Path
 from statistics import fmean
 
 import pandas as pd
 import pytest
-from pydantic import TypeAdapter
-from ruamel.yaml import YAML
 
-import report
-from gpf.baselines.options import BaselineOptions
-from report.paper import FILE
 from report.results import NUMBERS, Results
 from report.table import MISSING
 from report.tables import make_tables, write_tables
-from tests.report.made_up import BOX, WATER, edit, make_results
-
-PACKAGE = Path(report.__file__).parent
+from tests.report.made_up import BOX, WATER, cells, edit, make_results, tables_of
 
 
 @pytest.fixture
 def results(tmp_path):
     return make_results(tmp_path / "results")
-
-
-def tables_of(results: Results):
-    """As a new process would make them: nothing that was read before is kept."""
-    return {table.name: table for table in make_tables(Results(results.params, results.root))}
-
-
-def leaves(data) -> list[float]:
-    """Every number in a file."""
-    if isinstance(data, dict):
-        return [n for key, value in data.items() for n in [*leaves(key), *leaves(value)]]
-    if isinstance(data, list):
-        return [n for value in data for n in leaves(value)]
-    is_number = isinstance(data, int | float) and not isinstance(data, bool)
-    return [float(data)] if is_number else []
-
-
-def cells(frame: pd.DataFrame) -> dict[tuple, float]:
-    """(row, column) -> number."""
-    return {
-        (row, key): float(value)
-        for key in frame.columns
-        if not str(key).endswith("_rank")
-        for row, value in enumerate(frame[key])
-        if isinstance(value, int | float) and not math.isnan(value)
-    }
-
-
-def changes(before: pd.DataFrame, after: pd.DataFrame, *labels: str) -> set[tuple]:
-    """The cells whose number is another, by their row's labels."""
-    old, new = cells(before), cells(after)
-    different = {place for place in old | new if old.get(place) != new.get(place)}
-    return {(*(before.loc[row, label] for label in labels), key) for row, key in different}
-
-
-def test_every_number_is_of_a_file(results):
-    files = {path: json.loads(path.read_text()) for path in results.root.rglob("*.json")}
-    known = {number for data in files.values() for number in leaves(data)}
-    # What a table may make of them: means over scenes, time per view, per unit and per pass,
-    # differences to the default. Extrapolations are marked, and tested elsewhere.
-    for method in ("path_10", "path_50", "sppm_3", "gpf", "ceiling"):
-        means = [
-            files[results.root / s / "metrics" / f"{method}.json"]["mean"] for s in (BOX, WATER)
-        ]
-        known |= {fmean(mean[key] for mean in means) for key in NUMBERS}
-    for folder in ("costs/baselines", "costs"):
-        for path in results.root.glob(f"*/{folder}/*.json"):
-            facts, parts = files[path]["facts"], files[path]["parts"]
-            if "views" in facts:
-                per_view = parts["render"]["wall_seconds"] / facts["views"]
-                known |= {per_view, per_view / facts["path_seconds"]}
-            if "seconds_per_single_view_pass" in facts:
-                known |= {n * facts["seconds_per_single_view_pass"] for n in (1, 3, 10, 30)}
-    for name, key in (("sppm_3", "storage_megabytes"), ("path_10", "storage_megabytes")):
-        costs = [results.root / s / "costs" / "baselines" / f"{name}.json" for s in (BOX, WATER)]
-        known.add(fmean(files[path]["facts"][key] for path in costs))
-    costs = [results.root / s / "costs" / "render.json" for s in (BOX, WATER)]
-    known.add(fmean(files[path]["facts"]["field_megabytes"] for path in costs))
-    # And the references that a system learned from: 3 views, of 30 passes.
-    per_pass = files[results.root / WATER / "costs" / "reference.json"]["facts"]
-    fit = files[results.root / WATER / "costs" / "baselines" / "splatting_3.json"]["parts"]
-    references = 3 * 30 * per_pass["seconds_per_shared_view_pass"]
-    known.add(references + fit["prepare"]["wall_seconds"])
-    default = files[results.root / WATER / "metrics" / "gpf.json"]["mean"]["psnr"]
-    for path in (results.root / WATER / "ablations").iterdir():
-        known.add(files[path]["mean"]["psnr"] - default)
-    printed = leaves(YAML(typ="safe").load(FILE))
-    papers = {*printed, *(fmean(pair) for pair in combinations(printed, 2))}
-
-    counted = 0
-    for name, table in tables_of(results).items():
-        for (row, key), number in cells(table.frame).items():
-            if key == "extrapolated_seconds":
-                continue
-            source = papers if key.endswith("_paper") else known
-            assert any(math.isclose(number, n, rel_tol=1e-12) for n in source), (name, row, key)
-            counted += 1
-    assert counted > 300
-
-
-def changed(data, factors):
-    """The same with other numbers, each by a factor of its own."""
-    if isinstance(data, dict):
-        # References of other numbers of passes than params.yaml asks for would not be shown.
-        return {k: v if k == "passes" else changed(v, factors) for k, v in data.items()}
-    if isinstance(data, list):
-        return [changed(value, factors) for value in data]
-    return data * next(factors) if leaves(data) else data
-
-
-def measured(results: Results) -> dict[tuple, float]:
-    """(table, row, column) -> number, for all that is not the paper's."""
-    return {
-        (name, *place): number
-        for name, table in tables_of(results).items()
-        for place, number in cells(table.frame).items()
-        if not place[1].endswith("_paper")
-    }
-
-
-def test_every_number_moves_with_a_file(results):
-    before, moved = measured(results), set()
-    for file in sorted(results.root.rglob("*.json")):
-        text = file.read_text()
-        factors = (1.1 + 0.01 * k for k in count())
-        file.write_text(json.dumps(changed(json.loads(text), factors)))
-        after = measured(results)
-        moved |= {place for place in before | after if before.get(place) != after.get(place)}
-        file.write_text(text)
-    assert len(before) > 250
-    # SPPM has nothing to prepare, whatever it takes.
-    assert moved >= {place for place, number in before.items() if number}
-
-
-def test_no_number_is_typed_in():
-    """Programs hold no number that could be one of a table."""
-    harmless = {0, 1, 2, 3, 4, 100.0, 1.05, 700.0}
-    files = [PACKAGE / f"{name}.py" for name in ("table", "writing", "points", "paper", "results")]
-    for file in [*files, *(PACKAGE / "tables").glob("*.py")]:
-        nodes = ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-        constants = {n.value for n in nodes if isinstance(n, ast.Constant)}
-        typed = {c for c in constants if isinstance(c, int | float)} - harmless
-        assert not typed, (file, typed)
-
-
-def test_a_changed_file_changes_its_cells_and_no_others(results):
-    before = tables_of(results)
-    edit(results.root / BOX / "metrics" / "path_50.json", mean__ssim=0.4321)
-    after = tables_of(results)
-    found = changes(before["table_1"].frame, after["table_1"].frame, "scene", "method")
-    path = "Path tracer, 50 spp"
-    assert found == {("Cornell Box", path, "ssim"), ("Mean over 2 scenes", path, "ssim")}
-    # And in the other tables nothing, or the same number.
-    for name in set(before) - {"table_1"}:
-        for _, key in changes(before[name].frame, after[name].frame):
-            assert (name, key) == ("equal_time", "ssim")
-
-
-def test_preparation_counts_what_is_learned_from(results):
-    scene, passes = results.scene(BOX), 30
-    path, splats, cache = (
-        TypeAdapter(BaselineOptions).validate_python(row)
-        for row in (
-            {"system": "path_tracer"},
-            {"system": "splatting", "views": 10},
-            {"system": "radiance_cache"},
-        )
-    )
-    file = results.root / BOX / "costs" / "reference.json"
-    edit(file, facts__seconds_per_shared_view_pass=0.5)
-    assert scene.inputs_seconds(path, passes) == 0
-    assert scene.inputs_seconds(splats, passes) == 10 * 30 * 0.5
-    assert scene.inputs_seconds(cache, passes) is None  # targets were not timed
-    edit(file, facts__seconds_per_target_pass=0.25)
-    edit(file, parts={"radius": {"wall_seconds": 7.0}, "points": {"wall_seconds": 5.0}})
-    assert scene.inputs_seconds(cache, passes) == 30 * 0.25 + 7 + 5
-
-
-def test_costs_come_from_cost_files(results):
-    edit(results.root / WATER / "costs" / "render.json", parts__render__wall_seconds=80.0)
-    edit(results.root / WATER / "costs" / "render.json", facts__path_seconds=0.05)
-    tables = tables_of(results)
-    time = tables["table_4"].frame.set_index(["quantity", "method"])
-    ratio = next(group for group in tables["table_4"].groups if group.startswith("Times"))
-    assert time.loc[("Seconds per image", "GPF, 16 spp"), WATER] == 20
-    assert time.loc[("Seconds per image", "GPF, 16 spp"), f"{WATER}_paper"] == 16.34
-    assert time.loc[(ratio, "GPF, 16 spp"), WATER] == pytest.approx(400)
-    costs = tables["costs"].frame.set_index(["scene", "method"])
-    assert costs.loc[("Water Caustic", "GPF, 16 spp"), "times_path"] == pytest.approx(400)
 
 
 def test_a_missing_method_is_shown_with_its_reason(results):
