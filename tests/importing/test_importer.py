@@ -255,7 +255,10 @@ def test_share_of_paths_that_land():
 # --- the originals that lie beside the repository -----------------------------------------------
 
 
-@pytest.mark.skipif(not ORIGINALS.is_dir(), reason="the originals are not there")
+@pytest.mark.skipif(
+    not ORIGINALS.is_dir(),
+    reason="the authors' own scenes are no part of this repository, and not beside it",
+)
 @pytest.mark.parametrize(("folder", "diagonal"), [("veach-ajar", 19.32), ("veach-bidir", 13.91)])
 def test_originals_are_imported_without_a_hand_edit(root, folder, diagonal):
     report = bring(ORIGINALS / folder, root)
