@@ -229,6 +229,10 @@ class Ablations(Section):
     run: tuple[MethodName, ...] = ()
     variants: dict[MethodName, Variant] = Field(default_factory=dict)
 
+    def asks_for(self, scene: str, variant: str) -> bool:
+        """Whether the pipeline makes a variant in a scene, and keeps it up to date."""
+        return scene in self.scenes and variant in self.run
+
     def title(self, name: str) -> str:
         """What people are shown for a variant."""
         variant = self.variants[name]

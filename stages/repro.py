@@ -19,7 +19,7 @@ from rich.live import Live
 from rich.text import Text
 
 from gpf.errors import UserError
-from stages.progress import RELAY, console, read_relayed
+from stages.progress import RELAY, console, read_relayed, say
 from stages.repro_plan import Durations, DvcFailed, Plan
 
 LOG = Path("results") / "repro.log"
@@ -47,7 +47,7 @@ def reproduce(arguments: Sequence[str]) -> int:
     try:
         plan = Plan.read(dvc, arguments)
     except DvcFailed as error:
-        console.print(str(error), highlight=False, markup=False, soft_wrap=True)
+        say(str(error))
         return error.code
     run = Run(plan, Durations.read(list(plan.before)), console)
     LOG.parent.mkdir(parents=True, exist_ok=True)

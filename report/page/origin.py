@@ -81,8 +81,7 @@ def _costs(results: Results) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
             title = results.methods.get(path.stem)
             if title:
                 yield results.scene(scene).title, title, read_json(path, "baseline")
-        asked = results.params.ablations
         for path in sorted(folder.glob("ablations/*.json")):
-            if scene in asked.scenes and path.stem in asked.run:
+            if results.params.ablations.asks_for(scene, path.stem):
                 title = f"variant {path.stem}"
                 yield results.scene(scene).title, title, read_json(path, "ablation")

@@ -133,16 +133,11 @@ def _remarks(results: Results, ablation: Ablation, rows: Sequence[Row]) -> tuple
         f"{file['title']} ({results.scene(scene).title})"
         for scene in results.scenes
         for name, file in results.scene(scene).ablations.items()
-        if file["group"] == ablation.group and not _is_asked(results, scene, name)
+        if file["group"] == ablation.group and not asked.asks_for(scene, name)
     ]
     if left:
         remarks.append(f"On file, but not listed by `ablations` in params.yaml: {join(left)}.")
     return tuple(remarks)
-
-
-def _is_asked(results: Results, scene: str, variant: str) -> bool:
-    asked = results.params.ablations
-    return scene in asked.scenes and variant in asked.run
 
 
 def _rows_of(results: Results, scene: str, ablation: Ablation) -> list[Row]:
@@ -217,7 +212,7 @@ def _variants(results: Results, scene: str, group: str, default: Made) -> list[M
         if _changes_nothing(results, variant.set, default):
             fields.append(replace(default, title=section.title(name)))
             continue
-        if name in found and _is_asked(results, scene, name):
+        if name in found and section.asks_for(scene, name):
             fields.append(_from_file(results, found[name]))
             continue
         reason = "not run"
