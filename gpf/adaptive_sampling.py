@@ -10,6 +10,9 @@ How many sets a pixel gets is decided by the pilot's samples in the pixels *arou
 its own. A pixel whose pilot missed something bright would otherwise get few more samples, one that
 found it many, and the mean over all of them would be too dark. What is left of that is a pixel's
 share in the noise of the whole image, by which all numbers are scaled.
+
+The samples of a set are kept apart in blocks of a few, which tells fireflies from what is bright
+(:mod:`gpf.fireflies`).
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ import numpy as np
 from scipy.ndimage import convolve
 
 from gpf.camera_rays import TILE
+from gpf.fireflies import BrightestBlocks, choose_block
 from gpf.seeds import pass_seed
 
 LEAST_SPP = 16
@@ -48,7 +52,12 @@ the first three are its radiance."""
 
 
 def sample_adaptively(
-    sample: Samples, sampler: mi.Sampler, size: tuple[int, int], spp: int, seed: int
+    sample: Samples,
+    sampler: mi.Sampler,
+    size: tuple[int, int],
+    spp: int,
+    seed: int,
+    suppress_fireflies: bool = False,
 ) -> mi.TensorXf:
     """Means of all channels of an image, (H, W, C); up to ``spp`` samples per pixel on average.
 
@@ -57,18 +66,23 @@ def sample_adaptively(
     sampler: whose kind of samples is taken.
     size: width and height, pixels.
     spp: not below :data:`LEAST_SPP`.
+    suppress_fireflies: whether single samples of great radiance count less, which has a bias
+        (:mod:`gpf.fireflies`).
     """
     width, height = size
     order = tile_order(width, height)
     sampler = sampler.fork()
     in_set = _choose_set(sampler, spp)
-    taker = _SetTaker(sample, sampler, size, in_set)
+    brightest = BrightestBlocks(size) if suppress_fireflies else None
+    taker = _SetTaker(sample, sampler, size, in_set, brightest)
     sums, squares = taker.take(order, pass_seed(seed, 0, STREAM))
     noise = pixel_noise(sums[:, :3] / in_set, squares / in_set, (height, width))
     sets = allocate(noise, max(spp // in_set - 1, 0))
     again = np.repeat(order, sets[order])
     if len(again):
         sums += taker.take(again, pass_seed(seed, 1, STREAM))[0]
+    if brightest is not None:
+        sums[:, :3] -= brightest.excess().numpy().T * choose_block(in_set)
     means = sums / (in_set * (1 + sets))[:, None]
     return mi.TensorXf(means.astype(np.float32).reshape(height, width, -1))
 
@@ -104,12 +118,16 @@ def tile_order(width: int, height: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _SetTaker:
-    """Takes sets of ``in_set`` samples in pixels of an image of a width and height, ``size``."""
+    """Takes sets of ``in_set`` samples in pixels of an image of a width and height, ``size``.
+
+    Where ``brightest`` is given, it is told of all blocks.
+    """
 
     sample: Samples
     sampler: mi.Sampler
     size: tuple[int, int]
     in_set: int
+    brightest: BrightestBlocks | None
 
     def take(self, pixels: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
         """A set in each of some pixels, which may come more than once.
@@ -139,6 +157,10 @@ class _SetTaker:
         each = dr.zeros(mi.Float, lanes)  # a channel may be the same for all lanes
         values = [value + each for value in (*channels, square)]
         dr.eval(values)  # each sum is a kernel of its own, and would trace them anew
+        if self.brightest is not None:
+            block = choose_block(self.in_set)
+            blocks = mi.Color3f(*(dr.block_sum(value, block) / block for value in values[:3]))
+            self.brightest.add(pixels, blocks)
         count = self.size[0] * self.size[1]
         sums = [
             np.bincount(pixels, dr.block_sum(value, self.in_set).numpy(), count) for value in values

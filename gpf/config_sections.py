@@ -185,6 +185,7 @@ class Render(Section):
     spp: Count = 64
     glossy_walks: Count = 4
     adaptive: bool = True
+    suppress_fireflies: bool = True
     sampler: Literal["independent", "stratified", "multijitter", "ldsampler"] = "multijitter"
     rr_depth: Count = 5
     seed: Seed = 4

@@ -16,5 +16,6 @@ def field_effort(work: Workspace) -> FieldEffort:
         spp=work.params.render.spp,
         sampler=work.params.render.sampler,
         adaptive=work.params.render.adaptive,
+        suppress_fireflies=work.params.render.suppress_fireflies,
         glossy_walks=work.params.render.glossy_walks,
     )

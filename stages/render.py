@@ -97,6 +97,7 @@ class FieldRenderer:
                 "rr_depth": section.rr_depth,
                 "glossy_walks": section.glossy_walks,
                 "adaptive": section.adaptive,
+                "suppress_fireflies": section.suppress_fireflies,
                 "coverage": True,
             }
         )

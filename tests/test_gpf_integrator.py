@@ -123,11 +123,14 @@ def test_coverage_tells_where_the_field_had_to_reach():
 
 
 @pytest.mark.parametrize("pixels", ["rgb", "rgba"])
-def test_adaptive_samples_make_the_same_picture(pixels):
+@pytest.mark.parametrize("suppress_fireflies", [False, True])
+def test_adaptive_samples_make_the_same_picture(pixels, suppress_fireflies):
     scene = make_scene()
     sensor = make_scene(pixels).sensors()[0]
     plain = integrator_with(constant_field(), coverage=True)
-    adaptive = integrator_with(constant_field(), coverage=True, adaptive=True)
+    adaptive = integrator_with(
+        constant_field(), coverage=True, adaptive=True, suppress_fireflies=suppress_fireflies
+    )
     a, b = (
         np.array(mi.render(scene, sensor=sensor, integrator=i, spp=64)) for i in (plain, adaptive)
     )

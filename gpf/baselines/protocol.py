@@ -56,6 +56,7 @@ class FieldEffort:
     spp: int = 64
     sampler: str = "multijitter"
     adaptive: bool = True
+    suppress_fireflies: bool = True
     glossy_walks: int = 4
 
 

@@ -102,6 +102,7 @@ class PreparedCache:
                 "rr_depth": task.rr_depth,
                 "glossy_walks": effort.glossy_walks,
                 "adaptive": effort.adaptive,
+                "suppress_fireflies": effort.suppress_fireflies,
             }
         )
         settings = FieldSettings(search_radius=1.0)  # it has none

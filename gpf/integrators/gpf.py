@@ -53,6 +53,10 @@ def define() -> type:
            - Give noisy pixels, behind glass and along edges, more samples and others fewer: on
              average as many as asked for. Needs a box filter and 16 samples per pixel. (Default:
              false)
+         * - suppress_fireflies
+           - |bool|
+           - With adaptive samples: single samples of great radiance, which no other around has
+             found, count less. Images lose a little of their energy. (Default: false)
          * - record
            - |bool|
            - Record the first frames and replay them, with other seeds, cameras and fields:
@@ -81,6 +85,7 @@ def define() -> type:
             self.glossy_walks = whole_number(props.get("glossy_walks", 4), "glossy_walks", 1)
             self.coverage = props.get("coverage", False)
             self.adaptive = props.get("adaptive", False)
+            self.suppress_fireflies = props.get("suppress_fireflies", False)
             super().__init__(props)
             # Of the last scene, which it is told by: they refer to no scene, so that nothing refers
             # to itself, and being held, no others take their place in memory.
@@ -138,7 +143,7 @@ def define() -> type:
             sampler, spp = sensor.sampler(), spp or sensor.sampler().sample_count()
             seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
             with dr.suspend_grad():
-                means = sample_adaptively(sample, sampler, size, spp, seed)
+                means = sample_adaptively(sample, sampler, size, spp, seed, self.suppress_fireflies)
                 offset = mi.ScalarPoint2i(film.crop_offset())
                 film.put_block(mi.ImageBlock(means, offset, border=False))
                 return film.develop()
