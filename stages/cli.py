@@ -23,6 +23,7 @@ app.add_typer(scene_app, name="scene")
 
 # Stage -> module and function. Imported when called: a stage pays for its own imports alone.
 STAGES = {
+    "code": ("stages.code", "record_code"),
     "scene": ("stages.scene", "prepare_scene"),
     "reference": ("stages.reference", "render_references"),
     "photons": ("stages.photons", "trace"),
@@ -36,7 +37,7 @@ STAGES = {
     "report": ("stages.report", "write_report"),
 }
 # These are run once, for all scenes.
-OF_ALL_SCENES = ("report",)
+OF_ALL_SCENES = ("code", "report")
 StageName = StrEnum("StageName", list(STAGES))  # type: ignore[misc]
 
 
@@ -44,7 +45,8 @@ StageName = StrEnum("StageName", list(STAGES))  # type: ignore[misc]
 def stage(
     name: Annotated[StageName, typer.Argument(help="The stage to run.")],
     scene: Annotated[
-        str | None, typer.Option(help="The scene to run it for; all but `report` need one.")
+        str | None,
+        typer.Option(help="The scene to run it for; all but `code` and `report` need one."),
     ] = None,
     passes: Annotated[
         str | None,

@@ -31,3 +31,10 @@ def digest_code(files: Iterable[Path]) -> str:
                 node.value.value = None  # a docstring
         digest.update(ast.dump(tree).encode())
     return digest.hexdigest()[:16]
+
+
+def digest_file(file: Path) -> str:
+    """That of one file, which need not be Python."""
+    if file.suffix == ".py":
+        return digest_code([file])
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import functools
 import re
 from pathlib import Path
 
@@ -12,29 +11,12 @@ from ruamel.yaml import YAML
 
 from gpf.config import Params, read_params
 from stages.cli import OF_ALL_SCENES, STAGES
+from stages.code import files_of_baseline, files_of_stage
+from stages.imports import PACKAGES
 from tests.stages.results import SMOKE_STAGES
 
 PROJECT = Path(__file__).parent.parent.parent
 PARAMS = read_params(PROJECT / "params.yaml")
-PACKAGES = ("gpf", "stages", "metrics", "report")
-
-# Whose change cannot change what a stage writes: they start things up, complain or report.
-NO_INFLUENCE = {
-    "gpf/__init__.py",
-    "gpf/config.py",
-    "gpf/config_sections.py",
-    "gpf/errors.py",
-    "gpf/integrators/__init__.py",
-    "gpf/runtime.py",
-    "gpf/yaml_files.py",
-    "metrics/__init__.py",
-    "metrics/errors.py",
-    "report/__init__.py",
-    "stages/__init__.py",
-    "stages/apart.py",
-    "stages/cluster.py",
-    "stages/progress.py",
-}
 # Who renders a pass changes no bit of it; DVC calls `baseline` for each method by itself, and
 # `ablation` for each variant.
 WHO_RENDERS = {"executor", "cluster", "methods", "ablations", "ablations.run"}
@@ -46,34 +28,17 @@ SCENES = {"animate": "animation.scenes", "ablation": "ablations.scenes"}
 # Names of one command that runs for several lists of methods.
 BASELINES = ("classical", "equal_time", "learned")
 
-# Loaded by name, where no import tells.
 LISTED = {"classical": list(PARAMS.methods.classical)}
 LISTED["equal_time"] = [m for m, o in PARAMS.baselines.items() if o.waits_for_field]
 LISTED["learned"] = [m for m in PARAMS.baselines if not any(m in rows for rows in LISTED.values())]
-SYSTEMS = {
-    stage: [f"gpf/baselines/{PARAMS.baselines[method].system}.py" for method in methods]
-    for stage, methods in LISTED.items()
-}
-# Any row may be animated.
-ANIMATED = {options.system for options in PARAMS.baselines.values()}
-LOADED = {
-    "render": ["gpf/integrators/gpf.py"],
-    "metrics": ["metrics/image.py"],
-    "ablation": ["gpf/integrators/gpf.py", "metrics/image.py"],
-    "animate": ["gpf/integrators/gpf.py", *(f"gpf/baselines/{s}.py" for s in sorted(ANIMATED))],
-    **SYSTEMS,
-}
 
-# Imported for systems that learn from the field's targets: of these lists none does.
-FOR_TARGETS = "stages/field_effort.py"
+# Of these lists no system learns from the field's targets.
 WITHOUT_TARGETS = ("classical", "equal_time")
 
 # Parameters that Workspace reads on the way, by the names that it reads them for.
 BEHIND = {"film_size": "film", "sensor": "film"}
 # Properties of a section, by the parameters that they read.
 OF_SECTION = {"most_gaussians": "gaussians"}
-# Run, not imported.
-PROGRAMS = "gpf/baselines/programs"
 
 
 def pipeline() -> dict:
@@ -81,6 +46,8 @@ def pipeline() -> dict:
 
 
 NAMES = list(pipeline()["stages"])
+# All others depend on this one.
+WITH_CODE = [name for name in NAMES if name != "code"]
 
 
 def definition(stage: str) -> dict:
@@ -89,50 +56,12 @@ def definition(stage: str) -> dict:
     return found.get("do", found)
 
 
-@functools.cache
-def imports_of(file: str) -> frozenset[str]:
-    """Files of the project that one of its files imports, wherever in it."""
-    found = set()
-    for node in ast.walk(ast.parse((PROJECT / file).read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0 and node.module is not None, "relative import"
-            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-        else:
-            continue
-        for name in names:
-            parts = name.split(".")
-            if parts[0] in PACKAGES:
-                for end in range(1, len(parts) + 1):
-                    place = "/".join(parts[:end])
-                    found |= {
-                        f for f in (f"{place}.py", f"{place}/__init__.py") if (PROJECT / f).exists()
-                    }
-    return frozenset(found)
-
-
-def closure(*files: str) -> set[str]:
-    """The files and all that they import, directly or not, but for those without influence."""
-    done: set[str] = set()
-    waiting = list(files)
-    while waiting:
-        file = waiting.pop()
-        if file not in done:
-            done.add(file)
-            # What has no influence passes none on.
-            waiting += [] if file in NO_INFLUENCE else imports_of(file)
-    return done - NO_INFLUENCE
-
-
 def needed_by(stage: str) -> set[str]:
-    """All that a stage imports; builders of scenes are loaded by their path."""
-    loaded = set(LOADED.get(stage, []))
-    if stage == "scene":
-        for builder in sorted(PROJECT.glob("scenes/*/build.py")):
-            loaded |= imports_of(builder.relative_to(PROJECT).as_posix())
-    needed = closure(stage_file(stage), *loaded)
-    return needed - {FOR_TARGETS} if stage in WITHOUT_TARGETS else needed
+    """The project's files that decide what a stage writes, for any of its methods."""
+    if stage in BASELINES:
+        rows = [files_of_baseline(PARAMS.baselines[method]) for method in LISTED[stage]]
+        return set().union(*rows)
+    return set(files_of_stage(stage, STAGES[stage][0], PARAMS))
 
 
 def stage_file(stage: str) -> str:
@@ -182,21 +111,15 @@ def test_the_stages_are_those_of_the_command_line():
             assert stage["do"]["cmd"] == f"gpf stage {name} --scene ${{item}}"
 
 
-@pytest.mark.parametrize("stage", NAMES)
-def test_every_module_that_a_stage_imports_is_a_dependency(stage):
-    needed = needed_by(stage)
-    missing = sorted(file for file in needed if not covers(deps(stage), file))
-    assert missing == []
+@pytest.mark.parametrize("stage", WITH_CODE)
+def test_every_stage_depends_on_what_its_code_says(stage):
+    name = "baselines/${item.method}" if stage in BASELINES else stage
+    assert [entry for entry in deps(stage) if "/code/" in entry] == [f"results/code/{name}.txt"]
+    assert not any(covers(list(PACKAGES), entry) for entry in deps(stage))
 
 
-@pytest.mark.parametrize("stage", NAMES)
-def test_no_dependency_is_without_reason(stage):
-    """What a stage does not import should not make it run again."""
-    needed = needed_by(stage)
-    files = [entry for entry in deps(stage) if entry.split("/")[0] in PACKAGES]
-    assert all((PROJECT / entry).exists() for entry in files)
-    idle = [e for e in files if not any(covers([e], f) for f in needed) and e != PROGRAMS]
-    assert idle == []
+def test_what_the_code_says_depends_on_all_packages_and_builders():
+    assert deps("code") == [*PACKAGES, "scenes"]
 
 
 def read_params_of(file: str) -> set[str]:
@@ -253,7 +176,7 @@ def params_of(stage: str) -> list[str] | None:
     return [re.sub(r"\.\$\{item\.(method|variant)\}$", "", entry) for entry in entries]
 
 
-@pytest.mark.parametrize("stage", NAMES)
+@pytest.mark.parametrize("stage", WITH_CODE)
 def test_every_parameter_that_a_stage_reads_is_declared(stage):
     declared = params_of(stage)
     if declared is None:  # all of them

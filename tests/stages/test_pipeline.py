@@ -22,7 +22,7 @@ from tests.stages.results import NOVEL, TRAIN, assert_whole, files_below
 
 PROJECT = Path(__file__).parent.parent.parent
 HEIGHT, WIDTH = 16, 20
-WITHOUT_COSTS = ("baseline", "ablation", "animate", "amortize", "report")
+WITHOUT_COSTS = ("code", "baseline", "ablation", "animate", "amortize", "report")
 # `all` is the field as it is: nothing is made for it.
 ABLATIONS = {
     *(f"ablations/{name}.json" for name in ("init_radius", "all")),
@@ -315,7 +315,7 @@ def test_dvc_repro_twice_the_second_time_for_nothing(fresh, environment, tmp_pat
     call("git", "add", ".")
     call("git", "commit", "--quiet", "-m", "project")
     first = dvc("repro")
-    assert first.count("Running stage") == 11
+    assert first.count("Running stage") == 12
     files = files_below(fresh.folder / "results")
     assert "cornell_box/amortize.json" in files and "report.html" in files
     before = fresh.snapshot()
