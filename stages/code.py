@@ -8,7 +8,6 @@ side show why a stage runs again.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 from gpf.artifacts import write_text
@@ -31,11 +30,17 @@ FOR_TARGETS = "stages/field_effort.py"
 def record_code() -> None:
     """Write results/code/STAGE.txt, and results/code/baselines/METHOD.txt for each system."""
     params = read_params()
-    for stage, (module, _) in STAGES.items():
-        if stage not in (BY_METHOD, OF_ITSELF):
-            _write(FOLDER / f"{stage}.txt", files_of_stage(stage, module, params))
+    files = {
+        f"{stage}.txt": files_of_stage(stage, module, params)
+        for stage, (module, _) in STAGES.items()
+        if stage not in (BY_METHOD, OF_ITSELF)
+    }
     for method, options in params.baselines.items():
-        _write(FOLDER / "baselines" / f"{method}.txt", files_of_baseline(options))
+        files[f"baselines/{method}.txt"] = files_of_baseline(options)
+    digests = {file: digest_file(PROJECT / file) for file in set().union(*files.values())}
+    for name, decisive in files.items():
+        lines = (f"{digests[file]}  {file}\n" for file in decisive)
+        write_text(FOLDER / name, "".join(lines))
 
 
 def files_of_stage(stage: str, module: str, params: Params) -> list[str]:
@@ -63,7 +68,3 @@ def _file_of_system(options: BaselineOptions) -> str:
 
 def _file(module: str) -> str:
     return module.replace(".", "/") + ".py"
-
-
-def _write(path: Path, files: Iterable[str]) -> None:
-    write_text(path, "".join(f"{digest_file(PROJECT / file)}  {file}\n" for file in files))

@@ -74,7 +74,7 @@ def test_everything_that_should_exist_exists(built):
     shared = files_below(built.folder / "results") - {f"cornell_box/{e}" for e in expected}
     places = {name.split("/")[0] for name in shared}
     assert "costs/cornell_box.csv" in shared
-    assert places == {"costs", "tables", "figures", "report.html"}
+    assert places == {"code", "costs", "tables", "figures", "report.html"}
     assert_whole(built.folder / "results")
 
 
