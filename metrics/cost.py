@@ -10,6 +10,13 @@ if TYPE_CHECKING:
     import pandas
 
 
+GPF = "GPF"
+SPPM = "SPPM"
+SPPM_AT_EQUAL_QUALITY = "SPPM at equal quality"
+SPPM_TOGETHER = "SPPM, views together"
+"""The lines that the stage `amortize` writes, by their names."""
+
+
 @dataclass(frozen=True)
 class CostLine:
     """The cost of a method in seconds as a straight line over the number of views."""

@@ -8,7 +8,15 @@ import pandas as pd
 
 from gpf.artifacts import read_json, stage_command, write_json, write_text
 from gpf.errors import UserError
-from metrics.cost import CostLine, break_even, cumulative
+from metrics.cost import (
+    GPF,
+    SPPM,
+    SPPM_AT_EQUAL_QUALITY,
+    SPPM_TOGETHER,
+    CostLine,
+    break_even,
+    cumulative,
+)
 from metrics.stage_costs import part_seconds, passes_done, seconds_per_view, target_seconds
 from metrics.worth import worth_passes
 from stages.costs import KINDS
@@ -60,12 +68,12 @@ def cost_lines(work: Workspace) -> Comparison:
             f"Delete it and run `{stage_command('reference', file)}` again.",
         ) from error
     return Comparison(
-        CostLine("GPF", preparation, seconds_per_view(render)),
+        CostLine(GPF, preparation, seconds_per_view(render)),
         (
-            CostLine("SPPM", 0.0, passes * alone),
-            CostLine("SPPM at equal quality", 0.0, equal.passes * alone),
+            CostLine(SPPM, 0.0, passes * alone),
+            CostLine(SPPM_AT_EQUAL_QUALITY, 0.0, equal.passes * alone),
             # Where all views are known in advance; the field's need not be.
-            CostLine("SPPM, views together", 0.0, passes * together),
+            CostLine(SPPM_TOGETHER, 0.0, passes * together),
         ),
         passes,
         str(equal),
@@ -108,7 +116,7 @@ def amortize(scene_name: str) -> None:
         work.folder / "amortize.json",
         {
             "break_even_views": counts,
-            "passes": {"SPPM": lines.passes, "SPPM at equal quality": lines.equal_passes},
+            "passes": {SPPM: lines.passes, SPPM_AT_EQUAL_QUALITY: lines.equal_passes},
             "preparation_seconds": lines.field.preparation_seconds,
             "seconds_per_view": {
                 line.name: line.per_view_seconds for line in (lines.field, *lines.others)
@@ -116,6 +124,6 @@ def amortize(scene_name: str) -> None:
         },
     )
     for name, count in counts.items():
-        passes = lines.equal_passes if name == "SPPM at equal quality" else lines.passes
+        passes = lines.equal_passes if name == SPPM_AT_EQUAL_QUALITY else lines.passes
         views = "never" if count is None else f"from view {count} on"
         say(f"{scene_name}: GPF costs less than {name} ({passes} passes) {views}")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from metrics.cost import GPF, SPPM, SPPM_AT_EQUAL_QUALITY, SPPM_TOGETHER
 from report.figures.sketch import Missing, Sketch
 from report.figures.style import (
     BLACK,
@@ -20,15 +21,11 @@ from report.figures.style import (
 from report.paper import read_paper
 from report.results import Results
 
-FIELD, LONG, EQUAL = "GPF", "SPPM", "SPPM at equal quality"
-TOGETHER = "SPPM, views together"
-"""Names of the lines in what `gpf stage amortize` writes."""
-
 _LINES: dict[str, dict[str, Any]] = {
-    FIELD: {"color": BLACK, "linestyle": "-", "linewidth": 2.2},
-    LONG: {"color": STRONG, "linestyle": "--"},
-    EQUAL: {"color": "0.5", "linestyle": (0, (1, 1)), "linewidth": 2.2},
-    TOGETHER: {"color": STRONG, "linestyle": "-.", "linewidth": 0.9},
+    GPF: {"color": BLACK, "linestyle": "-", "linewidth": 2.2},
+    SPPM: {"color": STRONG, "linestyle": "--"},
+    SPPM_AT_EQUAL_QUALITY: {"color": "0.5", "linestyle": (0, (1, 1)), "linewidth": 2.2},
+    SPPM_TOGETHER: {"color": STRONG, "linestyle": "-.", "linewidth": 0.9},
 }
 
 
@@ -45,10 +42,10 @@ def draw_cumulative_cost(results: Results) -> Sketch:
         drawing, panels, spare = small_multiples(titles, "views", "seconds, preparation included")
         passes = results.passes
         labels = {
-            FIELD: "GPF",
-            LONG: f"SPPM, {passes} passes",
-            EQUAL: "SPPM at GPF's PSNR",
-            TOGETHER: "SPPM, views together",
+            GPF: "GPF",
+            SPPM: f"SPPM, {passes} passes",
+            SPPM_AT_EQUAL_QUALITY: "SPPM at GPF's PSNR",
+            SPPM_TOGETHER: "SPPM, views together",
         }
         for axes, cost in zip(panels, found.values(), strict=True):
             _draw_panel(axes, cost, last, labels)
@@ -76,16 +73,16 @@ def _has_all_lines(cost: dict[str, Any]) -> bool:
 def _draw_panel(axes: Axes, cost: dict[str, Any], last: int, labels: dict[str, str]) -> None:
     views = np.arange(1, last + 1)
     per_view = cost["seconds_per_view"]
-    drawn = [name for name in _LINES if name != EQUAL or not _is_bound(cost)]
+    drawn = [name for name in _LINES if name != SPPM_AT_EQUAL_QUALITY or not _is_bound(cost)]
     for name in drawn:
-        start = cost["preparation_seconds"] if name == FIELD else 0
-        zorder = 3 if name == FIELD else 2
+        start = cost["preparation_seconds"] if name == GPF else 0
+        zorder = 3 if name == GPF else 2
         total = start + views * per_view[name]
         axes.plot(views, total, zorder=zorder, label=labels[name], **_LINES[name])
-    evens = (cost["break_even_views"][name] for name in drawn if name != FIELD)
+    evens = (cost["break_even_views"][name] for name in drawn if name != GPF)
     counts = {n for n in evens if n is not None and n <= last}
     for count in sorted(counts):
-        height = cost["preparation_seconds"] + count * per_view[FIELD]
+        height = cost["preparation_seconds"] + count * per_view[GPF]
         axes.plot(count, height, "o", color=BLACK, markerfacecolor="white", zorder=4, markersize=7)
         if min(counts) < count < max(counts):
             continue
@@ -105,17 +102,18 @@ def _draw_panel(axes: Axes, cost: dict[str, Any], last: int, labels: dict[str, s
 
 
 def _tell(cost: dict[str, Any], passes: str) -> str:
-    counts, equal = cost["break_even_views"], cost["passes"][EQUAL]
+    counts = cost["break_even_views"]
 
     def words(count: int | None) -> str:
         return "never" if count is None else f"from view {count} on"
 
-    long = f"cheaper than SPPM of {passes} passes {words(counts[LONG])}"
+    long = f"cheaper than SPPM of {passes} passes {words(counts[SPPM])}"
     if _is_bound(cost):
         return f"{long}, which has a lower PSNR"
-    return f"{long}, than SPPM of the same PSNR ({equal} passes) {words(counts[EQUAL])}"
+    equal, first = (cost[key][SPPM_AT_EQUAL_QUALITY] for key in ("passes", "break_even_views"))
+    return f"{long}, than SPPM of the same PSNR ({equal} passes) {words(first)}"
 
 
 def _is_bound(cost: dict[str, Any]) -> bool:
     """Whether SPPM was not seen to reach the field's PSNR."""
-    return str(cost["passes"][EQUAL]).startswith(">")
+    return str(cost["passes"][SPPM_AT_EQUAL_QUALITY]).startswith(">")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
+from metrics.cost import GPF, SPPM
 from report.formats import join, significant
 from report.results import CEILING, FIELD, Results, SceneResults
 from report.tables.columns import QUALITY
@@ -61,7 +62,7 @@ def describe_scene(results: Results, scene: SceneResults) -> SceneWords:
         psnr=f"{field['psnr']:.1f} dB" if "psnr" in field else "",
         worth=_middle(_worths(scene)),
         seconds=_seconds(per_view.get("GPF")),
-        sppm_seconds=_seconds(per_view.get("SPPM")),
+        sppm_seconds=_seconds(per_view.get(SPPM)),
         preparation=_seconds(cost.get("preparation_seconds")),
         breaks_even=_breaks_even(cost),
         defeats=find_defeats(results, scene.name),
@@ -146,8 +147,8 @@ def _speed(results: Results) -> MainNumber | None:
     pairs = []
     for name in results.scenes:
         seconds = results.scene(name).read("amortize.json").get("seconds_per_view", {})
-        if seconds.get("GPF") and seconds.get("SPPM"):
-            pairs.append((seconds["SPPM"] / seconds["GPF"], seconds["GPF"], seconds["SPPM"]))
+        if seconds.get(GPF) and seconds.get(SPPM):
+            pairs.append((seconds[SPPM] / seconds[GPF], seconds[GPF], seconds[SPPM]))
     if not pairs:
         return None
     ratio, field, sppm = sorted(pairs)[(len(pairs) - 1) // 2]
@@ -167,7 +168,7 @@ def _break_even(results: Results) -> MainNumber | None:
     for name in results.scenes:
         cost = results.scene(name).read("amortize.json")
         if "break_even_views" in cost:
-            counts[name] = cost["break_even_views"]["SPPM"]
+            counts[name] = cost["break_even_views"][SPPM]
     known = sorted(count for count in counts.values() if count is not None)
     if not known:
         return None
@@ -200,9 +201,9 @@ def _middle(values: Sequence[str]) -> str:
 
 def _breaks_even(cost: object) -> str:
     counts = cost.get("break_even_views", {}) if isinstance(cost, dict) else {}
-    if "SPPM" not in counts:
+    if SPPM not in counts:
         return ""
-    return "never" if counts["SPPM"] is None else f"view {counts['SPPM']}"
+    return "never" if counts[SPPM] is None else f"view {counts[SPPM]}"
 
 
 def _seconds(value: float | None) -> str:
