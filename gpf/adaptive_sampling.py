@@ -82,7 +82,7 @@ def sample_adaptively(
     if len(again):
         sums += taker.take(again, pass_seed(seed, 1, STREAM))[0]
     if brightest is not None:
-        sums[:, :3] -= brightest.excess().numpy().T * choose_block(in_set)
+        sums[:, :3] -= brightest.excess()
     means = sums / (in_set * (1 + sets))[:, None]
     return mi.TensorXf(means.astype(np.float32).reshape(height, width, -1))
 
@@ -157,13 +157,15 @@ class _SetTaker:
         each = dr.zeros(mi.Float, lanes)  # a channel may be the same for all lanes
         values = [value + each for value in (*channels, square)]
         dr.eval(values)  # each sum is a kernel of its own, and would trace them anew
+        block = choose_block(self.in_set)
+        blocks = [dr.block_sum(value, block) for value in values]
         if self.brightest is not None:
-            block = choose_block(self.in_set)
-            blocks = mi.Color3f(*(dr.block_sum(value, block) / block for value in values[:3]))
-            self.brightest.add(pixels, blocks)
-        count = self.size[0] * self.size[1]
+            self.brightest.add(pixels, mi.Color3f(blocks[:3]))
+        each, count = np.ones(self.in_set // block), self.size[0] * self.size[1]
+        # In double precision, of the very blocks of which some are taken away again.
         sums = [
-            np.bincount(pixels, dr.block_sum(value, self.in_set).numpy(), count) for value in values
+            np.bincount(pixels, b.numpy().astype(np.float64).reshape(-1, len(each)) @ each, count)
+            for b in blocks
         ]
         return np.stack(sums, axis=1)
 

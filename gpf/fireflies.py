@@ -1,17 +1,17 @@
 """Fireflies: single samples of great radiance that no other sample around has found.
 
-A walk behind glass or off brushed metal meets, once in some thousand samples, what is a thousand
-times brighter than its pixel. Its share is right on average, and wrong in every image: a white dot
-here, nothing elsewhere. What is really bright is bright in several samples of a pixel or its
-neighbours. Samples are therefore taken in blocks of a few, and a block b counts no more than the
-:data:`RIVALS`-th brightest block of the 3 × 3 pixels around it,
+A walk behind glass or off brushed metal meets, once in some ten thousand samples, what is a
+thousand times brighter than its pixel. Its share is right on average, and wrong in every image: a
+white dot here, nothing elsewhere. What is really bright is bright in several samples of a pixel or
+its neighbours. Samples are therefore taken in blocks of a few, and a block b counts no more than
+:data:`TOLERANCE` times the :data:`RIVALS`-th brightest block of the 3 × 3 pixels around it,
 
-    L_b' = L_b min(1, l / l_b),
+    L_b' = L_b min(1, κ l / l_b),
 
-l_b the mean over the channels of its radiance L_b, and l that of the rival: a simple form of the
-reweighting of Zirr, Hanika and Dachsbacher, "Reweighting Firefly Samples for Improved
-Finite-Sample Monte Carlo Estimates" (2018). The image loses energy, the less the more samples it
-has; no block that has so many rivals as bright as it loses any.
+l_b the mean over the channels of its radiance L_b, l that of the rival, and κ the tolerance, which
+leaves ordinary noise as it is: a simple form of the reweighting of Zirr, Hanika and Dachsbacher,
+"Reweighting Firefly Samples for Improved Finite-Sample Monte Carlo Estimates" (2018). The image
+loses energy, the less the more samples it has.
 """
 
 from __future__ import annotations
@@ -21,15 +21,22 @@ import mitsuba as mi
 import numpy as np
 
 LEAST_IN_BLOCK = 4
-"""Samples of a block: fewer, and noise would have no rivals either."""
+"""Samples of a block, where sets are large enough: fewer, and noise would look like fireflies."""
 
 RIVALS = 3
-"""A block is believed where so many blocks, itself among them, are as bright."""
+"""A block is believed where so many blocks, itself among them, are about as bright."""
+
+TOLERANCE = 2.0
+"""κ: how many times as bright as its rivals a block may be."""
 
 
 def choose_block(in_set: int) -> int:
-    """How many samples a block has where sets of ``in_set`` are to be divided evenly."""
-    return next(n for n in range(min(LEAST_IN_BLOCK, in_set), in_set + 1) if in_set % n == 0)
+    """How many samples a block has where sets of ``in_set`` are to be divided evenly.
+
+    A set has :data:`RIVALS` blocks at least: what a pixel sees in all its samples it has confirmed.
+    """
+    sizes = [n for n in range(1, in_set // RIVALS + 1) if in_set % n == 0]
+    return next((n for n in sizes if n >= LEAST_IN_BLOCK), sizes[-1])
 
 
 class BrightestBlocks:
@@ -38,7 +45,7 @@ class BrightestBlocks:
     Attributes
     ----------
     size: width and height of the image, pixels.
-    kept: radiance of the blocks, brightest first, -inf where a pixel had fewer; (H W,) each.
+    kept: the blocks, brightest first, -inf where a pixel had fewer; (H W,) each.
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
@@ -46,7 +53,10 @@ class BrightestBlocks:
         self.kept = [dr.full(mi.Color3f, -dr.inf, size[0] * size[1]) for _ in range(RIVALS)]
 
     def add(self, pixels: np.ndarray, blocks: mi.Color3f) -> None:
-        """Equally many blocks of each of ``pixels`` (N,), of which equal ones follow each other."""
+        """Equally many blocks of each of ``pixels`` (N,), of which equal ones follow each other.
+
+        A block is the radiance of its samples, all added up.
+        """
         each = dr.width(blocks) // len(pixels)
         starts = np.flatnonzero(np.r_[True, pixels[1:] != pixels[:-1]])
         ends = np.r_[starts[1:], len(pixels)]
@@ -59,8 +69,8 @@ class BrightestBlocks:
             dr.scatter(values, better, pixel)
         dr.eval(self.kept)
 
-    def excess(self) -> mi.Color3f:
-        """Sum of L_b - L_b' over the blocks of each pixel, (H W,)."""
+    def excess(self) -> np.ndarray:
+        """Sum of L_b - L_b' over the blocks of each pixel, in the unit of the blocks, (H W, 3)."""
         width, height = (dr.opaque(mi.Int32, n) for n in self.size)
         pixel = dr.arange(mi.Int32, self.size[0] * self.size[1])
         x, y = pixel % width, pixel // width
@@ -71,11 +81,14 @@ class BrightestBlocks:
             for values in self.kept:
                 block = dr.gather(mi.Color3f, values, there.y * width + there.x, inside)
                 _insert(rivals, dr.select(inside, block, -dr.inf))
-        limit = dr.mean(rivals[-1])
-        total = mi.Color3f(0)
-        for block in self.kept:
-            over = dr.isfinite(limit) & (dr.mean(block) > limit)
-            total += dr.select(over, block * (1 - limit / dr.mean(block)), 0)
+        # In double precision: what is left is that much less than what is taken away.
+        limit = TOLERANCE * dr.mean(rivals[-1]).numpy().astype(np.float64)
+        total = np.zeros((len(limit), 3))
+        for values in self.kept:
+            block = values.numpy().T.astype(np.float64)
+            level = block.mean(axis=1)
+            over = np.isfinite(limit) & (level > limit) & (limit >= 0)
+            total[over] += block[over] * (1 - limit[over] / level[over])[:, None]
         return total
 
 

@@ -2,8 +2,8 @@
 
 DVC runs a stage again where one of the files that it lists has changed. Those of the library would
 be some fifty for each; instead, each stage lists one file of this one, which has a line for each of
-them. It changes where code does, but not where comments and docstrings do. Two such files side by
-side show why a stage runs again.
+them. It changes where code does, but not where comments and docstrings do; what it was before and
+what it is now show why a stage runs again.
 """
 
 from __future__ import annotations
@@ -20,46 +20,47 @@ from stages.imports import PROJECT, closure, imports_of
 
 FOLDER = Path("results") / "code"
 
-# One has a file for each of its methods, the other none: it is this one.
-BY_METHOD, OF_ITSELF = "baseline", "code"
+# These have a file for each scene and for each system; this stage has none.
+SCENE, BASELINE, CODE = "scene", "baseline", "code"
 
 # Imported for systems that learn from the field's targets.
 FOR_TARGETS = "stages/field_effort.py"
 
 
 def record_code() -> None:
-    """Write results/code/STAGE.txt, and results/code/baselines/METHOD.txt for each system."""
+    """Write what the code of all stages says, below results/code: STAGE.txt, scenes/SCENE.txt and
+    baselines/METHOD.txt."""
     params = read_params()
-    files = {
-        f"{stage}.txt": files_of_stage(stage, module, params)
-        for stage, (module, _) in STAGES.items()
-        if stage not in (BY_METHOD, OF_ITSELF)
-    }
-    for method, options in params.baselines.items():
-        files[f"baselines/{method}.txt"] = files_of_baseline(options)
+    stages = [stage for stage in STAGES if stage not in (SCENE, BASELINE, CODE)]
+    files = {f"{stage}.txt": files_of_stage(stage, params) for stage in stages}
+    files |= {f"scenes/{scene}.txt": files_of_scene(scene) for scene in params.scenes}
+    files |= {f"baselines/{m}.txt": files_of_baseline(o) for m, o in params.baselines.items()}
     digests = {file: digest_file(PROJECT / file) for file in set().union(*files.values())}
     for name, decisive in files.items():
         lines = (f"{digests[file]}  {file}\n" for file in decisive)
         write_text(FOLDER / name, "".join(lines))
 
 
-def files_of_stage(stage: str, module: str, params: Params) -> list[str]:
-    """The project's files that decide what a stage writes."""
-    loaded: set[str] = set()
-    if stage == "scene":  # builders are loaded by their path
-        builders = [scene_folder(scene) / "build.py" for scene in params.scenes]
-        for builder in builders:
-            loaded |= imports_of(str(builder.resolve())) if builder.exists() else set()
-    if stage == "animate":  # systems by their names
+def files_of_stage(stage: str, params: Params) -> list[str]:
+    """The project's files that decide what a stage writes, for any scene."""
+    systems: list[str] = []
+    if stage == "animate":  # loads them by their names
         rows = [m for m in params.animation.methods if m in params.baselines]
-        loaded |= {_file_of_system(params.baselines[method]) for method in rows}
-    return closure(_file(module), *loaded)
+        systems = [_file_of_system(params.baselines[method]) for method in rows]
+    return closure(_file(STAGES[stage][0]), *systems)
+
+
+def files_of_scene(scene: str) -> list[str]:
+    """The project's files that decide what a scene is frozen to, beside its own folder."""
+    builder = (scene_folder(scene) / "build.py").resolve()  # loaded by its path
+    loaded = imports_of(str(builder)) if builder.exists() else ()
+    return closure(_file(STAGES[SCENE][0]), *loaded)
 
 
 def files_of_baseline(options: BaselineOptions) -> list[str]:
     """The project's files that decide what a system's images look like."""
     without = () if options.learns_from_targets else (FOR_TARGETS,)
-    return closure(_file("stages.baseline"), _file_of_system(options), without=without)
+    return closure(_file(STAGES[BASELINE][0]), _file_of_system(options), without=without)
 
 
 def _file_of_system(options: BaselineOptions) -> str:

@@ -36,12 +36,12 @@ NO_INFLUENCE = frozenset(
 
 # What a file reads, runs or has Mitsuba load by its name: no import tells of it.
 TAKES_ALONG = {
-    "gpf/baselines/official.py": "gpf/baselines/programs/*.py",
-    "gpf/baselines/radiance_cache.py": "gpf/integrators/gpf.py",
-    "gpf/baselines/sppm.py": "gpf/integrators/sppm.py",
-    "report/page/page.py": "report/page/*.*",
-    "report/paper.py": "report/paper.yaml",
-    "stages/render.py": "gpf/integrators/gpf.py",
+    "gpf/baselines/official.py": ("gpf/baselines/programs/*.py",),
+    "gpf/baselines/radiance_cache.py": ("gpf/integrators/gpf.py",),
+    "gpf/baselines/sppm.py": ("gpf/integrators/sppm.py",),
+    "report/page/page.py": ("report/page/*.css", "report/page/*.html", "report/page/*.js"),
+    "report/paper.py": ("report/paper.yaml",),
+    "stages/render.py": ("gpf/integrators/gpf.py",),
 }
 
 
@@ -61,8 +61,8 @@ def closure(*files: str, without: Iterable[str] = ()) -> list[str]:
         done.add(file)
         if file.endswith(".py"):
             waiting += imports_of(file)
-        if file in TAKES_ALONG:
-            waiting += [_name(path) for path in PROJECT.glob(TAKES_ALONG[file])]
+        for pattern in TAKES_ALONG.get(file, ()):
+            waiting += [_name(path) for path in PROJECT.glob(pattern)]
     return sorted(done)
 
 

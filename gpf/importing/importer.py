@@ -42,6 +42,7 @@ PlaceViews = Callable[["mi.Scene", Sequence[View], float], SceneViews]
 
 NAME = r"[a-z][a-z0-9_]*"
 RESERVED = (
+    "code",
     "costs",
     "figures",
     "tables",

@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 
 from gpf.config import Params, read_params
 from stages.cli import OF_ALL_SCENES, STAGES
-from stages.code import files_of_baseline, files_of_stage
+from stages.code import files_of_baseline, files_of_scene, files_of_stage
 from stages.imports import PACKAGES
 from tests.stages.results import SMOKE_STAGES
 
@@ -61,7 +61,9 @@ def needed_by(stage: str) -> set[str]:
     if stage in BASELINES:
         rows = [files_of_baseline(PARAMS.baselines[method]) for method in LISTED[stage]]
         return set().union(*rows)
-    return set(files_of_stage(stage, STAGES[stage][0], PARAMS))
+    if stage == "scene":
+        return set().union(*(files_of_scene(scene) for scene in PARAMS.scenes))
+    return set(files_of_stage(stage, PARAMS))
 
 
 def stage_file(stage: str) -> str:
@@ -114,6 +116,7 @@ def test_the_stages_are_those_of_the_command_line():
 @pytest.mark.parametrize("stage", WITH_CODE)
 def test_every_stage_depends_on_what_its_code_says(stage):
     name = "baselines/${item.method}" if stage in BASELINES else stage
+    name = "scenes/${item}" if stage == "scene" else name
     assert [entry for entry in deps(stage) if "/code/" in entry] == [f"results/code/{name}.txt"]
     assert not any(covers(list(PACKAGES), entry) for entry in deps(stage))
 
