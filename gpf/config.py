@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -82,22 +81,6 @@ class Params(Section):
     def variant(self, name: str, also: Mapping[str, Any] | None = None) -> Params:
         """The parameters of a variant of the ablations; ``also``: values that it may override."""
         return self.vary({**(also or {}), **self.ablations.variants[name].set})
-
-    @property
-    def titles(self) -> dict[str, str]:
-        """What people are shown for the field, for a second reference, and for every row of
-        `baselines`; rows that differ in what titles do not tell have their names there, too."""
-        own = (f"GPF, {self.render.spp} spp", f"SPPM, {self.reference.told_passes} passes")
-        titles = {m: row.title for m, row in self.baselines.items()}
-        counts = Counter([*own, *titles.values()])
-        named = {m: t if counts[t] == 1 else f"{t} ({m})" for m, t in titles.items()}
-        return dict(zip(OWN_METHODS, own, strict=True)) | named
-
-    def images_to_learn_from(self, scene: str) -> int:
-        """How many training views of a scene need an image, for systems that are run there."""
-        animated = self.animation.methods if scene in self.animation.scenes else ()
-        rows = [self.baselines[m] for m in (*self.methods.all, *animated) if m not in OWN_METHODS]
-        return max((r.training_views for r in rows if not r.scenes or scene in r.scenes), default=0)
 
     @model_validator(mode="after")
     def _methods_are_known(self) -> Self:

@@ -98,11 +98,6 @@ class Reference(Section):
     preview_seconds: Annotated[float, Field(ge=0)] = 10.0
     target_psnr: Annotated[float, Field(ge=0)] = 0.0
 
-    @property
-    def told_passes(self) -> str:
-        """How many passes references have, for people."""
-        return f"at most {self.passes}" if self.target_psnr else str(self.passes)
-
 
 class Photons(Section):
     """The photons that become Gaussians (:mod:`gpf.photon_tracing`)."""
@@ -113,9 +108,6 @@ class Photons(Section):
 
 
 # With `field.gaussians: auto`.
-MOST_GAUSSIANS = 100_000
-
-
 class FieldSection(Section):
     """The field's make, query (:mod:`gpf.field`) and file (:mod:`gpf.field_files`)."""
 
@@ -133,11 +125,6 @@ class FieldSection(Section):
     normal_test: bool = True
     anisotropic: bool = True
     precision: Literal["float32", "compact"] = "float32"
-
-    @property
-    def most_gaussians(self) -> int:
-        """How many there may be."""
-        return MOST_GAUSSIANS if self.gaussians == "auto" else self.gaussians
 
 
 class Rates(Section):
@@ -233,12 +220,6 @@ class Ablations(Section):
     def asks_for(self, scene: str, variant: str) -> bool:
         """Whether the pipeline makes a variant in a scene, and keeps it up to date."""
         return scene in self.scenes and variant in self.run
-
-    def title(self, name: str) -> str:
-        """What people are shown for a variant."""
-        variant = self.variants[name]
-        settings = ", ".join(f"{key}: {value}" for key, value in variant.set.items())
-        return variant.title or settings or "default"
 
 
 class Animation(Section):

@@ -10,11 +10,11 @@ if TYPE_CHECKING:
     import pandas
 
 
+# Names of the lines that the stage `amortize` writes.
 GPF = "GPF"
 SPPM = "SPPM"
 SPPM_AT_EQUAL_QUALITY = "SPPM at equal quality"
 SPPM_TOGETHER = "SPPM, views together"
-"""The lines that the stage `amortize` writes, by their names."""
 
 
 @dataclass(frozen=True)

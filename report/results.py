@@ -17,6 +17,7 @@ from gpf.artifacts import read_json
 from gpf.baselines.options import BaselineOptions
 from gpf.config import Params, read_params
 from gpf.config_sections import OWN_METHODS
+from gpf.titles import method_titles, passes_title
 from gpf.views import SceneViews, read_views
 from metrics.image import NUMBERS
 from metrics.stage_costs import passes_done, seconds_per_view, target_seconds
@@ -64,12 +65,13 @@ class Results:
     @property
     def methods(self) -> dict[str, str]:
         """All methods that params.yaml asks for, with their titles: baselines, field, ceiling."""
-        return {m: self.params.titles[m] for m in (*self.params.methods.all, FIELD, CEILING)}
+        titles = method_titles(self.params)
+        return {m: titles[m] for m in (*self.params.methods.all, FIELD, CEILING)}
 
     @property
     def passes(self) -> str:
         """How many passes references have, for people."""
-        return self.params.reference.told_passes
+        return passes_title(self.params.reference)
 
     @property
     def unmeasured(self) -> list[str]:
@@ -82,7 +84,8 @@ class Results:
         rows = self.params.baselines
         known = dict.fromkeys([*self.params.methods.all, *rows])
         meant = [m for m in known if not rows[m].scenes or scene in rows[m].scenes]
-        return {m: self.params.titles[m] for m in (*meant, FIELD, CEILING)}
+        titles = method_titles(self.params)
+        return {m: titles[m] for m in (*meant, FIELD, CEILING)}
 
     def scene(self, name: str) -> SceneResults:
         """The files of one scene."""

@@ -14,10 +14,11 @@ from gpf.config import Params
 from gpf.errors import UserError
 from gpf.field_files import read_field
 from gpf.supervision import Targets
+from gpf.titles import variant_title
 from gpf.yaml_files import suggest
 from metrics.stage_costs import learning_seconds, seconds_per_view
 from stages.apart import run_each
-from stages.code_digest import library_digest
+from stages.code_digest import digest_with_imports
 from stages.costs import CostMeter
 from stages.metrics import Judge, summarize
 from stages.progress import say
@@ -29,10 +30,6 @@ from stages.workspace import Workspace
 
 # What a variant's field depends on.
 SECTIONS = ("film", "outlook", "reference", "field", "train", "stream", "render")
-MAKERS = tuple(
-    f"stages/{name}.py"
-    for name in ("train", "training_inputs", "train_settings", "streaming", "render")
-)
 
 
 def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = False) -> None:
@@ -52,7 +49,7 @@ def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = Fal
         raise UserError(f"variant {variant!r}", "does not exist", todo)
     row = {
         "variant": variant,
-        "title": ablations.title(variant),
+        "title": variant_title(ablations.variants[variant]),
         "group": rows[variant].group,
         "overrides": rows[variant].set,
     }
@@ -90,7 +87,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
     """Train, render and measure; a run that was killed goes on where it was."""
     name = row["variant"]
     task = {
-        "code": library_digest(*MAKERS),
+        "code": digest_with_imports("stages/train.py", "stages/render.py"),
         "scene": work.scene_digest,
         "targets": work.digest(work.targets),
         "photons": work.digest(work.photons),

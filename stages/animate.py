@@ -21,10 +21,11 @@ from gpf.artifacts import write_json
 from gpf.baselines.protocol import CannotServe
 from gpf.errors import UserError
 from gpf.images import check_finite, read_exr, read_record, tone_map, write_exr
+from gpf.titles import method_titles
 from gpf.views import View
 from gpf.yaml_files import suggest
 from stages.baseline import forget_state, open_state, prepare, refuse_other_scenes
-from stages.code_digest import library_digest
+from stages.code_digest import digest_with_imports
 from stages.costs import CostMeter
 from stages.filmstrip import (
     Reel,
@@ -124,7 +125,7 @@ def plan(work: Workspace, method: str) -> tuple[dict[str, Any], Callable[[Bar], 
     params = work.params
     if method == FIELD:
         task = {
-            "code": library_digest("stages/render.py"),
+            "code": digest_with_imports("stages/render.py"),
             "render": params.render.model_dump(mode="json"),
             "field": work.digest(work.field),
         }
@@ -180,7 +181,7 @@ def write_films(work: Workspace, refusals: dict[str, str], count: int) -> None:
                 image = read_exr(frame(work, method, k), "animate")[0]["radiance"]
                 shown = tone_map(image, work.views.exposure)
                 frames.append(np.round(shown * 255).astype(np.uint8))
-        reels.append(Reel(work.params.titles[method], frames, refusals.get(method, "")))
+        reels.append(Reel(method_titles(work.params)[method], frames, refusals.get(method, "")))
     folder, fps = work.folder / "animation", work.params.animation.fps
     if not any(reel.frames for reel in reels):
         raise UserError(

@@ -20,7 +20,8 @@ from gpf.yaml_files import suggest
 from metrics import stage_costs
 from stages import resuming
 from stages.apart import run_each
-from stages.code_digest import library_digest
+from stages.code import files_of_baseline
+from stages.code_digest import digest_with_imports
 from stages.costs import CostMeter
 from stages.progress import Bar, progress_bar, say
 from stages.unit_time import time_path
@@ -194,7 +195,7 @@ def seconds_per_view(work: Workspace) -> float:
 def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
     """The folder where a killed preparation left what it had, if that was the same task."""
     task = {
-        "code": library_digest(),
+        "code": digest_with_imports(*files_of_baseline(options)),
         "scene": work.scene_digest,
         "options": options.model_dump(mode="json"),
         "exposure": work.views.exposure,

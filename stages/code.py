@@ -18,7 +18,7 @@ from stages.cli import STAGES
 from stages.code_digest import digest_file
 from stages.imports import PROJECT, closure, imports_of
 
-FOLDER = Path("results") / "code"
+CODE_FOLDER = Path("results") / "code"
 
 # These have a file for each scene and for each system; this stage has none.
 SCENE, BASELINE, CODE = "scene", "baseline", "code"
@@ -38,7 +38,7 @@ def record_code() -> None:
     digests = {file: digest_file(PROJECT / file) for file in set().union(*files.values())}
     for name, decisive in files.items():
         lines = (f"{digests[file]}  {file}\n" for file in decisive)
-        write_text(FOLDER / name, "".join(lines))
+        write_text(CODE_FOLDER / name, "".join(lines))
 
 
 def files_of_stage(stage: str, params: Params) -> list[str]:

@@ -8,17 +8,16 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-import gpf
+from stages.imports import PROJECT, closure, parse
 
 
 @cache
-def library_digest(*others: str) -> str:
-    """That of the whole library, for what would take more care than time to tell apart.
+def digest_with_imports(*files: str) -> str:
+    """That of some of the project's files and of all that they import, directly or not.
 
-    ``others``: files beside it that decide, too, such as ``stages/render.py``.
+    As they were when this process first asked, whatever becomes of them while it runs.
     """
-    library = Path(gpf.__file__).parent
-    return digest_code([*sorted(library.rglob("*.py")), *(library.parent / o for o in others)])
+    return digest_code(PROJECT / file for file in closure(*files) if file.endswith(".py"))
 
 
 def digest_code(files: Iterable[Path]) -> str:
@@ -29,7 +28,7 @@ def digest_code(files: Iterable[Path]) -> str:
     """
     digest = hashlib.sha256()
     for file in files:
-        tree = ast.parse(file.read_text(encoding="utf-8"))
+        tree = parse(file)
         for node in ast.walk(tree):
             if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
                 node.value.value = None  # a docstring

@@ -15,6 +15,7 @@ from gpf.structs import Photons
 from gpf.supervision import Targets
 from gpf.training import Trainer
 from gpf.training_settings import TrainingSettings
+from stages.most_gaussians import most_gaussians
 from stages.progress import say
 from stages.train_settings import training_settings
 from stages.training_inputs import initial_field, supervise
@@ -53,7 +54,8 @@ def choose_count(
     section = work.params.field
     if section.gaussians != "auto":
         return section.gaussians
-    best, least = section.most_gaussians, float("inf")
+    most = most_gaussians(section.gaussians)
+    best, least = most, float("inf")
     if work.params.train.held_out == 0:
         return best
     settings, judges = _settings(work, TRIAL), None
@@ -63,7 +65,7 @@ def choose_count(
         judges = supervise(work, stream.independent(JUDGED_EVERY).targets())
     points = supervise(work, targets)
     for share in SHARES:
-        count = round(section.most_gaussians * share)
+        count = round(most * share)
         field = initial_field(work, count, photons, targets, bounds)
         trainer = Trainer(field, points, settings)
         trainer.advance(settings.steps)

@@ -28,6 +28,7 @@ from gpf.structs import Photons, VisiblePoints
 from gpf.surface_samples import Places, sample_surface_points
 from gpf.views import View
 from stages.costs import CostMeter
+from stages.imaged_views import images_of
 from stages.lookout import Lookout
 from stages.passes import SURFACES, LongSum
 from stages.reference_records import group_record
@@ -128,12 +129,6 @@ def record_of(job: Job, group: str) -> dict[str, Any]:
             imaged[: images_of(work)],
         )
     return group_record(work, group, job.settings, _group_seed(job, group), share, imaged)
-
-
-def images_of(work: Workspace) -> int:
-    """How many of the training views, and then of the `more`, have an image beside their points."""
-    images = work.params.reference.images
-    return work.params.images_to_learn_from(work.scene) if images == "auto" else images
 
 
 def _group_seed(job: Job, group: str) -> int:

@@ -8,13 +8,15 @@ from functools import cache
 from pathlib import Path
 
 import gpf
+from gpf.errors import UserError
 
 PROJECT = Path(gpf.__file__).parent.parent
 """Where the packages lie, whatever the current folder is."""
 
 PACKAGES = ("gpf", "stages", "metrics", "report")
 
-# Whose change cannot change what a stage writes: they start things up, complain or report.
+# Whose change cannot change what a stage writes: they start things up, check, complain, report, or
+# tell what code there is.
 NO_INFLUENCE = frozenset(
     {
         "gpf/__init__.py",
@@ -29,7 +31,11 @@ NO_INFLUENCE = frozenset(
         "report/__init__.py",
         "stages/__init__.py",
         "stages/apart.py",
+        "stages/cli.py",
         "stages/cluster.py",
+        "stages/code.py",
+        "stages/code_digest.py",
+        "stages/imports.py",
         "stages/progress.py",
     }
 )
@@ -70,17 +76,28 @@ def closure(*files: str, without: Iterable[str] = ()) -> list[str]:
 def imports_of(file: str) -> frozenset[str]:
     """The project's files that one of its files imports, wherever in it."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse((PROJECT / file).read_text(encoding="utf-8"))):
+    for node in ast.walk(parse(PROJECT / file)):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0 and node.module is not None, f"{file}: relative import"
+            if node.level or node.module is None:
+                todo = "Name the whole module, from gpf, stages, metrics or report on."
+                raise UserError(f"{file}:{node.lineno}", "imports relatively", todo)
             names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
         else:
             continue
         for name in names:
             found |= _files_of(name)
     return frozenset(found)
+
+
+def parse(path: Path) -> ast.Module:
+    """What a Python file says; a :class:`UserError` where it is none."""
+    try:
+        return ast.parse(path.read_text(encoding="utf-8"))
+    except SyntaxError as error:
+        where = f"{path}:{error.lineno}"
+        raise UserError(where, f"is not Python ({error.msg})", "Mend it and try again.") from None
 
 
 def _files_of(module: str) -> set[str]:

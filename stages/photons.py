@@ -10,6 +10,7 @@ from gpf.photon_map import collect_photons
 from gpf.structs import to_numpy
 from stages.costs import CostMeter
 from stages.lookout import Lookout
+from stages.most_gaussians import most_gaussians
 from stages.workspace import Workspace
 
 
@@ -23,7 +24,7 @@ def trace(scene_name: str) -> None:
         lookout = Lookout.open(work, scene)
         paths = section.paths
         if paths == "auto":
-            paths = lookout.paths_for_gaussians(work.params.field.most_gaussians)
+            paths = lookout.paths_for_gaussians(most_gaussians(work.params.field.gaussians))
         photons = collect_photons(
             scene, lookout.outlook, paths, section.seed, section.rr_depth, lookout.source
         )

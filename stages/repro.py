@@ -19,6 +19,7 @@ from rich.live import Live
 from rich.text import Text
 
 from gpf.errors import UserError
+from stages.code import CODE_FOLDER, record_code
 from stages.progress import RELAY, console, read_relayed, say
 from stages.repro_plan import Durations, DvcFailed, Plan
 
@@ -42,6 +43,8 @@ def reproduce(arguments: Sequence[str]) -> int:
         todo = "Run `gpf repro` in the project's folder."
         raise UserError("dvc.yaml", "is missing", todo)
     dvc = [sys.executable, "-m", "dvc"]
+    if CODE_FOLDER.exists() and not {"--help", "-h"} & set(arguments):
+        record_code()  # as the stage `code` will: DVC can tell now which others that concerns
     if {"--dry", "--help", "-h"} & set(arguments):  # nothing runs that could be watched
         return subprocess.call([*dvc, "repro", *arguments])
     try:

@@ -9,8 +9,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from stages.code import record_code
-
 # Besides what costs measure, every stage starts Python and hashes files, s.
 OVERHEAD = 4.0
 
@@ -20,7 +18,8 @@ ROWS = dict.fromkeys(("classical", "equal_time", "learned"), "baselines") | {
 }
 WITHOUT_COSTS = ("code", "amortize", "report")
 
-# The stage on which all others depend, each on a file of its own.
+# The stage on which all others depend, each on a file of its own: which of these change, DVC knows
+# before it runs, see `stages.repro`.
 CODE = "code"
 
 _EDGE = re.compile(r'^\s*"(.+)" -> "(.+)";$')
@@ -52,8 +51,6 @@ class Plan:
     def read(cls, dvc: Sequence[str], arguments: Sequence[str]) -> Plan:
         """Ask DVC; ``arguments`` are those of `dvc repro`."""
         graph = read_graph(_ask([*dvc, "dag", "--dot"]))
-        if CODE in graph:
-            record_code()  # as it will itself: DVC then tells which stages that concerns
         wanted = [n for n in graph for a in arguments if n == a or n.startswith(f"{a}@")]
         if wanted and {"-s", "--single-item"} & set(arguments):
             graph = {name: graph[name] & frozenset(wanted) for name in wanted}
@@ -70,7 +67,7 @@ class Plan:
 
         def will_run(name: str) -> bool:
             if name not in runs:
-                parents = self.before[name] - {CODE}  # its change is known, see `read`
+                parents = self.before[name] - {CODE}
                 changes = [parent in ran or will_run(parent) for parent in parents]
                 out_of_date = name in self.changed or any(changes)
                 runs[name] = name not in ran and name not in skipped and out_of_date

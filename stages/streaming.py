@@ -8,6 +8,7 @@ from gpf.streaming import PhotonStream, StreamSettings
 from gpf.structs import Photons
 from gpf.supervision import SURFACE
 from stages.groups import Job, share_of_pixels, target_points
+from stages.most_gaussians import most_gaussians
 from stages.passes import SURFACES
 from stages.workspace import Workspace
 
@@ -25,7 +26,7 @@ def open_stream(work: Workspace) -> tuple[PhotonStream, Photons]:
     share = share_of_pixels(work, section.view_points)
     wanted = "views" if work.params.field.stores == "radiance" else work.params.train.points
     surfaces = 0 if wanted == "views" else section.surface_points
-    paths = job.lookout.paths_for_gaussians(work.params.field.most_gaussians)
+    paths = job.lookout.paths_for_gaussians(most_gaussians(work.params.field.gaussians))
     photons = job.collect(max(paths, 2 * settings.photons_per_pass), section.seed)
     seen = [] if wanted == "surface" else views
     sets = target_points(job, seen, share, surfaces, section.seed, photons)

@@ -15,7 +15,7 @@ from gpf.streaming import PhotonStream, train_on_stream
 from gpf.supervision import Targets
 from gpf.training import Progress, Trainer
 from gpf.training_checkpoints import restore_trainer, save_trainer
-from stages.code_digest import library_digest
+from stages.code_digest import digest_with_imports
 from stages.costs import CostMeter
 from stages.gaussian_count import choose_count
 from stages.progress import progress_bar
@@ -23,9 +23,6 @@ from stages.streaming import open_stream, stream_settings
 from stages.train_settings import training_settings
 from stages.training_inputs import initial_field, load_photons, photons_for_field, supervise
 from stages.workspace import Workspace
-
-_CODE = ("stages/train.py", "stages/train_settings.py", "stages/training_inputs.py")
-"""Beside the library: what decides what a checkpoint holds."""
 
 
 def train_field(scene_name: str) -> None:
@@ -95,7 +92,7 @@ def _params(work: Workspace) -> dict[str, Any]:
 def _fingerprint(work: Workspace, count: int) -> dict[str, Any]:
     """What a checkpoint belongs to."""
     return {
-        "code": library_digest(*_CODE),
+        "code": digest_with_imports("stages/train.py"),
         "gaussians": count,
         "targets": work.digest(work.targets),
         "photons": work.digest(work.photons),

@@ -9,6 +9,8 @@ from ruamel.yaml import YAML
 
 from gpf.config import Params, read_params
 from gpf.errors import UserError
+from gpf.titles import variant_title
+from stages.imaged_views import images_to_learn_from
 
 PROJECT = Path(__file__).parent.parent
 GOOD = """\
@@ -179,9 +181,9 @@ baselines:
 animation: {scenes: [b], methods: [gpf, walking, path_50]}
 """
     params = read(tmp_path, text)
-    assert [params.images_to_learn_from(scene) for scene in "abc"] == [3, 10, 2]
+    assert [images_to_learn_from(params, scene) for scene in "abc"] == [3, 10, 2]
     alone = read(tmp_path, text.replace(", everywhere]", "]").replace("[b]", "[]"))
-    assert [alone.images_to_learn_from(scene) for scene in "abc"] == [3, 0, 0]
+    assert [images_to_learn_from(alone, scene) for scene in "abc"] == [3, 0, 0]
 
 
 VARIED = """\
@@ -208,8 +210,8 @@ def test_variants_change_what_they_name_and_nothing_else(tmp_path):
     assert fast.train.rates.quats == params.train.rates.quats
     assert five == params.vary({"field.k": 5}) != params.vary({})
     assert params.variant("k_5", {"field.k": 7}) == five
-    assert params.ablations.title("k_5") == "5"
-    assert params.ablations.title("fast") == "train.rates.means: 0, field.neighbours: knn"
+    titles = [variant_title(params.ablations.variants[name]) for name in ("k_5", "fast")]
+    assert titles == ["5", "train.rates.means: 0, field.neighbours: knn"]
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def describe_scene(results: Results, scene: SceneResults) -> SceneWords:
     return SceneWords(
         psnr=f"{field['psnr']:.1f} dB" if "psnr" in field else "",
         worth=_middle(_worths(scene)),
-        seconds=_seconds(per_view.get("GPF")),
+        seconds=_seconds(per_view.get(GPF)),
         sppm_seconds=_seconds(per_view.get(SPPM)),
         preparation=_seconds(cost.get("preparation_seconds")),
         breaks_even=_breaks_even(cost),

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from gpf.titles import variant_title
 from metrics.stage_costs import learning_seconds
 from report.formats import fixed, join, signed, significant, whole
 from report.paper import Variant, read_paper
@@ -210,7 +211,7 @@ def _variants(results: Results, scene: str, group: str, default: Made) -> list[M
         if variant.group != group:
             continue
         if _changes_nothing(results, variant.set, default):
-            fields.append(replace(default, title=section.title(name)))
+            fields.append(replace(default, title=variant_title(variant)))
             continue
         if name in found and section.asks_for(scene, name):
             fields.append(_from_file(results, found[name]))
@@ -221,7 +222,7 @@ def _variants(results: Results, scene: str, group: str, default: Made) -> list[M
         elif scene not in section.scenes:
             reason = "not asked for: `ablations.scenes` in params.yaml does not list the scene"
         settings = _settings(results, variant.set, None)
-        fields.append(Made(section.title(name), settings, {}, reason, tuple(variant.set)))
+        fields.append(Made(variant_title(variant), settings, {}, reason, tuple(variant.set)))
     return fields
 
 

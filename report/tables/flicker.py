@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from gpf.titles import method_titles
 from report.formats import fixed, join
 from report.results import FIELD, Results
 from report.table import Column, Row, Table, Value
@@ -42,7 +43,7 @@ def flicker_table(results: Results) -> Table:
 
 def title_of(results: Results, method: str) -> str:
     """A method of an animation; one that params.yaml has forgotten has its name alone."""
-    return results.params.titles.get(method, method)
+    return method_titles(results.params).get(method, method)
 
 
 def _columns(results: Results, found: Mapping[str, Any]) -> tuple[Column, ...]:

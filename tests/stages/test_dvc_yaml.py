@@ -37,8 +37,6 @@ WITHOUT_TARGETS = ("classical", "equal_time")
 
 # Parameters that Workspace reads on the way, by the names that it reads them for.
 BEHIND = {"film_size": "film", "sensor": "film"}
-# Properties of a section, by the parameters that they read.
-OF_SECTION = {"most_gaussians": "gaussians"}
 
 
 def pipeline() -> dict:
@@ -163,7 +161,7 @@ def params_path(node: ast.AST, aliases: dict[str, str]) -> str | None:
         return None
     kept: list[str] = []
     model = Params
-    for name in (OF_SECTION.get(name, name) for name in names):
+    for name in names:
         if name not in getattr(model, "model_fields", {}):
             break
         kept.append(name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -323,3 +324,17 @@ def test_dvc_repro_twice_the_second_time_for_nothing(fresh, environment, tmp_pat
     assert "Running stage" not in second and second.count("didn't change, skipping") >= 7
     assert "Data and pipelines are up to date" in second
     assert fresh.snapshot() == before
+
+    def edit(file: str, old: str, new: str) -> list[str]:
+        """Change the code; the stages that run then."""
+        path = fresh.folder / file
+        text = path.read_text(encoding="utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new, 1), encoding="utf-8")
+        return re.findall(r"Running stage '(.+)'", dvc("repro"))
+
+    assert edit("gpf/field.py", "from __future__", "# why\nfrom __future__") == ["code"]
+    assert edit("report/formats.py", "def join", "def _idle(): pass\n\n\ndef join") == [
+        "code",
+        "report",
+    ]

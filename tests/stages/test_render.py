@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from gpf.adaptive_sampling import sample_adaptively
 from gpf.artifacts import read_json, read_tensors
 from gpf.field_files import read_field
 from gpf.images import read_exr
@@ -49,6 +50,20 @@ def test_a_compact_field_is_trained_and_rendered(finished):
     for view, image in zip(views, before, strict=True):
         again = read_exr(view, "render")[0]["radiance"]
         assert np.abs(again - image).mean() < 5e-3 * image.mean(), view.name
+
+
+@pytest.mark.parametrize("suppress", [False, True])
+def test_fireflies_are_suppressed_as_params_say(finished, monkeypatch, suppress):
+    asked = []
+
+    def sample(*arguments: object) -> object:
+        asked.append(arguments[-1])
+        return sample_adaptively(*arguments)
+
+    monkeypatch.setattr("gpf.integrators.gpf.sample_adaptively", sample)
+    finished.edit("params.yaml", render__spp=16, render__suppress_fireflies=suppress)
+    assert finished.stage("render").code == 0
+    assert asked == [suppress] * 4
 
 
 def test_costs_have_memory_and_the_unit_of_time(built):

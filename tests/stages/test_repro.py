@@ -53,6 +53,16 @@ def test_what_comes_after_a_stage_that_runs_will_run(plan):
     assert plan.left(["train@b", "render@b"], []) == ["report"]
 
 
+def test_what_new_code_concerns_is_known_before(plan):
+    """All depend on the stage `code`, but only those are out of date whose own code changed."""
+    edges = "".join(f'"code" -> "{name}";\n' for name in plan.before)
+    graph = read_graph(GRAPH.replace("}\n", f'"code";\n{edges}}}\n'))
+    assert Plan(graph, frozenset({"code"})).left([], []) == ["code"]
+    both = Plan(graph, frozenset({"code", "train@b"}))
+    assert set(both.left([], [])) == {"code", "train@b", "render@b", "report"}
+    assert set(both.left(["code"], [])) == {"train@b", "render@b", "report"}
+
+
 def write_cost(root: Path, name: str, seconds: float) -> None:
     file = root / f"{name}.json"
     file.parent.mkdir(parents=True, exist_ok=True)
