@@ -17,7 +17,7 @@ from rich.console import Console
 from stages.progress import RELAY, progress_bar, read_relayed
 from stages.repro import Run, _span
 from stages.repro_plan import OVERHEAD, Durations, Plan, read_graph
-from tests.stages.conftest import Project
+from tests.stages.conftest import HEARING, Project
 
 GRAPH = """\
 strict digraph {
@@ -243,7 +243,7 @@ def test_ctrl_c_and_going_on(small, environment):
         'if [ -e again ]; then cp "$1" "$2"; else touch here; sleep 60; fi\n'
     )
     with subprocess.Popen(
-        [sys.executable, "-m", "stages.cli", "repro"],
+        [sys.executable, "-c", HEARING, "repro"],
         cwd=small.folder,
         env=environment(),
         stdout=subprocess.PIPE,
