@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 # Besides what costs measure, every stage starts Python and hashes files, s.
-OVERHEAD = 4.0
+OVERHEAD = 2.0
 
 # Stages of one row of params.yaml, by the folder of their costs; and those that have none.
 ROWS = dict.fromkeys(("classical", "equal_time", "learned"), "baselines") | {
