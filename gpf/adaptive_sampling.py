@@ -161,12 +161,10 @@ class _SetTaker:
         blocks = [dr.block_sum(value, block) for value in values]
         if self.brightest is not None:
             self.brightest.add(pixels, mi.Color3f(blocks[:3]))
-        each, count = np.ones(self.in_set // block), self.size[0] * self.size[1]
+        count, in_row = self.size[0] * self.size[1], self.in_set // block
         # In double precision, of the very blocks of which some are taken away again.
-        sums = [
-            np.bincount(pixels, b.numpy().astype(np.float64).reshape(-1, len(each)) @ each, count)
-            for b in blocks
-        ]
+        rows = [values.numpy().astype(np.float64).reshape(-1, in_row) for values in blocks]
+        sums = [np.bincount(pixels, row @ np.ones(in_row), count) for row in rows]
         return np.stack(sums, axis=1)
 
 

@@ -107,7 +107,6 @@ class Photons(Section):
     seed: Seed = 2
 
 
-# With `field.gaussians: auto`.
 class FieldSection(Section):
     """The field's make, query (:mod:`gpf.field`) and file (:mod:`gpf.field_files`)."""
 

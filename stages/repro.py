@@ -43,9 +43,11 @@ def reproduce(arguments: Sequence[str]) -> int:
         todo = "Run `gpf repro` in the project's folder."
         raise UserError("dvc.yaml", "is missing", todo)
     dvc = [sys.executable, "-m", "dvc"]
-    if CODE_FOLDER.exists() and not {"--help", "-h"} & set(arguments):
+    if {"--help", "-h"} & set(arguments):
+        return subprocess.call([*dvc, "repro", *arguments])
+    if CODE_FOLDER.exists():
         record_code()  # as the stage `code` will: DVC can tell now which others that concerns
-    if {"--dry", "--help", "-h"} & set(arguments):  # nothing runs that could be watched
+    if "--dry" in arguments:  # nothing runs that could be watched
         return subprocess.call([*dvc, "repro", *arguments])
     try:
         plan = Plan.read(dvc, arguments)

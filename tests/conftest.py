@@ -14,3 +14,18 @@ def pytest_configure() -> None:
         choose_variant("auto")
     except UserError as error:  # in words: a traceback through this file helps nobody
         raise pytest.UsageError(str(error)) from None
+
+
+@pytest.fixture
+def asked_to_suppress(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """For each image of adaptive samples: whether fireflies were to be suppressed."""
+    from gpf.adaptive_sampling import sample_adaptively
+
+    asked = []
+
+    def sample(*arguments: object) -> object:
+        asked.append(arguments[-1])
+        return sample_adaptively(*arguments)
+
+    monkeypatch.setattr("gpf.integrators.gpf.sample_adaptively", sample)
+    return asked

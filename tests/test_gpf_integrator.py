@@ -139,18 +139,11 @@ def test_adaptive_samples_make_the_same_picture(pixels, suppress_fireflies):
     np.testing.assert_allclose(a[..., -1], b[..., -1], rtol=0.15)  # random at the floor's end
 
 
-def test_fireflies_are_suppressed_where_that_is_asked_for(monkeypatch):
-    asked = []
-
-    def sample(*arguments: object) -> mi.TensorXf:
-        asked.append(arguments[-1])
-        return mi.TensorXf(np.ones((HEIGHT, WIDTH, 4), np.float32))
-
-    monkeypatch.setattr("gpf.integrators.gpf.sample_adaptively", sample)
+def test_fireflies_are_suppressed_where_that_is_asked_for(asked_to_suppress):
     for suppress in (False, True):
         integrator = integrator_with(constant_field(), adaptive=True, suppress_fireflies=suppress)
         mi.render(make_scene(), integrator=integrator, spp=16)
-    assert asked == [False, True]
+    assert asked_to_suppress == [False, True]
 
 
 def test_adaptive_samples_need_pixels_that_keep_to_themselves():

@@ -7,7 +7,6 @@ import re
 import numpy as np
 import pytest
 
-from gpf.adaptive_sampling import sample_adaptively
 from gpf.artifacts import read_json, read_tensors
 from gpf.field_files import read_field
 from gpf.images import read_exr
@@ -53,17 +52,10 @@ def test_a_compact_field_is_trained_and_rendered(finished):
 
 
 @pytest.mark.parametrize("suppress", [False, True])
-def test_fireflies_are_suppressed_as_params_say(finished, monkeypatch, suppress):
-    asked = []
-
-    def sample(*arguments: object) -> object:
-        asked.append(arguments[-1])
-        return sample_adaptively(*arguments)
-
-    monkeypatch.setattr("gpf.integrators.gpf.sample_adaptively", sample)
+def test_fireflies_are_suppressed_as_params_say(finished, asked_to_suppress, suppress):
     finished.edit("params.yaml", render__spp=16, render__suppress_fireflies=suppress)
     assert finished.stage("render").code == 0
-    assert asked == [suppress] * 4
+    assert asked_to_suppress == [suppress] * 4
 
 
 def test_costs_have_memory_and_the_unit_of_time(built):
