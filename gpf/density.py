@@ -116,7 +116,6 @@ class PhotonDensity:
         n: mi.Normal3f,
         active: mi.Bool | bool = True,
         budget: mi.UInt32 | int = UNLIMITED,
-        lit: mi.Bool | bool = False,
     ) -> mi.Color3f:
         """E at points, W/m², (N, 3); 0 where they are not active.
 
@@ -124,17 +123,14 @@ class PhotonDensity:
         ----------
         p, n: positions and oriented normals, (N, 3).
         budget: greatest depth of a photon that a point accepts, (N,).
-        lit: points whose direct light is known already: photons of depth 0 do not count, (N,).
         """
         if self._empty:
             return dr.zeros(mi.Color3f, dr.width(p))
-        radius2 = dr.square(self._radius)
-        limit, shallowest = mi.UInt32(budget), dr.select(mi.Bool(lit), mi.UInt32(1), 0)
+        radius2, limit = dr.square(self._radius), mi.UInt32(budget)
 
         def add(total, index, record, distance2, inside):  # type: ignore[no-untyped-def]
-            depth = unpack_depth(record.w)
             counts = inside & same_surface(record, p, n, radius2)
-            counts &= (depth <= limit) & (depth >= shallowest)
+            counts &= unpack_depth(record.w) <= limit
             power = dr.gather(mi.Vector4f, self._power, index, counts)
             color = mi.Color3f(power.x, power.y, power.z)
             if self._smooth:

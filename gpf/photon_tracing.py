@@ -119,8 +119,11 @@ def record_photons(
     rr_depth: int = 5,
     capacity: int | None = None,
     source: Source = emit_light,
+    indirect: bool = False,
 ) -> Photons:
     """Trace photons and keep them, path by path: (N,) with N the number of deposits.
+
+    With ``indirect``, those straight from the emitters are left out.
 
     ``capacity`` is how many there is room for at first; if there are more, they are traced once
     more. The default (:func:`usual_capacity`) suffices for a closed white room: ``rr_depth``
@@ -128,7 +131,7 @@ def record_photons(
     """
     capacity = capacity or usual_capacity(paths, rr_depth)
     while True:
-        recorder = _Recorder(capacity, paths)
+        recorder = _Recorder(capacity, paths, least_depth=int(indirect))
         trace_photons(
             scene,
             recorder.deposit,
@@ -153,8 +156,8 @@ def usual_capacity(paths: int, rr_depth: int) -> int:
 class _Recorder:
     """Appends photons to preallocated packets from inside a traced loop."""
 
-    def __init__(self, capacity: int, paths: int) -> None:
-        self.capacity, self.paths = capacity, paths
+    def __init__(self, capacity: int, paths: int, least_depth: int) -> None:
+        self.capacity, self.paths, self.least_depth = capacity, paths, least_depth
         # The rest of 32 bits is for the depth; photons of one path that are deeper than that keep
         # the order in which they came.
         self.depth_bits = 32 - max(paths - 1, 1).bit_length()
@@ -164,6 +167,7 @@ class _Recorder:
         self.normal = dr.empty(mi.Float, 4 * capacity)
 
     def deposit(self, photons: Photons, active: mi.Bool) -> None:
+        active = active & (photons.depth >= dr.opaque(mi.UInt32, self.least_depth))
         slot = dr.scatter_inc(self.count, mi.UInt32(0), active)
         active = active & (slot < dr.opaque(mi.UInt32, self.capacity))
         depth = dr.reinterpret_array(mi.Float, photons.depth)
@@ -177,7 +181,7 @@ class _Recorder:
         dr.scatter(self.normal, mi.Vector4f(*photons.n, 0), slot, active)
 
     def landed(self) -> int:
-        """How many photons met diffuse surfaces, with those for which there was no room."""
+        """How many photons were to be kept, with those for which there was no room."""
         dr.eval(self.count, self.place, self.power, self.normal)
         return int(self.count[0])
 

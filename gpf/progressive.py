@@ -98,6 +98,7 @@ class PhotonPasses:
             rr_depth=settings.rr_depth,
             source=self.source,
             capacity=self._room,
+            indirect=settings.direct == "emitters",
         )
         found = dr.width(photons.p)
         if self._room is None or found > self._room:
@@ -121,13 +122,13 @@ class PhotonPass:
     t: int
 
     def irradiance(self, points: VisiblePoints) -> mi.Color3f:
-        """What photons bring to ``points``, W/m², (N, 3)."""
+        """What photons bring to ``points``, W/m², (N, 3): all light, or what is not direct."""
         # A whole path has the camera's depth + 1 edges, the photon's depth + 1 edges.
         budget: Any = UNLIMITED
         if self.settings.max_depth > 0:
             budget = max(self.settings.max_depth - 2, 0) - points.depth
         p, n, valid = points.p, points.n, points.valid
-        irradiance = self.density.irradiance(p, n, valid, budget, points.lit)
+        irradiance = self.density.irradiance(p, n, valid, budget)
         if self.settings.edge_correction:
             edge_seed = pass_seed(self.seed, self.t, stream=9)
             irradiance *= area_correction(self.scene, p, n, valid, self.radius, edge_seed)
@@ -148,8 +149,7 @@ class PhotonPass:
             return self.irradiance(fixed.points), None
         direct = fixed.direct_irradiance(spread_sample(start, number))
         dr.eval(direct)  # each use is a kernel of its own, and would trace it anew
-        indirect = self.irradiance(replace(fixed.points, lit=mi.Bool(True)))
-        return indirect + direct, direct
+        return self.irradiance(fixed.points) + direct, direct
 
 
 def propose_radius(

@@ -46,11 +46,10 @@ class VisiblePoints:
     reflectance: diffuse reflectance π f_d(n, wo) at the hit, dimensionless, (N, 3).
     throughput: β, what a unit of radiance at the hit contributes to the ray, (N, 3).
     emission: radiance that the ray gathered from emitters on the way, hit included, (N, 3); direct
-        light on the glossy surfaces that it met is part of it.
+        light on the glossy surfaces that it met is part of it, and that at the hit where it was
+        asked for.
     depth: number of bounces before the hit, (N,).
     valid: whether the ray ended on a diffuse surface, (N,).
-    lit: whether the direct light at the hit is in ``emission`` already, and does not belong to the
-        irradiance, (N,).
     """
 
     p: mi.Point3f
@@ -60,7 +59,6 @@ class VisiblePoints:
     emission: mi.Color3f
     depth: mi.UInt32
     valid: mi.Bool
-    lit: mi.Bool
 
     def radiance(self, irradiance: mi.Color3f) -> mi.Color3f:
         """L = L_e + β ρ/π E, for the irradiance E at the points, W/m²."""

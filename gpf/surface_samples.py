@@ -93,7 +93,6 @@ def sample_surface_points(
         emission=mi.Color3f(0),
         depth=mi.UInt32(0),
         valid=dr.full(mi.Bool, True, dr.width(chosen)),
-        lit=mi.Bool(False),
     )
 
 

@@ -126,5 +126,4 @@ def find_visible_points(
         emission=emission,
         depth=depth,
         valid=valid,
-        lit=valid & direct,
     )

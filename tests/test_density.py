@@ -157,7 +157,7 @@ def rows(*values: object) -> list[np.ndarray]:
     return [np.asarray(v.numpy(), dtype=np.float64).T for v in values]  # type: ignore[attr-defined]
 
 
-def sum_by_hand(x, n, budget, lit, photons, radius):  # type: ignore[no-untyped-def]
+def sum_by_hand(x, n, budget, photons, radius):  # type: ignore[no-untyped-def]
     """1 / (π r²) Σ Φ_i, one pair at a time in double precision."""
     p, pn, power, depth = rows(photons.p, photons.n, photons.power, photons.depth)
     d = x[:, None] - p[None]
@@ -165,7 +165,6 @@ def sum_by_hand(x, n, budget, lit, photons, radius):  # type: ignore[no-untyped-
     near &= n @ pn.T > 0.7
     near &= np.abs((d * n[:, None]).sum(2)) <= 0.5 * radius + 1e-9  # many tie
     near &= depth[None] <= budget[:, None]
-    near &= (depth[None] > 0) | ~lit[:, None]
     return near.astype(np.float64) @ power / (np.pi * radius**2), near
 
 
@@ -173,7 +172,7 @@ def test_irradiance_is_the_plain_sum():
     rng = np.random.default_rng(5)
     photons = make_photons(6000, seed=6)
     x, n = lattice(rng, 900), NORMALS[rng.integers(0, 6, 900)]
-    active, lit = rng.random(900) < 0.8, rng.random(900) < 0.3
+    active = rng.random(900) < 0.8
     budget = rng.choice([0, 1, 2, 5, 126], 900)
     radius = 20 * STEP
     found = PhotonDensity(photons, radius, BOX).irradiance(
@@ -181,11 +180,10 @@ def test_irradiance_is_the_plain_sum():
         to_normals(n),
         mi.Bool(active),
         budget=mi.UInt32(budget.astype(np.uint32)),
-        lit=mi.Bool(lit),
     )
-    expected, near = sum_by_hand(x, n, budget, lit, photons, radius)
+    expected, near = sum_by_hand(x, n, budget, photons, radius)
     expected[~active] = 0
-    assert 3 < near[active & ~lit].sum(1).mean() < 200
+    assert 3 < near[active].sum(1).mean() < 200
     np.testing.assert_allclose(found.numpy().T, expected, rtol=1e-5, atol=1e-5)
 
 
@@ -294,8 +292,7 @@ def test_at_the_photons_themselves_it_is_positive():
     photons = make_photons(3000, seed=12)
     photons.depth = dr.minimum(photons.depth, UNLIMITED)
     p, n = rows(photons.p, photons.n)
-    anything = np.full(3000, UNLIMITED), np.zeros(3000, bool)
-    expected, near = sum_by_hand(p, n, *anything, photons, 20 * STEP)
+    expected, near = sum_by_hand(p, n, np.full(3000, UNLIMITED), photons, 20 * STEP)
     assert near.diagonal().all() and near.sum(1).mean() > 3
     e = PhotonDensity(photons, 20 * STEP, BOX).irradiance(photons.p, photons.n).numpy().T
     np.testing.assert_allclose(e, expected, rtol=1e-5, atol=1e-5)

@@ -176,7 +176,6 @@ def test_radiance_of_visible_points(stores):
         emission=mi.Color3f(0.125, 0.25, 7),
         depth=mi.UInt32(0),
         valid=mi.Bool([True, False]),
-        lit=mi.Bool(False),
     )
     radiance, _ = field.radiance(points)
     reflected = np.array([0.5, 2, 2.25])  # β E

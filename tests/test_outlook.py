@@ -174,7 +174,6 @@ def test_a_pass_with_guided_photons_agrees_with_one_without(rooms, outlook):
         emission=mi.Color3f(0),
         depth=mi.UInt32(0),
         valid=mi.Bool([True, True]),
-        lit=mi.Bool(False),
     )
     settings = PassSettings(photons_per_pass=50_000, initial_radius=0.3)
 

@@ -81,6 +81,19 @@ def test_a_photon_interacts_once_less_than_a_path_has_edges(max_depth, deposits)
         assert depths == list(range(deposits))
 
 
+def test_without_direct_light_the_others_stay_as_they_are():
+    """Bit for bit, and in their order; what is left out needs no room."""
+    room, options = closed_room(0.5), {"paths": 2000, "max_depth": 6}
+    every, indirect = record(room, **options), record(room, **options, indirect=True)
+    later = every.depth.numpy() > 0
+    assert later.mean() == pytest.approx(4 / 5, abs=1e-3)
+    for name in ("p", "n", "power"):
+        kept, found = (to_numpy(getattr(photons, name)) for photons in (every, indirect))
+        np.testing.assert_array_equal(found, kept[later])
+    np.testing.assert_array_equal(indirect.depth.numpy(), every.depth.numpy()[later])
+    assert dr.width(record(room, paths=2000, max_depth=2, indirect=True).p) == 0
+
+
 def test_glass_loses_no_power_and_stores_none():
     """A lamp inside a glass ball: all of its power arrives on the walls, whatever the way."""
     glass = {

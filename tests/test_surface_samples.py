@@ -56,7 +56,6 @@ def seen_at(height: float, count: int) -> VisiblePoints:
         emission=mi.Color3f(0),
         depth=mi.UInt32(0),
         valid=dr.full(mi.Bool, True, count),
-        lit=mi.Bool(False),
     )
 
 
