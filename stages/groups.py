@@ -39,7 +39,8 @@ GROUPS = ("train", "novel", "ceiling", "more")
 # With `photons_per_pass: auto`, a pass is as good as so many paths that bring equal power.
 EQUAL_PATHS = 50_000
 
-# Paths whose photons tell what is lit beyond the outlook.
+# Paths whose photons tell what is lit beyond the outlook, at most. They are weighed by how many lie
+# within a pass's kernel: more than a pass has would cost as their square.
 ARRIVAL_PATHS = 100_000
 
 
@@ -73,7 +74,7 @@ class Job:
         """Photons of some paths, wherever they land."""
         return record_photons(
             self.scene,
-            paths=ARRIVAL_PATHS,
+            paths=min(ARRIVAL_PATHS, self.settings.photons_per_pass),
             seed=pass_seed(seed, 0, stream=13),
             rr_depth=self.settings.rr_depth,
             source=self.lookout.source,
