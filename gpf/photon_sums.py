@@ -53,7 +53,6 @@ class PhotonSums:
     ) -> None:
         self._lower = mi.Point3f(*(dr.opaque(mi.Float, float(bounds[0][i])) for i in range(3)))
         self._cell = dr.opaque(mi.Float, cell)
-        self._least_depth = dr.opaque(mi.UInt32, int(indirect))
         self._unit, self._landings = 0.0, 0.0
         self._indirect = indirect
         self._lost = dr.zeros(mi.UInt32, 1)
@@ -85,25 +84,32 @@ class PhotonSums:
             self._grow(1 << math.ceil(math.log2(wanted)))
         # A photon's power is that of one of `paths`; sums are of paths of power one.
         self._scale = dr.opaque(mi.Float, paths / self._unit)
-        trace_photons(scene, self._add, paths, seed, rr_depth=rr_depth, source=source)
+        trace_photons(
+            scene,
+            self._add,
+            paths,
+            seed,
+            rr_depth=rr_depth,
+            source=source,
+            indirect=self._indirect,
+        )
         dr.eval(self._cells, self._lost, self._keys, self._sums)
         self.paths += paths
         if int(self._lost[0]) > 0:
             raise RuntimeError(f"{self._lost[0]} photons found no room in {self.capacity} cells")
 
     def _add(self, photons: Photons, active: mi.Bool) -> None:
-        counts = active & (photons.depth >= self._least_depth)
         offset = (photons.p - self._lower) / self._cell
         corner = dr.clip(dr.floor(offset), 0, 65535)
         key = _pack(mi.Vector3u(corner), mi.Vector3u(dr.round(photons.n * 3) + 3))
-        line = _LINE * self._find(key, counts)
+        line = _LINE * self._find(key, active)
         inside = mi.Vector3u(dr.clip((offset - corner) * _PLACES, 0, _PLACES - 1))
         power = photons.power * self._scale
         sums = [mi.UInt64(power[k]) for k in range(3)]
         sums.append(mi.UInt64(inside.x) | (mi.UInt64(inside.y) << 32))
         sums.append(mi.UInt64(inside.z) | (mi.UInt64(1) << 32))
         for k, value in enumerate(sums):
-            dr.scatter_add(self._sums, value, line + k, counts, dr.ReduceMode.Direct)
+            dr.scatter_add(self._sums, value, line + k, active, dr.ReduceMode.Direct)
 
     @dr.syntax
     def _find(self, key: mi.UInt64, active: mi.Bool):  # type: ignore[no-untyped-def]

@@ -33,6 +33,7 @@ def trace_photons(
     max_depth: int = -1,
     rr_depth: int = 5,
     source: Source = emit_light,
+    indirect: bool = False,
 ) -> None:
     """Trace ``paths`` photon paths from the emitters and deposit them on diffuse surfaces.
 
@@ -46,6 +47,7 @@ def trace_photons(
         not its own, so it interacts at most ``max_depth - 1`` times.
     rr_depth: number of interactions after which Russian roulette may end a path.
     source: gives the first rays with their powers; an emission guide has one of its own.
+    indirect: whether photons straight from the emitters are left out.
 
     Flux is conserved: the expected sum of deposited power at depth 0 is the part of the emitters'
     power that falls on diffuse surfaces first.
@@ -55,6 +57,7 @@ def trace_photons(
     context = mi.BSDFContext(mi.TransportMode.Importance)
     deepest = dr.opaque(mi.UInt32, max_depth - 1 if max_depth > 0 else 0xFFFFFFFF)
     roulette_from = dr.opaque(mi.UInt32, rr_depth)
+    stored_from = dr.opaque(mi.UInt32, int(indirect))
 
     ray, power = source(scene, sampler)
     power /= dr.opaque(mi.Float, paths)
@@ -73,7 +76,7 @@ def trace_photons(
         wi_dot_ng = dr.dot(si.n, wi)
         active &= wi_dot_ng * si.wi.z > 0
 
-        stored = active & has_diffuse(bsdf, si)
+        stored = active & has_diffuse(bsdf, si) & (depth >= stored_from)
         slant = dr.abs(si.wi.z / wi_dot_ng)
         landing = power * slant * diffuse_transfer(bsdf, si, stored)
         photons = Photons(
@@ -123,15 +126,13 @@ def record_photons(
 ) -> Photons:
     """Trace photons and keep them, path by path: (N,) with N the number of deposits.
 
-    With ``indirect``, those straight from the emitters are left out.
-
     ``capacity`` is how many there is room for at first; if there are more, they are traced once
     more. The default (:func:`usual_capacity`) suffices for a closed white room: ``rr_depth``
     interactions, then some 20 until Russian roulette ends a path.
     """
     capacity = capacity or usual_capacity(paths, rr_depth)
     while True:
-        recorder = _Recorder(capacity, paths, least_depth=int(indirect))
+        recorder = _Recorder(capacity, paths)
         trace_photons(
             scene,
             recorder.deposit,
@@ -140,6 +141,7 @@ def record_photons(
             max_depth=max_depth,
             rr_depth=rr_depth,
             source=source,
+            indirect=indirect,
         )
         count = recorder.landed()
         if count <= capacity:
@@ -156,8 +158,8 @@ def usual_capacity(paths: int, rr_depth: int) -> int:
 class _Recorder:
     """Appends photons to preallocated packets from inside a traced loop."""
 
-    def __init__(self, capacity: int, paths: int, least_depth: int) -> None:
-        self.capacity, self.paths, self.least_depth = capacity, paths, least_depth
+    def __init__(self, capacity: int, paths: int) -> None:
+        self.capacity, self.paths = capacity, paths
         # The rest of 32 bits is for the depth; photons of one path that are deeper than that keep
         # the order in which they came.
         self.depth_bits = 32 - max(paths - 1, 1).bit_length()
@@ -167,7 +169,6 @@ class _Recorder:
         self.normal = dr.empty(mi.Float, 4 * capacity)
 
     def deposit(self, photons: Photons, active: mi.Bool) -> None:
-        active = active & (photons.depth >= dr.opaque(mi.UInt32, self.least_depth))
         slot = dr.scatter_inc(self.count, mi.UInt32(0), active)
         active = active & (slot < dr.opaque(mi.UInt32, self.capacity))
         depth = dr.reinterpret_array(mi.Float, photons.depth)
@@ -181,7 +182,7 @@ class _Recorder:
         dr.scatter(self.normal, mi.Vector4f(*photons.n, 0), slot, active)
 
     def landed(self) -> int:
-        """How many photons were to be kept, with those for which there was no room."""
+        """How many photons were deposited, with those for which there was no room."""
         dr.eval(self.count, self.place, self.power, self.normal)
         return int(self.count[0])
 
