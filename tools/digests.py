@@ -1,0 +1,149 @@
+"""Digests of what the pipeline makes: a change of the code's shape must not change a bit of them.
+
+    python tools/digests.py --write     # before a change: writes tools/digests.json
+    python tools/digests.py             # after it: says what differs, exit code 1
+
+References, targets, photons, field, renders and classical baselines of all five scenes, at sizes
+that take some minutes; one scene with everything that is ``auto``, and one with the other switches.
+Bits depend on the processor, on LLVM and on Mitsuba: write the file anew on another machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+from ruamel.yaml import YAML
+from safetensors.numpy import load_file
+
+PROJECT = Path(__file__).resolve().parents[1]
+FILE = PROJECT / "tools" / "digests.json"
+
+SIZES: Mapping[str, Any] = {
+    "film.height": 24,
+    "reference.passes": 6,
+    "reference.photons_per_pass": 8000,
+    "reference.view_points": 2000,
+    "reference.surface_points": 1500,
+    "reference.preview_seconds": 0,
+    "photons.paths": 6000,
+    "field.gaussians": 1500,
+    "train.steps": 30,
+    "train.batch": 512,
+    "train.rebuild_every": 10,
+    "train.evaluate_every": 10,
+    "stream.passes": 12,
+    "stream.first": 4,
+    "stream.view_points": 2000,
+    "stream.surface_points": 1500,
+    "render.spp": 16,
+}
+VISIBLE_REGION = {"rays": 20_000, "pilot_paths": 40_000}
+
+# What one scene has otherwise: between them, most switches are thrown.
+OTHERWISE: Mapping[str, Mapping[str, Any]] = {
+    "cornell_box": {
+        "reference.photons_per_pass": "auto",
+        "photons.paths": "auto",
+        "field.gaussians": "auto",
+    },
+    "veach_bidir": {
+        "field.direct": "emitters",
+        "field.stores": "radiance",
+        "field.initial_colour": "density",
+        "render.adaptive": False,
+    },
+    "water_caustic": {"train.supervision": "streaming", "field.gaussians": "auto"},
+    "water_caustic_2": {"reference.direct": "photons", "field.precision": "compact"},
+}
+METHODS = ("path_10", "particle_64", "sppm_3", "denoised_50", "em_gmm")
+WITH_METHODS = ("cornell_box", "veach_ajar")
+STAGES = ("scene", "reference", "photons", "train", "render")
+
+
+def run_stages(folder: Path, scene: str) -> None:
+    """Run the stages of a scene in a folder of its own, all in this process."""
+    sys.path.insert(0, str(PROJECT))
+    from stages.cli import main
+
+    yaml = YAML()
+    document = yaml.load((PROJECT / "params.yaml").read_text(encoding="utf-8"))
+    section = "visible_region" if "visible_region" in document else "outlook"
+    values = {**SIZES, **{f"{section}.{k}": v for k, v in VISIBLE_REGION.items()}}
+    for key, value in {**values, **OTHERWISE.get(scene, {})}.items():
+        name, _, leaf = key.partition(".")
+        document.setdefault(name, {})[leaf] = value
+    folder.mkdir()
+    (folder / "scenes").symlink_to(PROJECT / "scenes")
+    with (folder / "params.yaml").open("w", encoding="utf-8") as file:
+        yaml.dump(document, file)
+    os.chdir(folder)
+    calls = [["stage", stage, "--scene", scene] for stage in STAGES]
+    if scene in WITH_METHODS:
+        calls += [["stage", "baseline", "--scene", scene, "--method", m] for m in METHODS]
+    for call in calls:
+        try:
+            main(call)
+        except SystemExit as end:
+            if end.code:
+                raise
+
+
+def digest_arrays(folder: Path) -> dict[str, str]:
+    """File and layer -> digest of the values, whatever the file says beside them."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if path.suffix == ".safetensors":
+            arrays = load_file(path)
+        elif path.suffix == ".exr":
+            with OpenEXR.File(str(path), separate_channels=True) as file:
+                arrays = {layer: c.pixels.copy() for layer, c in file.channels().items()}
+        else:
+            continue
+        for layer, array in sorted(arrays.items()):
+            data = np.ascontiguousarray(array)
+            text = f"{data.dtype} {data.shape} ".encode() + data.tobytes()
+            found[f"{name}: {layer}"] = hashlib.sha256(text).hexdigest()[:16]
+    return found
+
+
+def main() -> int:
+    """Write or compare; 1 where something differs."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--write", action="store_true", help="keep what is found")
+    parser.add_argument("scenes", nargs="*", help="these alone")
+    options = parser.parse_args()
+    scenes = options.scenes or sorted(p.parent.name for p in PROJECT.glob("scenes/*/views.yaml"))
+    known = json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
+    differing = 0
+    with tempfile.TemporaryDirectory(prefix="gpf-digests-") as folder:
+        for scene in scenes:
+            run_stages(Path(folder) / scene, scene)
+            found = digest_arrays(Path(folder) / scene / "results" / scene)
+            if options.write:
+                known[scene] = found
+                continue
+            names = sorted({*found, *known.get(scene, {})})
+            changed = [n for n in names if found.get(n) != known.get(scene, {}).get(n)]
+            print(f"{scene}: {len(names)} arrays, {len(changed)} differ", flush=True)
+            for name in changed:
+                print(f"  {name}: {known.get(scene, {}).get(name)} -> {found.get(name)}")
+            differing += len(changed)
+    if options.write:
+        FILE.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        print(f"{FILE}: {sum(map(len, known.values()))} arrays")
+    return int(differing > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
