@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
-from gpf.runtime import choose_variant, device_description
+from gpf.core.runtime import choose_variant, device_description
 
 choose_variant("auto")
 

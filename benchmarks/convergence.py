@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
-from gpf.runtime import choose_variant
+from gpf.core.runtime import choose_variant
 
 choose_variant("auto")
 
@@ -22,8 +22,8 @@ from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
 from benchmarks.glass_sphere import PHOTONS, load_scene  # noqa: E402
-from gpf.progressive import PassSettings  # noqa: E402
-from gpf.reference import ReferenceRenderer  # noqa: E402
+from gpf.sppm.passes import PassSettings  # noqa: E402
+from gpf.sppm.reference import ReferenceRenderer  # noqa: E402
 
 SIZE, RADIUS, EPSILON = 256, 0.03, 0.01
 COUNTS = (1, 4, 16, 64, 256, 1000)

@@ -11,7 +11,7 @@ import sys
 import time
 
 import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
-from gpf.runtime import choose_variant
+from gpf.core.runtime import choose_variant
 
 choose_variant("auto")
 
@@ -20,12 +20,12 @@ from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
 from benchmarks.single_passes import SinglePasses  # noqa: E402
-from gpf.images import read_exr  # noqa: E402
+from gpf.core.images import read_exr  # noqa: E402
+from metrics.equivalent_passes import equivalent_passes  # noqa: E402
 from metrics.image import psnr  # noqa: E402
-from metrics.worth import worth_passes  # noqa: E402
 from stages.amortize import mean_convergence  # noqa: E402
+from stages.common.workspace import Workspace  # noqa: E402
 from stages.render import FieldRenderer  # noqa: E402
-from stages.workspace import Workspace  # noqa: E402
 
 SAMPLES = (4, 16, 32, 64)
 
@@ -57,7 +57,7 @@ def compare(work: Workspace) -> list[list[str]]:
             per_pass.append(passes.seconds(len(work.views.novel), k))
             reference = read_exr(work.reference(view.name), "reference")[0]["radiance"]
             quality.append(psnr(image, reference, work.views.exposure))
-        worth = worth_passes(float(np.mean(quality)), curve)
+        worth = equivalent_passes(float(np.mean(quality)), curve)
         mine, theirs = float(np.mean(seconds)), float(np.mean(per_pass))
         rows.append(
             [

@@ -9,10 +9,10 @@ import drjit as dr
 import mitsuba as mi
 
 from benchmarks.timing import Timings, time_in_turn
-from gpf.bounds import scene_bounds
-from gpf.field import FieldSettings, GaussianPhotonField
-from gpf.initialization import InitializationSettings, initialize_gaussians
-from gpf.photon_tracing import record_photons
+from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.initialization import InitializationSettings, initialize_gaussians
+from gpf.photons.tracing import record_photons
+from gpf.scene.bounds import scene_bounds
 
 PHOTONS = 100_000
 

@@ -6,7 +6,7 @@ import resource
 import sys
 
 import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
-from gpf.runtime import choose_variant
+from gpf.core.runtime import choose_variant
 
 choose_variant("auto")
 

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterator
 
 import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
-from gpf.runtime import choose_variant
+from gpf.core.runtime import choose_variant
 
 choose_variant("auto")
 
@@ -25,14 +25,14 @@ from rich.table import Table  # noqa: E402
 from scipy.ndimage import median_filter  # noqa: E402
 from scipy.spatial import cKDTree  # noqa: E402
 
-from gpf.field_files import read_field  # noqa: E402
-from gpf.film import sample_film  # noqa: E402
-from gpf.images import read_exr, tone_map  # noqa: E402
-from gpf.structs import to_numpy  # noqa: E402
-from gpf.supervision import SURFACE, Targets  # noqa: E402
-from gpf.views import View  # noqa: E402
+from gpf.camera.film import sample_film  # noqa: E402
+from gpf.core.images import read_exr, tone_map  # noqa: E402
+from gpf.core.structs import to_numpy  # noqa: E402
+from gpf.field.io import read_field  # noqa: E402
+from gpf.scene.views import View  # noqa: E402
+from gpf.training.targets import SURFACE, Targets  # noqa: E402
 from report.figures.places import arriving_light  # noqa: E402
-from stages.workspace import Workspace  # noqa: E402
+from stages.common.workspace import Workspace  # noqa: E402
 
 REGIONS = ("glass", "edge", "unseen", "caustic", "rest")
 RAYS = 16
@@ -65,11 +65,11 @@ def view_errors(work: Workspace) -> Iterator[tuple[np.ndarray, dict[str, np.ndar
     exposure = work.views.exposure
     for view in work.views.novel:
         layers = read_exr(work.reference(view.name), "reference")[0]
-        ceilings = read_exr(work.ceiling(view.name), "reference")[0]
-        last = max(ceilings, key=lambda name: int(name.split("_")[1]))
+        layers = read_exr(work.second_reference(view.name), "reference")[0]
+        last = max(layers, key=lambda name: int(name.split("_")[1]))
         images = {
             "GPF": read_exr(work.render("gpf", view.name), "render")[0]["radiance"],
-            f"SPPM, {last.split('_')[1]} passes": ceilings[last],
+            f"SPPM, {last.split('_')[1]} passes": layers[last],
         }
         truth = tone_map(layers["radiance"], exposure)
         errors = {

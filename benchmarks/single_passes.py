@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from stages.groups import Job
-from stages.pass_times import compile_passes, single_views, time_passes
-from stages.workspace import Workspace
+from stages.common.workspace import Workspace
+from stages.references.groups import Job
+from stages.references.pass_times import compile_passes, single_views, time_passes
 
 
 class SinglePasses:

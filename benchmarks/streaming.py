@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass
 
 import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
-from gpf.runtime import choose_variant
+from gpf.core.runtime import choose_variant
 
 choose_variant("auto")
 
@@ -20,22 +20,22 @@ import drjit as dr  # noqa: E402
 import numpy as np  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
+from stages.training.inputs import initial_field, photons_for_field, supervise  # noqa: E402
+from stages.training.settings import training_settings  # noqa: E402
+from stages.training.streaming import open_stream, stream_settings  # noqa: E402
 
 from benchmarks.single_passes import SinglePasses  # noqa: E402
-from gpf.artifacts import read_json  # noqa: E402
-from gpf.bounds import scene_bounds  # noqa: E402
-from gpf.errors import UserError  # noqa: E402
-from gpf.field_files import read_field  # noqa: E402
-from gpf.images import read_exr  # noqa: E402
-from gpf.streaming import train_on_stream  # noqa: E402
-from gpf.training import Progress, Trainer  # noqa: E402
+from gpf.core.errors import UserError  # noqa: E402
+from gpf.core.files import read_json  # noqa: E402
+from gpf.core.images import read_exr  # noqa: E402
+from gpf.field.io import read_field  # noqa: E402
+from gpf.scene.bounds import scene_bounds  # noqa: E402
+from gpf.training.gaussian_count import choose_count  # noqa: E402
+from gpf.training.streaming import train_on_stream  # noqa: E402
+from gpf.training.trainer import Progress, Trainer  # noqa: E402
 from metrics.image import psnr  # noqa: E402
-from stages.gaussian_count import choose_count  # noqa: E402
+from stages.common.workspace import Workspace  # noqa: E402
 from stages.render import FieldRenderer  # noqa: E402
-from stages.streaming import open_stream, stream_settings  # noqa: E402
-from stages.train_settings import training_settings  # noqa: E402
-from stages.training_inputs import initial_field, photons_for_field, supervise  # noqa: E402
-from stages.workspace import Workspace  # noqa: E402
 
 # Of SPPM for each novel view, timed before the training and after it.
 PASSES = 16

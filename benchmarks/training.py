@@ -8,18 +8,18 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from stages.training.inputs import initial_field, load_photons, photons_for_field, supervise
+from stages.training.settings import training_settings
 
-from gpf.bounds import scene_bounds
-from gpf.config import read_params
-from gpf.errors import UserError
-from gpf.field_files import read_field
-from gpf.images import read_exr
-from gpf.supervision import Targets
-from gpf.training import Trainer
+from gpf.config.params import read_params
+from gpf.core.errors import UserError
+from gpf.core.images import read_exr
+from gpf.field.io import read_field
+from gpf.scene.bounds import scene_bounds
+from gpf.training.targets import Targets
+from gpf.training.trainer import Trainer
 from metrics.image import psnr
-from stages.train_settings import training_settings
-from stages.training_inputs import initial_field, load_photons, photons_for_field, supervise
-from stages.workspace import Workspace
+from stages.common.workspace import Workspace
 
 CHECK_EVERY = 50
 

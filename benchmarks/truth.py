@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 
 import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
-from gpf.runtime import choose_variant
+from gpf.core.runtime import choose_variant
 
 choose_variant("auto")
 
@@ -18,11 +18,11 @@ import numpy as np  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 
-from gpf.images import read_exr  # noqa: E402
+from gpf.core.images import read_exr  # noqa: E402
+from gpf.core.progress import progress_bar  # noqa: E402
 from metrics.image import compare, flip_exposures  # noqa: E402
+from stages.common.workspace import Workspace  # noqa: E402
 from stages.metrics import Judge  # noqa: E402
-from stages.progress import progress_bar  # noqa: E402
-from stages.workspace import Workspace  # noqa: E402
 
 SAMPLES, AT_ONCE = 8192, 256
 SHOWN = ("psnr", "ssim", "lpips", "flip")
@@ -35,7 +35,7 @@ def main() -> None:
     judge = Judge.open(work)
     for view in views or list(judge.references):
         truth = trace(work, view)
-        layers, _ = read_exr(work.ceiling(view), "reference")
+        layers, _ = read_exr(work.second_reference(view), "reference")
         passes = max(int(layer.removeprefix("sppm_")) for layer in layers if "sppm_" in layer)
         images = {
             "the reference": judge.references[view],

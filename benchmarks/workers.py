@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 from ruamel.yaml import YAML
 
-from gpf.artifacts import read_json
+from gpf.core.files import read_json
 
 SCENE, PASSES, PASSES_PER_TASK = "cornell_box", 200, 10
 PREDICTED = (1, 2, 4, 8, 16, 32, 64)
@@ -50,11 +50,11 @@ def run_stage(folder: Path, executor: str, workers: int) -> Run:
     environment = os.environ | {"PYTHONPATH": str(PROJECT)}
     for stage in ("scene", "reference"):
         start = time.perf_counter()
-        command = [sys.executable, "-m", "stages.cli", "stage", stage, "--scene", SCENE]
+        command = [sys.executable, "-m", "gpf.cli", "stage", stage, "--scene", SCENE]
         subprocess.run(command, cwd=project, env=environment, check=True, capture_output=True)
     seconds = time.perf_counter() - start
     costs = project / "results" / SCENE / "costs" / "reference.json"
-    spent = {"train": 0.0, "novel": 0.0, "ceiling": 0.0}
+    spent = {"train": 0.0, "novel": 0.0, "second_reference": 0.0}
     apart = 0.0
     for name, cost in read_json(costs, "reference")["parts"].items():
         group = name.partition("/")[0]

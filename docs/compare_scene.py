@@ -23,9 +23,9 @@ import matplotlib.pyplot as plt
 import mitsuba as mi
 import numpy as np
 
-from gpf.images import tone_map
-from gpf.runtime import choose_variant
-from gpf.scene_freezing import freeze_scene
+from gpf.core.images import tone_map
+from gpf.core.runtime import choose_variant
+from gpf.scene.snapshot import freeze_scene
 
 BLOCKS = 8  # per axis
 WAVEFRONT = 2**21  # camera paths at a time

@@ -11,12 +11,12 @@ import sys
 from pathlib import Path
 from shutil import copyfile
 
-from gpf.artifacts import write_text
-from gpf.errors import UserError
+from gpf.core.errors import UserError
+from gpf.core.files import write_text
 from report.formats import join
 from report.page.words import describe_scene
-from report.results import CEILING, FIELD, Results
-from stages.profiles import EVERY, read_profiles
+from report.results import FIELD, SECOND_REFERENCE, Results
+from stages.commands.profiles import EVERY, read_profiles
 
 PROFILE = "full"
 
@@ -106,10 +106,10 @@ def summary(results: Results) -> str:
     for name in results.scenes:
         scene = results.scene(name)
         words = describe_scene(results, scene)
-        ceiling = results.row(name, CEILING)["psnr"]
+        second = results.row(name, SECOND_REFERENCE)["psnr"]
         field = results.row(name, FIELD)["psnr"]
         lines.append(
-            f"| {scene.title} | **{field:.1f}** | {ceiling:.1f} | {words.worth} passes "
+            f"| {scene.title} | **{field:.1f}** | {second:.1f} | {words.worth} passes "
             f"| {words.seconds} | {words.sppm_seconds} | {words.preparation} "
             f"| {words.breaks_even} |"
         )

@@ -13,8 +13,8 @@ from typing import Annotated
 import typer
 
 import gpf  # noqa: F401  (registers the plugins)
-from gpf.errors import UserError
-from gpf.runtime import choose_variant
+from gpf.core.errors import UserError
+from gpf.core.runtime import choose_variant
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

@@ -22,7 +22,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from gpf.runtime import (
+from gpf.core.runtime import (
     LLVM_INSTALL,
     LLVM_MINIMUM,
     LLVM_VARIABLE,
@@ -30,7 +30,7 @@ from gpf.runtime import (
     read_cpu_model,
     read_version,
 )
-from gpf.trials import PROBE_SUM, last_line, run_probe, run_python
+from gpf.core.subprocesses import PROBE_SUM, last_line, run_probe, run_python
 
 ROOT = Path(__file__).resolve().parents[1]
 LOCK = ROOT / "requirements.lock"

@@ -6,21 +6,22 @@ this machine is a ``MetricUnavailable``, whose words say what brings it.
 """
 
 from metrics.cost import CostLine, break_even, cumulative
+from metrics.equivalent_passes import EquivalentPasses, equivalent_passes
 from metrics.errors import MetricUnavailable
 from metrics.image import Comparison, compare, expose, flip_exposures, psnr, unavailable
-from metrics.worth import Worth, worth_passes
 
 __all__ = [
     "Comparison",
     "CostLine",
+    "EquivalentPasses",
     "MetricUnavailable",
     "Worth",
     "break_even",
     "compare",
     "cumulative",
+    "equivalent_passes",
     "expose",
     "flip_exposures",
     "psnr",
     "unavailable",
-    "worth_passes",
 ]

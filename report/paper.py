@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gpf.yaml_files import read_yaml
+from gpf.core.yaml import read_yaml
 
 FILE = Path(__file__).with_suffix(".yaml")
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from report.results import CEILING, FIELD, NUMBERS, Results
+from report.results import FIELD, NUMBERS, SECOND_REFERENCE, Results
 
 REACH = 100
 """An extrapolation goes as far as so many times the longest time that was measured."""
@@ -46,7 +46,7 @@ def measured_points(results: Results, scene: str) -> dict[str, list[Point]]:
     rows = results.params.baselines
     systems: dict[str, list[Point]] = {}
     for method, title in results.methods_of(scene).items():
-        if method in (FIELD, CEILING):
+        if method in (FIELD, SECOND_REFERENCE):
             continue
         systems.setdefault(rows[method].system, [])
         if point := _point(results, scene, method, title):
@@ -56,10 +56,10 @@ def measured_points(results: Results, scene: str) -> dict[str, list[Point]]:
         last = max(files.convergence, default=0)
         for passes, psnr in files.convergence.items():
             title = f"SPPM, {passes} pass{'es' if passes > 1 else ''} as in references"
-            known = results.row(scene, CEILING) if passes == last else {}
+            known = results.row(scene, SECOND_REFERENCE) if passes == last else {}
             numbers = {key: known[key] for key in NUMBERS if key in known} | {"psnr": psnr}
             reasons = dict.fromkeys(NUMBERS, "of this number of passes, PSNR alone was measured")
-            reasons |= results.reasons(scene, CEILING) if passes == last else {}
+            reasons |= results.reasons(scene, SECOND_REFERENCE) if passes == last else {}
             point = Point(title, passes * files.seconds_per_pass, numbers, 0.0, reasons)
             systems.setdefault("sppm", []).append(point)
     return {system: sorted(points, key=lambda p: p.seconds) for system, points in systems.items()}

@@ -13,16 +13,16 @@ from typing import Any
 
 import pandas as pd
 
-from gpf.artifacts import read_json
 from gpf.baselines.options import BaselineOptions
-from gpf.config import Params, read_params
-from gpf.config_sections import OWN_METHODS
-from gpf.titles import method_titles, passes_title
-from gpf.views import SceneViews, read_views
+from gpf.config.params import Params, read_params
+from gpf.config.pipeline import OWN_METHODS
+from gpf.config.titles import method_titles, passes_title
+from gpf.core.files import read_json
+from gpf.scene.views import SceneViews, read_views
 from metrics.image import NUMBERS
 from metrics.stage_costs import passes_done, seconds_per_view, target_seconds
 
-FIELD, CEILING = OWN_METHODS
+FIELD, SECOND_REFERENCE = OWN_METHODS
 """Methods without a row in `baselines`: the field, and a second, independent reference."""
 
 
@@ -64,9 +64,9 @@ class Results:
 
     @property
     def methods(self) -> dict[str, str]:
-        """All methods that params.yaml asks for, with their titles: baselines, field, ceiling."""
+        """All methods that params.yaml asks for, with their titles: baselines, field, second reference."""
         titles = method_titles(self.params)
-        return {m: titles[m] for m in (*self.params.methods.all, FIELD, CEILING)}
+        return {m: titles[m] for m in (*self.params.methods.all, FIELD, SECOND_REFERENCE)}
 
     @property
     def passes(self) -> str:
@@ -85,19 +85,19 @@ class Results:
         known = dict.fromkeys([*self.params.methods.all, *rows])
         meant = [m for m in known if not rows[m].scenes or scene in rows[m].scenes]
         titles = method_titles(self.params)
-        return {m: titles[m] for m in (*meant, FIELD, CEILING)}
+        return {m: titles[m] for m in (*meant, FIELD, SECOND_REFERENCE)}
 
     def scene(self, name: str) -> SceneResults:
         """The files of one scene."""
         return SceneResults(name, self.root / name)
 
     def options(self, method: str) -> dict[str, Any]:
-        """How a method is set up: its row of `baselines`; for the field and the ceiling, what they
+        """How a method is set up: its row of `baselines`; for the field and the second reference, what they
         are and what tells them from others of their kind."""
         if method == FIELD:
             return {"system": FIELD, "spp": self.params.render.spp}
-        if method == CEILING:
-            return {"system": CEILING, "passes": self.params.reference.passes}
+        if method == SECOND_REFERENCE:
+            return {"system": SECOND_REFERENCE, "passes": self.params.reference.passes}
         return self.params.baselines[method].model_dump(mode="json")
 
     def row(self, scene: str, method: str) -> dict[str, float]:
@@ -160,7 +160,7 @@ class SceneResults:
 
     def image(self, method: str, view: str) -> Path:
         """Where a method's image of a view is; `reference` counts as a method here."""
-        if method in ("reference", CEILING):
+        if method in ("reference", SECOND_REFERENCE):
             return self.folder / method / f"{view}.exr"
         return self.folder / "renders" / method / f"{view}.exr"
 
@@ -197,7 +197,7 @@ class SceneResults:
 
     def cost(self, method: str, params: Params) -> dict[str, float]:
         """Seconds, megabytes: the columns of :attr:`Results.quality` that are known."""
-        if method == CEILING:
+        if method == SECOND_REFERENCE:
             per_pass = self.seconds_per_pass
             passes = max(self.convergence, default=params.reference.passes)
             return {"seconds_per_view": per_pass * passes} if per_pass else {}

@@ -13,7 +13,7 @@ from typing import Literal
 
 import pandas as pd
 
-from gpf.artifacts import write_text
+from gpf.core.files import write_text
 from report.formats import Form
 from report.writing import to_html, to_latex, to_markdown
 

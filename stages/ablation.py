@@ -9,27 +9,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gpf.artifacts import read_json, write_json
-from gpf.config import Params
-from gpf.errors import UserError
-from gpf.field_files import read_field
-from gpf.supervision import Targets
-from gpf.titles import variant_title
-from gpf.yaml_files import suggest
+from gpf.config.params import Params
+from gpf.config.titles import variant_title
+from gpf.core.errors import UserError
+from gpf.core.files import read_json, write_json
+from gpf.core.progress import say
+from gpf.core.yaml import suggest
+from gpf.field.io import read_field
+from gpf.training.targets import Targets
 from metrics.stage_costs import learning_seconds, seconds_per_view
-from stages.apart import run_each
-from stages.code_digest import digest_with_imports
-from stages.costs import CostMeter
+from stages.common.code import digest_of
+from stages.common.costs import CostMeter
+from stages.common.resuming import open_state
+from stages.common.subprocesses import run_each
+from stages.common.workspace import Workspace
 from stages.metrics import Judge, summarize
-from stages.progress import say
+from stages.photons import load_photons
 from stages.render import render_novel_views
-from stages.resuming import open_state
 from stages.train import fit
-from stages.training_inputs import load_photons
-from stages.workspace import Workspace
 
 # What a variant's field depends on.
-SECTIONS = ("film", "outlook", "reference", "field", "train", "stream", "render")
+SECTIONS = ("film", "visible_region", "reference", "field", "train", "stream", "render")
 
 
 def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = False) -> None:
@@ -87,7 +87,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
     """Train, render and measure; a run that was killed goes on where it was."""
     name = row["variant"]
     task = {
-        "code": digest_with_imports("stages/train.py", "stages/render.py"),
+        "code": digest_of("train", "render"),
         "scene": work.scene_digest,
         "targets": work.digest(work.targets),
         "photons": work.digest(work.photons),

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from gpf.artifacts import read_json, stage_command, write_json, write_text
-from gpf.errors import UserError
+from gpf.core.errors import UserError
+from gpf.core.files import read_json, stage_command, write_json, write_text
+from gpf.core.progress import say
 from metrics.cost import (
     GPF,
     SPPM,
@@ -17,11 +18,10 @@ from metrics.cost import (
     break_even,
     cumulative,
 )
+from metrics.equivalent_passes import equivalent_passes
 from metrics.stage_costs import part_seconds, passes_done, seconds_per_view, target_seconds
-from metrics.worth import worth_passes
-from stages.costs import KINDS
-from stages.progress import say
-from stages.workspace import Workspace
+from stages.common.costs import KINDS
+from stages.common.workspace import Workspace
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def cost_lines(work: Workspace) -> Comparison:
     curve = mean_convergence(work)
     passes = max(curve)
     quality = read_json(work.metrics("gpf"), "metrics")["mean"]["psnr"]
-    equal = worth_passes(quality, curve)
+    equal = equivalent_passes(quality, curve)
     preparation = part_seconds(train, *train["parts"])
     try:
         if "stream" not in train["parts"]:

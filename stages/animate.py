@@ -17,17 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from gpf.artifacts import write_json
 from gpf.baselines.protocol import CannotServe
-from gpf.errors import UserError
-from gpf.images import check_finite, read_exr, read_record, tone_map, write_exr
-from gpf.titles import method_titles
-from gpf.views import View
-from gpf.yaml_files import suggest
-from stages.baseline import forget_state, open_state, prepare, refuse_other_scenes
-from stages.code_digest import digest_with_imports
-from stages.costs import CostMeter
-from stages.filmstrip import (
+from gpf.config.titles import method_titles
+from gpf.core.errors import UserError
+from gpf.core.files import write_json
+from gpf.core.images import check_finite, read_exr, read_record, tone_map, write_exr
+from gpf.core.progress import Bar, progress_bar, say
+from gpf.core.yaml import suggest
+from gpf.scene.views import View
+from stages.animation.filmstrip import (
     Reel,
     compose,
     film_panel,
@@ -35,10 +33,12 @@ from stages.filmstrip import (
     write_film,
     write_moving_picture,
 )
-from stages.frame_flicker import compare_frames
-from stages.progress import Bar, progress_bar, say
+from stages.animation.frame_flicker import compare_frames
+from stages.baseline import forget_state, open_state, prepare, refuse_other_scenes
+from stages.common.code import digest_of
+from stages.common.costs import CostMeter
+from stages.common.workspace import Workspace
 from stages.render import FieldRenderer
-from stages.workspace import Workspace
 
 FIELD = "gpf"
 
@@ -58,7 +58,9 @@ def animate(scene_name: str) -> None:
     views = work.views.frames()
     if not views:
         raise UserError(
-            str(work.views_file), "has no camera path", "Add a path; gpf/views.py describes it."
+            str(work.views_file),
+            "has no camera path",
+            "Add a path; gpf/scene/views.py describes it.",
         )
     costs, refusals = CostMeter(), {}
     for method in section.methods:
@@ -125,7 +127,7 @@ def plan(work: Workspace, method: str) -> tuple[dict[str, Any], Callable[[Bar], 
     params = work.params
     if method == FIELD:
         task = {
-            "code": digest_with_imports("stages/render.py"),
+            "code": digest_of("render"),
             "render": params.render.model_dump(mode="json"),
             "field": work.digest(work.field),
         }

@@ -5,27 +5,27 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from gpf.artifacts import read_json, write_json
 from gpf.baselines.options import BaselineOptions
-from gpf.baselines.protocol import CannotServe, FieldEffort, Prepared, Task, TrainingView
+from gpf.baselines.protocol import CannotServe, Prepared, Task, TrainingView
 from gpf.baselines.registry import make_baseline
-from gpf.errors import UserError
-from gpf.images import check_finite, read_exr, write_exr, write_png
-from gpf.yaml_files import suggest
+from gpf.core.errors import UserError
+from gpf.core.files import read_json, write_json
+from gpf.core.images import check_finite, read_exr, write_exr, write_png
+from gpf.core.progress import Bar, progress_bar, say
+from gpf.core.yaml import suggest
 from metrics import stage_costs
-from stages import resuming
-from stages.apart import run_each
-from stages.code import files_of_baseline
-from stages.code_digest import digest_with_imports
-from stages.costs import CostMeter
-from stages.progress import Bar, progress_bar, say
-from stages.unit_time import time_path
-from stages.workspace import Workspace
+from stages.common import resuming
+from stages.common.code import digest_of
+from stages.common.costs import CostMeter
+from stages.common.subprocesses import run_each
+from stages.common.timing_baseline import time_path
+from stages.common.workspace import Workspace
 
 
 def run_baselines(scene_name: str, method: str | None = None, go_on: bool = False) -> None:
@@ -150,20 +150,17 @@ def make_task(
         rr_depth=work.params.render.rr_depth,
         seed=work.params.render.seed,
         state=state,
-        field=effort_for(work, options),
+        **effort(work, options),
         seconds_per_view=seconds_per_view(work) if options.waits_for_field else None,
         report=report,
     )
 
 
-def effort_for(work: Workspace, options: BaselineOptions) -> FieldEffort:
-    """What the field is given, for systems that are to have as much."""
-    if not options.learns_from_targets:
-        return FieldEffort()
-    # Here alone: no other system depends on how the field is trained.
-    from stages.field_effort import field_effort
-
-    return field_effort(work)
+def effort(work: Workspace, options: BaselineOptions) -> dict[str, Any]:
+    """How the field is trained and rendered, for systems that are to have as much."""
+    if not options.learns_from_targets:  # no other system depends on it
+        return {}
+    return {"train": work.params.train, "render": work.params.render}
 
 
 def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
@@ -195,11 +192,11 @@ def seconds_per_view(work: Workspace) -> float:
 def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
     """The folder where a killed preparation left what it had, if that was the same task."""
     task = {
-        "code": digest_with_imports(*files_of_baseline(options)),
+        "code": digest_of(*options.lists[:1]),
         "scene": work.scene_digest,
         "options": options.model_dump(mode="json"),
         "exposure": work.views.exposure,
-        "field": asdict(effort_for(work, options)),
+        "effort": {k: v.model_dump(mode="json") for k, v in effort(work, options).items()},
         "rr_depth": work.params.render.rr_depth,
         "seconds_per_view": seconds_per_view(work) if options.waits_for_field else None,
         "size": list(work.film_size),

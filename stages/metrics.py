@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gpf.artifacts import read_json, stage_command, write_json, write_text
-from gpf.errors import UserError
-from gpf.images import check_finite, read_exr
+from gpf.core.errors import UserError
+from gpf.core.files import read_json, stage_command, write_json, write_text
+from gpf.core.images import check_finite, read_exr
+from gpf.core.progress import progress_bar
+from metrics.equivalent_passes import equivalent_passes
 from metrics.image import NUMBERS, compare, flip_exposures, psnr
-from metrics.worth import worth_passes
-from stages.costs import CostMeter
-from stages.progress import progress_bar
-from stages.workspace import Workspace
+from stages.common.costs import CostMeter
+from stages.common.workspace import Workspace
 
 
 def compare_images(scene_name: str) -> None:
@@ -28,7 +28,7 @@ def compare_images(scene_name: str) -> None:
     names, references = list(judge.references), judge.references
     passes = _snapshots_of_all(work, names)
     refused = {m: reason for m in work.params.methods.all if (reason := _refusal(work, m))}
-    methods = ["gpf", *(m for m in work.params.methods.all if m not in refused), "ceiling"]
+    methods = ["gpf", *(m for m in work.params.methods.all if m not in refused), "second_reference"]
     results: dict[str, dict[str, Any]] = {method: {} for method in methods}
     curves: dict[str, dict[int, float]] = {}
     costs = CostMeter()
@@ -43,7 +43,7 @@ def compare_images(scene_name: str) -> None:
             for method in methods:
                 results[method][name] = (
                     judge.compare(name, snapshots[-1][1])
-                    if method == "ceiling"
+                    if method == "second_reference"
                     else judge.compare_render(method, name)
                 )
                 advance(sum(map(len, results.values())))
@@ -53,8 +53,8 @@ def compare_images(scene_name: str) -> None:
         report = summarize(views)
         summary = report["mean"]
         if method == "gpf":
-            report["worth_sppm_passes"] = {
-                name: str(worth_passes(views[name]["psnr"], curves[name])) for name in names
+            report["equivalent_sppm_passes"] = {
+                name: str(equivalent_passes(views[name]["psnr"], curves[name])) for name in names
             }
         write_json(work.metrics(method), report)
         summaries[method] = summary
@@ -146,23 +146,23 @@ def _snapshots_of_all(work: Workspace, views: Sequence[str]) -> list[int]:
 
     Its last is what `reference.passes` asks for, or fewer if `reference.target_psnr` is reached.
     """
-    files = {name: read_exr(work.ceiling(name), "reference") for name in views}
+    files = {name: read_exr(work.second_reference(name), "reference") for name in views}
     wanted = work.params.reference.passes
     for name, (_, record) in files.items():
         if record["passes"] != wanted:
             raise UserError(
-                str(work.ceiling(name)),
+                str(work.second_reference(name)),
                 f"is of {record['passes']} passes, params.yaml asks for {wanted}",
-                f"Run `{stage_command('reference', work.ceiling(name))}` again, or set "
+                f"Run `{stage_command('reference', work.second_reference(name))}` again, or set "
                 "reference.passes back.",
             )
     names = set.intersection(*(set(layers) for layers, _ in files.values()))
     passes = sorted(int(n) for n in (s.removeprefix("sppm_") for s in names) if n.isdecimal())
     if not passes:
         raise UserError(
-            str(work.ceiling(views[0]).parent),
+            str(work.second_reference(views[0]).parent),
             "has no layer sppm_N that is in the files of all views",
-            f"Run `{stage_command('reference', work.ceiling(views[0]))}` again.",
+            f"Run `{stage_command('reference', work.second_reference(views[0]))}` again.",
         )
     return passes
 
@@ -171,7 +171,7 @@ def _read_snapshots(
     work: Workspace, name: str, reference: np.ndarray, passes: list[int]
 ) -> list[tuple[int, np.ndarray]]:
     """The independent SPPM's image of a view after each number of passes."""
-    path = work.ceiling(name)
+    path = work.second_reference(name)
     layers, _ = read_exr(path, "reference")
     for n in passes:
         _check_image(path, layers[f"sppm_{n}"], reference, "reference")

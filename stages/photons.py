@@ -3,36 +3,33 @@
 from __future__ import annotations
 
 import drjit as dr
+import mitsuba as mi
+import numpy as np
 
-from gpf.artifacts import write_tensors
-from gpf.errors import UserError
-from gpf.photon_map import collect_photons
-from gpf.structs import to_numpy
-from stages.costs import CostMeter
-from stages.lookout import Lookout
-from stages.most_gaussians import most_gaussians
-from stages.workspace import Workspace
+from gpf.core.errors import UserError
+from gpf.core.files import read_tensors, write_tensors
+from gpf.core.structs import Photons, to_numpy
+from stages.common.costs import CostMeter
+from stages.common.workspace import Workspace
 
 
 def trace(scene_name: str) -> None:
-    """Trace photons and keep those that met diffuse surfaces in the outlook."""
+    """Trace photons and keep those that met diffuse surfaces in the visible region."""
     work = Workspace.open(scene_name)
     section = work.params.photons
     scene = work.load_scene()
     costs = CostMeter()
     with costs.measure("photons"):
-        lookout = Lookout.open(work, scene)
+        plan = work.emission_plan(scene)
         paths = section.paths
         if paths == "auto":
-            paths = lookout.paths_for_gaussians(most_gaussians(work.params.field.gaussians))
-        photons = collect_photons(
-            scene, lookout.outlook, paths, section.seed, section.rr_depth, lookout.source
-        )
+            paths = plan.paths_for_gaussians(work.params.recipe.max_gaussians)
+        photons = plan.collect(scene, paths, section.seed, section.rr_depth)
     if dr.width(photons.p) == 0:
         raise UserError(
             f"scene {scene_name!r}",
             "no photon reached a diffuse surface that cameras can see",
-            "Check where the emitters point, or set outlook.use to false in params.yaml.",
+            "Check where the emitters point, or set visible_region.use to false in params.yaml.",
         )
     tensors = {
         "position": to_numpy(photons.p),
@@ -41,5 +38,20 @@ def trace(scene_name: str) -> None:
         "depth": to_numpy(photons.depth),
     }
     write_tensors(work.photons, "photons", tensors, {"paths": paths})
-    costs.facts |= {"paths": paths, "stored": dr.width(photons.p), **lookout.facts()}
+    costs.facts |= {"paths": paths, "stored": dr.width(photons.p), **plan.facts()}
     costs.write(work.cost("photons"))
+
+
+def load_photons(work: Workspace) -> Photons:
+    """The photons that this stage kept."""
+    tensors, _ = read_tensors(work.photons, "photons", "photons")
+
+    def columns(name: str) -> np.ndarray:
+        return np.ascontiguousarray(tensors[name].T)
+
+    return Photons(
+        p=mi.Point3f(columns("position")),
+        n=mi.Normal3f(columns("normal")),
+        power=mi.Color3f(columns("power")),
+        depth=mi.UInt32(tensors["depth"]),
+    )

@@ -11,15 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from gpf.artifacts import read_tensors, write_tensors
-from gpf.errors import UserError
-from gpf.images import check_finite, read_exr, write_exr
-from gpf.reference import settings_record
-from gpf.structs import to_numpy
-from gpf.supervision import Targets
-from gpf.views import View
-from metrics.worth import snapshot_passes
-from stages.groups import (
+from gpf.core.errors import UserError
+from gpf.core.files import read_tensors, write_tensors
+from gpf.core.images import check_finite, read_exr, write_exr
+from gpf.core.progress import say
+from gpf.core.structs import to_numpy
+from gpf.scene.views import View
+from gpf.training.surface_points import SURFACES
+from gpf.training.targets import Targets
+from metrics.equivalent_passes import snapshot_passes
+from stages.common.publishing import make_ready, settle
+from stages.common.workspace import Workspace
+from stages.references.groups import (
     GROUPS,
     GroupRequest,
     Job,
@@ -27,22 +30,19 @@ from stages.groups import (
     record_of,
     views_of,
 )
-from stages.pass_times import time_kinds_of_passes
-from stages.passes import SURFACES, LongSum
-from stages.progress import say
-from stages.publishing import make_ready, settle
-from stages.reference_records import (
+from stages.references.long_sums import LongSum
+from stages.references.pass_times import time_kinds_of_passes
+from stages.references.records import (
     has_surfaces,
     is_current,
     passes_done,
     surface_record,
     view_record,
 )
-from stages.workspace import Workspace
 
 
 def render_references(scene_name: str, passes: str | None = None) -> None:
-    """Render what is missing of the references, the ceiling and the targets.
+    """Render what is missing of the references, the second reference and the targets.
 
     ``passes``, written ``FIRST:LAST``, limits that to a range of passes, which other runs or other
     machines complete; files are written once all passes are there.
@@ -62,7 +62,8 @@ def render_references(scene_name: str, passes: str | None = None) -> None:
     if any(rendered) or "seconds_per_shared_view_pass" not in costs.facts:
         costs.facts |= time_kinds_of_passes(job, max(done.values()))
     costs.facts["passes_done"] = done
-    costs.facts |= settings_record(job.settings, work.params.reference.seed) | job.lookout.facts()
+    costs.facts |= job.settings.model_dump() | {"seed": work.params.reference.seed}
+    costs.facts |= job.plan.facts()
     costs.write(work.cost("reference"))
 
 
@@ -103,12 +104,14 @@ def _render_group(job: Job, group: str, wanted: range | None) -> bool | None:
         wanted = range(passes.passes) if wanted is None else wanted
         if work.params.executor == "ray":
             # Here alone: Ray is optional, and slow to import.
-            from stages.cluster import render_on_cluster
+            from stages.references.cluster import render_on_cluster
 
             render_on_cluster(passes, request, wanted)
         else:
             passes.render(wanted)
-        snapshots = passes.finish(snapshot_passes(passes.passes) if group == "ceiling" else [])
+        snapshots = passes.finish(
+            snapshot_passes(passes.passes) if group == "second_reference" else []
+        )
         if snapshots is None:
             return None
         _write_group(passes, missing, record, snapshots)
@@ -129,8 +132,8 @@ def _write_group(
 
     def write(folder: Path) -> None:
         for view in views:
-            if group == "ceiling":
-                path, layers = work.ceiling(view.name), snapshots[view.name]
+            if group == "second_reference":
+                path, layers = work.second_reference(view.name), snapshots[view.name]
             else:
                 path = work.reference(view.name)
                 layers = renderer.view(view.name, work.film_size).layers()
@@ -166,7 +169,7 @@ def _noise(passes: LongSum, view: str) -> dict[str, Any]:
     return {
         "passes_done": sums.passes,
         "standard_error": float(np.sqrt(np.mean(error**2)) / max(np.mean(mean), 1e-30)),
-        "estimated_ceiling": tally.ceiling(sums.passes, passes.work.views.exposure),
+        "expected_psnr": tally.expected_psnr(sums.passes, passes.work.views.exposure),
     }
 
 

@@ -9,16 +9,16 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from gpf.errors import UserError
-from gpf.field_files import load_field
-from gpf.images import check_finite, write_exr, write_png
-from gpf.parted_rendering import render_in_parts
-from gpf.sensors import make_sensor
-from gpf.views import View
-from stages.costs import CostMeter
-from stages.progress import progress_bar, say
-from stages.unit_time import time_path
-from stages.workspace import Workspace
+from gpf.core.errors import UserError
+from gpf.core.images import check_finite, write_exr, write_png
+from gpf.core.progress import progress_bar, say
+from gpf.field.io import load_field
+from gpf.rendering.batches import render_in_batches
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
+from stages.common.costs import CostMeter
+from stages.common.timing_baseline import time_path
+from stages.common.workspace import Workspace
 
 # A pixel is weakly covered where the field had to reach so many search radii for its neighbours.
 WEAK_REACH = 1.5
@@ -109,7 +109,7 @@ class FieldRenderer:
         """One view."""
         size, sampler = self.work.views.size(self.height), self.work.params.render.sampler
         sensor = make_sensor(view, *size, spp=self.spp, sampler=sampler)
-        image = render_in_parts(self.scene, self.integrator, sensor, self.spp, seed)
+        image = render_in_batches(self.scene, self.integrator, sensor, self.spp, seed)
         check_finite(image[..., :3], f"{self.work.scene}, view {view.name}")
         return Picture(image[..., :3], image[..., 3])
 

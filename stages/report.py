@@ -6,13 +6,13 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table as Grid
 from rich.text import Text
 
-from gpf.errors import UserError
+from gpf.core.errors import UserError
+from gpf.core.progress import console, say
 from report.figures import draw_figures
 from report.page import write_page
 from report.results import Results
 from report.table import Table
 from report.tables import write_tables
-from stages.progress import console, say
 
 
 def write_report() -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 
-from gpf.artifacts import write_json
-from gpf.errors import UserError
-from gpf.scene_folders import load_views, scene_folder
-from gpf.scene_freezing import freeze_scene
-from gpf.scene_info import scene_info
-from stages.costs import CostMeter
-from stages.workspace import Workspace
+from gpf.core.errors import UserError
+from gpf.core.files import write_json
+from gpf.scene.folders import load_views, scene_folder
+from gpf.scene.inventory import scene_info
+from gpf.scene.snapshot import freeze_scene
+from stages.common.costs import CostMeter
+from stages.common.workspace import Workspace
 
 
 def prepare_scene(scene_name: str) -> None:

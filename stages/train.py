@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import Any
 
 from dvclive import Live
 
-from gpf.bounds import scene_bounds
-from gpf.field_files import save_field
-from gpf.streaming import PhotonStream, train_on_stream
-from gpf.supervision import Targets
-from gpf.training import Progress, Trainer
-from gpf.training_checkpoints import restore_trainer, save_trainer
-from stages.code_digest import digest_with_imports
-from stages.costs import CostMeter
-from stages.gaussian_count import choose_count
-from stages.progress import progress_bar
-from stages.streaming import open_stream, stream_settings
-from stages.train_settings import training_settings
-from stages.training_inputs import initial_field, load_photons, photons_for_field, supervise
-from stages.workspace import Workspace
+from gpf.core.progress import progress_bar
+from gpf.core.structs import Photons
+from gpf.field.io import save_field
+from gpf.scene.bounds import scene_bounds
+from gpf.training.checkpoint import restore_trainer, save_trainer
+from gpf.training.gaussian_count import choose_count
+from gpf.training.recipe import open_stream
+from gpf.training.streaming import PhotonStream, train_on_stream
+from gpf.training.targets import Targets
+from gpf.training.trainer import Progress, Trainer
+from stages.common.code import digest_of
+from stages.common.costs import CostMeter
+from stages.common.workspace import Workspace
+from stages.photons import load_photons
 
 
 def train_field(scene_name: str) -> None:
@@ -32,21 +31,21 @@ def train_field(scene_name: str) -> None:
 
 def fit(work: Workspace) -> None:
     """Fit a field, keep its best state, and record the curves."""
-    section, fields = work.params.train, work.params.field
+    section, recipe = work.params.train, work.params.recipe
     costs, stream = CostMeter(), None
     if section.supervision == "streaming":
         with costs.measure("stream"):
-            stream, photons = open_stream(work)
+            stream, photons = stream_of(work)
             targets = stream.targets()
     else:
         photons, targets = load_photons(work), Targets.load(work.targets)
-    photons, points = photons_for_field(work, photons), supervise(work, targets)
+    photons, points = recipe.select_photons(photons), recipe.supervise(targets)
     bounds = scene_bounds(work.load_scene())
     with costs.measure("initialization"):
-        count = choose_count(work, photons, targets, bounds, stream)
-        field = initial_field(work, count, photons, targets, bounds)
+        count = choose_count(recipe, photons, targets, bounds, stream)
+        field = recipe.initial_field(count, photons, targets, bounds)
     with costs.measure("training"):
-        trainer = Trainer(field, points, training_settings(work))
+        trainer = recipe.trainer(field, points)
     if stream is None:
         spent = restore_trainer(trainer, work.checkpoint("train"), _fingerprint(work, count))
         if spent:
@@ -74,12 +73,21 @@ def fit(work: Workspace) -> None:
         "held_out_error": trainer.best_error,
         "params": _params(work),
     }
-    save_field(trained, work.field, fields.precision)
+    save_field(trained, work.field, work.params.field.precision)
     work.checkpoint("train").unlink(missing_ok=True)
     costs.facts |= {"held_out_error": trainer.best_error, "gaussians": count}
-    costs.facts |= asdict(trained.settings)
+    costs.facts |= trained.settings.model_dump()
     costs.note_peak_memory()
     costs.write(work.cost("train"))
+
+
+def stream_of(work: Workspace) -> tuple[PhotonStream, Photons]:
+    """The first passes at the points of the training, and photons for Gaussians."""
+    scene = work.load_scene()
+    plan = work.emission_plan(scene)
+    sensors = {view.name: work.sensor(view) for view in work.views.train}
+    passes = work.params.reference.measure(scene, next(iter(sensors.values())), plan)
+    return open_stream(scene, sensors, plan, passes, work.params.stream, work.params.recipe)
 
 
 def _params(work: Workspace) -> dict[str, Any]:
@@ -92,7 +100,7 @@ def _params(work: Workspace) -> dict[str, Any]:
 def _fingerprint(work: Workspace, count: int) -> dict[str, Any]:
     """What a checkpoint belongs to."""
     return {
-        "code": digest_with_imports("stages/train.py"),
+        "code": digest_of("train"),
         "gaussians": count,
         "targets": work.digest(work.targets),
         "photons": work.digest(work.photons),
@@ -140,8 +148,8 @@ def _train_on_stream(
         train_on_stream(
             trainer,
             stream,
-            stream_settings(work),
-            lambda targets: supervise(work, targets),
+            work.params.stream,
+            work.params.recipe.supervise,
             report,
             lambda passes, steps: advance(passes + steps),
         )

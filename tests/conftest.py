@@ -7,8 +7,8 @@ import pytest
 
 
 def pytest_configure() -> None:
-    from gpf.errors import UserError
-    from gpf.runtime import choose_variant
+    from gpf.core.errors import UserError
+    from gpf.core.runtime import choose_variant
 
     try:
         choose_variant("auto")
@@ -19,7 +19,7 @@ def pytest_configure() -> None:
 @pytest.fixture
 def asked_to_suppress(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """For each image of adaptive samples: whether fireflies were to be suppressed."""
-    from gpf.adaptive_sampling import sample_adaptively
+    from gpf.rendering.adaptive import sample_adaptively
 
     asked = []
 
@@ -27,5 +27,5 @@ def asked_to_suppress(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
         asked.append(arguments[-1])
         return sample_adaptively(*arguments)
 
-    monkeypatch.setattr("gpf.integrators.gpf.sample_adaptively", sample)
+    monkeypatch.setattr("gpf.rendering.gpf.sample_adaptively", sample)
     return asked

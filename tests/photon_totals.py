@@ -5,8 +5,8 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 
-from gpf.photon_tracing import record_photons
-from gpf.structs import Photons, to_numpy
+from gpf.core.structs import Photons, to_numpy
+from gpf.photons.tracing import record_photons
 from tests.furnace import Scene, diffuse, room
 
 L = np.array([1.0, 2.0, 3.0])

@@ -9,7 +9,8 @@ import mitsuba as mi
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gpf.field import (
+from gpf.core.structs import SurfacePoints
+from gpf.field.field import (
     SUPPLEMENT_REACH,
     SUPPLEMENT_SLACK,
     SURFACE_HEIGHT,
@@ -17,8 +18,7 @@ from gpf.field import (
     FieldSettings,
     GaussianPhotonField,
 )
-from gpf.gaussians import Gaussians
-from gpf.structs import SurfacePoints
+from gpf.field.gaussians import Gaussians
 
 # Neither a cube nor centred: swapped axes show.
 LOWER, UPPER = np.array([-1.0, 0.0, -0.5]), np.array([2.0, 2.0, 0.7])
@@ -28,7 +28,7 @@ AXES = np.array([[0, 0, 1], [0, 0, -1], [1, 0, 0]], dtype=float)
 
 @dataclass(frozen=True)
 class PlainGaussians:
-    """The arrays of :class:`gpf.gaussians.Gaussians`, (N, .) each, in double precision."""
+    """The arrays of :class:`gpf.field.gaussians.Gaussians`, (N, .) each, in double precision."""
 
     means: np.ndarray
     log_scales: np.ndarray
@@ -37,7 +37,7 @@ class PlainGaussians:
     normals: np.ndarray
 
     def flat(self) -> np.ndarray:
-        """The 13 trained parameters of each, in the order of gpf.blending.parameters, (13, N)."""
+        """The 13 trained parameters of each, in the order of gpf.training.kernels.parameters, (13, N)."""
         return np.concatenate(
             [self.means, self.log_scales, self.quats, self.irradiance], axis=1
         ).T.copy()

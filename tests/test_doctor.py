@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from gpf import doctor, trials
+from gpf.core.runtime import LLVM_VARIABLE
 from gpf.doctor import Check, diagnose, print_report
-from gpf.runtime import LLVM_VARIABLE
 
 HEALTHY = {"llvm": [22, 1, 8], "cuda": False, "llvm_sum": 20.0}
 LOCKED = "# a comment\nmitsuba==3.9.1\nGitPython==3.2.1\nflufl.lock==9.2.0 ; python_version > '3'\n"

@@ -3,6 +3,9 @@
     python tools/digests.py --write     # before a change: writes tools/digests.json
     python tools/digests.py             # after it: says what differs, exit code 1
 
+Each scene runs in a process with one thread, for the order of threads changes sums of floats:
+gradients of the training, and what Mitsuba's particle tracer adds to a film.
+
 References, targets, photons, field, renders and classical baselines of all five scenes, at sizes
 that take some minutes; one scene with everything that is ``auto``, and one with the other switches.
 Bits depend on the processor, on LLVM and on Mitsuba: write the file anew on another machine.
@@ -12,11 +15,14 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import importlib
 import json
 import os
 import sys
 import tempfile
 from collections.abc import Mapping
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -73,12 +79,13 @@ STAGES = ("scene", "reference", "photons", "train", "render")
 def run_stages(folder: Path, scene: str) -> None:
     """Run the stages of a scene in a folder of its own, all in this process."""
     sys.path.insert(0, str(PROJECT))
-    from stages.cli import main
+    from gpf.cli import main
 
+    drjit = importlib.import_module("drjit")  # not before gpf, which finds its libLLVM
+    drjit.set_thread_count(1)
     yaml = YAML()
     document = yaml.load((PROJECT / "params.yaml").read_text(encoding="utf-8"))
-    section = "visible_region" if "visible_region" in document else "outlook"
-    values = {**SIZES, **{f"{section}.{k}": v for k, v in VISIBLE_REGION.items()}}
+    values = {**SIZES, **{f"visible_region.{k}": v for k, v in VISIBLE_REGION.items()}}
     for key, value in {**values, **OTHERWISE.get(scene, {})}.items():
         name, _, leaf = key.partition(".")
         document.setdefault(name, {})[leaf] = value
@@ -117,6 +124,13 @@ def digest_arrays(folder: Path) -> dict[str, str]:
     return found
 
 
+def digest_scene(scene: str) -> dict[str, str]:
+    """Digests of all that is made of a scene."""
+    with tempfile.TemporaryDirectory(prefix="gpf-digests-") as folder:
+        run_stages(Path(folder) / scene, scene)
+        return digest_arrays(Path(folder) / scene / "results" / scene)
+
+
 def main() -> int:
     """Write or compare; 1 where something differs."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -125,23 +139,21 @@ def main() -> int:
     options = parser.parse_args()
     scenes = options.scenes or sorted(p.parent.name for p in PROJECT.glob("scenes/*/views.yaml"))
     known = json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
-    differing = 0
-    with tempfile.TemporaryDirectory(prefix="gpf-digests-") as folder:
-        for scene in scenes:
-            run_stages(Path(folder) / scene, scene)
-            found = digest_arrays(Path(folder) / scene / "results" / scene)
-            if options.write:
-                known[scene] = found
-                continue
-            names = sorted({*found, *known.get(scene, {})})
-            changed = [n for n in names if found.get(n) != known.get(scene, {}).get(n)]
-            print(f"{scene}: {len(names)} arrays, {len(changed)} differ", flush=True)
-            for name in changed:
-                print(f"  {name}: {known.get(scene, {}).get(name)} -> {found.get(name)}")
-            differing += len(changed)
+    with ProcessPoolExecutor(
+        os.cpu_count(), mp_context=get_context("spawn"), max_tasks_per_child=1
+    ) as pool:
+        results = dict(zip(scenes, pool.map(digest_scene, scenes), strict=True))
     if options.write:
-        FILE.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-        print(f"{FILE}: {sum(map(len, known.values()))} arrays")
+        FILE.write_text(json.dumps(known | results, indent=1, sort_keys=True) + "\n", "utf-8")
+        return 0
+    differing = 0
+    for scene, found in results.items():
+        names = sorted({*found, *known.get(scene, {})})
+        changed = [n for n in names if found.get(n) != known.get(scene, {}).get(n)]
+        print(f"{scene}: {len(names)} arrays, {len(changed)} differ")
+        for name in changed:
+            print(f"  {name}: {known.get(scene, {}).get(name)} -> {found.get(name)}")
+        differing += len(changed)
     return int(differing > 0)
 
 

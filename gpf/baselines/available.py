@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.util import find_spec
 
-from gpf.baselines.anysplat import CODE as ANYSPLAT
+from gpf.baselines.anysplat.baseline import CODE as ANYSPLAT
 from gpf.baselines.protocol import CannotServe
-from gpf.baselines.renderformer import CODE as RENDERFORMER
+from gpf.baselines.renderformer.baseline import CODE as RENDERFORMER
 
 # Module -> what it is, what needs it, and what brings it.
 PACKAGES = {

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from gpf.baselines.protocol import CannotServe
-from gpf.trials import last_line
+from gpf.core.subprocesses import last_line
 
 PROGRAMS = Path(__file__).parent / "programs"
 

@@ -114,7 +114,7 @@ class ParticleTracerOptions(_Sampled):
 
 
 class SppmOptions(_Options):
-    """Photon mapping with few passes (:mod:`gpf.progressive`)."""
+    """Photon mapping with few passes (:mod:`gpf.sppm.passes`)."""
 
     system: Literal["sppm"]
     passes: Count = 3
@@ -143,7 +143,7 @@ class EmGmmOptions(_Options):
     ``paths`` photon paths come in so many ``passes``, or more of 100000 paths each. ``bandwidth``:
     the standard deviation of the kernel that a photon stands for, world units, or ``auto``: half of
     what a typical component begins with. ``normalisation``: that of the method, over the
-    ``volume``, or for photons in a ``plane`` (:mod:`gpf.baselines.em_gmm`).
+    ``volume``, or for photons in a ``plane`` (:mod:`gpf.baselines.em_gmm.baseline`).
     """
 
     system: Literal["em_gmm"]
@@ -198,7 +198,7 @@ class SplattingOptions(_Learned):
 class RadianceCacheOptions(_Options):
     """A hash grid and a small network in place of the Gaussians.
 
-    ``size``: of both, as :mod:`gpf.baselines.radiance_cache` describes it. It gets as many steps,
+    ``size``: of both, as :mod:`gpf.baselines.radiance_cache.baseline` describes it. It gets as many steps,
     points in each and camera samples as the field, unless a row says otherwise.
     """
 

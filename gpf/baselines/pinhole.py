@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpf.views import View
+from gpf.scene.views import View
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Pinhole:
 
 
 def make_pinhole(view: View, size: tuple[int, int]) -> Pinhole:
-    """The camera of a view, with the very pixels of :func:`gpf.sensors.make_sensor`."""
+    """The camera of a view, with the very pixels of :func:`gpf.scene.sensors.make_sensor`."""
     origin = np.array(view.origin, dtype=float)
     ahead = _unit(np.array(view.target) - origin)
     right = _unit(np.cross(ahead, view.up))

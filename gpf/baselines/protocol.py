@@ -10,13 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Protocol
 
 import mitsuba as mi
 import numpy as np
 
-from gpf.errors import UserError
-from gpf.views import View
+from gpf.core.errors import UserError
+from gpf.rendering.settings import RenderSettings
+from gpf.scene.views import View
+from gpf.training.settings import TrainingSettings
 
 
 class CannotServe(UserError):
@@ -45,22 +47,6 @@ class TrainingView:
 
 
 @dataclass(frozen=True)
-class FieldEffort:
-    """What the field is given, for systems that are to have as much: the sections ``train`` and
-    ``render`` of params.yaml say what each is."""
-
-    steps: int = 500
-    batch: int = 32_768
-    points: Literal["views", "surface", "both"] = "both"
-    loss: Literal["squared", "relative"] = "relative"
-    spp: int = 64
-    sampler: str = "multijitter"
-    adaptive: bool = True
-    suppress_fireflies: bool = True
-    glossy_walks: int = 4
-
-
-@dataclass(frozen=True)
 class Task:
     """A scene to be served.
 
@@ -72,13 +58,13 @@ class Task:
     size: width and height of all images, pixels.
     exposure: what linear images are multiplied by before they are shown or compared.
     training: views with their references, as many as the system asked for.
-    targets: the file of the points that the field learns from (:mod:`gpf.supervision`), for systems
+    targets: the file of the points that the field learns from (:mod:`gpf.training.targets`), for systems
         that learn from the same.
     rr_depth: interactions before Russian roulette, where the system walks paths.
     seed: of all that is random in the preparation.
     state: a folder, which is there, where the preparation may keep what a killed run would lose.
         Once all views are rendered it is emptied, but for what was learned.
-    field: what the field is given.
+    train, render: how the field is trained and rendered, for systems that are to have as much.
     seconds_per_view: what a view of the field costs, for systems that are to take as long.
     report: called with how much of the preparation is done, and of how much.
     """
@@ -93,7 +79,8 @@ class Task:
     rr_depth: int
     seed: int
     state: Path
-    field: FieldEffort = FieldEffort()
+    train: TrainingSettings = TrainingSettings()
+    render: RenderSettings = RenderSettings()
     seconds_per_view: float | None = None
     report: Callable[[int, int], None] = lambda done, total: None
 

@@ -12,10 +12,9 @@ import numpy as np
 
 from gpf.baselines.protocol import CannotServe, Task
 from gpf.baselines.timed_sampling import Samples
-from gpf.importing.sensors import views_of_sensors
-from gpf.parted_rendering import render_in_parts
-from gpf.sensors import make_sensor
-from gpf.views import View
+from gpf.rendering.batches import render_in_batches
+from gpf.scene.sensors import make_sensor, views_of_sensors
+from gpf.scene.views import View
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class PreparedSampling:
         if samples.number is None:
             sensor = own_camera(task)
             for few in (1, 2):  # a single sample has a kernel of its own
-                render_in_parts(task.scene, integrator, sensor, few, task.seed)
+                render_in_batches(task.scene, integrator, sensor, few, task.seed)
         return cls(task, integrator, samples)
 
     @property
@@ -66,7 +65,9 @@ class PreparedSampling:
         start = time.perf_counter()
         sensor = make_sensor(view, *self.task.size)
         return self.samples.trace(
-            lambda spp, seed: render_in_parts(self.task.scene, self.integrator, sensor, spp, seed),
+            lambda spp, seed: render_in_batches(
+                self.task.scene, self.integrator, sensor, spp, seed
+            ),
             seed,
             time.perf_counter() - start,
         )

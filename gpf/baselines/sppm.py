@@ -11,15 +11,15 @@ import numpy as np
 from gpf.baselines.options import SppmOptions
 from gpf.baselines.protocol import CannotServe, Task
 from gpf.baselines.sampling import own_camera
-from gpf.bounds import require_bounds
-from gpf.film import sample_film
-from gpf.materials import require_separable
-from gpf.photon_tracing import record_photons
-from gpf.progressive import propose_radius
-from gpf.seeds import pass_seed
-from gpf.sensors import make_sensor
-from gpf.structs import Photons, to_numpy
-from gpf.views import View
+from gpf.camera.film import sample_film
+from gpf.core.random import pass_seed
+from gpf.core.structs import Photons, to_numpy
+from gpf.photons.tracing import record_photons
+from gpf.scene.bounds import require_bounds
+from gpf.scene.materials import require_separable
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
+from gpf.sppm.passes import propose_radius
 
 
 class Sppm:

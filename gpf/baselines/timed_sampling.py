@@ -11,7 +11,7 @@ import drjit as dr
 import numpy as np
 
 from gpf.baselines.protocol import CannotServe, Task
-from gpf.seeds import pass_seed
+from gpf.core.random import pass_seed
 
 
 @dataclass

@@ -9,8 +9,8 @@ import os
 import re
 from pathlib import Path, PureWindowsPath
 
-from gpf.errors import UserError
-from gpf.scene_xml import Reference, SceneXml, Tag
+from gpf.core.errors import UserError
+from gpf.scene.xml import Reference, SceneXml, Tag
 
 CAMERAS = ("perspective", "thinlens")
 """Types of sensors that views can stand for."""

@@ -1,7 +1,7 @@
 """Somebody else's Mitsuba scene -> a scene of the project.
 
 Everything is made in a temporary folder beside the scenes, which gets its name at the very end:
-whatever happens before, no half-made scene remains. A :class:`gpf.errors.UserError` names the
+whatever happens before, no half-made scene remains. A :class:`gpf.core.errors.UserError` names the
 user's own files, not the temporary ones.
 """
 
@@ -18,24 +18,24 @@ from pathlib import Path
 
 import mitsuba as mi
 
-from gpf.errors import UserError
+from gpf.core.errors import UserError
 from gpf.importing.checks import check_scene_xml, describe_leftovers
 from gpf.importing.description import describe_scene
 from gpf.importing.report import SceneReport, examine_scene
-from gpf.importing.sensors import (
+from gpf.importing.sources import Source, open_source
+from gpf.scene.folders import scenes_root
+from gpf.scene.load import load_scene_file
+from gpf.scene.sensors import (
     differs_from_view,
     film_aspect,
     looks_through,
     scene_cameras,
     views_of_sensors,
 )
-from gpf.importing.sources import Source, open_source
-from gpf.scene_folders import scenes_root
-from gpf.scene_freezing import make_folders
-from gpf.scene_xml import SceneXml, read_scene_xml
-from gpf.scenes import load_scene_file
-from gpf.view_writing import write_views
-from gpf.views import SceneViews, View
+from gpf.scene.snapshot import make_folders
+from gpf.scene.views import SceneViews, View
+from gpf.scene.views_file import write_views
+from gpf.scene.xml import SceneXml, read_scene_xml
 
 PlaceViews = Callable[["mi.Scene", Sequence[View], float], SceneViews]
 """From the scene, the views of its own sensors and the aspect of the first to all its views."""
@@ -84,7 +84,7 @@ def import_scene(
     root: Path | None = None,
     photons: int = 100_000,
 ) -> ImportReport:
-    """Make the scene ``name`` below ``root`` (default: :func:`gpf.scene_folders.scenes_root`).
+    """Make the scene ``name`` below ``root`` (default: :func:`gpf.scene.folders.scenes_root`).
 
     Copied are the scene file, as ``scene.xml``, all that it refers to, at the same relative paths,
     and files that tell of licence and origin. ``views.yaml`` gets what ``place_views`` answers.
@@ -97,7 +97,7 @@ def import_scene(
     Raises
     ------
     UserError: the name is taken or no name, or what :mod:`gpf.importing.sources`,
-        :mod:`gpf.importing.checks`, :func:`gpf.scenes.load_scene_file` and
+        :mod:`gpf.importing.checks`, :func:`gpf.scene.load.load_scene_file` and
         :func:`gpf.importing.report.examine_scene` object to.
     """
     root = root or scenes_root()
@@ -168,7 +168,7 @@ def _make(
     write_views(
         target / "views.yaml",
         views,
-        f"Cameras of {name}, placed around the scene's own; gpf/views.py describes the format.",
+        f"Cameras of {name}, placed around the scene's own; gpf/scene/views.py describes the format.",
     )
     report = ImportReport(
         name, root / name, source.origin, len(copied), size, found, views, tuple(warnings)

@@ -1,7 +1,7 @@
 """Training and novel views for a scene that has only its own camera.
 
 Candidates orbit around the middle of what the scene's own camera sees, in the free space that it
-stands in. Those without faults (:mod:`gpf.view_checks`) are chosen from by what they cover:
+stands in. Those without faults (:mod:`gpf.importing.view_checks`) are chosen from by what they cover:
 training views so that together they see as much as possible, novel views among those that see
 something that no training view does.
 """
@@ -18,12 +18,13 @@ import mitsuba as mi
 import numpy as np
 from scipy.stats import qmc
 
-from gpf.errors import UserError
-from gpf.progressive import PassSettings, propose_radius
-from gpf.reference import ReferenceRenderer
-from gpf.sensors import make_sensor
-from gpf.view_checks import COVERED_WITHIN, ViewReport, covered, report_views, spacing
-from gpf.views import CameraPath, Keyframe, SceneViews, View, ViewSets
+from gpf.core.errors import UserError
+from gpf.importing.preview import PHOTONS
+from gpf.importing.view_checks import COVERED_WITHIN, ViewReport, covered, report_views, spacing
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, ViewSets
+from gpf.sppm.passes import PassSettings, propose_radius
+from gpf.sppm.reference import ReferenceRenderer
 
 TRAINING, NOVEL, FRAMES = 3, 5, 24
 LEAST_NOVEL = 4
@@ -187,8 +188,8 @@ def propose_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8
     height = 48
     sensor = make_sensor(view, max(1, round(height * aspect)), height)
     points = report_views(scene, [view], aspect)[0].points
-    radius = 2 * propose_radius(scene, points, PassSettings.photons_per_pass)
-    settings = PassSettings(initial_radius=radius)
+    radius = 2 * propose_radius(scene, points, PHOTONS)
+    settings = PassSettings(photons_per_pass=PHOTONS, initial_radius=radius, direct="photons")
     renderer = ReferenceRenderer(scene, {view.name: sensor}, {}, settings, seed=0)
     renderer.run(passes)
     luminance = renderer.image(view.name) @ [0.2126, 0.7152, 0.0722]

@@ -11,17 +11,17 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.bounds import scene_bounds
-from gpf.errors import UserError
-from gpf.film import sample_film
-from gpf.initialization import propose_search_radius
-from gpf.photon_tracing import record_photons
-from gpf.pilot import trace_pilot
-from gpf.progressive import propose_radius
-from gpf.scene_info import scene_info, scene_materials
-from gpf.sensors import make_sensor
-from gpf.structs import Photons, VisiblePoints, to_numpy
-from gpf.views import View
+from gpf.camera.film import sample_film
+from gpf.core.errors import UserError
+from gpf.core.structs import Photons, VisiblePoints, to_numpy
+from gpf.field.initialization import propose_search_radius
+from gpf.guiding.pilot import trace_pilot
+from gpf.photons.tracing import record_photons
+from gpf.scene.bounds import scene_bounds
+from gpf.scene.inventory import scene_info, scene_materials
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
+from gpf.sppm.passes import propose_radius
 
 Use = Literal["queried", "traced through", "both", "unsupported"]
 

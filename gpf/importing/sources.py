@@ -10,7 +10,7 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from gpf.errors import UserError
+from gpf.core.errors import UserError
 
 MOST_FILES = 10_000
 MOST_BYTES = 4 * 2**30

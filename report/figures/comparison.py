@@ -25,7 +25,7 @@ from report.figures.pictures import (
 from report.figures.places import arriving_light, find_place, focused_light, typical_error
 from report.figures.sketch import Missing, Sketch
 from report.figures.style import WIDTH, canvas, styled, wrap
-from report.results import CEILING, FIELD, Results, SceneResults
+from report.results import FIELD, SECOND_REFERENCE, Results, SceneResults
 
 COLUMNS, FEWEST = 10, 5
 """At most so many pictures beside each other, and room for so many where there are fewer."""
@@ -177,7 +177,7 @@ def _explain(results: Results, scene: SceneResults, view: str, shown: Sequence[P
     reasons: dict[str, list[str]] = {}
     for method, title in results.methods.items():
         reason = scene.numbers(method).get("reason")
-        if reason and method != CEILING:
+        if reason and method != SECOND_REFERENCE:
             reasons.setdefault(reason, []).append(title)
     missing = [f"{'; '.join(titles)} ({reason})" for reason, titles in reasons.items()]
     without = f" Missing: {'; '.join(missing)}." if missing else ""

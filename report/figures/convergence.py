@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from matplotlib.axes import Axes
 
-from metrics.worth import Worth, worth_passes
+from metrics.equivalent_passes import EquivalentPasses, equivalent_passes
 from report.figures.sketch import Missing, Sketch
 from report.figures.style import (
     BLACK,
@@ -34,7 +34,7 @@ def draw_convergence(results: Results) -> Sketch:
             level = results.scene(scene).numbers(FIELD).get("psnr")
             _draw_panel(axes, curve, level)
             if level is not None:
-                worth = worth_passes(level, curve)
+                worth = equivalent_passes(level, curve)
                 words.append(f"{axes.get_title()}: {level:.1f} dB, as SPPM after {_tell(worth)}")
         put_legend(drawing, spare, gather_legend(panels))
     text = "; ".join(words)
@@ -48,7 +48,7 @@ def draw_convergence(results: Results) -> Sketch:
     return Sketch(drawing, alt, caption)
 
 
-def _tell(worth: Worth) -> str:
+def _tell(worth: EquivalentPasses) -> str:
     bound = {"<": "less than ", ">": "more than ", "": ""}[worth.bound]
     return f"{bound}{str(worth).strip('<>')} passes"
 
@@ -69,6 +69,6 @@ def _draw_panel(axes: Axes, curve: Mapping[int, float], level: float | None) -> 
         textcoords="offset points",
         va="top",  # above, the title is near; the curve begins far below
     )
-    worth = worth_passes(level, curve)
+    worth = equivalent_passes(level, curve)
     if not worth.bound:
         axes.plot(worth.passes, level, "*", color=BLACK, markersize=12, zorder=4)

@@ -11,10 +11,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import PowerNorm
 from matplotlib.patches import Rectangle
 
-from gpf.images import read_exr, tone_map
+from gpf.core.images import read_exr, tone_map
 from report.figures.sketch import Missing
 from report.figures.style import system_of
-from report.results import CEILING, FIELD, Results, SceneResults
+from report.results import FIELD, SECOND_REFERENCE, Results, SceneResults
 
 ERROR_MAP, LARGEST_ERROR = "magma", 0.25
 """Errors are differences of sRGB values; the colours get brighter with them in grey, too."""
@@ -55,7 +55,7 @@ def measured_views(scene: SceneResults, method: str) -> dict[str, float]:
 
 def maker_of(method: str) -> str:
     """The stage, with its option, that makes a method's images."""
-    own = {"reference": "reference", CEILING: "reference", FIELD: "render"}
+    own = {"reference": "reference", SECOND_REFERENCE: "reference", FIELD: "render"}
     return own.get(method, f"baseline --method {method}")
 
 
@@ -85,7 +85,7 @@ def best_of_each_system(results: Results, scene: SceneResults) -> list[str]:
     best: dict[str, tuple[float, str]] = {}
     for method in results.methods:
         psnr = scene.numbers(method).get("psnr")
-        if method == CEILING or psnr is None or not measured_views(scene, method):
+        if method == SECOND_REFERENCE or psnr is None or not measured_views(scene, method):
             continue
         system = system_of(results, method)
         best[system] = max(best.get(system, (float("-inf"), "")), (psnr, method))

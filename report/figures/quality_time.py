@@ -17,7 +17,7 @@ from report.figures.style import (
     small_multiples,
     styled,
 )
-from report.results import CEILING, FIELD, Results, SceneResults
+from report.results import FIELD, SECOND_REFERENCE, Results, SceneResults
 
 CURVE = "SPPM as for references, by passes"
 
@@ -33,7 +33,7 @@ def sppm_curve(scene: SceneResults) -> tuple[list[float], list[float]]:
 def draw_quality_time(results: Results) -> Sketch:
     """A panel for each scene with two methods or more."""
     table = results.quality.dropna(subset=["psnr", "seconds_per_view"])
-    table = table[(table["method"] != CEILING) & (table["seconds_per_view"] > 0)]
+    table = table[(table["method"] != SECOND_REFERENCE) & (table["seconds_per_view"] > 0)]
     scenes = [s for s in results.scenes if (table["scene"] == s).sum() > 1]
     if not scenes:
         raise Missing(

@@ -9,7 +9,7 @@ from pathlib import Path
 from matplotlib import rc_context
 from matplotlib.figure import Figure as Canvas
 
-from gpf.artifacts import write_atomically
+from gpf.core.files import write_atomically
 from report.figures.style import RC
 
 

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from report.results import CEILING, FIELD, Results
+from report.results import FIELD, SECOND_REFERENCE, Results
 
 WIDTH = 8.0
 """Inches across; a README shows them on some 880 pixels, where 8 points are 12 pixels."""
@@ -72,7 +72,7 @@ _SYSTEMS = {
     "anysplat": Mark("h", "#b8b020", 7.5),
 }
 _FIELD = Mark("*", BLACK, 13)
-_CEILING = Mark("o", STRONG)
+_SECOND_REFERENCE = Mark("o", STRONG)
 _OTHER = Mark("d", GREY, 7)
 _FILLINGS = ("full", "none", "left", "top")
 
@@ -92,7 +92,7 @@ def marks(results: Results) -> dict[str, dict[str, Any]]:
         system = system_of(results, method)
         row = rows[system] = rows.get(system, -1) + 1
         mark = _SYSTEMS.get(system, _OTHER)
-        mark = {FIELD: _FIELD, CEILING: _CEILING}.get(method, mark)
+        mark = {FIELD: _FIELD, SECOND_REFERENCE: _SECOND_REFERENCE}.get(method, mark)
         found[method] = {
             "marker": mark.marker,
             "color": mark.colour,

@@ -28,7 +28,7 @@ from report.figures.style import (
     system_of,
     wrap,
 )
-from report.results import CEILING, FIELD, Results
+from report.results import FIELD, SECOND_REFERENCE, Results
 
 RIVALS = ("sppm", "denoised")
 """Systems that are shown beside the field."""
@@ -103,7 +103,7 @@ def draw_teaser(results: Results) -> Sketch:
     corners = choose_places(pictures, reference, layers, size)[:2]
     shown = [*pictures, reference]
     seconds = {m: scene.cost(m, results.params).get("seconds_per_view") for m in choice.methods}
-    seconds["reference"] = scene.cost(CEILING, results.params).get("seconds_per_view")
+    seconds["reference"] = scene.cost(SECOND_REFERENCE, results.params).get("seconds_per_view")
     with styled():
         cell = WIDTH / len(shown)
         drawing = canvas(cell / scene.views.aspect + cell / len(corners) + 0.62)

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from gpf.images import read_exr
+from gpf.core.images import read_exr
 from report.figures.pictures import maker_of
 from report.page.pictures import Picture, encode, shrink
-from report.results import CEILING, FIELD, Results, SceneResults
+from report.results import FIELD, SECOND_REFERENCE, Results, SceneResults
 
 REFERENCE = "reference"
 NO_IMAGES = "its images are not among the files"
@@ -156,14 +156,14 @@ def read_image(results: Results, scene: SceneResults, method: str, view: str) ->
         return None
     layers, _ = read_exr(path, maker_of(method))
     # The second reference is kept at several numbers of passes.
-    name = f"sppm_{max(scene.convergence, default=0)}" if method == CEILING else "radiance"
+    name = f"sppm_{max(scene.convergence, default=0)}" if method == SECOND_REFERENCE else "radiance"
     return layers.get(name)
 
 
 def _titles(results: Results) -> dict[str, str]:
     """All methods in the order in which one leafs: what is right, the field, and the others."""
     titles = {REFERENCE: "Reference", FIELD: results.methods[FIELD]}
-    titles[CEILING] = f"Second reference: {results.methods[CEILING]}"
+    titles[SECOND_REFERENCE] = f"Second reference: {results.methods[SECOND_REFERENCE]}"
     return titles | {m: title for m, title in results.methods.items() if m not in titles}
 
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image
 
-from gpf.errors import UserError
-from gpf.images import tone_map
+from gpf.core.errors import UserError
+from gpf.core.images import tone_map
 
 if TYPE_CHECKING:
     from report.figures import Figure

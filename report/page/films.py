@@ -13,7 +13,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from gpf.errors import UserError
+from gpf.core.errors import UserError
 from report.page.books import Shelf, ViewMaker, make_books
 from report.page.embedding import to_uri
 from report.results import Results, SceneResults

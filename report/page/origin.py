@@ -9,7 +9,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from gpf.artifacts import read_json
+from gpf.core.files import read_json
 from report.results import Results
 
 UNKNOWN = "unknown"

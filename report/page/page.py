@@ -12,8 +12,8 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from gpf.artifacts import write_text
-from gpf.errors import UserError
+from gpf.core.errors import UserError
+from gpf.core.files import write_text
 from report.figures.pictures import ERRORS, LARGEST_ERROR
 from report.page.books import Book, Shelf, map_pictures, order_views, read_image
 from report.page.embedding import Embedded, embed_figure, embed_radiance

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpf.images import check_finite
+from gpf.core.images import check_finite
 
 PRECISION = 1 / 256
 """Relative error of a stored value, at most."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import inspect
 from dataclasses import dataclass
 
-from report.results import CEILING, FIELD, Results
+from report.results import FIELD, SECOND_REFERENCE, Results
 
 ABOUT = {
     FIELD: "The method of this project. Photons become Gaussians, which are fitted once to what "
     "many passes of SPPM give on the scene's surfaces. A camera path looks them up where it first "
     "meets something diffuse.",
-    CEILING: "A second reference: as many passes as the first has, but photons of its own. It "
+    SECOND_REFERENCE: "A second reference: as many passes as the first has, but photons of its own. It "
     "tells how close two references come to each other, and does not compete.",
     "path_tracer": "Mitsuba's path tracer: every camera path looks for the lamps by itself. "
     "Light that comes through glass or water is found by luck.",
@@ -48,7 +48,9 @@ def list_systems(results: Results) -> list[Entry]:
     entries: dict[str, Entry] = {}
     names = sorted(results.methods, key=lambda name: name != FIELD)
     for name in names:
-        system = name if name in (FIELD, CEILING) else results.params.baselines[name].system
+        system = (
+            name if name in (FIELD, SECOND_REFERENCE) else results.params.baselines[name].system
+        )
         missing = _missing(results, name)
         entry = entries.setdefault(f"{system} {missing}", Entry([], _about(results, name), missing))
         entry.titles.append(results.methods[name])
@@ -65,7 +67,7 @@ def _missing(results: Results, method: str) -> dict[str, list[str]]:
 
 def _about(results: Results, method: str) -> str:
     """The words above; of a system that they do not know, what its options say of it."""
-    if method in (FIELD, CEILING):
+    if method in (FIELD, SECOND_REFERENCE):
         return ABOUT[method]
     options = results.params.baselines[method]
     first = (inspect.getdoc(type(options)) or "").partition("\n")[0]

@@ -9,7 +9,7 @@ import pandas as pd
 
 from metrics.cost import GPF, SPPM
 from report.formats import join, significant
-from report.results import CEILING, FIELD, Results, SceneResults
+from report.results import FIELD, SECOND_REFERENCE, Results, SceneResults
 from report.tables.columns import QUALITY
 
 seconds_text = significant(2)
@@ -60,7 +60,7 @@ def describe_scene(results: Results, scene: SceneResults) -> SceneWords:
     per_view = cost.get("seconds_per_view", {})
     return SceneWords(
         psnr=f"{field['psnr']:.1f} dB" if "psnr" in field else "",
-        worth=_middle(_worths(scene)),
+        worth=_middle(_equivalent_passes(scene)),
         seconds=_seconds(per_view.get(GPF)),
         sppm_seconds=_seconds(per_view.get(SPPM)),
         preparation=_seconds(cost.get("preparation_seconds")),
@@ -72,7 +72,7 @@ def describe_scene(results: Results, scene: SceneResults) -> SceneWords:
 def find_defeats(results: Results, scene: str) -> list[Defeat]:
     """Numbers in which another method is better; the second reference competes in none."""
     frame = results.quality
-    frame = frame[(frame["scene"] == scene) & (frame["method"] != CEILING)]
+    frame = frame[(frame["scene"] == scene) & (frame["method"] != SECOND_REFERENCE)]
     field = frame[frame["method"] == FIELD]
     defeats = []
     for column in QUALITY:
@@ -96,7 +96,7 @@ def tell_victory(results: Results) -> str:
     missing: list[str] = []
     for column in QUALITY:
         known = results.quality.dropna(subset=[column.key])
-        others = known[~known["method"].isin([FIELD, CEILING])]["scene"]
+        others = known[~known["method"].isin([FIELD, SECOND_REFERENCE])]["scene"]
         field = known[known["method"] == FIELD]["scene"]
         both = set(others) & set(field)
         told = both and both >= set(results.scenes)
@@ -115,15 +115,15 @@ def _quality(results: Results) -> MainNumber | None:
         return None
     means = frame[frame["scene"].isin(scenes)].groupby("method")["psnr"].agg(["mean", "count"])
     full = means[means["count"] == len(scenes)]["mean"]
-    others = full.drop([FIELD, CEILING], errors="ignore")
+    others = full.drop([FIELD, SECOND_REFERENCE], errors="ignore")
     detail = []
     if not others.empty:
         best = str(others.idxmax())
         where = "" if len(scenes) == 1 else " of those measured in all of them"
         detail.append(f"the best other method{where}: {others[best]:.1f} dB")
         detail[-1] += f" ({results.methods[best]})"
-    if CEILING in full:
-        detail.append(f"a second reference: {full[CEILING]:.1f} dB")
+    if SECOND_REFERENCE in full:
+        detail.append(f"a second reference: {full[SECOND_REFERENCE]:.1f} dB")
     return MainNumber(
         f"{full[FIELD]:.1f}",
         "dB",
@@ -133,7 +133,7 @@ def _quality(results: Results) -> MainNumber | None:
 
 
 def _worth(results: Results) -> MainNumber | None:
-    values = [w for name in results.scenes for w in _worths(results.scene(name))]
+    values = [w for name in results.scenes for w in _equivalent_passes(results.scene(name))]
     if not values:
         return None
     values.sort(key=_worth_order)
@@ -185,8 +185,8 @@ def _over(scenes: int) -> str:
     return f", mean of {scenes} scenes" if scenes > 1 else ""
 
 
-def _worths(scene: SceneResults) -> list[str]:
-    found = scene.read("metrics", f"{FIELD}.json").get("worth_sppm_passes", {})
+def _equivalent_passes(scene: SceneResults) -> list[str]:
+    found = scene.read("metrics", f"{FIELD}.json").get("equivalent_sppm_passes", {})
     return sorted(found.values(), key=_worth_order)
 
 

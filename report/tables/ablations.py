@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from gpf.titles import variant_title
+from gpf.config.titles import variant_title
 from metrics.stage_costs import learning_seconds
 from report.formats import fixed, join, signed, significant, whole
 from report.paper import Variant, read_paper

@@ -20,6 +20,4 @@ QUALITY = (PSNR, SSIM, LPIPS, FLIP, HDR_FLIP, RELMSE)
 
 PAPER = "In brackets: what the paper reports."
 BEST = "Best in bold, second best underlined."
-CEILING_APART = (
-    "{ceiling}: a second, independent reference, which tells how far references agree; not ranked."
-)
+SECOND_REFERENCE_APART = "{second_reference}: a second, independent reference, which tells how far references agree; not ranked."

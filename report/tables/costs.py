@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from report.formats import join, significant
 from report.paper import read_paper
-from report.results import CEILING, FIELD, Results
+from report.results import FIELD, SECOND_REFERENCE, Results
 from report.table import Column, Row, Table
 from report.tables.columns import MEMORY, PAPER, PREPARATION, SECONDS, STORAGE
 from report.tables.quality import scenes_left_out
@@ -52,7 +52,7 @@ def cost_table(results: Results) -> Table:
                     values,
                     group=results.scene(scene).title,
                     reasons=_reasons(results, scene, method, values),
-                    competes=method != CEILING,
+                    competes=method != SECOND_REFERENCE,
                     ours=method == FIELD,
                 )
             )
@@ -92,13 +92,13 @@ def _row(results: Results, method: str, title: str, group: str) -> Row:
             reported[scene] = time
     if not values and len(set(reasons.values())) == 1:
         reasons = {"": next(iter(reasons.values()))}
-    return Row(title, values, reported, group, reasons, method != CEILING, method == FIELD)
+    return Row(title, values, reported, group, reasons, method != SECOND_REFERENCE, method == FIELD)
 
 
 def _methods(results: Results) -> dict[str, str]:
-    """All methods that some scene could have; the field and the ceiling last."""
+    """All methods that some scene could have; the field and the second reference last."""
     every = {m: t for s in results.scenes for m, t in results.methods_of(s).items()}
-    return {m: every[m] for m in sorted(every, key=lambda m: m in (FIELD, CEILING))}
+    return {m: every[m] for m in sorted(every, key=lambda m: m in (FIELD, SECOND_REFERENCE))}
 
 
 def _ratio(values: Mapping[str, float]) -> float | None:
@@ -118,7 +118,7 @@ def _reasons(
     keys = (PREPARATION.key, SECONDS.key, STORAGE.key, MEMORY.key)
     reasons = dict.fromkeys(keys, "its costs are not on file")
     reasons["times_path"] = f"the run did not time {PATH}"
-    if method == CEILING:
+    if method == SECOND_REFERENCE:
         reasons |= dict.fromkeys((STORAGE.key, MEMORY.key), "not measured of references")
         reasons[PREPARATION.key] = "SPPM needs none"
         reasons["times_path"] = f"references are not timed beside {PATH}"

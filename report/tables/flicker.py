@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gpf.titles import method_titles
+from gpf.config.titles import method_titles
 from report.formats import fixed, join
 from report.results import FIELD, Results
 from report.table import Column, Row, Table, Value

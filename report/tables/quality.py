@@ -7,15 +7,15 @@ from statistics import fmean
 
 from report.formats import join
 from report.paper import read_paper
-from report.results import CEILING, FIELD, Results
+from report.results import FIELD, SECOND_REFERENCE, Results
 from report.table import Column, Row, Table, Value
 from report.tables.columns import (
     BEST,
-    CEILING_APART,
     PAPER,
     PREPARATION,
     PSNR,
     QUALITY,
+    SECOND_REFERENCE_APART,
     SECONDS,
     STORAGE,
 )
@@ -164,7 +164,7 @@ def _row(
     group: str,
     reasons: Mapping[str, str],
 ) -> Row:
-    ours, competes = method == FIELD, method != CEILING
+    ours, competes = method == FIELD, method != SECOND_REFERENCE
     return Row(title, values, paper, group, reasons, competes, ours)
 
 
@@ -190,10 +190,10 @@ def _why_no_mean(results: Results, method: str, without: Sequence[str], key: str
 
 def _unmeasured_costs(method: str) -> dict[str, str]:
     """Why costs are missing of a method that has images."""
-    if method == CEILING:
+    if method == SECOND_REFERENCE:
         return {STORAGE.key: "of references only images are kept"}
     return dict.fromkeys((STORAGE.key, PREPARATION.key, SECONDS.key), "its costs are not on file")
 
 
 def _how_to_read(results: Results) -> str:
-    return f"{PAPER} {BEST} {CEILING_APART.format(ceiling=results.methods[CEILING])}"
+    return f"{PAPER} {BEST} {SECOND_REFERENCE_APART.format(second_reference=results.methods[SECOND_REFERENCE])}"

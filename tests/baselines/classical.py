@@ -9,8 +9,8 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.baselines.protocol import Task
-from gpf.sensors import make_sensor
-from gpf.views import View
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
 from tests.furnace import Scene, diffuse, floor, point_light
 
 SIZE = (8, 6)

@@ -8,7 +8,7 @@ import torch
 
 from gpf.baselines.pinhole import Pinhole, make_pinhole
 from gpf.baselines.protocol import Task, TrainingView
-from gpf.views import View
+from gpf.scene.views import View
 from tests.baselines.adapters import make_task
 
 SIZE = (20, 12)

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gpf.baselines.anysplat import CODE, Anysplat, make_picture
+from gpf.baselines.anysplat.baseline import CODE, Anysplat, make_picture
+from gpf.baselines.anysplat.predicted_splats import Prediction, draw, make_splats
+from gpf.baselines.anysplat.sim3 import Similarity
 from gpf.baselines.options import AnySplatOptions
 from gpf.baselines.pinhole import make_pinhole
-from gpf.baselines.predicted_splats import Prediction, draw, make_splats
 from gpf.baselines.protocol import CannotServe, TrainingView
-from gpf.baselines.sim3 import Similarity
-from gpf.images import tone_map, undo_tone_map
-from gpf.views import View
+from gpf.core.images import tone_map, undo_tone_map
+from gpf.scene.views import View
 from tests.baselines.adapters import STAND_INS, make_task, write_weights
 
 SIZE = (12, 8)

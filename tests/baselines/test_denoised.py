@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from gpf.baselines import denoised
-from gpf.baselines.denoised import Denoised
-from gpf.baselines.image_denoiser import ImageDenoiser
+from gpf.baselines.denoised.baseline import Denoised
+from gpf.baselines.denoised.oidn import ImageDenoiser
 from gpf.baselines.options import DenoisedOptions, PathTracerOptions
 from gpf.baselines.path_tracer import PathTracer
 from gpf.baselines.protocol import CannotServe
-from gpf.views import View
+from gpf.scene.views import View
 from tests.baselines.classical import task_for
 from tests.furnace import cornell_box
 

@@ -6,9 +6,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.denoising_guides import are_noisy, render_guides
-from gpf.sensors import make_sensor
-from gpf.views import View
+from gpf.baselines.denoised.guides import are_noisy, render_guides
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
 from tests.furnace import bitmap, diffuse, floor, lamp, rectangle, rgb, room
 
 # Straight down at the plane z = 0, of which it sees 2 x 1.5 around the origin.

@@ -11,12 +11,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.em_gmm import EmGmm, PreparedMixture, plane_thickness
-from gpf.baselines.mixture_density import MixtureDensity
+from gpf.baselines.em_gmm.baseline import EmGmm, PreparedMixture, plane_thickness
+from gpf.baselines.em_gmm.mixture_density import MixtureDensity
 from gpf.baselines.options import EmGmmOptions
 from gpf.baselines.protocol import CannotServe, Task
-from gpf.structs import to_numpy
-from gpf.views import View
+from gpf.core.structs import to_numpy
+from gpf.scene.views import View
 from tests.baselines.known_mixture import densities, known_mixture
 from tests.furnace import Scene, diffuse, floor, furnace, lamp, point_light, rgb
 

@@ -7,8 +7,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.fitting import Fit, Recorded, digest
-from gpf.training_settings import cosine_decay
+from gpf.baselines.neural.fitting import Fit, Recorded, digest
+from gpf.training.settings import cosine_decay
 
 
 def make_fit(step: int = 0) -> Fit:

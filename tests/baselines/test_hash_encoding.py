@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.hash_encoding import Cube, GridShape, HashGrid, Network
+from gpf.baselines.neural.hash_encoding import Cube, GridShape, HashGrid, Network
 
 # Half precision, which networks have on CUDA, is too coarse for differences.
 needs_llvm = pytest.mark.skipif(

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from gpf.baselines import fitting, instant_ngp
-from gpf.baselines.hash_encoding import GridShape
-from gpf.baselines.instant_ngp import InstantNgp, PreparedVolume
+from gpf.baselines.instant_ngp.baseline import InstantNgp, PreparedVolume
+from gpf.baselines.instant_ngp.radiance_volume import VolumeShape
+from gpf.baselines.neural.hash_encoding import GridShape
 from gpf.baselines.options import InstantNgpOptions
 from gpf.baselines.protocol import CannotServe, Task, TrainingView
-from gpf.baselines.radiance_volume import VolumeShape
-from gpf.sensors import make_sensor
-from gpf.views import View
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
 from metrics.image import psnr
 
 WIDTH, HEIGHT = 24, 20

@@ -7,7 +7,7 @@ import pytest
 
 from gpf.baselines.options import ParticleTracerOptions
 from gpf.baselines.particle_tracer import ParticleTracer
-from gpf.views import View
+from gpf.scene.views import View
 from tests.baselines.classical import ABOVE, INSIDE, floor_radiance, lit_floor, pane, task_for
 from tests.furnace import cornell_box, furnace
 

@@ -10,7 +10,7 @@ import pytest
 from gpf.baselines.options import PathTracerOptions
 from gpf.baselines.path_tracer import PathTracer
 from gpf.baselines.protocol import CannotServe
-from gpf.views import View
+from gpf.scene.views import View
 from tests.baselines.classical import ABOVE, INSIDE, floor_radiance, lit_floor, pane, task_for
 from tests.furnace import cornell_box, furnace
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gpf.baselines.pinhole import make_pinhole
-from gpf.sensors import make_sensor
-from gpf.views import View
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "diagonal", "smaller", "larger"])

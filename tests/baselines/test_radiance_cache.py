@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from gpf.baselines import fitting, radiance_cache
-from gpf.baselines.cached_irradiance import CacheShape
-from gpf.baselines.hash_encoding import GridShape
+from gpf.baselines.neural.hash_encoding import GridShape
 from gpf.baselines.options import RadianceCacheOptions
 from gpf.baselines.pinhole import make_pinhole
 from gpf.baselines.protocol import Task
-from gpf.baselines.radiance_cache import PreparedCache, RadianceCache
-from gpf.supervision import SURFACE, Targets
-from gpf.views import View
+from gpf.baselines.radiance_cache.baseline import PreparedCache, RadianceCache
+from gpf.baselines.radiance_cache.cached_irradiance import CacheShape
+from gpf.scene.views import View
+from gpf.training.targets import SURFACE, Targets
 
 WIDTH, HEIGHT = 8, 6
 STEPS = 500

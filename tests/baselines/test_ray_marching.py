@@ -5,10 +5,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.hash_encoding import Cube
-from gpf.baselines.occupancy_grid import TURNS, OccupancyGrid
-from gpf.baselines.pinhole import make_pinhole
-from gpf.baselines.ray_marching import (
+from gpf.baselines.instant_ngp.occupancy_grid import TURNS, OccupancyGrid
+from gpf.baselines.instant_ngp.ray_marching import (
     Rays,
     Samples,
     clip_rays,
@@ -16,7 +14,9 @@ from gpf.baselines.ray_marching import (
     composite_adjoint,
     take_samples,
 )
-from gpf.views import View
+from gpf.baselines.neural.hash_encoding import Cube
+from gpf.baselines.pinhole import make_pinhole
+from gpf.scene.views import View
 
 SIDE, STEP = 6, 0.013
 ZERO, ONE = mi.Point3f(0), mi.Point3f(1)

@@ -17,9 +17,9 @@ import pytest
 
 from gpf.baselines.options import RenderFormerOptions
 from gpf.baselines.protocol import CannotServe
-from gpf.baselines.renderformer import CODE, Renderformer, crop, supersampling
-from gpf.sensors import make_sensor
-from gpf.views import View
+from gpf.baselines.renderformer.baseline import CODE, Renderformer, crop, supersampling
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
 from tests.baselines.adapters import STAND_INS, make_task, write_weights
 from tests.furnace import diffuse, floor, lamp, rectangle
 

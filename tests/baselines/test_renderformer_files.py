@@ -9,7 +9,7 @@ import pytest
 
 from gpf.baselines.pinhole import make_pinhole
 from gpf.baselines.protocol import CannotServe
-from gpf.baselines.renderformer_files import (
+from gpf.baselines.renderformer.files import (
     IRRADIANCE,
     find_placement,
     mean_irradiance,
@@ -17,8 +17,8 @@ from gpf.baselines.renderformer_files import (
     split_lights,
     write_scene,
 )
-from gpf.baselines.triangle_scene import Triangles
-from gpf.views import View
+from gpf.baselines.renderformer.triangle_scene import Triangles
+from gpf.scene.views import View
 
 
 def a_floor_and_lamps(radiance: np.ndarray) -> Triangles:

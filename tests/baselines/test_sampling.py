@@ -8,8 +8,8 @@ import pytest
 
 from gpf.baselines.protocol import CannotServe
 from gpf.baselines.sampling import own_camera
-from gpf.parted_rendering import render_in_parts, split_samples
-from gpf.sensors import make_sensor
+from gpf.rendering.batches import render_in_batches, split_samples
+from gpf.scene.sensors import make_sensor
 from tests.baselines.classical import INSIDE, SIZE, lit_floor, task_for
 from tests.furnace import camera, furnace
 
@@ -34,7 +34,7 @@ def test_parts_are_independent_of_each_other():
     sensor = make_sensor(INSIDE, *SIZE)
 
     def images(largest: int) -> np.ndarray:
-        return np.stack([render_in_parts(scene, path, sensor, 7, k, largest) for k in range(40)])
+        return np.stack([render_in_batches(scene, path, sensor, 7, k, largest) for k in range(40)])
 
     whole, parts = images(1 << 26), images(2 * 48)
     assert parts.shape == (40, 6, 8, 3)
@@ -51,7 +51,7 @@ def test_parts_weigh_what_they_have(monkeypatch):
 
     monkeypatch.setattr(mi, "render", fake)
     sensor = make_sensor(INSIDE, *SIZE)
-    image = render_in_parts(None, None, sensor, 5, seed=1, largest=3 * 48)
+    image = render_in_batches(None, None, sensor, 5, seed=1, largest=3 * 48)
     np.testing.assert_allclose(image, np.full((6, 8, 3), (2 * 2 + 3 * 3) / 5), rtol=1e-6)
 
 

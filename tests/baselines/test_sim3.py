@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gpf.baselines.anysplat.sim3 import Similarity, align_cameras, align_points
 from gpf.baselines.pinhole import make_pinhole
-from gpf.baselines.sim3 import Similarity, align_cameras, align_points
-from gpf.views import View
+from gpf.scene.views import View
 
 TRUE = Similarity(
     0.37, Rotation.from_euler("xyz", [40, -110, 15], degrees=True).as_matrix(), np.array([1, -2, 3])

@@ -10,8 +10,8 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from gpf.baselines.pinhole import Pinhole
-from gpf.baselines.splat_compositing import DENSEST, Compositor
-from gpf.baselines.splat_projection import (
+from gpf.baselines.splatting.compositing import DENSEST, Compositor
+from gpf.baselines.splatting.projection import (
     BLUR,
     FAINTEST,
     Projector,
@@ -19,8 +19,8 @@ from gpf.baselines.splat_projection import (
     harmonics,
     project,
 )
-from gpf.baselines.splat_rasteriser import NAMES, Rasteriser
-from gpf.baselines.splat_tiles import TILE, sort_into_tiles
+from gpf.baselines.splatting.rasteriser import NAMES, Rasteriser
+from gpf.baselines.splatting.tiles import TILE, sort_into_tiles
 from tests.baselines.splat_cases import SIZE, place_camera, random_splats
 
 
@@ -128,7 +128,7 @@ def test_gradients_equal_finite_differences(name, monkeypatch):
 
 def test_gradients_of_centres_are_per_pixel(monkeypatch):
     """What the rule of densification goes by."""
-    monkeypatch.setattr("gpf.baselines.splat_compositing.FAINTEST", 1e-6)
+    monkeypatch.setattr("gpf.baselines.splatting.compositing.FAINTEST", 1e-6)
     splats, camera = random_splats(30, degree=0), place_camera()
     adjoint = np.random.default_rng(1).normal(size=3 * SIZE[0] * SIZE[1])
     drawing = Rasteriser(SIZE).draw(splats, camera, 0)

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from gpf.baselines.protocol import CannotServe
-from gpf.baselines.triangle_budget import fit_budget, shade, simplify, subdivide
-from gpf.baselines.triangle_materials import read_material
-from gpf.baselines.triangle_scene import (
+from gpf.baselines.renderformer.triangle_budget import fit_budget, shade, simplify, subdivide
+from gpf.baselines.renderformer.triangle_materials import read_material
+from gpf.baselines.renderformer.triangle_scene import (
     Surface,
     Triangles,
     facet_normals,

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.importing.importer import ImportReport, import_scene
-from gpf.views import SceneViews, View, ViewSets
+from gpf.scene.views import SceneViews, View, ViewSets
 
 SCENE = """\
 <?xml version="1.0" encoding="utf-8"?>

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from gpf.guiding.pilot import trace_pilot
 from gpf.importing.description import print_report
 from gpf.importing.report import Material, examine_scene, list_materials
-from gpf.pilot import trace_pilot
-from gpf.scene_folders import list_scenes, load_views
-from gpf.scene_freezing import freeze_scene
-from gpf.scenes import load_scene
-from gpf.views import View
+from gpf.scene.folders import list_scenes, load_views
+from gpf.scene.load import load_scene
+from gpf.scene.snapshot import freeze_scene
+from gpf.scene.views import View
 from tests.importing.foreign_scene import SCENE, bring, files_of, pack
 
 ORIGINALS = Path(__file__).parents[3] / "shared/scenes"
@@ -198,7 +198,7 @@ def test_remarks_on_what_behaves_unexpectedly():
     ("kind", "share"), [("null", 1.0), ("polarizer", 0.5), ("circular", 0.5), ("retarder", 1.0)]
 )
 def test_the_remarks_on_filters_are_true(kind, share):
-    from gpf.photon_tracing import record_photons
+    from gpf.photons.tracing import record_photons
 
     down = mi.ScalarTransform4f().look_at([0, 0, 1], [0, 0, 0], [0, 1, 0])
     scene = mi.load_dict(

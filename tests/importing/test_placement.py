@@ -4,10 +4,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.errors import UserError
+from gpf.core.errors import UserError
 from gpf.importing.placement import Orbit, place_views, propose_exposure
-from gpf.view_checks import report_views
-from gpf.views import View
+from gpf.importing.view_checks import report_views
+from gpf.scene.views import View
 
 T = mi.ScalarTransform4f
 OWN = View(name="own", origin=(0, 0, 3.9), target=(0, 0, 2.9), fov=39.3)

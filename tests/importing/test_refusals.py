@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from gpf.errors import UserError
+from gpf.core.errors import UserError
 from gpf.importing import sources
 from gpf.importing.importer import import_scene
-from gpf.views import SceneViews
+from gpf.scene.views import SceneViews
 from tests.importing.foreign_scene import LIGHT, MESH, SCENE, bring, files_of, pack
 
 

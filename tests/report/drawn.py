@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from gpf.artifacts import write_json, write_text
-from gpf.config import Params
-from gpf.images import tone_map, write_exr
+from gpf.config.params import Params
+from gpf.core.files import write_json, write_text
+from gpf.core.images import tone_map, write_exr
 from report.figures.sketch import Sketch, save
 from report.results import NUMBERS, Results
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import pandas as pd
 
-from gpf.artifacts import read_json, write_json
-from gpf.config import Params
+from gpf.config.params import Params
+from gpf.core.files import read_json, write_json
 from report.results import NUMBERS, Results
 from report.tables import make_tables
 
@@ -58,12 +58,12 @@ def make_results(root: Path, **changes: Any) -> Results:
     params, numbers = made_up_params(**changes), _numbers()
     for scene in (BOX, WATER):
         folder = root / scene
-        for method in ("path_10", "path_50", "sppm_3", "gpf", "ceiling", "splatting_3"):
+        for method in ("path_10", "path_50", "sppm_3", "gpf", "second_reference", "splatting_3"):
             if method == "splatting_3" and scene == BOX:
                 continue
             mean = {key: next(numbers) for key in NUMBERS}
             write_json(folder / "metrics" / f"{method}.json", {"mean": mean, "reasons": {}})
-            if method not in ("gpf", "ceiling"):
+            if method not in ("gpf", "second_reference"):
                 facts = _facts(numbers) | {"storage_megabytes": next(numbers)}
                 if method.startswith("path"):
                     facts["storage_megabytes"] = 0.0
@@ -82,7 +82,7 @@ def make_results(root: Path, **changes: Any) -> Results:
         facts = {f"seconds_per_{kind}_pass": next(numbers) / 10 for kind in kinds}
         write_json(folder / "costs" / "reference.json", {"facts": facts, "parts": {}})
         write_json(folder / "amortize.json", {"preparation_seconds": next(numbers)})
-        last = read_json(folder / "metrics" / "ceiling.json", "metrics")["mean"]["psnr"]
+        last = read_json(folder / "metrics" / "second_reference.json", "metrics")["mean"]["psnr"]
         curve = {1: next(numbers), 3: next(numbers), 10: next(numbers), 30: last}
         rows = [{"passes": passes, "psnr": psnr} for passes, psnr in curve.items()]
         write_json(folder / "convergence.json", rows)

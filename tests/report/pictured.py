@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from gpf.artifacts import read_json, write_json, write_text
-from gpf.images import write_exr
+from gpf.core.files import read_json, write_json, write_text
+from gpf.core.images import write_exr
 from report.figures.sketch import Figure
 from report.results import Results
 from tests.report.made_up import BOX, WATER, make_results
@@ -61,7 +61,9 @@ def make_figure(folder: Path, name: str, size: int = 40) -> Figure:
 
 def _write(results: Results, scene: str, method: str, view: str, width: int, height: int) -> None:
     path = results.scene(scene).image(method, view)
-    layer = f"sppm_{results.params.reference.passes}" if method == "ceiling" else "radiance"
+    layer = (
+        f"sppm_{results.params.reference.passes}" if method == "second_reference" else "radiance"
+    )
     write_exr(path, {layer: radiance(method, view, width, height)}, {"view": view})
 
 
@@ -75,7 +77,7 @@ def _write_cost(folder: Path) -> None:
     cost |= {"seconds_per_view": {"GPF": 0.5, "SPPM": 20.0}}
     write_json(folder / "amortize.json", cost)
     gpf = read_json(folder / "metrics" / "gpf.json", "metrics")
-    gpf["worth_sppm_passes"] = {"above": "17", "below": "<3", "inside": ">30"}
+    gpf["equivalent_sppm_passes"] = {"above": "17", "below": "<3", "inside": ">30"}
     write_json(folder / "metrics" / "gpf.json", gpf)
 
 

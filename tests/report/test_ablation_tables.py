@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from gpf.artifacts import read_json
+from gpf.core.files import read_json
 from report.results import Results
 from report.tables.ablations import ablation_tables
 from tests.report.made_up import BOX, WATER, edit, make_results

@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from gpf.artifacts import read_json, write_json
+from gpf.core.files import read_json, write_json
 from report.figures.comparison import draw_comparison
 from report.figures.convergence import draw_convergence
 from report.figures.cumulative_cost import draw_cumulative_cost

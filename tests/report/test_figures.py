@@ -9,7 +9,7 @@ import pytest
 from matplotlib.text import Text
 from PIL import Image
 
-from gpf.artifacts import read_json, write_json
+from gpf.core.files import read_json, write_json
 from report.figures import draw_figures
 from report.figures.comparison import draw_comparison
 from report.figures.convergence import draw_convergence
@@ -112,7 +112,7 @@ def shown_texts(canvas) -> list[Text]:
 
 def test_methods_differ_in_more_than_colour(results):
     styles = marks(results)
-    shapes = [(s["marker"], s["fillstyle"]) for m, s in styles.items() if m != "ceiling"]
+    shapes = [(s["marker"], s["fillstyle"]) for m, s in styles.items() if m != "second_reference"]
     assert len(shapes) == len(METHODS) + 1 and len(set(shapes)) == len(shapes)
 
 

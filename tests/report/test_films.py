@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gpf.artifacts import write_json
-from gpf.errors import UserError
+from gpf.core.errors import UserError
+from gpf.core.files import write_json
 from report.page import write_page
 from report.page.books import make_books
 from report.page.films import halve, open_films, share_room

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from gpf.artifacts import write_json
+from gpf.core.files import write_json
 from report.results import Results
 from report.tables.flicker import NOISE, flicker_table
 from tests.report.made_up import BOX, WATER, made_up_params

@@ -10,8 +10,8 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from gpf.artifacts import read_json, write_json
-from gpf.errors import UserError
+from gpf.core.errors import UserError
+from gpf.core.files import read_json, write_json
 from report.figures.sketch import Figure
 from report.page import write_page
 from report.page.books import make_books, order_views
@@ -144,7 +144,9 @@ def test_tables_figures_reasons_and_origin_are_there(made):
     ):
         assert words in page.text, words
     seeds = page.text[page.text.index("Seeds ") :]
-    assert re.match(r"Seeds outlook 5 reference 1 photons 2 train 3 stream 6 render 4 ", seeds)
+    assert re.match(
+        r"Seeds visible region 5 reference 1 photons 2 train 3 stream 6 render 4 ", seeds
+    )
 
 
 def test_flip_books_hold_what_was_rendered(made):
@@ -154,7 +156,7 @@ def test_flip_books_hold_what_was_rendered(made):
     for book in content["books"]:
         assert [view["name"] for view in book["views"]] == ["above", "below", "inside"]
         methods = [m["name"] for m in book["methods"]]
-        assert methods[:3] == ["reference", "gpf", "ceiling"]
+        assert methods[:3] == ["reference", "gpf", "second_reference"]
         assert ("splatting_3" in methods) == (book["scene"] == WATER)
         assert book["exposure"] == 1.5 and book["start"] == "gpf"
     for view in content["books"][1]["views"]:
@@ -256,7 +258,7 @@ def test_where_the_field_is_beaten_is_told(tmp_path):
     assert find_defeats(results, BOX) == []
     edit(files / "gpf.json", mean__psnr=19.996)  # reads the same
     edit(files / "path_50.json", mean__lpips=0.4)
-    edit(files / "ceiling.json", mean__ssim=0.99)  # does not compete
+    edit(files / "second_reference.json", mean__ssim=0.99)  # does not compete
     results = type(results)(results.params, results.root)
     (defeat,) = find_defeats(results, BOX)
     assert (defeat.number, defeat.field) == ("LPIPS", "0.500")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpf.images import tone_map
+from gpf.core.images import tone_map
 from report.figures.pictures import ERRORS
 from report.page import write_page
 from report.page.pictures import to_codes, to_radiance
@@ -98,7 +98,7 @@ def test_the_picture_is_what_was_rendered(book):
 def test_numbers_and_arrows_switch_methods(book):
     for key, method in {
         "1": "reference",
-        "3": "ceiling",
+        "3": "second_reference",
         "ArrowLeft": "gpf",
         "4": "path_10",
     }.items():

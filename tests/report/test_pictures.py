@@ -8,7 +8,7 @@ import zlib
 import numpy as np
 import pytest
 
-from gpf.errors import UserError
+from gpf.core.errors import UserError
 from report.page.pictures import PRECISION, encode, shrink, to_codes, to_radiance
 
 SHAPE = (5, 7, 3)

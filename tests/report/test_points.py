@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from gpf.artifacts import write_json
+from gpf.core.files import write_json
 from report.points import Point, extrapolate, measured_points
 from report.results import Results
 from report.tables.equal import equal_quality_table, equal_time_table

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from gpf.config import read_params
-from gpf.errors import UserError
+from gpf.config.params import read_params
+from gpf.core.errors import UserError
 from report.results import Results
-from stages.profiles import apply_profile
+from stages.commands.profiles import apply_profile
 
 PROJECT = Path(__file__).parents[2]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gpf.errors import UserError
+from gpf.core.errors import UserError
 from report.figures.sketch import Figure
 from report.results import Results
 from stages import report as stage

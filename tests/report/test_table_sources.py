@@ -50,7 +50,7 @@ def test_every_number_is_of_a_file(results):
     known = {number for data in files.values() for number in leaves(data)}
     # What a table may make of them: means over scenes, time per view, per unit and per pass,
     # differences to the default. Extrapolations are marked, and tested elsewhere.
-    for method in ("path_10", "path_50", "sppm_3", "gpf", "ceiling"):
+    for method in ("path_10", "path_50", "sppm_3", "gpf", "second_reference"):
         means = [
             files[results.root / s / "metrics" / f"{method}.json"]["mean"] for s in (BOX, WATER)
         ]

@@ -79,12 +79,12 @@ def test_scenes_that_were_not_asked_for_have_no_row(results):
     assert list(glance.columns[:2]) == ["method", BOX] and len(glance) == 6
 
 
-def test_the_ceiling_and_no_bytes_are_not_ranked(results):
+def test_the_second_reference_and_no_bytes_are_not_ranked(results):
     for scene in (BOX, WATER):
-        edit(results.root / scene / "metrics" / "ceiling.json", mean__psnr=99.0)
+        edit(results.root / scene / "metrics" / "second_reference.json", mean__psnr=99.0)
     frame = tables_of(results)["table_1"].frame
-    ceiling = frame[frame["method"] == "SPPM, 30 passes"]
-    assert (ceiling["psnr"] == 99).all() and ceiling["psnr_rank"].isna().all()
+    second = frame[frame["method"] == "SPPM, 30 passes"]
+    assert (second["psnr"] == 99).all() and second["psnr_rank"].isna().all()
     assert frame[frame["storage_mb"] == 0]["storage_mb_rank"].isna().all()
     for scene in ("Cornell Box", "Water Caustic"):
         ranked = frame[(frame["scene"] == scene) & frame["psnr_rank"].notna()]

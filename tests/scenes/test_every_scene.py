@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from gpf import scene_folders, scene_freezing, scenes
-from gpf.sensors import make_sensor
-from gpf.view_checks import covered, report_views, spacing
+from gpf.importing.view_checks import covered, report_views, spacing
+from gpf.scene.sensors import make_sensor
 
 PROJECT = Path(__file__).parents[2]
 NAMES = scene_folders.list_scenes(PROJECT / "scenes")

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from gpf import scenes
-from gpf.importing.sensors import views_of_sensors
-from gpf.progressive import PassSettings
-from gpf.reference import ReferenceRenderer
-from gpf.sensors import make_sensor
+from gpf.scene.sensors import make_sensor, views_of_sensors
+from gpf.sppm.passes import PassSettings
+from gpf.sppm.reference import ReferenceRenderer
 
 ORIGINALS = Path(__file__).parents[3] / "shared/scenes"
 BLOCKS = 8

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gpf import scene_folders, scene_freezing, scenes
-from gpf.sensors import make_sensor
+from gpf.scene.sensors import make_sensor
 
 SCENES = Path(__file__).parents[2] / "scenes"
 

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from gpf import scene_freezing, scenes
-from gpf.photon_tracing import record_photons
+from gpf.photons.tracing import record_photons
 
 NAME = "water_caustic_2"
 SOURCE = Path(__file__).parents[2] / "scenes" / NAME

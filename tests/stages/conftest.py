@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from stages.cli import OF_ALL_SCENES, main
-from stages.profiles import apply_profile
+from gpf.cli import OF_ALL_SCENES, main
+from stages.commands.profiles import apply_profile
 from tests.stages.results import SMOKE_STAGES
 
 PROJECT = Path(__file__).parent.parent.parent
@@ -29,7 +29,7 @@ SCENE = "cornell_box"
 HEARING = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from stages.cli import main
+from gpf.cli import main
 main()
 """
 
@@ -171,7 +171,7 @@ def environment() -> Callable[..., dict[str, str]]:
 @pytest.fixture
 def no_probe(monkeypatch):
     """The passes that are only timed would be counted, too."""
-    monkeypatch.setattr("stages.pass_times.compile_passes", lambda renderers: None)
+    monkeypatch.setattr("stages.references.pass_times.compile_passes", lambda renderers: None)
     monkeypatch.setattr(
-        "stages.pass_times.time_passes", lambda renderers, *_: np.ones(len(renderers))
+        "stages.references.pass_times.time_passes", lambda renderers, *_: np.ones(len(renderers))
     )

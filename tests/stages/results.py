@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from gpf.artifacts import read_tensors
-from gpf.images import read_exr
-from stages.cli import STAGES
+from gpf.cli import STAGES
+from gpf.core.files import read_tensors
+from gpf.core.images import read_exr
 
 # With `smoke`, no camera path is animated.
 SMOKE_STAGES = tuple(stage for stage in STAGES if stage != "animate")

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gpf.artifacts import read_json
-from gpf.field_files import read_field
+from gpf.core.files import read_json
+from gpf.field.io import read_field
 from tests.stages.results import NOVEL, files_below
 
 ROWS = {
@@ -158,7 +158,7 @@ def test_all_that_are_listed_run_one_after_another(project, monkeypatch, broken)
         called.append(command)
         return SimpleNamespace(returncode=2 if command[-2] == broken else 0)
 
-    monkeypatch.setattr("stages.apart.subprocess.run", run)
+    monkeypatch.setattr("stages.common.subprocesses.subprocess.run", run)
     project.edit("params.yaml", ablations__run=["few", "all"])
     outcome = project.stage("ablation")
     assert [command[-3:-1] for command in called] == [["--variant", "few"], ["--variant", "all"]]

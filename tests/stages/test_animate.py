@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gpf.artifacts import read_json, write_text
-from gpf.images import read_exr, tone_map, write_exr
-from gpf.views import read_views
+from gpf.core.files import read_json, write_text
+from gpf.core.images import read_exr, tone_map, write_exr
+from gpf.scene.views import read_views
 from metrics.flicker import change_of_noise
-from stages.frame_points import SeenPoints
+from stages.animation.frame_points import SeenPoints
 from tests.stages.results import files_below
 
 FRAMES = 3
@@ -202,7 +202,7 @@ def test_the_noise_of_references_is_that_of_the_same_kinds_of_pixels(walked, mon
         ways = (np.broadcast_to(half, (height, width)) for half in (left, right))
         return SeenPoints(points, *ways)
 
-    monkeypatch.setattr("stages.frame_flicker.see_points", see)
+    monkeypatch.setattr("stages.animation.frame_flicker.see_points", see)
     views = read_views(walked.results / "views.yaml")
     error = np.where(left, 0.001, np.where(right, 0.002, 5.0))[None, :, None]
     layers = {"radiance": np.full((16, 20, 3), 0.3), "standard_error": error * np.ones((16, 20, 3))}

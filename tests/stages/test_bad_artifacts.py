@@ -11,7 +11,7 @@ import pytest
 from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 
-from gpf.images import read_exr, write_exr
+from gpf.core.images import read_exr, write_exr
 from tests.stages.results import assert_refused
 
 XML = "scenes/cornell_box/scene.xml"
@@ -90,7 +90,7 @@ ARTIFACTS = [
     ("train", "photons.safetensors", "photons"),
     ("render", "field.safetensors", "train"),
     ("metrics", "reference/above.exr", "reference"),
-    ("metrics", "ceiling/inside.exr", "reference"),
+    ("metrics", "second_reference/inside.exr", "reference"),
     ("metrics", "renders/gpf/floor.exr", "render"),
 ]
 
@@ -199,4 +199,6 @@ def test_images_of_another_size(finished):
 
 def test_references_of_another_number_of_passes(finished):
     finished.edit("params.yaml", reference__passes=5)
-    assert_refused(finished, "metrics", r"ceiling.*passes.*asks for 5.*gpf stage reference")
+    assert_refused(
+        finished, "metrics", r"second_reference.*passes.*asks for 5.*gpf stage reference"
+    )

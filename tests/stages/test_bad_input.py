@@ -111,7 +111,7 @@ def test_in_a_process_of_its_own(finished, environment):
     finished.edit("params.yaml", field__k=0)
     before = finished.snapshot()
     done = subprocess.run(
-        [sys.executable, "-m", "stages.cli", "stage", "train", "--scene", "cornell_box"],
+        [sys.executable, "-m", "gpf.cli", "stage", "train", "--scene", "cornell_box"],
         cwd=finished.folder,
         env=environment(),
         capture_output=True,
@@ -229,7 +229,7 @@ def test_training_views_that_see_nothing_diffuse(finished):
     outcome = finished.stage("reference")
     assert outcome.code == 2
     assert "training views: see no diffuse surface. Point them at one" in outcome.text
-    finished.edit("params.yaml", outlook__use=False)
+    finished.edit("params.yaml", visible_region__use=False)
     assert finished.stage("reference").code == 0
     assert_refused(
         finished,

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from gpf.artifacts import read_json, write_text
 from gpf.baselines.protocol import CannotServe, Task
-from gpf.images import read_exr
+from gpf.core.files import read_json, write_text
+from gpf.core.images import read_exr
 
 
 @dataclass
@@ -62,7 +62,7 @@ def test_images_costs_and_numbers(built):
     assert 100 < cost["facts"]["peak_memory_megabytes"] < 20_000
     assert 0 < cost["facts"]["path_seconds"] < 10
     summary = read_json(built.results / "summary.json", "metrics")
-    assert list(summary) == ["ceiling", "gpf", "path_10"]
+    assert list(summary) == ["gpf", "path_10", "second_reference"]
     assert 5 < summary["path_10"]["psnr"] < 40
 
 
@@ -103,7 +103,10 @@ def test_training_views_without_images(finished):
 def test_a_method_that_is_not_listed_any_more_has_no_numbers(finished):
     finished.edit("params.yaml", methods__classical=[])
     assert finished.stage("metrics").code == 0
-    assert set(read_json(finished.results / "summary.json", "metrics")) == {"gpf", "ceiling"}
+    assert set(read_json(finished.results / "summary.json", "metrics")) == {
+        "gpf",
+        "second_reference",
+    }
     assert not (finished.results / "metrics" / "path_10.json").exists()
 
 

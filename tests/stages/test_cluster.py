@@ -10,8 +10,8 @@ from contextlib import chdir
 
 import pytest
 
-from stages.cluster import pack
-from stages.workspace import Workspace
+from stages.common.workspace import Workspace
+from stages.references.cluster import pack
 
 
 def test_what_travels_is_enough_and_no_more(built):

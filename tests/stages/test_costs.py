@@ -9,8 +9,8 @@ import drjit as dr
 import mitsuba as mi
 import pytest
 
-from gpf.errors import UserError
-from stages.costs import KINDS, CostMeter
+from gpf.core.errors import UserError
+from stages.common.costs import KINDS, CostMeter
 
 
 def busy(seconds: float) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
-
-from gpf.config import Params, read_params
-from stages.cli import OF_ALL_SCENES, STAGES
 from stages.code import files_of_baseline, files_of_scene, files_of_stage
 from stages.imports import PACKAGES
+
+from gpf.cli import OF_ALL_SCENES, STAGES
+from gpf.config.params import Params, read_params
 from tests.stages.results import SMOKE_STAGES
 
 PROJECT = Path(__file__).parent.parent.parent
@@ -183,7 +183,7 @@ def test_every_parameter_that_a_stage_reads_is_declared(stage):
     if declared is None:  # all of them
         return
     # What Workspace reads is read by the names in BEHIND.
-    own = needed_by(stage) - {"stages/workspace.py"}
+    own = needed_by(stage) - {"stages/common/workspace.py"}
     files = [stage_file(stage), *(file for file in own if file.startswith("stages/"))]
     reads = set().union(*(read_params_of(file) for file in files))
     assert "runtime" in reads
@@ -202,9 +202,9 @@ def test_systems_that_depend_on_the_fields_training_are_of_no_other_list(stage):
 
 
 def test_the_reader_of_parameters_sees_them():
-    assert "train.steps" in read_params_of("stages/train_settings.py")
-    assert "field.anisotropic" in read_params_of("stages/train_settings.py")
-    assert {"reference.surface_points", "film"} <= read_params_of("stages/groups.py")
+    assert "train.steps" in read_params_of("stages/training/settings.py")
+    assert "field.anisotropic" in read_params_of("stages/training/settings.py")
+    assert {"reference.surface_points", "film"} <= read_params_of("stages/references/groups.py")
     assert "reference.passes" in read_params_of("stages/amortize.py")
 
 
@@ -258,4 +258,4 @@ def test_expensive_outputs_survive_a_rerun():
         for name, options in entry.items()
         if options.get("persist")
     }
-    assert {f"results/${{item}}/{name}" for name in ("reference", "ceiling")} <= persist
+    assert {f"results/${{item}}/{name}" for name in ("reference", "second_reference")} <= persist

@@ -6,12 +6,12 @@ import re
 
 import numpy as np
 import pytest
-
-from gpf.artifacts import read_tensors, write_tensors
-from gpf.field import FieldSettings
-from gpf.field_files import StoredField, read_field, write_field
-from tests.plain_field import random_gaussians
 from tests.test_splat_ply import columns, read_ply
+
+from gpf.core.files import read_tensors, write_tensors
+from gpf.field.field import FieldSettings
+from gpf.field.io import StoredField, read_field, write_field
+from tests.plain_field import random_gaussians
 
 FIELD = "results/cornell_box/field.safetensors"
 COUNT = 3000

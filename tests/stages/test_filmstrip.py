@@ -10,9 +10,9 @@ import pytest
 from imageio_ffmpeg import get_ffmpeg_exe
 from PIL import Image
 
-from gpf.errors import UserError
+from gpf.core.errors import UserError
 from stages import filmstrip
-from stages.filmstrip import BLANK, GAP, Reel, compose, film_panel, picture_panel
+from stages.animation.filmstrip import BLANK, GAP, Reel, compose, film_panel, picture_panel
 
 RED, BLUE = (200, 30, 30), (20, 40, 220)
 PANEL = 120, 80

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.pass_times import compile_passes, time_passes
+from stages.references.pass_times import compile_passes, time_passes
 
 
 class Clock:
@@ -32,7 +32,7 @@ class Renderer:
 @pytest.fixture
 def clock(monkeypatch):
     clock = Clock()
-    monkeypatch.setattr("stages.pass_times.time", clock)
+    monkeypatch.setattr("stages.references.pass_times.time", clock)
     return clock
 
 

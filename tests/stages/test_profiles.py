@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
-from gpf.config import Params, read_params
-from gpf.errors import UserError
-from stages.profiles import EVERY, apply_profile, read_profiles
+from gpf.config.params import Params, read_params
+from gpf.core.errors import UserError
+from stages.commands.profiles import EVERY, apply_profile, read_profiles
 
 PROJECT = Path(__file__).parent.parent.parent
 NAMES = ("smoke", "desk", "full", "paper")

@@ -6,8 +6,8 @@ import os
 
 import pytest
 
-from gpf.errors import UserError
-from stages.publishing import make_ready, settle
+from gpf.core.errors import UserError
+from stages.common.publishing import make_ready, settle
 
 
 def write(folder):

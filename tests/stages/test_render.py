@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from gpf.artifacts import read_json, read_tensors
-from gpf.field_files import read_field
-from gpf.images import read_exr
+from gpf.core.files import read_json, read_tensors
+from gpf.core.images import read_exr
+from gpf.field.io import read_field
 
 FIELD = "results/cornell_box/field.safetensors"
 

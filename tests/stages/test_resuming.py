@@ -13,11 +13,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gpf.artifacts import read_tensors
-from gpf.field_files import load_field
-from gpf.images import read_exr
-from gpf.reference import ReferenceRenderer
-from gpf.training import Trainer
+from gpf.core.files import read_tensors
+from gpf.core.images import read_exr
+from gpf.field.io import load_field
+from gpf.sppm.reference import ReferenceRenderer
+from gpf.training.trainer import Trainer
 from tests.stages.results import NOVEL, TRAIN, assert_whole, files_below
 
 
@@ -59,7 +59,7 @@ def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monk
     with monkeypatch.context() as patch:
         passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
         assert fresh.stage("reference").code == 0
-    assert len(passes) == 2 + 4  # what was left for the novel views, and the ceiling
+    assert len(passes) == 2 + 4  # what was left for the novel views, and the second_reference
     assert not list((fresh.results / "checkpoints").glob("*"))
     for view in TRAIN + NOVEL:
         one, other = (
@@ -91,12 +91,18 @@ def test_passes_in_any_order_give_the_same_files(fresh, built, no_probe):
     assert fresh.stage("scene").code == 0
     for passes in ("2:", "0:1"):
         outcome = fresh.gpf("stage", "reference", "--scene", "cornell_box", "--passes", passes)
-        assert outcome.code == 0 and "others are missing (train, novel, ceiling)" in outcome.text
+        assert (
+            outcome.code == 0
+            and "others are missing (train, novel, second_reference)" in outcome.text
+        )
         assert not list(fresh.results.glob("reference/*"))
     assert fresh.gpf("stage", "reference", "--scene", "cornell_box", "--passes", "1:2").code == 0
     made = {p.relative_to(built.results) for p in built.results.glob("reference/*.exr")}
     assert {p.relative_to(fresh.results) for p in fresh.results.glob("reference/*.exr")} == made
-    for path in [*made, *(p.relative_to(built.results) for p in built.results.glob("ceiling/*"))]:
+    for path in [
+        *made,
+        *(p.relative_to(built.results) for p in built.results.glob("second_reference/*")),
+    ]:
         assert (fresh.results / path).read_bytes() == (built.results / path).read_bytes(), path
     assert not (fresh.results / "checkpoints").exists()
 
@@ -108,7 +114,7 @@ def test_nothing_is_lost_to_a_kill(fresh, environment):
     whole = fresh.copy(fresh.folder.parent / "whole")
     assert whole.stage("reference").code == 0
 
-    arguments = ["-m", "stages.cli", "stage", "reference", "--scene", fresh.results.name]
+    arguments = ["-m", "gpf.cli", "stage", "reference", "--scene", fresh.results.name]
     folder, seen = fresh.results / "checkpoints/reference-train", 0
     for _ in range(2):
         process = subprocess.Popen(
@@ -156,7 +162,7 @@ def test_a_kill_between_two_images_costs_no_pass(fresh, built, monkeypatch, no_p
     with monkeypatch.context() as patch:
         passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
         assert fresh.stage("reference").code == 0
-    assert len(passes) == 4  # those of the ceiling
+    assert len(passes) == 4  # those of the second_reference
     assert not list((fresh.results / "checkpoints").glob("*"))
     for view in NOVEL:
         path = f"reference/{view}.exr"
@@ -169,7 +175,7 @@ def passes_kept(folder: Path) -> int:
     return max((int(last) for _, last in names), default=0)
 
 
-def test_the_ceiling_goes_on_from_a_checkpoint_too(fresh, monkeypatch, no_probe):
+def test_the_second_reference_goes_on_from_a_checkpoint_too(fresh, monkeypatch, no_probe):
     fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
     assert fresh.stage("scene").code == 0
     with monkeypatch.context() as patch:
@@ -180,7 +186,7 @@ def test_the_ceiling_goes_on_from_a_checkpoint_too(fresh, monkeypatch, no_probe)
         passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
         assert fresh.stage("reference").code == 0
     assert len(passes) == 1
-    layers, _ = read_exr(fresh.results / "ceiling/above.exr", "reference")
+    layers, _ = read_exr(fresh.results / "second_reference/above.exr", "reference")
     assert layers.keys() == {"sppm_1", "sppm_3", "sppm_4"}
 
 
@@ -192,7 +198,7 @@ def test_what_more_passes_have_left_is_not_in_a_sum_of_fewer(fresh, built, monke
         assert fresh.stage("reference").code == 130
     fresh.edit("params.yaml", reference__checkpoint_seconds=30, reference__passes=4)
     assert fresh.stage("reference").code == 0
-    for file in ("ceiling/above.exr", "reference/above.exr"):
+    for file in ("second_reference/above.exr", "reference/above.exr"):
         layers, record = read_exr(fresh.results / file, "reference")
         expected, _ = read_exr(built.results / file, "reference")
         assert record["passes_done"] == 4 and layers.keys() == expected.keys()
@@ -242,7 +248,7 @@ def test_ctrl_c_in_a_process_of_its_own(fresh, environment):
 
 FULL_DISK = """
 import resource, sys
-from stages.cli import main
+from gpf.cli import main
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), resource.RLIM_INFINITY))
 main(["stage", "reference", "--scene", sys.argv[2]])
 """
@@ -270,5 +276,5 @@ def test_a_full_disk_leaves_the_last_checkpoint(fresh, built, environment, no_pr
     assert fresh.stage("reference").code == 0
     for path in built.results.glob("*/*.exr"):
         mine = fresh.results / path.relative_to(built.results)
-        if path.parent.name in ("reference", "ceiling"):
+        if path.parent.name in ("reference", "second_reference"):
             assert mine.read_bytes() == path.read_bytes(), path

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpf.artifacts import read_json, read_tensors, write_tensors
-from gpf.field_files import read_field
-from gpf.images import read_exr
+from gpf.core.files import read_json, read_tensors, write_tensors
+from gpf.core.images import read_exr
+from gpf.field.io import read_field
 
 
 def render_and_compare(project):
@@ -60,7 +60,7 @@ def test_direct_light_has_to_be_told_apart(finished):
 
 
 def test_the_number_of_gaussians_is_the_best_of_a_trial(finished, monkeypatch):
-    monkeypatch.setattr("stages.most_gaussians.MOST_GAUSSIANS", 640)
+    monkeypatch.setattr("gpf.training.gaussian_count.MOST_GAUSSIANS", 640)
     finished.edit("params.yaml", field__gaussians="auto")
     outcome = finished.stage("train")
     assert outcome.code == 0, outcome.text

@@ -1,4 +1,4 @@
-"""Makes Gaussians of pictures with AnySplat: started by :mod:`gpf.baselines.anysplat`.
+"""Makes Gaussians of pictures with AnySplat: started by :mod:`gpf.baselines.anysplat.baseline`.
 
 A request names a file of ``images``, (K, 448, 448, 3) uint8, and the one for the ``splats``.
 """

@@ -1,4 +1,4 @@
-"""Renders scene files with RenderFormer: started by :mod:`gpf.baselines.renderformer`.
+"""Renders scene files with RenderFormer: started by :mod:`gpf.baselines.renderformer.baseline`.
 
 A request names a scene ``file``, the ``resolution``, and the file for the ``image``.
 """

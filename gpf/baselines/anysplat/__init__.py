@@ -1,0 +1,1 @@
+"""AnySplat: splats that a network predicts from images."""

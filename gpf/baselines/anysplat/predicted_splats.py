@@ -1,0 +1,123 @@
+"""Gaussians that a network predicted: read from its file, and drawn."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gpf.baselines.pinhole import Pinhole
+from gpf.baselines.protocol import CannotServe
+from gpf.baselines.splatting.compositing import Compositor
+from gpf.baselines.splatting.projection import Projector, SplatArrays, project
+from gpf.baselines.splatting.tiles import sort_into_tiles
+
+DEGREE = 3
+"""Of the harmonics that are drawn."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a network says of K pictures.
+
+    Attributes
+    ----------
+    means (N, 3), covariances (N, 3, 3), opacities (N,): of the Gaussians.
+    harmonics: of their colours, (N, 3, D); D = 1, 4, 9, ... coefficients for each channel.
+    poses: of its cameras, (K, 4, 4); to the world from x to the right, y down, z ahead.
+    intrinsics: (K, 3, 3), in widths and heights of the pictures.
+    background: (3,).
+    seconds, device: what it took, and where.
+    """
+
+    means: np.ndarray
+    covariances: np.ndarray
+    harmonics: np.ndarray
+    opacities: np.ndarray
+    poses: np.ndarray
+    intrinsics: np.ndarray
+    background: np.ndarray
+    seconds: float
+    device: str
+
+
+def read_prediction(file: Path, views: int) -> Prediction:
+    """Read what ``programs/infer_with_anysplat.py`` wrote.
+
+    Raises
+    ------
+    CannotServe: the arrays do not fit together, or hold what is no number.
+    """
+    todo = f"Delete {file} and try again; else take the current version of the published code."
+    try:
+        with file.open("rb") as opened, np.load(opened) as stored:
+            found = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise CannotServe(str(file), f"is no set of arrays ({error})", todo) from error
+    count = len(found.get("means", ()))
+    coefficients = found["harmonics"].shape[-1] if "harmonics" in found else 0
+    shapes = {
+        "means": (count, 3),
+        "covariances": (count, 3, 3),
+        "harmonics": (count, 3, coefficients),
+        "opacities": (count,),
+        "poses": (views, 4, 4),
+        "intrinsics": (views, 3, 3),
+        "background": (3,),
+    }
+    for name, shape in shapes.items():
+        there = found[name].shape if name in found else None
+        if there != shape:
+            raise CannotServe(str(file), f"{name}: {there}, where {shape} was expected", todo)
+        if not np.isfinite(found[name]).all():
+            raise CannotServe(str(file), f"{name} are not all numbers", todo)
+    if count == 0:
+        raise CannotServe(str(file), "no Gaussians at all", todo)
+    arrays = {name: found[name].astype(np.float64) for name in shapes}
+    return Prediction(**arrays, seconds=float(found["seconds"]), device=str(found["device"]))
+
+
+def make_splats(found: Prediction) -> SplatArrays:
+    """The Gaussians as they are drawn."""
+    variances, axes = np.linalg.eigh(found.covariances)
+    axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]  # no mirrors
+    scales = np.sqrt(np.maximum(variances, 1e-20))
+    quats = Rotation.from_matrix(axes).as_quat()[:, [3, 0, 1, 2]]
+    opacities = np.clip(found.opacities, 1e-6, 1 - 1e-6)
+    harmonics = found.harmonics[:, :, : (DEGREE + 1) ** 2].transpose(0, 2, 1)
+
+    def flat(values: np.ndarray) -> mi.Float:
+        return mi.Float(np.ascontiguousarray(values, dtype=np.float32).ravel())
+
+    return SplatArrays(
+        means=flat(found.means),
+        log_scales=flat(np.log(scales)),
+        quats=flat(quats),
+        opacities=flat(np.log(opacities / (1 - opacities))),
+        colours=flat(harmonics[:, :1]),
+        harmonics=flat(harmonics[:, 1:]),
+    )
+
+
+def draw(splats: SplatArrays, camera: Pinhole, background: np.ndarray) -> np.ndarray:
+    """The image of splats before a background, (H, W, 3) float64."""
+    others = dr.width(splats.harmonics) // dr.width(splats.opacities) // 3
+    degree = math.isqrt(1 + others) - 1
+    image = _composite(splats, camera, degree)
+    # Without colours all are grey ½: half of what they hide of the background.
+    nothing = dr.zeros(mi.Float, dr.width(splats.colours))
+    hidden = 2 * _composite(replace(splats, colours=nothing), camera, 0)
+    return image + (1 - hidden) * background
+
+
+def _composite(splats: SplatArrays, camera: Pinhole, degree: int) -> np.ndarray:
+    width, height = camera.size
+    found = project(splats, Projector.of(camera), degree)
+    image = Compositor(found, sort_into_tiles(found, camera.size)).image()
+    return np.array(image, dtype=np.float64).reshape(height, width, 3)

@@ -1,0 +1,1 @@
+"""Path tracing with Open Image Denoise."""

@@ -1,0 +1,1 @@
+"""Photon density as a Gaussian mixture (EM-GMM)."""

@@ -1,0 +1,1 @@
+"""Instant-NGP: a neural radiance field from images."""

@@ -1,0 +1,1 @@
+"""Hash grids and networks that several neural baselines share."""

@@ -1,0 +1,1 @@
+"""A neural radiance cache: irradiance by a network."""

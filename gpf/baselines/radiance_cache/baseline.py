@@ -1,0 +1,140 @@
+"""Neural radiance cache: the field's query, with a hash grid and a network for its Gaussians.
+
+Not a system of the paper, but the field's natural rival: a network in the place of the cache that
+Müller and others (2021) query at the end of short paths, here fitted once and asked at the first
+diffuse hit. All else is the field's own: the plugin ``gpf`` makes the same camera walk with the
+same samples, the points and targets that it learns from are the same, with the same weights, and so
+are the numbers of steps and of points in each. What differs is what is between the point and the
+irradiance there, and how fast that is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.baselines.neural.fitting import digest
+from gpf.baselines.neural.hash_encoding import Cube, GridShape
+from gpf.baselines.options import RadianceCacheOptions
+from gpf.baselines.protocol import Task
+from gpf.baselines.radiance_cache.cached_irradiance import (
+    CachedIrradiance,
+    CacheShape,
+    CacheTrainer,
+    CacheTraining,
+)
+from gpf.core.structs import VisiblePoints, to_numpy
+from gpf.field.field import FieldSettings
+from gpf.rendering.batches import render_in_batches
+from gpf.rendering.settings import RenderSettings
+from gpf.scene.bounds import bounding_box, scene_bounds
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
+from gpf.training.settings import TrainingSettings
+from gpf.training.targets import Targets
+
+SHAPES = {
+    "small": CacheShape(GridShape(8, 2, log2_entries=16, coarsest=8, finest=256), (32, 32)),
+    "large": CacheShape(GridShape(8, 4, log2_entries=17, coarsest=8, finest=256), (64, 64)),
+}
+
+# Share of the scene that its cube is larger by: no position leaves it with its offset.
+MARGIN = 0.02
+
+
+class RadianceCache:
+    """The system ``radiance_cache``."""
+
+    def __init__(self, options: RadianceCacheOptions) -> None:
+        self.options = options
+
+    def prepare(self, task: Task) -> PreparedCache:
+        """Fit the network to the targets that the field learns from."""
+        train, render = effort_of(self.options, task)
+        targets = Targets.load(task.targets)
+        points = targets.supervised_points(train.points, "irradiance", train.loss)
+        unit = float(np.mean(targets.irradiance)) or 1.0
+        cube = Cube.around(bounding_box(task.scene), MARGIN)
+        model = CachedIrradiance(SHAPES[self.options.size], cube, unit, task.seed)
+        settings = CacheTraining(steps=train.steps, batch=train.batch, seed=task.seed)
+        trainer = CacheTrainer(model, points, settings)
+        fingerprint = {
+            "size": self.options.size,
+            "effort": [train.model_dump(), render.model_dump()],
+            "seed": task.seed,
+            "targets": digest(targets.position, targets.normal, targets.irradiance),
+        }
+        trainer.run(task.state / "radiance_cache.safetensors", fingerprint, task.report)
+        facts = {"steps": train.steps, "held_out_error": trainer.held_out_error()}
+        return PreparedCache(task, self.options.size, render, model, facts)
+
+
+def effort_of(options: RadianceCacheOptions, task: Task) -> tuple[TrainingSettings, RenderSettings]:
+    """How the field is trained and rendered, but for what a row says otherwise."""
+    train = {k: v for k in ("steps", "batch") if (v := getattr(options, k)) is not None}
+    render = {} if options.spp is None else {"spp": options.spp}
+    return task.train.model_copy(update=train), task.render.model_copy(update=render)
+
+
+@dataclass(frozen=True)
+class CacheAsField:
+    """What the plugin ``gpf`` asks of a field, answered by the network."""
+
+    model: CachedIrradiance
+    settings: FieldSettings
+    bounds: tuple[Any, Any]
+
+    def radiance(self, points: VisiblePoints) -> tuple[mi.Color3f, mi.Float]:
+        """Radiance of camera rays, (N, 3); and a reach that says nothing, for there is none."""
+        return points.radiance(self.model.irradiance(points.p, points.n)), mi.Float(0)
+
+
+class PreparedCache:
+    """A scene with its fitted network."""
+
+    def __init__(
+        self,
+        task: Task,
+        size: str,
+        settings: RenderSettings,
+        model: CachedIrradiance,
+        facts: Mapping[str, float],
+    ) -> None:
+        self._task, self._size, self._settings = task, size, settings
+        self._model, self._facts = model, facts
+        self._integrator = mi.load_dict(
+            {
+                "type": "gpf",
+                "rr_depth": task.rr_depth,
+                "glossy_walks": settings.glossy_walks,
+                "adaptive": settings.adaptive,
+                "suppress_fireflies": settings.suppress_fireflies,
+            }
+        )
+        query = FieldSettings(search_radius=1.0)  # it has none
+        self._integrator.field = CacheAsField(model, query, scene_bounds(task.scene))
+
+    @property
+    def storage_bytes(self) -> int:
+        """All parameters, float32."""
+        return sum(to_numpy(values).nbytes for values in self._model.parameters)
+
+    @property
+    def facts(self) -> Mapping[str, float | str]:
+        """Steps, parameters and the error on held-out points, in units of the mean target."""
+        return {
+            **self._facts,
+            "size": self._size,
+            "parameters": self.storage_bytes // 4,
+        }
+
+    def render(self, view: View, seed: int) -> np.ndarray:
+        """A view, (H, W, 3), from the camera walks that the field's rendering would make."""
+        width, height = self._task.size
+        spp, sampler = self._settings.spp, self._settings.sampler
+        sensor = make_sensor(view, width, height, spp=spp, sampler=sampler)
+        return render_in_batches(self._task.scene, self._integrator, sensor, spp, seed)[..., :3]

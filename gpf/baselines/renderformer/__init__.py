@@ -1,0 +1,1 @@
+"""RenderFormer: scenes as triangles, for the authors' network."""

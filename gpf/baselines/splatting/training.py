@@ -1,0 +1,167 @@
+"""Fitting Gaussians to pictures: 3DGS's loss, and gsplat's rule for where more are needed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from gpf.baselines.pinhole import Pinhole
+from gpf.baselines.splatting.gsplat import import_gsplat
+from gpf.baselines.splatting.image_loss import ImageLoss
+from gpf.baselines.splatting.model import SplatModel
+from gpf.baselines.splatting.rasteriser import Rasteriser
+from gpf.core.errors import UserError
+from gpf.core.files import read_tensors, write_tensors
+from gpf.core.random import pass_seed
+
+# The rule looks for Gaussians to split, double or drop so many times in the course of a training,
+# from the second time on, and until this share of it is over.
+REFINEMENTS = 30
+LAST_REFINEMENT = 0.6
+# Gaussians whose centres pull harder than this, in half images, are split or doubled. 3DGS has
+# 2e-4; with ten views, and images that water bends, more Gaussians fit the training views better
+# and novel ones worse.
+PULL = 1e-3
+# The harmonics of one more degree count after so much of the training.
+DEGREE_STEP = 0.1
+CHECKPOINT_SECONDS = 30
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What a camera saw: sRGB in [0, 1], (H, W, 3)."""
+
+    camera: Pinhole
+    image: np.ndarray
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How long to train, and for what.
+
+    Attributes
+    ----------
+    steps: of the optimiser, each for one picture.
+    most: Gaussians; where the rule wants more than this, those that pull hardest get them.
+    degree: of the harmonics.
+    seed: of the order of pictures, and of where the halves of a split Gaussian go.
+    """
+
+    steps: int
+    most: int
+    degree: int
+    seed: int
+
+
+class SplatTrainer:
+    """A training that a file can take up where it was stopped."""
+
+    def __init__(
+        self, model: SplatModel, pictures: Sequence[Picture], rasteriser: Rasteriser, plan: Plan
+    ) -> None:
+        self.model, self.plan, self.rasteriser = model, plan, rasteriser
+        self.pictures = tuple(pictures)
+        self.losses = [ImageLoss(picture.image) for picture in pictures]
+        every = max(plan.steps // REFINEMENTS, 1)
+        self.strategy = import_gsplat().DefaultStrategy(
+            grow_grad2d=PULL,
+            refine_start_iter=every,
+            refine_stop_iter=int(LAST_REFINEMENT * plan.steps),
+            refine_every=every,
+            reset_every=plan.steps + 1,  # for trainings ten times as long
+        )
+        self.state = self.strategy.initialize_state(scene_scale=model.size)
+        self.done = 0
+
+    def run(self, file: Path, report: Callable[[int, int], None]) -> None:
+        """Make the steps that are left; ``file`` keeps what is there every now and then."""
+        saved = time.monotonic()
+        with _one_thread():
+            while self.done < self.plan.steps:
+                self.step()
+                report(self.done, self.plan.steps)
+                if time.monotonic() - saved > CHECKPOINT_SECONDS:
+                    self.save(file)
+                    saved = time.monotonic()
+        self.save(file)
+
+    def step(self) -> float:
+        """Fit one picture a little better, and return how far from it the image was."""
+        plan, step = self.plan, self.done
+        k = self._next_picture(step)
+        degree = min(plan.degree, int(step / (DEGREE_STEP * plan.steps)))
+        drawing = self.rasteriser.draw(self.model.params, self.pictures[k].camera, degree)
+        difference = self.losses[k](drawing.image)
+        drawing.backward(difference.gradient)
+        self.model.update(step / plan.steps)
+        self._refine(step, drawing.info)
+        self.done += 1
+        return float(difference.loss[0])
+
+    def _next_picture(self, step: int) -> int:
+        """All pictures once, in random order, then once more."""
+        count = len(self.pictures)
+        rng = np.random.default_rng(pass_seed(self.plan.seed, step // count, stream=31))
+        return int(rng.permutation(count)[step % count])
+
+    def _refine(self, step: int, info: dict[str, Any]) -> None:
+        """Let the strategy do its part of a step."""
+        self.strategy.grow_grad2d = self._least_pull()
+        with torch.random.fork_rng():
+            torch.manual_seed(pass_seed(self.plan.seed, step, stream=32))
+            self.strategy.step_post_backward(
+                self.model.params, self.model.optimizers, self.state, step, info
+            )
+
+    def _least_pull(self) -> float:
+        """What a Gaussian has to pull for another one, so that there will not be too many."""
+        room = self.plan.most - self.model.count
+        if room <= 0:
+            return float("inf")
+        if self.state["grad2d"] is None or room >= self.model.count:
+            return PULL
+        pulls = self.state["grad2d"] / self.state["count"].clamp_min(1)
+        return max(PULL, float(pulls.kthvalue(self.model.count - room).values))
+
+    def save(self, file: Path) -> None:
+        """Write a checkpoint, atomically."""
+        counters = {name: value for name, value in self.state.items() if torch.is_tensor(value)}
+        arrays = {f"state.{name}": value.cpu().numpy() for name, value in counters.items()}
+        record = {"done": self.done, "size": self.model.size}
+        write_tensors(file, "splats", arrays | self.model.save(), record)
+
+    @classmethod
+    def resume(
+        cls, file: Path, pictures: Sequence[Picture], rasteriser: Rasteriser, plan: Plan
+    ) -> SplatTrainer | None:
+        """The training that a checkpoint is of; None without one that can be read."""
+        try:
+            arrays, record = read_tensors(file, "splats", "baseline")
+        except UserError:
+            return None
+        model = SplatModel.restore(arrays, record["size"], rasteriser.device)
+        trainer = cls(model, pictures, rasteriser, plan)
+        for name, array in arrays.items():
+            if name.startswith("state."):
+                value = torch.from_numpy(array).to(rasteriser.device)
+                trainer.state[name.removeprefix("state.")] = value
+        trainer.done = record["done"]
+        return trainer
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Keep torch to one thread: what it has to do here is less than waiting for others to join."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

@@ -1,0 +1,1 @@
+"""Camera rays -> visible points: the only camera walk."""

@@ -1,0 +1,129 @@
+"""Camera -> visible points: the only camera walk of the project."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from gpf.camera.next_event import direct_light, share_of_bsdf
+from gpf.core.structs import VisiblePoints
+from gpf.scene.materials import (
+    diffuse_context,
+    diffuse_reflectance,
+    has_diffuse,
+    is_glossy,
+    specular_context,
+)
+
+
+@dr.syntax
+def find_visible_points(
+    scene: mi.Scene,
+    sampler: mi.Sampler,
+    ray: mi.Ray3f,
+    max_depth: int = -1,
+    rr_depth: int = 5,
+    active: mi.Bool | bool = True,
+    direct: bool = False,
+) -> VisiblePoints:
+    """Follow rays through glossy and specular bounces to their first diffuse hit.
+
+    Where a BSDF has a diffuse component and others, one of the two parts is chosen at random, with
+    probabilities in proportion to what they reflect; the other is made up for in the throughput.
+    Emitters that the ray meets before or at its end are added with the throughput of the path so
+    far, and so is the direct light on glossy lobes: photons account for light that arrives at
+    diffuse surfaces, and for nothing else.
+
+    Parameters
+    ----------
+    ray: one ray per lane of the sampler's wavefront, (N,).
+    max_depth: longest path in edges, as in Mitsuba's ``path``; -1 is no limit. The walk ends after
+        ``max_depth`` edges; a visible point needs one more for its light.
+    rr_depth: number of bounces after which Russian roulette may end a ray.
+    direct: whether to add the direct light at the visible points as well.
+    """
+    context = specular_context()
+    diffusely = diffuse_context()
+    deepest = dr.opaque(mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF)
+    roulette_from = dr.opaque(mi.UInt32, rr_depth)
+
+    ray = mi.Ray3f(ray)
+    throughput = mi.Color3f(1)
+    emission = mi.Color3f(0)
+    eta = mi.Float(1)
+    depth = mi.UInt32(0)
+    p = mi.Point3f(0)
+    n = mi.Normal3f(0)
+    reflectance = mi.Color3f(0)
+    valid = mi.Bool(False)
+    # Where the ray was scattered by a glossy lobe that has had its direct light, and how densely.
+    origin = mi.Point3f(0)
+    density = mi.Float(0)
+    lit = mi.Bool(False)
+    active = mi.Bool(active) & (deepest > 0)
+
+    while active:
+        si = scene.ray_intersect(ray, active=active)
+        emitted = throughput * si.emitter(scene).eval(si, active)
+        if lit:
+            emitted *= share_of_bsdf(scene, si, origin, density, lit & active)
+        emission += dr.select(active, emitted, 0)
+        active &= si.is_valid() & (depth + 1 < deepest)
+        bsdf = si.bsdf(ray)
+
+        diffuse = active & has_diffuse(bsdf, si)
+        diffuse_part = diffuse_reflectance(bsdf, si, diffuse)
+        sample, weight = bsdf.sample(
+            context, si, sampler.next_1d(active), sampler.next_2d(active), active
+        )
+        wo = si.to_world(sample.wo)
+
+        # Which part to follow. The sampled weight stands for the albedo of the other lobes; the
+        # choice may depend on it, for the number that decides is drawn independently.
+        from_diffuse = dr.max(diffuse_part)
+        from_others = dr.max(weight)
+        share = dr.select(diffuse, from_diffuse / (from_diffuse + from_others), 0)
+        share = dr.select(diffuse & (from_diffuse + from_others <= 0), 1, share)
+
+        # A glossy lobe meets a small lamp too rarely: it gets a sample of the emitters as well.
+        lit = active & is_glossy(bsdf)
+        if lit:
+            emission += throughput * direct_light(scene, sampler, context, bsdf, si, lit)
+        ends = diffuse & (sampler.next_1d(active) < share)
+        throughput /= dr.select(ends, share, 1 - share)
+
+        lights = ends & mi.Bool(direct)
+        if lights:
+            emission += throughput * direct_light(
+                scene, sampler, diffusely, bsdf, si, lights, shared=False
+            )
+        if ends:
+            p = mi.Point3f(si.p)
+            n = mi.Normal3f(dr.mulsign(si.n, -dr.dot(si.n, ray.d)))
+            reflectance = mi.Color3f(diffuse_part)
+            valid = mi.Bool(True)
+        active &= ~ends
+        if active:
+            throughput *= weight
+            lit &= ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+            density = mi.Float(sample.pdf)
+            origin = mi.Point3f(si.p)
+            eta *= sample.eta
+            ray = si.spawn_ray(wo)
+            depth += 1
+
+        survival = dr.minimum(dr.max(throughput) * dr.square(eta), 0.95)
+        roulette = active & (depth >= roulette_from)
+        lives = ~roulette | (sampler.next_1d(active) < survival)
+        throughput[roulette] = throughput / survival
+        active &= lives & (dr.max(throughput) > 0)
+
+    return VisiblePoints(
+        p=p,
+        n=n,
+        reflectance=reflectance,
+        throughput=throughput,
+        emission=emission,
+        depth=depth,
+        valid=valid,
+    )

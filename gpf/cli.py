@@ -1,0 +1,79 @@
+"""The command `gpf`: what the library does, and, in a checkout of the project, its benchmark."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gpf.core.errors import UserError
+from gpf.core.progress import show_log
+
+app = typer.Typer(
+    help="Gaussian photon fields: photon mapping whose result serves every view.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+
+CHECKOUT = Path(__file__).resolve().parents[1]
+"""The folder that `gpf/` lies in: a checkout of the project, or site-packages."""
+
+
+@app.command()
+def export(
+    field: Annotated[str, typer.Argument(help="A field's file, or a scene that was trained.")],
+    ply: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.ply", help="As splats, for viewers of 3D Gaussian splats."),
+    ] = None,
+    compact: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.safetensors", help="As a field, in a third of the size."),
+    ] = None,
+    exposure: Annotated[
+        float | None,
+        typer.Option(help="Of --ply; by default that of the scene's views.yaml, or the field's."),
+    ] = None,
+) -> None:
+    """Write a field for viewers of 3D Gaussian splats, or in a third of its size."""
+    from gpf.field.export import export_field
+
+    export_field(field, ply, compact, exposure)
+
+
+@app.command()
+def doctor() -> None:
+    """Tell what works on this machine, what is missing, and what mends it."""
+    from gpf.doctor import diagnose, print_report
+
+    raise typer.Exit(print_report(diagnose()))
+
+
+def add_benchmark_commands() -> None:
+    """Add `gpf stage` and the like where the project's pipeline lies beside this package."""
+    if not (CHECKOUT / "stages" / "commands" / "benchmark.py").exists():
+        return
+    if str(CHECKOUT) not in sys.path:  # an editable installation knows `gpf` alone
+        sys.path.insert(0, str(CHECKOUT))
+    importlib.import_module("stages.commands.benchmark").add_to(app)
+
+
+add_benchmark_commands()
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; what the user can mend ends in a message and exit code 2."""
+    show_log()
+    try:
+        app(args=list(sys.argv[1:] if arguments is None else arguments))
+    except UserError as error:
+        typer.secho(f"error: {error}", fg="red", err=True)
+        sys.exit(UserError.exit_code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""params.yaml: gathers the settings that stand in the packages."""

@@ -1,0 +1,33 @@
+"""What people are shown for methods, references and variants."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+
+from gpf.baselines.options import BaselineOptions
+from gpf.config.params import Params
+from gpf.config.pipeline import OWN_METHODS, Variant
+from gpf.sppm.reference import ReferenceSettings
+
+
+def method_titles(params: Params) -> dict[str, str]:
+    """Of the field, of a second reference, and of every row of `baselines`; rows that differ in
+    what titles do not tell have their names there, too."""
+    rows: Mapping[str, BaselineOptions] = params.baselines
+    own = (f"GPF, {params.render.spp} spp", f"SPPM, {passes_title(params.reference)} passes")
+    titles = {name: row.title for name, row in rows.items()}
+    counts = Counter([*own, *titles.values()])
+    named = {m: title if counts[title] == 1 else f"{title} ({m})" for m, title in titles.items()}
+    return dict(zip(OWN_METHODS, own, strict=True)) | named
+
+
+def passes_title(section: ReferenceSettings) -> str:
+    """How many passes references have."""
+    return f"at most {section.passes}" if section.target_psnr else str(section.passes)
+
+
+def variant_title(variant: Variant) -> str:
+    """Its own title, or else what it sets."""
+    settings = ", ".join(f"{key}: {value}" for key, value in variant.set.items())
+    return variant.title or settings or "default"

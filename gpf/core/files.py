@@ -1,0 +1,143 @@
+"""Tensor files: safetensors with a schema version and the parameters that made them.
+
+Writes are atomic: a reader sees the old file or the new one, never half of one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save
+
+from gpf.core.errors import UserError
+
+SCHEMA_VERSION = 1
+
+
+def stage_command(maker: str, path: Path) -> str:
+    """The command that makes a file: ``gpf stage train --scene cornell_box``.
+
+    What belongs to a scene lies below ``results/SCENE``; elsewhere, and for the report of all
+    scenes, the command names none.
+    """
+    folders = Path(path).parts[:-1]
+    scene = [below for above, below in pairwise(folders) if above == "results"][-1:]
+    of_scene = scene and maker != "report"
+    return f"gpf stage {maker}" + (f" --scene {scene[0]}" if of_scene else "")
+
+
+def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+    """Let ``write`` fill a temporary file beside ``path``, then put it in its place."""
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # The suffix stays: some writers choose a format by it.
+        handle, name = tempfile.mkstemp(
+            dir=path.parent, prefix=f".partial-{path.stem}-", suffix=path.suffix
+        )
+        os.close(handle)
+        temporary = Path(name)
+        write(temporary)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except (OSError, RuntimeError) as error:  # the latter is how image libraries put it
+        raise UserError(
+            str(path),
+            f"could not be written ({error})",
+            "Free some disk space or check the folder.",
+        ) from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file atomically."""
+    write_atomically(path, lambda p: _ignore(p.write_text(text, encoding="utf-8")))
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write JSON atomically, sorted and indented, so that two runs compare line by line."""
+    write_text(path, json.dumps(value, indent=2, sort_keys=True) + "\n")
+
+
+def read_json(path: Path, maker: str) -> Any:
+    """Read JSON that the stage ``maker`` writes."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise UserError(
+            str(path), "is missing", f"Run `{stage_command(maker, path)}` first."
+        ) from error
+    except json.JSONDecodeError as error:
+        raise UserError(
+            str(path),
+            f"is not JSON ({error})",
+            f"Delete it and run `{stage_command(maker, path)}` again.",
+        ) from error
+
+
+def write_tensors(
+    path: Path, kind: str, tensors: Mapping[str, np.ndarray], metadata: Mapping[str, Any]
+) -> None:
+    """Write named arrays and what made them; ``kind`` names what the file is for."""
+    header = {
+        "kind": kind,
+        "schema_version": str(SCHEMA_VERSION),
+        "metadata": json.dumps(dict(metadata), sort_keys=True),
+    }
+    arrays = {name: np.ascontiguousarray(value) for name, value in tensors.items()}
+    data = _sort_header(save(arrays, metadata=header))
+    write_atomically(path, lambda p: _ignore(p.write_bytes(data)))
+
+
+def read_tensors(path: Path, kind: str, maker: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays and metadata of a file that the stage ``maker`` writes.
+
+    Raises
+    ------
+    UserError: the file is missing, truncated, of another kind or of another schema version.
+    """
+    again = f"Delete it and run `{stage_command(maker, path)}` again."
+    if not path.exists():
+        raise UserError(str(path), "is missing", f"Run `{stage_command(maker, path)}` first.")
+    try:
+        with safe_open(str(path), framework="numpy") as file:
+            header = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
+        raise UserError(str(path), f"is truncated or damaged ({error})", again) from error
+    version = header.get("schema_version", "none")
+    if header.get("kind") != kind:
+        raise UserError(
+            str(path), f"holds {header.get('kind', 'something else')}, not {kind}", again
+        )
+    if version != str(SCHEMA_VERSION):
+        raise UserError(
+            str(path), f"has schema version {version}; this program reads {SCHEMA_VERSION}", again
+        )
+    return tensors, json.loads(header["metadata"])
+
+
+def _sort_header(data: bytes) -> bytes:
+    """The same file with the keys of its header in order.
+
+    The library writes them in an order that changes from run to run; DVC would take the same
+    content for a change.
+    """
+    end = 8 + int.from_bytes(data[:8], "little")
+    header = json.dumps(json.loads(data[8:end]), sort_keys=True, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 8)  # the tensors behind it stay aligned
+    return len(header).to_bytes(8, "little") + header + data[end:]
+
+
+def _ignore(_: Any) -> None:
+    return None

@@ -1,0 +1,130 @@
+"""EXR in and out, tone mapping, PNG previews."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+
+from gpf.core.errors import UserError
+from gpf.core.files import SCHEMA_VERSION, stage_command, write_atomically
+
+# The header attribute that says what made an image.
+_RECORD = "gpf"
+
+
+def write_exr(path: Path, layers: Mapping[str, np.ndarray], record: Mapping[str, Any]) -> None:
+    """Write layers to one EXR, atomically.
+
+    Parameters
+    ----------
+    layers: name to (H, W, 3) or (H, W) float array. The layer ``radiance`` becomes the channels
+        R, G, B that every viewer shows; a layer ``x`` of three channels becomes x.R, x.G, x.B and
+        one of a single channel x.V.
+    record: what made the image; JSON values.
+    """
+    channels: dict[str, np.ndarray] = {}
+    for name, value in layers.items():
+        array = np.ascontiguousarray(value, dtype=np.float32)
+        if array.ndim == 2:
+            channels[f"{name}.V"] = array
+            continue
+        prefix = "" if name == "radiance" else f"{name}."
+        for i, letter in enumerate("RGB"):
+            channels[prefix + letter] = np.ascontiguousarray(array[..., i])
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        _RECORD: json.dumps({"schema_version": SCHEMA_VERSION, **record}, sort_keys=True),
+    }
+
+    def write(temporary: Path) -> None:
+        OpenEXR.File(header, channels).write(str(temporary))
+
+    write_atomically(path, write)
+
+
+def read_exr(path: Path, maker: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Layers and record of an EXR that the stage ``maker`` writes, (H, W, 3) or (H, W) float32.
+
+    Raises
+    ------
+    UserError: the file is missing, truncated or of another schema version.
+    """
+    if not path.exists():
+        raise UserError(str(path), "is missing", f"Run `{stage_command(maker, path)}` first.")
+    again = f"Delete it and run `{stage_command(maker, path)}` again."
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            record = json.loads(file.header().get(_RECORD, "{}"))
+            channels = {name: c.pixels.copy() for name, c in file.channels().items()}
+    except Exception as error:  # OpenEXR raises several kinds, none of them its own
+        raise UserError(str(path), f"is truncated or not an EXR ({error})", again) from error
+    if record.get("schema_version") != SCHEMA_VERSION:
+        version = record.get("schema_version", "none")
+        raise UserError(
+            str(path), f"has schema version {version}; this program reads {SCHEMA_VERSION}", again
+        )
+    layers: dict[str, np.ndarray] = {}
+    for name, pixels in channels.items():
+        layer, _, letter = name.rpartition(".")
+        if letter == "V":
+            layers[layer] = pixels
+        elif letter == "R":
+            prefix = f"{layer}." if layer else ""
+            layers[layer or "radiance"] = np.stack([channels[prefix + c] for c in "RGB"], -1)
+    return layers, record
+
+
+def read_record(path: Path) -> dict[str, Any] | None:
+    """What made an EXR, or None where there is no readable one."""
+    if not path.exists():
+        return None
+    try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            record: dict[str, Any] = json.loads(file.header().get(_RECORD, "{}"))
+            return record
+    except Exception:  # truncated, foreign: all the same to the caller
+        return None
+
+
+def check_finite(image: np.ndarray, where: str) -> None:
+    """Raise a :class:`UserError` for NaN or infinite values in an image, or at points (N, 3)."""
+    broken = ~np.isfinite(image).all(axis=-1)
+    if broken.any():
+        first = np.argwhere(broken)[0]
+        image = broken.ndim == 2
+        place = f"x={first[1]}, y={first[0]}" if image else f"number {first[0]}"
+        kind = "pixels" if image else "points"
+        raise UserError(
+            where,
+            f"{int(broken.sum())} of {broken.size} {kind} are NaN or infinite, the first at "
+            f"{place}",
+            "Look for a zero-area emitter, a mesh with broken normals or a material with an "
+            "albedo above one.",
+        )
+
+
+def tone_map(radiance: np.ndarray, exposure: float) -> np.ndarray:
+    """Linear radiance to sRGB in [0, 1]: exposure, clamp, transfer function."""
+    linear = np.clip(np.asarray(radiance, dtype=np.float64) * exposure, 0, 1)
+    curved = 1.055 * np.power(np.maximum(linear, 1e-12), 1 / 2.4) - 0.055
+    return np.where(linear <= 0.0031308, 12.92 * linear, curved)
+
+
+def undo_tone_map(shown: np.ndarray) -> np.ndarray:
+    """Exposed linear radiance of sRGB values, which are clamped to [0, 1]."""
+    value = np.clip(np.asarray(shown, dtype=np.float64), 0, 1)
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def write_png(path: Path, radiance: np.ndarray, exposure: float) -> None:
+    """Write a tone-mapped preview, 8 bits a channel."""
+    import mitsuba as mi
+
+    pixels = np.round(tone_map(radiance, exposure) * 255).astype(np.uint8)
+    write_atomically(path, lambda p: mi.Bitmap(pixels).write(str(p)))

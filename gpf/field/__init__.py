@@ -1,0 +1,1 @@
+"""Gaussians on surfaces that answer how much light arrives: query, files, initialization."""

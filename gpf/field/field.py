@@ -1,0 +1,256 @@
+"""The Gaussian photon field: irradiance at any surface point, blended from nearby Gaussians."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import drjit as dr
+import mitsuba as mi
+from pydantic import Field
+
+from gpf.core.settings import Positive, Settings
+from gpf.core.spatial_hash import SpatialHash
+from gpf.core.structs import VisiblePoints
+from gpf.core.surface_tags import SAME_SURFACE_HEIGHT, pack_tag, same_orientation
+from gpf.field.gaussians import Gaussians, whitening_rows
+
+# Keeps the sum of weights away from zero: where every Gaussian of a neighbourhood is too narrow to
+# reach the query point, the blend becomes their plain mean instead of black.
+WEIGHT_FLOOR = 1e-6
+
+# How far off the plane of a surface its Gaussians may lie, in search radii; beyond one radius the
+# limit rises to that of :func:`gpf.sppm.density.same_surface`. Near by it is less than for photons,
+# whose radius shrinks: a wall behind a lamp may be a thousand times darker than the lamp's back,
+# and what reaches it from there is more than training can make up for.
+SURFACE_HEIGHT = 0.35
+
+# The supplement's falloff reaches zero a little beyond the (k + 1)-th neighbour, so that a tie of
+# all of them leaves weights above zero; where there is none, at this multiple of the farthest.
+SUPPLEMENT_SLACK = 1.0002
+SUPPLEMENT_REACH = 1.5
+
+# Radius of the supplement's first search, in units of the ball's: twice the ball's area.
+FIRST_REACH = 1.4
+
+
+class FieldSettings(Settings):
+    """How a field is queried.
+
+    Attributes
+    ----------
+    search_radius: r of the ball query, world units.
+    k: neighbours at least; where the ball holds no more, the k nearest are taken instead.
+    neighbours: ``both`` as described, ``radius`` the ball alone, ``knn`` the k nearest alone.
+    blend: ``divided`` by the sum of weights, or the plain ``sum``.
+    stores: ``irradiance`` (multiplied by the reflectance / π at the hit) or ``radiance``.
+    direct: where light straight from the emitters comes from: the ``field``, like all other, or a
+        sample of the ``emitters`` at what the camera sees; the field then has what is left.
+    normal_test: whether Gaussians of another surface (normals more than 45° apart, or farther off
+        the plane than :data:`SURFACE_HEIGHT`) are ignored.
+    """
+
+    search_radius: Positive
+    k: Annotated[int, Field(ge=1, le=32)] = 3
+    neighbours: Literal["both", "radius", "knn"] = "both"
+    blend: Literal["divided", "sum"] = "divided"
+    stores: Literal["irradiance", "radiance"] = "irradiance"
+    direct: Literal["field", "emitters"] = "field"
+    normal_test: bool = True
+
+
+def blend_weight(
+    d: mi.Vector3f,
+    rows: tuple[mi.Vector3f, mi.Vector3f, mi.Vector3f],
+    support2: mi.Float,
+) -> mi.Float:
+    """w = ψ(|d|) (exp(-|M d|²/2) + ε) with ψ(t) = (1 - t²/R²)², zero at the support's edge R.
+
+    ψ goes to zero where a Gaussian enters or leaves the neighbourhood, so that the blend has no
+    seams there.
+    """
+    u = mi.Vector3f(*(dr.dot(row, d) for row in rows))
+    falloff = dr.square(dr.maximum(1 - dr.squared_norm(d) / support2, 0))
+    return falloff * (dr.exp(-0.5 * dr.squared_norm(u)) + WEIGHT_FLOOR)
+
+
+def supplement_support(distance2: list[mi.Float]) -> tuple[mi.Float, mi.Float]:
+    """Squared distance of the farthest of the k nearest, and squared support of their falloff.
+
+    ``distance2`` holds k + 1 squared distances, ascending, infinite where there is no neighbour.
+    """
+    farthest2 = mi.Float(0)
+    for distance in distance2[:-1]:
+        farthest2 = dr.select(distance < dr.inf, distance, farthest2)
+    beyond = distance2[-1]
+    support2 = dr.select(
+        beyond < dr.inf, beyond * SUPPLEMENT_SLACK, farthest2 * SUPPLEMENT_REACH**2
+    )
+    return farthest2, support2 + dr.epsilon(mi.Float)
+
+
+class GaussianPhotonField:
+    """Gaussians and how to blend them.
+
+    The value at a point x on a surface with normal n is
+
+        E(x) = Σ w_i c_i / Σ w_i,   i in N(x)
+        N(x) = Ball(x, max(r, d_{k+1})),   d_{k+1} the distance of the (k + 1)-th nearest:
+
+    the ball of radius r, or the k nearest Gaussians where the ball holds no more than k.
+
+    Parameters
+    ----------
+    gaussians: the primitives, (N).
+    settings: how to query them.
+    bounds: corners of the scene's bounding box.
+    record: JSON-like facts about how the field came to be; saved with it.
+    """
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        settings: FieldSettings,
+        bounds: tuple[Any, Any],
+        record: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.settings = settings
+        self.bounds = bounds
+        self.record = dict(record or {})
+        self.update(gaussians)
+
+    def update(self, gaussians: Gaussians) -> None:
+        """Take new Gaussians and rebuild the neighbour search."""
+        self.gaussians = gaussians
+        self.hash = SpatialHash(
+            gaussians.means,
+            # Smaller than for photons: here the work per candidate outweighs that per row.
+            cell=1.01 * self.settings.search_radius,
+            bounds=self.bounds,
+            tag=pack_tag(gaussians.normals),
+            far=True,
+        )
+        order = self.hash.order
+        rows = whitening_rows(gaussians.log_scales, gaussians.quats)
+        self._packets = []
+        for k in range(3):
+            row = dr.gather(mi.Vector3f, rows[k], order)
+            colour = dr.gather(mi.Float, gaussians.irradiance[k], order)
+            self._packets.append(dr.ravel(mi.Vector4f(row.x, row.y, row.z, colour)))
+        dr.eval(self._packets)
+        self._radius = dr.opaque(mi.Float, self.settings.search_radius)
+        self._limit = dr.opaque(mi.Float, self.hash.extent)
+
+    def arrays(self) -> dict[str, Any]:
+        """What queries read, as a PyTree; see :meth:`with_arrays`."""
+        return {
+            "hash": self.hash.arrays(),
+            "packets": self._packets,
+            "radius": self._radius,
+            "limit": self._limit,
+        }
+
+    def with_arrays(self, arrays: Mapping[str, Any]) -> GaussianPhotonField:
+        """A copy whose queries read these arrays: how a recorded function gets at its arguments."""
+        other = copy.copy(self)
+        other.hash = self.hash.with_arrays(arrays["hash"])
+        other._packets = arrays["packets"]
+        other._radius, other._limit = arrays["radius"], arrays["limit"]
+        return other
+
+    def accepts(self, record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f) -> mi.Bool:
+        """Whether the Gaussian of a record may answer for a surface with normal ``n`` at ``p``."""
+        if not self.settings.normal_test:
+            return mi.Bool(True)
+        d = mi.Vector3f(record.x - p.x, record.y - p.y, record.z - p.z)
+        radius2 = dr.square(self._radius)
+        beyond2 = dr.maximum(dr.squared_norm(d) - radius2, 0)
+        limit2 = SURFACE_HEIGHT**2 * radius2 + SAME_SURFACE_HEIGHT**2 * beyond2
+        flat = dr.square(dr.dot(n, d)) <= limit2
+        return flat & same_orientation(record, n)
+
+    def _term(
+        self, x: mi.Point3f, mean: mi.Point3f, index: mi.UInt32, support2: mi.Float, active: mi.Bool
+    ) -> tuple[mi.Float, mi.Color3f]:
+        """Weight and weighted colour of one neighbour; zero where inactive."""
+        packets = [dr.gather(mi.Vector4f, p, index, active) for p in self._packets]
+        rows = tuple(mi.Vector3f(p.x, p.y, p.z) for p in packets)
+        weight = dr.select(active, blend_weight(x - mean, rows, support2), 0)  # type: ignore[arg-type]
+        return weight, weight * mi.Color3f(*(p.w for p in packets))
+
+    @dr.syntax
+    def query(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> tuple[mi.Color3f, mi.Float]:
+        """The stored quantity at surface points.
+
+        Parameters
+        ----------
+        x, n: positions and viewer-side normals, (N, 3).
+
+        Returns
+        -------
+        value: irradiance (or radiance, see the settings), (N, 3); 0 where nothing is known.
+        reach: distance within which the answer's neighbours lie, in units of the search radius,
+            (N,): 1 inside dense regions, more where the supplement had to go further, infinite
+            where there was no neighbour at all.
+        """
+        settings = self.settings
+        radius2 = self._radius * self._radius
+        count = mi.UInt32(0)
+        total = mi.Float(0)
+        colour = mi.Color3f(0)
+
+        def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
+            count, total, colour = state
+            inside &= self.accepts(record, x, n)
+            mean = mi.Point3f(record.x, record.y, record.z)
+            weight, weighted = self._term(x, mean, index, radius2, inside)
+            return count + dr.select(inside, 1, 0), total + weight, colour + weighted
+
+        if dr.hint(settings.neighbours != "knn", mode="scalar"):
+            count, total, colour = self.hash.visit(
+                x, self._radius, add, (count, total, colour), active
+            )
+        reach = mi.Float(1)
+
+        if dr.hint(settings.neighbours != "radius", mode="scalar"):
+            sparse = active & (count <= settings.k)
+            index, distance2 = self.hash.nearest(
+                x,
+                settings.k + 1,
+                FIRST_REACH * self._radius,
+                self._limit,
+                lambda record: self.accepts(record, x, n),
+                sparse,
+            )
+            farthest2, support2 = supplement_support(distance2)
+            total = dr.select(sparse, 0, total)
+            colour = dr.select(sparse, 0, colour)
+            for j in range(settings.k):
+                found = sparse & (distance2[j] < dr.inf)
+                record = dr.gather(mi.Vector4f, self.hash.records, index[j], found)
+                mean = mi.Point3f(record.x, record.y, record.z)
+                weight, weighted = self._term(x, mean, index[j], support2, found)
+                total += weight
+                colour += weighted
+            reach = dr.select(sparse, dr.maximum(dr.sqrt(farthest2 / radius2), reach), reach)
+
+        known = active & (total > 0)
+        value = colour
+        if dr.hint(settings.blend == "divided", mode="scalar"):
+            value = colour / total
+        return dr.select(known, value, 0), dr.select(known, reach, dr.inf)
+
+    def radiance(self, points: VisiblePoints) -> tuple[mi.Color3f, mi.Float]:
+        """L at visible points, (N, 3), and the reach of the answer (see :meth:`query`), (N,)."""
+        value, reach = self.query(points.p, points.n, points.valid)
+        # Training may take a Gaussian next to a dark one a little below zero.
+        value = dr.maximum(value, 0)
+        if self.settings.stores == "irradiance":
+            return points.radiance(value), reach
+        reflected = dr.select(points.valid, points.throughput * value, 0)
+        return points.emission + reflected, reach
+
+    def __repr__(self) -> str:
+        count = dr.width(self.gaussians.means)
+        return f"GaussianPhotonField[{count} Gaussians, {self.settings}]"

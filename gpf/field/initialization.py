@@ -1,0 +1,160 @@
+"""Photons -> initial Gaussians."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.settings import AutoCount, Length
+from gpf.core.spatial_hash import SpatialHash
+from gpf.core.structs import Photons, concatenate, take
+from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.gaussians import Gaussians
+from gpf.field.io import Precision
+from gpf.guiding.density_control import oriented_places
+from gpf.sppm.density import PhotonDensity
+
+# Initial standard deviations, in search radii.
+TYPICAL_SCALE = 0.6
+
+
+class InitialFieldSettings(FieldSettings):
+    """The field before training: its query, and how its Gaussians start.
+
+    Attributes
+    ----------
+    gaussians: number M of primitives; ``auto``: the best of a few after short trainings.
+    initialization: ``photons``: means and normals of M photons, chosen at random; ``random``: means
+        are uniform in the scene's bounding box, with the normal of the nearest photon.
+    fill_gaps: whether some of the Gaussians go where cameras see what photons seldom reach.
+    initial_colour: ``targets``: the mean of the targets around the Gaussian; ``density``: kernel
+        estimate of E at the Gaussian; ``flux``: the photon's own power Φ.
+    initial_scale: standard deviation of all axes, world units; ``auto``: :data:`TYPICAL_SCALE`.
+    search_radius: world units; ``auto``: some 16 Gaussians around a typical point.
+    anisotropic: whether the three scales of a Gaussian are free of each other.
+    precision: of the field's file.
+    """
+
+    gaussians: AutoCount = "auto"
+    initialization: Literal["photons", "random"] = "photons"
+    fill_gaps: bool = True
+    initial_colour: Literal["targets", "density", "flux"] = "targets"
+    initial_scale: Length = "auto"
+    search_radius: Length = "auto"  # type: ignore[assignment]
+    anisotropic: bool = True
+    precision: Precision = "float32"
+
+    def query(self, search_radius: float) -> FieldSettings:
+        """What a query needs to know."""
+        common = {name: getattr(self, name) for name in FieldSettings.model_fields}
+        return FieldSettings(**common | {"search_radius": search_radius})
+
+
+def initialize_gaussians(
+    photons: Photons,
+    settings: InitialFieldSettings,
+    bounds: tuple[Any, Any],
+    seed: int,
+    gaps: Photons | None = None,
+) -> Gaussians:
+    """One Gaussian for each of M photons: mean at the photon, random orientation, equal scales.
+
+    With fewer than M photons, all of them are used: the field then has fewer Gaussians. Photons in
+    ``gaps`` are among those in any case (:func:`find_gaps`). What is ``auto`` has been decided: the
+    settings have numbers.
+    """
+    assert settings.gaussians != "auto" and settings.search_radius != "auto"
+    assert settings.initial_scale != "auto"
+    rng = np.random.default_rng(seed)
+    available = dr.width(photons.p)
+    filling = 0 if gaps is None else dr.width(gaps.p)
+    count = min(settings.gaussians - filling, available)
+    origins = take(
+        photons, mi.UInt32(np.sort(rng.permutation(available)[:count]).astype(np.uint32))
+    )
+    if gaps is not None and filling:
+        origins = concatenate([origins, gaps])
+        count += filling
+    means, normals, irradiance = origins.p, origins.n, origins.power
+    if settings.initialization == "random":
+        lower, upper = (np.array([b[i] for i in range(3)]) for b in bounds)
+        means = mi.Point3f(rng.uniform(lower, upper, (count, 3)).T.astype(np.float32))
+        cell = 1e-2 * float(np.linalg.norm(upper - lower))
+        grid = SpatialHash(photons.p, cell=cell, bounds=bounds, far=True)
+        nearest, _ = grid.nearest(means, 1, mi.Float(cell), mi.Float(2 * grid.extent))
+        photon = dr.gather(mi.UInt32, grid.order, nearest[0])
+        normals = dr.gather(mi.Normal3f, photons.n, photon)
+    if settings.initial_colour == "density":
+        density = PhotonDensity(photons, settings.search_radius, bounds)
+        irradiance = density.irradiance(means, normals)
+    quats = rng.normal(size=(4, count)).astype(np.float32)
+    gaussians = Gaussians(
+        means=means,
+        log_scales=dr.full(mi.Vector3f, float(np.log(settings.initial_scale)), count),
+        quats=mi.Quaternion4f(*(mi.Float(q) for q in quats)),
+        irradiance=irradiance,
+        normals=normals,
+    )
+    dr.eval(gaussians)
+    return gaussians
+
+
+def propose_search_radius(
+    photons: Photons, gaussians: int, at: np.ndarray, bounds: tuple[Any, Any], neighbours: int = 16
+) -> float:
+    """A radius within which a typical supervised point has ``neighbours`` Gaussians.
+
+    Measured as the median distance from up to 4096 of the points ``at`` (P, 3) to their nearest
+    photons, with as many photons as there will be Gaussians.
+    """
+    rng = np.random.default_rng(0)
+    available = dr.width(photons.p)
+    chosen = mi.UInt32(rng.permutation(available)[:gaussians].astype(np.uint32))
+    means = dr.gather(mi.Point3f, photons.p, chosen)
+    diagonal = float(np.linalg.norm([bounds[1][i] - bounds[0][i] for i in range(3)]))
+    grid = SpatialHash(means, cell=1e-2 * diagonal, bounds=bounds, far=True)
+    sample = at[rng.integers(0, len(at), min(len(at), 4096))]
+    x = mi.Point3f(np.ascontiguousarray(sample.T, dtype=np.float32))
+    k = min(neighbours, dr.width(means))
+    _, distance2 = grid.nearest(x, k, mi.Float(5e-3 * diagonal), mi.Float(grid.extent))
+    return float(np.sqrt(np.median(distance2[k - 1].numpy())))
+
+
+# Gaussians of gaps are so far apart, in units of the search radius: a dozen in its disc.
+SPACING = 0.5
+
+# At most this share of a field's Gaussians goes into gaps.
+MOST = 0.1
+
+
+def find_gaps(
+    field: GaussianPhotonField, position: np.ndarray, normal: np.ndarray, seed: int
+) -> Photons:
+    """Photons of no power at points whose search radius holds fewer than k Gaussians.
+
+    One in each cell of a grid, and surfaces that face different ways have cells of their own.
+
+    Parameters
+    ----------
+    field: what gaps are gaps of.
+    position, normal: of points that the field is to know, world units and unit vectors, (P, 3).
+    """
+    p, n = (np.ascontiguousarray(a.T, dtype=np.float32) for a in (position, normal))
+    _, reach = field.query(mi.Point3f(p), mi.Normal3f(n), dr.full(mi.Bool, True, len(position)))
+    sparse = np.flatnonzero(reach.numpy() > 1)
+    rng = np.random.default_rng(seed)
+    rng.shuffle(sparse)
+    width = SPACING * field.settings.search_radius
+    cells = np.floor(oriented_places(position[sparse], normal[sparse], width) / width)
+    _, first = np.unique(cells, axis=0, return_index=True)
+    most = int(MOST * dr.width(field.gaussians.means))
+    chosen = np.sort(sparse[np.sort(first)[:most]])
+    return Photons(
+        p=mi.Point3f(p[:, chosen]),
+        n=mi.Normal3f(n[:, chosen]),
+        power=dr.zeros(mi.Color3f, len(chosen)),
+        depth=dr.zeros(mi.UInt32, len(chosen)),
+    )

@@ -1,0 +1,216 @@
+"""Field files: ``field.safetensors``, exact or in a third of the size.
+
+Both precisions have the same tensors, one row per Gaussian, and the same metadata: settings,
+bounds, record, and the precision itself. What ``compact`` makes of a tensor, and what that can
+change:
+
+============  ==========================================================  ====================
+means         uint16 steps from their least to their greatest, per axis   1/131,000 of a range
+log_scales    uint8 steps likewise, within :data:`SCALES` radii           2% of a scale
+quats         int8 in 1/127 of the longest component; of unit length      half a degree
+irradiance    float16 in a unit that takes the greatest to 2^14 or more   0.05%, over 8 orders
+normals       as quats                                                    half a degree
+============  ==========================================================  ====================
+
+That is 22 bytes a Gaussian, against 64. A field that was read from a compact file is written to the
+same bytes again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.errors import UserError
+from gpf.core.files import read_tensors, stage_command, write_tensors
+from gpf.core.structs import to_numpy
+from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.gaussians import Gaussians
+
+Precision = Literal["float32", "compact"]
+
+# Standard deviations that a compact file tells apart, in search radii. To a query, which weighs
+# distances up to about a radius, those below are points, and those above are flat.
+SCALES = (0.0025, 50.0)
+
+_NAMES = ("means", "log_scales", "quats", "irradiance", "normals")
+
+
+@dataclass(frozen=True)
+class StoredField:
+    """What a field's file says; needs no variant of Mitsuba.
+
+    Attributes
+    ----------
+    tensors: the arrays of :class:`gpf.field.gaussians.Gaussians` by name, (N, 3), quats (N, 4), float32.
+    settings: how to query them.
+    bounds: two corners of the scene's bounding box, world units.
+    record: how the field came to be.
+    """
+
+    tensors: dict[str, np.ndarray]
+    settings: FieldSettings
+    bounds: list[list[float]]
+    record: dict[str, Any]
+
+
+def save_field(field: GaussianPhotonField, path: Path, precision: Precision = "float32") -> None:
+    """Write a field; raises what :func:`write_field` raises."""
+    g = field.gaussians
+    quats = mi.Vector4f(g.quats.x, g.quats.y, g.quats.z, g.quats.w)
+    arrays = (g.means, g.log_scales, quats, g.irradiance, g.normals)
+    tensors = {name: to_numpy(array) for name, array in zip(_NAMES, arrays, strict=True)}
+    bounds = [[float(corner[i]) for i in range(3)] for corner in field.bounds]
+    write_field(StoredField(tensors, field.settings, bounds, field.record), path, precision)
+
+
+def load_field(path: Path) -> GaussianPhotonField:
+    """Read a field; raises what :func:`read_field` raises."""
+    stored = read_field(path)
+    means, log_scales, quats, irradiance, normals = (
+        np.ascontiguousarray(stored.tensors[name].T) for name in _NAMES
+    )
+    gaussians = Gaussians(
+        means=mi.Point3f(means),
+        log_scales=mi.Vector3f(log_scales),
+        quats=mi.Quaternion4f(*(mi.Float(q) for q in quats)),
+        irradiance=mi.Color3f(irradiance),
+        normals=mi.Normal3f(normals),
+    )
+    lower, upper = (mi.ScalarPoint3f(corner) for corner in stored.bounds)
+    return GaussianPhotonField(gaussians, stored.settings, (lower, upper), stored.record)
+
+
+def write_field(stored: StoredField, path: Path, precision: Precision = "float32") -> None:
+    """Write what a file is to say.
+
+    Raises
+    ------
+    UserError: a value is NaN or infinite, or the file cannot be written.
+    """
+    _check_finite(path, stored.tensors)
+    tensors = stored.tensors
+    encoding: dict[str, Any] = {}
+    if precision == "compact":
+        tensors, encoding = _pack(stored.tensors, stored.settings.search_radius)
+    metadata = {
+        "precision": precision,
+        "encoding": encoding,
+        "settings": stored.settings.model_dump(),
+        "bounds": stored.bounds,
+        "record": stored.record,
+    }
+    write_tensors(path, "field", tensors, metadata)
+
+
+def read_field(path: Path) -> StoredField:
+    """Read what a file says, in either precision.
+
+    Raises
+    ------
+    UserError: the file is missing, truncated, of another kind, schema version or precision, or not
+        finite.
+    """
+    tensors, metadata = read_tensors(Path(path), "field", "train")
+    # Files from before there were two say nothing about it.
+    precision = metadata.get("precision", "float32")
+    if precision == "compact":
+        tensors = _unpack(tensors, metadata["encoding"])
+    elif precision != "float32":
+        raise UserError(
+            str(path),
+            f"has the precision {precision}; this program reads float32 and compact",
+            f"Delete it and run `{stage_command('train', path)}` again.",
+        )
+    _check_finite(path, tensors)
+    settings = FieldSettings(**metadata["settings"])
+    return StoredField(tensors, settings, metadata["bounds"], metadata["record"])
+
+
+def _check_finite(path: Path, tensors: Mapping[str, np.ndarray]) -> None:
+    for name, value in tensors.items():
+        if not np.isfinite(value).all():
+            raise UserError(
+                str(path),
+                f"has NaN or infinite values in {name}",
+                "Look at the references, lower the learning rates, and run "
+                f"`{stage_command('train', path)}`.",
+            )
+
+
+# --- the compact precision --------------------------------------------------------------------
+
+
+def _pack(
+    tensors: Mapping[str, np.ndarray], radius: float
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Tensors as a compact file has them, and what it takes to read them."""
+    told_apart = np.log(np.multiply(SCALES, radius)).astype(np.float32)
+    means, of_means = _to_steps(tensors["means"], np.uint16)
+    scales, of_scales = _to_steps(np.clip(tensors["log_scales"], *told_apart), np.uint8)
+    irradiance, unit = _to_halves(tensors["irradiance"])
+    packed = {
+        "means": means,
+        "log_scales": scales,
+        "quats": _to_bytes(tensors["quats"]),
+        "irradiance": irradiance,
+        "normals": _to_bytes(tensors["normals"]),
+    }
+    return packed, {"means": of_means, "log_scales": of_scales, "irradiance": unit}
+
+
+def _unpack(
+    tensors: Mapping[str, np.ndarray], encoding: Mapping[str, Any]
+) -> dict[str, np.ndarray]:
+    return {
+        "means": _from_steps(tensors["means"], encoding["means"]),
+        "log_scales": _from_steps(tensors["log_scales"], encoding["log_scales"]),
+        "quats": _from_bytes(tensors["quats"]),
+        "irradiance": (tensors["irradiance"] * np.float64(encoding["irradiance"])).astype("f4"),
+        "normals": _from_bytes(tensors["normals"]),
+    }
+
+
+def _to_steps(values: np.ndarray, kind: type[np.unsignedinteger]) -> tuple[np.ndarray, Any]:
+    """Columns (N, D) as whole steps of their ranges, and the ranges."""
+    least, greatest = values.min(axis=0).astype(float), values.max(axis=0).astype(float)
+    width = np.where(greatest > least, greatest - least, 1)
+    steps = np.rint((values - least) / width * np.iinfo(kind).max).astype(kind)
+    return steps, [least.tolist(), greatest.tolist()]
+
+
+def _from_steps(steps: np.ndarray, ranges: Any) -> np.ndarray:
+    """The ends of a range come out exactly: packed again, the range is the same."""
+    least, greatest = np.asarray(ranges)
+    share = steps / np.iinfo(steps.dtype).max
+    return (least * (1 - share) + greatest * share).astype(np.float32)
+
+
+def _to_bytes(vectors: np.ndarray) -> np.ndarray:
+    """Directions (N, D), of any length; zero stays zero."""
+    longest = np.abs(vectors).max(axis=1, keepdims=True).astype(float)
+    return np.rint(127 * (vectors / np.where(longest > 0, longest, 1))).astype(np.int8)
+
+
+def _from_bytes(codes: np.ndarray) -> np.ndarray:
+    """Directions of unit length."""
+    vectors = codes.astype(float)
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return (vectors / np.where(length > 0, length, 1)).astype(np.float32)
+
+
+def _to_halves(values: np.ndarray) -> tuple[np.ndarray, float]:
+    """Values in a unit, float16, and the unit: a power of two, so that it changes no digit.
+
+    The greatest becomes 2^14 to 2^15. Half precision keeps all its digits down to 2^-14 and some
+    down to 2^-24: eight, and eleven, orders of magnitude below.
+    """
+    mantissa, exponent = np.frexp(float(np.abs(values).max()))
+    # What rounding takes to the next power of two begins there when it is read and packed again.
+    unit = 2.0 ** (int(exponent) + int(np.float16(mantissa) == 1) - 15)
+    return (values / unit).astype(np.float16), unit

@@ -1,0 +1,125 @@
+"""A field as a PLY file that viewers of 3D Gaussian splats open.
+
+A viewer lays splats over one another, the nearest in front, where the field takes the mean of those
+around a point of a surface. So that its picture comes near the field's:
+
+- Splats are flat. The field is only asked on surfaces; what a Gaussian is above and below them it
+  never says, and a viewer would show it: fog before every wall, tables as thick as their splats.
+  What is kept is the slice along the surface, which is what a query there meets.
+- Splats are narrower than the slices. Neighbours overlap several times over; in front of one
+  another they blur what their mean does not, and hang over edges.
+- Splats are nearly opaque, for the surfaces are.
+
+Measured as the PSNR of splatted views against E / π in veach_bidir: 14 to 19 dB with the Gaussians
+as they are, 1 to 4 dB more where they are flat, another 1 to 3 dB where they are narrower. This is
+to look at light, not a substitute for rendering: a viewer knows no textures, glass or lamps.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gpf.core.files import write_atomically
+from gpf.core.images import tone_map
+from gpf.field.io import StoredField
+
+# The properties of a vertex, in the order in which viewers expect them; all are float32.
+PROPERTIES = (
+    *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
+    *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
+)
+
+# Y_00, the constant spherical harmonic: viewers show 0.5 + Y_00 f_dc.
+HARMONIC = 0.28209479177387814
+
+OPACITY = 0.9
+# Extent of a splat in the surface, as a share of the slice's. Less would leave gaps.
+NARROWING = 0.7
+# Thickness of a splat along the normal, as a share of its smaller extent in the surface.
+THICKNESS = 0.1
+
+# Where the exposure is not known, the median becomes this: the grey of 18% reflectance.
+MIDDLE_GREY = 0.18
+
+
+def write_splats(path: Path, stored: StoredField, exposure: float) -> None:
+    """Write one splat for each Gaussian.
+
+    Vertices are little-endian float32 in the order of :data:`PROPERTIES`: position, normal, colour
+    as (c - 1/2) / Y_00 with c = sRGB of ``exposure`` times :func:`white_radiance`, opacity as its
+    logit, extents as their logarithms, rotation as w, x, y, z.
+
+    Raises
+    ------
+    UserError: the file cannot be written.
+    """
+    t = stored.tensors
+    colour = tone_map(white_radiance(stored), exposure)
+    log_scales, rotations = flatten(t["log_scales"], t["quats"], t["normals"])
+    log_scales = log_scales + np.log([NARROWING, NARROWING, NARROWING * THICKNESS])
+    opacity = np.full((len(colour), 1), np.log(OPACITY / (1 - OPACITY)))
+    columns = (t["means"], t["normals"], (colour - 0.5) / HARMONIC, opacity, log_scales, rotations)
+    table = np.concatenate(columns, axis=1).astype("<f4")
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(table)}",
+        *(f"property float {name}" for name in PROPERTIES),
+        "end_header\n",
+    ]
+    data = "\n".join(header).encode("ascii") + table.tobytes()
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(data)
+
+    write_atomically(path, write)
+
+
+def white_radiance(stored: StoredField) -> np.ndarray:
+    """What a white surface at each Gaussian reflects: E / π; or the radiance, if it is stored."""
+    value = stored.tensors["irradiance"].astype(float)
+    return value / np.pi if stored.settings.stores == "irradiance" else value
+
+
+def propose_exposure(stored: StoredField) -> float:
+    """The exposure that makes the median of the lit Gaussians a middle grey."""
+    grey = white_radiance(stored).mean(axis=1)
+    lit = grey[grey > 0]
+    return float(MIDDLE_GREY / np.median(lit)) if len(lit) else 1.0
+
+
+def flatten(
+    log_scales: np.ndarray, quats: np.ndarray, normals: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Slices of Gaussians along the surface through their means.
+
+    With two unit vectors T perpendicular to the normal n, the slice's covariance is
+    (Tᵀ Σ⁻¹ T)⁻¹ = ((M T)ᵀ M T)⁻¹: its extents are one over the singular values of M T
+    (see :mod:`gpf.field.gaussians`).
+
+    Parameters
+    ----------
+    log_scales, quats, normals: as in :class:`gpf.field.gaussians.Gaussians`, (N, 3), (N, 4), (N, 3).
+
+    Returns
+    -------
+    log_scales: logarithms of the two extents, the smaller first, and again of the smaller, (N, 3).
+    rotations: unit quaternions (w, x, y, z) of frames whose third axis is n, (N, 4).
+    """
+    n = normals.astype(float)
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    # The axis that n is least along, made perpendicular to it, and what is perpendicular to both.
+    first = np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)])
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    tangents = np.stack([first, np.cross(n, first)], axis=2)
+    local = Rotation.from_quat(quats).as_matrix().transpose(0, 2, 1)
+    whitened = np.exp(-log_scales.astype(float))[:, :, None] * (local @ tangents)
+    _, singular, turned = np.linalg.svd(whitened, full_matrices=False)
+    frames = np.concatenate([tangents @ turned.transpose(0, 2, 1), n[:, :, None]], axis=2)
+    frames[:, :, 1] *= np.sign(np.linalg.det(frames))[:, None]  # no mirrors
+    smaller, larger = -np.log(singular).T
+    xyzw = Rotation.from_matrix(frames).as_quat()
+    return np.stack([smaller, larger, smaller], axis=1), xyzw[:, [3, 0, 1, 2]]

@@ -1,0 +1,1 @@
+"""Where photons are needed, and how they are sent there."""

@@ -1,0 +1,67 @@
+"""Photons thinned out where there are more of them than are of use."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.random import pass_seed
+from gpf.core.structs import Photons, VisiblePoints, take, to_numpy
+
+# A place keeps up to so many times the share of the photons that it has of the cameras' looks:
+# a caustic is worth more Gaussians than the wall around it, the inside of a lamp is not.
+MOST_PER_LOOK = 8.0
+
+
+def control_density(
+    photons: Photons, looks: Photons | VisiblePoints, width: float, seed: int
+) -> Photons:
+    """Russian roulette on photons that lie where cameras seldom look.
+
+    A photon survives with probability ``min(1, MOST_PER_LOOK s_looks / s_photons)``, by the shares
+    of all looks and of all photons in its cell of a grid, and its power is divided by it: sums over
+    an area are unbiased. Surfaces that face different ways have cells of their own, for the outside
+    of a lamp gets few photons, and needs them.
+
+    Parameters
+    ----------
+    looks: visible points of cameras, (L,).
+    width: of the grid's cells, world units.
+    """
+    p = oriented_places(to_numpy(photons.p), to_numpy(photons.n), width)
+    seen = oriented_places(to_numpy(looks.p), to_numpy(looks.n), width)
+    photon, look = count_in_cells(p, width, p, seen)
+    ratio = (look / len(seen)) / (photon / len(p))
+    # Where no look fell into the cell, half of one might have.
+    least = 0.5 / len(seen) * len(p) / photon
+    survival = np.minimum(1, MOST_PER_LOOK * np.maximum(ratio, least))
+    rng = np.random.default_rng(pass_seed(seed, 0, stream=10))
+    lives = np.flatnonzero(rng.random(len(p)) < survival)
+    kept = take(photons, mi.UInt32(lives.astype(np.uint32)))
+    kept.power /= mi.Float(survival[lives].astype(np.float32))
+    dr.eval(kept)
+    return kept
+
+
+def oriented_places(p: np.ndarray, n: np.ndarray, width: float) -> np.ndarray:
+    """Positions (N, 3), and as a fourth coordinate which of the six axes their normals (N, 3) are
+    nearest to: cells of ``width`` are then of one surface each, (N, 4)."""
+    axis = np.abs(n).argmax(axis=1)
+    side = np.take_along_axis(n, axis[:, None], axis=1)[:, 0] > 0
+    return np.column_stack([p, (2 * axis + side + 0.5) * width])
+
+
+def count_in_cells(at: np.ndarray, width: float, *sets: np.ndarray) -> list[np.ndarray]:
+    """How many points of each set (N, D) lie in the grid cell of each point of ``at`` (M, D)."""
+    cells = [np.floor(points / width).astype(np.int64) for points in (at, *sets)]
+    lowest = np.min([c.min(axis=0) for c in cells if len(c)], axis=0)
+    size = np.max([c.max(axis=0) for c in cells if len(c)], axis=0) - lowest + 1
+    wanted, *keys = (np.ravel_multi_index((c - lowest).T, size) for c in cells)
+    known, index = np.unique(wanted, return_inverse=True)
+    counts = []
+    for key in keys:
+        place = np.minimum(np.searchsorted(known, key), len(known) - 1)
+        inside = known[place] == key
+        counts.append(np.bincount(place[inside], minlength=len(known))[index])
+    return counts

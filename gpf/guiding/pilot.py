@@ -1,0 +1,72 @@
+"""A pilot: what some photon paths bring to where cameras look, before many are traced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.structs import Photons
+from gpf.guiding.visible_region import VisibleRegion
+from gpf.photons.emission import EmitterSample, Source, emit_light
+from gpf.photons.tracing import trace_photons
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """What each of N paths brought.
+
+    Attributes
+    ----------
+    brought: power of all its photons in the visible region, W, mean of the colours, (N,).
+    photons: their number, (N,).
+    seed: of the paths.
+    """
+
+    brought: np.ndarray
+    photons: np.ndarray
+    seed: int
+
+    @property
+    def photons_per_path(self) -> float:
+        """Mean number of photons in the visible region."""
+        return float(self.photons.mean())
+
+    @property
+    def efficiency(self) -> float:
+        """(Σ Φ)² / (N Σ Φ²): the share of equal paths that would bring as much, as noisily."""
+        total, square = self.brought.sum(), (self.brought**2).sum()
+        return float(total**2 / (len(self.brought) * square)) if square > 0 else 0.0
+
+    def start(self) -> EmitterSample:
+        """The random numbers that its paths started from, unless a guide changed them."""
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(self.seed, len(self.brought))
+        return EmitterSample.draw(sampler)
+
+
+def trace_pilot(
+    scene: mi.Scene,
+    region: VisibleRegion | None,
+    seed: int,
+    paths: int = 1 << 20,
+    source: Source = emit_light,
+) -> Pilot:
+    """Trace paths, store none of their photons. Without a visible region, all photons count."""
+    brought, photons = dr.zeros(mi.Float, paths), dr.zeros(mi.UInt32, paths)
+    lane = dr.arange(mi.UInt32, paths)
+
+    def deposit(found: Photons, active: mi.Bool) -> None:
+        if region is not None:
+            active = active & region.contains(found.p, found.n, active)
+        dr.scatter_reduce(dr.ReduceOp.Add, brought, dr.mean(found.power), lane, active)
+        dr.scatter_reduce(dr.ReduceOp.Add, photons, mi.UInt32(1), lane, active)
+
+    trace_photons(scene, deposit, paths=paths, seed=seed, source=source)
+    return Pilot(
+        brought=np.asarray(brought.numpy(), dtype=np.float64),
+        photons=np.asarray(photons.numpy(), dtype=np.int64),
+        seed=seed,
+    )

@@ -1,0 +1,119 @@
+"""What cameras can see: where photons and supervision are needed.
+
+In Veach's room some 4% of the photons get through the door; the others light a room that nobody
+looks into. A field that is to serve any camera in the space that the training views look into
+needs its Gaussians on the surfaces that such a camera can see, also in mirrors and through glass,
+and nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.camera.visible_points import find_visible_points
+from gpf.core.errors import UserError
+from gpf.core.random import pass_seed
+from gpf.core.spatial_hash import SpatialHash
+from gpf.core.structs import Photons, VisiblePoints, concatenate, take
+from gpf.core.surface_tags import pack_tag, same_surface
+from gpf.scene.bounds import scene_bounds
+
+# Fewer visible points do not tell how far apart they are.
+LEAST_POINTS = 8
+
+
+class VisibleRegion:
+    """The diffuse surfaces that can be seen from the space that some views look into.
+
+    Half of ``samples`` rays are the views' own; each of the others begins at a random place on
+    such a ray, before its first surface, and goes in a random direction. The visible points of all
+    of them are the visible region.
+
+    Parameters
+    ----------
+    sensors: the views.
+    samples: number of rays.
+
+    Raises
+    ------
+    UserError: hardly any of the rays ends on a diffuse surface.
+
+    Attributes
+    ----------
+    points: the visible points.
+    radius: how far around each visible point the visible region reaches, world units.
+    """
+
+    def __init__(
+        self, scene: mi.Scene, sensors: Sequence[mi.Sensor], seed: int, samples: int = 1 << 19
+    ) -> None:
+        each = max(1, samples // len(sensors))
+        seen = [
+            sample_visible_points(scene, sensor, each, pass_seed(seed, number, stream=6))
+            for number, sensor in enumerate(sensors)
+        ]
+        points = concatenate(seen)
+        lanes = dr.compress(points.valid)
+        if dr.width(lanes) < LEAST_POINTS:
+            raise UserError(
+                "training views",
+                "see no diffuse surface",
+                "Point them at one, or set visible_region.use to false in params.yaml.",
+            )
+        self.points = take(points, lanes)
+        p, n = self.points.p, self.points.n
+        bounds = scene_bounds(scene)
+        self.radius = _reach(p, bounds)
+        self._radius = dr.opaque(mi.Float, self.radius)
+        self.hash = SpatialHash(p, cell=2.02 * self.radius, bounds=bounds, tag=pack_tag(n))
+
+    def contains(self, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool | bool = True) -> mi.Bool:
+        """Whether surface points (N, 3) with oriented normals (N, 3) are part of it, (N,)."""
+
+        def look(found, index, record, distance2, inside):  # type: ignore[no-untyped-def]
+            return found | (inside & same_surface(record, p, n, radius * radius))
+
+        radius = self._radius
+        return self.hash.visit(p, radius, look, mi.Bool(False), mi.Bool(active))
+
+    def select(self, photons: Photons) -> Photons:
+        """The photons that landed on it."""
+        return take(photons, dr.compress(self.contains(photons.p, photons.n)))
+
+    def reject(self, photons: Photons) -> Photons:
+        """The photons that landed elsewhere."""
+        return take(photons, dr.compress(~self.contains(photons.p, photons.n)))
+
+
+def sample_visible_points(
+    scene: mi.Scene, sensor: mi.Sensor, samples: int, seed: int
+) -> VisiblePoints:
+    """Visible points of a view's rays and of rays that begin somewhere along them, (samples,)."""
+    sampler = mi.load_dict({"type": "independent", "sample_count": 1})
+    sampler.seed(seed, samples)
+    on_film = sampler.next_2d()
+    ray, _ = sensor.sample_ray(0.0, sampler.next_1d(), on_film, sampler.next_2d())
+    si = scene.ray_intersect_preliminary(ray)
+    along = sampler.next_1d()
+    direction = mi.warp.square_to_uniform_sphere(sampler.next_2d())
+    wanders = si.is_valid() & (sampler.next_1d() < 0.5)
+    ray.o = dr.select(wanders, ray.o + along * si.t * ray.d, ray.o)
+    ray.d = dr.select(wanders, direction, ray.d)
+    points = find_visible_points(scene, sampler, mi.Ray3f(ray))
+    dr.eval(points)
+    return points
+
+
+def _reach(p: mi.Point3f, bounds: tuple[mi.Point3f, mi.Point3f]) -> float:
+    """A radius within which nearly every one of the points has another."""
+    diagonal = float(dr.norm(bounds[1] - bounds[0]))
+    grid = SpatialHash(p, cell=1e-2 * diagonal, bounds=bounds, far=True)
+    rng = np.random.default_rng(0)
+    chosen = mi.UInt32(rng.integers(0, dr.width(p), 16384).astype(np.uint32))
+    x = dr.gather(mi.Point3f, p, chosen)
+    _, distance2 = grid.nearest(x, 4, mi.Float(2e-3 * diagonal), mi.Float(grid.extent))
+    return float(np.sqrt(np.percentile(distance2[3].numpy(), 99.9)))

@@ -1,0 +1,1 @@
+"""Lights -> photons: the only photon walk."""

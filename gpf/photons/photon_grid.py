@@ -1,0 +1,179 @@
+"""Photons of any number of passes in bounded memory: added up in small cells while they fly.
+
+A density estimate does not need single photons where many land: those in a cell that is much
+smaller than the kernel may as well be one photon, in their mean place and with the sum of their
+powers. So a pass costs its photon walk and little more, however many points want to know what it
+brought, and the kernel's radius can be chosen after the fact, for all photons alike.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.structs import Photons
+from gpf.photons.emission import Source, emit_light
+from gpf.photons.tracing import record_photons, trace_photons
+
+# Normals are told apart by their coordinates in thirds, at most 17° from what they stand for.
+_NORMAL_STEPS = 3
+
+# Places within a cell, in 1024ths of its edge: sums of four million have room in 32 bits.
+_PLACES = 1024
+
+# Powers, in parts of a typical one.
+_POWER_STEPS = 2.0**24
+
+# Paths that tell how much a photon brings, and how many land.
+PILOT = 1024
+
+# Room for a cell's sums, in 64-bit numbers. A key is never zero: no normal is.
+_LINE = 8
+
+
+class PhotonSums:
+    """Sums of photons by cell: a cube of space and a direction of normals.
+
+    Sums are of whole numbers, so that they are the same in whatever order photons land.
+
+    Parameters
+    ----------
+    cell: edge length of the cubes, world units; a quarter of the kernel's radius or less.
+    bounds: corners of the scene's bounding box.
+    indirect: whether photons straight from the emitters are left out.
+    capacity: cells for which there is room at first; it grows.
+    """
+
+    def __init__(
+        self, cell: float, bounds: tuple[Any, Any], indirect: bool = False, capacity: int = 1 << 20
+    ) -> None:
+        self._lower = mi.Point3f(*(dr.opaque(mi.Float, float(bounds[0][i])) for i in range(3)))
+        self._cell = dr.opaque(mi.Float, cell)
+        self._unit, self._landings = 0.0, 0.0
+        self._indirect = indirect
+        self._lost = dr.zeros(mi.UInt32, 1)
+        self.paths = 0
+        self._make_room(capacity)
+
+    def _make_room(self, capacity: int) -> None:
+        self.capacity = capacity
+        self._mask = dr.opaque(mi.UInt32, capacity - 1)
+        self._cells = dr.zeros(mi.UInt32, 1)
+        self._keys = dr.zeros(mi.UInt64, capacity)
+        # A cell's sums lie in one line of a processor's cache: three of power; then those of x and
+        # y, and of z and the number of photons, two of 32 bits in one of 64.
+        self._sums = dr.zeros(mi.UInt64, _LINE * capacity)
+        dr.eval(self._keys, self._sums)
+
+    def trace(
+        self, scene: mi.Scene, paths: int, seed: int, rr_depth: int, source: Source = emit_light
+    ) -> None:
+        """Add the photons of so many more paths."""
+        if not self._unit:
+            few = record_photons(scene, paths=PILOT, seed=seed, rr_depth=rr_depth, source=source)
+            power = np.asarray(few.power.numpy()).max(axis=0) if dr.width(few.p) else np.ones(1)
+            self._unit = float(np.mean(power)) * PILOT / _POWER_STEPS
+            self._landings = (dr.width(few.p) + 1) / PILOT
+        # Each photon may open a cell of its own, and half of the table is to stay empty.
+        wanted = 2 * (int(self._cells[0]) + 1.5 * self._landings * paths)
+        if wanted > self.capacity:
+            self._grow(1 << math.ceil(math.log2(wanted)))
+        # A photon's power is that of one of `paths`; sums are of paths of power one.
+        self._scale = dr.opaque(mi.Float, paths / self._unit)
+        trace_photons(
+            scene,
+            self._add,
+            paths,
+            seed,
+            rr_depth=rr_depth,
+            source=source,
+            indirect=self._indirect,
+        )
+        dr.eval(self._cells, self._lost, self._keys, self._sums)
+        self.paths += paths
+        if int(self._lost[0]) > 0:
+            raise RuntimeError(f"{self._lost[0]} photons found no room in {self.capacity} cells")
+
+    def _add(self, photons: Photons, active: mi.Bool) -> None:
+        offset = (photons.p - self._lower) / self._cell
+        corner = dr.clip(dr.floor(offset), 0, 65535)
+        key = _pack(mi.Vector3u(corner), mi.Vector3u(dr.round(photons.n * 3) + 3))
+        line = _LINE * self._find(key, active)
+        inside = mi.Vector3u(dr.clip((offset - corner) * _PLACES, 0, _PLACES - 1))
+        power = photons.power * self._scale
+        sums = [mi.UInt64(power[k]) for k in range(3)]
+        sums.append(mi.UInt64(inside.x) | (mi.UInt64(inside.y) << 32))
+        sums.append(mi.UInt64(inside.z) | (mi.UInt64(1) << 32))
+        for k, value in enumerate(sums):
+            dr.scatter_add(self._sums, value, line + k, active, dr.ReduceMode.Direct)
+
+    @dr.syntax
+    def _find(self, key: mi.UInt64, active: mi.Bool):  # type: ignore[no-untyped-def]
+        """The cell's slot in an open-addressing table; a new one where the cell has none."""
+        low, high = mi.sample_tea_32(mi.UInt32(key), mi.UInt32(key >> 32), 4)
+        slot = (low ^ high) & self._mask
+        looking, probes = mi.Bool(active), mi.UInt32(0)
+        while looking:
+            there = dr.gather(mi.UInt64, self._keys, slot, looking)
+            if there == 0:
+                old, won = dr.scatter_cas(self._keys, mi.UInt64(0), key, slot, looking)
+                dr.scatter_add(self._cells, mi.UInt32(1), 0, won)
+                there = dr.select(won, key, old)
+            looking &= there != key
+            slot = dr.select(looking, (slot + 1) & self._mask, slot)
+            probes += 1
+            if probes > self._mask:  # the table is full
+                dr.scatter_add(self._lost, mi.UInt32(1), 0, looking)
+                looking = mi.Bool(False)
+        return slot
+
+    def photons(self) -> Photons:
+        """One photon for each cell, in the order of cells: the powers are of all paths so far."""
+        taken = dr.compress(self._keys != 0)
+        if dr.width(taken) == 0:
+            return dr.zeros(Photons, 0)
+        found = np.asarray(dr.gather(mi.UInt64, self._keys, taken).numpy())
+        slot = dr.gather(mi.UInt32, taken, mi.UInt32(np.argsort(found).astype(np.uint32)))
+        key = dr.gather(mi.UInt64, self._keys, slot)
+        red, green, blue, xy, zn = (
+            dr.gather(mi.UInt64, self._sums, _LINE * slot + k) for k in range(5)
+        )
+        corner = mi.Vector3f(*(mi.Float((key >> (16 * k)) & 0xFFFF) for k in range(3)))
+        thirds = mi.Vector3f(*(mi.Float((key >> (48 + 3 * k)) & 7) for k in range(3)))
+        places = mi.Vector3f(*(mi.Float(mi.UInt32(v)) for v in (xy, xy >> 32, zn)))
+        inside = (places / mi.Float(mi.UInt32(zn >> 32)) + 0.5) / _PLACES
+        scale = dr.opaque(mi.Float, self._unit / max(self.paths, 1))
+        photons = Photons(
+            p=mi.Point3f(self._lower + self._cell * corner + self._cell * inside),
+            n=mi.Normal3f(dr.normalize(thirds - _NORMAL_STEPS)),
+            power=mi.Color3f(mi.Float(red), mi.Float(green), mi.Float(blue)) * scale,
+            depth=dr.full(mi.UInt32, int(self._indirect), len(found)),
+        )
+        dr.eval(photons)
+        return photons
+
+    def _grow(self, capacity: int) -> None:
+        """Move all cells into a larger table."""
+        keys, sums = self._keys, self._sums
+        taken = dr.compress(keys != 0)
+        self._make_room(capacity)
+        if dr.width(taken) == 0:
+            return
+        slot = self._find(dr.gather(mi.UInt64, keys, taken), mi.Bool(True))
+        dr.eval(slot, self._keys, self._cells, self._lost)
+        for k in range(_LINE):
+            value = dr.gather(mi.UInt64, sums, _LINE * taken + k)
+            dr.scatter(self._sums, value, _LINE * slot + k)
+        dr.eval(self._sums)
+
+
+def _pack(corner: mi.Vector3u, thirds: mi.Vector3u) -> mi.UInt64:
+    """A cell's number: 16 bits for each coordinate of its corner, 3 for each of its normal's."""
+    key = mi.UInt64(0)
+    for k in range(3):
+        key |= (mi.UInt64(corner[k]) << (16 * k)) | (mi.UInt64(thirds[k]) << (48 + 3 * k))
+    return key

@@ -1,0 +1,1 @@
+"""The Mitsuba plugins `sppm` and `gpf`, adaptive samples, recording."""

@@ -1,0 +1,19 @@
+"""How views are rendered from a field."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from gpf.core.settings import Count, Seed, Settings
+
+
+class RenderSettings(Settings):
+    """How views are rendered from a field; the plugin ``gpf`` explains the switches."""
+
+    spp: Count = 64
+    glossy_walks: Count = 4
+    adaptive: bool = True
+    suppress_fireflies: bool = True
+    sampler: Literal["independent", "stratified", "multijitter", "ldsampler"] = "multijitter"
+    rr_depth: Count = 5
+    seed: Seed = 4

@@ -1,0 +1,1 @@
+"""Scenes as files and as Mitsuba loads them: views, sensors, materials, bounds."""

@@ -1,0 +1,90 @@
+"""What a loaded scene consists of, and whether photon mapping can do something with it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import mitsuba as mi
+
+from gpf.core.errors import UserError
+from gpf.scene.materials import inseparable_materials
+
+
+def check_scene(scene: mi.Scene, where: str = "scene") -> None:
+    """Raise a :class:`UserError` for a scene without emitters or without diffuse surfaces."""
+    info = scene_info(scene)
+    if info["emitters"]["count"] == 0:
+        raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
+    if names := inseparable_materials(scene):
+        raise UserError(
+            where,
+            f"has materials of type {', '.join(names)}, whose diffuse part cannot be told apart",
+            "Use plastic, roughplastic, or a blendbsdf of diffuse and a conductor.",
+        )
+    if not any(bsdf["queried"] for bsdf in info["bsdfs"].values()):
+        raise UserError(
+            where,
+            "has no diffuse surface, so no photon can be stored",
+            "Give at least one shape a material with a diffuse component.",
+        )
+
+
+def scene_info(scene: mi.Scene) -> dict[str, Any]:
+    """What a scene consists of, as plain values.
+
+    Keys: ``bbox`` (``min``, ``max``), ``emitters`` (``count``, ``types``: number by class),
+    ``shapes`` (``id``, ``type``, ``bsdf`` each) and ``bsdfs``: for each material in use, by id, its
+    ``type``, whether the field is ``queried`` there (it has a diffuse component) and whether paths
+    are ``traced`` through it (it has another component). A layered material is both.
+    """
+    lobes = mi.BSDFFlags
+    materials = scene_materials(scene)
+    names = {id(bsdf): name for name, bsdf in materials.items()}
+    shapes = [
+        {"id": shape.id(), "type": shape.class_name(), "bsdf": names.get(id(shape.bsdf()))}
+        for shape in scene.shapes()
+    ]
+    bsdfs = {}
+    for name, bsdf in materials.items():
+        flags = bsdf.flags()
+        bsdfs[name] = {
+            "type": bsdf.class_name(),
+            "queried": bool(mi.has_flag(flags, lobes.Diffuse)),
+            "traced": any(
+                bool(mi.has_flag(flags, lobe))
+                for lobe in (lobes.Glossy, lobes.Delta, lobes.Delta1D, lobes.Null)
+            ),
+        }
+    emitters = scene.emitters()
+    bbox = scene.bbox()
+    return {
+        "bbox": {
+            "min": [float(bbox.min[i]) for i in range(3)],
+            "max": [float(bbox.max[i]) for i in range(3)],
+        },
+        "emitters": {
+            "count": len(emitters),
+            "types": dict(sorted(Counter(emitter.class_name() for emitter in emitters).items())),
+        },
+        "shapes": shapes,
+        "bsdfs": bsdfs,
+    }
+
+
+def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:
+    """The materials of all surfaces that a ray can meet, by id, or by a name of their shape's."""
+    found: dict[str, mi.BSDF] = {}
+    # An instance has a material that nothing looks at; the shapes of its group have the real ones.
+    groups = [s for s in mi.traverse(scene).hierarchy if isinstance(s, mi.Shape)]
+    for shape in dict.fromkeys((*scene.shapes(), *groups)):
+        bsdf = shape.bsdf()
+        if bsdf is None or shape.class_name() in ("Instance", "ShapeGroupPlugin"):
+            continue
+        name = bsdf.id() or f"{bsdf.class_name()} of {shape.id() or shape.class_name()}"
+        number, plain = 1, name
+        while found.get(name, bsdf) is not bsdf:
+            number += 1
+            name = f"{plain} ({number})"
+        found[name] = bsdf
+    return found

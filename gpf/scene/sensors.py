@@ -1,0 +1,172 @@
+"""Views -> Mitsuba's sensors."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.scene.views import View
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+
+def make_sensor(
+    view: View, width: int, height: int, spp: int = 16, sampler: str = "independent"
+) -> mi.Sensor:
+    """A Mitsuba perspective sensor for a view: RGB float32 film, box filter.
+
+    The box filter makes a pixel the plain mean of its own samples, for every method alike.
+    """
+    import mitsuba as mi
+
+    look_at = mi.ScalarTransform4f().look_at(
+        origin=list(view.origin), target=list(view.target), up=list(view.up)
+    )
+    return mi.load_dict(
+        {
+            "type": "perspective",
+            "fov": view.fov,
+            "fov_axis": view.fov_axis,
+            "near_clip": 1e-3,
+            "far_clip": 1e5,
+            "to_world": look_at,
+            "sampler": {"type": sampler, "sample_count": spp},
+            "film": {
+                "type": "hdrfilm",
+                "width": width,
+                "height": height,
+                "pixel_format": "rgb",
+                "component_format": "float32",
+                "rfilter": {"type": "box"},
+            },
+        }
+    )
+
+
+CAMERAS = ("PerspectiveCamera", "ThinLensCamera")
+"""Classes of the sensors that a view can stand for."""
+
+
+def scene_cameras(scene: mi.Scene) -> list[mi.Sensor]:
+    """The scene's sensors that a view can stand for, in order."""
+    return [sensor for sensor in scene.sensors() if sensor.class_name() in CAMERAS]
+
+
+def views_of_sensors(scene: mi.Scene) -> list[View]:
+    """One view for each of :func:`scene_cameras`.
+
+    ``target`` is a unit length ahead of ``origin``, ``fov`` is the angle across x. Names come from
+    the sensors' ids, ``camera`` where there is none. A view is a pinhole camera with its axis
+    through the middle of the image: an aperture, a shifted principal point, a crop of the film and
+    a mirrored image are left out (:func:`differs_from_view`).
+    """
+    views: list[View] = []
+    for sensor in scene_cameras(scene):
+        taken = {view.name for view in views}
+        matrix = _matrix(sensor)
+        origin = np.array([_shortest(x) for x in matrix[:3, 3]])
+        ahead = origin + _unit(matrix[:3, 2])
+        views.append(
+            View(
+                name=_free_name(sensor.id(), taken),
+                origin=_vector(origin),
+                target=_vector(ahead.round(6) + 0.0),
+                up=_vector(_unit(matrix[:3, 1]).round(6) + 0.0),
+                fov=_shortest(_scalar(mi.traverse(sensor)["x_fov"])),
+                fov_axis="x",
+            )
+        )
+    return views
+
+
+def film_aspect(sensor: mi.Sensor) -> float:
+    """Width over height of a sensor's whole film."""
+    size = sensor.film().size()
+    return float(size[0]) / float(size[1])
+
+
+def differs_from_view(sensor: mi.Sensor, view: View) -> list[str]:
+    """What of a sensor its view leaves out, in words; nothing where their images agree."""
+    found = []
+    if sensor.class_name() == "ThinLensCamera":
+        found.append("has an aperture: views are in focus everywhere")
+    if np.linalg.det(_matrix(sensor)[:3, :3]) < 0:
+        found.append("shows a mirror image: views show it the right way round")
+    if list(sensor.film().crop_size()) != list(sensor.film().size()):
+        found.append("shows a crop of its film: views show all of it")
+    shift = [_principal_point(sensor, axis) for axis in "xy"]
+    if any(shift):
+        found.append("has its principal point off the middle: that of views is in the middle")
+    width, height = (int(n) for n in sensor.film().size())
+    if not found and not _same_rays(sensor, make_sensor(view, width, height)):
+        found.append("makes other rays than a pinhole camera would")
+    return found
+
+
+def looks_through(scene: mi.Scene, sensor: mi.Sensor, view: View) -> list[str]:
+    """What the sensor leaves out because it is nearer than its near clip, in words."""
+    near, aspect = float(sensor.near_clip()), film_aspect(sensor)
+    rows, columns = 32, max(1, round(32 * aspect))
+    index = dr.arange(mi.UInt32, rows * columns)
+    pixel = mi.Point2f(index % columns, index // columns) + 0.5
+    place = pixel / mi.Point2f(columns, rows)
+    ray, _ = make_sensor(view, columns, rows).sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
+    ray.maxt = mi.Float(near)
+    share = float(dr.count(scene.ray_test(mi.Ray3f(ray)))[0]) / (rows * columns)
+    if share == 0:
+        return []
+    return [
+        f"leaves out all that is nearer than {near:.3g} units: "
+        f"views do not, and it covers {100 * share:.0f}% of this one"
+    ]
+
+
+def _same_rays(first: mi.Sensor, second: mi.Sensor) -> bool:
+    corner, centre = mi.Point2f(0.1, 0.8), mi.Point2f(0.5)
+    rays = [sensor.sample_ray(0.0, 0.5, corner, centre)[0] for sensor in (first, second)]
+    directions = [np.array(ray.d).ravel() for ray in rays]
+    return bool(np.abs(directions[0] - directions[1]).max() < 1e-3)
+
+
+def _principal_point(sensor: mi.Sensor, axis: str) -> float:
+    key = f"principal_point_offset_{axis}"
+    parameters = mi.traverse(sensor)
+    return _scalar(parameters[key]) if key in parameters else 0.0
+
+
+def _matrix(sensor: mi.Sensor) -> np.ndarray:
+    return np.array(sensor.world_transform().matrix, dtype=np.float64).reshape(4, 4)
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)
+
+
+def _scalar(value: Any) -> float:
+    return float(np.array(value).ravel()[0])
+
+
+def _shortest(value: float) -> float:
+    """The shortest decimal that means the same in single precision: 4.054 for 4.0539999."""
+    return float(str(np.float32(value))) + 0.0
+
+
+def _vector(values: Any) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def _free_name(text: str, taken: set[str]) -> str:
+    """A name for a view from the id of a sensor, unlike those that are taken."""
+    name = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or "camera"
+    name = f"camera_{name}" if name.startswith("frame_") else name
+    free, number = name, 1
+    while free in taken:
+        number += 1
+        free = f"{name}_{number}"
+    return free

@@ -1,0 +1,98 @@
+"""Complete copies of scenes, with what their builders generate."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+from gpf.core.errors import UserError
+from gpf.scene.folders import scene_files, scene_folder
+from gpf.scene.load import load_scene_file
+from gpf.scene.views import read_views
+from gpf.scene.xml import read_scene_xml
+
+
+def build_scene(name: str, root: Path | None = None, target: Path | None = None) -> list[Path]:
+    """Run a scene's ``build.py``, if it has one, and return the files that it made.
+
+    They go below ``target``, by default the scene's own folder. The builder works in a temporary
+    folder; a file goes to its place once all are complete.
+    """
+    folder = scene_folder(name, root)
+    target = target or folder
+    script = folder / "build.py"
+    if not script.exists():
+        return []
+    spec = importlib.util.spec_from_file_location(f"scene_builder_{name}", script)
+    assert spec is not None and spec.loader is not None  # the path ends in .py
+    module = importlib.util.module_from_spec(spec)
+    staging = Path(tempfile.mkdtemp(dir=target, prefix=".build-"))
+    try:
+        spec.loader.exec_module(module)
+        if not hasattr(module, "build"):
+            raise UserError(str(script), "has no function build", "Define build(folder: Path).")
+        made = []
+        for source in module.build(staging):
+            place = target / source.relative_to(staging)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            os.replace(source, place)
+            made.append(place)
+        return made
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def freeze_scene(name: str, target: Path, root: Path | None = None) -> None:
+    """Make ``target`` a complete copy of a scene: its files, and what its builder generates.
+
+    Nothing else remains in ``target``. The files of :func:`scene_files` other than the builder are
+    copied, so that a frozen scene depends on no other folder. It is loaded once before it takes the
+    place of an older one: a :class:`UserError` leaves that as it was.
+    """
+    folder = scene_folder(name, root)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    staging = Path(tempfile.mkdtemp(dir=target.parent, prefix=".freeze-"))
+    try:
+        made = {p.relative_to(staging) for p in build_scene(name, root, staging)}
+        references = read_scene_xml(folder / "scene.xml").references
+        lines = {reference.path: str(reference.place) for reference in reversed(references)}
+        for source in scene_files(name, root):
+            if not source.resolve().is_relative_to(folder.resolve()):
+                raise UserError(
+                    lines.get(source, str(folder / "scene.xml")),
+                    f"refers to {source}, which is outside of the scene's folder",
+                    "Copy it into the folder and refer to it by a relative path.",
+                )
+            if source.name == "build.py" or source.relative_to(folder) in made:
+                continue
+            if not source.exists():
+                raise UserError(
+                    lines.get(source, str(folder / "scene.xml")),
+                    f"refers to {source}, which does not exist",
+                    "Put it there, or correct the scene file.",
+                )
+            place = staging / source.relative_to(folder)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, place)
+        make_folders(folder / "scene.xml", staging)
+        try:
+            views = read_views(staging / "views.yaml")
+            load_scene_file(staging / "scene.xml", *views.size(16))
+        except UserError as error:  # what there was before stays
+            where, what = (t.replace(str(staging), str(folder)) for t in (error.where, error.what))
+            raise UserError(where, what, error.todo) from None
+        shutil.rmtree(target, ignore_errors=True)
+        os.replace(staging, target)
+        target.chmod(0o755)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def make_folders(file: Path, target: Path) -> None:
+    """Make the folders below ``target`` that a scene file expects, even if they stay empty."""
+    for reference in read_scene_xml(file).references:
+        if reference.is_folder and reference.path.is_relative_to(file.parent):
+            (target / reference.path.relative_to(file.parent)).mkdir(parents=True, exist_ok=True)

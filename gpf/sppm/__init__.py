@@ -1,0 +1,1 @@
+"""Photons and points -> irradiance: stochastic progressive photon mapping, passes and their sums."""

@@ -1,0 +1,66 @@
+"""Points that are the same for all passes, and the direct light that comes to them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import drjit as dr
+import mitsuba as mi
+
+from gpf.core.structs import VisiblePoints
+from gpf.scene.materials import diffuse_context
+
+
+class FixedPoints:
+    """Valid points whose irradiance is accumulated, and the surfaces that they lie on.
+
+    Parameters
+    ----------
+    points: positions, and normals on the side that is lit, (N).
+    """
+
+    def __init__(self, scene: mi.Scene, points: VisiblePoints) -> None:
+        self.scene, self.points = scene, points
+
+    @cached_property
+    def _surface(self) -> mi.SurfaceInteraction3f:
+        """The surfaces, found again from right above them; not valid where that fails, (N,)."""
+        above = dr.zeros(mi.SurfaceInteraction3f, dr.width(self.points.p))
+        above.p, above.n = self.points.p, self.points.n
+        ray = above.spawn_ray(self.points.n)
+        height = dr.norm(ray.o - self.points.p)
+        ray.d = -self.points.n
+        ray.maxt = 4 * height
+        si = self.scene.ray_intersect(ray)
+        same = si.is_valid() & (dr.abs(dr.dot(si.n, self.points.n)) > 0.7)
+        si.t = dr.select(same, si.t, dr.inf)
+        dr.eval(si)
+        return si
+
+    def direct_irradiance(self, sample: mi.Point2f) -> mi.Color3f:
+        """Irradiance from one point on one emitter, W/m², (N, 3).
+
+            E = L_e / p_e(ω) |cos θ| g(ω)
+
+        with the cosine in the shading frame, and g as in :func:`gpf.scene.materials.diffuse_transfer`:
+        what photons would bring from there.
+
+        Parameters
+        ----------
+        sample: random numbers in [0, 1)², (N, 2).
+        """
+        p, n, si = self.points.p, self.points.n, self._surface
+        here = dr.zeros(mi.SurfaceInteraction3f, dr.width(p))
+        here.p, here.n = p, n
+        light, weight = self.scene.sample_emitter_direction(here, sample, True, True)
+        cosine = dr.dot(light.d, n)
+        # As in a photon's landing: the answer for light from ω over that for light from above.
+        context, known = diffuse_context(), si.is_valid()
+        upright = mi.SurfaceInteraction3f(si)
+        upright.wi = mi.Vector3f(0, 0, dr.select(dr.dot(si.sh_frame.n, n) > 0, 1, -1))
+        bsdf, wo = si.bsdf(), si.to_local(light.d)
+        straight = bsdf.eval(context, upright, upright.wi, known)
+        slanted = bsdf.eval(context, upright, wo, known)
+        shaded = dr.select(straight > 0, slanted / straight, dr.maximum(wo.z * upright.wi.z, 0))
+        share = dr.select(known, shaded, cosine)
+        return dr.select((light.pdf > 0) & (cosine > 0), weight * share, 0)

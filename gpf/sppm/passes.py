@@ -1,0 +1,192 @@
+"""Stochastic progressive photon mapping: passes that are independent given their index.
+
+One pass traces photons and gathers them with the radius of that pass at any number of points: the
+visible points of one view or of several, and points whose irradiance is a training target. The
+estimate is the mean over passes (Knaus and Zwicker 2011).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from pydantic import Field
+
+from gpf.camera.next_event import samples_every_emitter
+from gpf.core.random import pass_seed, spread_sample
+from gpf.core.settings import Count, Positive, Settings
+from gpf.core.spatial_hash import SpatialHash
+from gpf.core.structs import VisiblePoints
+from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface
+from gpf.photons.emission import Source, emit_light
+from gpf.photons.tracing import record_photons, usual_capacity
+from gpf.scene.bounds import scene_bounds
+from gpf.scene.materials import has_gloss
+from gpf.sppm.density import PhotonDensity, radius_at
+from gpf.sppm.edge_correction import area_correction
+from gpf.sppm.fixed_points import FixedPoints
+
+
+class PassSettings(Settings):
+    """What all passes have in common.
+
+    Attributes
+    ----------
+    photons_per_pass: emitted photon paths.
+    initial_radius: kernel radius of the first pass, world units.
+    alpha: radius reduction, in (0, 1); see :func:`gpf.sppm.density.next_radius`.
+    max_depth: longest path in edges, as in Mitsuba's ``path``; -1 is no limit.
+    rr_depth: interactions before Russian roulette.
+    direct: where light straight from the emitters comes from, at what views see and at fixed
+        points: the ``photons``, like all other light, or a sample of the ``emitters``.
+    glossy_walks: camera walks of a sample that meets a glossy surface first; see
+        :class:`gpf.camera.film.FilmSamples`.
+    edge_correction: whether to divide by the part of the kernel's disc that lies on the surface,
+        rather than by all of it; see :mod:`gpf.sppm.edge_correction`.
+    """
+
+    photons_per_pass: Count = 100_000
+    initial_radius: Positive = 0.02
+    alpha: Annotated[float, Field(gt=0, lt=1)] = 0.7
+    max_depth: Annotated[int, Field(ge=-1)] = -1
+    rr_depth: Count = 5
+    direct: Literal["photons", "emitters"] = "emitters"
+    glossy_walks: Count = 8
+    edge_correction: bool = True
+
+
+def suit_scene(settings: PassSettings, scene: mi.Scene) -> PassSettings:
+    """The settings without what a scene has no use for, or cannot do.
+
+    One walk is enough where nothing is glossy; where an emitter cannot be sampled, photons bring
+    direct light.
+    """
+    walks = settings.glossy_walks if has_gloss(scene) else 1
+    direct = settings.direct if samples_every_emitter(scene) else "photons"
+    return settings.model_copy(update={"glossy_walks": walks, "direct": direct})
+
+
+class PhotonPasses:
+    """Passes of photons.
+
+    What pass ``t`` gives is a function of the scene, the settings, the seed and ``t``, bit for bit:
+    not of the passes before, nor of the order in which threads bring photons.
+
+    Parameters
+    ----------
+    source: where photons start; see :func:`gpf.photons.tracing.trace_photons`.
+    """
+
+    def __init__(
+        self, scene: mi.Scene, settings: PassSettings, seed: int, source: Source = emit_light
+    ) -> None:
+        self.scene, self.seed, self.source = scene, seed, source
+        self.settings = suit_scene(settings, scene)
+        self.bounds = scene_bounds(scene)
+        # Photons for which there was room in all passes so far.
+        self._room: int | None = None
+
+    def trace(self, t: int) -> PhotonPass:
+        """Trace the photons of pass ``t`` (from 1)."""
+        settings = self.settings
+        photons = record_photons(
+            self.scene,
+            paths=settings.photons_per_pass,
+            seed=pass_seed(self.seed, t, stream=0),
+            max_depth=settings.max_depth,
+            rr_depth=settings.rr_depth,
+            source=self.source,
+            capacity=self._room,
+            indirect=settings.direct == "emitters",
+        )
+        found = dr.width(photons.p)
+        if self._room is None or found > self._room:
+            # As usual, or more, and some more for passes that have a few more.
+            usual = usual_capacity(settings.photons_per_pass, settings.rr_depth)
+            self._room = max(usual, found + found // 8)
+        radius = radius_at(t, settings.initial_radius, settings.alpha)
+        density = PhotonDensity(photons, radius, self.bounds)
+        return PhotonPass(self.scene, settings, density, radius, self.seed, t)
+
+
+@dataclass(frozen=True)
+class PhotonPass:
+    """The photons of one pass, and the light that points gather from them."""
+
+    scene: mi.Scene
+    settings: PassSettings
+    density: PhotonDensity
+    radius: float
+    seed: int
+    t: int
+
+    def irradiance(self, points: VisiblePoints) -> mi.Color3f:
+        """What photons bring to ``points``, W/m², (N, 3): all light, or what is not direct."""
+        # A whole path has the camera's depth + 1 edges, the photon's depth + 1 edges.
+        budget: Any = UNLIMITED
+        if self.settings.max_depth > 0:
+            budget = max(self.settings.max_depth - 2, 0) - points.depth
+        p, n, valid = points.p, points.n, points.valid
+        irradiance = self.density.irradiance(p, n, valid, budget)
+        if self.settings.edge_correction:
+            edge_seed = pass_seed(self.seed, self.t, stream=9)
+            irradiance *= area_correction(self.scene, p, n, valid, self.radius, edge_seed)
+        return irradiance
+
+    def all_irradiance(
+        self, fixed: FixedPoints, start: mi.Point2f, number: int
+    ) -> tuple[mi.Color3f, mi.Color3f | None]:
+        """E at fixed points, W/m², (N, 3), and how much of it came from a sample of the emitters:
+        None if photons bring direct light too.
+
+        Parameters
+        ----------
+        start: of the points' samples, (N, 2); see :func:`gpf.core.random.random_start`.
+        number: how many passes have served these points, this one included.
+        """
+        if self.settings.direct == "photons":
+            return self.irradiance(fixed.points), None
+        direct = fixed.direct_irradiance(spread_sample(start, number))
+        dr.eval(direct)  # each use is a kernel of its own, and would trace it anew
+        return self.irradiance(fixed.points) + direct, direct
+
+
+def propose_radius(
+    scene: mi.Scene,
+    points: VisiblePoints,
+    photons_per_pass: int,
+    seed: int = 0,
+    photons_in_disc: float = 16.0,
+    source: Source = emit_light,
+) -> float:
+    """A radius for which a typical visible point gathers ``photons_in_disc`` photons per pass.
+
+    A pilot pass measures the photon density at the points (distance to the 8th nearest photon on
+    the same surface, median over up to 4096 points). The radius is clamped to 1e-4 … 5e-2 of the
+    scene's diagonal.
+    """
+    k = 8
+    bounds = scene_bounds(scene)
+    diagonal = float(dr.norm(bounds[1] - bounds[0]))
+    paths = min(photons_per_pass, 200_000)
+    photons = record_photons(scene, paths=paths, seed=pass_seed(seed, 0, stream=2), source=source)
+    lanes = dr.compress(points.valid)
+    if dr.width(lanes) == 0 or dr.width(photons.p) < k:
+        return 1e-2 * diagonal
+    rng = np.random.default_rng(pass_seed(seed, 0, stream=3))
+    chosen = mi.UInt32(rng.integers(0, dr.width(lanes), 4096).astype(np.uint32))
+    lanes = dr.gather(mi.UInt32, lanes, chosen)
+    x, n = dr.gather(mi.Point3f, points.p, lanes), dr.gather(mi.Normal3f, points.n, lanes)
+    tag = pack_tag(photons.n)
+    grid = SpatialHash(photons.p, cell=1e-2 * diagonal, bounds=bounds, far=True, tag=tag)
+    start, limit = mi.Float(5e-3 * diagonal), mi.Float(0.2 * diagonal)
+    # Behind a thin wall there may be many more.
+    _, distance2 = grid.nearest(
+        x, k, start, limit, lambda record: same_surface(record, x, n, mi.Float(0))
+    )
+    typical2 = float(np.median(distance2[k - 1].numpy()))
+    radius = np.sqrt(typical2 * photons_in_disc / k * paths / photons_per_pass)
+    return float(np.clip(radius, 1e-4 * diagonal, 5e-2 * diagonal))

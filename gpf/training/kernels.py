@@ -1,0 +1,158 @@
+"""The field's blend over neighbour lists, and its adjoint: the kernels that training runs on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from gpf.core.structs import SurfacePoints
+from gpf.field.field import WEIGHT_FLOOR
+from gpf.field.gaussians import Gaussians, whitening_adjoint, whitening_rows
+from gpf.training.neighbours import NeighbourLists
+
+
+def parameters(g: Gaussians) -> list[mi.Float]:
+    """The trained arrays, one per scalar parameter, (N,) each."""
+    q = g.quats
+    return [*g.means, *g.log_scales, q.x, q.y, q.z, q.w, *g.irradiance]
+
+
+def with_parameters(g: Gaussians, p: list[mi.Float]) -> Gaussians:
+    """The inverse of :func:`parameters`; normals are taken from ``g``."""
+    return Gaussians(
+        means=mi.Point3f(*p[0:3]),
+        log_scales=mi.Vector3f(*p[3:6]),
+        quats=mi.Quaternion4f(*p[6:10]),
+        irradiance=mi.Color3f(*p[10:13]),
+        normals=g.normals,
+    )
+
+
+@dataclass
+class Packets:
+    """What the batch kernel reads, and the gradients that it adds to: flat packets of 4, (4 N,).
+
+    ``means`` holds μ; ``rows[k]`` the row M_k and colour channel k. The gradients have the same
+    layout.
+    """
+
+    means: mi.Float
+    rows: list[mi.Float]
+
+
+def pack(g: Gaussians) -> Packets:
+    """Packets of the Gaussians in their own order."""
+    rows = whitening_rows(g.log_scales, g.quats)
+    return Packets(
+        means=dr.ravel(mi.Vector4f(g.means.x, g.means.y, g.means.z, 0)),
+        rows=[
+            dr.ravel(mi.Vector4f(rows[k].x, rows[k].y, rows[k].z, g.irradiance[k]))
+            for k in range(3)
+        ],
+    )
+
+
+def unpack_gradients(g: Gaussians, gradients: Packets, anisotropic: bool) -> list[mi.Float]:
+    """Gradients with respect to :func:`parameters` from those with respect to the packets."""
+    index = dr.arange(mi.UInt32, dr.width(g.means))
+    means = dr.gather(mi.Vector4f, gradients.means, index)
+    rows = [dr.gather(mi.Vector4f, r, index) for r in gradients.rows]
+    scales, quats = whitening_adjoint(
+        g.log_scales,
+        g.quats,
+        tuple(mi.Vector3f(r.x, r.y, r.z) for r in rows),  # type: ignore[arg-type]
+    )
+    if not anisotropic:
+        scales = mi.Vector3f(dr.mean(scales))
+    return [means.x, means.y, means.z, *scales, *quats, rows[0].w, rows[1].w, rows[2].w]
+
+
+@dr.syntax
+def blend_neighbours(
+    points: SurfacePoints, lists: NeighbourLists, chosen: mi.UInt32, packets: Packets, divided: bool
+) -> tuple[mi.Color3f, mi.Float]:
+    """The field's value at the chosen points, (B, 3), and 1 / Z, (B,)."""
+    x = dr.gather(mi.Point3f, points.p, chosen)
+    support2 = dr.gather(mi.Float, lists.support2, chosen)
+    i = dr.gather(mi.UInt32, lists.starts, chosen)
+    end = dr.gather(mi.UInt32, lists.starts, chosen + 1)
+    total = mi.Float(0)
+    blend = mi.Color3f(0)
+    while i < end:
+        index = dr.gather(mi.UInt32, lists.indices, i)
+        term = _Term(x, packets, index, support2)
+        total += term.weight
+        blend += term.weight * term.colour
+        i += 1
+    inverse = dr.select(total > 0, dr.rcp(total), 0) if divided else mi.Float(1)
+    return blend * inverse, inverse
+
+
+@dr.syntax
+def accumulate_gradients(
+    points: SurfacePoints,
+    lists: NeighbourLists,
+    chosen: mi.UInt32,
+    packets: Packets,
+    gradients: Packets,
+    scale: mi.Float,
+    divided: bool,
+) -> mi.Float:
+    """Squared error of a batch, (B,); adds its gradients to ``gradients``.
+
+    The blend is E = Σ w_i c_i / Z with w_i = ψ_i (exp(-m_i/2) + ε) and Z = Σ w_i (Z = 1 for the
+    plain sum). With G = ∂loss/∂E the adjoint is
+
+        ∂c_i = w_i G / Z,   ∂w_i = G · (c_i - E) / Z,   ∂m_i = -ψ_i exp(-m_i/2) ∂w_i / 2,
+        ∂M_k = 2 u_k ∂m_i d,   ∂μ = -(2 Mᵀu ∂m_i + ∂ψ_i/∂d (exp(-m_i/2) + ε) ∂w_i).
+
+    ``scale`` is 1 / (3 B), which makes the sum of the result times it the mean squared error.
+    """
+    blend, inverse = blend_neighbours(points, lists, chosen, packets, divided)
+    x = dr.gather(mi.Point3f, points.p, chosen)
+    importance = dr.gather(mi.Float, points.weight, chosen)
+    support2 = dr.gather(mi.Float, lists.support2, chosen)
+    begin = dr.gather(mi.UInt32, lists.starts, chosen)
+    end = dr.gather(mi.UInt32, lists.starts, chosen + 1)
+    error = blend - dr.gather(mi.Color3f, points.target, chosen)
+    adjoint = 2 * scale * importance * inverse * error
+
+    i = mi.UInt32(begin)
+    while i < end:
+        index = dr.gather(mi.UInt32, lists.indices, i)
+        term = _Term(x, packets, index, support2)
+        term.scatter(gradients, index, adjoint, blend if divided else mi.Color3f(0))
+        i += 1
+    return importance * dr.squared_norm(error)
+
+
+class _Term:
+    """One neighbour's share of a blend (:func:`gpf.field.field.blend_weight`), kept for its adjoint."""
+
+    def __init__(self, x, packets, index, support2):  # type: ignore[no-untyped-def]
+        mean = dr.gather(mi.Vector4f, packets.means, index)
+        rows = [dr.gather(mi.Vector4f, r, index) for r in packets.rows]
+        self.d = x - mi.Point3f(mean.x, mean.y, mean.z)
+        self.rows = [mi.Vector3f(r.x, r.y, r.z) for r in rows]
+        self.colour = mi.Color3f(*(r.w for r in rows))
+        self.u = mi.Vector3f(*(dr.dot(row, self.d) for row in self.rows))
+        self.support2 = support2
+        self.rest = dr.maximum(1 - dr.squared_norm(self.d) / support2, 0)
+        self.falloff = dr.square(self.rest)
+        self.bell = dr.exp(-0.5 * dr.squared_norm(self.u))
+        self.weight = self.falloff * (self.bell + WEIGHT_FLOOR)
+
+    def scatter(self, gradients, index, adjoint, blend):  # type: ignore[no-untyped-def]
+        """Add this term's gradients; ``adjoint`` is ∂loss/∂E / Z."""
+        to_weight = dr.dot(adjoint, self.colour - blend)
+        to_u = (-to_weight * self.falloff * self.bell) * self.u
+        to_d = sum((to_u[k] * self.rows[k] for k in range(3)), mi.Vector3f(0))
+        slope = -4 * self.rest / self.support2
+        to_d += (to_weight * (self.bell + WEIGHT_FLOOR) * slope) * self.d
+        dr.scatter_add(gradients.means, mi.Vector4f(-to_d.x, -to_d.y, -to_d.z, 0), index)
+        to_colour = adjoint * self.weight
+        for k in range(3):
+            row = to_u[k] * self.d
+            dr.scatter_add(gradients.rows[k], mi.Vector4f(row.x, row.y, row.z, to_colour[k]), index)

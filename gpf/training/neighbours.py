@@ -1,0 +1,121 @@
+"""Neighbour lists of supervised points: what a query would visit, written down for many steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from scipy.spatial import cKDTree
+
+from gpf.core.structs import SurfacePoints, to_numpy
+from gpf.field.field import FIRST_REACH, GaussianPhotonField, supplement_support
+from gpf.field.gaussians import Gaussians
+
+# Gaussians move a little between rebuilds: the lists hold those that may enter the ball meanwhile.
+LIST_MARGIN = 1.1
+
+
+@dataclass
+class NeighbourLists:
+    """Lists of Gaussians for P points in compressed rows.
+
+    Attributes
+    ----------
+    starts: where a point's list starts, (P + 1,).
+    indices: Gaussians, numbered as in ``field.gaussians``, (pairs,).
+    support2: squared support R² of the blend's falloff at each point, (P,).
+    """
+
+    starts: mi.UInt32
+    indices: mi.UInt32
+    support2: mi.Float
+
+
+@dr.syntax
+def _list_neighbours(field, points, fill, indices, offset, dense):  # type: ignore[no-untyped-def]
+    """Count neighbours of every point, or write them from ``offset`` on when ``fill``.
+
+    Only the balls of ``dense`` points are visited: a sparse point's row has no room for all that
+    lies within its margin.
+    """
+    settings = field.settings
+    radius = dr.opaque(mi.Float, settings.search_radius)
+    listed = dr.opaque(mi.Float, settings.search_radius * LIST_MARGIN)
+    radius2 = radius * radius
+    order = field.hash.order
+
+    def write(index, slot, active):  # type: ignore[no-untyped-def]
+        if fill:
+            original = dr.gather(mi.UInt32, order, index, active)
+            dr.scatter(indices, original, slot, active)
+
+    def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
+        within, count = state
+        inside &= field.accepts(record, points.p, points.n)
+        write(index, offset + count, inside)
+        near = inside & (distance2 <= radius2)
+        return within + dr.select(near, 1, 0), count + dr.select(inside, 1, 0)
+
+    within = mi.UInt32(0)
+    count = mi.UInt32(0)
+    active = dr.full(mi.Bool, True, dr.width(points.p)) & dense
+    if dr.hint(settings.neighbours != "knn", mode="scalar"):
+        within, count = field.hash.visit(points.p, listed, add, (within, count), active)
+    support2 = dr.full(mi.Float, 1, dr.width(points.p)) * radius2
+    sparse = mi.Bool(False)
+    if dr.hint(settings.neighbours != "radius", mode="scalar"):
+        sparse = within <= settings.k
+        index, distance2 = field.hash.nearest(
+            points.p,
+            settings.k + 1,
+            FIRST_REACH * radius,
+            dr.opaque(mi.Float, field.hash.extent),
+            lambda record: field.accepts(record, points.p, points.n),
+            sparse,
+        )
+        _, reach2 = supplement_support(distance2)
+        found = mi.UInt32(0)
+        for j in range(settings.k):
+            exists = sparse & (distance2[j] < dr.inf)
+            write(index[j], offset + found, exists)
+            found += dr.select(exists, 1, 0)
+        count = dr.select(sparse, found, count)
+        support2 = dr.select(sparse, reach2, support2)
+    return count, support2, ~sparse
+
+
+def list_neighbours(field: GaussianPhotonField, points: SurfacePoints) -> NeighbourLists:
+    """The Gaussians that :meth:`GaussianPhotonField.query` would blend at each point."""
+    none = dr.zeros(mi.UInt32, 1)
+    count, support2, dense = _list_neighbours(
+        field, points, False, none, mi.UInt32(0), mi.Bool(True)
+    )
+    dr.eval(count, support2, dense)
+    ends = dr.prefix_reduce(dr.ReduceOp.Add, count, exclusive=False)
+    starts = dr.concat([mi.UInt32(0), ends])
+    pairs = int(ends[dr.width(ends) - 1])
+    indices = dr.zeros(mi.UInt32, max(pairs, 1))
+    offset = dr.gather(mi.UInt32, starts, dr.arange(mi.UInt32, dr.width(points.p)))
+    filled, _, _ = _list_neighbours(field, points, True, indices, offset, dense)
+    dr.eval(filled, indices, starts)
+    return NeighbourLists(starts, indices, support2)
+
+
+def local_targets(
+    gaussians: Gaussians, points: SurfacePoints, radius: float, neighbours: int = 8
+) -> np.ndarray:
+    """Mean target of the points that are nearest to each Gaussian on its surface, (N, 3).
+
+    A right angle between two normals counts as 1.4 ``radius``, world units, the other side of a
+    thin wall as 2: nearness alone would take the inside of a lamp for its outside.
+    """
+
+    def places(p: mi.Point3f, n: mi.Normal3f) -> np.ndarray:
+        return np.hstack([to_numpy(p), radius * to_numpy(n)])
+
+    count = min(neighbours, dr.width(points.p))
+    tree = cKDTree(places(points.p, points.n))
+    _, near = tree.query(places(gaussians.means, gaussians.normals), k=count)
+    return to_numpy(points.target)[near.reshape(-1, count)].mean(axis=1)

@@ -1,0 +1,164 @@
+"""What a field starts from and learns from: photons, targets, and the settings of both."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.errors import UserError
+from gpf.core.structs import Photons, SurfacePoints, take
+from gpf.field.field import GaussianPhotonField
+from gpf.field.initialization import (
+    TYPICAL_SCALE,
+    InitialFieldSettings,
+    find_gaps,
+    initialize_gaussians,
+    propose_search_radius,
+)
+from gpf.guiding.emission_plan import EmissionPlan
+from gpf.sppm.passes import PassSettings
+from gpf.training.settings import TrainingSettings
+from gpf.training.streaming import PhotonStream, StreamSettings
+from gpf.training.surface_points import SURFACES, share_of_pixels, target_points
+from gpf.training.targets import SURFACE, Targets
+from gpf.training.trainer import Trainer
+
+MAX_GAUSSIANS = 100_000
+"""With ``gaussians: auto``: the paper's number."""
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a field is made of photons and targets."""
+
+    field: InitialFieldSettings = InitialFieldSettings()
+    train: TrainingSettings = TrainingSettings()
+
+    @property
+    def max_gaussians(self) -> int:
+        """Upper limit; with ``auto``, the largest number that the search tries."""
+        return MAX_GAUSSIANS if self.field.gaussians == "auto" else self.field.gaussians
+
+    def select_photons(self, photons: Photons) -> Photons:
+        """Those of the light that the field stores.
+
+        Raises
+        ------
+        UserError: all of them are direct light, which the field leaves to the emitters.
+        """
+        if self.field.direct == "field":
+            return photons
+        indirect = dr.compress(photons.depth > 0)
+        count = dr.width(indirect)
+        if count == 0:
+            raise UserError(
+                "field.direct: emitters",
+                "leaves no light to the field: all photons are direct light",
+                "Set field.direct to field.",
+            )
+        if self.field.gaussians != "auto" and count < self.field.gaussians:
+            log.warning(
+                "%s of the photons are not direct light; the field has as many Gaussians, not %s. "
+                "More photon paths bring more.",
+                count,
+                self.field.gaussians,
+            )
+        return take(photons, indirect)
+
+    def supervise(self, targets: Targets) -> SurfacePoints:
+        """The points that the field learns from, out of all targets."""
+        return targets.supervised_points(
+            self.train.points, self.field.stores, self.train.loss, self.field.direct
+        )
+
+    def initial_field(
+        self, count: int, photons: Photons, targets: Targets, bounds: tuple[Any, Any]
+    ) -> GaussianPhotonField:
+        """The field before training, with so many Gaussians.
+
+        Parameters
+        ----------
+        photons, targets: what it starts from and learns from.
+        bounds: corners of the scene's bounding box.
+        """
+        radius, scale = self.field.search_radius, self.field.initial_scale
+        if radius == "auto":
+            radius = propose_search_radius(photons, count, targets.position, bounds)
+        if scale == "auto":
+            scale = TYPICAL_SCALE * radius
+        decided = {"gaussians": count, "search_radius": radius, "initial_scale": scale}
+        initial = self.field.model_copy(update=decided)
+        settings, seed = self.field.query(radius), self.train.seed
+        gaussians = initialize_gaussians(photons, initial, bounds, seed)
+        if self.field.fill_gaps and self.field.initialization == "photons":
+            field = GaussianPhotonField(gaussians, settings, bounds)
+            gaps = find_gaps(field, targets.position, targets.normal, seed)
+            gaussians = initialize_gaussians(photons, initial, bounds, seed, gaps)
+        if self.field.stores == "radiance":
+            # Photons know nothing of what reflects their light; views do, on average.
+            mean = targets.select("views").reflectance.mean(axis=0) / np.pi
+            gaussians.irradiance *= mi.Color3f(*(float(c) for c in mean))
+        return GaussianPhotonField(gaussians, settings, bounds)
+
+    def trainer(
+        self,
+        field: GaussianPhotonField,
+        points: SurfacePoints,
+        settings: TrainingSettings | None = None,
+    ) -> Trainer:
+        """What fits the field to the points."""
+        return Trainer(
+            field,
+            points,
+            settings or self.train,
+            from_targets=self.field.initial_colour == "targets",
+            anisotropic=self.field.anisotropic,
+        )
+
+
+def open_stream(
+    scene: mi.Scene,
+    sensors: Mapping[str, mi.Sensor],
+    plan: EmissionPlan,
+    passes: PassSettings,
+    stream: StreamSettings,
+    recipe: Recipe,
+) -> tuple[PhotonStream, Photons]:
+    """Points in the views and on the surfaces, what the first passes bring there, and photons for
+    Gaussians.
+
+    Parameters
+    ----------
+    sensors: the training views, by name.
+    passes: as of references; ``stream`` has its own radius and ``alpha``.
+    """
+    radius = stream.radius * passes.initial_radius
+    settings = passes.model_copy(update={"alpha": stream.alpha, "initial_radius": radius})
+    pixels = sum(int(np.prod(sensor.film().crop_size())) for sensor in sensors.values())
+    wanted = "views" if recipe.field.stores == "radiance" else recipe.train.points
+    paths = plan.paths_for_gaussians(recipe.max_gaussians)
+    paths = max(paths, 2 * settings.photons_per_pass)
+    photons = plan.collect(scene, paths, stream.seed, settings.rr_depth)
+    sets = target_points(
+        scene,
+        {} if wanted == "surface" else sensors,
+        plan,
+        passes,
+        share_of_pixels(stream.view_points, pixels),
+        0 if wanted == "views" else stream.surface_points,
+        stream.seed,
+        photons,
+    )
+    sources = {name: number for number, name in enumerate(sensors)} | {SURFACES: SURFACE}
+    points = {sources[name]: found for name, found in sets.items()}
+    opened = PhotonStream(scene, settings, points, stream.seed, plan.source)
+    opened.advance(stream.rounds()[0])
+    return opened, photons

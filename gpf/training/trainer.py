@@ -1,0 +1,240 @@
+"""Fitting the field: Adam on batches of supervised points, forward and backward in one kernel.
+
+A step is two kernels. The first runs over Gaussians: it applies Adam to the last gradients and
+writes what a query reads. The second runs over a batch of points: it blends each point's
+neighbours, compares with the target, visits the neighbours again and adds their gradients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.errors import UserError
+from gpf.core.morton import order_in_space
+from gpf.core.random import stratified_batch
+from gpf.core.structs import SurfacePoints, take, to_numpy
+from gpf.field.field import GaussianPhotonField
+from gpf.field.gaussians import Gaussians
+from gpf.training.adam import Adam
+from gpf.training.kernels import (
+    Packets,
+    accumulate_gradients,
+    blend_neighbours,
+    pack,
+    parameters,
+    unpack_gradients,
+    with_parameters,
+)
+from gpf.training.neighbours import list_neighbours, local_targets
+from gpf.training.settings import TrainingSettings, cosine_decay
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What training reports: after ``step`` steps, the root mean square errors of the last batch
+    and of the held-out points, both in units of the mean target and weighted like the loss."""
+
+    step: int
+    training_error: float
+    held_out_error: float
+    best_error: float
+
+
+# Rates of dark Gaussians are at least those of this brightness, in units of the mean target.
+LEAST_LEVEL = 0.01
+
+
+class Trainer:
+    """Fits a field to supervised points.
+
+    The field's Gaussians are replaced by the best state when :meth:`run` returns.
+
+    Parameters
+    ----------
+    field: where to start.
+    points: positions, normals and targets, (P); copies are made, in the order of space.
+    from_targets: whether irradiance starts from the mean of the nearest targets instead of what the
+        field has.
+    anisotropic: whether the three scales of a Gaussian are free of each other.
+    """
+
+    def __init__(
+        self,
+        field: GaussianPhotonField,
+        points: SurfacePoints,
+        settings: TrainingSettings,
+        from_targets: bool = False,
+        anisotropic: bool = True,
+    ) -> None:
+        self.field, self.settings, self.anisotropic = field, settings, anisotropic
+        count = dr.width(points.p)
+        rng = np.random.default_rng(settings.seed)
+        split = rng.random(count) < settings.held_out
+        # Batches are then even over space, and lanes of a packet have the same neighbours.
+        order = order_in_space(to_numpy(points.p), field.settings.search_radius / 2)
+        sets = (order[~split[order]], order[split[order]])
+        self._rows = [mi.UInt32(rows.astype(np.uint32)) for rows in sets]
+        self.training, self.held_out = (take(points, rows) for rows in self._rows)
+
+        mean_target = np.mean(np.asarray(self.training.target.numpy()))
+        self.unit = float(mean_target) if mean_target > 0 else 1.0
+        self._scale_targets()
+
+        g = field.gaussians
+        around = local_targets(g, self.training, field.settings.search_radius)
+        irradiance = g.irradiance / self.unit
+        if from_targets:
+            irradiance = mi.Color3f(np.ascontiguousarray(around.T))
+        self.gaussians = replace(g, irradiance=irradiance)
+        # Adam's steps are as large as their rate, whatever the gradient: one rate for all would
+        # shake what is dark by the brightness of what is bright.
+        level = around.mean(axis=1) if mean_target > 0 else np.ones(len(around))
+        self.level = mi.Float(np.maximum(level, LEAST_LEVEL).astype(np.float32))
+        size = dr.width(g.means)
+        self.adam = Adam(
+            [dr.zeros(mi.Float, size) for _ in parameters(g)],
+            [dr.zeros(mi.Float, size) for _ in parameters(g)],
+        )
+        self.step_count = 0
+        self.batch_errors = mi.Float(0)
+        self.best_error = float("inf")
+        self.history: list[Progress] = []
+        self.best = self.gaussians
+        self.rebuild()
+
+    def _scale_targets(self) -> None:
+        for part in (self.training, self.held_out):
+            if dr.width(part.p) > 0:
+                part.target /= dr.opaque(mi.Float, self.unit)
+                dr.eval(part)
+
+    def retarget(self, points: SurfacePoints) -> None:
+        """Take new targets and weights for the same points, and reset the best state."""
+        for part, rows in zip((self.training, self.held_out), self._rows, strict=True):
+            if dr.width(rows) > 0:
+                part.target = dr.gather(mi.Color3f, points.target, rows)
+                part.weight = dr.gather(mi.Float, points.weight, rows)
+        self._scale_targets()
+        self.best_error = float("inf")
+
+    def rebuild(self) -> None:
+        """Rebuild the neighbour search and the lists of all points."""
+        self.field.update(self.gaussians)
+        self.lists = list_neighbours(self.field, self.training)
+        if dr.width(self.held_out.p) > 0:
+            self.held_out_lists = list_neighbours(self.field, self.held_out)
+
+    def rates(self) -> list[mi.Float]:
+        """Learning rates of this step, one per parameter; a cosine from 1 to ``final_rate``."""
+        s = self.settings
+        decay = cosine_decay(self.step_count / max(s.steps, 1), s.final_rate)
+        r = s.rates
+        unit = self.field.settings.search_radius
+        values = [r.means * unit] * 3 + [r.log_scales] * 3 + [r.quats] * 4
+        common = [dr.opaque(mi.Float, v * decay) for v in values]
+        irradiance = dr.opaque(mi.Float, r.irradiance * decay) * self.level
+        return [*common, irradiance, irradiance, irradiance]
+
+    def step(self) -> mi.Float:
+        """One optimiser step; returns the squared errors of its batch, (B,)."""
+        size = dr.width(self.gaussians.means)
+        packets = pack(self.gaussians)
+        gradients = Packets(
+            dr.zeros(mi.Float, 4 * size), [dr.zeros(mi.Float, 4 * size) for _ in range(3)]
+        )
+        chosen = self.batch()
+        scale = dr.opaque(mi.Float, 1 / (3 * dr.width(chosen)))
+        divided = self.field.settings.blend == "divided"
+        dr.eval(packets)
+        errors = accumulate_gradients(
+            self.training, self.lists, chosen, packets, gradients, scale, divided
+        )
+        dr.eval(errors, gradients)
+        values = self.adam.step(
+            parameters(self.gaussians),
+            unpack_gradients(self.gaussians, gradients, self.anisotropic),
+            self.rates(),
+            self.step_count + 1,
+        )
+        self.gaussians = with_parameters(self.gaussians, values)
+        dr.eval(self.gaussians, self.adam.first, self.adam.second)
+        self.step_count += 1
+        self.batch_errors = errors
+        return errors
+
+    def batch(self) -> mi.UInt32:
+        """The points of this step: even over all surfaces, for they come in the order of space."""
+        # Opaque: what changes from step to step must not become part of the kernel.
+        seed, step = (dr.opaque(mi.UInt32, v) for v in (self.settings.seed, self.step_count))
+        return stratified_batch(dr.width(self.training.p), self.settings.batch, seed, step)
+
+    def evaluate(self) -> float:
+        """Root mean square error on the held-out points, weighted like the loss, in units of the
+        mean target; 0 if there are none."""
+        if dr.width(self.held_out.p) == 0:
+            return 0.0
+        every = dr.arange(mi.UInt32, dr.width(self.held_out.p))
+        divided = self.field.settings.blend == "divided"
+        packets = pack(self.gaussians)
+        dr.eval(packets)
+        blend, _ = blend_neighbours(self.held_out, self.held_out_lists, every, packets, divided)
+        error = self.held_out.weight * dr.squared_norm(blend - self.held_out.target)
+        return float(np.sqrt(dr.mean(error)[0] / 3))
+
+    def advance(self, steps: int) -> None:
+        """Some steps, with the rebuilds that fall due."""
+        for _ in range(steps):
+            self.step()
+            if self.step_count % self.settings.rebuild_every == 0:
+                self.rebuild()
+
+    def run(
+        self,
+        report: Callable[[Progress], None] = lambda progress: None,
+        tick: Callable[[int], None] = lambda step: None,
+    ) -> GaussianPhotonField:
+        """Train to the end and return the field in its best state.
+
+        ``report`` is called after each evaluation, ``tick`` after each step.
+        """
+        s = self.settings
+        while self.step_count < s.steps:
+            self.advance(1)
+            done = self.step_count
+            if done % s.evaluate_every == 0 or done == s.steps:
+                report(self.judge())
+            tick(done)
+        return self.finish()
+
+    def judge(self) -> Progress:
+        """Evaluate, and keep the state if it is the best."""
+        if self.step_count % self.settings.rebuild_every != 0:
+            # On fresh lists: the best state is judged as the renderer will see it.
+            self.rebuild()
+        held_out = self.evaluate()
+        if held_out <= self.best_error:  # without held-out points, the last state
+            self.best_error, self.best = held_out, self.gaussians
+        training = float(np.sqrt(dr.mean(self.batch_errors)[0] / 3))
+        self.history.append(Progress(self.step_count, training, held_out, self.best_error))
+        return self.history[-1]
+
+    def finish(self) -> GaussianPhotonField:
+        """The field in its best state."""
+        if self.history and not np.isfinite(self.best_error):
+            raise UserError(
+                "training",
+                "diverged: the error on the held-out points was never finite",
+                "Look at the targets, or lower the learning rates.",
+            )
+        return self.current_field(self.best)
+
+    def current_field(self, state: Gaussians | None = None) -> GaussianPhotonField:
+        """The field with the given state of its Gaussians, by default that of the last step."""
+        state = state or self.gaussians
+        self.field.update(replace(state, irradiance=state.irradiance * self.unit))
+        return self.field

@@ -1,0 +1,1 @@
+"""Films of the camera path, and how much they flicker."""

@@ -1,0 +1,170 @@
+"""Frames of several methods side by side, as a film and as a picture that moves."""
+
+from __future__ import annotations
+
+import subprocess
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from gpf.core.errors import UserError
+from gpf.core.files import write_atomically
+
+GAP = 8
+PAPER, INK, BLANK = (255, 255, 255), (0, 0, 0), (222, 222, 222)
+
+FILM_HEIGHTS = 256, 384
+"""Panels of the film are at least and at most so high, pixels."""
+
+PICTURE_WIDTH, PICTURE_BYTES = 960, 3_000_000
+"""Of the picture that moves: made for a README."""
+
+_REINSTALL = (
+    "See that the disk has room; `pip install --force-reinstall imageio-ffmpeg` brings the encoder "
+    "anew."
+)
+
+
+@dataclass(frozen=True)
+class Reel:
+    """What one panel shows.
+
+    Attributes
+    ----------
+    title: above it.
+    frames: sRGB, 8 bits, each (H, W, 3); none where the method has none.
+    reason: shown in their place.
+    """
+
+    title: str
+    frames: Sequence[np.ndarray]
+    reason: str = ""
+
+
+def compose(reels: Sequence[Reel], panel: tuple[int, int]) -> list[Image.Image]:
+    """All frames with the panels side by side, each of ``panel`` width and height in pixels."""
+    width, height = panel
+    font = _font(max(11, round(width / 15)), bold=True)
+    small = _font(max(10, round(width / 17)))
+    headings = [_wrap(reel.title.replace(", ", ",\n"), font, width) for reel in reels]
+    line = font.getbbox("Ag")[3] + 3
+    head = round(max(heading.count("\n") + 1 for heading in headings) * line) + 2 * GAP
+    # Encoders want even sizes.
+    total = (len(reels) * (width + GAP) + GAP) // 2 * 2, (head + height + GAP) // 2 * 2
+    sheet = Image.new("RGB", total, PAPER)
+    draw = ImageDraw.Draw(sheet)
+    for k, (reel, heading) in enumerate(zip(reels, headings, strict=True)):
+        x = GAP + k * (width + GAP)
+        middle = x + width / 2, head / 2
+        draw.multiline_text(middle, heading, INK, font, anchor="mm", align="center", spacing=3)
+        if not reel.frames:
+            draw.rectangle((x, head, x + width - 1, head + height - 1), BLANK)
+            text = _wrap(f"missing:\n{reel.reason}", small, width - 2 * GAP)
+            middle = x + width / 2, head + height / 2
+            draw.multiline_text(middle, text, INK, small, anchor="mm", align="center", spacing=4)
+    frames = []
+    for n in range(max((len(reel.frames) for reel in reels), default=0)):
+        frame = sheet.copy()
+        for k, reel in enumerate(reels):
+            if reel.frames:
+                image = Image.fromarray(reel.frames[n])
+                if image.size != panel:
+                    image = image.resize(panel, Image.Resampling.LANCZOS)
+                frame.paste(image, (GAP + k * (width + GAP), head))
+        frames.append(frame)
+    return frames
+
+
+def film_panel(size: tuple[int, int]) -> tuple[int, int]:
+    """Size of a panel in the film, for images of a size."""
+    height = min(max(size[1], FILM_HEIGHTS[0]), FILM_HEIGHTS[1])
+    return max(1, round(size[0] * height / size[1])), height
+
+
+def picture_panel(size: tuple[int, int], count: int) -> tuple[int, int]:
+    """Size of a panel in the picture, for so many images of a size side by side."""
+    width = min((PICTURE_WIDTH - GAP) // count - GAP, 320)
+    return width, max(1, round(width * size[1] / size[0]))
+
+
+def write_film(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
+    """Write an MP4 that any browser plays: H.264, 8 bits, 4:2:0. Equal frames give equal files.
+
+    Raises
+    ------
+    UserError: the package that brings the encoder is missing, or it failed.
+    """
+    width, height = frames[0].size
+    command = [_find_encoder(), "-y", "-loglevel", "error"]
+    command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps}"]
+    command += ["-i", "-", "-c:v", "libx264", "-preset", "slow", "-crf", "20"]
+    # One thread and no dates: what is written depends on the frames alone.
+    command += ["-pix_fmt", "yuv420p", "-threads", "1", "-map_metadata", "-1"]
+    command += ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-movflags", "+faststart"]
+
+    def encode(file: Path) -> None:
+        raw = b"".join(frame.tobytes() for frame in frames)
+        run = subprocess.run([*command, str(file)], input=raw, capture_output=True, check=False)
+        if run.returncode:
+            said = run.stderr.decode(errors="replace").strip()[-300:] or f"status {run.returncode}"
+            raise UserError(str(path), f"could not be encoded: {said}", _REINSTALL)
+
+    write_atomically(path, encode)
+
+
+def _find_encoder() -> str:
+    """The program of the package imageio-ffmpeg."""
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        return str(get_ffmpeg_exe())
+    except ImportError as error:
+        raise UserError(
+            "imageio_ffmpeg", "is not installed, so no MP4", "pip install imageio-ffmpeg"
+        ) from error
+    except RuntimeError as error:
+        raise UserError("imageio_ffmpeg", f"brings no encoder: {error}", _REINSTALL) from error
+
+
+def write_moving_picture(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
+    """Write an animated WebP that repeats, as good as fits into :data:`PICTURE_BYTES`."""
+    for quality in (85, 75, 65, 50, 35, 20, 5):
+        buffer = BytesIO()
+        frames[0].save(
+            buffer,
+            "WEBP",
+            save_all=True,
+            append_images=list(frames[1:]),
+            duration=round(1000 / fps),
+            loop=0,
+            quality=quality,
+            method=4,
+        )
+        if buffer.tell() <= PICTURE_BYTES:
+            break
+    content = buffer.getvalue()
+
+    def write(file: Path) -> None:
+        file.write_bytes(content)
+
+    write_atomically(path, write)
+
+
+def _wrap(text: str, font: ImageFont.FreeTypeFont, width: float) -> str:
+    """Text in lines that are no longer than ``width`` pixels."""
+    letters = max(4, int(width / font.getlength("abcdefghij") * 10))
+    lines = (textwrap.wrap(line, letters) for line in text.split("\n"))
+    return "\n".join(part for parts in lines for part in parts)
+
+
+def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
+    """The font of the figures, which comes with matplotlib."""
+    from matplotlib.font_manager import FontProperties, findfont
+
+    weight = "bold" if bold else "normal"
+    return ImageFont.truetype(findfont(FontProperties(family="DejaVu Sans", weight=weight)), size)

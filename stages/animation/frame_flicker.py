@@ -1,0 +1,90 @@
+"""How much the frames of an animation flicker, and by how much a reference's noise would."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.images import read_exr
+from gpf.scene.views import View
+from metrics.flicker import (
+    FramePoints,
+    change_of_noise,
+    link_frames,
+    measure_flicker,
+    smooth_pixels,
+)
+from stages.animation.frame_points import see_points
+from stages.common.workspace import Workspace
+
+WAYS = ("directly", "refracted")
+"""How surfaces are seen whose flicker is told; named as in :class:`SeenPoints`."""
+
+
+def compare_frames(
+    work: Workspace, frames: Mapping[str, Sequence[Path]], views: Sequence[View]
+) -> dict[str, Any]:
+    """Flicker of each method on surfaces that are seen directly, and through water or glass.
+
+    Parameters
+    ----------
+    frames: method -> the images of the views.
+    """
+    scene, closed = work.load_scene(), bool(work.views.path and work.views.path.closed)
+    seen = [see_ways(scene, view, work) for view in views]
+    links = {}
+    for way in WAYS:
+        points = [ways[way] for ways in seen]
+        steps = list(zip(points, [*points[1:], points[0]], strict=True))
+        found = [link_frames(a, b) for a, b in (steps if closed else steps[:-1])]
+        if any(len(link.later) for link in found):
+            links[way] = found
+    told: dict[str, dict[str, Any]] = {}
+    for method, files in frames.items():
+        images = [read_exr(file, "animate")[0]["radiance"] for file in files]
+        told[method] = {}
+        for way, found in links.items():
+            flicker = measure_flicker(images, found, work.views.exposure)
+            told[method][way] = {**asdict(flicker), "noise": flicker.noise}
+    return {
+        "unit": "levels of 255",
+        "frames": len(views),
+        "methods": told,
+        "noise_of_references": noise_of_references(work, scene),
+    }
+
+
+def see_ways(scene: mi.Scene, view: View, work: Workspace) -> dict[str, FramePoints]:
+    """What a view's pixels see in each of :data:`WAYS`."""
+    seen = see_points(scene, view, work.film_size)
+    return {way: FramePoints(seen.points, getattr(seen, way)) for way in WAYS}
+
+
+def noise_of_references(work: Workspace, scene: mi.Scene) -> dict[str, dict[str, float]]:
+    """What references of the path would change by, from their noise alone.
+
+    It is told in the novel views, in pixels of the kinds in which methods are measured; ``share``
+    is that of these pixels.
+    """
+    found: dict[str, list[np.ndarray]] = {way: [] for way in WAYS}
+    noise: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {way: [] for way in WAYS}
+    for view in work.views.novel:
+        path = work.reference(view.name)
+        layers = read_exr(path, "reference")[0] if path.exists() else {}
+        if "standard_error" in layers:
+            for way, points in see_ways(scene, view, work).items():
+                kept = smooth_pixels(points)
+                found[way].append(kept)
+                noise[way].append((layers["radiance"][kept], layers["standard_error"][kept]))
+    told = {}
+    for way in WAYS:
+        if np.any(found[way]):
+            radiance, error = (np.concatenate(part) for part in zip(*noise[way], strict=True))
+            change = change_of_noise(radiance, error, work.views.exposure)
+            told[way] = {"change": change, "share": float(np.mean(found[way]))}
+    return told

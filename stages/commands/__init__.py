@@ -1,0 +1,1 @@
+"""The commands of `gpf` that need the project around them."""

@@ -1,0 +1,166 @@
+"""The commands of `gpf` that need the project around them: `gpf stage NAME` and what goes with it."""
+
+from __future__ import annotations
+
+import importlib
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gpf.core.errors import UserError
+
+scene_app = typer.Typer(help="The scenes of the project.", no_args_is_help=True)
+
+# Stage -> module and function. Imported when called: a stage pays for its own imports alone.
+STAGES = {
+    "scene": ("stages.scene", "prepare_scene"),
+    "reference": ("stages.reference", "render_references"),
+    "photons": ("stages.photons", "trace"),
+    "train": ("stages.train", "train_field"),
+    "render": ("stages.render", "render_views"),
+    "baseline": ("stages.baseline", "run_baselines"),
+    "metrics": ("stages.metrics", "compare_images"),
+    "ablation": ("stages.ablation", "run_ablations"),
+    "animate": ("stages.animate", "animate"),
+    "amortize": ("stages.amortize", "amortize"),
+    "report": ("stages.report", "write_report"),
+}
+# Run once, for all scenes.
+OF_ALL_SCENES = ("report",)
+StageName = StrEnum("StageName", list(STAGES))  # type: ignore[misc]
+
+
+def stage(
+    name: Annotated[StageName, typer.Argument(help="The stage to run.")],
+    scene: Annotated[
+        str | None,
+        typer.Option(help="The scene to run it for; all but `report` need one."),
+    ] = None,
+    passes: Annotated[
+        str | None,
+        typer.Option(metavar="FIRST:LAST", help="Of `reference`: FIRST to LAST-1 alone, from 0."),
+    ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Of `baseline`: this row of params.yaml alone."),
+    ] = None,
+    variant: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Of `ablation`: this variant of params.yaml alone."),
+    ] = None,
+    go_on: Annotated[
+        bool,
+        typer.Option(
+            "--go-on",
+            help="Of `baseline` and `ablation`: note why one cannot serve the scene; no error.",
+        ),
+    ] = False,
+) -> None:
+    """Run one stage of the pipeline for one scene, from what the stages before it left."""
+    given = {
+        "scene": (tuple(s for s in STAGES if s not in OF_ALL_SCENES), scene),
+        "passes": (("reference",), passes),
+        "method": (("baseline",), method),
+        "variant": (("ablation",), variant),
+        "go_on": (("baseline", "ablation"), go_on or None),
+    }
+    options = {option: value for option, (_, value) in given.items() if value is not None}
+    for option in options:
+        if name.value not in given[option][0]:
+            flag = "--go-on" if option == "go_on" else f"--{option} {options[option]}"
+            raise UserError(flag, f"is not for {name.value}", "Leave it out.")
+    if name.value not in OF_ALL_SCENES and "scene" not in options:
+        raise UserError(f"stage {name.value}", "is run for a scene", "Name it with --scene.")
+    module, function = STAGES[name.value]
+    arguments = [options.pop("scene")] if "scene" in options else []
+    try:
+        getattr(importlib.import_module(module), function)(*arguments, **options)
+    except BaseException as error:  # here and not in main: typer would not let it through
+        if not _is_interrupt(error):
+            raise
+        typer.echo("\nstopped; run it again to go on", err=True)
+        raise typer.Exit(130) from None
+
+
+def profile(
+    name: Annotated[str, typer.Argument(help="smoke, desk, full or paper.")],
+) -> None:
+    """Rewrite params.yaml with the sizes of a profile, and say what changed."""
+    from stages.commands.profiles import apply_profile
+
+    apply_profile(name)
+
+
+def render(
+    scene: Annotated[str, typer.Argument(help="A scene that has been trained.")],
+    view: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="A view of its views.yaml, or several; by default the novel ones."
+        ),
+    ] = None,
+    frames: Annotated[bool, typer.Option("--frames", help="All of its camera path.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FOLDER", help="By default results/SCENE/pictures."),
+    ] = None,
+    height: Annotated[int | None, typer.Option(min=4, max=8192, help="Pixels.")] = None,
+    spp: Annotated[int | None, typer.Option(min=1, help="Camera samples per pixel.")] = None,
+) -> None:
+    """Render views from a field that has been trained."""
+    from stages.commands.pictures import render_pictures
+
+    render_pictures(scene, view or [], frames, out, height, spp)
+
+
+@scene_app.command("list")
+def list_all() -> None:
+    """List the scenes, with their views and whether params.yaml has them."""
+    from stages.commands.scene_list import print_scenes
+
+    print_scenes()
+
+
+@scene_app.command("preview")
+def preview(
+    name: Annotated[str, typer.Argument(help="The scene.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="PNG; by default in results/NAME.")
+    ] = None,
+    height: Annotated[int, typer.Option(min=16, max=1024, help="Rows of each picture.")] = 96,
+    passes: Annotated[int, typer.Option(min=1, help="SPPM passes.")] = 8,
+    everything: Annotated[
+        bool, typer.Option("--all", help="All training views and all frames, however many.")
+    ] = False,
+) -> None:
+    """Render views small, path tracer and SPPM side by side, and say what is wrong with them."""
+    from stages.commands.preview import preview_scene
+
+    preview_scene(name, out, height, passes, everything)
+
+
+@scene_app.command("import")
+def import_foreign(
+    path: Annotated[Path, typer.Argument(help="A folder, an XML file, or a zip with one.")],
+    name: Annotated[str, typer.Option(help="What the scene is to be called here.")],
+) -> None:
+    """Copy a Mitsuba 3 scene into the project, report on it, and place views in it."""
+    from stages.commands.scene_import import import_into_project
+
+    import_into_project(path, name)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add these commands to the others of `gpf`."""
+    for command in (stage, profile, render):
+        app.command()(command)
+    app.add_typer(scene_app, name="scene")
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is what ended a stage: inside a loop, Dr.Jit makes another error of it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None

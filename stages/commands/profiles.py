@@ -1,0 +1,86 @@
+"""Profiles: sets of sizes that are written into params.yaml, comments and all else left alone."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedSeq
+
+from gpf.config.params import Params, read_params
+from gpf.core.errors import UserError
+from gpf.core.files import write_text
+from gpf.core.progress import say
+from gpf.core.yaml import explain, suggest
+
+# Of `ablations.run`: all rows of `ablations.variants`, whichever the project has.
+EVERY = "all"
+
+
+def read_profiles() -> Mapping[str, Mapping[str, Any]]:
+    """Profile name -> dotted key of params.yaml -> value."""
+    text = Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8")
+    profiles: Mapping[str, Mapping[str, Any]] = YAML(typ="safe").load(text)
+    return profiles
+
+
+def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
+    """Write a profile's values into ``file`` and print each that changed."""
+    profiles = read_profiles()
+    if name not in profiles:
+        raise UserError(
+            f"profile {name!r}", "does not exist", suggest(name, list(profiles), "Profiles are")
+        )
+    read_params(file)
+    yaml, document = open_yaml(file.read_text(encoding="utf-8"))
+    changes = []
+    for key, value in profiles[name].items():
+        section, _, leaf = key.partition(".")
+        if value == EVERY:
+            value = list(document.get(section, {}).get("variants", {}))
+        # Of the project's own scenes and methods.
+        if leaf == "scenes":
+            value = [scene for scene in value if scene in document["scenes"]]
+        if key in ("methods.learned", "animation.methods"):
+            value = [row for row in value if row == "gpf" or row in document["baselines"]]
+        before = document[section][leaf] if leaf in document.setdefault(section, {}) else None
+        if before != value:
+            document[section][leaf] = in_one_line(value)
+            changes.append(f"{key}: {before} -> {value}")
+    try:
+        Params.model_validate(YAML(typ="safe").load(dump_yaml(yaml, document)))
+    except ValidationError as error:
+        raise explain(f"{file}, with profile {name}", Params, error) from error
+    for change in changes:
+        say(change)
+    if changes:
+        write_text(file, dump_yaml(yaml, document))
+    say(f"{file}: profile {name}, {len(changes)} values changed")
+
+
+def in_one_line(value: Any) -> Any:
+    """A value as params.yaml has it: a list between brackets."""
+    if isinstance(value, list):
+        value = CommentedSeq(value)
+        value.fa.set_flow_style()
+    return value
+
+
+def open_yaml(text: str) -> tuple[YAML, Any]:
+    """A document whose comments survive :func:`dump_yaml`, and what writes it."""
+    yaml = YAML()
+    yaml.preserve_quotes = True
+    yaml.width = 200  # a list stays in one line
+    yaml.indent(mapping=2, sequence=4, offset=2)  # as params.yaml is written
+    return yaml, yaml.load(text)
+
+
+def dump_yaml(yaml: YAML, document: Any) -> str:
+    """The document as text."""
+    stream = io.StringIO()
+    yaml.dump(document, stream)
+    return stream.getvalue()

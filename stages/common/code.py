@@ -1,0 +1,34 @@
+"""What code a result was made with: the files that dvc.yaml lists for a stage, and no other list."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+from ruamel.yaml import YAML
+
+PROJECT = Path(__file__).resolve().parents[2]
+
+
+@cache
+def digest_of(*stages: str) -> str:
+    """A hash of the code that some stages of dvc.yaml depend on.
+
+    As it was when this process first asked, whatever becomes of the files while it runs.
+    """
+    digest = hashlib.sha256()
+    for file in sorted({file for stage in stages for file in code_of(stage)}):
+        digest.update(file.relative_to(PROJECT).as_posix().encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@cache
+def code_of(stage: str) -> tuple[Path, ...]:
+    """The Python files among a stage's dependencies, and those in the folders that it lists."""
+    pipeline = YAML(typ="safe").load((PROJECT / "dvc.yaml").read_text(encoding="utf-8"))
+    entry = pipeline["stages"][stage]
+    listed = [PROJECT / name for name in entry.get("do", entry)["deps"] if "$" not in name]
+    files = [path if path.is_file() else sorted(path.rglob("*.py")) for path in listed]
+    flat = [f for found in files for f in (found if isinstance(found, list) else [found])]
+    return tuple(file for file in flat if file.suffix == ".py")

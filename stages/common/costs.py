@@ -1,0 +1,91 @@
+"""What a stage cost: wall and CPU seconds, with the compilation of kernels apart."""
+
+from __future__ import annotations
+
+import resource
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import drjit as dr
+
+from gpf.core.files import read_json, write_json
+from gpf.core.runtime import device_description
+
+KINDS = ("wall_seconds", "cpu_seconds", "compile_seconds")
+
+
+class CostMeter:
+    """Measures named parts of a stage.
+
+    A part's ``wall_seconds`` and ``cpu_seconds`` do not include the time that Dr.Jit spent on
+    compiling kernels; ``compile_seconds`` has it. Dr.Jit keeps compiled kernels on disk, so that
+    it is near zero from the second run on.
+    """
+
+    def __init__(self, parts: Mapping[str, Mapping[str, float]] | None = None) -> None:
+        self.parts: dict[str, dict[str, float]] = {k: dict(v) for k, v in (parts or {}).items()}
+        self.facts: dict[str, Any] = {}
+
+    @classmethod
+    def load(cls, path: Path) -> CostMeter:
+        """Start from an earlier run's costs, for a stage that redoes only what changed."""
+        found = read_json(path, path.stem) if path.exists() else {"parts": {}, "facts": {}}
+        meter = cls(found["parts"])
+        meter.facts |= found["facts"]
+        return meter
+
+    @contextmanager
+    def measure(self, part: str) -> Iterator[None]:
+        """Add the time until the block ends, device work included, to ``part``."""
+        dr.sync_thread()
+        with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+            dr.kernel_history_clear()
+            self._started = time.perf_counter(), time.process_time()
+            try:
+                yield
+            finally:
+                self.parts[part] = self.so_far(part)
+                del self._started
+
+    def so_far(self, part: str) -> dict[str, float]:
+        """What ``part``, which is being measured, has cost up to now."""
+        dr.sync_thread()
+        now = time.perf_counter(), time.process_time()
+        compiled = _compile_seconds()
+        entry = dict(self.parts.get(part, dict.fromkeys(KINDS, 0.0)))
+        entry["wall_seconds"] += now[0] - self._started[0] - compiled
+        entry["cpu_seconds"] += now[1] - self._started[1] - compiled
+        entry["compile_seconds"] += compiled
+        # What follows is counted from here.
+        self._started = now
+        self.parts[part] = entry
+        return entry
+
+    def share(self, part: str, names: Sequence[str]) -> None:
+        """Replace a part by equal shares of it, ``part/name`` for each name."""
+        whole = self.parts.pop(part)
+        for name in names:
+            self.parts[f"{part}/{name}"] = {k: v / len(names) for k, v in whole.items()}
+
+    def note_peak_memory(self) -> None:
+        """Keep the most memory that this process and those that it started had at a time, MB."""
+        kilobytes = sum(
+            resource.getrusage(who).ru_maxrss
+            for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+        )
+        self.facts["peak_memory_megabytes"] = kilobytes * 1024 / 1e6
+
+    def write(self, path: Path) -> None:
+        """Write the parts, further facts and a description of the machine."""
+        machine = device_description()
+        write_json(path, {"parts": self.parts, "facts": self.facts, "machine": machine})
+
+
+def _compile_seconds() -> float:
+    """Seconds of code generation and compilation in the kernel history, which is emptied."""
+    entries = dr.kernel_history([dr.KernelType.JIT])
+    misses = (e for e in entries if not e.get("cache_hit", True))
+    return sum(e.get("backend_time", 0.0) + e.get("codegen_time", 0.0) for e in misses) / 1e3

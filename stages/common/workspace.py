@@ -1,0 +1,193 @@
+"""Where the pipeline's files lie, and what every stage starts with."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from gpf.config.params import Params, read_params
+from gpf.core.errors import UserError
+from gpf.core.files import stage_command
+from gpf.core.runtime import choose_variant
+from gpf.guiding.emission_plan import EmissionPlan
+from gpf.scene.folders import scene_folder
+from gpf.scene.load import load_scene_file
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import SceneViews, View, read_views
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The parameters, and the files of one scene under ``results/``.
+
+    Attributes
+    ----------
+    params: those of params.yaml, or of a variant.
+    root: ``results/``.
+    apart: where a variant's field and all that is made of it lie; None for the field itself.
+    """
+
+    params: Params
+    scene: str
+    root: Path = Path("results")
+    apart: Path | None = None
+
+    @classmethod
+    def open(cls, scene: str) -> Workspace:
+        """Read params.yaml, check that the scene exists, and choose the variant."""
+        params = read_params()
+        scene_folder(scene)
+        choose_variant(params.runtime.variant)
+        return cls(params, scene)
+
+    def variant(self, params: Params, folder: Path) -> Workspace:
+        """The same scene and references, with a field of other parameters in a folder apart."""
+        return replace(self, params=params, apart=folder)
+
+    @property
+    def folder(self) -> Path:
+        """All that belongs to the scene."""
+        return self.root / self.scene
+
+    @property
+    def field_folder(self) -> Path:
+        """The field, and all that is made of it."""
+        return self.apart or self.folder
+
+    @property
+    def frozen_scene(self) -> Path:
+        """The scene as the stage ``scene`` built it."""
+        return self.folder / "scene"
+
+    @property
+    def views_file(self) -> Path:
+        """The scene's cameras; beside the frozen scene, for a new view changes no photons."""
+        return self.folder / "views.yaml"
+
+    @property
+    def targets(self) -> Path:
+        """Supervised points and their irradiance."""
+        return self.folder / "targets.safetensors"
+
+    @property
+    def surfaces(self) -> Path:
+        """Irradiance at samples of the scene's surfaces."""
+        return self.folder / "reference" / "surfaces.safetensors"
+
+    @property
+    def photons(self) -> Path:
+        """The photons that become Gaussians."""
+        return self.folder / "photons.safetensors"
+
+    @property
+    def field(self) -> Path:
+        """The fitted field."""
+        return self.field_folder / "field.safetensors"
+
+    def reference(self, view: str) -> Path:
+        """The reference image of a view."""
+        return self.folder / "reference" / f"{view}.exr"
+
+    def second_reference(self, view: str) -> Path:
+        """A second, independent reference of a novel view, at several numbers of passes."""
+        return self.folder / "second_reference" / f"{view}.exr"
+
+    def render(self, method: str, view: str) -> Path:
+        """A method's image of a view."""
+        return self.field_folder / "renders" / method / f"{view}.exr"
+
+    def refusal(self, method: str) -> Path:
+        """Why a method has no images."""
+        return self.folder / "renders" / method / "cannot_serve.json"
+
+    def metrics(self, method: str) -> Path:
+        """How a method's images compare with the references."""
+        return self.folder / "metrics" / f"{method}.json"
+
+    @property
+    def summary(self) -> Path:
+        """The numbers of all methods, means over views."""
+        return self.folder / "summary.json"
+
+    @property
+    def convergence(self) -> Path:
+        """PSNR of SPPM by number of passes."""
+        return self.folder / "convergence.json"
+
+    @property
+    def all_costs(self) -> Path:
+        """What all stages cost; beside those of other scenes, for what is made of them all."""
+        return self.root / "costs" / f"{self.scene}.csv"
+
+    def cost(self, stage: str) -> Path:
+        """What a stage cost."""
+        return self.field_folder / "costs" / f"{stage}.json"
+
+    def checkpoint(self, stage: str) -> Path:
+        """Where a stage keeps what it would lose if it were stopped."""
+        return self.field_folder / "checkpoints" / f"{stage}.safetensors"
+
+    def parts(self, stage: str, group: str) -> Path:
+        """Where a stage keeps sums over parts of its passes."""
+        return self.folder / "checkpoints" / f"{stage}-{group}"
+
+    def forget_checkpoints(self) -> None:
+        """Remove the folder of checkpoints once it is empty."""
+        folder = self.folder / "checkpoints"
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+
+    @cached_property
+    def views(self) -> SceneViews:
+        """The cameras of the scene, as the stage ``scene`` copied them."""
+        if not self.views_file.exists():
+            raise UserError(
+                str(self.views_file),
+                "is missing",
+                f"Run `{stage_command('scene', self.views_file)}` first.",
+            )
+        return read_views(self.views_file)
+
+    @cached_property
+    def scene_digest(self) -> str:
+        """A hash of all that the scene consists of."""
+        digest = hashlib.sha256()
+        for path in sorted(self.frozen_scene.rglob("*")):
+            if path.is_file():
+                digest.update(path.relative_to(self.frozen_scene).as_posix().encode())
+                digest.update(path.read_bytes())
+        return digest.hexdigest()[:16]
+
+    @staticmethod
+    def digest(path: Path) -> str:
+        """A hash of a file's content; empty if there is none."""
+        return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.exists() else ""
+
+    def load_scene(self) -> Any:
+        """The Mitsuba scene, checked."""
+        file = self.frozen_scene / "scene.xml"
+        if not file.exists():
+            raise UserError(
+                str(self.frozen_scene),
+                "is missing",
+                f"Run `{stage_command('scene', self.frozen_scene)}` first.",
+            )
+        return load_scene_file(file)
+
+    def emission_plan(self, scene: Any) -> EmissionPlan:
+        """Where photons are needed, and how they are emitted."""
+        # Of one size whatever params.yaml says: photons do not depend on the film.
+        sensors = [make_sensor(view, *self.views.size(256)) for view in self.views.train]
+        return EmissionPlan.make(scene, sensors, self.params.visible_region)
+
+    @property
+    def film_size(self) -> tuple[int, int]:
+        """Width and height of all images."""
+        return self.views.size(self.params.film.height)
+
+    def sensor(self, view: View, spp: int = 1, sampler: str = "independent") -> Any:
+        """A Mitsuba sensor for a view, at the size that params.yaml asks for."""
+        return make_sensor(view, *self.film_size, spp=spp, sampler=sampler)

@@ -1,0 +1,1 @@
+"""Long sums of passes: groups of views, records, pass times, clusters."""

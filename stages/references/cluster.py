@@ -1,0 +1,213 @@
+"""Passes on many machines: ranges of them are tasks of a Ray cluster.
+
+A pass is a function of its index, and sums over ranges add up exactly: a cluster gives the same
+bits as one machine, whoever renders what and however often. What a task needs travels with it; a
+worker needs nothing but this package in the same version.
+"""
+
+from __future__ import annotations
+
+import atexit
+import io
+import os
+import shutil
+import socket
+import tempfile
+import zipfile
+from collections.abc import Mapping
+from contextlib import chdir
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpf.core.errors import UserError
+from gpf.core.progress import progress_bar
+from stages.common.workspace import Workspace
+from stages.references.groups import GroupRequest, Job, open_group
+from stages.references.long_sums import LongSum, Watch
+
+
+def render_on_cluster(passes: LongSum, request: GroupRequest, wanted: range) -> None:
+    """Render what is missing of a range of passes (0-based); parts are kept as they arrive."""
+    todo = list(_tasks(passes, wanted))
+    if not todo:
+        return
+    ray, settings = _connect(passes.work), passes.work.params.cluster
+    needed = ray.put(pack(passes.work))
+    cores = settings.threads or _cores_of_a_machine(ray)
+    task = ray.remote(num_cpus=cores, max_retries=settings.retries)(render_part)
+    facts = passes.work.scene, request, passes.parts.digest, settings.threads
+    running = {task.remote(needed, *facts, part.start, part.stop): part for part in todo}
+    done = len(wanted) - sum(map(len, todo))
+    title = f"{passes.work.scene}: {passes.group} references, Ray"
+    try:
+        with progress_bar(title, len(wanted)) as bar:
+            bar(done)
+            total = passes.merge()
+            # Tasks end in any order; the total has what is there without a gap.
+            waiting = {part.start: part for part in passes.parts.done()}
+            watch = Watch(passes, total, bar.describe)
+            while running and not passes.is_good_enough(total):
+                ready, _ = ray.wait(list(running), timeout=1.0)
+                for reference in ready:
+                    part = running.pop(reference)
+                    tensors, costs = _result(ray, reference, part)
+                    passes.renderer.sums = passes.renderer.empty_sums()
+                    passes.renderer.sums.add_tensors(tensors, len(part))
+                    passes.keep(part, costs)
+                    waiting[part.start] = part
+                    while total.passes in waiting and not passes.is_good_enough(total):
+                        passes.parts.add_to(total, waiting[total.passes])
+                    done += len(part)
+                    bar(done)
+                    passes.renderer.sums = passes.renderer.empty_sums()
+                    watch.look()
+    finally:
+        for reference in running:
+            ray.cancel(reference, force=True)
+        passes.costs.parts.pop(passes.group, None)
+
+
+def render_part(
+    needed: bytes,
+    scene: str,
+    request: GroupRequest,
+    digest: str,
+    threads: int,
+    first: int,
+    last: int,
+) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """On a worker: sums over passes ``first`` + 1 to ``last`` as tensors, and what they cost."""
+    import drjit as dr
+
+    dr.set_thread_count(threads or os.cpu_count() or 1)
+    with chdir(_unpack(needed)):
+        passes = _open(scene, request, digest)
+        renderer, costs = passes.renderer, passes.costs
+        costs.parts.pop(request.group, None)
+        with costs.measure(request.group):
+            renderer.sums = renderer.empty_sums()
+            for t in range(first, last):
+                renderer.run_pass(t + 1)
+        return renderer.sums.tensors(), costs.parts[request.group]
+
+
+def pack(work: Workspace) -> bytes:
+    """What a worker needs of a project: the parameters, the scene and its views."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.write("params.yaml")
+        # That there is such a scene is all that is asked of this folder.
+        archive.writestr(zipfile.ZipInfo(f"scenes/{work.scene}/scene.xml"), "")
+        archive.write(work.views_file, f"scenes/{work.scene}/views.yaml")
+        archive.write(work.views_file)
+        for path in sorted(work.frozen_scene.rglob("*")):
+            archive.write(path)
+    return data.getvalue()
+
+
+def _tasks(passes: LongSum, wanted: range) -> list[range]:
+    """The missing passes in ranges of a task's size."""
+    size = passes.work.params.cluster.passes_per_task
+    cuts = sorted({*passes.cuts(), *range(0, passes.passes, size)})
+    return passes.parts.missing(wanted, cuts)
+
+
+def _connect(work: Workspace) -> Any:
+    """Ray, connected to the cluster of params.yaml or to one that is started here."""
+    try:
+        import ray
+    except ImportError as error:
+        raise UserError(
+            "params.yaml: executor",
+            "is ray, but the package ray is not installed",
+            "Install it (`pip install ray`), or set executor to local.",
+        ) from error
+    if ray.is_initialized():
+        return ray
+    settings = work.params.cluster
+    # Nothing is told to anybody, and workers find this package where this process found it.
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    root = str(Path(__file__).resolve().parents[2])
+    paths = [root, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
+    options: dict[str, Any] = {"log_to_driver": False, "configure_logging": False}
+    if settings.address:
+        _require_listener(settings.address)
+        options["address"] = settings.address
+    else:
+        options |= {
+            "num_cpus": settings.workers * max(settings.threads, 1),
+            "include_dashboard": False,
+            "runtime_env": {"env_vars": {"PYTHONPATH": os.pathsep.join(paths)}},
+        }
+    try:
+        ray.init(**options)
+    except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
+        raise _unreachable(settings.address, error) from error
+    return ray
+
+
+def _cores_of_a_machine(ray: Any) -> float:
+    """What a task takes that uses all cores of its machine: those of the smallest."""
+    cores = [node["Resources"].get("CPU", 1) for node in ray.nodes() if node["Alive"]]
+    return float(min(cores))
+
+
+def _require_listener(address: str) -> None:
+    """Ray itself would try for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if host and port.isdecimal():
+        try:
+            socket.create_connection((host, int(port)), timeout=5).close()
+        except OSError as error:
+            raise _unreachable(address, error) from error
+
+
+def _unreachable(address: str, error: Exception) -> UserError:
+    return UserError(
+        f"params.yaml: cluster.address: {address!r}",
+        f"cannot be connected to ({str(error).splitlines()[0]})",
+        "Start a cluster with `ray start --head`, or leave the address empty.",
+    )
+
+
+def _result(ray: Any, reference: Any, part: range) -> tuple[Mapping[str, np.ndarray], Any]:
+    where = f"passes {part.start}:{part.stop}"
+    try:
+        return ray.get(reference)  # type: ignore[no-any-return]
+    except ray.exceptions.RayTaskError as error:
+        cause = error.cause
+        if isinstance(cause, UserError):
+            raise UserError(cause.where, cause.what, cause.todo) from error
+        raise
+    except (ray.exceptions.WorkerCrashedError, ray.exceptions.RaySystemError) as error:
+        raise UserError(
+            where,
+            "were lost, and so were all attempts to render them again",
+            "Look at the workers' memory; what other tasks have done is kept.",
+        ) from error
+
+
+@cache
+def _unpack(needed: bytes) -> Path:
+    """A folder with the contents of an archive, made once in a process."""
+    folder = Path(tempfile.mkdtemp(prefix="gpf-worker-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    with zipfile.ZipFile(io.BytesIO(needed)) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+@cache
+def _open(scene: str, request: GroupRequest, digest: str) -> LongSum:
+    """The passes of a group, loaded once in a process."""
+    passes = open_group(Job.open(Workspace.open(scene)), request)
+    if passes.parts.digest != digest:
+        raise UserError(
+            "a worker of the cluster",
+            "has another version of this package, of Mitsuba, or another kind of device",
+            "Install the same versions everywhere, and set runtime.variant.",
+        )
+    return passes

@@ -1,0 +1,197 @@
+"""Files are whole or absent, and say what is wrong with them."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.numpy import save_file
+
+from gpf.core.errors import UserError
+from gpf.core.files import (
+    SCHEMA_VERSION,
+    read_json,
+    read_tensors,
+    stage_command,
+    write_atomically,
+    write_json,
+    write_tensors,
+    write_text,
+)
+
+TENSORS = {
+    "means": np.arange(12, dtype=np.float32).reshape(4, 3)[:, ::-1],
+    "depth": np.array([1, 2, 250], np.uint32),
+    "none": np.zeros((0, 3), np.float32),
+}
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "deep" / "down" / "photons.safetensors"
+    write_tensors(path, "photons", TENSORS, {"paths": 7, "nested": {"a": [1.5, None, "ü"]}})
+    return path
+
+
+def others(path) -> list[str]:
+    """What else lies in the folder of a file."""
+    return sorted(p.name for p in path.parent.iterdir() if p != path)
+
+
+# --- tensors ----------------------------------------------------------------------------------
+
+
+def test_tensors_come_back_as_they_were(file):
+    tensors, metadata = read_tensors(file, "photons", "photons")
+    assert tensors.keys() == TENSORS.keys()
+    for name, value in TENSORS.items():
+        np.testing.assert_array_equal(tensors[name], value)
+        assert (tensors[name].dtype, tensors[name].shape) == (value.dtype, value.shape)
+    assert metadata == {"paths": 7, "nested": {"a": [1.5, None, "ü"]}}
+    assert others(file) == []
+
+
+def test_the_same_content_is_the_same_file(file, tmp_path):
+    again = tmp_path / "again.safetensors"
+    write_tensors(again, "photons", TENSORS, {"nested": {"a": [1.5, None, "ü"]}, "paths": 7})
+    assert again.read_bytes() == file.read_bytes()
+
+
+def test_a_missing_file(tmp_path):
+    with pytest.raises(UserError, match=r"gone\.safetensors: is missing\. Run `gpf stage photons`"):
+        read_tensors(tmp_path / "gone.safetensors", "photons", "photons")
+
+
+@pytest.mark.parametrize("keep", [0, 5, 60, -1])
+def test_a_truncated_file(file, keep):
+    file.write_bytes(file.read_bytes()[:keep])
+    with pytest.raises(
+        UserError,
+        match=r"photons\.safetensors: is truncated or damaged \(.+\)\. Delete it and run "
+        r"`gpf stage trace` again",
+    ):
+        read_tensors(file, "photons", "trace")
+
+
+def test_another_kind(file):
+    with pytest.raises(UserError, match=r"holds photons, not field\. Delete it and run `gpf stage"):
+        read_tensors(file, "field", "train")
+
+
+def test_a_foreign_file(tmp_path):
+    path = tmp_path / "foreign.safetensors"
+    save_file({"x": np.ones(3, np.float32)}, path)
+    with pytest.raises(UserError, match="holds something else, not field"):
+        read_tensors(path, "field", "train")
+
+
+def test_another_schema_version(tmp_path):
+    path = tmp_path / "field.safetensors"
+    header = {"kind": "field", "schema_version": "99", "metadata": "{}"}
+    save_file({"x": np.ones(3, np.float32)}, path, metadata=header)
+    with pytest.raises(
+        UserError,
+        match=rf"field\.safetensors: has schema version 99; this program reads {SCHEMA_VERSION}\. "
+        r"Delete it and run `gpf stage train` again",
+    ):
+        read_tensors(path, "field", "train")
+
+
+# --- atomic writes ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_a_failing_writer_leaves_the_old_file_and_nothing_else(tmp_path, error):
+    path = tmp_path / "table.csv"
+    write_text(path, "old")
+
+    def fail(temporary):
+        temporary.write_text("half")
+        raise error
+
+    with pytest.raises(error):
+        write_atomically(path, fail)
+    assert path.read_text() == "old"
+    assert others(path) == []
+
+
+def test_a_full_disk_is_said_in_words(tmp_path):
+    path = tmp_path / "table.csv"
+    write_text(path, "old")
+
+    def fail(temporary):
+        temporary.write_text("half")
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(
+        UserError, match=r"table\.csv: could not be written .*No space left.*Free some disk space"
+    ):
+        write_atomically(path, fail)
+    assert path.read_text() == "old"
+    assert others(path) == []
+
+
+def test_a_folder_that_cannot_be_made_is_said_in_words(tmp_path):
+    (tmp_path / "results").write_text("a file where the folder should be")
+    path = tmp_path / "results" / "scene" / "table.csv"
+    with pytest.raises(UserError, match=r"table\.csv: could not be written .*check the folder"):
+        write_text(path, "new")
+    assert (tmp_path / "results").is_file()
+
+
+def test_the_writer_sees_the_suffix_and_the_folder(tmp_path):
+    path = tmp_path / "figure.svg"
+    seen = []
+
+    def write(temporary):
+        seen.append(temporary)
+        temporary.write_text("x")
+
+    write_atomically(path, write)
+    assert seen[0].suffix == ".svg" and seen[0].parent == tmp_path and seen[0] != path
+    assert path.read_text() == "x" and path.stat().st_mode & 0o777 == 0o644
+
+
+# --- JSON -------------------------------------------------------------------------------------
+
+
+def test_json_is_sorted_and_comes_back(tmp_path):
+    path = tmp_path / "numbers.json"
+    write_json(path, {"b": [1, 2.5, None], "a": {"z": 1, "c": "x"}})
+    assert path.read_text().endswith("}\n")
+    assert list(json.loads(path.read_text())) == ["a", "b"]
+    assert read_json(path, "metrics") == {"b": [1, 2.5, None], "a": {"z": 1, "c": "x"}}
+
+
+def test_missing_and_truncated_json(tmp_path):
+    path = tmp_path / "numbers.json"
+    with pytest.raises(UserError, match=r"numbers\.json: is missing\. Run `gpf stage metrics`"):
+        read_json(path, "metrics")
+    path.write_text('{"a": [1, 2')
+    with pytest.raises(
+        UserError, match=r"is not JSON \(.*\)\. Delete it and run `gpf stage metrics` again"
+    ):
+        read_json(path, "metrics")
+
+
+def test_the_errors_words_are_its_three_parts():
+    error = UserError("file: key", "is -1", "Give 0 or more")
+    assert re.fullmatch(r"file: key: is -1\. Give 0 or more", str(error))
+    assert (error.where, error.what, error.todo) == ("file: key", "is -1", "Give 0 or more")
+    assert error.exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("maker", "path", "command"),
+    [
+        ("train", "results/kitchen/field.safetensors", "gpf stage train --scene kitchen"),
+        ("reference", "/a/results/kitchen/reference/x.exr", "gpf stage reference --scene kitchen"),
+        ("train", "/results/old/results/kitchen/x.json", "gpf stage train --scene kitchen"),
+        ("report", "results/kitchen/costs/train.json", "gpf stage report"),
+        ("train", "results/field.safetensors", "gpf stage train"),
+        ("train", "elsewhere/field.safetensors", "gpf stage train"),
+    ],
+)
+def test_the_command_that_makes_a_file(maker, path, command):
+    assert stage_command(maker, Path(path)) == command

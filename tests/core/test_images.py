@@ -1,0 +1,199 @@
+"""EXRs keep layers and record; bad ones are refused in words; tone mapping is sRGB's."""
+
+import json
+import resource
+import time
+from contextlib import contextmanager
+
+import mitsuba as mi
+import numpy as np
+import OpenEXR
+import pytest
+
+from gpf.core.errors import UserError
+from gpf.core.files import SCHEMA_VERSION
+from gpf.core.images import (
+    check_finite,
+    read_exr,
+    read_record,
+    tone_map,
+    write_exr,
+    write_png,
+)
+
+HEIGHT, WIDTH = 6, 8
+RECORD = {"passes": 4, "view": {"name": "front", "fov": 39.3}, "size": [8, 6]}
+
+
+def make_layers() -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(1)
+    return {
+        "radiance": rng.uniform(0, 1e4, (HEIGHT, WIDTH, 3)),
+        "normal": rng.normal(size=(HEIGHT, WIDTH, 3)).astype(np.float32),
+        "sppm_3": rng.uniform(0, 1e-6, (HEIGHT, WIDTH, 3)).astype(np.float32),
+        "valid": (rng.random((HEIGHT, WIDTH)) < 0.5).astype(np.float32),
+    }
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "reference" / "front.exr"
+    write_exr(path, make_layers(), RECORD)
+    return path
+
+
+def test_layers_and_record_come_back(file):
+    layers, record = read_exr(file, "reference")
+    expected = make_layers()
+    assert layers.keys() == expected.keys()
+    for name, value in expected.items():
+        assert layers[name].dtype == np.float32
+        np.testing.assert_array_equal(layers[name], value.astype(np.float32), err_msg=name)
+    assert record == {**RECORD, "schema_version": SCHEMA_VERSION}
+    assert read_record(file) == record
+    assert [p.name for p in file.parent.iterdir()] == ["front.exr"]
+
+
+def test_infinite_values_come_back(tmp_path):
+    coverage = np.full((HEIGHT, WIDTH), np.inf, np.float32)
+    write_exr(tmp_path / "a.exr", {"coverage": coverage}, {})
+    np.testing.assert_array_equal(read_exr(tmp_path / "a.exr", "x")[0]["coverage"], coverage)
+
+
+def test_other_programs_read_the_radiance(file):
+    image = np.array(mi.Bitmap(str(file)).split()[0][1].convert(mi.Bitmap.PixelFormat.RGB))
+    assert image.shape == (HEIGHT, WIDTH, 3)
+    np.testing.assert_array_equal(image, make_layers()["radiance"].astype(np.float32))
+
+
+def test_the_same_image_is_the_same_file(file, tmp_path):
+    time.sleep(1.1)  # a date in the header would differ by now
+    write_exr(tmp_path / "again.exr", make_layers(), RECORD)
+    assert (tmp_path / "again.exr").read_bytes() == file.read_bytes()
+
+
+def test_a_missing_image(tmp_path):
+    path = tmp_path / "gone.exr"
+    assert read_record(path) is None
+    with pytest.raises(UserError, match=r"gone\.exr: is missing\. Run `gpf stage render` first"):
+        read_exr(path, "render")
+
+
+@pytest.mark.parametrize("keep", [0, 100, -200, -1])
+def test_a_truncated_image(file, keep, capfd):
+    file.write_bytes(file.read_bytes()[:keep])
+    with pytest.raises(
+        UserError,
+        match=r"front\.exr: is truncated or not an EXR \(.*\)\. Delete it and run "
+        r"`gpf stage reference` again",
+    ):
+        read_exr(file, "reference")
+
+
+def test_something_else_entirely(tmp_path):
+    path = tmp_path / "a.exr"
+    path.write_text("not an image")
+    assert read_record(path) is None
+    with pytest.raises(UserError, match="is truncated or not an EXR"):
+        read_exr(path, "render")
+
+
+def test_another_schema_version(tmp_path):
+    path = tmp_path / "a.exr"
+    header = {"gpf": json.dumps({"schema_version": 99})}
+    OpenEXR.File(header, {"R": np.zeros((2, 3), np.float32)}).write(str(path))
+    with pytest.raises(
+        UserError, match=rf"has schema version 99; this program reads {SCHEMA_VERSION}\. Delete it"
+    ):
+        read_exr(path, "render")
+
+
+def test_an_image_of_another_program(tmp_path):
+    path = tmp_path / "a.exr"
+    mi.Bitmap(np.zeros((2, 3, 3), np.float32)).write(str(path))
+    with pytest.raises(UserError, match="has schema version none; this program reads"):
+        read_exr(path, "render")
+
+
+# --- NaN --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_broken_pixels_are_counted_and_located(bad):
+    image = np.ones((HEIGHT, WIDTH, 3))
+    image[2, 5, 1] = image[4, 0, :] = bad
+    with pytest.raises(
+        UserError,
+        match=r"box, view front: 2 of 48 pixels are NaN or infinite, the first at x=5, y=2\. Look",
+    ):
+        check_finite(image, "box, view front")
+
+
+def test_a_whole_image_passes():
+    check_finite(np.ones((HEIGHT, WIDTH, 3)), "box")
+
+
+# --- tone mapping -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("linear", "shown"),
+    [
+        (0, 0),
+        (0.001, 0.01292),
+        (0.0031308, 0.04045),
+        (0.18, 0.461356),
+        (0.2140411, 0.5),
+        (0.5, 0.735357),
+        (1, 1),
+        (7, 1),
+        (-0.5, 0),
+    ],
+)
+def test_srgb(linear, shown):
+    assert tone_map(np.array(linear), 1.0) == pytest.approx(shown, abs=2e-6)
+
+
+def test_exposure_comes_before_the_clamp():
+    np.testing.assert_allclose(tone_map(np.array([0.09, 0.6]), 2.0), [0.461356, 1], atol=2e-6)
+
+
+def test_a_preview_shows_the_tone_mapped_image(tmp_path):
+    radiance = np.zeros((HEIGHT, WIDTH, 3))
+    radiance[1, 6] = [0.09, 0.25, 5]
+    write_png(tmp_path / "a.png", radiance, 2.0)
+    pixels = np.array(mi.Bitmap(str(tmp_path / "a.png")))
+    assert pixels.shape == (HEIGHT, WIDTH, 3) and pixels.dtype == np.uint8
+    assert pixels[1, 6].tolist() == [118, 188, 255]
+    assert np.count_nonzero(pixels) == 3
+
+
+@contextmanager
+def full_disk(room: int):
+    """Files can't grow beyond ``room`` bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("name", ["noise.exr", "noise.png"])
+def test_a_full_disk_leaves_the_old_image(tmp_path, name):
+    """The libraries that write images don't say so with an OSError."""
+    noise = np.random.default_rng(1).random((96, 128, 3)).astype(np.float32)
+    path = tmp_path / name
+
+    def write(image):
+        if path.suffix == ".exr":
+            write_exr(path, {"radiance": image}, {})
+        else:
+            write_png(path, image, 1.0)
+
+    write(noise[:4, :4])
+    before = path.read_bytes()
+    with full_disk(8192), pytest.raises(UserError, match=f"{name}: could not be written.*Free"):
+        write(noise)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == [name]

@@ -1,0 +1,65 @@
+"""Photons where cameras seldom look survive with a chance, and stand for those that did not."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.core.structs import Photons, to_numpy
+from gpf.guiding.density_control import MOST_PER_LOOK, control_density, count_in_cells
+
+
+def test_counts_are_those_of_a_histogram():
+    rng = np.random.default_rng(0)
+    at, first, second = (rng.normal(size=(n, 3)) * (1, 2, 0.3) for n in (50, 700, 90))
+    counted = count_in_cells(at, 0.4, first, second)
+    for points, counts in zip((first, second), counted, strict=True):
+        cells = [tuple(c) for c in np.floor(points / 0.4).astype(int)]
+        expected = [cells.count(tuple(c)) for c in np.floor(at / 0.4).astype(int)]
+        assert counts.tolist() == expected
+
+
+def test_points_that_none_looks_at_count_none():
+    (counts,) = count_in_cells(np.array([[0.1, 0.1, 0.1], [9, 9, 9]]), 1.0, np.zeros((3, 3)))
+    assert counts.tolist() == [3, 0]
+
+
+def make_photons(p: np.ndarray, up: np.ndarray | bool = True) -> Photons:
+    count = len(p)
+    z = np.where(np.broadcast_to(up, count), 1, -1)
+    return Photons(
+        p=mi.Point3f(np.ascontiguousarray(p.T, dtype=np.float32)),
+        n=mi.Normal3f(np.stack([0 * z, 0 * z, z]).astype(np.float32)),
+        power=mi.Color3f(np.full((3, count), 0.5, np.float32)),
+        depth=mi.UInt32(np.zeros(count, np.uint32)),
+    )
+
+
+def test_a_lamps_inside_is_thinned_and_the_rest_is_not():
+    """Nine tenths of the photons in a corner that gets a hundredth of the looks."""
+    rng = np.random.default_rng(1)
+    aside = np.array([5.0, 0, 0])
+    lamp, room = rng.random((90_000, 3)), rng.random((10_000, 3)) + aside
+    looks = np.concatenate([rng.random((500, 3)), rng.random((49_500, 3)) + aside])
+    photons = make_photons(np.concatenate([lamp, room]))
+    kept = control_density(photons, make_photons(looks), width=1.0, seed=3)
+    p, power = to_numpy(kept.p), to_numpy(kept.power)
+    inside = p[:, 0] < 2
+    share = MOST_PER_LOOK * 0.01 / 0.9
+    assert inside.sum() == pytest.approx(90_000 * share, rel=0.05)
+    assert (~inside).sum() == 10_000
+    np.testing.assert_allclose(power[~inside], 0.5)
+    np.testing.assert_allclose(power[inside], 0.5 / share, rtol=1e-4)
+    assert power[inside].sum() == pytest.approx(3 * 0.5 * 90_000, rel=0.05)
+
+
+def test_the_few_photons_outside_a_lamp_are_not_thinned_with_those_inside():
+    """In the same place, but on the other side of a thin wall."""
+    rng = np.random.default_rng(2)
+    inside, outside = np.full(50_000, True), np.full(50, False)
+    wall = rng.random((50_050, 3)) * (1, 1, 0)
+    photons = make_photons(wall, np.concatenate([inside, outside]))
+    looks = make_photons(rng.random((5000, 3)) * (1, 1, 0), rng.random(5000) < 0.1)
+    kept = control_density(photons, looks, width=2.0, seed=3)
+    up = to_numpy(kept.n)[:, 2] > 0
+    assert (~up).sum() == 50
+    assert up.sum() == pytest.approx(50_000 * min(1, MOST_PER_LOOK * 0.1), rel=0.05)

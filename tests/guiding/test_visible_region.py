@@ -1,0 +1,205 @@
+"""What cameras can see, and what photon paths bring there: two rooms with a door between them."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.core.errors import UserError
+from gpf.core.structs import VisiblePoints, to_numpy
+from gpf.guiding.guided_emission import EmissionGuide
+from gpf.guiding.photon_map import BATCH, collect_photons
+from gpf.guiding.pilot import trace_pilot
+from gpf.guiding.visible_region import VisibleRegion
+from gpf.photons.emission import emit_light
+from gpf.photons.tracing import record_photons
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
+from gpf.sppm.passes import PassSettings, PhotonPasses
+
+T = mi.ScalarTransform4f
+
+
+def two_rooms(gap: float) -> mi.Scene:
+    """Rooms x in [-2, 0] and x in [0, 2] (y, z in [-1, 1]); a lamp in the left one.
+
+    The wall between them leaves a slit of width ``gap`` along z = 1.
+    """
+    half = 1 - gap / 2
+    wall = T().translate([0, 0, -gap / 2]).rotate([0, 1, 0], 90).scale([half, 1, 1])
+    grey = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.6}}
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "shell": {
+                "type": "cube",
+                "to_world": T().scale([2, 1, 1]),
+                "flip_normals": True,
+                "bsdf": grey,
+            },
+            "wall": {
+                "type": "rectangle",
+                "to_world": wall,
+                "bsdf": {"type": "twosided", "bsdf": grey},
+            },
+            "lamp": {
+                "type": "rectangle",
+                "to_world": T().translate([-1.9, 0, 0.5]).rotate([0, 1, 0], 90).scale(0.2),
+                "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0}},
+                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [9, 8, 7]}},
+            },
+        },
+        optimize=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def rooms() -> mi.Scene:
+    return two_rooms(gap=0.3)
+
+
+@pytest.fixture(scope="module")
+def region(rooms) -> VisibleRegion:
+    view = View(name="right", origin=(1.8, 0, -0.5), target=(0.5, 0, -0.5), fov=60)
+    return VisibleRegion(rooms, [make_sensor(view, 8, 6)], seed=1, samples=1 << 18)
+
+
+def test_a_camera_in_one_room_does_not_see_the_other(region):
+    def sees(p, n):
+        return bool(region.contains(mi.Point3f(*p), mi.Normal3f(*n))[0])
+
+    assert sees((1, -1, 0), (0, 1, 0)), "the floor"
+    assert sees((2, 0, 0), (-1, 0, 0)), "the wall behind the camera"
+    assert sees((0, 0, -0.3), (1, 0, 0)), "this side of the wall"
+    assert not sees((0, 0, -0.3), (-1, 0, 0)), "its other side"
+    assert not sees((-1.8, -1, -0.8), (0, 1, 0)), "the floor of the other room"
+    assert not sees((1, 0.5, 0), (0, 1, 0)), "the air"
+
+
+def test_selected_photons_are_those_within(rooms, region):
+    photons = record_photons(rooms, paths=4000, seed=2)
+    kept = region.select(photons)
+    inside = np.array(region.contains(photons.p, photons.n))
+    assert 0 < inside.sum() < inside.size
+    for name in ("p", "n", "power"):
+        whole, part = to_numpy(getattr(photons, name)), to_numpy(getattr(kept, name))
+        np.testing.assert_array_equal(whole[inside], part)
+
+
+def test_what_is_seen_in_a_mirror_is_part_of_the_visible_region():
+    facing = T().translate([3, 0, 0]).rotate([0, 1, 0], -90)
+    behind = T().translate([-3, 0, 0]).rotate([0, 1, 0], 90)
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "mirror": {"type": "rectangle", "to_world": facing, "bsdf": {"type": "conductor"}},
+            # Behind the camera, and to be seen in the mirror alone.
+            "board": {"type": "rectangle", "to_world": behind},
+        }
+    )
+    view = View(name="a", origin=(0, 0, 0), target=(1, 0, 0), fov=20)
+    region = VisibleRegion(scene, [make_sensor(view, 8, 6)], seed=1, samples=4096)
+    assert bool(region.contains(mi.Point3f(-3, 0.1, 0.2), mi.Normal3f(1, 0, 0))[0])
+
+
+def test_views_of_nothing_diffuse_have_no_visible_region(rooms):
+    away = View(name="a", origin=(9, 0, 0), target=(10, 0, 0), fov=20)
+    with pytest.raises(UserError, match="training views: see no diffuse surface. Point them"):
+        VisibleRegion(rooms, [make_sensor(away, 8, 6)], seed=1, samples=256)
+
+
+def test_a_pilot_counts_what_the_recorder_finds(rooms, region):
+    pilot = trace_pilot(rooms, region, seed=5, paths=3000)
+    kept = region.select(record_photons(rooms, paths=3000, seed=5))
+    assert pilot.photons.sum() == dr.width(kept.p)
+    assert pilot.brought.sum() == pytest.approx(to_numpy(kept.power).mean(axis=1).sum(), rel=1e-4)
+    everywhere = trace_pilot(rooms, None, seed=5, paths=3000)
+    assert (everywhere.photons >= pilot.photons).all() and everywhere.photons_per_path > 2
+
+
+def test_efficiency_is_one_for_equal_paths_and_one_in_n_for_a_lucky_one(rooms):
+    pilot = trace_pilot(rooms, None, seed=5, paths=100)
+    equal = type(pilot)(brought=np.full(100, 3.0), photons=np.ones(100), seed=0)
+    lucky = type(pilot)(brought=np.eye(100)[7], photons=np.ones(100), seed=0)
+    none = type(pilot)(brought=np.zeros(100), photons=np.zeros(100), seed=0)
+    assert equal.efficiency == pytest.approx(1)
+    assert lucky.efficiency == pytest.approx(0.01)
+    assert none.efficiency == 0
+
+
+def test_guided_emission_brings_the_same_power_with_less_noise():
+    rooms = two_rooms(gap=0.1)
+    view = View(name="right", origin=(1.8, 0, -0.5), target=(0.5, 0, -0.5), fov=60)
+    region = VisibleRegion(rooms, [make_sensor(view, 8, 6)], seed=1, samples=1 << 18)
+    plain = trace_pilot(rooms, region, seed=1, paths=400_000)
+    guide = EmissionGuide.learn(rooms, plain)
+    guided = trace_pilot(rooms, region, seed=2, paths=400_000, source=guide.emit)
+    assert guided.efficiency > 1.5 * plain.efficiency
+    error = np.hypot(*(p.brought.std() * np.sqrt(len(p.brought)) for p in (plain, guided)))
+    assert abs(plain.brought.sum() - guided.brought.sum()) < 4 * error
+
+
+def test_a_guide_is_unbiased_whatever_it_has_learned():
+    """Also one that is all wrong, with a lamp and a sky to choose from: a furnace test."""
+    sky = {"type": "constant", "radiance": {"type": "rgb", "value": 0.5}}
+    lamp = {"type": "point", "position": [0, 0, 0.7], "intensity": {"type": "rgb", "value": 0.3}}
+    scene = mi.load_dict({"type": "scene", "floor": {"type": "disk"}, "sky": sky, "lamp": lamp})
+    shape = (2, 4, 4, 16, 16)
+    use = np.random.default_rng(0).random(int(np.prod(shape))) ** 8
+    guide = EmissionGuide(shape, use)
+    plain = trace_pilot(scene, None, seed=1, paths=4_000_000)
+    guided = trace_pilot(scene, None, seed=2, paths=4_000_000, source=guide.emit)
+    error = np.hypot(*(p.brought.std() * np.sqrt(len(p.brought)) for p in (plain, guided)))
+    assert error < 0.005 * plain.brought.sum()
+    assert abs(plain.brought.sum() - guided.brought.sum()) < 4 * error
+
+
+def test_with_few_paths_to_learn_from_a_guide_is_coarse(rooms, region):
+    shapes = [
+        EmissionGuide.learn(rooms, trace_pilot(rooms, region, seed=1, paths=paths)).shape
+        for paths in (100, 20_000, 400_000)
+    ]
+    cells = [int(np.prod(shape)) for shape in shapes]
+    assert cells[0] == 1 and 64 <= cells[1] <= 20_000 / 64 and cells[2] == 4096
+
+
+def test_a_pass_with_guided_photons_agrees_with_one_without(rooms, region):
+    pilot = trace_pilot(rooms, region, seed=1, paths=200_000)
+    guide = EmissionGuide.learn(rooms, pilot)
+    points = VisiblePoints(
+        p=mi.Point3f([1, 0.5], [-1, -1], [0, -0.5]),
+        n=mi.Normal3f([0, 0], [1, 1], [0, 0]),
+        reflectance=mi.Color3f(0.6),
+        throughput=mi.Color3f(1),
+        emission=mi.Color3f(0),
+        depth=mi.UInt32(0),
+        valid=mi.Bool([True, True]),
+    )
+    settings = PassSettings(photons_per_pass=50_000, initial_radius=0.3)
+
+    def passes(source, seeds):
+        return np.array(
+            [
+                to_numpy(PhotonPasses(rooms, settings, s, source).trace(1).irradiance(points))
+                for s in seeds
+            ]
+        )
+
+    plain, guided = passes(emit_light, range(64)), passes(guide.emit, range(100, 164))
+    error = np.sqrt((plain.var(axis=0) + guided.var(axis=0)) / 64)
+    assert (error < 0.03 * plain.mean(axis=0)).all()
+    assert (np.abs(plain.mean(axis=0) - guided.mean(axis=0)) < 4 * error).all()
+
+
+def test_collected_batches_have_the_power_of_all_paths(rooms, region):
+    paths = BATCH + BATCH // 2
+    photons = collect_photons(rooms, region, paths, seed=3)
+    single = collect_photons(rooms, region, BATCH, seed=4)
+    assert dr.width(photons.p) == pytest.approx(1.5 * dr.width(single.p), rel=0.05)
+    total, other = (to_numpy(p.power).sum() for p in (photons, single))
+    assert total == pytest.approx(other, rel=0.05)
+
+
+def test_without_a_visible_region_all_photons_are_collected(rooms):
+    everything = collect_photons(rooms, None, 5000, seed=3)
+    assert dr.width(everything.p) > 10_000

@@ -1,0 +1,96 @@
+"""Sums of photons in cells: nothing is lost, mixed up or counted twice, whoever lands first."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.core.structs import to_numpy
+from gpf.photons.photon_grid import PhotonSums
+from gpf.photons.tracing import record_photons
+from gpf.scene.bounds import scene_bounds
+from tests.furnace import diffuse, floor, point_light, two_sided
+
+PATHS = 6000
+
+
+@pytest.fixture(scope="module")
+def scene() -> mi.Scene:
+    """A lamp between a floor and a ceiling: two depths and two normals at least."""
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "floor": floor(diffuse(0.5)),
+            "ceiling": floor(two_sided(0.7), z=2),
+            "light": point_light((0, 0, 1), 2, 1, 0.5),
+        }
+    )
+
+
+def add_up(scene: mi.Scene, passes: int = 2, **options: object) -> PhotonSums:
+    sums = PhotonSums(0.11, scene_bounds(scene), **options)
+    for seed in range(passes):
+        sums.trace(scene, PATHS, seed, rr_depth=5)
+    return sums
+
+
+def single(scene: mi.Scene, passes: int = 2, least_depth: int = 0) -> dict[str, np.ndarray]:
+    """The same photons one by one, with powers of paths of all passes."""
+    found: dict[str, list[np.ndarray]] = {"p": [], "n": [], "power": []}
+    for seed in range(passes):
+        photons = record_photons(scene, paths=PATHS, seed=seed, rr_depth=5)
+        kept = to_numpy(photons.depth) >= least_depth
+        for name, parts in found.items():
+            parts.append(to_numpy(getattr(photons, name))[kept])
+    rows = {name: np.concatenate(parts).astype(np.float64) for name, parts in found.items()}
+    return {**rows, "power": rows["power"] / passes}
+
+
+def cells_of(scene: mi.Scene, rows: dict[str, np.ndarray]) -> np.ndarray:
+    lower = np.array([scene_bounds(scene)[0][k] for k in range(3)])
+    corner = np.floor((rows["p"] - lower) / np.float32(0.11)).clip(0)
+    return np.concatenate([corner, np.round(3 * rows["n"])], axis=1)
+
+
+@pytest.mark.parametrize("least_depth", [0, 1])
+def test_sums_are_those_of_single_photons(scene, least_depth):
+    sums = add_up(scene, indirect=bool(least_depth))
+    photons, rows = sums.photons(), single(scene, least_depth=least_depth)
+    power, p = to_numpy(photons.power).astype(np.float64), to_numpy(photons.p)
+    np.testing.assert_allclose(power.sum(axis=0), rows["power"].sum(axis=0), rtol=1e-5)
+    _, which = np.unique(cells_of(scene, rows), axis=0, return_inverse=True)
+    which = which.ravel()
+    # A handful lie on the edge of a cell, where rounding decides.
+    assert len(power) == pytest.approx(which.max() + 1, abs=0.01 * len(power))
+    expected = np.sort(np.bincount(which, rows["power"][:, 0]))
+    np.testing.assert_allclose(np.sort(power[:, 0])[-200:], expected[-200:], rtol=0.03)
+    mean = (rows["p"]).mean(axis=0)
+    counts = np.bincount(which)
+    assert counts.max() > 3
+    np.testing.assert_allclose(p.mean(axis=0), mean, atol=0.25)
+
+
+def test_normals_are_told_apart(scene):
+    photons = add_up(scene).photons()
+    n, p = to_numpy(photons.n), to_numpy(photons.p)
+    np.testing.assert_allclose(np.abs(n[:, 2]), 1, atol=1e-6)
+    assert (n[p[:, 2] < 0.5, 2] > 0).all() and (n[p[:, 2] > 1.5, 2] < 0).all()
+
+
+def test_a_small_table_grows_and_knows_the_same(scene):
+    small, large = add_up(scene, capacity=64), add_up(scene, capacity=1 << 16)
+    assert small.capacity >= 2 * dr.width(small.photons().p) > 64
+    for name in ("p", "n", "power"):
+        ours, theirs = (to_numpy(getattr(sums.photons(), name)) for sums in (small, large))
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_no_photons_are_no_cells():
+    dark = mi.load_dict(
+        {"type": "scene", "floor": floor(diffuse(0.5)), "light": point_light((0, 0, -5), 1, 1, 1)}
+    )
+    sums = PhotonSums(0.1, scene_bounds(dark), indirect=True)
+    sums.trace(dark, 100, 1, rr_depth=5)
+    assert dr.width(sums.photons().p) == 0

@@ -1,0 +1,318 @@
+"""The plugin `gpf`: loaded as Mitsuba loads plugins, and right where the answer is known."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import gpf  # noqa: F401  # registers the plugins
+from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.io import save_field
+from tests.plain_field import flat_gaussians, to_device
+
+PROJECT = Path(__file__).parents[2]
+WIDTH, HEIGHT = 8, 6
+E = np.array([2.0, 3.0, 5.0])
+LAMP = np.array([0.5, 0.25, 4.0])
+TEXELS = np.random.default_rng(4).uniform(0.05, 0.95, (HEIGHT, WIDTH, 3)).astype(np.float32)
+
+
+def constant_field(stores: str = "irradiance") -> GaussianPhotonField:
+    """E everywhere on the floor, but for its far left end, where no Gaussian is near."""
+    grid = np.stack(np.meshgrid(np.linspace(-2, 4, 13), np.linspace(-3, 3, 13)), -1).reshape(-1, 2)
+    means = np.column_stack([grid, np.zeros(len(grid))])
+    g = flat_gaussians(means, np.tile(E, (len(means), 1)), size=0.3)
+    corners = mi.ScalarPoint3f(-4, -3, 0), mi.ScalarPoint3f(4, 3, 0.5)
+    return GaussianPhotonField(to_device(g), FieldSettings(0.8, stores=stores), corners)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("field") / "field.safetensors"
+    save_field(constant_field(), path)
+    return path
+
+
+def make_scene(pixels: str = "rgb") -> mi.Scene:
+    """A floor with one texel per pixel; one of the pixels looks at a lamp's black front."""
+    t = mi.ScalarTransform4f
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": {
+                "type": "orthographic",
+                "to_world": t().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]).scale([4, 4, 1]),
+                "sampler": {"type": "independent"},
+                "film": {
+                    "type": "hdrfilm",
+                    "width": WIDTH,
+                    "height": HEIGHT,
+                    "rfilter": {"type": "box"},
+                    "pixel_format": pixels,
+                    "component_format": "float32",
+                },
+            },
+            "floor": {
+                "type": "rectangle",
+                "to_world": t().scale([4, 3, 1]),
+                "bsdf": {
+                    "type": "diffuse",
+                    "reflectance": {
+                        "type": "bitmap",
+                        "bitmap": mi.Bitmap(TEXELS),
+                        "raw": True,
+                        "filter_type": "nearest",
+                    },
+                },
+            },
+            "lamp": {
+                "type": "rectangle",
+                "to_world": t().translate([2.5, 1.5, 0.5]).scale(0.5),
+                "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}},
+                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": LAMP.tolist()}},
+            },
+        }
+    )
+
+
+def reflectance_seen(scene: mi.Scene) -> np.ndarray:
+    """What Mitsuba's own integrator says about the albedo in each pixel."""
+    albedo = mi.load_dict({"type": "aov", "aovs": "albedo:albedo"})
+    return np.array(mi.render(scene, integrator=albedo, spp=4))[..., -3:]
+
+
+def integrator_with(field: GaussianPhotonField, **more) -> mi.Integrator:
+    integrator = mi.load_dict({"type": "gpf", **more})
+    integrator.field = field
+    return integrator
+
+
+@pytest.mark.parametrize("stores", ["irradiance", "radiance"])
+def test_a_constant_field_shows_the_texture_and_the_lamp(stores):
+    scene = make_scene()
+    albedo = reflectance_seen(scene)
+    lamp = np.isclose(albedo, 0.5).all(axis=-1)
+    assert np.argwhere(lamp).shape == (1, 2)
+    # The picture of the floor is the texture: nothing is mirrored or transposed beyond Mitsuba's
+    # own conventions, and all texels are there.
+    assert set(np.unique(albedo[~lamp].round(5))) < set(np.unique(TEXELS.round(5)))
+    assert np.unique(albedo[~lamp].round(5)).size == 3 * (WIDTH * HEIGHT - 1)
+
+    integrator = integrator_with(constant_field(stores))
+    image = np.array(mi.render(scene, integrator=integrator, spp=4, seed=3))
+    reflected = albedo / np.pi * E if stores == "irradiance" else np.broadcast_to(E, albedo.shape)
+    np.testing.assert_allclose(image, reflected + lamp[..., None] * LAMP, rtol=1e-4)
+
+
+def test_coverage_tells_where_the_field_had_to_reach():
+    scene = make_scene()
+    integrator = integrator_with(constant_field(), coverage=True)
+    image = np.array(mi.render(scene, integrator=integrator, spp=64))
+    assert image.shape == (HEIGHT, WIDTH, 4)
+    coverage = image[..., 3]
+    # The Gaussians begin at x = -2, the floor at x = -4, which is the left or right picture edge.
+    ends = coverage[:, 0], coverage[:, -1]
+    far, near = ends if ends[0].mean() > ends[1].mean() else ends[::-1]
+    assert (far > 1.5).all() and (far < 4).all()
+    np.testing.assert_allclose(near, 1, rtol=1e-5)
+    plain = np.array(mi.render(scene, integrator=integrator_with(constant_field()), spp=64))
+    np.testing.assert_allclose(image[..., :3], plain, rtol=1e-5)
+
+
+@pytest.mark.parametrize("pixels", ["rgb", "rgba"])
+@pytest.mark.parametrize("suppress_fireflies", [False, True])
+def test_adaptive_samples_make_the_same_picture(pixels, suppress_fireflies):
+    scene = make_scene()
+    sensor = make_scene(pixels).sensors()[0]
+    plain = integrator_with(constant_field(), coverage=True)
+    adaptive = integrator_with(
+        constant_field(), coverage=True, adaptive=True, suppress_fireflies=suppress_fireflies
+    )
+    a, b = (
+        np.array(mi.render(scene, sensor=sensor, integrator=i, spp=64)) for i in (plain, adaptive)
+    )
+    assert a.shape == b.shape
+    np.testing.assert_allclose(a[..., :-1], b[..., :-1], rtol=1e-4)
+    np.testing.assert_allclose(a[..., -1], b[..., -1], rtol=0.15)  # random at the floor's end
+
+
+def test_fireflies_are_suppressed_where_that_is_asked_for(asked_to_suppress):
+    for suppress in (False, True):
+        integrator = integrator_with(constant_field(), adaptive=True, suppress_fireflies=suppress)
+        mi.render(make_scene(), integrator=integrator, spp=16)
+    assert asked_to_suppress == [False, True]
+
+
+def test_adaptive_samples_need_pixels_that_keep_to_themselves():
+    scene = make_scene()
+    sensor = mi.load_dict({"type": "perspective", "film": {"type": "hdrfilm"}})
+    integrator = integrator_with(constant_field(), adaptive=True)
+    with pytest.raises(RuntimeError, match='<rfilter type="box"/>'):
+        integrator.render(scene, sensor, spp=16)
+    integrator.render(scene, sensor, spp=1)  # too few to tell
+
+
+def test_where_the_field_knows_nothing_coverage_does_not_look_like_support():
+    scene = make_scene()
+    field = constant_field()
+    field = GaussianPhotonField(
+        field.gaussians, FieldSettings(0.8, neighbours="radius"), field.bounds
+    )
+    image = np.array(mi.render(scene, integrator=integrator_with(field, coverage=True), spp=16))
+    ends = image[:, 0], image[:, -1]
+    unknown = ends[0] if ends[0][:, :3].sum() < ends[1][:, :3].sum() else ends[1]
+    np.testing.assert_array_equal(unknown[:, :3], 0)  # nothing within 0.8 of these pixels
+    assert (unknown[:, 3] > 4).all()
+
+
+def test_the_plugin_loads_its_field_from_the_path_in_the_scene(saved):
+    integrator = mi.load_string(
+        f'<integrator version="3.0.0" type="gpf"><string name="field" value="{saved}"/>'
+        '<integer name="max_depth" value="6"/><boolean name="coverage" value="true"/></integrator>'
+    )
+    text = str(integrator)
+    assert "169 Gaussians" in text and "max_depth=6" in text and "search_radius=0.8" in text
+    assert integrator.aov_names() == ["coverage"]
+    image = np.array(mi.render(make_scene(), integrator=integrator, spp=2))
+    assert image.shape == (HEIGHT, WIDTH, 4) and np.isfinite(image).all()
+
+
+def test_max_depth_is_that_of_path():
+    scene = make_scene()
+    field = constant_field()
+    for depth in (0, 1):
+        image = np.array(
+            mi.render(scene, integrator=integrator_with(field, max_depth=depth), spp=2)
+        )
+        path = mi.load_dict({"type": "path", "max_depth": depth})
+        np.testing.assert_allclose(
+            image, np.array(mi.render(scene, integrator=path, spp=2)), atol=1e-6
+        )
+    reflects = np.array(mi.render(scene, integrator=integrator_with(field, max_depth=2), spp=2))
+    assert (reflects > 0).all()
+
+
+def test_a_missing_field_file_is_said_in_words(tmp_path):
+    with pytest.raises(Exception, match=r"gone\.safetensors: is missing\. Run `gpf stage train`"):
+        mi.load_dict({"type": "gpf", "field": str(tmp_path / "gone.safetensors")})
+
+
+def test_no_field_at_all_is_said_in_words():
+    with pytest.raises(RuntimeError) as caught:
+        mi.render(make_scene(), integrator=mi.load_dict({"type": "gpf"}), spp=1)
+    error: BaseException | None = caught.value
+    words = []
+    while error is not None:  # Dr.Jit wraps what happens inside a rendering
+        words.append(str(error))
+        error = error.__cause__
+    assert 'has no field: set its "field" property to the path of a field.safetensors' in words[-1]
+
+
+def test_an_unknown_property_is_refused():
+    with pytest.raises(RuntimeError, match="filed"):
+        mi.load_dict({"type": "gpf", "filed": "x"})
+
+
+PROGRAM = """
+import sys
+import numpy as np
+{first}
+{second}
+scene = mi.load_string('''
+<scene version="3.0.0">
+    <integrator type="gpf"><string name="field" value="{field}"/></integrator>
+    <sensor type="perspective">
+        <transform name="to_world">
+            <lookat origin="1, 0, 4" target="1, 0, 0" up="0, 1, 0"/>
+        </transform>
+        <film type="hdrfilm">
+            <integer name="width" value="8"/><integer name="height" value="6"/>
+            <string name="pixel_format" value="rgb"/>
+        </film>
+    </sensor>
+    <shape type="rectangle">
+        <transform name="to_world"><scale x="4" y="3"/></transform>
+        <bsdf type="diffuse"><rgb name="reflectance" value="0.5, 0.25, 0.125"/></bsdf>
+    </shape>
+    <shape type="sphere">
+        <point name="center" x="0" y="0" z="9"/>
+        <emitter type="area"><rgb name="radiance" value="1"/></emitter>
+    </shape>
+</scene>''')
+image = np.array(mi.render(scene, spp=1))
+assert image.shape == (6, 8, 3), image.shape
+print(*image.reshape(-1, 3).min(0), *image.reshape(-1, 3).max(0))
+"""
+
+
+@pytest.mark.parametrize("order", ["before", "after", "changed"])
+def test_loaded_from_xml_around_set_variant(saved, order):
+    # This process has told Dr.Jit where libLLVM is; its children inherit that.
+    imports, variant = "import mitsuba as mi", f"mi.set_variant('{mi.variant()}')"
+    first, second = {
+        "before": (f"{imports}\nimport gpf", variant),
+        "after": (f"{imports}\n{variant}", "import gpf"),
+        "changed": (f"{imports}\nimport gpf\nmi.set_variant('scalar_rgb')", variant),
+    }[order]
+    program = PROGRAM.format(first=first, second=second, field=saved)
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=PROJECT, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    found = np.array(done.stdout.split(), dtype=float).reshape(2, 3)
+    expected = np.array([0.5, 0.25, 0.125]) / np.pi * E
+    np.testing.assert_allclose(found, [expected, expected], rtol=1e-4)
+
+
+def test_recorded_frames_are_those_of_a_new_integrator():
+    """Seeds, cameras, textures, fields and films may change between frames of one integrator."""
+    scene = make_scene()
+    narrow, wide = (
+        mi.load_dict(
+            {
+                "type": "perspective",
+                "to_world": above(5),
+                "film": {"type": "hdrfilm", "width": w, "height": h, "rfilter": {"type": "box"}},
+            }
+        )
+        for w, h in ((8, 6), (12, 4))
+    )
+    kept = mi.load_dict({"type": "gpf", "record": True})
+    kept.field = constant_field()
+    dim = constant_field()
+    dim.gaussians.irradiance *= 0.5
+    dim.update(dim.gaussians)
+
+    def check(seed: int, sensor=narrow, spp: int = 4) -> np.ndarray:
+        new = mi.load_dict({"type": "gpf"})
+        new.field = kept.field
+        options = {"sensor": sensor, "seed": seed, "spp": spp}
+        image = np.array(mi.render(scene, integrator=kept, **options))
+        np.testing.assert_array_equal(image, np.array(mi.render(scene, integrator=new, **options)))
+        return image
+
+    for seed in range(4):
+        check(seed)
+    before = check(5)
+    camera = mi.traverse(narrow)
+    camera["to_world"] = above(4)
+    camera.update()
+    assert not np.array_equal(check(5), before)
+    before = check(5)
+    parameters = mi.traverse(scene)
+    texture = next(key for key in parameters.keys() if key.endswith("reflectance.data"))  # noqa: SIM118
+    parameters[texture] = parameters[texture] * 0.5
+    parameters.update()
+    assert check(5).sum() < before.sum()
+    kept.field = dim
+    check(6)
+    for seed in range(3):
+        assert check(seed, sensor=wide, spp=2).shape == (4, 12, 3)
+    check(7)
+
+
+def above(height: float) -> mi.ScalarTransform4f:
+    return mi.ScalarTransform4f().look_at([0.2, 0, height], [0, 0, 0], [0, 1, 0])

@@ -1,0 +1,92 @@
+"""A field is not rendered in another scene without a word."""
+
+import warnings
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import gpf  # noqa: F401  # registers the plugins
+from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.rendering.scene_check import warn_of_another_scene
+from gpf.scene.bounds import bounding_box
+from tests.plain_field import flat_gaussians, to_device
+
+LOWER, UPPER = [-4.0, -3.0, 0.0], [4.0, 3.0, 2.0]
+
+# Rectangles without material and emitter of their own are merged when a scene is loaded.
+SCENE = """
+<scene version="3.0.0">
+    <sensor type="perspective">
+        <transform name="to_world"><lookat origin="1,0,4" target="1,0,0" up="0,1,0"/></transform>
+        <film type="hdrfilm">
+            <integer name="width" value="8"/><integer name="height" value="6"/>
+        </film>
+    </sensor>
+    <bsdf type="diffuse" id="grey"/>
+    <shape type="rectangle">
+        <transform name="to_world"><scale x="4" y="3"/></transform><ref id="grey"/>
+    </shape>
+    <shape type="rectangle">
+        <transform name="to_world"><translate z="2"/></transform><ref id="grey"/>
+    </shape>
+    <shape type="sphere">
+        <point name="center" x="1" y="0" z="1"/><float name="radius" value="0.25"/>
+        <emitter type="area"><rgb name="radiance" value="1"/></emitter>
+    </shape>
+</scene>"""
+
+
+def load(optimize: bool = True) -> mi.Scene:
+    return mi.load_string(SCENE, optimize=optimize)
+
+
+def field(upper=UPPER) -> GaussianPhotonField:
+    grid = np.stack(np.meshgrid(np.linspace(-4, 4, 9), np.linspace(-3, 3, 7), 0), -1)
+    means = grid.reshape(-1, 3)
+    g = to_device(flat_gaussians(means, np.ones((len(means), 3)), size=0.5))
+    return GaussianPhotonField(g, FieldSettings(1.5), (LOWER, upper))
+
+
+@pytest.mark.parametrize("optimize", [True, False])
+def test_the_bounding_box_is_whole(optimize):
+    scene = load(optimize)
+    np.testing.assert_allclose(bounding_box(scene), [LOWER, UPPER], atol=1e-6)
+    # Why it is not taken from the scene itself.
+    assert np.allclose(scene.bbox().max, UPPER) != optimize
+    warn_of_another_scene(scene, [LOWER, UPPER])
+
+
+@pytest.mark.parametrize("corner", [0, 1])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_the_tolerance_is_a_thousandth_of_the_diagonal(corner, axis):
+    scene, bounds = load(), np.array([LOWER, UPPER])
+    diagonal = np.linalg.norm(bounds[1] - bounds[0])
+    bounds[corner, axis] += 0.9e-3 * diagonal
+    warn_of_another_scene(scene, bounds.tolist())
+    bounds[corner, axis] += 0.3e-3 * diagonal
+    with pytest.warns(UserWarning, match="made for another scene"):
+        warn_of_another_scene(scene, bounds.tolist())
+
+
+@pytest.mark.parametrize("record", [False, True])
+def test_the_integrator_warns_once_for_each_scene_and_goes_on(record):
+    scene, other = load(), load()
+    integrator = mi.load_dict({"type": "gpf", "record": record})
+    integrator.field = field(upper=[4.0, 3.0, 3.5])
+    words = (
+        r"This field was made for another scene: that one reaches from \(-4, -3, 0\) to "
+        r"\(4, 3, 3\.5\), this one from \(-4, -3, 0\) to \(4, 3, 2\)\."
+    )
+    with pytest.warns(UserWarning, match=words) as caught:
+        images = [np.array(mi.render(scene, integrator=integrator, spp=2)) for _ in range(3)]
+    assert len(caught) == 1
+    assert images[0][..., :3].min() > 0
+    np.testing.assert_array_equal(images[0], images[2])
+    with pytest.warns(UserWarning, match="made for another scene"):
+        mi.render(other, integrator=integrator, spp=2)
+    integrator.field = field()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        dr.eval(mi.render(other, integrator=integrator, spp=2))

@@ -1,0 +1,66 @@
+"""The box around a scene, also where Mitsuba has merged some of its shapes."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.scene.bounds import bounding_box, require_bounds
+
+SCENE = """<scene version="3.0.0">
+    <bsdf type="diffuse" id="grey"/>
+    <shape type="rectangle"><ref id="grey"/></shape>
+    <shape type="rectangle">
+        <transform name="to_world"><translate x="3" y="0.5" z="2"/></transform>
+        <ref id="grey"/>
+    </shape>
+    <shape type="sphere"><float name="radius" value="0.2"/></shape>
+    {light}
+</scene>"""
+NEAR = '<emitter type="point"><point name="position" x="0" y="0" z="3"/></emitter>'
+FAR = '<emitter type="constant"/><emitter type="directional"/>'
+
+
+@pytest.fixture
+def load(tmp_path):
+    def from_file(light: str, optimize: bool) -> mi.Scene:
+        file = tmp_path / "scene.xml"
+        file.write_text(SCENE.format(light=light))
+        return mi.load_file(str(file), optimize=optimize)
+
+    return from_file
+
+
+@pytest.mark.parametrize("optimize", [False, True])
+def test_all_shapes_are_in_the_box(load, optimize):
+    box = bounding_box(load(NEAR, optimize))
+    np.testing.assert_allclose(box, [[-1, -1, -0.2], [4, 1.5, 2]], atol=1e-6)
+
+
+def test_a_scene_without_shapes():
+    scene = mi.load_dict({"type": "scene", "light": {"type": "constant"}})
+    np.testing.assert_array_equal(bounding_box(scene), 0)
+
+
+def test_light_from_afar_needs_the_box_that_mitsuba_has(load):
+    require_bounds(load(NEAR, optimize=True))
+    require_bounds(load(FAR, optimize=False))
+    words = "light from its ConstantBackgroundEmitter, DirectionalEmitter would miss them.*optimize"
+    with pytest.raises(ValueError, match=words):
+        require_bounds(load(FAR, optimize=True))
+
+
+def test_merged_rectangles_look_as_they_do_apart(load):
+    sensor = mi.load_dict(
+        {
+            "type": "perspective",
+            "to_world": mi.ScalarTransform4f().look_at([1.5, 0.2, 6], [1.5, 0.2, 0], [0, 1, 0]),
+            "film": {"type": "hdrfilm", "width": 8, "height": 6, "rfilter": {"type": "box"}},
+        }
+    )
+    sppm = mi.load_dict({"type": "sppm", "photons_per_pass": 50_000, "initial_radius": 0.2})
+    merged, apart = (
+        np.array(mi.render(load(NEAR, optimize), sensor=sensor, integrator=sppm, spp=4))
+        for optimize in (True, False)
+    )
+    assert (apart[:, :4] > 0.01).any() and (apart[:, 4:] > 0).any()
+    np.testing.assert_allclose(merged, apart, rtol=1e-3, atol=1e-4)

@@ -1,0 +1,171 @@
+"""The benchmark scenes themselves, and the words for scenes that are not in order."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from gpf import scene_folders, scene_freezing, scene_info, scenes
+from gpf.core.errors import UserError
+
+PROJECT = Path(__file__).parents[2]
+NAMES = ("cornell_box", "water_caustic")
+
+GOOD_SCENE = """\
+<scene version="3.9.0">
+    <default name="resx" value="4"/>
+    <shape type="sphere" id="ball">
+        <bsdf type="diffuse" id="grey"/>
+        <emitter type="area"/>
+    </shape>
+    <shape type="sphere" id="pane">
+        <point name="center" x="3" y="0" z="0"/>
+        <bsdf type="plastic" id="gloss"/>
+    </shape>
+</scene>
+"""
+
+
+@pytest.fixture(scope="session")
+def root(tmp_path_factory) -> Path:
+    """A copy of the project's scenes, built."""
+    root = tmp_path_factory.mktemp("scenes")
+    for name in NAMES:
+        source = PROJECT / "scenes" / name
+        shutil.copytree(source, root / name, ignore=shutil.ignore_patterns("meshes", "__pycache__"))
+        scene_freezing.build_scene(name, root)
+    return root
+
+
+def make_scene(root: Path, text: str = GOOD_SCENE, name: str = "ball") -> Path:
+    (root / name).mkdir()
+    (root / name / "scene.xml").write_text(text)
+    return root
+
+
+def test_scene_info_counts_and_classifies(tmp_path):
+    info = scene_info.scene_info(scenes.load_scene("ball", root=make_scene(tmp_path)))
+    assert info["emitters"] == {"count": 1, "types": {"AreaLight": 1}}
+    assert info["bbox"] == {"min": [-1, -1, -1], "max": [4, 1, 1]}
+    assert [shape["id"] for shape in info["shapes"]] == ["ball", "pane"]
+    assert info["shapes"][1]["bsdf"] == "gloss"
+    assert (info["bsdfs"]["grey"]["queried"], info["bsdfs"]["grey"]["traced"]) == (True, False)
+    assert (info["bsdfs"]["gloss"]["queried"], info["bsdfs"]["gloss"]["traced"]) == (True, True)
+
+
+def test_water_is_traced_through(root):
+    bsdfs = scene_info.scene_info(scenes.load_scene("water_caustic", root=root))["bsdfs"]
+    assert {name for name, bsdf in bsdfs.items() if bsdf["queried"]} == {"white", "red", "green"}
+    assert {name for name, bsdf in bsdfs.items() if bsdf["traced"]} == {"water"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("</scene>", "</scen>", r"scene\.xml: does not parse: .*line 11.*Correct the XML"),
+        ('type="plastic"', 'type="plastique"', r"does not load: .*line.*plastique"),
+        ('<emitter type="area"/>', "", r"has no emitters, so there are no photons\. Add a light"),
+        ("diffuse|plastic", "conductor", r"has no diffuse surface.*Give at least one shape"),
+        (
+            "</scene>",
+            '<shape type="ply"><string name="filename" value="lost.ply"/></shape></scene>',
+            r"refers to .*lost\.ply, which does not exist\. Put it there",
+        ),
+    ],
+)
+def test_bad_scene_files_are_told_in_words(tmp_path, old, new, words):
+    with pytest.raises(UserError, match=words):
+        scenes.load_scene("ball", root=make_scene(tmp_path, re.sub(old, new, GOOD_SCENE)))
+
+
+def test_a_lone_shape_is_no_scene(tmp_path):
+    make_scene(tmp_path, '<shape version="3.9.0" type="sphere"/>')
+    with pytest.raises(UserError, match=r"describes a .*Its outermost tag has to be <scene>"):
+        scenes.load_scene("ball", root=tmp_path)
+
+
+def test_unbuilt_meshes_name_the_stage_that_builds_them(tmp_path):
+    shutil.copytree(
+        PROJECT / "scenes/water_caustic",
+        tmp_path / "water_caustic",
+        ignore=shutil.ignore_patterns("meshes"),
+    )
+    with pytest.raises(
+        UserError, match=r"surface\.ply \(and 1 more\).*gpf stage scene --scene water_caustic"
+    ):
+        scenes.load_scene("water_caustic", root=tmp_path)
+
+
+def test_unknown_scenes_get_a_suggestion(root):
+    with pytest.raises(
+        UserError,
+        match=r"'cornel_box': does not exist\. Did you mean 'cornell_box'\? "
+        r"The scenes are cornell_box, water_caustic",
+    ):
+        scene_folders.load_views("cornel_box", root)
+
+
+def test_scene_files_name_everything_a_scene_needs(root):
+    names = [
+        str(file.relative_to(root)) for file in scene_folders.scene_files("water_caustic", root)
+    ]
+    assert names == [
+        "water_caustic/build.py",
+        "water_caustic/meshes/sheet.ply",
+        "water_caustic/meshes/surface.ply",
+        "water_caustic/scene.xml",
+        "water_caustic/views.yaml",
+    ]
+
+
+def test_included_files_and_parameters_are_followed(tmp_path):
+    make_scene(
+        tmp_path,
+        '<scene version="3.9.0"><default name="kind" value="b"/><include filename="$kind.xml"/>'
+        "</scene>",
+    )
+    (tmp_path / "ball/b.xml").write_text(
+        '<scene version="3.9.0"><shape type="ply"><string name="filename" value="c.ply"/></shape>'
+        "</scene>"
+    )
+    files = [file.name for file in scene_folders.scene_files("ball", tmp_path)]
+    assert sorted(files) == ["b.xml", "c.ply", "scene.xml"]
+
+
+def test_scenes_are_found_from_below_and_by_variable(tmp_path, monkeypatch):
+    monkeypatch.delenv("GPF_SCENES", raising=False)
+    project = tmp_path / "project"
+    (project / "deep/down").mkdir(parents=True)
+    (project / "scenes").mkdir()
+    monkeypatch.chdir(project / "deep/down")
+    with pytest.raises(UserError, match="neither this folder nor one above it has scenes"):
+        scene_folders.scenes_root()
+    make_scene(project / "scenes")
+    assert scene_folders.scenes_root() == project / "scenes"
+    assert scene_folders.list_scenes() == ["ball"]
+    (tmp_path / "other").mkdir()
+    monkeypatch.setenv("GPF_SCENES", str(tmp_path / "other"))
+    assert scene_folders.list_scenes() == []
+    monkeypatch.setenv("GPF_SCENES", str(tmp_path / "nowhere"))
+    with pytest.raises(UserError, match=r"GPF_SCENES: .*nowhere is not a folder"):
+        scene_folders.scenes_root()
+
+
+def test_a_failing_builder_leaves_the_old_files(tmp_path):
+    make_scene(tmp_path)
+    built = tmp_path / "ball/mesh.bin"
+    built.write_text("old")
+    (tmp_path / "ball/build.py").write_text(
+        "def build(folder):\n"
+        "    (folder / 'mesh.bin').write_text('half')\n"
+        "    raise ValueError('out of clay')\n"
+    )
+    with pytest.raises(ValueError, match="out of clay"):
+        scene_freezing.build_scene("ball", tmp_path)
+    assert built.read_text() == "old"
+    (tmp_path / "ball/build.py").write_text("x = 1\n")
+    with pytest.raises(UserError, match="has no function build"):
+        scene_freezing.build_scene("ball", tmp_path)
+    names = {file.name for file in (tmp_path / "ball").iterdir()}
+    assert names - {"__pycache__"} == {"build.py", "mesh.bin", "scene.xml"}

@@ -1,0 +1,129 @@
+"""Fixed points: what lamps bring them by samples is what photons bring, whatever the surface."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.camera.next_event import samples_every_emitter
+from gpf.core.random import random_start, spread_sample
+from gpf.core.structs import VisiblePoints, take, to_numpy
+from gpf.sppm.fixed_points import FixedPoints
+from gpf.sppm.passes import PassSettings, PhotonPasses
+from gpf.sppm.reference import fixed_points
+from tests.furnace import Scene, camera, diffuse, floor, lamp, point_light, rectangle, rgb
+
+SKY = {"type": "constant", "radiance": rgb(1, 2, 4)}
+
+
+def points_at(p: Any, n: Any) -> VisiblePoints:
+    points = dr.zeros(VisiblePoints, len(p))
+    points.p, points.n = mi.Point3f(np.float32(p).T), mi.Normal3f(np.float32(n).T)
+    points.valid = dr.full(mi.Bool, True, len(p))
+    return points
+
+
+def direct(scene: mi.Scene, points: VisiblePoints, samples: int = 1) -> np.ndarray:
+    fixed, start = FixedPoints(scene, points), random_start(7, dr.width(points.p))
+    found = [
+        to_numpy(fixed.direct_irradiance(spread_sample(start, t))) for t in range(1, samples + 1)
+    ]
+    return np.mean(found, axis=0)
+
+
+def test_a_point_light():
+    """I cos θ / d² on the side of the normal, nothing on the other nor in the shadow."""
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "floor": floor(diffuse(0.5)),
+            "light": point_light((0, 0, 2), 3, 2, 1),
+            "screen": rectangle((0.5, 0, 1), (0.5, 0, 2), 0.1, 0.1, {"type": "diffuse"}),
+        }
+    )
+    up = (0, 0, 1)
+    found = direct(scene, points_at([(0, 0, 0), (1, 0, 0), (-1, 0, 0)], [up, up, (0, 0, -1)]))
+    np.testing.assert_allclose(found, [[0.75, 0.5, 0.25], [0] * 3, [0] * 3], atol=1e-6)
+
+
+def test_the_sky():
+    """π L on average under a uniform sky, whatever the normal; with no surface there at all."""
+    scene = mi.load_dict({"type": "scene", "sky": SKY})
+    normal = np.array([0.3, -0.4, 0.5]) / np.sqrt(0.5)
+    found = direct(scene, points_at(np.zeros((100_000, 3)), np.tile(normal, (100_000, 1))))
+    np.testing.assert_allclose(found.mean(0), np.pi * np.array([1, 2, 4]), rtol=0.02)
+
+
+SURFACES: dict[str, Scene] = {
+    "diffuse": diffuse(0.5),
+    "plastic": {"type": "plastic", "diffuse_reflectance": rgb(0.3, 0.5, 0.7)},
+    "rough plastic": {"type": "roughplastic", "alpha": 0.3, "nonlinear": True},
+    "blend": {"type": "blendbsdf", "weight": 0.3, "a": diffuse(0.7), "b": {"type": "plastic"}},
+    "two sides": {"type": "twosided", "a": diffuse(0.4)},
+    "bumps": {
+        "type": "normalmap",
+        "normalmap": {"type": "bitmap", "raw": True, "bitmap": None},
+        "b": diffuse(0.5),
+    },
+}
+
+
+@pytest.mark.parametrize("kind", SURFACES)
+def test_samples_bring_what_photons_bring(kind):
+    """On layered and bumped surfaces too, from a lamp low above them."""
+    bsdf = SURFACES[kind]
+    if kind == "bumps":
+        texels = np.random.default_rng(2).uniform(0.3, 0.7, (4, 4, 3)).astype(np.float32)
+        texels[..., 2] = 0.9
+        bsdf = {**bsdf, "normalmap": {**bsdf["normalmap"], "bitmap": mi.Bitmap(texels)}}
+    compare({"floor": floor(bsdf, size=2)})
+
+
+def test_samples_bring_what_photons_bring_to_smooth_normals(tmp_path):
+    vertices = np.array([[0, 0, 0.4], [1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
+    normals = vertices * [0.7, 0.7, 0] + [0, 0, 1]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    mesh = mi.Mesh("dome", 5, 4, has_vertex_normals=True)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = np.float32(vertices).ravel()
+    parameters["vertex_normals"] = np.float32(normals).ravel()
+    parameters["faces"] = np.uint32([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1]]).ravel()
+    parameters.update()
+    mesh.write_ply(str(tmp_path / "dome.ply"))
+    compare({"dome": {"type": "ply", "filename": str(tmp_path / "dome.ply"), "b": diffuse(0.5)}})
+
+
+def compare(shapes: dict[str, Scene]) -> None:
+    """Mean irradiance of the pixels of a small picture, in blocks, by both ways."""
+    light = lamp((1.6, 0.3, 0.8), (0, 0, 0), 0.4, 20, 30, 40)
+    scene = mi.load_dict({"type": "scene", **shapes, "lamp": light})
+    sensor = mi.load_dict(camera((0, -1.5, 3), (0, 0, 0), 30, (32, 32)))
+    settings = PassSettings(photons_per_pass=40_000, initial_radius=0.08, max_depth=2)
+    points = fixed_points(scene, sensor, "view", settings, 1)
+    fixed = FixedPoints(scene, take(points, dr.compress(points.valid)))
+    start, means = random_start(9, dr.width(fixed.points.p)), []
+    for way in ("photons", "emitters"):
+        passes = PhotonPasses(scene, replace(settings, direct=way), 5)
+        singles = [passes.trace(t).all_irradiance(fixed, start, t)[0] for t in range(1, 41)]
+        means.append(np.mean([to_numpy(e) for e in singles], axis=0))
+    photons, samples = means
+    assert samples.mean() > 0.1
+    blocks = np.array_split(np.arange(len(photons)), 12)
+    for block in blocks:
+        np.testing.assert_allclose(samples[block].mean(0), photons[block].mean(0), rtol=0.03)
+
+
+def test_an_emitter_that_cannot_be_sampled_leaves_direct_light_to_photons():
+    beam = lamp((0, 0, 1), (0, 0, 0), 0.5, 1, 1, 1)
+    ordinary = mi.load_dict({"type": "scene", "lamp": beam, "floor": floor(diffuse(0.5))})
+    beam["emitter"] = {"type": "directionalarea", "radiance": rgb(3, 2, 1)}
+    laser = mi.load_dict({"type": "scene", "lamp": beam, "floor": floor(diffuse(0.5))})
+    assert samples_every_emitter(ordinary) and not samples_every_emitter(laser)
+    settings = PassSettings(photons_per_pass=1000, direct="emitters")
+    assert PhotonPasses(ordinary, settings, 1).settings.direct == "emitters"
+    assert PhotonPasses(laser, settings, 1).settings.direct == "photons"

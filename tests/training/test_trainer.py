@@ -1,0 +1,345 @@
+"""Fitting a field to a plane whose irradiance is known."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.core.errors import UserError
+from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.training.checkpoint import restore_trainer, save_trainer
+from gpf.training.kernels import parameters
+from gpf.training.neighbours import local_targets
+from gpf.training.settings import LearningRates, TrainingSettings
+from gpf.training.trainer import Progress, Trainer
+from tests.plain_field import ask, make_field, random_gaussians, surface_points
+
+UP = np.array([0.0, 0.0, 1.0])
+SETTINGS = TrainingSettings(
+    steps=60,
+    batch=512,
+    rates=LearningRates(means=2e-3, log_scales=5e-3, quats=5e-3, irradiance=2e-2),
+    rebuild_every=20,
+    evaluate_every=10,
+    held_out=0.2,
+    seed=5,
+)
+
+
+# --- a plane with a known irradiance ----------------------------------------------------------
+
+
+def irradiance_at(x: np.ndarray) -> np.ndarray:
+    """Smooth, and other in each channel and along each axis."""
+    a, b = x[:, 0], x[:, 1]
+    return np.column_stack([2 + np.sin(3 * a), 1 + b**2, 3 - 0.5 * a * b])
+
+
+def on_the_plane(rng: np.random.Generator, count: int) -> np.ndarray:
+    return np.column_stack([rng.uniform([-1, 0], [2, 2], (count, 2)), np.zeros(count)])
+
+
+def make_points(count: int = 2000, scale: float = 1.0):
+    x = on_the_plane(np.random.default_rng(1), count)
+    return surface_points(x, np.tile(UP, (count, 1)), scale * irradiance_at(x))
+
+
+def make_trainer(
+    settings: TrainingSettings = SETTINGS, scale: float = 1.0, points=None, isotropic: bool = False
+) -> Trainer:
+    rng = np.random.default_rng(2)
+    g = random_gaussians(rng, 250, sizes=(0.1, 0.2))
+    g = replace(
+        g,
+        means=on_the_plane(rng, 250).astype(np.float32),
+        normals=np.tile(UP, (250, 1)),
+        irradiance=scale * g.irradiance,
+        log_scales=np.full((250, 3), np.log(0.15)) if isotropic else g.log_scales,
+    )
+    field = make_field(g, FieldSettings(0.3, k=3))
+    return Trainer(field, points or make_points(scale=scale), settings)
+
+
+def run(trainer: Trainer) -> tuple[GaussianPhotonField, list[Progress]]:
+    reports: list[Progress] = []
+    return trainer.run(reports.append), reports
+
+
+def error_of(field: GaussianPhotonField, scale: float = 1.0) -> float:
+    """Root mean square error at new points, in units of the mean irradiance."""
+    x = on_the_plane(np.random.default_rng(3), 1500)
+    value, _ = ask(field, x, np.tile(UP, (1500, 1)))
+    expected = scale * irradiance_at(x)
+    return float(np.sqrt(np.mean((value - expected) ** 2)) / expected.mean())
+
+
+def arrays_of(field: GaussianPhotonField) -> np.ndarray:
+    return np.array([np.array(v) for v in parameters(field.gaussians)])
+
+
+def test_the_error_falls():
+    trainer = make_trainer(replace(SETTINGS, steps=200, rebuild_every=50, evaluate_every=50))
+    before = error_of(run(make_trainer(replace(SETTINGS, steps=0)))[0])
+    field, reports = run(trainer)
+    assert [p.step for p in reports] == [50, 100, 150, 200]
+    errors = [p.held_out_error for p in reports]
+    assert errors == sorted(errors, reverse=True)
+    assert before > 0.3
+    assert error_of(field) < 0.05
+    # What training reports is what the field then shows elsewhere.
+    assert reports[-1].held_out_error == pytest.approx(error_of(field), rel=0.35)
+    assert reports[-1].training_error == pytest.approx(reports[-1].held_out_error, rel=0.5)
+
+
+def test_every_kind_of_parameter_is_trained():
+    trainer = make_trainer()
+    before = arrays_of(make_trainer().field)
+    before[10:] *= trainer.unit
+    after = arrays_of(run(trainer)[0])
+    moved = np.abs(after - before).max(axis=1)
+    assert (moved > 1e-3).all(), moved
+    normals = [np.array(t.field.gaussians.normals) for t in (trainer, make_trainer())]
+    np.testing.assert_array_equal(*normals)
+
+
+def test_the_held_out_error_is_that_of_the_query():
+    trainer = make_trainer()
+    held_out = trainer.held_out
+    value, _ = ask(trainer.field, np.array(held_out.p).T, np.array(held_out.n).T)
+    difference = value - np.array(held_out.target).T
+    assert trainer.evaluate() == pytest.approx(np.sqrt(np.mean(difference**2)), rel=1e-4)
+
+
+def test_the_best_state_is_kept(monkeypatch):
+    trainer = make_trainer()
+    errors = iter([0.5, 0.2, 0.4, 0.3, 0.25, 0.6])
+    states: list[np.ndarray] = []
+
+    def evaluate() -> float:
+        states.append(np.array([np.array(v) for v in parameters(trainer.gaussians)]))
+        return next(errors)
+
+    monkeypatch.setattr(trainer, "evaluate", evaluate)
+    field, reports = run(trainer)
+    assert [p.best_error for p in reports] == [0.5, 0.2, 0.2, 0.2, 0.2, 0.2]
+    expected = states[1]
+    expected[10:] *= trainer.unit
+    np.testing.assert_allclose(arrays_of(field), expected, rtol=1e-6)
+    assert np.abs(states[-1] - expected).max() > 0.01
+    # The neighbour search is that of the state, too.
+    x = np.array(trainer.held_out.p).T[:20]
+    fresh = GaussianPhotonField(field.gaussians, field.settings, field.bounds)
+    values = [ask(f, x, np.tile(UP, (20, 1)))[0] for f in (field, fresh)]
+    np.testing.assert_array_equal(*values)
+
+
+def test_round_gaussians_stay_round():
+    trainer = make_trainer(replace(SETTINGS, anisotropic=False), isotropic=True)
+    field, reports = run(trainer)
+    scales = np.array(field.gaussians.log_scales)
+    assert np.abs(scales - np.log(0.15)).max() > 0.01
+    np.testing.assert_array_equal(scales[0], scales[1])
+    np.testing.assert_array_equal(scales[0], scales[2])
+    assert reports[-1].held_out_error < 0.75 * reports[0].held_out_error
+    free = np.array(run(make_trainer(isotropic=True))[0].gaussians.log_scales)
+    assert np.abs(free[0] - free[1]).max() > 0.01
+
+
+def test_the_same_seed_gives_the_same_field():
+    first, again = (arrays_of(run(make_trainer())[0]) for _ in range(2))
+    # Sums over points are taken in the order in which threads arrive.
+    np.testing.assert_allclose(first, again, atol=2e-3)
+    other = arrays_of(run(make_trainer(replace(SETTINGS, seed=6)))[0])
+    assert np.abs(first - other).max() > 0.02
+
+
+def test_the_unit_of_light_does_not_matter():
+    _, reports = run(make_trainer())
+    _, scaled = run(make_trainer(scale=1e4))
+    errors = [[p.held_out_error for p in r] for r in (reports, scaled)]
+    np.testing.assert_allclose(*errors, rtol=5e-3)
+
+
+def test_black_targets_train_to_black():
+    points = make_points(scale=0.0)
+    field, reports = run(make_trainer(replace(SETTINGS, steps=100), points=points))
+    assert np.isfinite(arrays_of(field)).all()
+    assert reports[-1].held_out_error < 0.5 * reports[0].held_out_error
+
+
+def test_dark_gaussians_take_small_steps():
+    """Rates of irradiance follow the targets around: here a floor that is dark on its left."""
+    points = make_points()
+    dark = points.p.x < 0
+    points.target = dr.select(dark, 1e-2, 1) * mi.Color3f(1)
+    trainer = make_trainer(points=points)
+    x = np.array(trainer.gaussians.means.x)
+    level = np.array(trainer.level)
+    mean = float(np.mean(np.where(np.array(trainer.training.p.x) < 0, 1e-2, 1)))
+    np.testing.assert_allclose(level[x < -0.3], 1e-2 / mean, rtol=1e-4)
+    np.testing.assert_allclose(level[x > 0.3], 1 / mean, rtol=1e-4)
+
+
+def test_the_other_side_of_a_thin_wall_is_another_surface():
+    """Targets of 1 on top of a sheet, 1000 below it, nearer to each other than to their like."""
+    trainer = make_trainer()
+    g = trainer.gaussians
+    below = replace(g, normals=-g.normals)
+    x = on_the_plane(np.random.default_rng(4), 4000)
+    side = np.arange(4000) % 2 == 0
+    normals = np.where(side[:, None], UP, -np.array(UP))
+    points = surface_points(x, normals, np.where(side, 1.0, 1000.0)[:, None] * np.ones(3))
+    np.testing.assert_allclose(local_targets(g, points, radius=0.3), 1, rtol=1e-5)
+    np.testing.assert_allclose(local_targets(below, points, radius=0.3), 1000, rtol=1e-5)
+
+
+def test_a_start_from_targets_is_near_the_end():
+    settings = replace(SETTINGS, steps=0, held_out=0.2)
+    errors = [
+        make_trainer(replace(settings, from_targets=whether)).evaluate() for whether in (0, 1)
+    ]
+    assert errors[1] < 0.3 * errors[0]
+
+
+def test_no_steps_leave_the_field_as_it_was():
+    field, reports = run(make_trainer(replace(SETTINGS, steps=0)))
+    assert reports == []
+    expected = random_gaussians(np.random.default_rng(2), 250, sizes=(0.1, 0.2)).irradiance
+    np.testing.assert_allclose(np.array(field.gaussians.irradiance).T, expected, rtol=1e-5)
+
+
+def test_without_held_out_points_the_last_state_is_kept():
+    trainer = make_trainer(replace(SETTINGS, held_out=0.0))
+    assert dr.width(trainer.training.p) == 2000
+    field, _ = run(trainer)
+    last = arrays_of(field)
+    np.testing.assert_allclose(
+        last[:10], [np.array(v) for v in parameters(trainer.gaussians)][:10], rtol=1e-6
+    )
+    assert error_of(field) < 0.2
+
+
+# --- schedule and batches ---------------------------------------------------------------------
+
+
+def test_rates_fall_on_a_cosine():
+    rates = LearningRates(means=1e-3, log_scales=2e-3, quats=3e-3, irradiance=4e-3)
+    trainer = make_trainer(replace(SETTINGS, rates=rates, final_rate=0.25, steps=100))
+    full = np.array([1e-3 * 0.3] * 3 + [2e-3] * 3 + [3e-3] * 4 + [4e-3] * 3)
+    for step, share in ((0, 1), (50, 0.625), (100, 0.25)):
+        trainer.step_count = step
+        found = np.array([float(rate[0]) for rate in trainer.rates()])
+        found[10:] /= float(trainer.level[0])
+        np.testing.assert_allclose(found, share * full, rtol=1e-5)
+
+
+def test_batches_take_one_point_of_each_stratum():
+    trainer = make_trainer(replace(SETTINGS, batch=100))
+    count = dr.width(trainer.training.p)
+    first = np.array(trainer.batch())
+    starts = np.arange(100) * count / 100
+    assert (first > starts - 1).all() and (first < starts + count / 100).all()
+    trainer.step_count = 1
+    second = np.array(trainer.batch())
+    assert np.count_nonzero(first != second) > 70
+    offsets = np.concatenate([first, second]) % (count / 100) / (count / 100)
+    assert offsets.min() < 0.1 and offsets.max() > 0.85
+
+
+def test_a_batch_larger_than_the_points_is_all_of_them():
+    trainer = make_trainer(replace(SETTINGS, batch=100_000))
+    np.testing.assert_array_equal(
+        np.array(trainer.batch()), np.arange(dr.width(trainer.training.p))
+    )
+
+
+def test_lists_are_rebuilt_on_schedule(monkeypatch):
+    trainer = make_trainer(replace(SETTINGS, steps=50, rebuild_every=20))
+    at: list[int] = []
+    rebuild = trainer.rebuild
+    monkeypatch.setattr(trainer, "rebuild", lambda: (at.append(trainer.step_count), rebuild()))
+    ticks: list[int] = []
+    trainer.run(tick=ticks.append)
+    assert at == [10, 20, 30, 40, 50]  # evaluations are on fresh lists, too
+    assert ticks == list(range(1, 51))
+
+
+def test_points_are_split_once_and_completely():
+    trainer = make_trainer()
+    parts = [np.array(part.p).T for part in (trainer.training, trainer.held_out)]
+    assert 0.15 < len(parts[1]) / 2000 < 0.25
+    rows = [tuple(row) for part in parts for row in part.tolist()]
+    assert len(rows) == 2000 and set(rows) == {
+        tuple(r) for r in np.array(make_points().p).T.tolist()
+    }
+
+
+# --- checkpoints ------------------------------------------------------------------------------
+
+
+class Stopped(Exception):
+    """What stands for Ctrl-C."""
+
+
+def stop_at(step: int, trainer: Trainer, path: Path) -> Callable[[int], None]:
+    def tick(done: int) -> None:
+        if done == step:
+            save_trainer(trainer, path, {"run": [1, "a"]})
+        if done == step + 7:
+            raise Stopped
+
+    return tick
+
+
+def test_training_goes_on_from_a_checkpoint(tmp_path):
+    path = tmp_path / "checkpoint.safetensors"
+    trainer = make_trainer()
+    with pytest.raises(Stopped):
+        trainer.run(tick=stop_at(40, trainer, path))
+    best = trainer.best_error
+
+    resumed = make_trainer()
+    assert restore_trainer(resumed, path, {"run": [1, "a"]}) == ""
+    assert resumed.step_count == 40 and resumed.best_error == best
+    ticks: list[int] = []
+    field = resumed.run(tick=ticks.append)
+    assert ticks == list(range(41, 61))
+    whole, _ = run(make_trainer())
+    np.testing.assert_allclose(arrays_of(field), arrays_of(whole), atol=2e-3)
+
+
+def test_a_checkpoint_of_other_parameters_is_left_alone(tmp_path):
+    path = tmp_path / "checkpoint.safetensors"
+    trainer = make_trainer()
+    with pytest.raises(Stopped):
+        trainer.run(tick=stop_at(2, trainer, path))
+    fresh = make_trainer()
+    assert not restore_trainer(fresh, path, {"run": [2, "a"]})
+    assert not restore_trainer(fresh, tmp_path / "none.safetensors", {"run": [1, "a"]})
+    assert fresh.step_count == 0
+
+
+def test_a_truncated_checkpoint_is_said_in_words(tmp_path):
+    path = tmp_path / "checkpoint.safetensors"
+    trainer = make_trainer()
+    save_trainer(trainer, path, {})
+    path.write_bytes(path.read_bytes()[:500])
+    with pytest.raises(UserError, match=r"is truncated or damaged.*Delete it and run `gpf stage t"):
+        restore_trainer(trainer, path, {})
+
+
+def test_steps_are_compiled_once():
+    """What changes from step to step is data: a second run of other steps compiles nothing."""
+    trainer = make_trainer(replace(SETTINGS, steps=50, rebuild_every=100))
+    trainer.advance(2)
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        trainer.advance(3)
+        history = dr.kernel_history([dr.KernelType.JIT])
+    assert len(history) >= 6
+    assert all(entry["cache_hit"] for entry in history)
+    assert len({entry["hash"] for entry in history}) <= len(history) / 3
