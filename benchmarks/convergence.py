@@ -61,16 +61,21 @@ def main() -> None:
     table = Table("direct", "α", *(f"{n} passes" for n in COUNTS), "slope", "mean", "s/pass")
     for direct in ("photons", "emitters"):
         for alpha in (2 / 3, 0.7, 0.8):
-            settings = PassSettings(PHOTONS, RADIUS, alpha, direct=direct)  # type: ignore[arg-type]
+            settings = PassSettings(
+                photons_per_pass=PHOTONS,
+                initial_radius=RADIUS,
+                alpha=alpha,
+                direct=direct,  # type: ignore[arg-type]
+            )
             sensor = scene.sensors()[0]
             renderer = ReferenceRenderer(scene, {"view": sensor}, {}, settings, seed=1)
-            errors, start = [], time.perf_counter()
+            errors, sums, start = [], renderer.empty_sums(), time.perf_counter()
             for count in COUNTS:
-                renderer.run(count)
-                errors.append(relative_error(renderer.image("view"), truth, mask))
+                renderer.run(count, sums)
+                errors.append(relative_error(renderer.image("view", sums), truth, mask))
             seconds = (time.perf_counter() - start) / COUNTS[-1]
             slope = np.polyfit(np.log(COUNTS), np.log(errors), 1)[0]
-            mean = renderer.image("view")[mask].mean() / truth[mask].mean()
+            mean = renderer.image("view", sums)[mask].mean() / truth[mask].mean()
             row = [*(f"{e:.5f}" for e in errors), f"{slope:.2f}", f"{mean:.4f}", f"{seconds:.3f}"]
             table.add_row(direct, f"{alpha:.2f}", *row)
     console.print(table)

@@ -11,7 +11,7 @@ import mitsuba as mi
 from benchmarks.timing import Timings, time_in_turn
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.initialization import InitializationSettings, initialize_gaussians
-from gpf.photons.tracing import record_photons
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 
 PHOTONS = 100_000
@@ -66,7 +66,7 @@ def measure(
 def _untrained_field(scene: Any, radius: float) -> GaussianPhotonField:
     # What a query costs depends on where the Gaussians are, and training hardly moves them.
     bounds = scene_bounds(scene)
-    photons = record_photons(scene, paths=PHOTONS, seed=1)
+    photons = record_photons(scene, PathSettings(PHOTONS), seed=1)
     settings = InitializationSettings(gaussians=100_000, density_radius=radius)
     gaussians = initialize_gaussians(photons, settings, bounds, seed=1)
     return GaussianPhotonField(gaussians, FieldSettings(search_radius=radius), bounds)

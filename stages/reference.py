@@ -17,6 +17,7 @@ from gpf.core.images import check_finite, read_exr, write_exr
 from gpf.core.progress import say
 from gpf.core.structs import to_numpy
 from gpf.scene.views import View
+from gpf.sppm.pass_sums import PassSums
 from gpf.training.surface_points import SURFACES
 from gpf.training.targets import Targets
 from metrics.equivalent_passes import snapshot_passes
@@ -109,12 +110,11 @@ def _render_group(job: Job, group: str, wanted: range | None) -> bool | None:
             render_on_cluster(passes, request, wanted)
         else:
             passes.render(wanted)
-        snapshots = passes.finish(
-            snapshot_passes(passes.passes) if group == "second_reference" else []
-        )
-        if snapshots is None:
+        counts = snapshot_passes(passes.passes) if group == "second_reference" else []
+        finished = passes.finish(counts)
+        if finished is None:
             return None
-        _write_group(passes, missing, record, snapshots)
+        _write_group(passes, missing, record, *finished)
     if group == "train":
         _collect_targets(work, views, surfaces)
     return bool(missing or surfaces_missing)
@@ -124,6 +124,7 @@ def _write_group(
     passes: LongSum,
     views: Sequence[View],
     record: dict[str, Any],
+    sums: PassSums,
     snapshots: dict[str, dict[str, np.ndarray]],
 ) -> None:
     """Write the files of a group whose passes are all there, and forget the parts."""
@@ -136,19 +137,19 @@ def _write_group(
                 path, layers = work.second_reference(view.name), snapshots[view.name]
             else:
                 path = work.reference(view.name)
-                layers = renderer.view(view.name, work.film_size).layers()
+                layers = renderer.view(view.name, sums, work.film_size).layers()
             for name, image in layers.items():
                 if image.ndim == 3:
                     check_finite(image, f"{work.scene}, view {view.name}, {name}")
-            facts = view_record(record, view) | _noise(passes, view.name)
+            facts = view_record(record, view) | _noise(passes, sums, view.name)
             write_exr(folder / path.relative_to(work.folder), layers, facts)
         if SURFACES in renderer.points:
             points = renderer.points[SURFACES]
             tensors = {
                 "position": to_numpy(points.p),
                 "normal": to_numpy(points.n),
-                "irradiance": renderer.mean_irradiance(SURFACES),
-                "direct": renderer.mean_direct(SURFACES),
+                "irradiance": renderer.mean_irradiance(SURFACES, sums),
+                "direct": renderer.mean_direct(SURFACES, sums),
             }
             path = folder / work.surfaces.relative_to(work.folder)
             write_tensors(path, "surfaces", tensors, surface_record(work, record))
@@ -159,9 +160,8 @@ def _write_group(
     work.forget_checkpoints()
 
 
-def _noise(passes: LongSum, view: str) -> dict[str, Any]:
+def _noise(passes: LongSum, sums: PassSums, view: str) -> dict[str, Any]:
     """How much noise is left in a view's image, for its record."""
-    sums = passes.renderer.sums
     if view not in sums.views:
         return {}
     tally = sums.views[view]

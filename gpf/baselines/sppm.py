@@ -14,7 +14,7 @@ from gpf.baselines.sampling import own_camera
 from gpf.camera.film import sample_film
 from gpf.core.random import pass_seed
 from gpf.core.structs import Photons, to_numpy
-from gpf.photons.tracing import record_photons
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import require_bounds
 from gpf.scene.materials import require_separable
 from gpf.scene.sensors import make_sensor
@@ -51,9 +51,9 @@ class Sppm:
             ) from error
         camera = own_camera(task)
         points = sample_film(scene, camera, pass_seed(task.seed, 0, stream=1)).points
-        radius = propose_radius(scene, points, paths, task.seed)
+        radius = propose_radius(scene, points, PathSettings(paths), seed=task.seed)
         seed = pass_seed(task.seed, 1, stream=0)
-        photons = record_photons(scene, paths=paths, seed=seed, rr_depth=task.rr_depth)
+        photons = record_photons(scene, PathSettings(paths, rr_depth=task.rr_depth), seed=seed)
         integrator = mi.load_dict(
             {
                 "type": "sppm",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import mitsuba as mi
@@ -18,6 +18,7 @@ from gpf.guiding.photon_map import BATCH, collect_photons
 from gpf.guiding.pilot import Pilot, trace_pilot
 from gpf.guiding.visible_region import VisibleRegion
 from gpf.photons.emission import Source, emit_light
+from gpf.photons.tracing import PathSettings
 
 # Emission is guided where fewer than this share of the paths would do if all were of use, and if
 # a guide makes that share so many times larger.
@@ -64,7 +65,11 @@ class EmissionPlan:
 
     @classmethod
     def make(
-        cls, scene: mi.Scene, sensors: Sequence[mi.Sensor], settings: VisibleRegionSettings
+        cls,
+        scene: mi.Scene,
+        sensors: Sequence[mi.Sensor],
+        settings: VisibleRegionSettings,
+        rr_depth: int = 5,
     ) -> EmissionPlan:
         """Find the region that can be seen from where the sensors look, and guide the emission
         there if that pays.
@@ -76,19 +81,21 @@ class EmissionPlan:
         if settings.use:
             region = VisibleRegion(scene, sensors, settings.seed, settings.rays)
         seed = pass_seed(settings.seed, 0, stream=8)
-        pilot = trace_pilot(scene, region, seed, settings.pilot_paths)
+        paths = PathSettings(settings.pilot_paths, rr_depth=rr_depth)
+        pilot = trace_pilot(scene, region, paths, seed)
         if not settings.guide or pilot.efficiency >= GUIDED_BELOW:
             return cls(region, emit_light, pilot)
         guide = EmissionGuide.learn(scene, pilot)
         seed = pass_seed(settings.seed, 1, stream=8)
-        guided = trace_pilot(scene, region, seed, settings.pilot_paths, guide.emit)
+        guided = trace_pilot(scene, region, replace(paths, source=guide.emit), seed)
         if guided.efficiency < LEAST_GAIN * pilot.efficiency:
             return cls(region, emit_light, pilot)
         return cls(region, guide.emit, guided)
 
     def collect(self, scene: mi.Scene, paths: int, seed: int, rr_depth: int = 5) -> Photons:
         """Photons in the visible region, of so many paths, (N,)."""
-        return collect_photons(scene, self.region, paths, seed, rr_depth, self.source)
+        settings = PathSettings(paths, rr_depth=rr_depth, source=self.source)
+        return collect_photons(scene, self.region, settings, seed)
 
     def paths_for_gaussians(self, gaussians: int) -> int:
         """How many paths leave enough photons in the region to choose so many Gaussians from:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 
@@ -10,8 +12,7 @@ from gpf.core.settings import AutoCount, Count, Seed, Settings
 from gpf.core.structs import Photons, concatenate
 from gpf.guiding.density_control import control_density
 from gpf.guiding.visible_region import VisibleRegion
-from gpf.photons.emission import Source, emit_light
-from gpf.photons.tracing import record_photons
+from gpf.photons.tracing import PathSettings, record_photons
 
 # Paths that are traced and filtered at a time: it bounds the memory of photons not kept.
 BATCH = 100_000
@@ -26,28 +27,21 @@ class PhotonSettings(Settings):
 
 
 def collect_photons(
-    scene: mi.Scene,
-    region: VisibleRegion | None,
-    paths: int,
-    seed: int,
-    rr_depth: int = 5,
-    source: Source = emit_light,
+    scene: mi.Scene, region: VisibleRegion | None, settings: PathSettings, seed: int
 ) -> Photons:
-    """Photons of ``paths`` emitted paths that land on the visible region; without one, all: (N,).
+    """Photons that land in the visible region; without one, all photons: (N,).
 
-    Where they are many and looks are few, they are thinned out (:func:`gpf.guiding.density_control.control_density`).
+    Where photons are many and looks are few, some are left out
+    (:func:`gpf.guiding.density_control.control_density`).
 
-    Their powers are those of ``paths`` paths, so that sums over an area are unbiased whatever
-    part of the scene the visible region leaves out.
+    Their powers are those of all paths, so that sums over an area are unbiased whatever part of
+    the scene the visible region leaves out.
     """
     kept = []
-    for number, first in enumerate(range(0, paths, BATCH)):
-        count = min(BATCH, paths - first)
-        batch_seed = pass_seed(seed, number, stream=7)
-        photons = record_photons(
-            scene, paths=count, seed=batch_seed, rr_depth=rr_depth, source=source
-        )
-        photons.power *= count / paths
+    for number, first in enumerate(range(0, settings.paths, BATCH)):
+        batch = replace(settings, paths=min(BATCH, settings.paths - first))
+        photons = record_photons(scene, batch, pass_seed(seed, number, stream=7))
+        photons.power *= batch.paths / settings.paths
         kept.append(photons if region is None else region.select(photons))
     found = [photons for photons in kept if dr.width(photons.p) > 0] or kept[:1]
     photons = found[0] if len(found) == 1 else concatenate(found)

@@ -10,8 +10,8 @@ import numpy as np
 
 from gpf.core.structs import Photons
 from gpf.guiding.visible_region import VisibleRegion
-from gpf.photons.emission import EmitterSample, Source, emit_light
-from gpf.photons.tracing import trace_photons
+from gpf.photons.emission import EmitterSample
+from gpf.photons.tracing import PathSettings, trace_photons
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,10 @@ class Pilot:
 
 
 def trace_pilot(
-    scene: mi.Scene,
-    region: VisibleRegion | None,
-    seed: int,
-    paths: int = 1 << 20,
-    source: Source = emit_light,
+    scene: mi.Scene, region: VisibleRegion | None, settings: PathSettings, seed: int
 ) -> Pilot:
     """Trace paths, store none of their photons. Without a visible region, all photons count."""
+    paths = settings.paths
     brought, photons = dr.zeros(mi.Float, paths), dr.zeros(mi.UInt32, paths)
     lane = dr.arange(mi.UInt32, paths)
 
@@ -64,7 +61,7 @@ def trace_pilot(
         dr.scatter_reduce(dr.ReduceOp.Add, brought, dr.mean(found.power), lane, active)
         dr.scatter_reduce(dr.ReduceOp.Add, photons, mi.UInt32(1), lane, active)
 
-    trace_photons(scene, deposit, paths=paths, seed=seed, source=source)
+    trace_photons(scene, deposit, settings, seed)
     return Pilot(
         brought=np.asarray(brought.numpy(), dtype=np.float64),
         photons=np.asarray(photons.numpy(), dtype=np.int64),

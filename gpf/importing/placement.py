@@ -21,6 +21,7 @@ from scipy.stats import qmc
 from gpf.core.errors import UserError
 from gpf.importing.preview import PHOTONS
 from gpf.importing.view_checks import COVERED_WITHIN, ViewReport, covered, report_views, spacing
+from gpf.photons.tracing import PathSettings
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, ViewSets
 from gpf.sppm.passes import PassSettings, propose_radius
@@ -188,11 +189,11 @@ def propose_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8
     height = 48
     sensor = make_sensor(view, max(1, round(height * aspect)), height)
     points = report_views(scene, [view], aspect)[0].points
-    radius = 2 * propose_radius(scene, points, PHOTONS)
+    radius = 2 * propose_radius(scene, points, PathSettings(PHOTONS))
     settings = PassSettings(photons_per_pass=PHOTONS, initial_radius=radius, direct="photons")
     renderer = ReferenceRenderer(scene, {view.name: sensor}, {}, settings, seed=0)
-    renderer.run(passes)
-    luminance = renderer.image(view.name) @ [0.2126, 0.7152, 0.0722]
+    sums = renderer.run(passes)
+    luminance = renderer.image(view.name, sums) @ [0.2126, 0.7152, 0.0722]
     bright = float(np.percentile(luminance, 90))
     return float(f"{0.8 / bright:.2g}") if bright > 0 else 1.0
 

@@ -1,36 +1,42 @@
-"""A contact sheet of a scene's views: path tracer and SPPM side by side, and what is wrong."""
+"""A contact sheet of a scene's views: path tracer and SPPM side by side, with the views' faults."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from gpf.core.files import write_atomically
 from gpf.core.images import tone_map
 from gpf.importing.view_checks import ViewReport, report_views
+from gpf.photons.tracing import PathSettings
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import SceneViews, View
 from gpf.sppm.passes import PassSettings, propose_radius
 from gpf.sppm.reference import ReferenceRenderer
 
 _DEPTH = 16
-PHOTONS = 100_000
+
+# The sheet: pairs of pictures per row, and sizes in pixels.
 _COLUMNS = 4
+_GAP, _MARGIN = 4, 10
+_TITLE_SIZE, _LABEL_SIZE = 15, 12
 
 
 @dataclass(frozen=True)
 class Preview:
-    """One view as two methods see it.
+    """One view, rendered by two methods.
 
     Attributes
     ----------
-    use: what it is for: train, novel or path.
-    faults: what speaks against the view, in words.
-    path, sppm: linear radiance, (H, W, 3).
+    use: the list that the view is from: train, more, novel or path.
+    faults: what is wrong with the view, in words.
+    path, sppm: radiance by path tracing and by photon mapping, linear, (H, W, 3).
     """
 
     view: View
@@ -50,25 +56,24 @@ def render_previews(
     passes: int = 8,
     tick: Callable[[], None] = lambda: None,
 ) -> list[Preview]:
-    """Render views side by side; ``tick()`` after each of ``passes`` + V steps for V views.
+    """Render V views with both methods; calls ``tick()`` after each of the ``passes`` + V steps.
 
     All views share the photons of a pass.
     """
     size = views.size(height)
     reports = report_views(scene, [view for view, _ in chosen], views.aspect)
     sensors = {view.name: make_sensor(view, *size, spp=spp) for view, _ in chosen}
-    # Small: where the first view is dim, others may be bright, and full of photons.
-    photons = PHOTONS
-    radius = propose_radius(scene, reports[0].points, photons, photons_in_disc=4)
+    # A small radius: other views may be brighter than the first and have many more photons.
+    radius = propose_radius(scene, reports[0].points, PathSettings(PHOTONS), photons_in_disc=4)
     settings = PassSettings(photons_per_pass=PHOTONS, initial_radius=radius, direct="photons")
     photon_mapping = ReferenceRenderer(scene, sensors, {}, settings, seed=0)
-    photon_mapping.run(passes, lambda _: tick())
+    sums = photon_mapping.run(passes, tick=lambda _: tick())
     tracer = mi.load_dict({"type": "path", "max_depth": _DEPTH})
     previews = []
     for (view, use), report in zip(chosen, reports, strict=True):
         image = np.array(mi.render(scene, sensor=sensors[view.name], integrator=tracer, spp=spp))
-        mapped = photon_mapping.image(view.name)
-        # The first camera is where its author wants it: under water, for instance.
+        mapped = photon_mapping.image(view.name, sums)
+        # The author placed the first camera on purpose, even where it is inside, as under water.
         faults = report.faults(home_inside=reports[0].inside)
         previews.append(Preview(view, use, report, faults, image, mapped))
         tick()
@@ -76,10 +81,10 @@ def render_previews(
 
 
 def choose_views(views: SceneViews, whole: bool = False) -> list[tuple[View, str]]:
-    """The views of a contact sheet, each with what it is for.
+    """The views of a contact sheet, each with the list that it is from.
 
-    Those are, unless ``whole``, at most 8 training views, spread over all, further ones, the novel
-    views, and three frames of the path.
+    At most 8 training views, evenly chosen, all of ``more``, all novel views, and three or four
+    frames of the path; with ``whole``, all training views and all frames.
     """
     train, frames = views.train, views.frames()
     if not whole:
@@ -92,40 +97,37 @@ def choose_views(views: SceneViews, whole: bool = False) -> list[tuple[View, str
 def draw_contact_sheet(
     path: Path, title: str, previews: Sequence[Preview], exposure: float
 ) -> None:
-    """Write a PNG with a pair of pictures for each view: path tracer left, SPPM right."""
-    from matplotlib.figure import Figure
-
+    """Write a PNG: for each view its label and faults above two pictures, path tracer and SPPM."""
+    large, small = (ImageFont.load_default(size) for size in (_TITLE_SIZE, _LABEL_SIZE))
     height, width = previews[0].path.shape[:2]
+    pair = 2 * width + _GAP
     columns = min(_COLUMNS, len(previews))
     rows = -(-len(previews) // columns)
-    lines = 1 + max(len(preview.faults) for preview in previews)
-    # Inches: a line of words above each row, the title above all.
-    words, title_height = 0.12 * lines, 0.3
-    total = rows * (height / 100 + words) + title_height
-    figure = Figure(figsize=(columns * (2 * width + 8) / 100, total), dpi=100)
-    figure.suptitle(title, x=0.004, y=1 - 0.06 / total, ha="left", va="top", fontsize=9)
-    grid = figure.subplots(rows, columns, squeeze=False)
-    figure.subplots_adjust(
-        left=0.004,
-        right=0.996,
-        bottom=0,
-        top=1 - (title_height + words) / total,
-        wspace=0.02,
-        hspace=words / (height / 100),
-    )
-    for axes in grid.flat:
-        axes.set_axis_off()
-    for axes, preview in zip(grid.flat, previews, strict=False):
-        gap = np.ones((height, 4, 3))
-        pair = [tone_map(image, exposure) for image in (preview.path, preview.sppm)]
-        axes.imshow(np.concatenate([pair[0], gap, pair[1]], axis=1), interpolation="nearest")
-        faults = preview.faults
-        label = f"{preview.use}: {preview.view.name}"
-        axes.set_title(
-            "\n".join([label, *faults]),
-            fontsize=7,
-            loc="left",
-            pad=2,
-            color="crimson" if faults else "black",
-        )
-    write_atomically(path, lambda file: figure.savefig(file, format="png"))
+    total = _MARGIN + columns * (pair + _MARGIN)
+    title = _wrap([title], large, total - 2 * _MARGIN)
+    labels = [_wrap([f"{p.use}: {p.view.name}", *p.faults], small, pair) for p in previews]
+
+    top = _text_height(title, large) + 2 * _MARGIN
+    words = max(_text_height(label, small) for label in labels) + _GAP
+    row_height = words + height + _MARGIN
+    sheet = Image.new("RGB", (total, top + rows * row_height), "white")
+    draw = ImageDraw.Draw(sheet)
+    draw.text((_MARGIN, _MARGIN), title, "black", large)
+    for k, (preview, label) in enumerate(zip(previews, labels, strict=True)):
+        x, y = _MARGIN + k % columns * (pair + _MARGIN), top + k // columns * row_height
+        draw.text((x, y), label, "crimson" if preview.faults else "black", small)
+        for i, image in enumerate((preview.path, preview.sppm)):
+            shown = np.round(tone_map(image, exposure) * 255).astype(np.uint8)
+            sheet.paste(Image.fromarray(shown), (x + i * (width + _GAP), y + words))
+    write_atomically(path, lambda file: sheet.save(file, format="PNG"))
+
+
+def _wrap(texts: Sequence[str], font: ImageFont.FreeTypeFont, width: int) -> str:
+    """Texts one below the other, in lines of about ``width`` pixels at most."""
+    letters = int(width / font.getlength("abcdefghij") * 10)
+    return "\n".join(line for text in texts for line in textwrap.wrap(text, letters))
+
+
+def _text_height(text: str, font: ImageFont.FreeTypeFont) -> int:
+    draw = ImageDraw.Draw(Image.new("RGB", (1, 1)))
+    return round(draw.multiline_textbbox((0, 0), text, font)[3])

@@ -16,7 +16,7 @@ from gpf.core.errors import UserError
 from gpf.core.structs import Photons, VisiblePoints, to_numpy
 from gpf.field.initialization import propose_search_radius
 from gpf.guiding.pilot import trace_pilot
-from gpf.photons.tracing import record_photons
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.inventory import scene_info, scene_materials
 from gpf.scene.sensors import make_sensor
@@ -151,7 +151,7 @@ def examine_scene(
         camera_distance=float(np.median(np.linalg.norm(seen - origin, axis=1))),
         landing=landing,
         photons=photons,
-        initial_radius=propose_radius(scene, points, photons),
+        initial_radius=propose_radius(scene, points, PathSettings(photons)),
         search_radius=propose_search_radius(stored, photons, seen, bounds),
         warnings=(*_notes(scene, emitters, materials), *_clipping(float(np.linalg.norm(size)))),
     )
@@ -185,8 +185,10 @@ def _trace(
     height = 64
     width = max(1, round(height * aspect))
     try:
-        stored = record_photons(scene, paths=photons, seed=1)
-        landing = float((trace_pilot(scene, None, seed=0, paths=photons).photons > 0).mean())
+        stored = record_photons(scene, PathSettings(photons), seed=1)
+        landing = float(
+            (trace_pilot(scene, None, PathSettings(photons), seed=0).photons > 0).mean()
+        )
         points = sample_film(scene, make_sensor(view, width, height), seed=0).points
         dr.eval(points)
     except RuntimeError as error:

@@ -9,6 +9,7 @@ brought, and the kernel's radius can be chosen after the fact, for all photons a
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -16,8 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.structs import Photons
-from gpf.photons.emission import Source, emit_light
-from gpf.photons.tracing import record_photons, trace_photons
+from gpf.photons.tracing import PathSettings, record_photons, trace_photons
 
 # Normals are told apart by their coordinates in thirds, at most 17° from what they stand for.
 _NORMAL_STEPS = 3
@@ -44,17 +44,21 @@ class PhotonSums:
     ----------
     cell: edge length of the cubes, world units; a quarter of the kernel's radius or less.
     bounds: corners of the scene's bounding box.
-    indirect: whether photons straight from the emitters are left out.
+    settings: of the paths of each pass.
     capacity: cells for which there is room at first; it grows.
     """
 
     def __init__(
-        self, cell: float, bounds: tuple[Any, Any], indirect: bool = False, capacity: int = 1 << 20
+        self,
+        cell: float,
+        bounds: tuple[Any, Any],
+        settings: PathSettings,
+        capacity: int = 1 << 20,
     ) -> None:
         self._lower = mi.Point3f(*(dr.opaque(mi.Float, float(bounds[0][i])) for i in range(3)))
         self._cell = dr.opaque(mi.Float, cell)
         self._unit, self._landings = 0.0, 0.0
-        self._indirect = indirect
+        self._settings = settings
         self._lost = dr.zeros(mi.UInt32, 1)
         self.paths = 0
         self._make_room(capacity)
@@ -69,12 +73,12 @@ class PhotonSums:
         self._sums = dr.zeros(mi.UInt64, _LINE * capacity)
         dr.eval(self._keys, self._sums)
 
-    def trace(
-        self, scene: mi.Scene, paths: int, seed: int, rr_depth: int, source: Source = emit_light
-    ) -> None:
-        """Add the photons of so many more paths."""
+    def trace(self, scene: mi.Scene, seed: int) -> None:
+        """Add the photons of one more pass."""
+        paths = self._settings.paths
         if not self._unit:
-            few = record_photons(scene, paths=PILOT, seed=seed, rr_depth=rr_depth, source=source)
+            pilot = replace(self._settings, paths=PILOT, indirect=False)
+            few = record_photons(scene, pilot, seed)
             power = np.asarray(few.power.numpy()).max(axis=0) if dr.width(few.p) else np.ones(1)
             self._unit = float(np.mean(power)) * PILOT / _POWER_STEPS
             self._landings = (dr.width(few.p) + 1) / PILOT
@@ -84,15 +88,7 @@ class PhotonSums:
             self._grow(1 << math.ceil(math.log2(wanted)))
         # A photon's power is that of one of `paths`; sums are of paths of power one.
         self._scale = dr.opaque(mi.Float, paths / self._unit)
-        trace_photons(
-            scene,
-            self._add,
-            paths,
-            seed,
-            rr_depth=rr_depth,
-            source=source,
-            indirect=self._indirect,
-        )
+        trace_photons(scene, self._add, self._settings, seed)
         dr.eval(self._cells, self._lost, self._keys, self._sums)
         self.paths += paths
         if int(self._lost[0]) > 0:
@@ -151,7 +147,7 @@ class PhotonSums:
             p=mi.Point3f(self._lower + self._cell * corner + self._cell * inside),
             n=mi.Normal3f(dr.normalize(thirds - _NORMAL_STEPS)),
             power=mi.Color3f(mi.Float(red), mi.Float(green), mi.Float(blue)) * scale,
-            depth=dr.full(mi.UInt32, int(self._indirect), len(found)),
+            depth=dr.full(mi.UInt32, int(self._settings.indirect), len(found)),
         )
         dr.eval(photons)
         return photons

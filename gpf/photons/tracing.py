@@ -7,6 +7,7 @@ What happens where a photon meets a diffuse surface is up to the caller's ``depo
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -24,23 +25,12 @@ _BRIGHTER = 16
 Deposit = Callable[[Photons, "mi.Bool"], None]
 
 
-@dr.syntax
-def trace_photons(
-    scene: mi.Scene,
-    deposit: Deposit,
-    paths: int,
-    seed: int,
-    max_depth: int = -1,
-    rr_depth: int = 5,
-    source: Source = emit_light,
-    indirect: bool = False,
-) -> None:
-    """Trace ``paths`` photon paths from the emitters and deposit them on diffuse surfaces.
+@dataclass(frozen=True)
+class PathSettings:
+    """Photon paths: how many, how long, and where they start.
 
-    Parameters
+    Attributes
     ----------
-    deposit: called inside a traced loop as ``deposit(photons, active)`` for each surface
-        interaction; it acts by side effects masked with ``active``.
     paths: number of emitted paths, the width of the wavefront.
     max_depth: the longest path from emitter to camera that a photon may be part of, counted in
         edges as Mitsuba's ``path`` does; -1 is no limit. A photon's last edge to the camera is
@@ -48,18 +38,42 @@ def trace_photons(
     rr_depth: number of interactions after which Russian roulette may end a path.
     source: gives the first rays with their powers; an emission guide has one of its own.
     indirect: whether photons straight from the emitters are left out.
+    """
+
+    paths: int
+    max_depth: int = -1
+    rr_depth: int = 5
+    source: Source = emit_light
+    indirect: bool = False
+
+    @property
+    def usual_capacity(self) -> int:
+        """How many photons to expect at most in a closed white room: ``rr_depth`` interactions,
+        then some 20 until Russian roulette ends a path."""
+        return (min(self.rr_depth, 16) + 21) * self.paths
+
+
+@dr.syntax
+def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, seed: int) -> None:
+    """Trace photon paths from the emitters and deposit photons on diffuse surfaces.
+
+    Parameters
+    ----------
+    deposit: called inside a traced loop as ``deposit(photons, active)`` for each surface
+        interaction; it acts by side effects masked with ``active``.
 
     Flux is conserved: the expected sum of deposited power at depth 0 is the part of the emitters'
     power that falls on diffuse surfaces first.
     """
+    paths, max_depth = settings.paths, settings.max_depth
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, paths)
     context = mi.BSDFContext(mi.TransportMode.Importance)
     deepest = dr.opaque(mi.UInt32, max_depth - 1 if max_depth > 0 else 0xFFFFFFFF)
-    roulette_from = dr.opaque(mi.UInt32, rr_depth)
-    stored_from = dr.opaque(mi.UInt32, int(indirect))
+    roulette_from = dr.opaque(mi.UInt32, settings.rr_depth)
+    stored_from = dr.opaque(mi.UInt32, int(settings.indirect))
 
-    ray, power = source(scene, sampler)
+    ray, power = settings.source(scene, sampler)
     power /= dr.opaque(mi.Float, paths)
     brightest = dr.max(power)
     depth = mi.UInt32(0)
@@ -114,45 +128,22 @@ def _limited(power: mi.Color3f, limit: mi.Float) -> mi.Color3f:
 
 
 def record_photons(
-    scene: mi.Scene,
-    *,
-    paths: int,
-    seed: int,
-    max_depth: int = -1,
-    rr_depth: int = 5,
-    capacity: int | None = None,
-    source: Source = emit_light,
-    indirect: bool = False,
+    scene: mi.Scene, settings: PathSettings, seed: int, capacity: int | None = None
 ) -> Photons:
     """Trace photons and keep them, path by path: (N,) with N the number of deposits.
 
     ``capacity`` is how many there is room for at first; if there are more, they are traced once
-    more. The default (:func:`usual_capacity`) suffices for a closed white room: ``rr_depth``
-    interactions, then some 20 until Russian roulette ends a path.
+    more. The default is :attr:`PathSettings.usual_capacity`.
     """
-    capacity = capacity or usual_capacity(paths, rr_depth)
+    capacity = capacity or settings.usual_capacity
     while True:
-        recorder = _Recorder(capacity, paths)
-        trace_photons(
-            scene,
-            recorder.deposit,
-            paths=paths,
-            seed=seed,
-            max_depth=max_depth,
-            rr_depth=rr_depth,
-            source=source,
-            indirect=indirect,
-        )
+        recorder = _Recorder(capacity, settings.paths)
+        trace_photons(scene, recorder.deposit, settings, seed)
         count = recorder.landed()
         if count <= capacity:
             return recorder.photons(count)
         del recorder
         capacity = count
-
-
-def usual_capacity(paths: int, rr_depth: int) -> int:
-    """How many photons to expect at most."""
-    return (min(rr_depth, 16) + 21) * paths
 
 
 class _Recorder:

@@ -12,6 +12,7 @@ import mitsuba as mi
 from gpf.camera.film import FilmSamples, reconstruct, sample_film, sample_grid
 from gpf.core.random import pass_seed
 from gpf.core.structs import concatenate
+from gpf.photons.tracing import PathSettings
 from gpf.rendering.properties import is_number, read_depths, whole_number
 from gpf.scene.bounds import require_bounds
 from gpf.scene.materials import require_separable
@@ -145,7 +146,9 @@ def define() -> type:
             if radius == 0:
                 rows = next(split_rows(sensor.film()))
                 points = self._sample(scene, sensor, pass_seed(seed, 0, stream=1), rows).points
-                radius = propose_radius(scene, points, self.photons_per_pass, seed)
+                radius = propose_radius(
+                    scene, points, PathSettings(self.photons_per_pass), seed=seed
+                )
             return PassSettings(
                 photons_per_pass=self.photons_per_pass,
                 initial_radius=radius,

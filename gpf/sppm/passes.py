@@ -7,7 +7,7 @@ estimate is the mean over passes (Knaus and Zwicker 2011).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import drjit as dr
@@ -22,7 +22,7 @@ from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import VisiblePoints
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface
 from gpf.photons.emission import Source, emit_light
-from gpf.photons.tracing import record_photons, usual_capacity
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.materials import has_gloss
 from gpf.sppm.density import PhotonDensity, radius_at
@@ -57,6 +57,16 @@ class PassSettings(Settings):
     glossy_walks: Count = 8
     edge_correction: bool = True
 
+    def path_settings(self, source: Source = emit_light) -> PathSettings:
+        """The photon paths of a pass."""
+        return PathSettings(
+            self.photons_per_pass,
+            max_depth=self.max_depth,
+            rr_depth=self.rr_depth,
+            source=source,
+            indirect=self.direct == "emitters",
+        )
+
 
 def suit_scene(settings: PassSettings, scene: mi.Scene) -> PassSettings:
     """The settings without what a scene has no use for, or cannot do.
@@ -83,8 +93,9 @@ class PhotonPasses:
     def __init__(
         self, scene: mi.Scene, settings: PassSettings, seed: int, source: Source = emit_light
     ) -> None:
-        self.scene, self.seed, self.source = scene, seed, source
+        self.scene, self.seed = scene, seed
         self.settings = suit_scene(settings, scene)
+        self.paths = self.settings.path_settings(source)
         self.bounds = scene_bounds(scene)
         # Photons for which there was room in all passes so far.
         self._room: int | None = None
@@ -93,20 +104,12 @@ class PhotonPasses:
         """Trace the photons of pass ``t`` (from 1)."""
         settings = self.settings
         photons = record_photons(
-            self.scene,
-            paths=settings.photons_per_pass,
-            seed=pass_seed(self.seed, t, stream=0),
-            max_depth=settings.max_depth,
-            rr_depth=settings.rr_depth,
-            source=self.source,
-            capacity=self._room,
-            indirect=settings.direct == "emitters",
+            self.scene, self.paths, pass_seed(self.seed, t, stream=0), self._room
         )
         found = dr.width(photons.p)
         if self._room is None or found > self._room:
             # As usual, or more, and some more for passes that have a few more.
-            usual = usual_capacity(settings.photons_per_pass, settings.rr_depth)
-            self._room = max(usual, found + found // 8)
+            self._room = max(self.paths.usual_capacity, found + found // 8)
         radius = radius_at(t, settings.initial_radius, settings.alpha)
         density = PhotonDensity(photons, radius, self.bounds)
         return PhotonPass(self.scene, settings, density, radius, self.seed, t)
@@ -157,10 +160,9 @@ class PhotonPass:
 def propose_radius(
     scene: mi.Scene,
     points: VisiblePoints,
-    photons_per_pass: int,
+    settings: PathSettings,
     seed: int = 0,
     photons_in_disc: float = 16.0,
-    source: Source = emit_light,
 ) -> float:
     """A radius for which a typical visible point gathers ``photons_in_disc`` photons per pass.
 
@@ -171,8 +173,9 @@ def propose_radius(
     k = 8
     bounds = scene_bounds(scene)
     diagonal = float(dr.norm(bounds[1] - bounds[0]))
-    paths = min(photons_per_pass, 200_000)
-    photons = record_photons(scene, paths=paths, seed=pass_seed(seed, 0, stream=2), source=source)
+    paths = min(settings.paths, 200_000)
+    pilot = replace(settings, paths=paths, indirect=False)
+    photons = record_photons(scene, pilot, pass_seed(seed, 0, stream=2))
     lanes = dr.compress(points.valid)
     if dr.width(lanes) == 0 or dr.width(photons.p) < k:
         return 1e-2 * diagonal
@@ -188,5 +191,5 @@ def propose_radius(
         x, k, start, limit, lambda record: same_surface(record, x, n, mi.Float(0))
     )
     typical2 = float(np.median(distance2[k - 1].numpy()))
-    radius = np.sqrt(typical2 * photons_in_disc / k * paths / photons_per_pass)
+    radius = np.sqrt(typical2 * photons_in_disc / k * paths / settings.paths)
     return float(np.clip(radius, 1e-4 * diagonal, 5e-2 * diagonal))

@@ -18,6 +18,7 @@ from gpf.core.settings import AutoCount, Count, Length, NotNegative, Positive, S
 from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.photons.emission import Source, emit_light
+from gpf.photons.tracing import PathSettings
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.pass_sums import ExactSum, PassSums
 from gpf.sppm.passes import PassSettings, PhotonPasses, propose_radius
@@ -63,7 +64,8 @@ class ReferenceSettings(PassSettings):
             paths = plan.paths_for_passes(EQUAL_PATHS)
         if radius == "auto":
             film = sample_film(scene, sensor, pass_seed(self.seed, 0, stream=1))
-            measured = propose_radius(scene, film.points, paths, self.seed, source=plan.source)
+            pilot = PathSettings(paths, rr_depth=self.rr_depth, source=plan.source)
+            measured = propose_radius(scene, film.points, pilot, self.seed)
             # In steps of a fifth: another training view is no reason to render novel views again.
             radius = float(f"{2 ** (round(4 * np.log2(measured)) / 4):.4g}")
         common = {name: getattr(self, name) for name in PassSettings.model_fields}
@@ -132,7 +134,6 @@ class ReferenceRenderer:
         dr.eval(self.points)
         self._join_points()
         self.sizes = {name: film_size(sensor) for name, sensor in self.sensors.items()}
-        self.sums = self.empty_sums()
 
     def _join_points(self) -> None:
         """Make one set of all: many small ones would each wait for their slowest point."""
@@ -155,41 +156,49 @@ class ReferenceRenderer:
         points = {name: dr.width(lanes) for name, lanes in self._valid.items()}
         return PassSums(pixels, points, apart=self.settings.direct == "emitters")
 
-    def run(self, passes: int, tick: Callable[[int], None] = lambda done: None) -> None:
-        """Continue until passes 1 to ``passes`` are done; ``tick(done)`` after each."""
-        while self.sums.passes < passes:
-            self.run_pass(self.sums.passes + 1)
-            tick(self.sums.passes)
+    def run(
+        self,
+        passes: int,
+        sums: PassSums | None = None,
+        tick: Callable[[int], None] = lambda done: None,
+    ) -> PassSums:
+        """Continue sums, or begin with none, until they are over passes 1 to ``passes``;
+        ``tick(done)`` after each pass."""
+        sums = sums or self.empty_sums()
+        while sums.passes < passes:
+            self.run_pass(sums.passes + 1, sums)
+            tick(sums.passes)
+        return sums
 
-    def run_pass(self, t: int) -> None:
-        """Add pass ``t`` (from 1) to the sums."""
+    def run_pass(self, t: int, sums: PassSums) -> None:
+        """Add pass ``t`` (from 1) to sums."""
         photons = self.passes.trace(t)
         for name, sensor in self.sensors.items():
             film = sample_view(self.scene, sensor, name, self.settings, self.seed, t)
             dr.eval(film)
             radiance = film.points.radiance(photons.irradiance(film.points))
-            self.sums.views[name].add(film.merge(radiance), t)
+            sums.views[name].add(film.merge(radiance), t)
         if self._joined is not None:
             irradiance, direct = photons.all_irradiance(self._joined, self._start, t)
             dr.eval(irradiance)  # or each set's sum would search for all photons anew
             for name, lanes in self._lanes.items():
-                self.sums.points[name].add(dr.gather(mi.Color3f, irradiance, lanes))
+                sums.points[name].add(dr.gather(mi.Color3f, irradiance, lanes))
                 if direct is not None:
-                    self.sums.direct[name].add(dr.gather(mi.Color3f, direct, lanes))
+                    sums.direct[name].add(dr.gather(mi.Color3f, direct, lanes))
         # Without waiting, passes pile up and the progress bar lies.
         dr.sync_thread()
-        self.sums.passes += 1
+        sums.passes += 1
 
-    def image(self, name: str) -> np.ndarray:
-        """Mean radiance of a view so far, (H, W, 3)."""
-        return self._grid(name, self.sums.views[name].mean(self.sums.passes))
+    def image(self, name: str, sums: PassSums) -> np.ndarray:
+        """Mean radiance of a view over the passes in the sums, (H, W, 3)."""
+        return self._grid(name, sums.views[name].mean(sums.passes))
 
     def _grid(self, name: str, value: np.ndarray) -> np.ndarray:
         width, height = self.sizes[name]
         return value.reshape(height, width, 3).astype(np.float32)
 
-    def view(self, name: str, size: tuple[int, int] | None = None) -> ReferenceView:
-        """All that is known so far of a view: its image, the fixed points that have its name.
+    def view(self, name: str, sums: PassSums, size: tuple[int, int] | None = None) -> ReferenceView:
+        """All that sums tell of a view: its image, and the fixed points that have its name.
 
         ``size`` is the width and height of its film, which a view with an image knows.
         """
@@ -204,12 +213,12 @@ class ReferenceRenderer:
 
         image = standard_error = irradiance = direct = None
         if name in self.points:
-            irradiance = self.mean_irradiance(name).reshape(height, width, 3)
-            direct = self.mean_direct(name).reshape(height, width, 3)
+            irradiance = self.mean_irradiance(name, sums).reshape(height, width, 3)
+            direct = self.mean_direct(name, sums).reshape(height, width, 3)
         if name in self.sensors:
-            image = self.image(name)
-            tally = self.sums.views[name]
-            standard_error = self._grid(name, tally.standard_error(self.sums.passes))
+            image = self.image(name, sums)
+            tally = sums.views[name]
+            standard_error = self._grid(name, tally.standard_error(sums.passes))
         return ReferenceView(
             radiance=image,
             standard_error=standard_error,
@@ -221,19 +230,19 @@ class ReferenceRenderer:
             valid=grid(dr.select(points.valid, mi.Float(1), 0)),
         )
 
-    def mean_irradiance(self, name: str) -> np.ndarray:
-        """Mean irradiance so far at a set of points, (N, 3); 0 where a point is not valid."""
-        return self._mean(name, self.sums.points[name])
+    def mean_irradiance(self, name: str, sums: PassSums) -> np.ndarray:
+        """Mean irradiance at a set of points, (N, 3); 0 where a point is not valid."""
+        return self._mean(name, sums.points[name], sums.passes)
 
-    def mean_direct(self, name: str) -> np.ndarray:
+    def mean_direct(self, name: str, sums: PassSums) -> np.ndarray:
         """The part of it that came from samples of the emitters, (N, 3)."""
-        return self._mean(name, self.sums.direct.get(name))
+        return self._mean(name, sums.direct.get(name), sums.passes)
 
-    def _mean(self, name: str, total: ExactSum | None) -> np.ndarray:
+    def _mean(self, name: str, total: ExactSum | None, passes: int) -> np.ndarray:
         result = np.zeros((dr.width(self.points[name].p), 3), np.float32)
         if total is not None:
             lanes = np.asarray(self._valid[name].numpy())
-            result[lanes] = total.total() / self.sums.passes
+            result[lanes] = total.total() / passes
         return result
 
 

@@ -97,13 +97,14 @@ class PhotonStream:
     ) -> None:
         self.scene, self.seed, self.count = scene, seed, 0
         self.settings = suit_scene(settings, scene)
-        self._light, self._bounds = source, scene_bounds(scene)
+        self._bounds = scene_bounds(scene)
         self._apart = self.settings.direct == "emitters"
         # The smallest radius there will be is not known, but that it shrinks slowly.
         self._cell = CELL * radius_at(
             TYPICAL_PASSES, self.settings.initial_radius, self.settings.alpha
         )
-        self.sums = PhotonSums(self._cell, self._bounds, indirect=self._apart)
+        self._paths = self.settings.path_settings(source)
+        self.sums = PhotonSums(self._cell, self._bounds, self._paths)
         valid = [take(each, dr.compress(each.valid)) for each in points.values()]
         self._source = np.repeat(
             np.array(list(points), np.int32), [dr.width(each.p) for each in valid]
@@ -119,20 +120,16 @@ class PhotonStream:
         lanes = every * dr.arange(mi.UInt32, len(other._source))
         other._points = FixedPoints(self.scene, take(self._points.points, lanes))
         other.seed, other.count = pass_seed(self.seed, 0, INDEPENDENT_STREAM), 0
-        other.sums = PhotonSums(self._cell, self._bounds, indirect=self._apart)
+        other.sums = PhotonSums(self._cell, self._bounds, self._paths)
         other._direct, other._samples = dr.zeros(mi.Color3f, len(other._source)), 0
         other.advance(self.count)
         return other
 
     def advance(self, count: int, tick: Callable[[int], None] = lambda done: None) -> None:
         """Add passes until there are ``count``."""
-        settings = self.settings
         while self.count < count:
             self.count += 1
-            seed = pass_seed(self.seed, self.count, stream=0)
-            self.sums.trace(
-                self.scene, settings.photons_per_pass, seed, settings.rr_depth, self._light
-            )
+            self.sums.trace(self.scene, pass_seed(self.seed, self.count, stream=0))
             dr.sync_thread()
             tick(self.count)
 

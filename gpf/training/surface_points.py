@@ -15,7 +15,7 @@ from gpf.core.morton import order_in_space
 from gpf.core.random import pass_seed
 from gpf.core.structs import Photons, VisiblePoints, concatenate, to_numpy
 from gpf.guiding.emission_plan import EmissionPlan
-from gpf.photons.tracing import record_photons
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.sppm.density import PhotonDensity
 from gpf.sppm.passes import PassSettings
@@ -85,10 +85,12 @@ def target_points(
         if plan.region is not None:
             arrivals = record_photons(
                 scene,
-                paths=min(ARRIVAL_PATHS, settings.photons_per_pass),
+                PathSettings(
+                    min(ARRIVAL_PATHS, settings.photons_per_pass),
+                    rr_depth=settings.rr_depth,
+                    source=plan.source,
+                ),
                 seed=pass_seed(seed, 0, stream=13),
-                rr_depth=settings.rr_depth,
-                source=plan.source,
             )
             beyond = plan.region.reject(arrivals)
             places = Places(photons, plan.region.points, arrivals, beyond)

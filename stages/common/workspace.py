@@ -181,7 +181,9 @@ class Workspace:
         """Where photons are needed, and how they are emitted."""
         # Of one size whatever params.yaml says: photons do not depend on the film.
         sensors = [make_sensor(view, *self.views.size(256)) for view in self.views.train]
-        return EmissionPlan.make(scene, sensors, self.params.visible_region)
+        return EmissionPlan.make(
+            scene, sensors, self.params.visible_region, self.params.reference.rr_depth
+        )
 
     @property
     def film_size(self) -> tuple[int, int]:

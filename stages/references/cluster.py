@@ -54,16 +54,15 @@ def render_on_cluster(passes: LongSum, request: GroupRequest, wanted: range) -> 
                 for reference in ready:
                     part = running.pop(reference)
                     tensors, costs = _result(ray, reference, part)
-                    passes.renderer.sums = passes.renderer.empty_sums()
-                    passes.renderer.sums.add_tensors(tensors, len(part))
-                    passes.keep(part, costs)
+                    sums = passes.renderer.empty_sums()
+                    sums.add_tensors(tensors, len(part))
+                    passes.keep(part, sums, costs)
                     waiting[part.start] = part
                     while total.passes in waiting and not passes.is_good_enough(total):
                         passes.parts.add_to(total, waiting[total.passes])
                     done += len(part)
                     bar(done)
-                    passes.renderer.sums = passes.renderer.empty_sums()
-                    watch.look()
+                    watch.look(passes.renderer.empty_sums())
     finally:
         for reference in running:
             ray.cancel(reference, force=True)
@@ -88,10 +87,10 @@ def render_part(
         renderer, costs = passes.renderer, passes.costs
         costs.parts.pop(request.group, None)
         with costs.measure(request.group):
-            renderer.sums = renderer.empty_sums()
+            sums = renderer.empty_sums()
             for t in range(first, last):
-                renderer.run_pass(t + 1)
-        return renderer.sums.tensors(), costs.parts[request.group]
+                renderer.run_pass(t + 1, sums)
+        return sums.tensors(), costs.parts[request.group]
 
 
 def pack(work: Workspace) -> bytes:

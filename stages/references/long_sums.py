@@ -68,31 +68,31 @@ class LongSum:
                     break
                 self.costs.parts.pop(self.group, None)
                 with self.costs.measure(self.group):
-                    self.renderer.sums, saved = self.renderer.empty_sums(), time.monotonic()
+                    sums, saved = self.renderer.empty_sums(), time.monotonic()
                     for t in part:
-                        self.renderer.run_pass(t + 1)
+                        self.renderer.run_pass(t + 1, sums)
                         done += 1
                         bar(done)
-                        watch.look()
+                        watch.look(sums)
                         late = time.monotonic() - saved > section.checkpoint_seconds
                         if late and t + 1 < part.stop:
-                            self.keep(range(part.start, t + 1), self.costs.so_far(self.group))
+                            self.keep(range(part.start, t + 1), sums, self.costs.so_far(self.group))
                             saved = time.monotonic()
-                self.keep(part, self.costs.parts[self.group])
-                total.add_tensors(self.renderer.sums.tensors(), self.renderer.sums.passes)
+                self.keep(part, sums, self.costs.parts[self.group])
+                total.add_tensors(sums.tensors(), sums.passes)
         self.costs.parts.pop(self.group, None)
 
-    def keep(self, part: range, costs: Mapping[str, float]) -> None:
+    def keep(self, part: range, sums: PassSums, costs: Mapping[str, float]) -> None:
         """Write the sums of a part, unless they hold what can't be mended by further passes."""
         renderer = self.renderer
         for name in renderer.sensors:
-            check_finite(renderer.image(name), f"{self.work.scene}, view {name}, radiance")
+            check_finite(renderer.image(name, sums), f"{self.work.scene}, view {name}, radiance")
         for name in renderer.points:
             where = f"{self.work.scene}, view {name}, irradiance"
             if name == SURFACES:
                 where = f"{self.work.scene}, samples of its surfaces"
-            check_finite(renderer.mean_irradiance(name), where)
-        self.parts.write(part, renderer.sums, costs)
+            check_finite(renderer.mean_irradiance(name, sums), where)
+        self.parts.write(part, sums, costs)
 
     def merge(self, at: Callable[[PassSums], None] = lambda sums: None) -> PassSums:
         """The sum of all passes that are there without a gap; ``at(sums)`` after each part.
@@ -111,8 +111,10 @@ class LongSum:
         self.costs.parts[self.group] = spent
         return sums
 
-    def finish(self, snapshots: Sequence[int] = ()) -> dict[str, dict[str, np.ndarray]] | None:
-        """Put the sum of all parts into the renderer; the views' images after some passes.
+    def finish(
+        self, snapshots: Sequence[int] = ()
+    ) -> tuple[PassSums, dict[str, dict[str, np.ndarray]]] | None:
+        """The sum of all parts, and the views' images after some numbers of passes.
 
         None while passes are missing: all of them, or as many as the target for the noise takes.
         """
@@ -120,15 +122,15 @@ class LongSum:
 
         def keep(sums: PassSums) -> None:
             if sums.passes in snapshots or self.is_good_enough(sums):
-                self.renderer.sums = sums
                 for name, layers in images.items():
-                    layers[f"sppm_{sums.passes}"] = self.renderer.image(name)
+                    layers[f"sppm_{sums.passes}"] = self.renderer.image(name, sums)
 
-        sums = self.renderer.sums = self.merge(keep)
-        return images if sums.passes >= self.passes or self.is_good_enough(sums) else None
+        sums = self.merge(keep)
+        complete = sums.passes >= self.passes or self.is_good_enough(sums)
+        return (sums, images) if complete else None
 
     def expected_psnr(self, sums: PassSums) -> float:
-        """The lowest expected PSNR of all views, dB (:meth:`gpf.sppm.pass_sums.ViewTally.expected_psnr`)."""
+        """The lowest of all views, dB (:meth:`gpf.sppm.pass_sums.ViewTally.expected_psnr`)."""
         exposure = self.work.views.exposure
         tallies = sums.views.values()
         return min(
@@ -151,16 +153,16 @@ class Watch:
         self.long_sum, self.total, self.describe = long_sum, total, describe
         self.last = time.monotonic()
 
-    def look(self) -> None:
-        """Write previews if it is time to."""
+    def look(self, latest: PassSums) -> None:
+        """Write previews if it is time to, of the total and of what came after it."""
         work, renderer = self.long_sum.work, self.long_sum.renderer
         seconds = work.params.reference.preview_seconds
         if not seconds or time.monotonic() - self.last < seconds or not renderer.sensors:
             return
-        passes, worst = self.total.passes + renderer.sums.passes, np.inf
+        passes, worst = self.total.passes + latest.passes, np.inf
         for name in renderer.sensors:
             tally = ViewTally(self.total.views[name].squares.size)
-            for sums in (self.total, renderer.sums):
+            for sums in (self.total, latest):
                 tally.add_tally(sums.views[name])
             worst = min(worst, tally.expected_psnr(passes, work.views.exposure))
             image = tally.mean(passes).reshape(*renderer.sizes[name][::-1], 3)

@@ -54,7 +54,7 @@ def compile_passes(renderers: Sequence[ReferenceRenderer]) -> None:
     """Run what a first pass needs and a later one finds made."""
     for renderer in renderers:
         for _ in range(2):
-            renderer.run_pass(1)
+            renderer.run_pass(1, renderer.empty_sums())
 
 
 def time_passes(renderers: Sequence[ReferenceRenderer], passes: range, samples: int) -> np.ndarray:
@@ -65,10 +65,11 @@ def time_passes(renderers: Sequence[ReferenceRenderer], passes: range, samples: 
     other load on the machine meets all of them.
     """
     seconds = np.empty((samples, len(renderers)))
+    sums = [renderer.empty_sums() for renderer in renderers]
     for i in range(samples):
         t = passes[int(len(passes) * (i + 0.5) / samples)]
         for j, renderer in enumerate(renderers):
             start = time.perf_counter()
-            renderer.run_pass(t)
+            renderer.run_pass(t, sums[j])
             seconds[i, j] = time.perf_counter() - start
     return seconds.mean(axis=0)

@@ -53,7 +53,7 @@ from gpf.camera.film import sample_film
 from gpf.core.random import pass_seed
 from gpf.core.structs import to_numpy
 from gpf.guiding.photon_map import BATCH
-from gpf.photons.tracing import record_photons
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import bounding_box, scene_bounds
 from gpf.scene.materials import has_gloss, inseparable_materials
 from gpf.scene.sensors import make_sensor
@@ -98,7 +98,9 @@ class EmGmm:
         ends = np.linspace(0, options.paths, passes + 1).astype(int)
         for t, paths in enumerate(np.diff(ends).tolist()):
             seed = pass_seed(task.seed, t, stream=11)
-            photons = record_photons(task.scene, paths=paths, seed=seed, rr_depth=task.rr_depth)
+            photons = record_photons(
+                task.scene, PathSettings(paths, rr_depth=task.rr_depth), seed=seed
+            )
             if dr.width(photons.p) > 0:
                 powers = to_numpy(photons.power) * (paths / options.paths)
                 fit.add(to_numpy(photons.p), powers)
