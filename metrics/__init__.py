@@ -1,27 +1,6 @@
-"""Numbers about images and about cost: what an image is worth and what it took.
+"""Numbers about images (their quality) and about stages (their cost).
 
-Nothing here knows the renderer: images are arrays, times are seconds. Errors
-that a caller can cause are ``ValueError``; a metric that cannot be computed on
-this machine is a ``MetricUnavailable``, whose words say what brings it.
+Nothing here imports the renderer: images are arrays, times are seconds. Bad arguments raise
+``ValueError``. A metric that this machine cannot compute raises
+:class:`metrics.errors.MetricUnavailable`; its message says what to install or to change.
 """
-
-from metrics.cost import CostLine, break_even, cumulative
-from metrics.equivalent_passes import EquivalentPasses, equivalent_passes
-from metrics.errors import MetricUnavailable
-from metrics.image import Comparison, compare, expose, flip_exposures, psnr, unavailable
-
-__all__ = [
-    "Comparison",
-    "CostLine",
-    "EquivalentPasses",
-    "MetricUnavailable",
-    "Worth",
-    "break_even",
-    "compare",
-    "cumulative",
-    "equivalent_passes",
-    "expose",
-    "flip_exposures",
-    "psnr",
-    "unavailable",
-]

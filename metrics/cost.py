@@ -1,14 +1,11 @@
-"""What a method costs over many views: preparation once, then so much per view."""
+"""The cost of a method over many views: a preparation, and a time per view."""
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import pandas
-
+import pandas as pd
 
 # Names of the lines that the stage `amortize` writes.
 GPF = "GPF"
@@ -19,14 +16,19 @@ SPPM_TOGETHER = "SPPM, views together"
 
 @dataclass(frozen=True)
 class CostLine:
-    """The cost of a method in seconds as a straight line over the number of views."""
+    """The cost of a method in seconds, a straight line over the number of views.
+
+    Raises
+    ------
+    ValueError: a time is negative or not finite.
+    """
 
     name: str
     preparation_seconds: float
     per_view_seconds: float
 
     def __post_init__(self) -> None:
-        """Refuse times that cannot be."""
+        """Check the times."""
         for field in ("preparation_seconds", "per_view_seconds"):
             seconds = getattr(self, field)
             if not (math.isfinite(seconds) and seconds >= 0):
@@ -35,18 +37,17 @@ class CostLine:
                 )
 
     def total(self, views: int) -> float:
-        """Seconds for ``views`` views, the preparation counted once."""
+        """``preparation_seconds + views * per_view_seconds``."""
         return self.preparation_seconds + views * self.per_view_seconds
 
 
 def break_even(a: CostLine, b: CostLine) -> int | None:
-    """Find the smallest number of views from which on ``a`` is cheaper than ``b``.
+    """The smallest n >= 1 with ``a.total(m) < b.total(m)`` for all m >= n.
 
-    That is the smallest n >= 1 with ``a.total(m) < b.total(m)`` for all m >= n.
-    ``None`` if there is none; so also where ``a`` is cheaper at first and loses
-    that lead, because it costs more per view.
+    ``None`` if there is no such n. One such case: ``a`` is cheaper for few views, but costs more
+    per view.
     """
-    # Exact: in floats, a quotient may round to the other side of a whole number.
+    # Fractions are exact. With floats, the quotient could round past a whole number.
     saved = Fraction(b.per_view_seconds) - Fraction(a.per_view_seconds)
     extra = Fraction(a.preparation_seconds) - Fraction(b.preparation_seconds)
     if saved < 0 or (saved == 0 and extra >= 0):
@@ -54,17 +55,18 @@ def break_even(a: CostLine, b: CostLine) -> int | None:
     return 1 if extra < 0 else math.floor(extra / saved) + 1
 
 
-def cumulative(
-    lines: Sequence[CostLine], views: Iterable[int] = range(1, 101)
-) -> "pandas.DataFrame":
-    """Seconds over numbers of views: a column ``views`` and one per line, by its name."""
-    import pandas
+def cumulative(lines: Sequence[CostLine], views: Iterable[int] = range(1, 101)) -> pd.DataFrame:
+    """Total seconds for each number of views: a column ``views`` and one column per line.
 
+    Raises
+    ------
+    ValueError: two lines have the same name, a line is named `views`, or a number is negative.
+    """
     names = [line.name for line in lines]
     if len(set(names)) < len(names) or "views" in names:
-        raise ValueError(f"the lines are named {names}; each needs a name of its own, not 'views'")
+        raise ValueError(f"the lines are named {names}; use different names, and not 'views'")
     counts = list(views)
     if any(count < 0 for count in counts):
-        raise ValueError(f"the numbers of views go down to {min(counts)}; give 0 or more")
+        raise ValueError(f"the smallest number of views is {min(counts)}; give 0 or more")
     columns = {line.name: [line.total(n) for n in counts] for line in lines}
-    return pandas.DataFrame({"views": counts} | columns)
+    return pd.DataFrame({"views": counts} | columns)

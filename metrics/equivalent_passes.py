@@ -1,4 +1,4 @@
-"""How many SPPM passes give an image of the same quality."""
+"""Equivalent passes: how many SPPM passes have the same PSNR as an image."""
 
 import math
 from collections.abc import Mapping
@@ -10,30 +10,38 @@ import numpy as np
 
 @dataclass(frozen=True)
 class EquivalentPasses:
-    """A number of passes, or a bound where the measured curve ends.
+    """A number of passes, or a bound if the PSNR lies outside the measured curve.
 
-    ``bound`` is ``""`` for a number inside the curve, ``"<"`` when the image is
-    worse than the curve's first point (worth fewer than ``passes``) and ``">"``
-    when it is better than its last (worth more than ``passes``).
+    Attributes
+    ----------
+    bound: ``""`` inside the curve; ``"<"`` for fewer than ``passes``, the curve's first point;
+        ``">"`` for more than ``passes``, its last point.
     """
 
     passes: float
     bound: Literal["", "<", ">"] = ""
 
     def __str__(self) -> str:
-        """For a table: ``<3``, ``4.5``, ``137``, ``>1000``."""
+        """``<3``, ``4.5``, ``137`` or ``>1000``."""
         digits = 0 if self.passes >= 10 else 1
         return f"{self.bound}{self.passes:.{digits}f}".removesuffix(".0")
 
 
 def equivalent_passes(psnr: float, curve: Mapping[int, float]) -> EquivalentPasses:
-    """Find the number of SPPM passes that reach ``psnr`` (dB), from measured ones.
+    """The number of SPPM passes that reach ``psnr`` (dB).
 
-    ``curve`` maps a number of passes to the PSNR measured there; at least one
-    point. Between two points log(passes) is linear in PSNR, because the error
-    falls as a power of the number of passes. A point no better than one with
-    fewer passes is noise and left out, which makes the curve strictly rising.
-    Outside the curve nothing is extrapolated: the end point comes back as a bound.
+    Between two measured points, log(passes) is linear in PSNR, because the error falls as a power
+    of the number of passes. A point that is not better than one with fewer passes is noise; it is
+    left out, so that the curve rises strictly. Outside the curve nothing is extrapolated: the
+    result is a bound.
+
+    Parameters
+    ----------
+    curve: number of passes -> measured PSNR in dB; at least one point.
+
+    Raises
+    ------
+    ValueError: the curve is empty, has a number of passes below 1, or a PSNR is not finite.
     """
     if not curve:
         raise ValueError("the SPPM curve has no point: measure at least one number of passes")
@@ -55,6 +63,6 @@ def equivalent_passes(psnr: float, curve: Mapping[int, float]) -> EquivalentPass
 
 
 def snapshot_passes(passes: int) -> list[int]:
-    """Numbers of passes at which a curve is measured: 1, 3, 10, ... below ``passes``, and it."""
+    """The points of a measured curve: 1, 3, 10, 30, ... below ``passes``, then ``passes``."""
     counts = [n * 10**e for e in range(7) for n in (1, 3)]
     return [*(n for n in counts if n < passes), passes]

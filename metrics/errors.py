@@ -1,10 +1,10 @@
-"""Why a metric has no number."""
+"""The error of a metric that has no number."""
 
 
 class MetricUnavailable(ValueError):
-    """One metric cannot be computed for these images on this machine.
+    """This metric cannot be computed for these images on this machine.
 
-    The words are made to be shown as they are: what is missing, and the command
-    or the change that mends it. The other metrics are not concerned, so
-    ``metrics.image.compare`` turns it into ``None`` and a reason.
+    The message is shown to people as it is: it says what is missing, and what to install or to
+    change. Other metrics still work, so :func:`metrics.image.compare` stores ``None`` and the
+    message as the reason.
     """

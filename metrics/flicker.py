@@ -1,23 +1,23 @@
-"""How much an animation flickers: what changes where only the camera has moved.
+"""Flicker of an animation in which only the camera moves.
 
-A diffuse point in still light looks the same from everywhere. So the pixel that sees a point in one
-frame and the one that saw it in the frame before should show the same; what they differ by is
-flicker. Pixels are matched by the points that they see, :func:`link_frames`: this follows the light
-through clear water as well as through air, and a point that the earlier frame does not see has no
-match. Images are compared as they are shown (:func:`metrics.image.expose`), in levels of 255.
+A diffuse point in constant light has the same radiance in all directions. So two pixels of
+successive frames that see the same point should have the same value; their difference is flicker.
+:func:`link_frames` matches pixels by the points that they see, also through clear water; a point
+that the earlier frame does not see has no match. Images are compared as displayed
+(:func:`metrics.image.expose`), in levels of 255.
 
-A match falls between pixels, and a bilinear mean of four has less noise than one pixel has. Its
-share of the difference is made up for, as if noise were independent from pixel to pixel: then noise
-of standard deviation s changes pixels by ``2 s / √π`` on average, wherever matches fall. Noise in
-blotches wider than a pixel, as denoisers leave it, comes out up to 1.4 times too high for the same
-reason. What is no noise stays in the number, too, and a perfect renderer has it as well: sharp
-edges that fall on pixels differently from frame to frame, and reflections on water over the points.
+A match lies between four pixels, and their bilinear mean has less noise than one pixel. Each
+difference is scaled up for this, as if the noise of all pixels were independent. Then noise with
+the standard deviation s gives a mean difference of ``2 s / √π`` wherever matches lie. For noise
+that is correlated between neighbours, as after a denoiser, this scaling makes the result up to 1.4
+times too high. Some differences are no noise, and a perfect renderer has them too: aliasing of
+sharp edges, and reflections on the water above a point.
 
-Noise counts whoever made it. A reference that is not converged flickers by its own noise
-(:func:`change_of_noise` tells by how much from its standard error); a method with less flicker than
-that is steadier than the reference, and no better number can be asked of it.
+A reference that has not converged flickers by its own noise; :func:`change_of_noise` computes this
+from its standard error. A method with less flicker than that is better than the reference can
+measure.
 
-Steady is not right: an image that lacks a caustic altogether has nothing there that could flicker.
+Low flicker does not mean a correct image: an image without caustics has no flickering caustics.
 """
 
 import math
@@ -34,23 +34,23 @@ from metrics.image import expose
 Array = NDArray[Any]
 
 BEND = 0.25
-"""Points of three pixels in a row that are so far from a line, in steps between them, are no
-surface that a match can be found on."""
+"""Limit for smooth surfaces: how far the middle one of three neighbouring points may lie from the
+mean of the other two, in units of the distance between neighbours."""
 
 REACH = 0.75
-"""A match is at most so many pixels from the pixel whose point is nearest."""
+"""Largest distance of a match from the pixel with the nearest point, pixels."""
 
 LEVELS = 255
 
 
 @dataclass(frozen=True)
 class FramePoints:
-    """What a frame's pixels see at their centres.
+    """The surface points that a frame sees at its pixel centres.
 
     Attributes
     ----------
     points: positions, world units, (H, W, 3).
-    usable: where a pixel sees a diffuse surface that may be matched, (H, W), bool.
+    usable: whether the point lies on a diffuse surface, (H, W), bool. Others are not matched.
     """
 
     points: Array
@@ -59,14 +59,14 @@ class FramePoints:
 
 @dataclass(frozen=True)
 class Link:
-    """Pixels of a frame and where the frame before saw the same points; images are flat, (H·W, 3).
+    """Matches between a frame and the frame before it; indices are of flat images, (H·W, 3).
 
     Attributes
     ----------
-    later: pixels, (M,).
-    earlier: the four pixels around each match, (M, 4).
-    weights: their shares in the bilinear mean, (M, 4).
-    pixels: how many pixels a frame has.
+    later: pixels of the later frame, (M,).
+    earlier: for each, the four pixels of the earlier frame around its match, (M, 4).
+    weights: their bilinear weights, (M, 4).
+    pixels: number of pixels of a frame.
     """
 
     later: Array
@@ -77,12 +77,12 @@ class Link:
 
 @dataclass(frozen=True)
 class Flicker:
-    """What changes from one frame to the next.
+    """Differences between successive frames.
 
     Attributes
     ----------
     change: mean absolute difference of matched pixels, levels of 255.
-    share: share of all pixels that have a match.
+    share: fraction of pixels that have a match.
     """
 
     change: float
@@ -90,15 +90,16 @@ class Flicker:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of independent Gaussian noise that changes as much, levels."""
+        """Standard deviation of independent Gaussian noise with the same ``change``, levels."""
         return self.change * math.sqrt(math.pi) / 2
 
 
 def link_frames(earlier: FramePoints, later: FramePoints) -> Link:
-    """Find where the earlier frame saw what the later one sees.
+    """Find the points of the later frame in the earlier frame.
 
-    The pixel with the nearest point is refined with the first differences of the points around it.
-    Pixels at edges, where neighbours see other surfaces or a surface bends, take no part.
+    The nearest point gives a pixel, and the differences of its neighbours' points give the offset
+    from its centre. Pixels at edges, where neighbours see another surface or the surface bends,
+    are left out.
     """
     height, width = earlier.usable.shape
     smooth = smooth_pixels(earlier)
@@ -124,16 +125,17 @@ def link_frames(earlier: FramePoints, later: FramePoints) -> Link:
     weights = np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t], axis=1)
     corner = first[:, 1] * width + first[:, 0]
     around = corner[:, None] + np.array([0, 1, width, width + 1])
-    # The cross around the nearest pixel says nothing of the one that lies diagonally from it.
+    # `smooth_pixels` has not tested the diagonal neighbour.
     sound = _on_surface(earlier, row[found], column[found], around) | (weights == 0)
     kept = sound.all(axis=1)
     return Link(wanted[found][kept], around[kept], weights[kept], height * width)
 
 
 def measure_flicker(images: Sequence[Array], links: Sequence[Link], exposure: float) -> Flicker:
-    """Flicker of linear images (H, W, 3); ``links[k]`` leads from image k + 1 back to image k.
+    """Flicker of linear images (H, W, 3); ``links[k]`` links image k + 1 to image k.
 
-    With as many links as images, the last one leads from the first image back to the last.
+    In a closed path there are as many links as images, and the last links the first image to the
+    last one.
 
     Raises
     ------
@@ -148,7 +150,8 @@ def measure_flicker(images: Sequence[Array], links: Sequence[Link], exposure: fl
         if len(before) != link.pixels or len(after) != link.pixels:
             raise ValueError(f"images have {len(after)} pixels, their links {link.pixels}")
         mean = np.einsum("mk,mkc->mc", link.weights, before[link.earlier])
-        # Of two pixels with noise of variance 1 the difference has 2; here it has less.
+        # For noise of variance 1, the difference of two pixels has variance 2; the difference from
+        # a bilinear mean has less.
         scale = np.sqrt(2 / (1 + (link.weights**2).sum(axis=1)))
         total += float((np.abs(after[link.later] - mean).mean(axis=1) * scale).sum())
         matched += len(link.later)
@@ -159,11 +162,12 @@ def measure_flicker(images: Sequence[Array], links: Sequence[Link], exposure: fl
 
 
 def change_of_noise(radiance: Array, standard_error: Array, exposure: float) -> float:
-    """The :attr:`Flicker.change` that the noise of an image alone would bring, levels of 255.
+    """The :attr:`Flicker.change` that noise alone would give, levels of 255.
 
     Parameters
     ----------
-    radiance, standard_error: of linear pixels, (..., 3); noise is small against the radiance.
+    radiance, standard_error: of linear pixels, (..., 3). The noise must be small compared with the
+        radiance.
     """
     radiance, standard_error = (np.reshape(x, (1, -1, 3)) for x in (radiance, standard_error))
     above = expose(radiance + standard_error, exposure)
@@ -172,9 +176,9 @@ def change_of_noise(radiance: Array, standard_error: Array, exposure: float) -> 
 
 
 def smooth_pixels(frame: FramePoints) -> Array:
-    """Pixels in the middle of a cross of pixels that see the same smooth surface, (H, W), bool.
+    """Pixels whose four neighbours see the same smooth surface, (H, W), bool.
 
-    Others are at edges, and never have a match.
+    The other pixels are at edges and are not matched.
     """
     p, usable = np.asarray(frame.points, dtype=np.float64), np.asarray(frame.usable, dtype=bool)
     kept = np.zeros_like(usable)
@@ -193,7 +197,7 @@ def smooth_pixels(frame: FramePoints) -> Array:
 
 
 def _on_surface(frame: FramePoints, row: Array, column: Array, around: Array) -> Array:
-    """Whether pixels (M, 4) are usable and continue the surface that crosses (M,) are on."""
+    """Whether the pixels ``around`` (M, 4) are usable and on the surface of the centres (M,)."""
     p = np.asarray(frame.points, dtype=np.float64)
     width = p.shape[1]
     across = (p[row, column + 1] - p[row, column - 1]) / 2
@@ -207,11 +211,11 @@ def _on_surface(frame: FramePoints, row: Array, column: Array, around: Array) ->
 
 
 def _solve(across: Array, down: Array, target: Array) -> tuple[Array, Array]:
-    """Offsets (M, 2) in pixels that lead to the target, and what is left of the way, (M,)."""
+    """Offsets (M, 2) in pixels to the target, by least squares, and their residuals (M,)."""
     a, b, c = (across**2).sum(1), (across * down).sum(1), (down**2).sum(1)
     u, v = (across * target).sum(1), (down * target).sum(1)
     determinant = a * c - b * b
-    # Where a surface is seen edge on, there is no telling.
+    # A surface seen edge-on gives no solution.
     sound = determinant > 1e-6 * a * c
     determinant = np.where(sound, determinant, 1)
     offset = np.stack([c * u - b * v, a * v - b * u], axis=1) / determinant[:, None]

@@ -1,8 +1,7 @@
-"""FLIP through NVIDIA's own evaluator, and the exposures that HDR-FLIP takes.
+"""FLIP by NVIDIA's evaluator, and the exposures for HDR-FLIP.
 
-This file is the adapter: it alone imports ``flip_evaluator``, and only when a
-number is asked for. The evaluator ends the whole process when the exposures are
-in the wrong order, so that is checked here before it is called.
+Only this file imports ``flip_evaluator``, when the first number is computed. The evaluator ends
+the whole process if the exposures are in the wrong order, so their order is checked here first.
 """
 
 from typing import Any
@@ -15,9 +14,9 @@ from metrics.errors import MetricUnavailable
 INSTALL = "pip install --no-deps flip-evaluator==1.7"
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # Rec. 709
-_ACES = (0.9036, 0.018, 0.0, 0.8748, 0.354, 0.14)  # numerator, then denominator, of the curve
-_SATURATED = 16.0  # any input from 12.1 up comes out of the curve as white
-_BRIGHT = 0.85  # the display value that the brightest and the median luminance are mapped to
+_ACES = (0.9036, 0.018, 0.0, 0.8748, 0.354, 0.14)  # the tone curve: numerator, denominator
+_SATURATED = 16.0  # above the input 12.1, from which on the tone curve gives white
+_BRIGHT = 0.85  # display value of the brightest and of the median luminance
 
 
 def evaluate_ldr(test: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
@@ -30,18 +29,23 @@ def evaluate_hdr(
 ) -> float:
     """Mean HDR-FLIP error of two linear images ``(H, W, 3)``; negative values count as 0.
 
-    The error of a pixel is its largest LDR-FLIP error over the exposures from
-    ``start_exposure`` to ``stop_exposure`` (stops), one per stop and at least
-    two, each after the ACES tone curve.
+    The error of a pixel is its largest LDR-FLIP error over the exposures from ``start_exposure``
+    to ``stop_exposure`` (in stops), after the ACES tone curve. There is one exposure per stop, and
+    at least two.
+
+    Raises
+    ------
+    ValueError: the exposures are not finite or in the wrong order.
+    MetricUnavailable: ``flip_evaluator`` is not installed.
     """
     if not (np.isfinite([start_exposure, stop_exposure]).all() and start_exposure <= stop_exposure):
         raise ValueError(
-            f"HDR-FLIP's exposures run from {start_exposure} to {stop_exposure}; two finite "
-            "numbers of stops are needed, the first not above the second"
+            f"HDR-FLIP's exposures run from {start_exposure} to {stop_exposure}; give two finite "
+            "numbers of stops, the first not above the second"
         )
     stops = {"startExposure": float(start_exposure), "stopExposure": float(stop_exposure)}
-    # What is white at the first exposure is white at all of them. Cutting there changes no
-    # error, and keeps the curve's squares from overflowing float32 at a single bright pixel.
+    # A pixel that is white at the first exposure is white at all exposures. So this clip changes
+    # no error, and the squares of the tone curve do not overflow float32 at a very bright pixel.
     white = _SATURATED * 2.0**-start_exposure
     return _evaluate(np.clip(test, 0, white), np.clip(reference, 0, white), "HDR", stops)
 
@@ -49,18 +53,24 @@ def evaluate_hdr(
 def choose_exposures(pixels: NDArray[Any]) -> tuple[float, float]:
     """First and last exposure in stops for linear reference pixels ``(N, 3)``.
 
-    The rule of the HDR-FLIP paper: with x the input that the ACES curve maps to
-    0.85, ``start = log2(x / max Y)`` and ``stop = log2(x / median Y)``, so that
-    first the brightest and last the median luminance Y is well exposed. Unlike
-    the evaluator, pixels of luminance 0 are left out of the median: one half of
-    an image being background would otherwise ask for an exposure of 24 stops.
-    Raises ``MetricUnavailable`` if no pixel is lit.
+    The rule of the HDR-FLIP paper, where Y is the luminance and x the input that the ACES curve
+    maps to 0.85::
+
+        start = log2(x / max Y)
+        stop = log2(x / median Y)
+
+    Here the median leaves out pixels with Y = 0; the evaluator's own rule does not. Otherwise an
+    image that is half black background would get an exposure of 24 stops.
+
+    Raises
+    ------
+    MetricUnavailable: all pixels are black.
     """
     luminance = np.sort(np.asarray(pixels, dtype=np.float64) @ _LUMINANCE)
     lit = luminance[luminance > 0]
     if lit.size == 0:
         raise MetricUnavailable(
-            "the reference is black, so HDR-FLIP has no exposure to start from: "
+            "the reference is black, so there are no exposures for HDR-FLIP: "
             "check the scene's lights and render the reference again"
         )
     a, b, c = (_ACES[i] - _BRIGHT * _ACES[i + 3] for i in range(3))

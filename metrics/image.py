@@ -1,13 +1,12 @@
-"""How far a rendered image is from its reference.
+"""Metrics of a rendered image against its reference.
 
-Images are arrays ``(H, W, 3)`` of linear radiance, float32 or float64. PSNR,
-SSIM, LPIPS and LDR-FLIP compare what a viewer would see: radiance times one
-fixed exposure per scene, clamped to [0, 1], sRGB encoded, never rounded to
-8 bits. relMSE and HDR-FLIP compare the radiance itself.
+Images are arrays ``(H, W, 3)`` of linear radiance, float32 or float64. PSNR, SSIM, LPIPS and
+LDR-FLIP compare displayed values (:func:`expose`): radiance times one fixed exposure per scene,
+clamped to [0, 1], sRGB encoded, not rounded to 8 bits. relMSE and HDR-FLIP compare the radiance.
 
-Every function raises ``ValueError`` for images that cannot be compared (another
-shape, an integer type, NaN or infinite radiance) and ``MetricUnavailable`` where
-a package or the network weights are missing.
+All functions raise ``ValueError`` for images that cannot be compared (different shapes, an integer
+type, NaN or infinite radiance), and ``MetricUnavailable`` if a package or the network weights are
+missing.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,25 +21,24 @@ from metrics.errors import MetricUnavailable
 Image = NDArray[np.floating[Any]]
 
 PSNR_CAP = 100.0
-"""The PSNR of equal images in dB, as JSON has no infinity. The RMS error there is
-1e-5, a 400th of an 8-bit step: better images need no telling apart."""
+"""Upper limit of PSNR in dB, also for equal images, because JSON has no infinity. It is an RMS
+error of 1e-5, 1/400 of an 8-bit step."""
 
 SSIM_RADIUS = 5
-"""Half of its window, in pixels."""
+"""Half of SSIM's window, in pixels."""
 
 SSIM_MINIMUM = SSIM_RADIUS + 1
-"""Smallest side in pixels of which so many can be reflected."""
+"""Smallest side in pixels; reflecting ``SSIM_RADIUS`` pixels needs one more."""
 
 LPIPS_MINIMUM = 16
-"""Smallest side in pixels that survives the four halvings of VGG-16."""
-
+"""Smallest side in pixels; VGG-16 halves the image four times."""
 
 NUMBERS = ("psnr", "ssim", "lpips", "flip", "flip_hdr", "relmse")
-"""What :func:`compare` finds out, by name."""
+"""Names of the metrics in :class:`Comparison`."""
 
 
 class Comparison(TypedDict):
-    """All metrics of one image; ``None`` where ``reasons`` says why there is no number."""
+    """All metrics of one image; for a metric that is ``None``, ``reasons`` says why."""
 
     psnr: float | None
     ssim: float | None
@@ -52,10 +50,9 @@ class Comparison(TypedDict):
 
 
 def expose(image: Image, exposure: float) -> NDArray[np.float64]:
-    """Encode linear radiance for display: ``sRGB(clamp(exposure * image, 0, 1))``.
+    """Displayed values ``sRGB(clamp(exposure * image, 0, 1))``, (H, W, 3), not rounded.
 
-    ``exposure`` is a plain factor, not a number of stops. The result has the
-    shape of ``image`` and is not quantised.
+    ``exposure`` is a factor, not a number of stops.
     """
     _check_image(image, "image")
     if not (np.isfinite(exposure) and exposure > 0):
@@ -65,32 +62,29 @@ def expose(image: Image, exposure: float) -> NDArray[np.float64]:
 
 
 def psnr(test: Image, reference: Image, exposure: float) -> float:
-    """Peak signal-to-noise ratio of the exposed images: ``-10 log10(MSE)`` dB.
-
-    At most ``PSNR_CAP`` (100 dB), which is also the answer for equal images.
-    """
+    """Peak signal-to-noise ratio of the exposed images, ``min(100, -10 log10(MSE))`` dB."""
     shown, wanted = _expose_pair(test, reference, exposure)
     mse = float(np.mean(np.square(shown - wanted)))
     return PSNR_CAP if mse == 0 else min(PSNR_CAP, float(-10 * np.log10(mse)))
 
 
 def ssim(test: Image, reference: Image, exposure: float) -> float:
-    """Structural similarity of the exposed images, 1 for equal ones.
+    """Structural similarity of the exposed images, 1 for equal images.
 
-    As torchmetrics has it by default (a Gaussian window of 11 pixels, sigma 1.5, k1 0.01,
-    k2 0.03, data range 1, images reflected at their edges, the mean over all pixels and
-    channels): other implementations differ in the second digit.
+    The settings are the defaults of torchmetrics: a Gaussian window of 11 pixels, sigma 1.5,
+    k1 0.01, k2 0.03, data range 1, images reflected at their edges, the mean over all pixels and
+    channels. Implementations with other settings differ in the second digit.
     """
     shown, wanted = _expose_pair(test, reference, exposure)
     _check_size(shown, SSIM_MINIMUM, "SSIM")
     try:
-        # Its window is separable: the same numbers in a thirtieth of torchmetrics' time.
+        # The same numbers as torchmetrics, 30 times faster, because its window is separable.
         from skimage.metrics import structural_similarity
     except ImportError as error:
         raise MetricUnavailable(
             f"scikit-image cannot be imported ({error}): pip install scikit-image"
         ) from error
-    # It leaves half a window out of the mean at each edge: here, what is reflected.
+    # scikit-image leaves half a window out of the mean at each edge: here, the reflected pixels.
     edges = ((SSIM_RADIUS, SSIM_RADIUS), (SSIM_RADIUS, SSIM_RADIUS), (0, 0))
     first, second = (np.pad(x, edges, mode="reflect") for x in (shown, wanted))
     value: Any = structural_similarity(
@@ -106,7 +100,7 @@ def ssim(test: Image, reference: Image, exposure: float) -> float:
 
 
 def lpips(test: Image, reference: Image, exposure: float) -> float:
-    """LPIPS (VGG-16, version 0.1) of the exposed images, 0 for equal ones."""
+    """LPIPS (VGG-16, version 0.1) of the exposed images, 0 for equal images."""
     shown, wanted = _expose_pair(test, reference, exposure)
     _check_size(shown, LPIPS_MINIMUM, "LPIPS")
     try:
@@ -129,9 +123,9 @@ def flip_hdr(
 ) -> float:
     """Mean HDR-FLIP error of the linear images; negative radiance counts as 0.
 
-    The exposures are in stops (powers of two). Give all images of a scene the
-    pair from ``flip_exposures``, or their numbers do not compare. With neither,
-    they come from this reference alone; only one of them is a ``ValueError``.
+    The exposures are in stops (powers of two). Use the pair from :func:`flip_exposures` for all
+    images of a scene; otherwise their numbers cannot be compared. If neither is given, they come
+    from this reference. Only one of the two is a ``ValueError``.
     """
     _check_pair(test, reference)
     if start_exposure is None and stop_exposure is None:
@@ -142,12 +136,12 @@ def flip_hdr(
 
 
 def flip_exposures(references: Sequence[Image]) -> tuple[float, float]:
-    """First and last HDR-FLIP exposure in stops for a scene, from its reference images.
+    """First and last HDR-FLIP exposure of a scene in stops, from the pixels of all references.
 
-    The views of a scene may differ in size: their pixels are pooled.
+    The references may have different sizes.
     """
     if not references:
-        raise ValueError("no reference image was given: HDR-FLIP's exposures come from them")
+        raise ValueError("no reference image was given; HDR-FLIP's exposures depend on them")
     for index, reference in enumerate(references):
         _check_image(reference, f"reference image {index}")
     return flip.choose_exposures(np.concatenate([r.reshape(-1, 3) for r in references]))
@@ -170,11 +164,13 @@ def compare(
     stop_exposure: float | None = None,
     epsilon: float = 0.01,
 ) -> Comparison:
-    """All metrics of ``test`` against ``reference``, ready for JSON.
+    """All metrics of ``test`` against ``reference``, as JSON values.
 
-    A metric that cannot be computed here is ``None``, and ``reasons`` holds the
-    words for it; ``reasons`` is empty when all numbers are there. Images that
-    cannot be compared at all raise ``ValueError``.
+    A metric that this machine cannot compute is ``None``, and ``reasons`` has its message.
+
+    Raises
+    ------
+    ValueError: the images cannot be compared at all.
     """
     _check_pair(test, reference)
     reasons: dict[str, str] = {}
@@ -200,10 +196,10 @@ def compare(
 
 
 def unavailable() -> dict[str, str]:
-    """Which metrics this machine cannot compute, each with its reason; empty if none.
+    """Metrics that this machine cannot compute -> reasons.
 
-    Found by computing them all on a ramp of 16x24 pixels, so that a package that
-    imports but does not work is seen too.
+    All metrics are computed for a ramp of 16x24 pixels. This also finds packages that can be
+    imported but do not work.
     """
     ramp = np.linspace(0.0, 1.0, 16 * 24 * 3).reshape(16, 24, 3)
     return compare(0.5 * ramp, ramp, 1.0)["reasons"]

@@ -1,12 +1,11 @@
 """LPIPS with the VGG-16 backbone (Zhang et al. 2018, version 0.1) in plain torch.
 
-Both images run through VGG-16. At five depths the features, scaled to unit
-length per pixel, are subtracted and squared; a learned non-negative weight per
-channel sums them, and the mean over pixels is added up over the depths::
+VGG-16 computes features f of both images at five depths l. Their distance, with learned weights
+w >= 0 for each channel c, is::
 
     d(x, y) = sum_l mean_hw sum_c w_lc (f_lc(x) / |f_l(x)| - f_lc(y) / |f_l(y)|)^2
 
-Left out on purpose: other backbones, gradients, dropout (a training matter).
+Not implemented: other backbones, gradients, dropout (only for training).
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,11 +23,11 @@ from torch.nn import functional
 from metrics.weights import find_vgg, read_vgg
 
 CONVOLUTIONS_PER_BLOCK = (2, 2, 3, 3, 3)
-"""VGG-16 up to its last ReLU: blocks are parted by a 2x2 max-pool and end in a depth."""
+"""VGG-16 up to its last ReLU: a 2x2 max-pool between blocks, features at the end of each block."""
 
 
 class LpipsVGG:
-    """The network, built from the nested arrays that ``metrics.weights`` describes."""
+    """The network, made from the arrays that ``metrics.weights`` describes."""
 
     def __init__(self, arrays: Mapping[str, Any]) -> None:
         vgg = arrays["VGG16_0"]
@@ -48,8 +47,8 @@ class LpipsVGG:
     def __call__(self, first: Tensor, second: Tensor) -> Tensor:
         """Distances ``(N,)`` of two batches ``(N, 3, H, W)`` in [-1, 1], sides >= 16.
 
-        The features of ``second`` are kept for the next call, which often has the same one: all
-        methods' images of a view are compared with one reference.
+        The features of ``second`` are kept for the next call, which often has the same reference:
+        the images of all methods in a view are compared with one reference.
         """
         with torch.inference_mode():
             if self._last is None or not torch.equal(self._last[0], second):
@@ -59,7 +58,7 @@ class LpipsVGG:
             return torch.stack(terms).sum(dim=0)
 
     def features(self, images: Tensor) -> Iterator[Tensor]:
-        """Features of unit length of a batch ``(N, 3, H, W)`` in [-1, 1], depth by depth."""
+        """Features of unit length of a batch ``(N, 3, H, W)`` in [-1, 1], one depth at a time."""
         features = (images - self.shift) / self.scale
         layers = iter(self.convolutions)
         for block, count in enumerate(CONVOLUTIONS_PER_BLOCK):
@@ -76,7 +75,9 @@ def distance(
 ) -> float:
     """LPIPS of two sRGB images ``(H, W, 3)`` in [0, 1], on ``threads`` CPU threads.
 
-    Raises ``MetricUnavailable`` if the weights are missing or not the known ones.
+    Raises
+    ------
+    MetricUnavailable: the weights are missing or not the expected ones.
     """
     network = load_vgg(find_vgg())
     first, second = (_tensor(2 * x - 1).permute(2, 0, 1)[None] for x in (test, reference))
@@ -86,7 +87,7 @@ def distance(
 
 @lru_cache(maxsize=1)
 def load_vgg(path: Path) -> LpipsVGG:
-    """Build the network with the weights in ``path``, read once per process."""
+    """The network with the weights in ``path``, read once per process."""
     return LpipsVGG(read_vgg(path))
 
 
@@ -101,5 +102,5 @@ def _torch_threads(count: int) -> Iterator[None]:
 
 
 def _tensor(array: NDArray[Any]) -> Tensor:
-    # A copy: the arrays of a pickle are read-only, and torch would warn about them.
+    # A copy, because torch warns about read-only arrays, and those of a pickle are read-only.
     return torch.from_numpy(np.array(array, dtype=np.float32, order="C"))

@@ -1,6 +1,6 @@
-"""What the cost files of stages say: ``parts``, their seconds, and ``facts``.
+"""Times from the cost files of stages, which have ``parts`` (seconds of each) and ``facts``.
 
-All seconds are wall seconds without compilation.
+All seconds are wall-clock time without the compilation of kernels.
 """
 
 from collections.abc import Mapping
@@ -10,33 +10,33 @@ Cost = Mapping[str, Any]
 
 
 def part_seconds(cost: Cost, *names: str) -> float:
-    """Seconds of some parts; those that were not run take none."""
+    """Total seconds of these parts; a part that was not run counts as 0."""
     return float(
         sum(cost["parts"][name]["wall_seconds"] for name in names if name in cost["parts"])
     )
 
 
 def seconds_per_view(render: Cost) -> float:
-    """What a view takes; ``render``: of the stage `render`, or of a baseline.
+    """Seconds per view, from the cost file of the stage `render` or of a baseline.
 
     Raises
     ------
-    KeyError: it was not timed; a view that takes no time would be a lie.
+    KeyError: rendering was not timed. (0 s would be wrong.)
     """
     return float(render["parts"]["render"]["wall_seconds"]) / int(render["facts"]["views"])
 
 
 def learning_seconds(train: Cost) -> float:
-    """What the field takes to learn, the search for its number of Gaussians not counted."""
+    """Training time of the field, without the search for the number of Gaussians."""
     return part_seconds(train, "stream", "training")
 
 
 def target_seconds(reference: Cost, passes: int) -> float:
-    """What the targets alone take: no images of views.
+    """Seconds to compute the training targets alone, without images of views.
 
     Raises
     ------
-    KeyError: they were not timed.
+    KeyError: the targets were not timed.
     """
     parts = reference["parts"]
     found = sum(parts[name]["wall_seconds"] for name in ("radius", "points"))
@@ -44,5 +44,5 @@ def target_seconds(reference: Cost, passes: int) -> float:
 
 
 def passes_done(reference: Cost, group: str, asked: int) -> int:
-    """How many passes a group has: fewer than asked for where its noise was low enough."""
+    """Passes that a group of images has; fewer than ``asked`` if its noise was low enough."""
     return int(reference.get("facts", {}).get("passes_done", {}).get(group, asked))

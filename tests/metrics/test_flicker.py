@@ -14,7 +14,7 @@ EXPOSURE = 1.0
 
 
 def see(x: float = 0.0, tilt: float = 0.0, size: tuple[int, int] = (64, 48)) -> FramePoints:
-    """The plane z = 0 from height 1, at x, with the axis turned by ``tilt`` from straight down."""
+    """The plane z = 0 seen from (x, 0, 1), with the camera tilted by ``tilt`` from vertical."""
     width, height = size
     u, v = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
     ray = np.stack([u / 100, v / 100, -np.ones_like(u)], axis=-1)
@@ -26,7 +26,7 @@ def see(x: float = 0.0, tilt: float = 0.0, size: tuple[int, int] = (64, 48)) -> 
 
 
 def paint(frame: FramePoints) -> np.ndarray:
-    """A soft texture that belongs to the points."""
+    """A smooth texture on the points."""
     x, y = frame.points[..., 0], frame.points[..., 1]
     wave = 0.5 + 0.2 * np.sin(18 * x + 1) * np.cos(15 * y)
     return np.stack([wave, 0.7 * wave, 0.3 + 0 * wave], axis=-1)
@@ -50,13 +50,13 @@ def test_a_still_texture_under_a_moving_camera_does_not_flicker():
     frames, links = walk()
     flicker = measure_flicker([paint(f) for f in frames], links, EXPOSURE)
     assert flicker.change < 0.25 and 0.85 < flicker.share < 1
-    # By the pixel, and not by the point, the same pictures change a lot.
+    # Compared pixel by pixel, the same images differ much.
     still = [link_frames(frames[0], frames[0])] * 3
     assert measure_flicker([paint(f) for f in frames], still, EXPOSURE).change > 5
 
 
 @pytest.mark.parametrize("deviation", [2.0, 6.0])
-def test_noise_comes_out_at_its_size(deviation):
+def test_noise_has_its_standard_deviation(deviation):
     frames, links = walk(6)
     rng = np.random.default_rng(3)
     images = []
@@ -68,16 +68,16 @@ def test_noise_comes_out_at_its_size(deviation):
     assert flicker.change == pytest.approx(2 * deviation / math.sqrt(math.pi), rel=0.03)
 
 
-def test_a_change_of_all_pixels_is_found_as_it_is():
-    """Matches that fall on pixels need nothing made up."""
+def test_a_change_of_all_pixels_is_exact():
+    """Matches at pixel centres are not scaled."""
     frame = see()
     links = [link_frames(frame, frame)]
     low, high = (np.full((48, 64, 3), ((n / 255 + 0.055) / 1.055) ** 2.4) for n in (100, 107))
     assert measure_flicker([low, high], links, EXPOSURE).change == pytest.approx(7)
 
 
-def test_what_takes_no_part_is_not_read_either():
-    """Around a pixel of another surface no match uses it, diagonally neither."""
+def test_pixels_of_other_surfaces_have_no_weight():
+    """No match uses such a pixel, not even as a diagonal neighbour."""
     earlier, later = see(), see(0.005, 0)  # half a pixel to the side
     other = (20, 30)
     hole = earlier.usable.copy()
@@ -91,7 +91,7 @@ def test_what_takes_no_part_is_not_read_either():
         assert not ((link.earlier == flat) & (link.weights > 0)).any()
 
 
-def test_a_closed_path_leads_back():
+def test_a_closed_path_has_one_more_link():
     frame = see()
     link = link_frames(frame, frame)
     low, high = np.full((48, 64, 3), 0.2), np.full((48, 64, 3), 0.3)
@@ -100,8 +100,8 @@ def test_a_closed_path_leads_back():
     assert closed == pytest.approx(open_path * 4 / 3)
 
 
-def test_what_was_hidden_has_no_match():
-    """A card over the left half of the earlier frame; what it hid may not count."""
+def test_hidden_points_have_no_match():
+    """A card hides the left half of the plane in the earlier frame."""
     plane = see()
     points = plane.points.copy()
     points[:, :32] = points[:, :32] * 0.5 + np.array([0, 0, 0.5])
@@ -110,7 +110,7 @@ def test_what_was_hidden_has_no_match():
     assert len(columns) > 1000 and columns.min() >= 32
 
 
-def test_a_point_that_lies_before_another_is_no_match():
+def test_a_point_in_front_of_another_is_no_match():
     """The earlier frame sees a sheet close above the plane, at the same x and y."""
     plane = see()
     sheet = plane.points + np.array([0, 0, 0.02])
@@ -120,7 +120,7 @@ def test_a_point_that_lies_before_another_is_no_match():
     assert len(link_frames(FramePoints(near, plane.usable), plane).later) > 2000
 
 
-def test_pixels_that_are_no_use_and_edges_take_no_part():
+def test_unusable_pixels_and_edges_are_left_out():
     plane = see()
     usable = plane.usable.copy()
     usable[20, 30] = False
@@ -134,7 +134,7 @@ def test_pixels_that_are_no_use_and_edges_take_no_part():
     assert not np.isin(link.later % 64, [40]).any() and np.isin(link.later % 64, [38, 42]).any()
 
 
-def test_nothing_in_common_is_an_error():
+def test_frames_without_matches_are_errors():
     links = [link_frames(see(0), see(50))]
     image = np.zeros((48, 64, 3))
     with pytest.raises(ValueError, match="no pixel of any frame has a match"):
@@ -145,8 +145,8 @@ def test_nothing_in_common_is_an_error():
         measure_flicker([np.zeros((2, 2, 3))] * 2, links, EXPOSURE)
 
 
-def test_the_noise_of_a_reference_is_foretold():
-    """From its standard error; as measured on frames with that noise."""
+def test_the_flicker_of_noise_follows_from_the_standard_error():
+    """It agrees with the flicker of frames with that noise."""
     frames, links = walk(6)
     rng = np.random.default_rng(5)
     radiance, error = np.full((48, 64, 3), 0.3), np.full((48, 64, 3), 0.01)

@@ -1,4 +1,4 @@
-"""Image metrics: values worked out by hand, second opinions, and the words of refusals."""
+"""Image metrics against values computed by hand and other implementations, and error messages."""
 
 import json
 import sys
@@ -12,7 +12,7 @@ from metrics.errors import MetricUnavailable
 
 @pytest.fixture
 def reference():
-    """A lit image of 8 rows and 6 columns, values from 0.05 to 4."""
+    """An image of 8 rows and 6 columns, values from 0.05 to 4."""
     return np.random.default_rng(5).uniform(0.05, 4.0, (8, 6, 3)).astype(np.float32)
 
 
@@ -20,11 +20,11 @@ def flat(value, shape=(8, 6, 3)):
     return np.full(shape, value, dtype=np.float32)
 
 
-def test_expose_is_a_factor_then_a_clamp_then_srgb():
+def test_expose_scales_clamps_and_encodes():
     linear = np.array([[[-1.0, 0.0, 0.001], [0.107, 0.25, 7.0]]])
     shown = image.expose(linear, 2.0)
     assert shown.shape == (1, 2, 3)
-    # 0.002 lies on the straight part: 12.92 * 0.002; the others on the power part.
+    # 0.002 lies on the linear part of the curve, 12.92 * 0.002; the others on the power part.
     expected = [[[0, 0, 0.02584], [1.055 * 0.214 ** (1 / 2.4) - 0.055, 0.735357, 1]]]
     np.testing.assert_allclose(shown, expected, atol=1e-6)
     assert image.expose(flat(0.2140411), 1.0)[7, 5, 2] == pytest.approx(0.5, abs=1e-6)
@@ -41,7 +41,7 @@ def test_psnr_by_hand():
     assert image.psnr(test, reference, 1.0) == pytest.approx(10 * np.log10(600), abs=1e-4)
 
 
-def test_psnr_ignores_what_the_clamp_hides():
+def test_psnr_ignores_differences_above_the_clamp():
     assert image.psnr(flat(3.0), flat(9.0), 1.0) == image.PSNR_CAP
     assert image.psnr(flat(3.0), flat(9.0), 0.1) < 10
 
@@ -52,13 +52,13 @@ def test_psnr_of_equal_and_nearly_equal_images_is_the_cap(reference):
 
 
 def test_ssim_of_flat_images_is_the_luminance_term():
-    # Without variance only (2ab + c1) / (a^2 + b^2 + c1) is left; sRGB a = 0.5, b = 0.4.
+    # Without variance only (2ab + c1) / (a^2 + b^2 + c1) remains; sRGB a = 0.5, b = 0.4.
     c1 = 0.01**2
     expected = (2 * 0.5 * 0.4 + c1) / (0.5**2 + 0.4**2 + c1)
     assert image.ssim(flat(0.2140411), flat(0.1328683), 1.0) == pytest.approx(expected, abs=1e-5)
 
 
-def test_ssim_is_torchmetrics_with_its_defaults():
+def test_ssim_agrees_with_the_defaults_of_torchmetrics():
     import torch
     from torchmetrics.functional.image import structural_similarity_index_measure
 
@@ -82,7 +82,7 @@ def test_relmse_by_hand():
 
 
 def test_flip_exposures_by_hand():
-    # The ACES curve reaches 0.85 at x = 2.11887; brightest 8, median 0.5, half the pixels black.
+    # The ACES curve is 0.85 at x = 2.11887; brightest 8, median 0.5, half the pixels black.
     x = 2.11887
     curve = (0.9036 * x * x + 0.018 * x) / (0.8748 * x * x + 0.354 * x + 0.14)
     assert curve == pytest.approx(0.85, abs=1e-6)
@@ -127,7 +127,7 @@ def test_flip_hdr_at_one_exposure_is_flip_ldr_of_the_tone_mapped_images(referenc
     assert image.flip_hdr(test, reference, -1.5, -1.5) == pytest.approx(expected, abs=1e-5)
 
 
-def test_flip_hdr_is_not_upset_by_one_enormous_pixel(reference):
+def test_flip_hdr_with_one_very_bright_pixel(reference):
     pytest.importorskip("flip_evaluator")
     white, enormous = reference.astype(np.float64), reference.astype(np.float64)
     white[2, 4], enormous[2, 4] = 1e3, 1e45  # both are white at every exposure used
@@ -138,14 +138,14 @@ def test_flip_hdr_is_not_upset_by_one_enormous_pixel(reference):
     assert image.flip_hdr(flat(5.0), flat(40.0), -3.0, 2.0) > 0.1
 
 
-def test_flip_hdr_refuses_exposures_that_would_end_the_process(reference):
+def test_flip_hdr_checks_the_exposures(reference):
     with pytest.raises(ValueError, match=r"run from 2\.0 to -1\.0.*first not above the second"):
         image.flip_hdr(reference, reference, 2.0, -1.0)
     with pytest.raises(ValueError, match="both start_exposure and stop_exposure"):
         image.flip_hdr(reference, reference, start_exposure=1.0)
 
 
-def test_a_black_reference_has_no_hdr_flip_and_says_so(reference):
+def test_a_black_reference_has_no_hdr_flip(reference):
     with pytest.raises(MetricUnavailable, match="reference is black"):
         image.flip_exposures([flat(0.0)])
     result = image.compare(reference, flat(0.0), 1.0)
@@ -193,7 +193,7 @@ def test_compare_without_packages_gives_null_and_the_command(monkeypatch):
     assert image.unavailable() == reasons
 
 
-def test_images_of_different_size_are_refused(reference):
+def test_images_of_different_size_are_errors(reference):
     words = r"test image is 8x6 pixels and the reference image is 6x8: render both"
     for metric in (image.relmse, image.flip_hdr):
         with pytest.raises(ValueError, match=words):
@@ -203,7 +203,7 @@ def test_images_of_different_size_are_refused(reference):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_nan_and_infinity_are_refused_with_their_place(reference, value):
+def test_nan_and_infinity_are_errors_with_their_place(reference, value):
     broken = reference.copy()
     broken[2, 5, 1] = broken[2, 5, 2] = broken[6, 0, 0] = value
     words = r"the test image has NaN or infinite radiance in 2 of 48 pixels.*row 2, column 5"
@@ -215,7 +215,7 @@ def test_nan_and_infinity_are_refused_with_their_place(reference, value):
         image.flip_exposures([reference, broken])
 
 
-def test_arrays_that_are_no_linear_images_are_refused(reference):
+def test_other_arrays_than_linear_images_are_errors(reference):
     with pytest.raises(
         ValueError, match=r"test image has the shape \(8, 6\); an array \(H, W, 3\)"
     ):

