@@ -1,4 +1,4 @@
-"""Stage `amortize`: what n views cost, with all preparation, and from which n the field pays."""
+"""Stage `amortize`: cost of n views with all preparation, and the break-even n of the field."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from stages.common.workspace import Workspace
 
 @dataclass(frozen=True)
 class Comparison:
-    """The field's cost line and those that it is compared with.
+    """The field's cost line and the lines of SPPM.
 
     Attributes
     ----------
-    passes: of SPPM, for an image like the reference.
-    equal_passes: of SPPM, for an image as good as the field's; in words.
+    passes: SPPM passes of the reference.
+    equal_passes: SPPM passes with the field's PSNR, as text; may be a bound (``>1000``).
     """
 
     field: CostLine
@@ -41,7 +41,12 @@ class Comparison:
 
 
 def cost_lines(work: Workspace) -> Comparison:
-    """Cost lines from what the stages measured (wall seconds without compilation)."""
+    """Cost lines from the stages' cost files (wall-clock seconds without compilation).
+
+    Raises
+    ------
+    UserError: the reference's cost file lacks a time.
+    """
     reference, photons, train, render = (
         read_json(work.cost(stage), stage) for stage in ("reference", "photons", "train", "render")
     )
@@ -52,8 +57,8 @@ def cost_lines(work: Workspace) -> Comparison:
     preparation = part_seconds(train, *train["parts"])
     try:
         if "stream" not in train["parts"]:
-            # The field needs the targets alone. The stage also makes images of the training views,
-            # for other methods and for people; they are not in this sum.
+            # The field needs only the targets. The stage also renders images of the training views
+            # for other methods; this sum leaves them out.
             done = passes_done(reference, "train", work.params.reference.passes)
             preparation += part_seconds(photons, *photons["parts"])
             preparation += target_seconds(reference, done)
@@ -72,7 +77,7 @@ def cost_lines(work: Workspace) -> Comparison:
         (
             CostLine(SPPM, 0.0, passes * alone),
             CostLine(SPPM_AT_EQUAL_QUALITY, 0.0, equal.passes * alone),
-            # Where all views are known in advance; the field's need not be.
+            # Only possible if all views are known in advance. The field does not need this.
             CostLine(SPPM_TOGETHER, 0.0, passes * together),
         ),
         passes,
@@ -81,13 +86,13 @@ def cost_lines(work: Workspace) -> Comparison:
 
 
 def mean_convergence(work: Workspace) -> dict[int, float]:
-    """PSNR of SPPM against the reference by number of passes, mean over novel views."""
+    """Number of SPPM passes -> PSNR against the reference in dB, mean over novel views."""
     rows = read_json(work.convergence, "metrics")
     return {int(row["passes"]): float(row["psnr"]) for row in rows}
 
 
 def seconds_of_all(work: Workspace) -> pd.DataFrame:
-    """A row for each part of each stage that has run for the scene: wall, CPU and compilation."""
+    """Wall-clock, CPU and compilation seconds; a row for each part of each stage that has run."""
     folder = work.cost("scene").parent
     rows = [
         {"stage": stage, "part": name, **part}
@@ -99,13 +104,13 @@ def seconds_of_all(work: Workspace) -> pd.DataFrame:
 
 
 def _maker(stage: str) -> str:
-    """The stage, with its option, that writes costs under this name."""
+    """The stage, with its option, that writes this cost file."""
     folder, _, method = stage.rpartition("/")
     return f"baseline --method {method}" if folder == "baselines" else stage
 
 
 def amortize(scene_name: str) -> None:
-    """Write the tables of costs, and print the break-even counts."""
+    """Write the cost tables and print from which number of views on the field is cheaper."""
     work = Workspace.open(scene_name)
     lines, seconds = cost_lines(work), seconds_of_all(work)
     write_text(work.all_costs, seconds.to_csv(index=False))

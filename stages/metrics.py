@@ -1,4 +1,4 @@
-"""Stage `metrics`: images -> numbers, by one protocol for every method."""
+"""Stage `metrics`: compare the images of all methods with the references, in the same way."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pandas as pd
 from gpf.core.errors import UserError
 from gpf.core.files import read_json, stage_command, write_json, write_text
 from gpf.core.images import check_finite, read_exr
-from gpf.core.progress import progress_bar
+from gpf.core.progress import progress_bar, say
 from metrics.equivalent_passes import equivalent_passes
 from metrics.image import NUMBERS, compare, flip_exposures, psnr
 from stages.common.costs import CostMeter
@@ -22,13 +22,16 @@ from stages.common.workspace import Workspace
 
 
 def compare_images(scene_name: str) -> None:
-    """Compare the field, SPPM at several pass counts, and all baselines with the references."""
+    """Compare the field, the rows of `methods` and the second reference with the references.
+
+    A row without images of the scene is left out, and a message names the command for them.
+    """
     work = Workspace.open(scene_name)
     judge = Judge.open(work)
     names, references = list(judge.references), judge.references
     passes = _snapshots_of_all(work, names)
     refused = {m: reason for m in work.params.methods.all if (reason := _refusal(work, m))}
-    methods = ["gpf", *(m for m in work.params.methods.all if m not in refused), "second_reference"]
+    methods = ["gpf", *_rendered(work, names, refused), "second_reference"]
     results: dict[str, dict[str, Any]] = {method: {} for method in methods}
     curves: dict[str, dict[int, float]] = {}
     costs = CostMeter()
@@ -62,7 +65,7 @@ def compare_images(scene_name: str) -> None:
     for method, reason in refused.items():
         write_json(work.metrics(method), {"cannot_serve": reason})
         rows.append({"scene": scene_name, "method": method, "reason": reason})
-    _forget_others(work, (*methods, *refused))
+    _remove_others(work, (*methods, *refused))
     write_json(work.summary, summaries)
     mean_curve = {n: float(np.mean([curves[name][n] for name in names])) for n in passes}
     write_json(
@@ -76,12 +79,12 @@ def compare_images(scene_name: str) -> None:
 
 @dataclass(frozen=True)
 class Judge:
-    """The references of a scene's novel views, and what every image is compared by.
+    """The references of a scene's novel views and the settings of the comparison.
 
     Attributes
     ----------
     references: view -> radiance, (H, W, 3).
-    exposures: the range of HDR-FLIP, in stops; None where all is black.
+    exposures: first and last exposure of HDR-FLIP in stops; None if all references are black.
     """
 
     work: Workspace
@@ -94,31 +97,31 @@ class Judge:
         names = [view.name for view in work.views.novel]
         references = {name: _read_reference(work, name) for name in names}
         exposures: tuple[float, float] | tuple[None, None] = (None, None)
-        # All black: HDR-FLIP of each image says why it is missing.
+        # If all are black, `compare` stores the reason in place of HDR-FLIP.
         with suppress(ValueError):
             exposures = flip_exposures(list(references.values()))
         return cls(work, references, exposures)
 
     def compare(self, view: str, image: np.ndarray) -> dict[str, Any]:
-        """The numbers of an image of a view, with the reasons of those that are missing."""
+        """All metrics of an image of a view, and why some are missing."""
         exposure, epsilon = self.work.views.exposure, self.work.params.metrics.relmse_epsilon
         first, last = self.exposures
         return {**compare(image, self.references[view], exposure, first, last, epsilon)}
 
     def compare_render(self, method: str, view: str) -> dict[str, Any]:
-        """The numbers of a method's image."""
+        """All metrics of a method's image of a view."""
         return self.compare(view, _read_render(self.work, method, view, self.references[view]))
 
 
 def summarize(views: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """The numbers of views, their means, and why some are missing."""
+    """The metrics of all views, their means, and why some are missing."""
     mean = {key: _mean([numbers[key] for numbers in views.values()]) for key in NUMBERS}
     reasons = {k: v for numbers in views.values() for k, v in numbers["reasons"].items()}
     return {"mean": mean, "views": views, "reasons": reasons}
 
 
 def _refusal(work: Workspace, method: str) -> str | None:
-    """Why a method has no images of the scene, if it has none."""
+    """Why a method cannot render the scene; None if it can, or was not run."""
     file = work.refusal(method)
     if not file.exists():
         return None
@@ -126,8 +129,21 @@ def _refusal(work: Workspace, method: str) -> str | None:
     return reason
 
 
-def _forget_others(work: Workspace, methods: Sequence[str]) -> None:
-    """Remove the numbers of methods that params.yaml no longer lists."""
+def _rendered(work: Workspace, views: Sequence[str], refused: Mapping[str, str]) -> list[str]:
+    """The rows of `methods` with images of the scene; a message for each row that was not run."""
+    found = []
+    for method in (m for m in work.params.methods.all if m not in refused):
+        paths = [work.render(method, view) for view in views]
+        if any(path.exists() for path in paths):
+            found.append(method)
+        else:
+            command = stage_command(f"baseline --method {method}", paths[0])
+            say(f"{work.scene}: {method} is left out, it has no images; `{command}` renders them")
+    return found
+
+
+def _remove_others(work: Workspace, methods: Sequence[str]) -> None:
+    """Remove the numbers of all other methods: no longer in params.yaml, or without images."""
     for path in work.metrics("gpf").parent.glob("*.json"):
         if path.stem not in methods:
             path.unlink()
@@ -142,9 +158,13 @@ def _read_reference(work: Workspace, name: str) -> np.ndarray:
 
 
 def _snapshots_of_all(work: Workspace, views: Sequence[str]) -> list[int]:
-    """Numbers of passes after which the independent SPPM's images of all views are known.
+    """Numbers of passes at which the second reference has images of all views.
 
-    Its last is what `reference.passes` asks for, or fewer if `reference.target_psnr` is reached.
+    The last is `reference.passes`, or fewer if `reference.target_psnr` was reached.
+
+    Raises
+    ------
+    UserError: the second reference was rendered with another `reference.passes`, or has no images.
     """
     files = {name: read_exr(work.second_reference(name), "reference") for name in views}
     wanted = work.params.reference.passes
@@ -152,7 +172,7 @@ def _snapshots_of_all(work: Workspace, views: Sequence[str]) -> list[int]:
         if record["passes"] != wanted:
             raise UserError(
                 str(work.second_reference(name)),
-                f"is of {record['passes']} passes, params.yaml asks for {wanted}",
+                f"has {record['passes']} passes, params.yaml asks for {wanted}",
                 f"Run `{stage_command('reference', work.second_reference(name))}` again, or set "
                 "reference.passes back.",
             )
@@ -161,7 +181,7 @@ def _snapshots_of_all(work: Workspace, views: Sequence[str]) -> list[int]:
     if not passes:
         raise UserError(
             str(work.second_reference(views[0]).parent),
-            "has no layer sppm_N that is in the files of all views",
+            "has no layer sppm_N that all views have",
             f"Run `{stage_command('reference', work.second_reference(views[0]))}` again.",
         )
     return passes
@@ -170,7 +190,7 @@ def _snapshots_of_all(work: Workspace, views: Sequence[str]) -> list[int]:
 def _read_snapshots(
     work: Workspace, name: str, reference: np.ndarray, passes: list[int]
 ) -> list[tuple[int, np.ndarray]]:
-    """The independent SPPM's image of a view after each number of passes."""
+    """The second reference's image of a view at each number of passes."""
     path = work.second_reference(name)
     layers, _ = read_exr(path, "reference")
     for n in passes:
@@ -191,7 +211,7 @@ def _read_render(work: Workspace, method: str, name: str, reference: np.ndarray)
 def _check_view(
     work: Workspace, path: Path, name: str, record: Mapping[str, Any], stage: str
 ) -> None:
-    """Refuse an image of another camera than views.yaml has."""
+    """Raise an error if the image was made with another camera than that of views.yaml."""
     if record["view"] != work.views.find(name).model_dump(mode="json"):
         raise UserError(
             str(path), "was made with another camera", f"Run `{stage_command(stage, path)}` again."
@@ -199,7 +219,7 @@ def _check_view(
 
 
 def _check_image(path: Path, image: np.ndarray, reference: np.ndarray, stage: str) -> None:
-    """Refuse an image of another size than its reference."""
+    """Raise an error if the image does not have the size of its reference, or is not finite."""
     if image.shape != reference.shape:
         raise UserError(
             str(path),

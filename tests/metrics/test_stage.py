@@ -1,0 +1,87 @@
+"""Stage `metrics`: methods that were not run, and references that are missing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gpf.config.params import Params
+from gpf.core.errors import UserError
+from gpf.core.files import read_json, write_json, write_text
+from gpf.core.images import write_exr
+from stages.common.workspace import Workspace
+from stages.metrics import compare_images
+
+SCENE, VIEWS = "cornell_box", ("above", "below")
+METHODS = {"path_10": {"system": "path_tracer", "spp": 10}, "em_gmm": {"system": "em_gmm"}}
+PARAMS = {
+    "scenes": [SCENE],
+    "reference": {"passes": 4},
+    "methods": {"classical": list(METHODS)},
+    "baselines": METHODS,
+}
+VIEWS_FILE = """\
+exposure: 1.0
+aspect: 1.5
+views:
+  train: [{name: front, origin: [0, 0, 4], target: [0, 0, 0], fov: 40}]
+  novel:
+    - {name: above, origin: [0, 2, 4], target: [0, 0, 0], fov: 40}
+    - {name: below, origin: [0, -2, 4], target: [0, 0, 0], fov: 40}
+"""
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch):
+    """A scene with references and with images of the field and of one row of `methods`."""
+    work = Workspace(Params.model_validate(PARAMS), SCENE, tmp_path / "results")
+    monkeypatch.setattr(Workspace, "open", classmethod(lambda cls, scene: work))
+    write_text(work.views_file, VIEWS_FILE)
+    image = np.random.default_rng(4).uniform(0.1, 0.9, (8, 12, 3)).astype(np.float32)
+    for view in VIEWS:
+        record = {"view": work.views.find(view).model_dump(mode="json"), "passes": 4}
+        layers = {"sppm_1": 0.5 * image, "sppm_4": 0.9 * image}
+        write_exr(work.reference(view), {"radiance": image}, record)
+        write_exr(work.second_reference(view), layers, record)
+        for method in ("gpf", "path_10"):
+            write_exr(work.render(method, view), {"radiance": 0.8 * image}, record)
+    return work
+
+
+def test_a_method_that_was_not_run_is_left_out(work, capsys):
+    write_json(work.metrics("em_gmm"), {"mean": {"psnr": 99.0}})  # of images that no longer exist
+    compare_images(SCENE)
+    assert set(read_json(work.summary, "metrics")) == {"gpf", "path_10", "second_reference"}
+    assert not work.metrics("em_gmm").exists()
+    said = " ".join(capsys.readouterr().err.split())
+    assert "em_gmm is left out" in said and "path_10 is left out" not in said
+    assert f"`gpf stage baseline --method em_gmm --scene {SCENE}`" in said
+
+
+def test_a_method_that_cannot_serve_the_scene_keeps_its_reason(work, capsys):
+    write_json(work.refusal("em_gmm"), {"reason": "no photons"})
+    compare_images(SCENE)
+    assert read_json(work.metrics("em_gmm"), "metrics") == {"cannot_serve": "no photons"}
+    assert "left out" not in capsys.readouterr().err
+
+
+def test_images_of_some_views_alone_are_an_error(work):
+    work.render("path_10", "below").unlink()
+    with pytest.raises(UserError, match=r"below\.exr: is missing.*baseline --method path_10"):
+        compare_images(SCENE)
+    assert not work.summary.exists()
+
+
+@pytest.mark.parametrize("kind", ["reference", "second_reference"])
+def test_a_missing_reference_is_an_error(work, kind):
+    getattr(work, kind)("below").unlink()
+    with pytest.raises(UserError, match=r"below\.exr: is missing.*`gpf stage reference --scene"):
+        compare_images(SCENE)
+    assert not work.summary.exists()
+
+
+def test_missing_images_of_the_field_are_an_error(work):
+    for view in VIEWS:
+        work.render("gpf", view).unlink()
+    with pytest.raises(UserError, match=r"above\.exr: is missing.*`gpf stage render --scene"):
+        compare_images(SCENE)
