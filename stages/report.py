@@ -1,4 +1,4 @@
-"""Stage `report`: what all stages of all scenes measured -> tables, figures and a page."""
+"""Stage `report`: tables, figures and a page of the results of all scenes."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from report.tables import write_tables
 
 
 def write_report() -> None:
-    """Write results/tables, results/figures and results/report.html, and print Table 1's PSNR."""
+    """Write results/tables, results/figures and results/report.html; print the PSNR of Table 1."""
     results = Results.open()
     if not results.scenes:
         raise UserError(
             str(results.root),
             f"has no numbers of any scene of params.yaml ({', '.join(results.params.scenes)}) "
             f"against {results.passes} passes of SPPM",
-            "Run `gpf repro`, or the stages of one scene up to `gpf stage metrics --scene "
+            "Run `dvc repro`, or the stages of one scene up to `gpf stage metrics --scene "
             f"{results.params.scenes[0]}`.",
         )
     root = results.root
@@ -43,7 +43,7 @@ def write_report() -> None:
 
 
 def show(table: Table) -> Grid:
-    """A table for a terminal, which is too narrow for the paper's numbers."""
+    """A table for the terminal, without the paper's numbers, because a terminal is narrow."""
     grid = Grid(title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     grid.add_column(table.label.capitalize(), no_wrap=True)
     for column in table.columns:

@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.structs import Photons, to_numpy
-from gpf.photons.tracing import record_photons
+from gpf.photons.tracing import PathSettings, record_photons
 from tests.furnace import Scene, diffuse, room
 
 L = np.array([1.0, 2.0, 3.0])
@@ -15,7 +15,9 @@ BLACK_ROOM = {"room": room(diffuse(0))}
 
 def record(scene: Scene, paths: int = 100_000, seed: int = 1, **options: object) -> Photons:
     loaded = mi.load_dict({"type": "scene"} | scene)
-    return record_photons(loaded, paths=paths, seed=seed, **options)  # type: ignore[arg-type]
+    capacity = options.pop("capacity", None)
+    settings = PathSettings(paths, **options)  # type: ignore[arg-type]
+    return record_photons(loaded, settings, seed, capacity)  # type: ignore[arg-type]
 
 
 def total(photons: Photons) -> np.ndarray:

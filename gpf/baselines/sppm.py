@@ -12,7 +12,7 @@ from gpf.baselines.options import SppmOptions
 from gpf.baselines.protocol import CannotServe, Task
 from gpf.baselines.sampling import own_camera
 from gpf.camera.film import sample_film
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import Photons, to_numpy
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import require_bounds
@@ -50,9 +50,9 @@ class Sppm:
                 f"scene {task.name}", f"no photon mapping: {error}", "Leave it out for this scene."
             ) from error
         camera = own_camera(task)
-        points = sample_film(scene, camera, pass_seed(task.seed, 0, stream=1)).points
+        points = sample_film(scene, camera, pass_seed(task.seed, 0, Stream.CAMERA)).points
         radius = propose_radius(scene, points, PathSettings(paths), seed=task.seed)
-        seed = pass_seed(task.seed, 1, stream=0)
+        seed = pass_seed(task.seed, 1, Stream.PHOTONS)
         photons = record_photons(scene, PathSettings(paths, rr_depth=task.rr_depth), seed=seed)
         integrator = mi.load_dict(
             {
@@ -97,7 +97,7 @@ class PreparedSppm:
             integrator=self.integrator,
             sensor=sensor,
             spp=self.passes,
-            seed=pass_seed(seed, 0, stream=0),
+            seed=pass_seed(seed, 0, Stream.PHOTONS),
         )
         return np.asarray(image.numpy(), dtype=np.float32)
 

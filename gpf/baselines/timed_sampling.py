@@ -11,7 +11,7 @@ import drjit as dr
 import numpy as np
 
 from gpf.baselines.protocol import CannotServe, Task
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 
 
 @dataclass
@@ -69,7 +69,7 @@ class Samples:
             return trace(self.number, seed)
         image, spp = sample_for(
             self.seconds - spent,
-            lambda spp, part: trace(spp, pass_seed(seed, part, stream=2)),
+            lambda spp, part: trace(spp, pass_seed(seed, part, Stream.TIMED_SAMPLES)),
             alike=self.alike,
         )
         self.taken.append(spp)

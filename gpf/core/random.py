@@ -2,14 +2,63 @@
 
 from __future__ import annotations
 
+import zlib
+from enum import IntEnum, unique
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 
-def pass_seed(seed: int, t: int, stream: int) -> int:
-    """A 32-bit seed for stream ``stream`` of pass ``t``: a function of its arguments alone."""
-    return int(np.random.SeedSequence([seed, t, stream]).generate_state(1)[0])
+@unique
+class Stream(IntEnum):
+    """Names of independent streams of random numbers that all follow from one seed."""
+
+    PHOTONS = 0
+    CAMERA = 1
+    RADIUS_PHOTONS = 2
+    RADIUS_POINTS = 3
+    SURFACE_POINTS = 5
+    VISIBLE_REGION = 6
+    PHOTON_MAP = 7
+    PILOT = 8
+    EDGES = 9
+    DENSITY_CONTROL = 10
+    EM_PHOTONS = 11
+    ADAPTIVE_SAMPLES = 12
+    ARRIVALS = 13
+    BATCHES = 14
+    DENOISING_GUIDES = 15
+    TIMED_SAMPLES = 16
+    EM_CAMERA = 17
+    SPLAT_VIEWS = 31
+    SPLAT_GROWTH = 32
+    SPLAT_SIGHT = 33
+    SPLAT_SEEDS = 34
+    NGP_CAMERA = 35
+    TRAIN_GROUP = 100
+    NOVEL_GROUP = 101
+    SECOND_REFERENCE_GROUP = 102
+    MORE_GROUP = 103
+    STREAM_EMITTERS = 1000
+    STREAM_JUDGES = 1001
+
+
+def pass_seed(seed: int, t: int, stream: int, *more: int) -> int:
+    """A 32-bit seed for pass ``t`` of a stream: a function of its arguments alone.
+
+    Parameters
+    ----------
+    stream: a :class:`Stream`, or :func:`stream_of`.
+    more: tell further streams of one name apart.
+    """
+    return int(np.random.SeedSequence([seed, t, stream, *more]).generate_state(1)[0])
+
+
+def stream_of(name: str) -> int:
+    """The stream of a view or a set of points: a number far above those of :class:`Stream`, unless
+    by a chance of one in a million."""
+    return zlib.crc32(name.encode())
 
 
 # 1 / g and 1 / g² for the real solution g of g³ = g + 1: a sequence of low discrepancy in the

@@ -36,6 +36,20 @@ class Photons:
 
 
 @dataclass
+class OrientedPoints:
+    """Points on surfaces.
+
+    Attributes
+    ----------
+    p: position, world units, (N, 3).
+    n: unit normal, (N, 3).
+    """
+
+    p: mi.Point3f
+    n: mi.Normal3f
+
+
+@dataclass
 class VisiblePoints:
     """First diffuse hits of camera rays, followed through glossy and specular bounces.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from gpf.core.settings import AutoCount, Length
 from gpf.core.spatial_hash import SpatialHash
-from gpf.core.structs import Photons, concatenate, take
+from gpf.core.structs import OrientedPoints, Photons, concatenate, take
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.gaussians import Gaussians
 from gpf.field.io import Precision
@@ -58,7 +58,7 @@ def initialize_gaussians(
     settings: InitialFieldSettings,
     bounds: tuple[Any, Any],
     seed: int,
-    gaps: Photons | None = None,
+    gaps: OrientedPoints | None = None,
 ) -> Gaussians:
     """One Gaussian for each of M photons: mean at the photon, random orientation, equal scales.
 
@@ -75,10 +75,11 @@ def initialize_gaussians(
     origins = take(
         photons, mi.UInt32(np.sort(rng.permutation(available)[:count]).astype(np.uint32))
     )
-    if gaps is not None and filling:
-        origins = concatenate([origins, gaps])
-        count += filling
     means, normals, irradiance = origins.p, origins.n, origins.power
+    if gaps is not None and filling:
+        means, normals = concatenate([means, gaps.p]), concatenate([normals, gaps.n])
+        irradiance = concatenate([irradiance, dr.zeros(mi.Color3f, filling)])
+        count += filling
     if settings.initialization == "random":
         lower, upper = (np.array([b[i] for i in range(3)]) for b in bounds)
         means = mi.Point3f(rng.uniform(lower, upper, (count, 3)).T.astype(np.float32))
@@ -132,8 +133,8 @@ MOST = 0.1
 
 def find_gaps(
     field: GaussianPhotonField, position: np.ndarray, normal: np.ndarray, seed: int
-) -> Photons:
-    """Photons of no power at points whose search radius holds fewer than k Gaussians.
+) -> OrientedPoints:
+    """Points whose search radius holds fewer than k Gaussians.
 
     One in each cell of a grid, and surfaces that face different ways have cells of their own.
 
@@ -152,9 +153,4 @@ def find_gaps(
     _, first = np.unique(cells, axis=0, return_index=True)
     most = int(MOST * dr.width(field.gaussians.means))
     chosen = np.sort(sparse[np.sort(first)[:most]])
-    return Photons(
-        p=mi.Point3f(p[:, chosen]),
-        n=mi.Normal3f(n[:, chosen]),
-        power=dr.zeros(mi.Color3f, len(chosen)),
-        depth=dr.zeros(mi.UInt32, len(chosen)),
-    )
+    return OrientedPoints(p=mi.Point3f(p[:, chosen]), n=mi.Normal3f(n[:, chosen]))

@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import Photons, VisiblePoints, take, to_numpy
 
 # A place keeps up to so many times the share of the photons that it has of the cameras' looks:
@@ -36,7 +36,7 @@ def control_density(
     # Where no look fell into the cell, half of one might have.
     least = 0.5 / len(seen) * len(p) / photon
     survival = np.minimum(1, MOST_PER_LOOK * np.maximum(ratio, least))
-    rng = np.random.default_rng(pass_seed(seed, 0, stream=10))
+    rng = np.random.default_rng(pass_seed(seed, 0, Stream.DENSITY_CONTROL))
     lives = np.flatnonzero(rng.random(len(p)) < survival)
     kept = take(photons, mi.UInt32(lives.astype(np.uint32)))
     kept.power /= mi.Float(survival[lives].astype(np.float32))

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import mitsuba as mi
 from pydantic import Field
 
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.core.settings import Seed, Settings
 from gpf.core.structs import Photons
 from gpf.guiding.guided_emission import EmissionGuide
@@ -80,13 +80,13 @@ class EmissionPlan:
         region = None
         if settings.use:
             region = VisibleRegion(scene, sensors, settings.seed, settings.rays)
-        seed = pass_seed(settings.seed, 0, stream=8)
+        seed = pass_seed(settings.seed, 0, Stream.PILOT)
         paths = PathSettings(settings.pilot_paths, rr_depth=rr_depth)
         pilot = trace_pilot(scene, region, paths, seed)
         if not settings.guide or pilot.efficiency >= GUIDED_BELOW:
             return cls(region, emit_light, pilot)
         guide = EmissionGuide.learn(scene, pilot)
-        seed = pass_seed(settings.seed, 1, stream=8)
+        seed = pass_seed(settings.seed, 1, Stream.PILOT)
         guided = trace_pilot(scene, region, replace(paths, source=guide.emit), seed)
         if guided.efficiency < LEAST_GAIN * pilot.efficiency:
             return cls(region, emit_light, pilot)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import drjit as dr
 import mitsuba as mi
 
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.core.settings import AutoCount, Count, Seed, Settings
 from gpf.core.structs import Photons, concatenate
 from gpf.guiding.density_control import control_density
@@ -40,7 +40,7 @@ def collect_photons(
     kept = []
     for number, first in enumerate(range(0, settings.paths, BATCH)):
         batch = replace(settings, paths=min(BATCH, settings.paths - first))
-        photons = record_photons(scene, batch, pass_seed(seed, number, stream=7))
+        photons = record_photons(scene, batch, pass_seed(seed, number, Stream.PHOTON_MAP))
         photons.power *= batch.paths / settings.paths
         kept.append(photons if region is None else region.select(photons))
     found = [photons for photons in kept if dr.width(photons.p) > 0] or kept[:1]

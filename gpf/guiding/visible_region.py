@@ -16,7 +16,7 @@ import numpy as np
 
 from gpf.camera.visible_points import find_visible_points
 from gpf.core.errors import UserError
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import Photons, VisiblePoints, concatenate, take
 from gpf.core.surface_tags import pack_tag, same_surface
@@ -53,7 +53,9 @@ class VisibleRegion:
     ) -> None:
         each = max(1, samples // len(sensors))
         seen = [
-            sample_visible_points(scene, sensor, each, pass_seed(seed, number, stream=6))
+            sample_visible_points(
+                scene, sensor, each, pass_seed(seed, number, Stream.VISIBLE_REGION)
+            )
             for number, sensor in enumerate(sensors)
         ]
         points = concatenate(seen)

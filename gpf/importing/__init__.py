@@ -1,6 +1,6 @@
-"""Somebody else's Mitsuba scene becomes a scene of the project: `gpf scene import`.
+"""Import of Mitsuba scenes from elsewhere: `gpf scene import`.
 
-``sources`` finds and unpacks it, ``checks`` reads the XML, ``sensors`` and ``placement`` make its
-views, ``report`` finds out what photon mapping makes of it, ``description`` says so, and
-``importer`` does all of that in order.
+``sources`` finds and unpacks the scene file, ``checks`` checks its XML, ``placement`` makes views,
+``view_checks`` finds their faults, ``report`` traces photons and collects facts, ``description``
+puts them into words, and ``importer`` calls all of these in order. ``preview`` draws the views.
 """

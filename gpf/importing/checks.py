@@ -1,6 +1,6 @@
-"""What has to be right in a scene file before it becomes a scene of the project.
+"""Checks of a scene file before it is imported.
 
-The checks need no Mitsuba, and name file and line.
+They do not need Mitsuba. Their messages name file and line.
 """
 
 from __future__ import annotations
@@ -13,26 +13,25 @@ from gpf.core.errors import UserError
 from gpf.scene.xml import Reference, SceneXml, Tag
 
 CAMERAS = ("perspective", "thinlens")
-"""Types of sensors that views can stand for."""
+"""Types of sensors that can become views."""
 
 RESERVED = ("build.py", "scene.xml", "views.yaml")
-"""Files of a scene that mean something to the project."""
+"""Files that have a meaning in the folder of a scene."""
 
 CONVERSION = (
     "Convert it to Mitsuba 3: write parameters in snake_case (to_world for toWorld, int_ior for "
     "intIOR), <lookat> for <lookAt>, <rgb> for <srgb>, use plugins that Mitsuba 3 has, and set "
-    'version="3.0.0". Mitsuba 3 by itself renames the parameters, but nothing else.'
+    'version="3.0.0". Mitsuba 3 itself renames the parameters only.'
 )
 
 
 def check_scene_xml(document: SceneXml, xml: Path) -> None:
-    """Check a scene file with all that it includes and refers to.
+    """Check a scene file with all files that it includes and refers to.
 
     Raises
     ------
-    UserError: it is no scene, or one of Mitsuba 0.6; there is no sensor, or none that views can
-        stand for; a file is missing, or is not below the folder of ``xml``; an emitter cannot emit
-        photons.
+    UserError: it is not a scene, or a scene of Mitsuba 0.6; no sensor can become a view; a file is
+        missing or is not below the folder of ``xml``; an emitter cannot emit photons.
     """
     for tag in document.tags:
         if tag.is_root:
@@ -55,7 +54,7 @@ def check_scene_xml(document: SceneXml, xml: Path) -> None:
 
 
 def describe_leftovers(document: SceneXml, xml: Path) -> list[str]:
-    """What of a scene's folder and sensors is not taken over, in words."""
+    """Files of the folder and sensors that are not imported, in words."""
     found = []
     used = {xml.resolve(), *(file.resolve() for file in document.files())}
     beside = sorted(xml.parent.glob("*.[xX][mM][lL]"))
@@ -66,13 +65,15 @@ def describe_leftovers(document: SceneXml, xml: Path) -> list[str]:
     others = [tag for tag in sensors if not _is_camera(tag)]
     for tag in others:
         kind = tag.attributes.get("type")
-        found.append(f"the {kind} sensor in line {tag.place.line} is no camera: left out")
+        found.append(f"the {kind} sensor in line {tag.place.line} is no camera: not imported")
     cameras = len(sensors) - len(others)
     if cameras > 1:
-        found.append(f"it has {cameras} cameras: the first sets the aspect, each may become a view")
+        found.append(
+            f"it has {cameras} cameras: the first sets the aspect ratio, each may become a view"
+        )
     for name in ("build.py", "views.yaml"):
         if (xml.parent / name).exists():
-            found.append(f"not imported: {name} (views are placed anew, and nothing is built)")
+            found.append(f"not imported: {name} (views are placed anew, nothing is built)")
     return found
 
 
@@ -86,7 +87,7 @@ def _check_version(root: Tag) -> None:
         )
     if not re.fullmatch(r"\d+\.\d+\.\d+", version):
         raise UserError(
-            str(root.place), f"has the version {version!r}", 'Mitsuba wants it as in "3.0.0".'
+            str(root.place), f"has the version {version!r}", 'Write three numbers, as in "3.0.0".'
         )
     if int(version.partition(".")[0]) < 2:
         raise UserError(
@@ -120,7 +121,7 @@ def _is_camera(tag: Tag) -> bool:
 
 
 def _check_reference(reference: Reference, home: Path) -> None:
-    """Check that a file is below the folder ``home``, and will be where it is copied."""
+    """Check that a file exists below the folder ``home``, and that its copy can have its name."""
     where, text, path = str(reference.place), reference.text, reference.path
     inward = "Copy it into the folder and refer to it by a relative path."
     if os.path.isabs(text) or PureWindowsPath(text).is_absolute():
@@ -140,17 +141,17 @@ def _check_reference(reference: Reference, home: Path) -> None:
             where,
             f"refers to {text}, a link to {path.resolve()}, which is outside of the scene's folder "
             f"{home}",
-            "Put the file itself in the place of the link.",
+            "Replace the link by the file itself.",
         )
     if not (path.is_dir() if reference.is_folder else path.is_file()):
         raise UserError(
             where,
-            f"refers to {path}, which is no {'folder' if reference.is_folder else 'file'}",
+            f"refers to {path}, which is not a {'folder' if reference.is_folder else 'file'}",
             "Correct the scene file.",
         )
     if relative in RESERVED:
         raise UserError(
             where,
-            f"refers to {text}, but in a scene of this project that name is taken",
+            f"refers to {text}, a name with a meaning of its own in the folder of a scene",
             "Give the file another name.",
         )

@@ -1,24 +1,20 @@
-"""An imported scene in words: for the terminal, and for the README.md of its folder."""
+"""An imported scene in words, for the terminal and for the README.md in its folder."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.text import Text
 
-from gpf.importing.report import SceneReport
-
-if TYPE_CHECKING:
-    from gpf.importing.importer import ImportReport
+from gpf.importing.report import ImportReport, SceneReport
 
 _LISTED = 8
 
 
 def print_report(report: ImportReport, console: Console | None = None) -> None:
-    """Print one line per fact, then what is left out or shown otherwise."""
+    """Print one line per fact, then one line per warning."""
     console = console or Console()
     folder = report.folder
     if folder.is_relative_to(Path.cwd()):
@@ -32,7 +28,7 @@ def print_report(report: ImportReport, console: Console | None = None) -> None:
 
 
 def describe_scene(report: ImportReport, folder: Path) -> str:
-    """A README.md in Markdown; ``folder`` has the copied files."""
+    """The text of a README.md; a licence file is looked for in ``folder``."""
     papers = [p.name for p in sorted(folder.iterdir()) if p.name.lower().startswith(("lic", "cop"))]
     licence = f"see {', '.join(f'`{name}`' for name in papers)}"
     lines = [
@@ -43,7 +39,7 @@ def describe_scene(report: ImportReport, folder: Path) -> str:
         f"- Licence: {licence if papers else 'unknown; to be filled in'}.",
         "- Author and origin: to be filled in.",
         "",
-        "Found when it was imported:",
+        "Found during the import:",
         "",
         *(f"- {name}: {detail}" for name, detail in describe_facts(report.scene)),
         *(f"- Note: {warning}." for warning in all_warnings(report)),
@@ -52,17 +48,17 @@ def describe_scene(report: ImportReport, folder: Path) -> str:
 
 
 def all_warnings(report: ImportReport) -> list[str]:
-    """What the files and what the scene itself give reason to say."""
+    """The warnings about the files, then those about the scene."""
     return [*report.warnings, *report.scene.warnings]
 
 
 def describe_files(report: ImportReport) -> str:
-    """How many were copied, and their size."""
+    """The number of copied files, and their size."""
     return f"{report.files} copied, {report.size / 1e6:.1f} MB"
 
 
 def describe_views(report: ImportReport) -> str:
-    """How many were placed."""
+    """The numbers of training views, novel views and frames."""
     train, novel = len(report.views.train), len(report.views.novel)
     frames = len(report.views.frames())
     path = f", a path of {frames} frames" if frames else ", no path"
@@ -70,7 +66,7 @@ def describe_views(report: ImportReport) -> str:
 
 
 def describe_facts(scene: SceneReport) -> list[tuple[str, str]]:
-    """What was found out about a scene, as pairs of a heading and a line."""
+    """What was found out about a scene: pairs of a heading and a line."""
     emitters = ", ".join(f"{number} {kind}" for kind, number in scene.emitters.items())
     facts = [("emitters", emitters)]
     for use in ("queried", "traced through", "both", "unsupported"):
@@ -85,7 +81,7 @@ def describe_facts(scene: SceneReport) -> list[tuple[str, str]]:
     return [
         *facts,
         ("size", f"{size} units, diagonal {scene.diagonal:.4g}"),
-        ("camera", f"sees things {scene.camera_distance:.4g} units away, in the median"),
+        ("camera", f"median distance to what it sees: {scene.camera_distance:.4g} units"),
         ("photons", f"{100 * scene.landing:.3g}% of their paths reach a diffuse surface"),
         (
             "radii",

@@ -1,8 +1,8 @@
-"""Somebody else's Mitsuba scene -> a scene of the project.
+"""Import of a Mitsuba scene from elsewhere.
 
-Everything is made in a temporary folder beside the scenes, which gets its name at the very end:
-whatever happens before, no half-made scene remains. A :class:`gpf.core.errors.UserError` names the
-user's own files, not the temporary ones.
+The new scene is made in a temporary folder beside the other scenes. The folder gets the scene's
+name in the last step, so an import that fails leaves nothing behind. Messages name the user's own
+files, not the temporary ones.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import mitsuba as mi
@@ -21,7 +20,7 @@ import mitsuba as mi
 from gpf.core.errors import UserError
 from gpf.importing.checks import check_scene_xml, describe_leftovers
 from gpf.importing.description import describe_scene
-from gpf.importing.report import SceneReport, examine_scene
+from gpf.importing.report import PHOTONS, ImportReport, examine_scene
 from gpf.importing.sources import Source, open_source
 from gpf.scene.folders import scenes_root
 from gpf.scene.load import load_scene_file
@@ -38,7 +37,7 @@ from gpf.scene.views_file import write_views
 from gpf.scene.xml import SceneXml, read_scene_xml
 
 PlaceViews = Callable[["mi.Scene", Sequence[View], float], SceneViews]
-"""From the scene, the views of its own sensors and the aspect of the first to all its views."""
+"""(scene, views of its own sensors, width / height of the first one's film) -> all views."""
 
 NAME = r"[a-z][a-z0-9_]*"
 RESERVED = (
@@ -48,33 +47,10 @@ RESERVED = (
     "tables",
     *["true", "false", "null", "yes", "no", "on", "off", "y", "n"],
 )
-"""Folders that the pipeline writes beside those of the scenes, and what YAML takes for no text."""
+"""Names that a scene cannot have: other folders of results, and words that YAML reads as values."""
 
 PAPERS = ("licence", "license", "copying", "readme")
-"""Files that say where a scene comes from begin with one of these."""
-
-
-@dataclass(frozen=True)
-class ImportReport:
-    """What was imported.
-
-    Attributes
-    ----------
-    name, folder: of the new scene. origin: name of the folder, file or archive it came from.
-    files, size: number of files that were copied, and their bytes.
-    scene: what was found out about it.
-    views: those that were placed.
-    warnings: what was left behind or is shown otherwise, in words.
-    """
-
-    name: str
-    folder: Path
-    origin: str
-    files: int
-    size: int
-    scene: SceneReport
-    views: SceneViews
-    warnings: tuple[str, ...]
+"""Names of files about a scene's origin begin with one of these words."""
 
 
 def import_scene(
@@ -82,30 +58,31 @@ def import_scene(
     name: str,
     place_views: PlaceViews,
     root: Path | None = None,
-    photons: int = 100_000,
+    photons: int = PHOTONS,
 ) -> ImportReport:
     """Make the scene ``name`` below ``root`` (default: :func:`gpf.scene.folders.scenes_root`).
 
-    Copied are the scene file, as ``scene.xml``, all that it refers to, at the same relative paths,
-    and files that tell of licence and origin. ``views.yaml`` gets what ``place_views`` answers.
+    The scene file is copied as ``scene.xml``. All files that it refers to are copied to the same
+    relative paths, and so are files about licence and origin. The result of ``place_views`` is
+    written to ``views.yaml``.
 
     Parameters
     ----------
-    path: a folder, an XML file, or a zip archive with one.
+    path: a folder, an XML file, or a zip archive that holds a scene.
     photons: number of photon paths and of Gaussians that radii are proposed for.
 
     Raises
     ------
-    UserError: the name is taken or no name, or what :mod:`gpf.importing.sources`,
+    UserError: the name is taken or not allowed, or one of :mod:`gpf.importing.sources`,
         :mod:`gpf.importing.checks`, :func:`gpf.scene.load.load_scene_file` and
-        :func:`gpf.importing.report.examine_scene` object to.
+        :func:`gpf.importing.report.examine_scene` refuses the scene.
     """
     root = root or scenes_root()
     check_name(name, root)
     try:
         work = Path(tempfile.mkdtemp(dir=root, prefix=".import-"))
         try:
-            with _users_words({work / "unpacked": path}):
+            with _users_paths({work / "unpacked": path}):
                 source = open_source(path, work / "unpacked")
                 report = _make(source, name, work / "scene", root, place_views, photons)
             (work / "scene").rename(root / name)
@@ -115,23 +92,23 @@ def import_scene(
         raise UserError(
             str(root / name),
             f"could not be made ({error})",
-            "Free some disk space, or check who may read and write there.",
+            "Free some disk space, or check the permissions of the files and folders.",
         ) from error
     return report
 
 
 def check_name(name: str, root: Path) -> None:
-    """Raise a :class:`UserError` unless a new scene can be called so."""
+    """Raise a :class:`UserError` unless a new scene can have this name."""
     if not re.fullmatch(NAME, name):
         better = re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
         better = better if better[:1].isalpha() else f"scene_{better or 'of_mine'}"
         raise UserError(
             f"name {name!r}",
             "is not a small letter followed by small letters, digits and underscores",
-            f"Take for instance {better}.",
+            f"Take for example {better}.",
         )
     if name in RESERVED:
-        raise UserError(f"name {name!r}", "means something else already", "Choose another name.")
+        raise UserError(f"name {name!r}", "has another meaning already", "Choose another name.")
     if os.path.lexists(root / name):
         raise UserError(
             f"name {name!r}",
@@ -143,20 +120,20 @@ def check_name(name: str, root: Path) -> None:
 def _make(
     source: Source, name: str, target: Path, root: Path, place_views: PlaceViews, photons: int
 ) -> ImportReport:
-    """Fill the folder ``target`` with the whole scene."""
+    """Write the whole scene into the folder ``target``."""
     document = read_scene_xml(source.xml)
     check_scene_xml(document, source.xml)
     copied = copy_files(source, document, target)
     size = sum(file.stat().st_size for file in copied)
-    with _users_words({target / "scene.xml": source.xml, target: source.xml.parent}):
+    with _users_paths({target / "scene.xml": source.xml, target: source.xml.parent}):
         scene = load_scene_file(target / "scene.xml", *_film_size(document))
         own = views_of_sensors(scene)
         cameras = scene_cameras(scene)
         if not own:
             raise UserError(
                 str(source.xml),
-                "has no perspective sensor of its own",
-                "Take the sensor out of what it is nested in.",
+                "has no perspective sensor at the top level of the scene",
+                "Take the sensor out of the element that it is nested in.",
             )
         aspect = film_aspect(cameras[0])
         found = examine_scene(scene, own[0], aspect, str(source.xml), photons)
@@ -168,7 +145,7 @@ def _make(
     write_views(
         target / "views.yaml",
         views,
-        f"Cameras of {name}, placed around the scene's own; gpf/scene/views.py describes the format.",
+        f"Cameras of {name}, placed around its own; gpf/scene/views.py describes the format.",
     )
     report = ImportReport(
         name, root / name, source.origin, len(copied), size, found, views, tuple(warnings)
@@ -180,12 +157,12 @@ def _make(
 
 
 def copy_files(source: Source, document: SceneXml, target: Path) -> list[Path]:
-    """Copy a scene that :mod:`gpf.importing.checks` has let pass; return the copies."""
+    """Copy a scene that :mod:`gpf.importing.checks` accepted; return the copies."""
     home = source.xml.parent
     copies = {target / "scene.xml": source.xml}
     for file in document.files():
         copies[target / file.relative_to(home)] = file
-    for folder in (home, *home.parents):  # the nearest licence is the one that counts
+    for folder in (home, *home.parents):  # of licences with one name, the nearest is copied
         if folder.is_relative_to(source.folder):
             for file in sorted(folder.iterdir()):
                 is_paper = file.is_file() and file.name.lower().startswith(PAPERS)
@@ -199,7 +176,7 @@ def copy_files(source: Source, document: SceneXml, target: Path) -> list[Path]:
 
 
 def _film_size(document: SceneXml) -> tuple[int, int]:
-    """The film size that the scene file itself has in mind, where it takes one as a parameter."""
+    """The film size that the scene file sets as a default of its parameters; else 256 × 256."""
     width, height = (document.defaults.get(key, "") for key in ("resx", "resy"))
     return (
         int(width) if width.isdecimal() else 256,
@@ -208,8 +185,8 @@ def _film_size(document: SceneXml) -> tuple[int, int]:
 
 
 @contextmanager
-def _users_words(names: dict[Path, Path]) -> Iterator[None]:
-    """Let errors name the user's own files: each key is replaced by its value, in this order."""
+def _users_paths(names: dict[Path, Path]) -> Iterator[None]:
+    """Replace each temporary path (key) in error messages by the user's own (value), in order."""
     try:
         yield
     except UserError as error:

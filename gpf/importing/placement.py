@@ -1,9 +1,9 @@
 """Training and novel views for a scene that has only its own camera.
 
-Candidates orbit around the middle of what the scene's own camera sees, in the free space that it
-stands in. Those without faults (:mod:`gpf.importing.view_checks`) are chosen from by what they cover:
-training views so that together they see as much as possible, novel views among those that see
-something that no training view does.
+Candidate cameras orbit around the middle of what the scene's own camera sees, in the free space
+around that camera. Views are chosen from the candidates without faults
+(:mod:`gpf.importing.view_checks`): the training views together see as much as possible, and each
+novel view sees something that no training view sees.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from gpf.core.errors import UserError
-from gpf.importing.preview import PHOTONS
+from gpf.importing.report import PHOTONS
 from gpf.importing.view_checks import COVERED_WITHIN, ViewReport, covered, report_views, spacing
 from gpf.photons.tracing import PathSettings
 from gpf.scene.sensors import make_sensor
@@ -30,21 +30,21 @@ from gpf.sppm.reference import ReferenceRenderer
 TRAINING, NOVEL, FRAMES = 3, 5, 24
 LEAST_NOVEL = 4
 
-# The candidates: degrees of the orbit, and distances in terms of the own camera's.
+# The candidates: angles on the orbit in degrees, and distances in units of the own camera's.
 _AZIMUTHS = (-36, -24, -12, 0, 12, 24, 36)
 _ELEVATIONS = (-12, 0, 12, 24)
 _DISTANCES = (0.55, 0.8, 1.05)
-# They look past the pivot by up to this part of the distance, each in another direction.
+# They look past the pivot by up to this share of the distance, each in another direction.
 _ASIDE = 0.15
 
-# A novel view is to have been seen by training views in between these shares.
+# The share of a novel view's points that training views see should be between these two.
 _COVERED = (0.6, 0.97)
 
 
 def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneViews:
-    """Views around a scene's own cameras, of which the first is the centre of everything.
+    """Training and novel views and a camera path, placed around the first of the ``own`` cameras.
 
-    Own views without faults are training views, before others.
+    Own views without faults are the first training views.
 
     Raises
     ------
@@ -64,9 +64,9 @@ def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneVie
         reasons = Counter(fault for report in reports for fault in report.faults(home))
         raise UserError(
             f"view {own[0].name!r}",
-            f"only {len(fit)} of {len(views)} cameras around the scene's own are of use. Of most "
-            f"others: {'; '.join(fault for fault, _ in reasons.most_common(2))}",
-            "Move the scene's sensor to where there is space around it, and where most of its "
+            f"only {len(fit)} of {len(views)} cameras around the scene's own are of use. The most "
+            f"common faults: {'; '.join(fault for fault, _ in reasons.most_common(2))}",
+            "Move the scene's sensor to a place with free space around it, from where most of its "
             "pixels show lit diffuse surfaces.",
         )
     clouds = [reports[k].seen() for k in fit]
@@ -98,10 +98,10 @@ def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneVie
 
 
 def _fit(reports: Sequence[ViewReport], own: int) -> list[int]:
-    """Own views without faults, and candidates that show as much of what is lit as those do.
+    """Numbers of the own views without faults, and of candidates that show as much lit surface.
 
-    Where these are few, candidates may show less: from outside of an open room, many see the dark
-    backs of its walls.
+    "As much" is at least 0.9 of what the best own view shows. If that gives few candidates, the
+    limit is lowered: around an open room, many cameras see the dark backs of its walls.
     """
     home = reports[0].inside
     useful = np.array([0 if r.faults(home) else r.diffuse_share * r.lit_share for r in reports])
@@ -119,9 +119,10 @@ class Orbit:
 
     Attributes
     ----------
-    start: the camera that has azimuth and elevation 0.
-    pivot: the middle of what it sees, (3,). distance: from the camera to there.
-    up: the axis of the scene that is nearest to the camera's own up, (3,).
+    start: the camera at azimuth and elevation 0.
+    pivot: the middle of what the start sees, (3,).
+    distance: from the start to the pivot, world units.
+    up: the axis of the scene that is nearest to the start's own up, (3,).
     """
 
     start: View
@@ -131,7 +132,12 @@ class Orbit:
 
     @classmethod
     def around(cls, scene: mi.Scene, view: View, aspect: float) -> Orbit:
-        """The orbit whose pivot lies on the view's axis, at the median depth of what it sees."""
+        """The orbit whose pivot is on the view's axis, at the median depth of its visible points.
+
+        Raises
+        ------
+        UserError: the view sees no diffuse surface.
+        """
         seen = report_views(scene, [view], aspect)[0].seen()
         origin = np.array(view.origin)
         forward = _unit(np.subtract(view.target, view.origin))
@@ -144,7 +150,7 @@ class Orbit:
         distance = float(np.median((seen - origin) @ forward))
         axis = int(np.argmax(np.abs(view.up)))
         up = np.eye(3)[axis] * np.sign(view.up[axis])
-        if np.linalg.norm(np.cross(up, forward)) < 0.2:  # it looks along that axis
+        if np.linalg.norm(np.cross(up, forward)) < 0.2:  # the camera looks along that axis
             up = np.array(view.up, dtype=float)
         return cls(view, origin + distance * forward, distance, up)
 
@@ -156,12 +162,16 @@ class Orbit:
         distance: float,
         aside: Sequence[float] | np.ndarray = (0.0, 0.0),
     ) -> View:
-        """The camera at these angles, degrees, and this multiple of the start's distance.
+        """A camera on the orbit that stays in the free space around the start.
 
-        It looks at the pivot, or past it by so many distances to the right and upwards.
+        If a surface lies between the start and the camera's place, the camera stands at four fifths
+        of the way to that surface.
 
-        It stays in the free space that the start sees: where a surface is in between, it stops at
-        four fifths of the way there.
+        Parameters
+        ----------
+        azimuth, elevation: degrees.
+        distance: from the pivot, in units of the start's distance.
+        aside: how far the camera looks past the pivot, to the right and upwards; same unit.
         """
         origin = np.array(self.start.origin)
         back = _unit(origin - self.pivot)
@@ -185,7 +195,7 @@ class Orbit:
 
 
 def propose_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8) -> float:
-    """An exposure that shows nine tenths of a view's pixels below 0.8 of the display's white."""
+    """The exposure at which nine tenths of a view's pixels are below 0.8 of display white."""
     height = 48
     sensor = make_sensor(view, max(1, round(height * aspect)), height)
     points = report_views(scene, [view], aspect)[0].points
@@ -201,7 +211,10 @@ def propose_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8
 def _cover(
     clouds: Sequence[np.ndarray], must: Sequence[int], wanted: int, within: float
 ) -> list[int]:
-    """``wanted`` clouds, ``must`` first, that cover the most of all points; greedy."""
+    """Numbers of ``wanted`` clouds that together cover the most points; ``must`` come first.
+
+    Greedy: each step takes the cloud that covers the most points that are not covered yet.
+    """
     pool = np.concatenate(clouds)
     pool = pool[:: max(1, len(pool) // 4000)]
     reach = np.array([covered(pool, cloud, within) for cloud in clouds])
@@ -221,7 +234,10 @@ def _choose_novel(
     unit: float,
     within: float,
 ) -> list[int]:
-    """Views far from each other and from training, partly covered by it; others to fill up."""
+    """Numbers of novel views, far from each other and from the training views.
+
+    Views that the training views cover in part (``_COVERED``) are taken first, others after them.
+    """
     seen = np.concatenate([clouds[k] for k in training])
     share = np.array([covered(cloud, seen, within).mean() for cloud in clouds])
     poses = np.array([_pose(view, unit) for view in views])
@@ -244,7 +260,7 @@ def _pose(view: View, unit: float) -> np.ndarray:
 def _place_path(
     scene: mi.Scene, orbit: Orbit, aspect: float, home_inside: bool
 ) -> CameraPath | None:
-    """A closed loop through the own camera, as wide as its frames are without faults."""
+    """The widest closed loop through the own camera whose frames have no faults; None if none."""
     for width in (20, 14, 10, 7, 5, 3):
         turns = np.radians([0, 60, 120, 180, 240, 300])
         keys = [

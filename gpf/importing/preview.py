@@ -13,12 +13,15 @@ from PIL import Image, ImageDraw, ImageFont
 
 from gpf.core.files import write_atomically
 from gpf.core.images import tone_map
+from gpf.importing.report import PHOTONS
 from gpf.importing.view_checks import ViewReport, report_views
 from gpf.photons.tracing import PathSettings
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import SceneViews, View
 from gpf.sppm.passes import PassSettings, propose_radius
 from gpf.sppm.reference import ReferenceRenderer
+
+Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 _DEPTH = 16
 
@@ -122,12 +125,12 @@ def draw_contact_sheet(
     write_atomically(path, lambda file: sheet.save(file, format="PNG"))
 
 
-def _wrap(texts: Sequence[str], font: ImageFont.FreeTypeFont, width: int) -> str:
+def _wrap(texts: Sequence[str], font: Font, width: int) -> str:
     """Texts one below the other, in lines of about ``width`` pixels at most."""
     letters = int(width / font.getlength("abcdefghij") * 10)
     return "\n".join(line for text in texts for line in textwrap.wrap(text, letters))
 
 
-def _text_height(text: str, font: ImageFont.FreeTypeFont) -> int:
+def _text_height(text: str, font: Font) -> int:
     draw = ImageDraw.Draw(Image.new("RGB", (1, 1)))
     return round(draw.multiline_textbbox((0, 0), text, font)[3])

@@ -1,10 +1,11 @@
-"""What photon mapping makes of a scene: emitters, materials, sizes, radii that suit it."""
+"""What is found out about an imported scene: emitters, materials, sizes and proposed radii."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import drjit as dr
@@ -20,8 +21,11 @@ from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.inventory import scene_info, scene_materials
 from gpf.scene.sensors import make_sensor
-from gpf.scene.views import View
+from gpf.scene.views import SceneViews, View
 from gpf.sppm.passes import propose_radius
+
+PHOTONS = 100_000
+"""Photon paths per pass, and Gaussians, for which radii are proposed."""
 
 Use = Literal["queried", "traced through", "both", "unsupported"]
 
@@ -57,7 +61,7 @@ PLUGINS = {
     "ThinDielectric": "thindielectric",
     "TwoSidedBRDF": "twosided",
 }
-"""Mitsuba's classes and what scene files call them."""
+"""Mitsuba's class names -> plugin names, as in scene files."""
 
 NOTES = {
     "circular": "in RGB a neutral filter: half of what it transmits passes",
@@ -68,7 +72,7 @@ NOTES = {
     "pplastic": "light is taken to be unpolarised",
     "retarder": "in RGB without effect: all light passes",
 }
-"""What differs from what one might expect, by plugin."""
+"""Plugin -> how photon mapping treats it, where that may be unexpected."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +81,10 @@ class Material:
 
     Attributes
     ----------
-    name: its id, or one from its shape. kind: its plugins, outermost first.
-    use: photons are stored and camera rays end there (queried), paths go on (traced through), or
-        one or the other, at random (both).
+    name: its id, or a name made from its shape's id.
+    kind: its plugins, outermost first.
+    use: ``queried``: photons are stored and camera rays end there; ``traced through``: paths go on;
+        ``both``: one of the two, at random; ``unsupported``: paths end, nothing is stored.
     """
 
     name: str
@@ -93,13 +98,15 @@ class SceneReport:
 
     Attributes
     ----------
-    emitters: plugin -> number.
+    emitters: plugin -> number of emitters.
+    materials: those in use.
     size, diagonal: of the bounding box, world units.
-    camera_distance: median distance from the first camera to what it sees, world units.
-    landing: share of the emitted photon paths that leave a photon.
-    initial_radius: of the kernel, for ``photons`` photon paths per pass.
-    search_radius: for ``photons`` Gaussians.
-    warnings: what is left out or looks wrong, in words.
+    camera_distance: median distance from the first camera to its visible points, world units.
+    landing: share of the emitted photon paths that store a photon.
+    photons: number of photon paths and of Gaussians that the radii are proposed for.
+    initial_radius: of the kernel, for ``photons`` photon paths per pass, world units.
+    search_radius: for ``photons`` Gaussians, world units.
+    warnings: what is ignored or looks wrong, in words.
     """
 
     emitters: dict[str, int]
@@ -114,17 +121,44 @@ class SceneReport:
     warnings: tuple[str, ...]
 
 
-def examine_scene(
-    scene: mi.Scene, view: View, aspect: float, where: str, photons: int = 100_000
-) -> SceneReport:
-    """Find out about a scene, with photons and with camera rays of one of its views.
+@dataclass(frozen=True)
+class ImportReport:
+    """What was imported.
 
-    ``photons`` is the number of photon paths and Gaussians that the radii are proposed for.
+    Attributes
+    ----------
+    name, folder: of the new scene.
+    origin: name of the folder, file or archive that the scene came from.
+    files, size: number of files that were copied, and their bytes.
+    scene: what was found out about the scene.
+    views: the views that were placed.
+    warnings: what was not imported or is shown in another way, in words.
+    """
+
+    name: str
+    folder: Path
+    origin: str
+    files: int
+    size: int
+    scene: SceneReport
+    views: SceneViews
+    warnings: tuple[str, ...]
+
+
+def examine_scene(
+    scene: mi.Scene, view: View, aspect: float, where: str, photons: int = PHOTONS
+) -> SceneReport:
+    """Trace photons and the camera rays of one view, and report what is found.
+
+    Parameters
+    ----------
+    where: the scene's name in messages.
+    photons: number of photon paths and of Gaussians that the radii are proposed for.
 
     Raises
     ------
     UserError: light or camera rays cannot be traced, no photon reaches a diffuse surface, or the
-        view sees none. ``where`` is what messages call the scene.
+        view sees no diffuse surface.
     """
     points, landing, stored = _trace(scene, view, aspect, where, photons)
     origin = np.array(view.origin)
@@ -137,7 +171,7 @@ def examine_scene(
         )
     if len(seen) == 0:
         raise UserError(
-            where, "its sensor sees no diffuse surface", "Point the sensor at one that is diffuse."
+            where, "its sensor sees no diffuse surface", "Point the sensor at a diffuse surface."
         )
     bounds = scene_bounds(scene)
     size = np.array([bounds[1][i] - bounds[0][i] for i in range(3)], dtype=float)
@@ -158,7 +192,7 @@ def examine_scene(
 
 
 def list_materials(scene: mi.Scene) -> tuple[Material, ...]:
-    """The materials in use, and what photon mapping does with each."""
+    """The materials in use, each with what photon mapping does at it."""
     uses: dict[tuple[bool, bool], Use] = {
         (True, False): "queried",
         (False, True): "traced through",
@@ -181,7 +215,7 @@ def kind_of(bsdf: mi.BSDF) -> str:
 def _trace(
     scene: mi.Scene, view: View, aspect: float, where: str, photons: int
 ) -> tuple[VisiblePoints, float, Photons]:
-    """Visible points of the view, share of photon paths that land, and photons."""
+    """Visible points of the view, share of photon paths that store a photon, and the photons."""
     height = 64
     width = max(1, round(height * aspect))
     try:
@@ -197,20 +231,20 @@ def _trace(
         what = str(_origin_of(error)).strip().splitlines()[0]
         todo = "Replace the material or emitter that Mitsuba names."
         if "eval_1_grad" in what:
-            todo = "A bumpmap needs a bitmap texture; this one's cannot tell its slope."
+            todo = "Give the bumpmap a bitmap texture: the slope of this one cannot be evaluated."
         raise UserError(where, f"light cannot be traced in it: {what}", todo) from error
     return points, landing, stored
 
 
 def _origin_of(error: BaseException) -> BaseException:
-    """What began it: Dr.Jit wraps errors that occur inside its loops."""
+    """The first error of a chain: Dr.Jit wraps errors that occur inside its loops."""
     while inner := error.__cause__ or error.__context__:
         error = inner
     return error
 
 
 def _notes(scene: mi.Scene, emitters: Counter[str], materials: Sequence[Material]) -> list[str]:
-    """Remarks on the plugins in use, each once."""
+    """Remarks on media, plugins and materials in use."""
     plugins = dict.fromkeys([*emitters, *(p for m in materials for p in m.kind.split())])
     notes = [f"{plugin}: {NOTES[plugin]}" for plugin in plugins if plugin in NOTES]
     media = [o for o in mi.traverse(scene).hierarchy if isinstance(o, mi.Medium)]
@@ -227,6 +261,6 @@ def _clipping(diagonal: float) -> list[str]:
     if 0.1 < diagonal < 1e4:
         return []
     return [
-        f"its diagonal is {diagonal:.3g} units, but views see from 0.001 to 100,000 units: "
-        "scale it so that lengths are of the order of 1"
+        f"its diagonal is {diagonal:.3g} units, but cameras see distances from 0.001 to 100,000 "
+        "units: scale the scene so that lengths are of the order of 1"
     ]

@@ -1,4 +1,4 @@
-"""Where a scene comes from: a folder, an XML file, or a zip archive with one."""
+"""Sources of a scene: a folder, an XML file, or a zip archive with an XML file."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from gpf.core.errors import UserError
 
 MOST_FILES = 10_000
 MOST_BYTES = 4 * 2**30
-"""What an archive may unpack to. Ten times the largest of the usual test scenes."""
+"""Limits of an unpacked archive: ten times the largest of the usual test scenes."""
 
 DEPTH = 3
-"""So many levels of folders are searched for a scene file."""
+"""Levels of folders that are searched for a scene file."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A scene file somewhere outside of the project.
+    """A scene file that is to be imported.
 
     Attributes
     ----------
-    origin: the name of the folder, file or archive that the user named.
-    xml: the scene file. folder: the folder that was named or unpacked, or the file's own.
-    archive: the archive that was unpacked into ``folder``, if one was.
+    origin: the name of the folder, file or archive that the user gave.
+    xml: the scene file.
+    folder: the folder that the user gave, the unpacked archive, or the folder of the XML file.
+    archive: the archive that was unpacked into ``folder``; None without one.
     """
 
     origin: str
@@ -38,12 +39,12 @@ class Source:
 
 
 def open_source(path: Path, unpacked: Path) -> Source:
-    """Find the scene file; an archive is unpacked into the new folder ``unpacked``.
+    """Find the scene file; unpack an archive into the new folder ``unpacked``.
 
     Raises
     ------
-    UserError: there is nothing at ``path``, it is of another kind, there is no scene file or more
-        than one, or :func:`unpack_archive` objects.
+    UserError: ``path`` does not exist or is of another kind, there is no scene file or more than
+        one, or :func:`unpack_archive` refuses the archive.
     """
     origin = path.resolve().name
     if path.is_dir():
@@ -58,15 +59,19 @@ def open_source(path: Path, unpacked: Path) -> Source:
     raise UserError(
         str(path),
         "is neither a folder, nor an XML file, nor a zip archive",
-        "Unpack other archives first; scenes in other formats have to be converted to Mitsuba's.",
+        "Unpack other archives first; convert scenes in other formats to Mitsuba's format.",
     )
 
 
 def find_scene_file(folder: Path, named: Path) -> Path:
-    """The scene file of a folder: ``scene.xml``, or the only XML file there is.
+    """The scene file of a folder: ``scene.xml``, or the only XML file on its level.
 
-    The folder itself is looked at first, then the folders in it, level by level. ``named`` is what
-    messages call the folder.
+    The folder itself is searched first, then the folders in it, level by level. ``named`` is the
+    path that the user gave, for messages.
+
+    Raises
+    ------
+    UserError: there is no XML file, or several, none of them ``scene.xml``.
     """
     for level in range(DEPTH):
         found = sorted(
@@ -79,14 +84,14 @@ def find_scene_file(folder: Path, named: Path) -> Path:
             return chosen[0]
         if chosen:
             names = ", ".join(file.relative_to(folder).as_posix() for file in chosen)
-            how = "Name one of them" if folder == named else "Unpack it and name one of them"
+            how = "Give" if folder == named else "Unpack it and give"
             raise UserError(
-                str(named), f"has several XML files ({names})", f"{how}: gpf scene import FILE."
+                str(named), f"has several XML files ({names})", f"{how} the path of one of them."
             )
     raise UserError(
         str(named),
         "has no XML file",
-        "Name a folder with a Mitsuba scene, its XML file, or a zip archive with one.",
+        "Give a folder with a Mitsuba scene, its XML file, or a zip archive with an XML file.",
     )
 
 
@@ -99,13 +104,13 @@ def unpack_archive(archive: Path, target: Path) -> None:
 
     Raises
     ------
-    UserError: a member has an absolute path or one with ``..``, is a link or another special
-        file; there are more than ``MOST_FILES`` members, or more than ``MOST_BYTES`` in them; the
-        archive is damaged or encrypted. Nothing has been unpacked then, or only in part.
+    UserError: a member has an absolute path or a path with ``..``, or is a link or another special
+        file; there are more than ``MOST_FILES`` members or ``MOST_BYTES`` bytes; the archive is
+        damaged or encrypted. ``target`` may have a part of the files then.
     """
     damages = (
         *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, RuntimeError),
-        # A file in the place of a folder, or the other way round.
+        # Two members need one name as a file and as a folder.
         *(FileExistsError, NotADirectoryError, IsADirectoryError),
     )
     try:
@@ -122,7 +127,7 @@ def unpack_archive(archive: Path, target: Path) -> None:
                 with opened.open(member) as source, place.open("wb") as copy:
                     shutil.copyfileobj(source, copy)
     except damages as error:
-        raise UserError(str(archive), f"does not unpack: {error}", "Pack it anew.") from error
+        raise UserError(str(archive), f"cannot be unpacked: {error}", "Pack it again.") from error
 
 
 def _check_members(archive: Path, members: list[zipfile.ZipInfo]) -> None:
@@ -147,11 +152,11 @@ def _check_members(archive: Path, members: list[zipfile.ZipInfo]) -> None:
             wrong = "is encrypted"
         if wrong:
             raise UserError(
-                str(archive), f"its member {name!r} {wrong}", "Pack it anew without that."
+                str(archive), f"its member {name!r} {wrong}", "Pack it again without that member."
             )
 
 
 def _parts(member: zipfile.ZipInfo, keep_root: bool = False) -> list[str]:
-    """Folders and name of a member; some programs for Windows write backslashes between them."""
+    """Folders and name of a member; some programs on Windows separate them by backslashes."""
     parts = member.filename.replace("\\", "/").split("/")
     return ["/"] * (keep_root and parts[0] == "") + [p for p in parts if p not in ("", ".")]

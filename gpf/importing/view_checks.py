@@ -1,4 +1,4 @@
-"""Whether a view is of use: where its camera stands, and what its pixels end on."""
+"""Checks of views: where the camera stands, and on what its pixels end."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from gpf.sppm.passes import PassSettings, PhotonPasses
 
-# A view has to end on diffuse surfaces with at least this share of its pixels.
+# Least share of the pixels that end on diffuse surfaces.
 LEAST_DIFFUSE = 0.5
-# Of the pixels that end on diffuse surfaces, so many have to receive some light.
+# Least share of those pixels that receive some light.
 LEAST_LIT = 0.1
-# The camera keeps this distance from all surfaces, in median distances of what the view sees.
+# Least distance of the camera from all surfaces, in units of the views' median distance.
 LEAST_CLEARANCE = 1e-3
 
-# Points of a view that another one sees have one of its points within so many spacings.
+# Another view sees a point if one of its own points is within this many spacings.
 COVERED_WITHIN = 2.5
 
 _ROWS = 48
@@ -37,12 +37,12 @@ class ViewReport:
     Attributes
     ----------
     name: of the view.
-    diffuse_share: part of the pixels whose path ends on a diffuse surface.
-    lit_share: part of those pixels that photons reach, or a path tracer finds light for.
-    clearance: distance from the camera to the nearest surface, over the median distance of what
-        the view sees.
-    inside: whether the camera is inside of a refracting object: most of the refracting surfaces
-        around it are met from within.
+    diffuse_share: share of the pixels whose path ends on a diffuse surface.
+    lit_share: share of those pixels where photons or a path tracer find light.
+    clearance: distance from the camera to the nearest surface, in units of the median distance
+        from the cameras to their visible points.
+    inside: whether the camera is inside a refracting object: most of the refracting surfaces
+        around it show it their inner side.
     points: the visible points, one per pixel.
     """
 
@@ -58,30 +58,30 @@ class ViewReport:
         return to_numpy(self.points.p)[np.asarray(self.points.valid.numpy())]
 
     def faults(self, home_inside: bool = False) -> list[str]:
-        """What speaks against the view, in words; nothing where it is fit for use.
+        """The view's faults in words; empty for a good view.
 
-        ``home_inside``: cameras of this scene are meant to be inside, under water for instance.
+        ``home_inside``: the scene's cameras may be inside a refracting object, as under water.
         """
         found = []
         if self.diffuse_share < LEAST_DIFFUSE:
             share = f"{100 * self.diffuse_share:.0f}%"
             found.append(f"only {share} of its pixels end on a diffuse surface")
         elif self.lit_share < LEAST_LIT:
-            found.append("no light reaches what it sees: it may be inside of an object")
+            found.append("no light reaches what it sees: it may be inside an object")
         if self.clearance < LEAST_CLEARANCE:
             found.append("its camera touches a surface")
         if self.inside and not home_inside:
-            found.append("its camera is inside of a refracting object")
+            found.append("its camera is inside a refracting object")
         return found
 
 
 def report_views(
     scene: mi.Scene, views: Sequence[View], aspect: float = 1.0, seed: int = 0
 ) -> list[ViewReport]:
-    """Look into a scene through each view, at 48 rows of pixels, and around each camera.
+    """Examine views by images of 48 rows of pixels, and by rays in all directions of the camera.
 
-    One pass of photons with a wide kernel tells what is lit; where it finds little, a few samples
-    of a path tracer are asked too.
+    One photon pass with a wide kernel tells which points are lit. If it lights fewer than
+    ``LEAST_LIT`` of a view's points, a path tracer with 16 samples per pixel is tried too.
     """
     width = max(1, round(_ROWS * aspect))
     points = []
@@ -121,7 +121,7 @@ def report_views(
 
 
 def _share_found_by_paths(scene: mi.Scene, view: View, width: int, valid: np.ndarray) -> float:
-    """The share of the valid pixels for which a path tracer finds light."""
+    """The share of the valid pixels where a path tracer finds light."""
     tracer = mi.load_dict({"type": "path", "max_depth": 12})
     image = mi.render(scene, sensor=make_sensor(view, width, _ROWS), integrator=tracer, spp=16)
     found = np.array(image).reshape(-1, 3).max(axis=1) > 0
@@ -135,16 +135,16 @@ def spacing(points: np.ndarray) -> float:
 
 
 def covered(points: np.ndarray, by: np.ndarray, within: float) -> np.ndarray:
-    """Which of ``points`` (N, 3) have one of ``by`` (M, 3) that near, (N,)."""
+    """Which of ``points`` (N, 3) have one of ``by`` (M, 3) within this distance, (N,) bool."""
     distance, _ = cKDTree(by).query(points, distance_upper_bound=within)
     return np.asarray(np.isfinite(distance))
 
 
 def look_around(scene: mi.Scene, origin: Sequence[float]) -> tuple[float, bool]:
-    """Distance to the nearest surface, world units, and whether a position is inside.
+    """Distance from a position to the nearest surface, world units, and whether it is inside.
 
-    Of some thousand directions, evenly spread, those count in which the first surface refracts: it
-    is met from within by most of them.
+    1024 rays are sent in evenly spread directions. The position is inside if more than half of the
+    rays that meet a refracting surface first meet it from its inner side.
     """
     index = np.arange(_DIRECTIONS) + 0.5
     height, angle = 1 - 2 * index / _DIRECTIONS, np.pi * (1 + 5**0.5) * index
@@ -161,10 +161,10 @@ def look_around(scene: mi.Scene, origin: Sequence[float]) -> tuple[float, bool]:
 
 
 def _refracts(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
-    """Whether light changes its medium at a surface: it lets light in, and is no thin sheet."""
+    """Whether light changes its medium at a surface; thin sheets and opaque surfaces do not."""
     upright = mi.SurfaceInteraction3f(si)
     upright.wi = mi.Vector3f(0, 0, dr.mulsign(mi.Float(1), si.wi.z))
-    # At normal incidence, the last of the sampled outcomes is the transmission.
+    # With a random number near 1, the outcome sampled at normal incidence is the transmission.
     almost_one = 1 - dr.epsilon(mi.Float)
     sample, _ = si.bsdf().sample(mi.BSDFContext(), upright, almost_one, mi.Point2f(0.5), active)
     return mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Transmission) & (sample.eta != 1)

@@ -28,7 +28,7 @@ import numpy as np
 from scipy.ndimage import convolve
 
 from gpf.camera.rays import TILE
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.rendering.fireflies import BrightestBlocks, choose_block
 
 LEAST_SPP = 16
@@ -42,9 +42,6 @@ MOST = 16
 
 # Pixels around one whose samples tell of its noise: a square of so many, without its centre.
 AROUND = 5
-
-# Of the random numbers of pixels.
-STREAM = 12
 
 Samples = Callable[["mi.Sampler", "mi.Vector2u"], "list[mi.Float]"]
 """From a seeded sampler and the pixel of each lane to the channels of each lane's sample, of which
@@ -75,12 +72,12 @@ def sample_adaptively(
     in_set = _choose_set(sampler, spp)
     brightest = BrightestBlocks(size) if suppress_fireflies else None
     taker = _SetTaker(sample, sampler, size, in_set, brightest)
-    sums, squares = taker.take(order, pass_seed(seed, 0, STREAM))
+    sums, squares = taker.take(order, pass_seed(seed, 0, Stream.ADAPTIVE_SAMPLES))
     noise = pixel_noise(sums[:, :3] / in_set, squares / in_set, (height, width))
     sets = allocate(noise, max(spp // in_set - 1, 0))
     again = np.repeat(order, sets[order])
     if len(again):
-        sums += taker.take(again, pass_seed(seed, 1, STREAM))[0]
+        sums += taker.take(again, pass_seed(seed, 1, Stream.ADAPTIVE_SAMPLES))[0]
     if brightest is not None:
         sums[:, :3] -= brightest.excess()
     means = sums / (in_set * (1 + sets))[:, None]
@@ -138,7 +135,7 @@ class _SetTaker:
         step = max(LARGEST_LAUNCH // self.in_set, 1)
         for number, start in enumerate(range(0, len(pixels), step)):
             part = pixels[start : start + step]
-            total = total + self._launch(part, pass_seed(seed, number, STREAM))
+            total = total + self._launch(part, pass_seed(seed, number, Stream.ADAPTIVE_SAMPLES))
         return total[:, :-1], total[:, -1]
 
     def _launch(self, pixels: np.ndarray, seed: int) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.rendering.adaptive import LEAST_SPP
 
 LARGEST_WAVEFRONT = 1 << 26
@@ -38,7 +38,7 @@ def render_in_batches(
             integrator=integrator,
             sensor=sensor,
             spp=share,
-            seed=pass_seed(seed, part, stream=0),
+            seed=pass_seed(seed, part, Stream.BATCHES),
         )
         total = total + np.asarray(image.numpy(), dtype=np.float64) * (share / spp)
     return np.asarray(total, dtype=np.float32)

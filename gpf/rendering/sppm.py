@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.film import FilmSamples, reconstruct, sample_film, sample_grid
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import concatenate
 from gpf.photons.tracing import PathSettings
 from gpf.rendering.properties import is_number, read_depths, whole_number
@@ -145,7 +145,7 @@ def define() -> type:
             radius = self.initial_radius
             if radius == 0:
                 rows = next(split_rows(sensor.film()))
-                points = self._sample(scene, sensor, pass_seed(seed, 0, stream=1), rows).points
+                points = self._sample(scene, sensor, pass_seed(seed, 0, Stream.CAMERA), rows).points
                 radius = propose_radius(
                     scene, points, PathSettings(self.photons_per_pass), seed=seed
                 )
@@ -164,9 +164,9 @@ def define() -> type:
             """What pass ``t`` adds to the film's pixels, (H, W, C)."""
             parts, photons = [], passes.trace(t)
             for number, rows in enumerate(split_rows(sensor.film())):
-                stream = pass_seed(passes.seed, t, stream=1 if number == 0 else 1000 + number)
+                seed = pass_seed(passes.seed, t, Stream.CAMERA, number)
                 walks, direct = passes.settings.glossy_walks, passes.settings.direct == "emitters"
-                samples = self._sample(passes.scene, sensor, stream, rows, walks, direct)
+                samples = self._sample(passes.scene, sensor, seed, rows, walks, direct)
                 irradiance = photons.irradiance(samples.points)
                 radiance = samples.merge(samples.points.radiance(irradiance)) * samples.weight
                 found = dr.select(samples.points.valid, mi.Color3f(1), 0)

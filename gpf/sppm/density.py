@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.spatial_hash import SpatialHash
-from gpf.core.structs import Photons
+from gpf.core.structs import OrientedPoints, Photons
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface, unpack_depth
 
 
@@ -61,6 +61,14 @@ class PhotonDensity:
         dr.eval(self._power)
         self._radius = dr.opaque(mi.Float, radius)
         self._scale = dr.opaque(mi.Float, 1 / (math.pi * radius**2))
+
+    @classmethod
+    def of_points(cls, points: OrientedPoints, radius: float, bounds: Any) -> PhotonDensity:
+        """The density of points on surfaces, 1/m²: as of photons of one watt each."""
+        count = dr.width(points.p)
+        power = mi.Color3f(dr.full(mi.Float, 1, count))
+        depth = dr.zeros(mi.UInt32, count)
+        return cls(Photons(p=points.p, n=points.n, power=power, depth=depth), radius, bounds)
 
     def irradiance(
         self,

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from gpf.camera.next_event import samples_every_emitter
-from gpf.core.random import pass_seed, spread_sample
+from gpf.core.random import Stream, pass_seed, spread_sample
 from gpf.core.settings import Count, Positive, Settings
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import VisiblePoints
@@ -104,7 +104,7 @@ class PhotonPasses:
         """Trace the photons of pass ``t`` (from 1)."""
         settings = self.settings
         photons = record_photons(
-            self.scene, self.paths, pass_seed(self.seed, t, stream=0), self._room
+            self.scene, self.paths, pass_seed(self.seed, t, Stream.PHOTONS), self._room
         )
         found = dr.width(photons.p)
         if self._room is None or found > self._room:
@@ -135,7 +135,7 @@ class PhotonPass:
         p, n, valid = points.p, points.n, points.valid
         irradiance = self.density.irradiance(p, n, valid, budget)
         if self.settings.edge_correction:
-            edge_seed = pass_seed(self.seed, self.t, stream=9)
+            edge_seed = pass_seed(self.seed, self.t, Stream.EDGES)
             irradiance *= area_correction(self.scene, p, n, valid, self.radius, edge_seed)
         return irradiance
 
@@ -175,11 +175,11 @@ def propose_radius(
     diagonal = float(dr.norm(bounds[1] - bounds[0]))
     paths = min(settings.paths, 200_000)
     pilot = replace(settings, paths=paths, indirect=False)
-    photons = record_photons(scene, pilot, pass_seed(seed, 0, stream=2))
+    photons = record_photons(scene, pilot, pass_seed(seed, 0, Stream.RADIUS_PHOTONS))
     lanes = dr.compress(points.valid)
     if dr.width(lanes) == 0 or dr.width(photons.p) < k:
         return 1e-2 * diagonal
-    rng = np.random.default_rng(pass_seed(seed, 0, stream=3))
+    rng = np.random.default_rng(pass_seed(seed, 0, Stream.RADIUS_POINTS))
     chosen = mi.UInt32(rng.integers(0, dr.width(lanes), 4096).astype(np.uint32))
     lanes = dr.gather(mi.UInt32, lanes, chosen)
     x, n = dr.gather(mi.Point3f, points.p, lanes), dr.gather(mi.Normal3f, points.n, lanes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -13,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from gpf.camera.film import FilmSamples, sample_film
-from gpf.core.random import pass_seed, random_start
+from gpf.core.random import Stream, pass_seed, random_start, stream_of
 from gpf.core.settings import AutoCount, Count, Length, NotNegative, Positive, Seed
 from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
 from gpf.guiding.emission_plan import EmissionPlan
@@ -63,7 +62,7 @@ class ReferenceSettings(PassSettings):
         if paths == "auto":
             paths = plan.paths_for_passes(EQUAL_PATHS)
         if radius == "auto":
-            film = sample_film(scene, sensor, pass_seed(self.seed, 0, stream=1))
+            film = sample_film(scene, sensor, pass_seed(self.seed, 0, Stream.CAMERA))
             pilot = PathSettings(paths, rr_depth=self.rr_depth, source=plan.source)
             measured = propose_radius(scene, film.points, pilot, self.seed)
             # In steps of a fifth: another training view is no reason to render novel views again.
@@ -141,7 +140,7 @@ class ReferenceRenderer:
         for name, valid in self._valid.items():
             count = dr.width(valid)
             if count > 0:
-                stream = zlib.crc32(f"points {name}".encode())
+                stream = stream_of(f"points {name}")
                 starts.append(random_start(pass_seed(self.seed, 0, stream), count))
                 parts.append(take(self.points[name], valid))
                 self._lanes[name] = dr.arange(mi.UInt32, first, first + count)
@@ -253,7 +252,7 @@ def sample_view(
     return sample_film(
         scene,
         sensor,
-        pass_seed(seed, t, zlib.crc32(name.encode())),
+        pass_seed(seed, t, stream_of(name)),
         settings.max_depth,
         settings.rr_depth,
         direct=settings.direct == "emitters",
@@ -277,7 +276,7 @@ def fixed_points(
     whole = settings.model_copy(update={"direct": "photons", "glossy_walks": 1})
     points = sample_view(scene, sensor, name, whole, seed, t=0).points
     if share < 1:
-        rng = np.random.default_rng(pass_seed(seed, 1, zlib.crc32(name.encode())))
+        rng = np.random.default_rng(pass_seed(seed, 1, stream_of(name)))
         points.valid &= mi.Bool(rng.random(dr.width(points.p)) < share)
     return points
 

@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 from pydantic import Field
 
-from gpf.core.random import pass_seed, random_start, spread_sample
+from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.settings import Count, Positive, Seed, Settings
 from gpf.core.structs import SurfacePoints, VisiblePoints, concatenate, take, to_numpy
 from gpf.photons.emission import Source, emit_light
@@ -34,12 +34,8 @@ from gpf.training.trainer import Progress, Trainer
 # passes.
 CELL, TYPICAL_PASSES = 0.25, 100
 
-# Of the emitters, for each point whenever targets are asked for; and of their random numbers.
+# Samples of the emitters that each point gets whenever targets are asked for.
 DIRECT_SAMPLES = 8
-DIRECT_STREAM = 1000
-
-# Of the seed of passes that are to be independent.
-INDEPENDENT_STREAM = 1001
 
 
 class StreamSettings(Settings):
@@ -119,7 +115,7 @@ class PhotonStream:
         other._source = self._source[::every]
         lanes = every * dr.arange(mi.UInt32, len(other._source))
         other._points = FixedPoints(self.scene, take(self._points.points, lanes))
-        other.seed, other.count = pass_seed(self.seed, 0, INDEPENDENT_STREAM), 0
+        other.seed, other.count = pass_seed(self.seed, 0, Stream.STREAM_JUDGES), 0
         other.sums = PhotonSums(self._cell, self._bounds, self._paths)
         other._direct, other._samples = dr.zeros(mi.Color3f, len(other._source)), 0
         other.advance(self.count)
@@ -129,7 +125,7 @@ class PhotonStream:
         """Add passes until there are ``count``."""
         while self.count < count:
             self.count += 1
-            self.sums.trace(self.scene, pass_seed(self.seed, self.count, stream=0))
+            self.sums.trace(self.scene, pass_seed(self.seed, self.count, Stream.PHOTONS))
             dr.sync_thread()
             tick(self.count)
 
@@ -154,7 +150,7 @@ class PhotonStream:
         density = PhotonDensity(self.sums.photons(), radius, self._bounds, smooth=True)
         irradiance = density.irradiance(points.p, n)
         if self.settings.edge_correction:
-            seed = pass_seed(self.seed, self.count, stream=9)
+            seed = pass_seed(self.seed, self.count, Stream.EDGES)
             irradiance *= area_correction(
                 self.scene, points.p, n, points.valid, radius, seed, smooth=True
             )
@@ -162,7 +158,7 @@ class PhotonStream:
 
     def _sample_emitters(self) -> None:
         """Add to the direct light at the points; what a few samples miss, later rounds make up."""
-        start = random_start(pass_seed(self.seed, 0, DIRECT_STREAM), len(self._source))
+        start = random_start(pass_seed(self.seed, 0, Stream.STREAM_EMITTERS), len(self._source))
         for _ in range(DIRECT_SAMPLES):
             self._samples += 1
             sample = spread_sample(start, self._samples)

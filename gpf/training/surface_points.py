@@ -12,8 +12,8 @@ import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.morton import order_in_space
-from gpf.core.random import pass_seed
-from gpf.core.structs import Photons, VisiblePoints, concatenate, to_numpy
+from gpf.core.random import Stream, pass_seed
+from gpf.core.structs import OrientedPoints, Photons, VisiblePoints, concatenate, to_numpy
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
@@ -90,7 +90,7 @@ def target_points(
                     rr_depth=settings.rr_depth,
                     source=plan.source,
                 ),
-                seed=pass_seed(seed, 0, stream=13),
+                seed=pass_seed(seed, 0, Stream.ARRIVALS),
             )
             beyond = plan.region.reject(arrivals)
             places = Places(photons, plan.region.points, arrivals, beyond)
@@ -123,8 +123,10 @@ def sample_surface_points(
     n = concatenate([s.n for s in sets if s is not None])
     every = dr.width(p)
     known = every - beyond
-    sparse = 1 / _at(_alike(p, n, radius, bounds), p, n, np.arange(every))
-    rng = np.random.default_rng(pass_seed(seed, 0, stream=5))
+    sparse = 1 / _at(
+        PhotonDensity.of_points(OrientedPoints(p, n), radius, bounds), p, n, np.arange(every)
+    )
+    rng = np.random.default_rng(pass_seed(seed, 0, Stream.SURFACE_POINTS))
 
     def spread(start: int, stop: int, number: int) -> np.ndarray:
         if number == 0:
@@ -141,7 +143,8 @@ def sample_surface_points(
     second = spread(0, known, near - len(first))
     here = np.concatenate([first, second])
     if len(third) and places.arrivals is not None:
-        arrivals = _alike(places.arrivals.p, places.arrivals.n, radius, bounds)
+        landed = OrientedPoints(places.arrivals.p, places.arrivals.n)
+        arrivals = PhotonDensity.of_points(landed, radius, bounds)
         work = [_at(arrivals, p, n, points).mean() for points in (here, third)]
         third = rng.permutation(third)[: round(min(1, work[0] / work[1]) * len(third))]
     points = np.sort(np.concatenate([here, third]))
@@ -156,14 +159,6 @@ def sample_surface_points(
         depth=mi.UInt32(0),
         valid=dr.full(mi.Bool, True, dr.width(chosen)),
     )
-
-
-def _alike(p: mi.Point3f, n: mi.Normal3f, radius: float, bounds: tuple[Any, Any]) -> PhotonDensity:
-    """The density of points (N, 3), as of photons of equal power."""
-    count = dr.width(p)
-    power = mi.Color3f(dr.full(mi.Float, 1, count))
-    alike = Photons(p=p, n=n, power=power, depth=dr.zeros(mi.UInt32, count))
-    return PhotonDensity(alike, radius, bounds)
 
 
 def _at(density: PhotonDensity, p: mi.Point3f, n: mi.Normal3f, chosen: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from typing import Any
 import drjit as dr
 import numpy as np
 
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import VisiblePoints
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.scene.views import View
@@ -29,7 +29,13 @@ from stages.references.long_sums import LongSum
 from stages.references.records import group_record
 from stages.references.views_with_images import images_of
 
-GROUPS = ("train", "novel", "second_reference", "more")
+GROUPS = {
+    "train": Stream.TRAIN_GROUP,
+    "novel": Stream.NOVEL_GROUP,
+    "second_reference": Stream.SECOND_REFERENCE_GROUP,
+    "more": Stream.MORE_GROUP,
+}
+"""Groups, and the random numbers of each."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +120,7 @@ def record_of(job: Job, group: str) -> dict[str, Any]:
 
 
 def _group_seed(job: Job, group: str) -> int:
-    return pass_seed(job.work.params.reference.seed, 0, stream=100 + GROUPS.index(group))
+    return pass_seed(job.work.params.reference.seed, 0, GROUPS[group])
 
 
 def share_of_view_points(work: Workspace) -> float:

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.rendering.batches import split_samples
 
 # Rays of a guide that are in flight at once.
@@ -32,7 +32,7 @@ def render_guides(
     width, height = (int(n) for n in sensor.film().crop_size())
     albedo, normal = np.zeros((2, height * width, 3))
     for part, share in enumerate(split_samples(spp, width * height, _LARGEST_WAVEFRONT)):
-        found = _sample_guides(scene, sensor, (width, height), share, pass_seed(seed, part, 1))
+        found = _sample_guides(scene, sensor, (width, height), share, pass_seed(seed, part, Stream.DENOISING_GUIDES))
         for total, value in zip((albedo, normal), found, strict=True):
             total += _pixel_means(value, share) * (share / spp)
     images = [np.clip(albedo, 0, 1), normal]

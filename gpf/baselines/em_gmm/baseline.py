@@ -50,7 +50,7 @@ from gpf.baselines.em_gmm.progressive_em import ProgressiveMixture
 from gpf.baselines.options import EmGmmOptions
 from gpf.baselines.protocol import CannotServe, Task
 from gpf.camera.film import sample_film
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import to_numpy
 from gpf.guiding.photon_map import BATCH
 from gpf.photons.tracing import PathSettings, record_photons
@@ -97,7 +97,7 @@ class EmGmm:
         passes = min(max(options.passes, math.ceil(options.paths / BATCH)), options.paths)
         ends = np.linspace(0, options.paths, passes + 1).astype(int)
         for t, paths in enumerate(np.diff(ends).tolist()):
-            seed = pass_seed(task.seed, t, stream=11)
+            seed = pass_seed(task.seed, t, Stream.EM_PHOTONS)
             photons = record_photons(
                 task.scene, PathSettings(paths, rr_depth=task.rr_depth), seed=seed
             )
@@ -158,7 +158,7 @@ class PreparedMixture:
             film = sample_film(
                 self.task.scene,
                 sensor,
-                pass_seed(seed, k, stream=12),
+                pass_seed(seed, k, Stream.EM_CAMERA),
                 rr_depth=self.task.rr_depth,
                 walks=self._walks,
             )

@@ -38,7 +38,7 @@ from gpf.baselines.options import InstantNgpOptions
 from gpf.baselines.pinhole import make_pinhole
 from gpf.baselines.protocol import CannotServe, Task, TrainingView
 from gpf.core.images import tone_map
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.rendering.adaptive import tile_order
 from gpf.scene.bounds import bounding_box
 from gpf.scene.views import View
@@ -156,7 +156,7 @@ class PreparedVolume:
         corner = mi.Point2f(index - row * dr.opaque(mi.UInt32, width), row)
         total = np.zeros((height * width, 3))
         for k in range(RAYS):
-            rng = mi.PCG32(len(order), dr.opaque(mi.UInt64, pass_seed(seed, k, stream=0)))
+            rng = mi.PCG32(len(order), dr.opaque(mi.UInt64, pass_seed(seed, k, Stream.NGP_CAMERA)))
             pixel = corner + mi.Point2f(rng.next_float32(), rng.next_float32())
             rays = self._box.clip(*cameras.look(dr.zeros(mi.UInt32, len(order)), pixel))
             first = rays.near + rng.next_float32() * self._grid.length

@@ -20,7 +20,7 @@ from gpf.baselines.pinhole import Pinhole
 from gpf.baselines.splatting.model import Seeds
 from gpf.baselines.splatting.training import Picture
 from gpf.camera.visible_points import find_visible_points
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import to_numpy
 from gpf.scene.bounds import bounding_box
 
@@ -67,10 +67,10 @@ def find_seeds(
     """At most ``count`` seeds, from the pixels of all pictures that are not black."""
     sights = []
     for k, picture in enumerate(pictures):
-        sight = look(scene, picture.camera, pass_seed(seed, k, stream=33), rr_depth)
+        sight = look(scene, picture.camera, pass_seed(seed, k, Stream.SPLAT_SIGHT), rr_depth)
         sights.append(sight.take(np.flatnonzero(picture.image.max(axis=-1) > DARKEST)))
     sizes = [len(sight.near) for sight in sights]
-    rng = np.random.default_rng(pass_seed(seed, 0, stream=34))
+    rng = np.random.default_rng(pass_seed(seed, 0, Stream.SPLAT_SEEDS))
     chosen = np.sort(rng.permutation(sum(sizes))[:count])
     features = [describe(picture.image) for picture in pictures]
     cameras = [picture.camera for picture in pictures]

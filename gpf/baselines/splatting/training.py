@@ -19,7 +19,7 @@ from gpf.baselines.splatting.model import SplatModel
 from gpf.baselines.splatting.rasteriser import Rasteriser
 from gpf.core.errors import UserError
 from gpf.core.files import read_tensors, write_tensors
-from gpf.core.random import pass_seed
+from gpf.core.random import Stream, pass_seed
 
 # The rule looks for Gaussians to split, double or drop so many times in the course of a training,
 # from the second time on, and until this share of it is over.
@@ -108,14 +108,14 @@ class SplatTrainer:
     def _next_picture(self, step: int) -> int:
         """All pictures once, in random order, then once more."""
         count = len(self.pictures)
-        rng = np.random.default_rng(pass_seed(self.plan.seed, step // count, stream=31))
+        rng = np.random.default_rng(pass_seed(self.plan.seed, step // count, Stream.SPLAT_VIEWS))
         return int(rng.permutation(count)[step % count])
 
     def _refine(self, step: int, info: dict[str, Any]) -> None:
         """Let the strategy do its part of a step."""
         self.strategy.grow_grad2d = self._least_pull()
         with torch.random.fork_rng():
-            torch.manual_seed(pass_seed(self.plan.seed, step, stream=32))
+            torch.manual_seed(pass_seed(self.plan.seed, step, Stream.SPLAT_GROWTH))
             self.strategy.step_post_backward(
                 self.model.params, self.model.optimizers, self.state, step, info
             )
