@@ -1,6 +1,6 @@
-"""A table: rows of numbers, the paper's beside ours, the best of each column, and reasons.
+"""A table of measured numbers, with the paper's numbers, ranks, and reasons for missing numbers.
 
-Every way of writing it starts from one :attr:`Table.frame`.
+:mod:`report.writing` writes it as CSV, Markdown, LaTeX and HTML.
 """
 
 from __future__ import annotations
@@ -8,57 +8,54 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Literal
 
 import pandas as pd
 
-from gpf.core.files import write_text
 from report.formats import Form
-from report.writing import to_html, to_latex, to_markdown
 
 Value = float | str | None
 
 MISSING = "–"
-"""What stands where there is no number."""
+"""The text of a missing number."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """What the cells of a column are.
+    """A column of a table.
 
     Attributes
     ----------
     key: its name in the frame and in CSV.
-    title: its name for people.
-    form: how a number is written; text is written as it is.
-    better: which numbers win; "" where none does.
-    nothing_wins: whether 0 takes part, as a file of no bytes would.
+    title: its heading.
+    form: writes a number as text; a cell may also hold text.
+    better: which numbers are better; "" for a column without ranks.
+    rank_zero: whether 0 is ranked. A method that stores no file is not the best by file size.
     """
 
     key: str
     title: str
     form: Form = str
     better: Literal["higher", "lower", ""] = ""
-    nothing_wins: bool = True
+    rank_zero: bool = True
 
     @property
     def arrow(self) -> str:
-        """Which way is better."""
+        """An arrow towards better numbers."""
         return {"higher": " ↑", "lower": " ↓", "": ""}[self.better]
 
 
 @dataclass(frozen=True)
 class Row:
-    """A line of a table.
+    """A row of a table.
 
     Attributes
     ----------
-    values, paper: ours and the paper's, by the columns' keys; what is unknown is left out or NaN.
-    group: rows of one group stand together and compete with each other alone.
-    reasons: why a value is missing, by key; by "" for all of them.
-    competes: whether it can be best.
-    ours: whether it is the field's.
+    values, paper: measured and reported numbers, by column key; missing ones are absent or NaN.
+    group: rows of a group stand together, and only they are ranked against each other.
+    reasons: why a value is missing, by column key; the key "" is for the whole row.
+    competes: whether the row is ranked.
+    ours: whether it is the field's row.
     """
 
     label: str
@@ -72,15 +69,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table for people and programs.
+    """A table.
 
     Attributes
     ----------
     name: of its files.
     title, caption: what it shows, and how to read it.
     label: the heading of the rows' labels.
-    grouped_by: the heading of their groups; "" without groups.
-    remarks: what else there is to know; reasons of missing numbers follow them in :attr:`notes`.
+    grouped_by: the column name of the groups; "" without groups.
+    remarks: notes below the table. The reasons for missing numbers follow them.
     """
 
     name: str
@@ -94,9 +91,9 @@ class Table:
 
     @cached_property
     def frame(self) -> pd.DataFrame:
-        """Group, label, and of each column ours, the paper's if any row has one
-        (``psnr_paper``), and its place where the column has a best (``psnr_rank``: 1, 2 or none);
-        at last the ``reason`` of what is missing. Numbers are as measured."""
+        """The numbers, not rounded: the group, the label, and for each column the measured value
+        (``psnr``), the paper's value if any row has one (``psnr_paper``), and the rank if the
+        column is ranked (``psnr_rank``: 1, 2 or missing); last the ``reason`` for missing ones."""
         frame = pd.DataFrame(index=range(len(self.rows)))
         if self.grouped_by:
             frame[self.grouped_by] = [row.group for row in self.rows]
@@ -114,9 +111,9 @@ class Table:
 
     @cached_property
     def marks(self) -> pd.DataFrame:
-        """For each row and column's key ``"best"``, ``"second"`` or ``""``.
+        """``"best"``, ``"second"`` or ``""`` for each row and column key.
 
-        Numbers that read the same share their place.
+        Numbers with the same text have the same rank.
         """
         marks = pd.DataFrame(
             "", index=range(len(self.rows)), columns=[c.key for c in self.columns], dtype=object
@@ -128,54 +125,54 @@ class Table:
         return marks
 
     def _places(self, column: Column, rows: Sequence[int]) -> dict[int, str]:
-        """The best and second best of these rows."""
-        worth: dict[str, float] = {}
+        """The best and the second best of these rows."""
+        values: dict[str, float] = {}
         texts: dict[int, str] = {}
         for row in rows:
             value = self.value(row, column)
-            zero_out = value == 0 and not column.nothing_wins
-            if self.rows[row].competes and isinstance(value, float) and not zero_out:
+            ranked = isinstance(value, float) and (value != 0 or column.rank_zero)
+            if self.rows[row].competes and ranked:
                 texts[row] = column.form(value)
-                worth.setdefault(texts[row], value)
-        order = sorted(worth, key=worth.__getitem__, reverse=column.better == "higher")
-        if len(order) < 2:  # who is alone has beaten nobody
+                values.setdefault(texts[row], value)
+        order = sorted(values, key=values.__getitem__, reverse=column.better == "higher")
+        if len(order) < 2:  # a number without any other number to compare with has no rank
             return {}
         places = dict(zip(order[:2], ("best", "second"), strict=True))
         return {row: places[text] for row, text in texts.items() if text in places}
 
     @cached_property
     def reasons(self) -> list[str]:
-        """Each reason once; a cell refers to it by its number, from 1."""
+        """All different reasons. A cell refers to a reason by its number, counted from 1."""
         found = (reason for row in self.rows for reason in self._reasons(row).values())
         return list(dict.fromkeys(found))
 
     @property
     def notes(self) -> list[str]:
-        """The remarks, then the numbered reasons."""
+        """The remarks and the numbered reasons."""
         return [*self.remarks, *(f"[{k}] {why}" for k, why in enumerate(self.reasons, start=1))]
 
     @cached_property
     def groups(self) -> dict[str, list[int]]:
-        """Group -> the numbers of its rows."""
+        """Group -> indices of its rows."""
         groups: dict[str, list[int]] = {}
         for k, row in enumerate(self.rows):
             groups.setdefault(row.group, []).append(k)
         return groups
 
     def value(self, row: int, column: Column) -> float | str | None:
-        """What a cell holds; None where it is missing."""
+        """The value of a cell; None if it is missing."""
         return _known(self.rows[row].values.get(column.key))
 
     def has_paper(self, column: Column) -> bool:
-        """Whether the paper has a number for any cell of the column."""
+        """Whether any row has a number of the paper in the column."""
         return any(column.key in row.paper for row in self.rows)
 
     def heading(self, column: Column) -> str:
-        """A column's name for people, with its direction and what stands in brackets."""
+        """A column's heading: title, arrow, and whether the cells have the paper's numbers."""
         return column.title + column.arrow + (" (paper)" if self.has_paper(column) else "")
 
     def cell(self, row: int, column: Column) -> tuple[str, str, str]:
-        """Ours and the paper's (or ``""``) as text, and the number of the reason (or ``""``)."""
+        """The value, the paper's value and the number of the reason, as text; each may be empty."""
         line = self.rows[row]
         value, paper = self.value(row, column), line.paper.get(column.key)
         text = MISSING if value is None else value if isinstance(value, str) else column.form(value)
@@ -184,48 +181,20 @@ class Table:
         return text, "" if paper is None else column.form(paper), number
 
     def label_of(self, row: int) -> tuple[str, str]:
-        """A row's label, and the number of the reason that all its numbers are missing."""
+        """A row's label, and the number of the reason why the whole row is missing (or ``""``)."""
         reason = self._reasons(self.rows[row]).get("")
         return self.rows[row].label, str(self.reasons.index(reason) + 1) if reason else ""
 
     def _reasons(self, row: Row) -> dict[str, str]:
-        """Reasons by key, as far as something is missing; "" stands for all that is."""
+        """The reasons for missing values, by column key; by "" if one reason is for all of them."""
         absent = [c.key for c in self.columns if _known(row.values.get(c.key)) is None]
         if "" in row.reasons and absent:
             return {"": row.reasons[""]}
         return {key: row.reasons.get(key, "not measured") for key in absent}
 
-    def to_csv(self) -> str:
-        """For programs: :attr:`frame`."""
-        return self.frame.to_csv(index=False)
-
-    def to_markdown(self) -> str:
-        """For a README."""
-        return to_markdown(self)
-
-    def to_latex(self) -> str:
-        """For a paper, with the package booktabs."""
-        return to_latex(self)
-
-    def to_html(self) -> str:
-        """For a page: a figure with the table and its notes, but not its title."""
-        return to_html(self)
-
-    def write(self, folder: Path) -> list[Path]:
-        """Write all four into a folder."""
-        texts = {
-            ".csv": self.to_csv(),
-            ".md": self.to_markdown(),
-            ".tex": self.to_latex(),
-            ".html": self.to_html(),
-        }
-        for suffix, text in texts.items():
-            write_text(folder / (self.name + suffix), text)
-        return [folder / (self.name + suffix) for suffix in texts]
-
 
 def _known(value: Value) -> Value:
-    """A number as a float; nothing in place of NaN."""
+    """A number as a float, None for NaN; text as it is."""
     if value is None or isinstance(value, str):
         return value
     return None if pd.isna(value) else float(value)

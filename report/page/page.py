@@ -24,6 +24,7 @@ from report.page.systems import list_systems
 from report.page.words import SceneWords, describe_scene, main_numbers, tell_victory
 from report.results import FIELD, Results, SceneResults
 from report.tables.quality import scenes_left_out
+from report.writing import to_html
 
 if TYPE_CHECKING:
     from report.figures import Figure
@@ -177,7 +178,7 @@ def _surroundings(results: Results) -> int:
 
 def _with_html(table: Table) -> tuple[Table, Markup]:
     """A table, and its HTML with a caption that stays in sight while one scrolls sideways."""
-    html = table.to_html().replace("<caption>", "<caption><span>")
+    html = to_html(table).replace("<caption>", "<caption><span>")
     return table, Markup(html.replace("</caption>", "</span></caption>"))
 
 

@@ -11,6 +11,7 @@ from report.tables.costs import cost_table, time_table
 from report.tables.equal import equal_quality_table, equal_time_table
 from report.tables.flicker import flicker_table
 from report.tables.quality import glance_table, learned_table, systems_table
+from report.writing import write_table
 
 __all__ = ["make_tables", "write_tables"]
 
@@ -34,5 +35,5 @@ def write_tables(results: Results, folder: Path) -> list[Table]:
     """Write every table as CSV, Markdown, LaTeX and HTML."""
     tables = make_tables(results)
     for table in tables:
-        table.write(folder)
+        write_table(table, folder)
     return tables

@@ -9,6 +9,7 @@ import pytest
 from gpf.core.files import write_json
 from report.results import Results
 from report.tables.flicker import NOISE, flicker_table
+from report.writing import to_markdown
 from tests.report.made_up import BOX, WATER, made_up_params
 
 GPF, PATH, SPLATS = "GPF, 16 spp", "Path tracer, 50 spp", "3D Gaussian splatting, 3 views"
@@ -54,7 +55,7 @@ def test_rows_are_methods_and_columns_scenes(results):
     titles = [column.title for column in table.columns]
     assert titles[2] == "Water Caustic, seen directly"
     assert titles[4] == "Water Caustic, through water or glass"
-    row = next(line for line in table.to_markdown().splitlines() if PATH in line)
+    row = next(line for line in to_markdown(table).splitlines() if PATH in line)
     assert "<ins>16.47</ins> | 67%" in " ".join(row.split())
 
 

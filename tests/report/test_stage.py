@@ -1,4 +1,4 @@
-"""Stage `report`: what it makes of results, and what it says."""
+"""Stage `report`: the files that it writes and its messages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.report.made_up import made_up_params, make_results
 
 @pytest.fixture
 def drawn(monkeypatch, tmp_path):
-    """The stage in an empty folder, with figures and page stood in for."""
+    """The stage in an empty folder; stubs stand in for figures and page."""
     calls = {}
 
     def draw_figures(results, folder):
@@ -31,7 +31,7 @@ def drawn(monkeypatch, tmp_path):
     return calls
 
 
-def test_tables_figures_page_and_words(drawn, tmp_path, capsys):
+def test_tables_figures_page_and_messages(drawn, tmp_path, capsys):
     make_results(tmp_path / "results")
     stage.write_report()
     assert (tmp_path / "results" / "tables" / "table_1.csv").exists()
@@ -44,7 +44,7 @@ def test_tables_figures_page_and_words(drawn, tmp_path, capsys):
     assert "glass and water are beyond it" in said and "results/report.html" in said
 
 
-def test_without_results_a_word_about_how_to_get_them(drawn, tmp_path):
-    with pytest.raises(UserError, match=r"results: has no numbers of any scene.*`gpf repro`.*"):
+def test_without_results_the_error_names_the_command(drawn, tmp_path):
+    with pytest.raises(UserError, match=r"results: has no numbers of any scene.*`dvc repro`.*"):
         stage.write_report()
     assert not list(tmp_path.iterdir())

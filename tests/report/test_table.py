@@ -10,9 +10,10 @@ import pytest
 
 from report.formats import fixed, join, signed, significant, whole
 from report.table import Column, Row, Table
+from report.writing import to_html, to_latex, to_markdown
 
 SPEED = Column("speed", "Speed & rate", fixed(1), "higher")
-ERROR = Column("error", "Error", significant(2), "lower", nothing_wins=False)
+ERROR = Column("error", "Error", significant(2), "lower", rank_zero=False)
 NOTE = Column("note", "How")
 
 TABLE = Table(
@@ -42,7 +43,7 @@ def test_best_and_second_best():
 
 
 def test_csv_has_what_was_measured_the_papers_and_places():
-    rows = list(csv.DictReader(StringIO(TABLE.to_csv())))
+    rows = list(csv.DictReader(StringIO(TABLE.frame.to_csv(index=False))))
     assert list(rows[0]) == [
         *("kind", "method", "speed", "speed_paper", "speed_rank", "error", "error_rank", "note"),
         "reason",
@@ -53,7 +54,7 @@ def test_csv_has_what_was_measured_the_papers_and_places():
 
 
 def test_markdown():
-    lines = TABLE.to_markdown().splitlines()
+    lines = to_markdown(TABLE).splitlines()
     table = [line for line in lines if line.startswith("|")]
     assert len({len(line) for line in table}) == 1
     cells = [[cell.strip() for cell in line.split(" | ")] for line in table]
@@ -70,7 +71,7 @@ def test_markdown():
 def test_markdown_keeps_to_its_line():
     label, why = "two\nlines * `a|b`", "a | b `x<y|z` `<"
     table = Table("t", "T", "", (SPEED,), (Row(label, {}, reasons={"": why}),))
-    text = table.to_markdown()
+    text = to_markdown(table)
     assert "| two lines \\* `a\\|b`<sup>1</sup> |" in text
     assert text.endswith("<sup>1</sup> a | b `x<y|z` \\`&lt;\n")
 
@@ -86,12 +87,12 @@ def test_reasons_are_of_what_is_missing_alone():
 
 
 def test_latex_rows_may_begin_with_a_bracket():
-    text = Table("t", "T", "", (SPEED,), (Row("[a|b]", {"speed": 1.0}),)).to_latex()
+    text = to_latex(Table("t", "T", "", (SPEED,), (Row("[a|b]", {"speed": 1.0}),)))
     assert "\n{}[a\\textbar{}b] & 1.0 \\\\\n" in text
 
 
 def test_latex_escapes_and_has_booktabs():
-    text = TABLE.to_latex()
+    text = to_latex(TABLE)
     assert "\\textbf{Made up: 100\\% of it\\_all.}" in text
     assert "Costs \\$ \\& \\{time\\} \\#1 $<$b$>$ in \\texttt{code\\_here}." in text
     assert "Speed \\& rate $\\uparrow$ (paper) & Error $\\downarrow$ & How \\\\" in text
@@ -128,7 +129,7 @@ class Page(HTMLParser):
 
 
 def test_html():
-    text = TABLE.to_html()
+    text = to_html(TABLE)
     page = Page(text)
     assert not page.open and text.startswith('<figure class="table" id="made_up">')
     heads = [cell for cell in page.cells if cell[1].get("scope") == "col"]

@@ -12,6 +12,7 @@ import pytest
 from report.results import NUMBERS, Results
 from report.table import MISSING
 from report.tables import make_tables, write_tables
+from report.writing import to_markdown
 from tests.report.made_up import BOX, WATER, cells, edit, make_results, tables_of
 
 
@@ -34,7 +35,7 @@ def test_a_missing_method_is_shown_with_its_reason(results):
     assert math.isnan(mean["psnr"]) and mean["reason"] == "no number in Cornell Box"
     assert frame.loc[("Mean over 2 scenes", "RenderFormer"), "reason"] == refused["reason"]
     # For people, each reason once, by a number.
-    text = table.to_markdown()
+    text = to_markdown(table)
     row = next(line for line in text.splitlines() if "RenderFormer" in line)
     number = re.search(r"RenderFormer<sup>(\d)</sup>", row)[1]
     assert f"{MISSING} (32.14)" in row
