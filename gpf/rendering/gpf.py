@@ -19,217 +19,210 @@ from gpf.rendering.scene_check import warn_of_another_scene
 from gpf.scene.materials import has_gloss, require_separable
 
 
-def define() -> type:
-    """Make the class for the active variant."""
+class GPF(mi.ad.integrators.common.ADIntegrator):
+    r"""Gaussian photon field: one camera walk and one neighbourhood query per sample.
 
-    class GPF(mi.ad.integrators.common.ADIntegrator):
-        r"""Gaussian photon field: one camera walk and one neighbourhood query per sample.
+    .. pluginparameters::
 
-        .. pluginparameters::
+     * - field
+       - |string|
+       - Path of a ``field.safetensors``. From Python, a
+         :class:`gpf.field.field.GaussianPhotonField` may be assigned to the attribute ``field``
+         instead.
+     * - max_depth
+       - |int|
+       - Longest camera walk in edges; the light that the field stores has no limit. -1 is no
+         limit. (Default: -1)
+     * - rr_depth
+       - |int|
+       - Bounces before Russian roulette starts. (Default: 5)
+     * - glossy_walks
+       - |int|
+       - Camera walks of a sample that meets a glossy surface first, for it may be reflected
+         anywhere. (Default: 4)
+     * - coverage
+       - |bool|
+       - Also output, as channel ``coverage``, how far the answer's neighbours lie in units of
+         the search radius: 1 in supported regions, more where the field had to reach, 0 where
+         no query was made. (Default: false)
+     * - adaptive
+       - |bool|
+       - Give noisy pixels, behind glass and along edges, more samples and others fewer: on
+         average as many as asked for. Needs a box filter and 16 samples per pixel. (Default:
+         false)
+     * - suppress_fireflies
+       - |bool|
+       - With adaptive samples: single samples of great radiance, which no other around has
+         found, count less. Images lose a little of their energy. (Default: false)
+     * - record
+       - |bool|
+       - Record the first frames and replay them, with other seeds, cameras and fields:
+         for viewers and animations, where tracing Python for every frame would cost more than
+         a third of the time. Not every plugin of Mitsuba can be recorded, nor can adaptive
+         samples. (Default: false)
 
-         * - field
-           - |string|
-           - Path of a ``field.safetensors``. From Python, a
-             :class:`gpf.field.field.GaussianPhotonField` may be assigned to the attribute ``field``
-             instead.
-         * - max_depth
-           - |int|
-           - Longest camera walk in edges; the light that the field stores has no limit. -1 is no
-             limit. (Default: -1)
-         * - rr_depth
-           - |int|
-           - Bounces before Russian roulette starts. (Default: 5)
-         * - glossy_walks
-           - |int|
-           - Camera walks of a sample that meets a glossy surface first, for it may be reflected
-             anywhere. (Default: 4)
-         * - coverage
-           - |bool|
-           - Also output, as channel ``coverage``, how far the answer's neighbours lie in units of
-             the search radius: 1 in supported regions, more where the field had to reach, 0 where
-             no query was made. (Default: false)
-         * - adaptive
-           - |bool|
-           - Give noisy pixels, behind glass and along edges, more samples and others fewer: on
-             average as many as asked for. Needs a box filter and 16 samples per pixel. (Default:
-             false)
-         * - suppress_fireflies
-           - |bool|
-           - With adaptive samples: single samples of great radiance, which no other around has
-             found, count less. Images lose a little of their energy. (Default: false)
-         * - record
-           - |bool|
-           - Record the first frames and replay them, with other seeds, cameras and fields:
-             for viewers and animations, where tracing Python for every frame would cost more than
-             a third of the time. Not every plugin of Mitsuba can be recorded, nor can adaptive
-             samples. (Default: false)
+    Camera rays go through glossy and specular bounces; at the first diffuse hit the field
+    answers with the irradiance and the ray ends. A field that was made without direct light
+    has it added there, from a sample of the emitters. In a scene whose bounding box is not
+    that of the scene that the field was made for, rendering goes on after a warning.
 
-        Camera rays go through glossy and specular bounces; at the first diffuse hit the field
-        answers with the irradiance and the ray ends. A field that was made without direct light
-        has it added there, from a sample of the emitters. In a scene whose bounding box is not
-        that of the scene that the field was made for, rendering goes on after a warning.
+    Left out on purpose: participating media, polarisation, derivatives, and spectral
+    variants.
 
-        Left out on purpose: participating media, polarisation, derivatives, and spectral
-        variants.
+    .. code-block:: xml
 
-        .. code-block:: xml
+        <integrator type="gpf">
+            <string name="field" value="results/cornell_box/field.safetensors"/>
+        </integrator>
+    """
 
-            <integrator type="gpf">
-                <string name="field" value="results/cornell_box/field.safetensors"/>
-            </integrator>
-        """
+    def __init__(self, props: mi.Properties) -> None:
+        self.depth_limit = read_depths(props, "gpf")
+        path = props.get("field", "")
+        self.glossy_walks = whole_number(props.get("glossy_walks", 4), "glossy_walks", 1)
+        self.coverage = props.get("coverage", False)
+        self.adaptive = props.get("adaptive", False)
+        self.suppress_fireflies = props.get("suppress_fireflies", False)
+        super().__init__(props)
+        # Shapes of the last checked scene, held so that their ids are not reused. Not the scene: it
+        # may hold this integrator, and a circle of references would never be freed.
+        self._checked: list[mi.Shape] | None = None
+        self._compared: Any = None
+        self._walks = 1
+        self.record = props.get("record", False)
+        self.recording: Recording | None = None
+        # As for meshes and textures: relative to the scene file, or to the current folder.
+        found = mi.file_resolver().resolve(path) if path else ""
+        self.field: Any = load_field(Path(str(found))) if path else None
 
-        def __init__(self, props: mi.Properties) -> None:
-            self.depth_limit = read_depths(props, "gpf")
-            path = props.get("field", "")
-            self.glossy_walks = whole_number(props.get("glossy_walks", 4), "glossy_walks", 1)
-            self.coverage = props.get("coverage", False)
-            self.adaptive = props.get("adaptive", False)
-            self.suppress_fireflies = props.get("suppress_fireflies", False)
-            super().__init__(props)
-            # Of the last scene, which it is told by: they refer to no scene, so that nothing refers
-            # to itself, and being held, no others take their place in memory.
-            self._checked: list[mi.Shape] | None = None
-            self._compared: Any = None
-            self._walks = 1
-            self.record = props.get("record", False)
-            self.recording: Recording | None = None
-            # As for meshes and textures: relative to the scene file, or to the current folder.
-            found = mi.file_resolver().resolve(path) if path else ""
-            self.field: Any = load_field(Path(str(found))) if path else None
-
-        def render(
-            self,
-            scene: mi.Scene,
-            sensor: Any = 0,
-            seed: Any = 0,
-            spp: int = 0,
-            develop: bool = True,
-            evaluate: bool = True,
-        ) -> Any:
-            if isinstance(sensor, int):
-                sensor = scene.sensors()[sensor]
-            self._compare(scene)
-            if self.adaptive and develop and (spp or sensor.sampler().sample_count()) >= LEAST_SPP:
-                if not keeps_to_pixels(sensor):
-                    raise RuntimeError(
-                        "Adaptive samples need a film whose filter is a box, and a shutter that is "
-                        'open for a moment only. Add <rfilter type="box"/> to the film, or set '
-                        '"adaptive" to false.'
-                    )
-                return self._render_adaptively(scene, sensor, seed, spp)
-            if not self.record or self.field is None or not develop:
-                return super().render(scene, sensor, seed, spp, develop, evaluate)
-            size = tuple(int(v) for v in sensor.film().crop_size())
-            facts = (size, spp, self.coverage, self.field.settings)
-            if self.recording is None or not self.recording.serves(scene, sensor, facts):
-                self.recording = Recording(scene, sensor, facts, self._render_with)
-            return self.recording.frame(mi.UInt32(seed), spp, self.field.arrays())
-
-        def _render_adaptively(
-            self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int
-        ) -> mi.TensorXf:
-            film = sensor.film()
-            has_alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
-
-            def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
-                ray, weight = sample_pixel_rays(sensor, sampler, pixel)
-                radiance, valid, aovs, _ = self.sample(dr.ADMode.Primal, scene, sampler, ray)
-                alpha = [dr.select(valid, mi.Float(1), 0)] if has_alpha else []
-                return [*(radiance * weight), *alpha, mi.Float(1), *aovs]
-
-            film.prepare(self.aov_names())
-            size = int(film.crop_size()[0]), int(film.crop_size()[1])
-            sampler, spp = sensor.sampler(), spp or sensor.sampler().sample_count()
-            seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
-            with dr.suspend_grad():
-                means = sample_adaptively(sample, sampler, size, spp, seed, self.suppress_fireflies)
-                offset = mi.ScalarPoint2i(film.crop_offset())
-                film.put_block(mi.ImageBlock(means, offset, border=False))
-                return film.develop()
-
-        def _compare(self, scene: mi.Scene) -> None:
-            """Once for each pair of scene and field: whether they belong together."""
-            if self.field is not None:
-                bounds = [[float(v) for v in corner] for corner in self.field.bounds]
-                if self._compared != (scene.shapes(), bounds):
-                    self._compared = scene.shapes(), bounds
-                    warn_of_another_scene(scene, bounds)
-
-        def _render_with(
-            self, scene: mi.Scene, sensor: mi.Sensor, seed: mi.UInt32, spp: int, arrays: Any
-        ) -> Any:
-            field = self.field
-            self.field = field.with_arrays(arrays)
-            try:
-                return super().render(scene, sensor, seed, spp)
-            finally:
-                self.field = field
-
-        def sample(  # type: ignore[no-untyped-def]
-            self, mode, scene, sampler, ray, depth=None, active=True, **kwargs
-        ) -> tuple[Any, ...]:
-            if mode != dr.ADMode.Primal:
-                raise RuntimeError("The gpf integrator has no derivatives.")
-            if self.field is None:
+    def render(
+        self,
+        scene: mi.Scene,
+        sensor: Any = 0,
+        seed: Any = 0,
+        spp: int = 0,
+        develop: bool = True,
+        evaluate: bool = True,
+    ) -> Any:
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        self._compare(scene)
+        if self.adaptive and develop and (spp or sensor.sampler().sample_count()) >= LEAST_SPP:
+            if not keeps_to_pixels(sensor):
                 raise RuntimeError(
-                    'The gpf integrator has no field: set its "field" property to the path of a '
-                    "field.safetensors, or assign a GaussianPhotonField to its attribute field."
+                    "Adaptive samples need a film whose filter is a box, and a shutter that is "
+                    'open for a moment only. Add <rfilter type="box"/> to the film, or set '
+                    '"adaptive" to false.'
                 )
-            if self._checked != scene.shapes():
-                require_separable(scene)
-                self._walks = self.glossy_walks if has_gloss(scene) else 1
-                self._checked = scene.shapes()
-            ray = mi.Ray3f(ray)
-            found = self._walk(scene, sampler, ray, active)
-            if self._walks > 1:
-                found = self._walk_again(scene, sampler, ray, active, found)
-            radiance, valid, reach = found
-            # Finite: the film takes infinite values for zero.
-            aovs = [dr.select(valid, dr.minimum(reach, 1e6), 0)] if self.coverage else []
-            return radiance, valid, aovs, None
+            return self._render_adaptively(scene, sensor, seed, spp)
+        if not self.record or self.field is None or not develop:
+            return super().render(scene, sensor, seed, spp, develop, evaluate)
+        size = tuple(int(v) for v in sensor.film().crop_size())
+        facts = (size, spp, self.coverage, self.field.settings)
+        if self.recording is None or not self.recording.serves(scene, sensor, facts):
+            self.recording = Recording(scene, sensor, facts, self._render_with)
+        return self.recording.frame(mi.UInt32(seed), spp, self.field.arrays())
 
-        def _walk(
-            self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool | bool
-        ) -> tuple[mi.Color3f, mi.Bool, mi.Float]:
-            """Radiance at the end of one camera walk, whether it has one, and its reach."""
-            direct = self.field.settings.direct == "emitters"
-            points = find_visible_points(
-                scene, sampler, ray, self.depth_limit, self.rr_depth, active, direct
+    def _render_adaptively(
+        self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int
+    ) -> mi.TensorXf:
+        film = sensor.film()
+        has_alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
+
+        def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+            ray, weight = sample_pixel_rays(sensor, sampler, pixel)
+            radiance, valid, aovs, _ = self.sample(dr.ADMode.Primal, scene, sampler, ray)
+            alpha = [dr.select(valid, mi.Float(1), 0)] if has_alpha else []
+            return [*(radiance * weight), *alpha, mi.Float(1), *aovs]
+
+        film.prepare(self.aov_names())
+        size = int(film.crop_size()[0]), int(film.crop_size()[1])
+        sampler, spp = sensor.sampler(), spp or sensor.sampler().sample_count()
+        seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
+        with dr.suspend_grad():
+            means = sample_adaptively(sample, sampler, size, spp, seed, self.suppress_fireflies)
+            offset = mi.ScalarPoint2i(film.crop_offset())
+            film.put_block(mi.ImageBlock(means, offset, border=False))
+            return film.develop()
+
+    def _compare(self, scene: mi.Scene) -> None:
+        """Once for each pair of scene and field: whether they belong together."""
+        if self.field is not None:
+            bounds = [[float(v) for v in corner] for corner in self.field.bounds]
+            if self._compared != (scene.shapes(), bounds):
+                self._compared = scene.shapes(), bounds
+                warn_of_another_scene(scene, bounds)
+
+    def _render_with(
+        self, scene: mi.Scene, sensor: mi.Sensor, seed: mi.UInt32, spp: int, arrays: Any
+    ) -> Any:
+        field = self.field
+        self.field = field.with_arrays(arrays)
+        try:
+            return super().render(scene, sensor, seed, spp)
+        finally:
+            self.field = field
+
+    def sample(  # type: ignore[no-untyped-def]
+        self, mode, scene, sampler, ray, depth=None, active=True, **kwargs
+    ) -> tuple[Any, ...]:
+        if mode != dr.ADMode.Primal:
+            raise RuntimeError("The gpf integrator has no derivatives.")
+        if self.field is None:
+            raise RuntimeError(
+                'The gpf integrator has no field: set its "field" property to the path of a '
+                "field.safetensors, or assign a GaussianPhotonField to its attribute field."
             )
-            radiance, reach = self.field.radiance(points)
-            return radiance, points.valid, reach
+        if self._checked != scene.shapes():
+            require_separable(scene)
+            self._walks = self.glossy_walks if has_gloss(scene) else 1
+            self._checked = scene.shapes()
+        ray = mi.Ray3f(ray)
+        found = self._walk(scene, sampler, ray, active)
+        if self._walks > 1:
+            found = self._walk_again(scene, sampler, ray, active, found)
+        radiance, valid, reach = found
+        # Finite: the film takes infinite values for zero.
+        aovs = [dr.select(valid, dr.minimum(reach, 1e6), 0)] if self.coverage else []
+        return radiance, valid, aovs, None
 
-        @dr.syntax
-        def _walk_again(self, scene, sampler, ray, active, found):  # type: ignore[no-untyped-def]
-            """The mean over several walks where the first surface is glossy."""
-            radiance, valid, reach = found
-            again = meets_gloss(scene, ray, mi.Bool(active))
-            walks = dr.opaque(mi.UInt32, self._walks)
-            n = mi.UInt32(1)
-            while again & (n < walks):
-                further, ends, at = self._walk(scene, sampler, ray, again)
-                radiance += further
-                reach = dr.select(ends & ~valid, at, reach)
-                reach = dr.select(ends & valid, dr.maximum(reach, at), reach)
-                valid |= ends
-                n += 1
-            return radiance / mi.Float(n), valid, reach
+    def _walk(
+        self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool | bool
+    ) -> tuple[mi.Color3f, mi.Bool, mi.Float]:
+        """Radiance at the end of one camera walk, whether it has one, and its reach."""
+        direct = self.field.settings.direct == "emitters"
+        points = find_visible_points(
+            scene, sampler, ray, self.depth_limit, self.rr_depth, active, direct
+        )
+        radiance, reach = self.field.radiance(points)
+        return radiance, points.valid, reach
 
-        def sample_rays(
-            self, scene: mi.Scene, sensor: mi.Sensor, sampler: mi.Sampler
-        ) -> tuple[Any, ...]:
-            return sample_tiled_rays(scene, sensor, sampler)
+    @dr.syntax
+    def _walk_again(self, scene, sampler, ray, active, found):  # type: ignore[no-untyped-def]
+        """The mean over several walks where the first surface is glossy."""
+        radiance, valid, reach = found
+        again = meets_gloss(scene, ray, mi.Bool(active))
+        walks = dr.opaque(mi.UInt32, self._walks)
+        n = mi.UInt32(1)
+        while again & (n < walks):
+            further, ends, at = self._walk(scene, sampler, ray, again)
+            radiance += further
+            reach = dr.select(ends & ~valid, at, reach)
+            reach = dr.select(ends & valid, dr.maximum(reach, at), reach)
+            valid |= ends
+            n += 1
+        return radiance / mi.Float(n), valid, reach
 
-        def aov_names(self) -> list[str]:
-            return ["coverage"] if self.coverage else []
+    def sample_rays(
+        self, scene: mi.Scene, sensor: mi.Sensor, sampler: mi.Sampler
+    ) -> tuple[Any, ...]:
+        return sample_tiled_rays(scene, sensor, sampler)
 
-        def to_string(self) -> str:
-            return f"GPF[field={self.field}, max_depth={self.depth_limit}]"
+    def aov_names(self) -> list[str]:
+        return ["coverage"] if self.coverage else []
 
-    return GPF
+    def to_string(self) -> str:
+        return f"GPF[field={self.field}, max_depth={self.depth_limit}]"
 
 
-def register() -> None:
-    """Register the plugin for the active variant."""
-    mi.register_integrator("gpf", define())
+mi.register_integrator("gpf", GPF)

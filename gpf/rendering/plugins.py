@@ -1,40 +1,34 @@
-"""The Mitsuba plugins ``sppm`` and ``gpf``."""
+"""The Mitsuba plugins ``sppm`` and ``gpf``, registered in every variant."""
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
-from typing import Any
+import sys
 
 _MODULES = ("gpf.rendering.sppm", "gpf.rendering.gpf")
 
 
 def register_integrators() -> None:
-    """Register the plugins for the active variant and for every one that is set later.
-
-    Mitsuba keeps classes and plugin registrations per variant, so that a plugin's class has to
-    be made anew after each change of variant.
-    """
+    """Register the plugins for the active variant and for every one that is set later."""
     if importlib.util.find_spec("mitsuba") is None:
         return  # `gpf doctor` has to start in a broken installation, to say so
     import mitsuba as mi
 
     mi.detail.add_variant_callback(_on_variant_change)
-    if mi.variant() is not None:
-        _register()
+    _on_variant_change(None, mi.variant())
 
 
-def _on_variant_change(old: str | None, new: str | None) -> Any:
-    if new is not None and new != old:
-        _register()
+def _on_variant_change(old: str | None, new: str | None) -> None:
+    """Import the modules of the plugins, or again: their base classes belong to the variant.
 
-
-def _register() -> None:
-    import mitsuba as mi
-
-    # Scalar variants have no wavefront: the plugins need the vectorised ones.
-    variant = mi.variant() or ""
-    if not variant.startswith(("llvm", "cuda")):
+    Mitsuba reloads its own integrators in Python like that. Scalar variants have no wavefront, which
+    the plugins need.
+    """
+    if new is None or new == old or not new.startswith(("llvm", "cuda")):
         return
     for name in _MODULES:
-        importlib.import_module(name).register()
+        if name in sys.modules:
+            importlib.reload(sys.modules[name])
+        else:
+            importlib.import_module(name)

@@ -31,187 +31,176 @@ def split_rows(film: mi.Film) -> Iterator[range]:
         yield range(first, min(first + rows, height))
 
 
-def define() -> type:
-    """Make the class for the active variant."""
+class SPPM(mi.ad.integrators.common.ADIntegrator):
+    r"""Stochastic progressive photon mapping (Hachisuka and Jensen 2009).
 
-    class SPPM(mi.ad.integrators.common.ADIntegrator):
-        r"""Stochastic progressive photon mapping (Hachisuka and Jensen 2009).
+    .. pluginparameters::
 
-        .. pluginparameters::
+     * - passes
+       - |int|
+       - Passes to average, each with one sample per pixel. The ``spp`` argument of
+         ``mi.render`` takes precedence where it is given. (Default: 64)
+     * - photons_per_pass
+       - |int|
+       - Photon paths emitted in each pass. (Default: 100000)
+     * - initial_radius
+       - |float|
+       - Kernel radius of the first pass in world units; 0 measures the photon density in a
+         pilot pass and chooses. (Default: 0)
+     * - alpha
+       - |float|
+       - How much of the photons' number each pass keeps, in (0, 1). Radii shrink by
+         :math:`r_{t+1} = r_t \sqrt{(t + \alpha) / (t + 1)}`. (Default: 0.7)
+     * - max_depth
+       - |int|
+       - Longest path in edges, with the meaning that it has in ``path``; -1 is no limit.
+         (Default: -1)
+     * - rr_depth
+       - |int|
+       - Interactions before Russian roulette starts. (Default: 5)
+     * - glossy_walks
+       - |int|
+       - Camera walks of a sample that meets a glossy surface first, for it may be reflected
+         anywhere. (Default: 8)
+     * - edge_correction
+       - |bool|
+       - Whether to make up for the part of the kernel's disc that reaches beyond the edge of a
+         surface, where no photon can land. Without it, edges are dark lines that fade as the
+         radius shrinks. (Default: true)
+     * - direct
+       - |string|
+       - Where light straight from the emitters comes from: ``photons``, like all other light,
+         or a sample of the ``emitters`` at each visible point, which has less noise and sharp
+         shadows. Caustics are made of photons either way, and all light where an emitter
+         cannot be sampled (``directionalarea``). (Default: photons)
 
-         * - passes
-           - |int|
-           - Passes to average, each with one sample per pixel. The ``spp`` argument of
-             ``mi.render`` takes precedence where it is given. (Default: 64)
-         * - photons_per_pass
-           - |int|
-           - Photon paths emitted in each pass. (Default: 100000)
-         * - initial_radius
-           - |float|
-           - Kernel radius of the first pass in world units; 0 measures the photon density in a
-             pilot pass and chooses. (Default: 0)
-         * - alpha
-           - |float|
-           - How much of the photons' number each pass keeps, in (0, 1). Radii shrink by
-             :math:`r_{t+1} = r_t \sqrt{(t + \alpha) / (t + 1)}`. (Default: 0.7)
-         * - max_depth
-           - |int|
-           - Longest path in edges, with the meaning that it has in ``path``; -1 is no limit.
-             (Default: -1)
-         * - rr_depth
-           - |int|
-           - Interactions before Russian roulette starts. (Default: 5)
-         * - glossy_walks
-           - |int|
-           - Camera walks of a sample that meets a glossy surface first, for it may be reflected
-             anywhere. (Default: 8)
-         * - edge_correction
-           - |bool|
-           - Whether to make up for the part of the kernel's disc that reaches beyond the edge of a
-             surface, where no photon can land. Without it, edges are dark lines that fade as the
-             radius shrinks. (Default: true)
-         * - direct
-           - |string|
-           - Where light straight from the emitters comes from: ``photons``, like all other light,
-             or a sample of the ``emitters`` at each visible point, which has less noise and sharp
-             shadows. Caustics are made of photons either way, and all light where an emitter
-             cannot be sampled (``directionalarea``). (Default: photons)
+    Camera rays go through glossy and specular bounces and end at the first diffuse hit. The
+    estimate is consistent: its bias vanishes with the radius as passes accumulate. One seed
+    gives one image, bit for bit, on any number of threads.
 
-        Camera rays go through glossy and specular bounces and end at the first diffuse hit. The
-        estimate is consistent: its bias vanishes with the radius as passes accumulate. One seed
-        gives one image, bit for bit, on any number of threads.
+    Left out on purpose: participating media, polarisation, derivatives, and spectral
+    variants.
 
-        Left out on purpose: participating media, polarisation, derivatives, and spectral
-        variants.
+    .. code-block:: xml
 
-        .. code-block:: xml
+        <integrator type="sppm">
+            <integer name="passes" value="256"/>
+            <integer name="photons_per_pass" value="200000"/>
+        </integrator>
+    """
 
-            <integrator type="sppm">
-                <integer name="passes" value="256"/>
-                <integer name="photons_per_pass" value="200000"/>
-            </integrator>
-        """
-
-        def __init__(self, props: mi.Properties) -> None:
-            self.depth_limit = read_depths(props, "sppm")
-            super().__init__(props)
-            self.passes = whole_number(props.get("passes", 64), "passes", 1)
-            self.photons_per_pass = whole_number(
-                props.get("photons_per_pass", 100_000), "photons_per_pass", 1
+    def __init__(self, props: mi.Properties) -> None:
+        self.depth_limit = read_depths(props, "sppm")
+        super().__init__(props)
+        self.passes = whole_number(props.get("passes", 64), "passes", 1)
+        self.photons_per_pass = whole_number(
+            props.get("photons_per_pass", 100_000), "photons_per_pass", 1
+        )
+        self.initial_radius = props.get("initial_radius", 0.0)
+        self.alpha = props.get("alpha", 0.7)
+        if not (is_number(self.initial_radius) and 0 <= self.initial_radius < math.inf):
+            raise ValueError(
+                f'"initial_radius" is {self.initial_radius!r}; give a number of 0 or more.'
             )
-            self.initial_radius = props.get("initial_radius", 0.0)
-            self.alpha = props.get("alpha", 0.7)
-            if not (is_number(self.initial_radius) and 0 <= self.initial_radius < math.inf):
-                raise ValueError(
-                    f'"initial_radius" is {self.initial_radius!r}; give a number of 0 or more.'
-                )
-            if not (is_number(self.alpha) and 0 < self.alpha < 1):
-                raise ValueError(f'"alpha" is {self.alpha!r}; give a number between 0 and 1.')
-            self.glossy_walks = whole_number(props.get("glossy_walks", 8), "glossy_walks", 1)
-            self.edge_correction = bool(props.get("edge_correction", True))
-            self.direct = props.get("direct", "photons")
-            if self.direct not in ("photons", "emitters"):
-                raise ValueError(f'"direct" is {self.direct!r}; choose "photons" or "emitters".')
+        if not (is_number(self.alpha) and 0 < self.alpha < 1):
+            raise ValueError(f'"alpha" is {self.alpha!r}; give a number between 0 and 1.')
+        self.glossy_walks = whole_number(props.get("glossy_walks", 8), "glossy_walks", 1)
+        self.edge_correction = bool(props.get("edge_correction", True))
+        self.direct = props.get("direct", "photons")
+        if self.direct not in ("photons", "emitters"):
+            raise ValueError(f'"direct" is {self.direct!r}; choose "photons" or "emitters".')
 
-        def render(
-            self,
-            scene: mi.Scene,
-            sensor: Any = 0,
-            seed: Any = 0,
-            spp: int = 0,
-            develop: bool = True,
-            evaluate: bool = True,
-        ) -> Any:
-            if isinstance(sensor, int):
-                sensor = scene.sensors()[sensor]
-            require_separable(scene)
-            require_bounds(scene)
-            seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
-            film = sensor.film()
-            film.prepare([])
-            with dr.suspend_grad():
-                passes = PhotonPasses(scene, self.settings(scene, sensor, seed), seed)
-                total: Any = 0
-                for t in range(1, (spp or self.passes) + 1):
-                    total += self._render_pass(sensor, passes, t)
-                    # One launch per pass: memory stays that of one pass.
-                    dr.eval(total)
-                offset = mi.ScalarPoint2i(film.crop_offset())
-                film.put_block(mi.ImageBlock(total, offset, border=False))
-                return film.develop() if develop else None
+    def render(
+        self,
+        scene: mi.Scene,
+        sensor: Any = 0,
+        seed: Any = 0,
+        spp: int = 0,
+        develop: bool = True,
+        evaluate: bool = True,
+    ) -> Any:
+        if isinstance(sensor, int):
+            sensor = scene.sensors()[sensor]
+        require_separable(scene)
+        require_bounds(scene)
+        seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
+        film = sensor.film()
+        film.prepare([])
+        with dr.suspend_grad():
+            passes = PhotonPasses(scene, self.settings(scene, sensor, seed), seed)
+            total: Any = 0
+            for t in range(1, (spp or self.passes) + 1):
+                total += self._render_pass(sensor, passes, t)
+                # One launch per pass: memory stays that of one pass.
+                dr.eval(total)
+            offset = mi.ScalarPoint2i(film.crop_offset())
+            film.put_block(mi.ImageBlock(total, offset, border=False))
+            return film.develop() if develop else None
 
-        def settings(self, scene: mi.Scene, sensor: mi.Sensor, seed: int) -> PassSettings:
-            """Settings of all passes, with the automatic radius measured where it is asked for."""
-            radius = self.initial_radius
-            if radius == 0:
-                rows = next(split_rows(sensor.film()))
-                points = self._sample(scene, sensor, pass_seed(seed, 0, Stream.CAMERA), rows).points
-                radius = propose_radius(
-                    scene, points, PathSettings(self.photons_per_pass), seed=seed
-                )
-            return PassSettings(
-                photons_per_pass=self.photons_per_pass,
-                initial_radius=radius,
-                alpha=self.alpha,
-                max_depth=self.depth_limit,
-                rr_depth=self.rr_depth,
-                direct=self.direct,
-                glossy_walks=self.glossy_walks,
-                edge_correction=self.edge_correction,
-            )
+    def settings(self, scene: mi.Scene, sensor: mi.Sensor, seed: int) -> PassSettings:
+        """Settings of all passes, with the automatic radius measured where it is asked for."""
+        radius = self.initial_radius
+        if radius == 0:
+            rows = next(split_rows(sensor.film()))
+            points = self._sample(scene, sensor, pass_seed(seed, 0, Stream.CAMERA), rows).points
+            radius = propose_radius(scene, points, PathSettings(self.photons_per_pass), seed=seed)
+        return PassSettings(
+            photons_per_pass=self.photons_per_pass,
+            initial_radius=radius,
+            alpha=self.alpha,
+            max_depth=self.depth_limit,
+            rr_depth=self.rr_depth,
+            direct=self.direct,
+            glossy_walks=self.glossy_walks,
+            edge_correction=self.edge_correction,
+        )
 
-        def _render_pass(self, sensor: mi.Sensor, passes: PhotonPasses, t: int) -> mi.TensorXf:
-            """What pass ``t`` adds to the film's pixels, (H, W, C)."""
-            parts, photons = [], passes.trace(t)
-            for number, rows in enumerate(split_rows(sensor.film())):
-                seed = pass_seed(passes.seed, t, Stream.CAMERA, number)
-                walks, direct = passes.settings.glossy_walks, passes.settings.direct == "emitters"
-                samples = self._sample(passes.scene, sensor, seed, rows, walks, direct)
-                irradiance = photons.irradiance(samples.points)
-                radiance = samples.merge(samples.points.radiance(irradiance)) * samples.weight
-                found = dr.select(samples.points.valid, mi.Color3f(1), 0)
-                alpha = samples.merge(found).x
-                dr.eval(radiance, alpha)
-                parts.append((samples.position, radiance, alpha))
-            whole = (
-                parts[0] if len(parts) == 1 else [concatenate(p) for p in zip(*parts, strict=True)]
-            )
-            return reconstruct(sensor.film(), *whole)
+    def _render_pass(self, sensor: mi.Sensor, passes: PhotonPasses, t: int) -> mi.TensorXf:
+        """What pass ``t`` adds to the film's pixels, (H, W, C)."""
+        parts, photons = [], passes.trace(t)
+        for number, rows in enumerate(split_rows(sensor.film())):
+            seed = pass_seed(passes.seed, t, Stream.CAMERA, number)
+            walks, direct = passes.settings.glossy_walks, passes.settings.direct == "emitters"
+            samples = self._sample(passes.scene, sensor, seed, rows, walks, direct)
+            irradiance = photons.irradiance(samples.points)
+            radiance = samples.merge(samples.points.radiance(irradiance)) * samples.weight
+            found = dr.select(samples.points.valid, mi.Color3f(1), 0)
+            alpha = samples.merge(found).x
+            dr.eval(radiance, alpha)
+            parts.append((samples.position, radiance, alpha))
+        whole = parts[0] if len(parts) == 1 else [concatenate(p) for p in zip(*parts, strict=True)]
+        return reconstruct(sensor.film(), *whole)
 
-        def _sample(
-            self,
-            scene: mi.Scene,
-            sensor: mi.Sensor,
-            seed: int,
-            rows: range,
-            walks: int = 1,
-            direct: bool = False,
-        ) -> FilmSamples:
-            """Visible points of one ray per pixel of some rows."""
-            samples = sample_film(
-                scene,
-                sensor,
-                seed,
-                self.depth_limit,
-                self.rr_depth,
-                direct=direct,
-                walks=walks,
-                rows=rows,
-            )
-            # Or every kernel that needs the points would walk to them again.
-            dr.eval(samples)
-            return samples
+    def _sample(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        seed: int,
+        rows: range,
+        walks: int = 1,
+        direct: bool = False,
+    ) -> FilmSamples:
+        """Visible points of one ray per pixel of some rows."""
+        samples = sample_film(
+            scene,
+            sensor,
+            seed,
+            self.depth_limit,
+            self.rr_depth,
+            direct=direct,
+            walks=walks,
+            rows=rows,
+        )
+        # Or every kernel that needs the points would walk to them again.
+        dr.eval(samples)
+        return samples
 
-        def to_string(self) -> str:
-            return (
-                f"SPPM[passes={self.passes}, photons_per_pass={self.photons_per_pass}, "
-                f"initial_radius={self.initial_radius}, alpha={self.alpha}, "
-                f"max_depth={self.depth_limit}, rr_depth={self.rr_depth}]"
-            )
-
-    return SPPM
+    def to_string(self) -> str:
+        return (
+            f"SPPM[passes={self.passes}, photons_per_pass={self.photons_per_pass}, "
+            f"initial_radius={self.initial_radius}, alpha={self.alpha}, "
+            f"max_depth={self.depth_limit}, rr_depth={self.rr_depth}]"
+        )
 
 
-def register() -> None:
-    """Register the plugin for the active variant."""
-    mi.register_integrator("sppm", define())
+mi.register_integrator("sppm", SPPM)
