@@ -22,10 +22,19 @@ EVERY = "all"
 
 
 def read_profiles() -> Mapping[str, Mapping[str, Any]]:
-    """Profile name -> dotted key of params.yaml -> value."""
+    """Profile name -> dotted key of params.yaml -> value, for every key that some profile has; what
+    a profile does not say is the default of the settings."""
     text = Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8")
-    profiles: Mapping[str, Mapping[str, Any]] = YAML(typ="safe").load(text)
-    return profiles
+    differing: Mapping[str, Mapping[str, Any]] = YAML(typ="safe").load(text)
+    defaults = {key: _default(key) for profile in differing.values() for key in profile}
+    return {name: {**defaults, **profile} for name, profile in differing.items()}
+
+
+def _default(key: str) -> Any:
+    """The default of a dotted key of params.yaml, as YAML has it."""
+    section, _, leaf = key.partition(".")
+    value = getattr(Params.model_fields[section].default, leaf)
+    return list(value) if isinstance(value, tuple) else value
 
 
 def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
