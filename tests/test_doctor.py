@@ -9,7 +9,8 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from gpf import doctor, trials
+from gpf import doctor
+from gpf.core import subprocesses
 from gpf.core.runtime import LLVM_VARIABLE
 from gpf.doctor import Check, diagnose, print_report
 
@@ -270,25 +271,25 @@ def test_a_full_disk_fails_and_little_memory_does_not(monkeypatch: pytest.Monkey
     assert doctor.check_memory().ok is True
 
 
-# --- trials in a process of their own ----------------------------------------------------
+# --- probes in subprocesses --------------------------------------------------------------
 
 
 def test_the_doctor_survives_an_abort(monkeypatch: pytest.MonkeyPatch) -> None:
     answer = 'print(\'{"llvm": [19, 1, 0], "cuda": false}\', flush=True)'
-    monkeypatch.setattr(trials, "PROBE", f"import os\n{answer}\nos.abort()")
-    assert trials.run_probe() == {"llvm": [19, 1, 0], "cuda": False, "died": "signal 6"}
+    monkeypatch.setattr(subprocesses, "PROBE", f"import os\n{answer}\nos.abort()")
+    assert subprocesses.run_probe() == {"llvm": [19, 1, 0], "cuda": False, "died": "signal 6"}
 
 
-def test_the_last_words_of_a_failed_trial_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trials, "PROBE", "raise OSError('no library')")
-    assert trials.run_probe() == {"died": "OSError: no library"}
-    assert trials.last_line("") == "no message"
+def test_the_last_words_of_a_failed_probe_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subprocesses, "PROBE", "raise OSError('no library')")
+    assert subprocesses.run_probe() == {"died": "OSError: no library"}
+    assert subprocesses.last_line("") == "no message"
 
 
-def test_a_trial_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trials, "TIMEOUT", 0.5)
+def test_a_probe_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subprocesses, "TIMEOUT", 0.5)
     code = "import time; print('so far', flush=True); time.sleep(60)"
-    assert trials.run_python(code) == (1, "so far\n", "no answer within 0.5 seconds")
+    assert subprocesses.run_python(code) == (1, "so far\n", "no answer within 0.5 seconds")
 
 
 def test_this_machine_is_examined() -> None:

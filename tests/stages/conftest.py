@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from gpf.cli import OF_ALL_SCENES, main
+from gpf.cli import main
+from stages.commands.benchmark import OF_ALL_SCENES
 from stages.commands.profiles import apply_profile
 from tests.stages.results import SMOKE_STAGES
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from gpf.cli import STAGES
 from gpf.core.files import read_tensors
 from gpf.core.images import read_exr
+from stages.commands.benchmark import STAGES
 
 # With `smoke`, no camera path is animated.
 SMOKE_STAGES = tuple(stage for stage in STAGES if stage != "animate")

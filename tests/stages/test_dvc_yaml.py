@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-import ast
 import re
-from pathlib import Path
+from functools import cache
 
 import pytest
 from ruamel.yaml import YAML
-from stages.code import files_of_baseline, files_of_scene, files_of_stage
-from stages.imports import PACKAGES
 
-from gpf.cli import OF_ALL_SCENES, STAGES
 from gpf.config.params import Params, read_params
+from stages.commands.benchmark import OF_ALL_SCENES, STAGES
+from stages.commands.profiles import read_profiles
+from stages.common.code import code_of
+from tests.stages.imports import PROJECT, files_behind
+from tests.stages.params_read import params_read_by
 from tests.stages.results import SMOKE_STAGES
 
-PROJECT = Path(__file__).parent.parent.parent
 PARAMS = read_params(PROJECT / "params.yaml")
 # Who renders a pass changes no bit of it; DVC calls `baseline` for each method by itself, and
 # `ablation` for each variant.
-WHO_RENDERS = {"executor", "cluster", "methods", "ablations", "ablations.run"}
+WHO_RENDERS = {"executor", "methods", "ablations", "ablations.run"}
 # Rows of params.yaml that one command runs, by the command's option.
 ROWS = {"baseline": "method", "ablation": "variant"}
 # The scenes that a stage runs for.
@@ -28,24 +28,26 @@ SCENES = {"animate": "animation.scenes", "ablation": "ablations.scenes"}
 # Names of one command that runs for several lists of methods.
 BASELINES = ("classical", "equal_time", "learned")
 
-LISTED = {"classical": list(PARAMS.methods.classical)}
+
+def in_any_profile(key: str) -> list[str]:
+    """What the profiles list under a key of params.yaml."""
+    return sorted({name for profile in read_profiles().values() for name in profile[key]})
+
+
+LISTED = {"classical": in_any_profile("methods.classical")}
 LISTED["equal_time"] = [m for m, o in PARAMS.baselines.items() if o.waits_for_field]
 LISTED["learned"] = [m for m in PARAMS.baselines if not any(m in rows for rows in LISTED.values())]
 
 # Of these lists no system learns from the field's targets.
 WITHOUT_TARGETS = ("classical", "equal_time")
 
-# Parameters that Workspace reads on the way, by the names that it reads them for.
-BEHIND = {"film_size": "film", "sensor": "film"}
 
-
+@cache
 def pipeline() -> dict:
     return YAML(typ="safe").load((PROJECT / "dvc.yaml").read_text(encoding="utf-8"))
 
 
 NAMES = list(pipeline()["stages"])
-# All others depend on this one.
-WITH_CODE = [name for name in NAMES if name != "code"]
 
 
 def definition(stage: str) -> dict:
@@ -56,16 +58,30 @@ def definition(stage: str) -> dict:
 
 def needed_by(stage: str) -> set[str]:
     """The project's files that decide what a stage writes, for any of its methods."""
+    starts = [stage_file(stage)]
     if stage in BASELINES:
-        rows = [files_of_baseline(PARAMS.baselines[method]) for method in LISTED[stage]]
-        return set().union(*rows)
-    if stage == "scene":
-        return set().union(*(files_of_scene(scene) for scene in PARAMS.scenes))
-    return set(files_of_stage(stage, PARAMS))
+        starts += [system_file(method) for method in LISTED[stage]]
+    if stage == "animate":
+        shown = in_any_profile("animation.methods")
+        starts += [system_file(method) for method in shown if method in PARAMS.baselines]
+    if stage == "scene":  # which lists each scene's folder, with the builder
+        builders = [p.relative_to(PROJECT).as_posix() for p in PROJECT.glob("scenes/*/build.py")]
+        return files_behind([*starts, *builders]) - set(builders)
+    return files_behind(starts)
+
+
+def system_file(method: str) -> str:
+    """The file of a method's system, which :mod:`gpf.baselines.registry` imports by name."""
+    place = f"gpf/baselines/{PARAMS.baselines[method].system}"
+    return f"{place}/baseline.py" if (PROJECT / place).is_dir() else f"{place}.py"
 
 
 def stage_file(stage: str) -> str:
-    return STAGES[command(stage)][0].replace(".", "/") + ".py"
+    return module_file(STAGES[command(stage)][0])
+
+
+def module_file(name: str) -> str:
+    return name.replace(".", "/") + ".py"
 
 
 def command(stage: str) -> str:
@@ -77,7 +93,7 @@ def covers(entries: list[str], file: str) -> bool:
 
 
 def deps(stage: str) -> list[str]:
-    return [str(entry).replace("item.scene", "item") for entry in definition(stage)["deps"]]
+    return [entry.replace("item.scene", "item") for entry in definition(stage)["deps"]]
 
 
 def outs(stage: str, ran: Params = PARAMS) -> list[str]:
@@ -111,62 +127,28 @@ def test_the_stages_are_those_of_the_command_line():
             assert stage["do"]["cmd"] == f"gpf stage {name} --scene ${{item}}"
 
 
-@pytest.mark.parametrize("stage", WITH_CODE)
-def test_every_stage_depends_on_what_its_code_says(stage):
-    name = "baselines/${item.method}" if stage in BASELINES else stage
-    name = "scenes/${item}" if stage == "scene" else name
-    assert [entry for entry in deps(stage) if "/code/" in entry] == [f"results/code/{name}.txt"]
-    assert not any(covers(list(PACKAGES), entry) for entry in deps(stage))
+@pytest.mark.parametrize("stage", NAMES)
+def test_every_stage_lists_the_code_that_it_imports(stage):
+    assert {file for file in needed_by(stage) if not covers(deps(stage), file)} == set()
 
 
-def test_what_the_code_says_depends_on_all_packages_and_builders():
-    assert deps("code") == [*PACKAGES, "scenes"]
+@pytest.mark.parametrize("stage", NAMES)
+def test_the_code_that_a_stage_lists_exists(stage):
+    listed = [entry for entry in deps(stage) if "$" not in entry and entry != "results/costs"]
+    assert [entry for entry in listed if not (PROJECT / entry).exists()] == []
+    files = [path.relative_to(PROJECT).as_posix() for path in code_of(stage)]
+    assert files and all(covers(listed, file) and file.endswith(".py") for file in files)
 
 
-def read_params_of(file: str) -> set[str]:
-    """Dotted parameters that a stage's file reads, as far as its text shows."""
-    found = {"runtime"}
-    for function in ast.walk(ast.parse((PROJECT / file).read_text(encoding="utf-8"))):
-        if not isinstance(function, ast.FunctionDef):
-            continue
-        nodes = list(ast.walk(function))
-        # `section = work.params.train` followed by section.steps reads train.steps.
-        aliases = {
-            node.targets[0].id: path
-            for node in nodes
-            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
-            for path in [params_path(node.value, {})]
-            if path
-        }
-        attributes = [node for node in nodes if isinstance(node, ast.Attribute)]
-        paths = {params_path(node, aliases) for node in attributes} - {None}
-        found |= {path for path in paths if not any(p.startswith(f"{path}.") for p in paths)}
-        found |= {BEHIND[node.attr] for node in attributes if node.attr in BEHIND}
-    return found
-
-
-def params_path(node: ast.AST, aliases: dict[str, str]) -> str | None:
-    """``train.steps`` for ``work.params.train.steps``, also by way of a local name."""
-    names: list[str] = []
-    while isinstance(node, ast.Attribute):
-        names.insert(0, node.attr)
-        node = node.value
-    if not isinstance(node, ast.Name):
-        return None
-    if node.id in aliases:
-        names = [*aliases[node.id].split("."), *names]
-    elif "params" in names:
-        names = names[names.index("params") + 1 :]
-    else:
-        return None
-    kept: list[str] = []
-    model = Params
-    for name in names:
-        if name not in getattr(model, "model_fields", {}):
-            break
-        kept.append(name)
-        model = model.model_fields[name].annotation
-    return ".".join(kept) or None
+def test_the_reader_of_imports_sees_them():
+    render = files_behind(["stages/render.py"])
+    assert {"gpf/rendering/gpf.py", "gpf/field/field.py", "gpf/core/spatial_hash.py"} <= render
+    assert not any(file.startswith(("gpf/config", "gpf/guiding")) for file in render)
+    assert "gpf/guiding/pilot.py" in files_behind(["stages/photons.py"])
+    assert "gpf/sppm/passes.py" in files_behind(["gpf/baselines/sppm.py"])
+    # Inside a function.
+    assert "stages/references/cluster.py" in files_behind(["stages/reference.py"])
+    assert "gpf/modelling/teapot.py" in needed_by("scene")
 
 
 def params_of(stage: str) -> list[str] | None:
@@ -177,20 +159,21 @@ def params_of(stage: str) -> list[str] | None:
     return [re.sub(r"\.\$\{item\.(method|variant)\}$", "", entry) for entry in entries]
 
 
-@pytest.mark.parametrize("stage", WITH_CODE)
+@pytest.mark.parametrize("stage", NAMES)
 def test_every_parameter_that_a_stage_reads_is_declared(stage):
     declared = params_of(stage)
     if declared is None:  # all of them
         return
-    # What Workspace reads is read by the names in BEHIND.
-    own = needed_by(stage) - {"stages/common/workspace.py"}
-    files = [stage_file(stage), *(file for file in own if file.startswith("stages/"))]
-    reads = set().union(*(read_params_of(file) for file in files))
+    # The effort of the field is for systems that learn from its targets.
+    unused = ["effort"] if stage in WITHOUT_TARGETS else []
+    module, function = STAGES[command(stage)]
+    reads = params_read_by(module_file(module), function, unused)
     assert "runtime" in reads
+    known = [*declared, "cluster"]
     missing = {
         path
         for path in reads - WHO_RENDERS
-        if not any(path == entry or path.startswith(f"{entry}.") for entry in declared)
+        if not any(path == entry or path.startswith(f"{entry}.") for entry in known)
     }
     assert missing == set()
 
@@ -202,10 +185,13 @@ def test_systems_that_depend_on_the_fields_training_are_of_no_other_list(stage):
 
 
 def test_the_reader_of_parameters_sees_them():
-    assert "train.steps" in read_params_of("stages/training/settings.py")
-    assert "field.anisotropic" in read_params_of("stages/training/settings.py")
-    assert {"reference.surface_points", "film"} <= read_params_of("stages/references/groups.py")
-    assert "reference.passes" in read_params_of("stages/amortize.py")
+    train = params_read_by("stages/train.py", "train_field")
+    assert {"stream.passes", "train.checkpoint_seconds", "reference.rr_depth"} <= train
+    assert not any(path.startswith("photons") for path in train)  # of which one function is used
+    assert "photons.paths" in params_read_by("stages/photons.py", "trace")
+    reference = params_read_by("stages/reference.py", "render_references")
+    assert {"reference.surface_points", "film", "cluster.workers"} <= reference
+    assert "reference.passes" in params_read_by("stages/amortize.py", "amortize")
 
 
 @pytest.mark.parametrize("stage", NAMES)
@@ -241,8 +227,9 @@ def test_all_that_the_pipeline_writes_is_an_output(built):
 
 
 def test_flicker_is_a_metric_of_each_scene_that_is_animated():
-    """DVC has no loop over such entries."""
-    listed = [f"results/{scene}/animation/flicker.json" for scene in PARAMS.animation.scenes]
+    """In any profile: DVC has no loop over such entries."""
+    scenes = in_any_profile("animation.scenes")
+    listed = [f"results/{scene}/animation/flicker.json" for scene in scenes]
     assert pipeline()["metrics"] == listed
     # Within an output of the stage, that is, and of no stage's metrics.
     assert "results/${item}/animation" in outs("animate")

@@ -6,11 +6,11 @@ import re
 
 import numpy as np
 import pytest
-from tests.test_splat_ply import columns, read_ply
 
 from gpf.core.files import read_tensors, write_tensors
 from gpf.field.field import FieldSettings
 from gpf.field.io import StoredField, read_field, write_field
+from tests.field.test_ply import columns, read_ply
 from tests.plain_field import random_gaussians
 
 FIELD = "results/cornell_box/field.safetensors"
@@ -24,7 +24,9 @@ def trained(fresh):
     names = ("means", "log_scales", "quats", "irradiance", "normals")
     tensors = {name: getattr(g, name).astype(np.float32) for name in names}
     record = {"scene": "0123", "steps": 20}
-    field = StoredField(tensors, FieldSettings(0.2, k=5), [[-1, 0, -0.5], [2, 2, 0.7]], record)
+    field = StoredField(
+        tensors, FieldSettings(search_radius=0.2, k=5), [[-1, 0, -0.5], [2, 2, 0.7]], record
+    )
     write_field(field, fresh.folder / FIELD)
     views = (fresh.folder / "scenes/cornell_box/views.yaml").read_text(encoding="utf-8")
     views, found = re.subn(r"(?m)^exposure: .*$", "exposure: 0.35", views)

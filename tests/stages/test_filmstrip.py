@@ -11,7 +11,7 @@ from imageio_ffmpeg import get_ffmpeg_exe
 from PIL import Image
 
 from gpf.core.errors import UserError
-from stages import filmstrip
+from stages.animation import filmstrip
 from stages.animation.filmstrip import BLANK, GAP, Reel, compose, film_panel, picture_panel
 
 RED, BLUE = (200, 30, 30), (20, 40, 220)

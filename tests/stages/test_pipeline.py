@@ -15,15 +15,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gpf.cli import STAGES
 from gpf.core.files import read_tensors
 from gpf.core.images import read_exr
 from gpf.field.io import load_field
+from stages.commands.benchmark import STAGES
 from tests.stages.results import NOVEL, TRAIN, assert_whole, files_below
 
 PROJECT = Path(__file__).parent.parent.parent
 HEIGHT, WIDTH = 16, 20
-WITHOUT_COSTS = ("code", "baseline", "ablation", "animate", "amortize", "report")
+WITHOUT_COSTS = ("baseline", "ablation", "animate", "amortize", "report")
 # `all` is the field as it is: nothing is made for it.
 ABLATIONS = {
     *(f"ablations/{name}.json" for name in ("init_radius", "all")),
@@ -75,7 +75,7 @@ def test_everything_that_should_exist_exists(built):
     shared = files_below(built.folder / "results") - {f"cornell_box/{e}" for e in expected}
     places = {name.split("/")[0] for name in shared}
     assert "costs/cornell_box.csv" in shared
-    assert places == {"code", "costs", "tables", "figures", "report.html"}
+    assert places == {"costs", "tables", "figures", "report.html"}
     assert_whole(built.folder / "results")
 
 

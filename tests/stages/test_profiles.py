@@ -14,7 +14,9 @@ from gpf.core.errors import UserError
 from stages.commands.profiles import EVERY, apply_profile, read_profiles
 
 PROJECT = Path(__file__).parent.parent.parent
-NAMES = ("smoke", "desk", "full", "paper")
+NAMES = ("quick", "desk", "full", "paper", "smoke")
+OWN = "quick"
+"""The profile of the project's params.yaml."""
 
 
 @pytest.fixture
@@ -52,7 +54,7 @@ def test_values_that_do_not_go_together_are_refused_before_anything_is_said(para
     assert params.read_text() == before and " -> " not in said
 
 
-def test_there_are_four():
+def test_there_are_five():
     assert tuple(read_profiles()) == NAMES
 
 
@@ -93,10 +95,10 @@ def test_a_profile_asks_for_no_scene_that_the_project_lacks(params):
     assert read.animation.scenes == ("water_caustic_2",)
 
 
-def test_the_projects_params_are_the_profile_desk():
+def test_the_projects_params_are_a_profile():
     read = read_params(PROJECT / "params.yaml")
-    found = {key: look_up(read, key) for key in read_profiles()["desk"]}
-    assert found == dict(read_profiles()["desk"])
+    found = {key: look_up(read, key) for key in read_profiles()[OWN]}
+    assert found == dict(read_profiles()[OWN])
 
 
 def test_desk_and_full_are_what_they_are_for():
@@ -110,7 +112,7 @@ def test_switching_there_and_back_restores_the_file(params):
     before = params.read_text(encoding="utf-8")
     apply_profile("smoke", params)
     assert params.read_text(encoding="utf-8") != before
-    apply_profile("desk", params)
+    apply_profile(OWN, params)
     assert params.read_text(encoding="utf-8") == before
 
 
@@ -131,11 +133,11 @@ def test_comments_and_other_values_stay(params):
 def test_what_changed_is_said(params, capfd):
     apply_profile("full", params)
     text = re.sub(r"\s+", " ", capfd.readouterr().err)
-    before = read_profiles()["desk"]["reference.passes"]
+    before = read_profiles()[OWN]["reference.passes"]
     assert f"reference.passes: {before} -> 1000" in text
     assert "methods.learned: [] -> ['radiance_cache'," in text
     assert "photons.paths" not in text
-    assert re.search(r"params\.yaml: profile full, 6 values changed", text)
+    assert re.search(r"params\.yaml: profile full, 14 values changed", text)
     apply_profile("full", params)
     assert "0 values changed" in re.sub(r"\s+", " ", capfd.readouterr().err)
 
@@ -160,7 +162,7 @@ def test_an_unknown_profile_is_said_in_words(params):
     before = params.read_bytes()
     with pytest.raises(
         UserError,
-        match=r"profile 'desc': does not exist\. Did you mean 'desk'\? Profiles are smoke, desk, f",
+        match=r"profile 'desc': does not exist\. Did you mean 'desk'\? Profiles are quick, desk, f",
     ):
         apply_profile("desc", params)
     assert params.read_bytes() == before

@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 
 from gpf.config.params import read_params
 from gpf.scene.views import SceneViews, ViewSets
-from stages import scene_import
+from stages.commands import scene_import
 from stages.commands.scene_import import add_scene
 
 PROJECT = Path(__file__).parent.parent.parent
