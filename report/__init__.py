@@ -1,1 +1,1 @@
-"""What the stages measured, for people: tables, figures and a page that shows both."""
+"""Tables, figures and an HTML page of the results of all stages."""

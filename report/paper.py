@@ -1,4 +1,4 @@
-"""The numbers that the paper reports, from paper.yaml: the only ones that nobody measured here."""
+"""The numbers that the paper reports, from paper.yaml. All other numbers are measured."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class _Model(BaseModel):
 
 
 class Numbers(_Model):
-    """What is said of a method's images: dB, and what SSIM and LPIPS are in; MB; seconds."""
+    """Metrics of a method's images (PSNR in dB), its storage in MB and its seconds per view."""
 
     psnr: Positive
     ssim: Positive
@@ -33,7 +33,7 @@ class Numbers(_Model):
 
     @property
     def known(self) -> dict[str, float]:
-        """Those that there are."""
+        """The numbers that the paper has."""
         return {key: getattr(self, key) for key in _NUMBERS if getattr(self, key) is not None}
 
 
@@ -41,7 +41,7 @@ _NUMBERS = ("psnr", "ssim", "lpips", "storage_mb", "seconds_per_view")
 
 
 class Variant(Numbers):
-    """A row of an ablation: its title, and how its field is made."""
+    """A row of an ablation: its title, and the settings of its field."""
 
     title: str
     field: dict[str, Any]
@@ -56,21 +56,21 @@ class Ablations(_Model):
     k: tuple[Variant, ...]
 
     def of(self, group: str) -> Sequence[Variant]:
-        """One of the tables; none for what the paper does not have."""
+        """The rows of a table; none for a group that the paper does not have."""
         return getattr(self, group) if group in Group.__args__ else ()  # type: ignore[attr-defined]
 
 
 class Cost(_Model):
-    """Hours of preparation, and the number of views from which on they pay."""
+    """Hours of preparation, and the number of views at which they pay off."""
 
     total_hours: Positive
     break_even_views: int
 
 
 class Paper(_Model):
-    """Everything that the paper reports: scene -> method -> numbers.
+    """All numbers of the paper: scene -> method -> numbers.
 
-    Scenes have this project's names; :meth:`name_of` tells what a method of ours is called here.
+    Scenes have this project's names. :meth:`name_of` finds the paper's name of a method.
     """
 
     methods: dict[str, dict[str, Any]]
@@ -82,7 +82,7 @@ class Paper(_Model):
     cost: Cost
 
     def name_of(self, options: Mapping[str, Any]) -> str:
-        """The method that is set up so; "" if the paper has none."""
+        """The paper's name of a method with these settings; "" if the paper does not have it."""
         alike = (
             name
             for name, settings in self.methods.items()
@@ -91,14 +91,15 @@ class Paper(_Model):
         return next(alike, "")
 
     def quality(self, scene: str, method: str) -> dict[str, float]:
-        """PSNR, SSIM, LPIPS and storage of a method in a scene, as far as reported."""
+        """The reported ones of PSNR, SSIM, LPIPS and storage, of a method in a scene."""
         for table in (self.systems, self.learned):
             if method in table.get(scene, {}):
                 return table[scene][method].known
         return {}
 
     def mean_over(self, scenes: Sequence[str], method: str) -> dict[str, float]:
-        """The means over these scenes: as printed for all five, else of what is printed of each."""
+        """The means over these scenes: the printed means for all five scenes, else the means of the
+        printed numbers. A number that a scene lacks has no mean."""
         if set(scenes) == set(self.systems):
             return self.mean[method].known if method in self.mean else {}
         rows = [self.quality(scene, method) for scene in scenes]
@@ -108,7 +109,7 @@ class Paper(_Model):
         }
 
     def time(self, scene: str, method: str) -> float | None:
-        """Seconds per image."""
+        """Seconds per image, if reported."""
         return self.seconds.get(method, {}).get(scene)
 
 

@@ -1,4 +1,4 @@
-"""Time and quality as measured: what each system does in how many seconds per view."""
+"""Time and quality of each system: its measured points, and an extrapolation."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from dataclasses import dataclass, field
 from report.results import FIELD, NUMBERS, SECOND_REFERENCE, Results
 
 REACH = 100
-"""An extrapolation goes as far as so many times the longest time that was measured."""
+"""Limit of the extrapolation, as a multiple of the longest measured time."""
 
 MORE_SAMPLES_HELP = ("path_tracer", "particle_tracer", "sppm")
-"""Systems whose error goes to zero with time."""
+"""Systems whose error goes to zero with more samples."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """A method as it was run.
+    """A measured setting of a system.
 
     Attributes
     ----------
-    title: the method, or SPPM with so many passes.
+    title: the method, or SPPM and its number of passes.
     seconds: per view, without preparation.
-    numbers: as far as known, named like :data:`report.results.NUMBERS`; ``psnr`` is.
-    prepare_seconds: once per scene; None where that is unknown.
-    reasons: why numbers are missing, by their names.
+    numbers: the known ones of :data:`report.results.NUMBERS`; ``psnr`` always.
+    prepare_seconds: once per scene; None if unknown.
+    reasons: why numbers are missing, by name.
     """
 
     title: str
@@ -36,13 +36,16 @@ class Point:
 
     @property
     def psnr(self) -> float:
-        """Against the reference, dB."""
+        """PSNR against the reference, dB."""
         return self.numbers["psnr"]
 
 
 def measured_points(results: Results, scene: str) -> dict[str, list[Point]]:
-    """System -> how it was run, by time. SPPM has points along its convergence, too, of which
-    PSNR alone is known and whose time is that of a pass, times their number."""
+    """System -> its points, sorted by time.
+
+    SPPM also has the points of its convergence curve. Of these only PSNR is known (except for the
+    last), and their time is the time of a pass times the number of passes.
+    """
     rows = results.params.baselines
     systems: dict[str, list[Point]] = {}
     for method, title in results.methods_of(scene).items():
@@ -58,7 +61,7 @@ def measured_points(results: Results, scene: str) -> dict[str, list[Point]]:
             title = f"SPPM, {passes} pass{'es' if passes > 1 else ''} as in references"
             known = results.row(scene, SECOND_REFERENCE) if passes == last else {}
             numbers = {key: known[key] for key in NUMBERS if key in known} | {"psnr": psnr}
-            reasons = dict.fromkeys(NUMBERS, "of this number of passes, PSNR alone was measured")
+            reasons = dict.fromkeys(NUMBERS, "only PSNR was measured at this number of passes")
             reasons |= results.reasons(scene, SECOND_REFERENCE) if passes == last else {}
             point = Point(title, passes * files.seconds_per_pass, numbers, 0.0, reasons)
             systems.setdefault("sppm", []).append(point)
@@ -66,17 +69,19 @@ def measured_points(results: Results, scene: str) -> dict[str, list[Point]]:
 
 
 def field_point(results: Results, scene: str) -> Point | None:
-    """The field, if it has been rendered and compared."""
+    """The field's point, if it was rendered and compared."""
     return _point(results, scene, FIELD, results.methods[FIELD])
 
 
 def extrapolate(points: Sequence[Point], psnr: float, reach: float = REACH) -> float | None:
-    """Seconds that would give ``psnr`` if the last two points went on: log(seconds) is linear in
-    PSNR where the error falls as a power of the number of samples. Points that take more than half
-    the time of the last are too near to it to tell.
+    """Seconds to reach ``psnr`` (dB), extrapolated from two points.
 
-    Nothing if there are no two points of which the slower is the better one, or if it would be
-    further than ``reach`` times the last of them.
+    log(seconds) is assumed to be linear in PSNR, because the error falls as a power of the number
+    of samples. The two points are the last one, and the last one before it that takes at most half
+    its time; closer points would give an uncertain slope.
+
+    None if there are no such points, if the slower one is not the better one, or if the result is
+    more than ``reach`` times the last time.
     """
     earlier = [p for p in points if 2 * p.seconds <= points[-1].seconds]
     if not earlier or points[-1].psnr <= earlier[-1].psnr:

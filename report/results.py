@@ -1,6 +1,6 @@
-"""What the stages left in their files: the one source of every table, figure and page.
+"""The files of all stages, from which all tables, figures and pages are made.
 
-Nothing here computes a picture or a time: what no file has is missing.
+Nothing is rendered or timed here: a number that no file has is missing.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from metrics.image import NUMBERS
 from metrics.stage_costs import passes_done, seconds_per_view, target_seconds
 
 FIELD, SECOND_REFERENCE = OWN_METHODS
-"""Methods without a row in `baselines`: the field, and a second, independent reference."""
+"""The two methods without a row in `baselines`: the field and the second reference."""
 
 
 @dataclass(frozen=True)
 class Results:
-    """The files below a folder ``results``.
+    """The results of all scenes.
 
     Attributes
     ----------
-    params: what params.yaml says now.
-    root: the folder.
+    params: the present params.yaml.
+    root: the folder ``results``.
     """
 
     params: Params
@@ -41,22 +41,22 @@ class Results:
 
     @classmethod
     def open(cls, root: Path = Path("results")) -> Results:
-        """The results of the project in the working directory."""
+        """The results below the working directory."""
         return cls(read_params(), root)
 
     @cached_property
     def scenes(self) -> list[str]:
-        """Scenes of params.yaml that have been measured, against references as it asks for, in its
-        order."""
+        """Measured scenes of params.yaml, in its order, whose references have the passes that it
+        asks for."""
         return [s for s in self.params.scenes if self.has_metrics(s) and self.is_as_asked(s)]
 
     def has_metrics(self, scene: str) -> bool:
-        """Whether the stage `metrics` has run."""
+        """Whether the stage `metrics` has run for the scene."""
         return (self.root / scene / "metrics").is_dir()
 
     def is_as_asked(self, scene: str) -> bool:
-        """Whether a scene's references are not known to have another number of passes than
-        params.yaml asks for, as after a change of the profile."""
+        """Whether the references have the passes that params.yaml asks for, as far as known. They
+        may differ after a change of the profile."""
         section, passes = self.params.reference, max(self.scene(scene).convergence, default=None)
         if passes is None or passes == section.passes:
             return True
@@ -64,23 +64,23 @@ class Results:
 
     @property
     def methods(self) -> dict[str, str]:
-        """All methods that params.yaml asks for, with their titles: baselines, field, second reference."""
+        """Titles of all methods that params.yaml asks for: baselines, field, second reference."""
         titles = method_titles(self.params)
         return {m: titles[m] for m in (*self.params.methods.all, FIELD, SECOND_REFERENCE)}
 
     @property
     def passes(self) -> str:
-        """How many passes references have, for people."""
+        """The number of passes of the references, as text."""
         return passes_title(self.params.reference)
 
     @property
     def unmeasured(self) -> list[str]:
-        """Scenes of params.yaml that have not been measured, or otherwise."""
+        """The other scenes of params.yaml: not measured, or with other references."""
         return [s for s in self.params.scenes if s not in self.scenes]
 
     def methods_of(self, scene: str) -> dict[str, str]:
-        """Methods that could have numbers of a scene, with their titles: also rows of `baselines`
-        that `methods` does not list, but none that is meant for other scenes alone."""
+        """Titles of the methods that can have numbers in a scene. Rows of `baselines` that
+        `methods` does not list are included; rows for other scenes are not."""
         rows = self.params.baselines
         known = dict.fromkeys([*self.params.methods.all, *rows])
         meant = [m for m in known if not rows[m].scenes or scene in rows[m].scenes]
@@ -92,8 +92,8 @@ class Results:
         return SceneResults(name, self.root / name)
 
     def options(self, method: str) -> dict[str, Any]:
-        """How a method is set up: its row of `baselines`; for the field and the second reference, what they
-        are and what tells them from others of their kind."""
+        """A method's settings: its row of `baselines`; for the field its samples per pixel, and for
+        the second reference its passes."""
         if method == FIELD:
             return {"system": FIELD, "spp": self.params.render.spp}
         if method == SECOND_REFERENCE:
@@ -101,7 +101,7 @@ class Results:
         return self.params.baselines[method].model_dump(mode="json")
 
     def row(self, scene: str, method: str) -> dict[str, float]:
-        """What :attr:`quality` has of a method in a scene, as far as it is known."""
+        """The known numbers of a method in a scene, from :attr:`quality`."""
         frame = self.quality
         found = frame[(frame["scene"] == scene) & (frame["method"] == method)]
         if found.empty:
@@ -110,19 +110,21 @@ class Results:
         return {str(key): float(value) for key, value in numbers.items()}
 
     def reasons(self, scene: str, method: str) -> dict[str, str]:
-        """Why numbers are missing, by their names; by "" for all numbers of a method's images."""
+        """Why numbers are missing, by name; by "" if the method has no numbers at all."""
         if method not in self.methods:
-            return {"": "not asked for: `methods` in params.yaml does not list it"}
+            return {"": "not listed in `methods` of params.yaml"}
         why = self.scene(scene).numbers(method).get("reason")
         return {"": str(why)} if why else self.scene(scene).gaps(method)
 
     @cached_property
     def quality(self) -> pd.DataFrame:
-        """A row per scene and method: columns ``scene``, ``method``, ``title``, the mean of each
-        of :data:`NUMBERS` over novel views, ``storage_mb``, ``memory_mb``, ``prepare_seconds``,
-        ``seconds_per_view``, ``path_seconds`` (a view by ``path`` with max_depth 2 and one sample
-        per pixel, in the same run) and ``reason``: why there are no numbers. What is unknown is
-        missing (NaN)."""
+        """A row per scene and method. Unknown values are NaN.
+
+        Columns: ``scene``, ``method``, ``title``; the means of :data:`NUMBERS` over novel views;
+        ``storage_mb``, ``memory_mb``, ``prepare_seconds``, ``seconds_per_view``; the timing
+        baseline ``path_seconds`` (a view by ``path`` with max_depth 2 and one sample per pixel,
+        measured in the same run); ``reason``, why there are no numbers.
+        """
         rows = []
         for name in self.scenes:
             scene = self.scene(name)
@@ -138,19 +140,19 @@ class Results:
 
 @dataclass(frozen=True)
 class SceneResults:
-    """What is known of one scene."""
+    """The files of one scene."""
 
     name: str
     folder: Path
 
     def read(self, *parts: str) -> Any:
-        """A JSON file below the scene's folder; empty where it does not exist."""
+        """A JSON file below the scene's folder; empty if it does not exist."""
         path = self.folder.joinpath(*parts)
         return read_json(path, "report") if path.exists() else {}
 
     @property
     def title(self) -> str:
-        """The scene's name for people."""
+        """The scene's name in words: `Cornell Box`."""
         return self.name.replace("_", " ").title()
 
     @cached_property
@@ -159,7 +161,7 @@ class SceneResults:
         return read_views(self.folder / "views.yaml")
 
     def image(self, method: str, view: str) -> Path:
-        """Where a method's image of a view is; `reference` counts as a method here."""
+        """The file of a method's image of a view; `reference` is a method here."""
         if method in ("reference", SECOND_REFERENCE):
             return self.folder / method / f"{view}.exr"
         return self.folder / "renders" / method / f"{view}.exr"
@@ -174,34 +176,35 @@ class SceneResults:
         return dict(found["mean"])
 
     def gaps(self, method: str) -> dict[str, str]:
-        """Why single numbers of a method's images are missing, by their names."""
+        """Why some metrics of a method's images are missing, by name."""
         return dict(self.read("metrics", f"{method}.json").get("reasons", {}))
 
     @cached_property
     def convergence(self) -> dict[int, float]:
-        """PSNR of SPPM against the reference by number of passes, mean over novel views."""
+        """Number of SPPM passes -> PSNR against the reference, dB, mean over novel views."""
         return {int(row["passes"]): float(row["psnr"]) for row in self.read("convergence.json")}
 
     @cached_property
     def seconds_per_pass(self) -> float | None:
-        """What a pass of SPPM takes where a single view is asked for."""
+        """Seconds of an SPPM pass that renders a single view."""
         facts = self.read("costs", "reference.json").get("facts", {})
         seconds = facts.get("seconds_per_single_view_pass")
         return None if seconds is None else float(seconds)
 
     @cached_property
     def ablations(self) -> dict[str, Mapping[str, Any]]:
-        """What the stage `ablation` measured: variant -> its file."""
+        """Variant -> the file that the stage `ablation` wrote."""
         files = sorted(self.folder.glob("ablations/*.json"))
         return {file.stem: self.read("ablations", file.name) for file in files}
 
     def cost(self, method: str, params: Params) -> dict[str, float]:
-        """Seconds, megabytes: the columns of :attr:`Results.quality` that are known."""
+        """The known costs of a method, with the column names of :attr:`Results.quality`."""
         if method == SECOND_REFERENCE:
             per_pass = self.seconds_per_pass
             passes = max(self.convergence, default=params.reference.passes)
             return {"seconds_per_view": per_pass * passes} if per_pass else {}
-        found = self.read("costs", *_COSTS.get(method, ("baselines", f"{method}.json")))
+        file = "render.json" if method == FIELD else f"baselines/{method}.json"
+        found = self.read("costs", file)
         facts, parts = found.get("facts", {}), found.get("parts", {})
         known = {
             "storage_mb": facts.get("storage_megabytes", facts.get("field_megabytes")),
@@ -222,10 +225,10 @@ class SceneResults:
         return {key: value for key, value in known.items() if value is not None}
 
     def inputs_seconds(self, options: BaselineOptions, passes: int) -> float | None:
-        """What it takes to render what a system learns from: targets, or references of views.
+        """Seconds to compute a system's training data: targets, or references of training views.
 
-        Views are rendered together, from the same photons, and of so many passes, unless fewer did
-        (`reference.target_psnr`). None where that was not measured.
+        The views are rendered together from the same photons, with ``passes`` passes or, with
+        `reference.target_psnr`, the fewer that were done. None if these times were not measured.
         """
         cost, seconds = self.read("costs", "reference.json"), 0.0
         try:
@@ -238,6 +241,3 @@ class SceneResults:
         except KeyError:
             return None
         return seconds
-
-
-_COSTS = {FIELD: ("render.json",)}

@@ -1,7 +1,7 @@
-"""The figures of the report: one module each, and all that is the same for all in three.
+"""The figures of the report, one module each.
 
-:mod:`report.figures.style` has fonts, markers and dashes, :mod:`report.figures.sketch` the files,
-:mod:`report.figures.pictures` the images that methods made.
+They share :mod:`report.figures.style` (fonts, markers, dashes), :mod:`report.figures.sketch`
+(files) and :mod:`report.figures.pictures` (images of methods).
 """
 
 from __future__ import annotations
@@ -24,10 +24,9 @@ __all__ = ["Figure", "draw_figures"]
 
 
 def draw_figures(results: Results, folder: Path) -> list[Figure]:
-    """Write every figure into a folder, as SVG and PNG; equal results give equal files.
+    """Write all figures into a folder, as SVG and PNG; equal results give equal files.
 
-    A figure that lacks what it would show has a ``reason`` in place of files, and what an earlier
-    call wrote of it is removed.
+    A figure without data has a ``reason`` instead of files, and its old files are removed.
     """
     figures = []
     for name, title, draw, scene in _plan(results):
@@ -39,7 +38,7 @@ def draw_figures(results: Results, folder: Path) -> list[Figure]:
 
 
 def _plan(results: Results) -> Iterator[tuple[str, str, Callable[[Results], Sketch], str]]:
-    """Names, titles, makers and scenes (or ""), in the order of the report."""
+    """Names, titles, drawing functions and scenes (or ""), in the order of the report."""
     yield "teaser", "The field beside others", draw_teaser, ""
     for scene in results.scenes:
         title = results.scene(scene).title

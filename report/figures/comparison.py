@@ -1,4 +1,4 @@
-"""Per scene: what every system makes of a view, at the places that tell them apart."""
+"""Figure of a scene: a view by all systems, with crops at three places where they differ."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from report.figures.style import WIDTH, canvas, styled, wrap
 from report.results import FIELD, SECOND_REFERENCE, Results, SceneResults
 
 COLUMNS, FEWEST = 10, 5
-"""At most so many pictures beside each other, and room for so many where there are fewer."""
+"""Largest number of pictures in a row, and smallest number of columns."""
 
 PLACES = {
     "A": "where light changes most along surfaces",
-    "B": "where the typical method is farthest from the reference",
-    "C": "where GPF is",
+    "B": "where the median error of all methods is largest",
+    "C": "where the error of GPF is largest",
 }
 
 
 def draw_comparison(results: Results, scene: str) -> Sketch:
-    """A view, three places in it, and what the best method of each system shows there."""
+    """A view, and crops of it at three places by the best method of each system."""
     found = results.scene(scene)
     methods = best_of_each_system(results, found)
     if FIELD not in methods:
@@ -68,13 +68,13 @@ def draw_comparison(results: Results, scene: str) -> Sketch:
 
 
 def hardest_view(scene: SceneResults) -> str:
-    """The novel view where the field's PSNR is lowest."""
+    """The novel view with the field's lowest PSNR."""
     measured = measured_views(scene, FIELD)
     return min(measured, key=measured.__getitem__)
 
 
 def part_size(picture: Picture) -> int:
-    """Edge of the parts that are shown enlarged, pixels."""
+    """Edge length of the crops, pixels."""
     height, width = picture.shown.shape[:2]
     return min(max(8, height // 4), height, width)
 
@@ -82,7 +82,7 @@ def part_size(picture: Picture) -> int:
 def choose_places(
     pictures: Sequence[Picture], reference: Picture, layers: dict[str, np.ndarray], size: int
 ) -> list[tuple[int, int]]:
-    """Upper left corners of the squares of :data:`PLACES`; the last picture is the field."""
+    """Upper left corners (x, y) of the crops at :data:`PLACES`. The last picture is the field's."""
     errors = [picture.error(reference) for picture in pictures]
     names = "position", "normal", "valid"
     focus = errors[-1]
@@ -107,7 +107,7 @@ def _draw_overview(
     corners: Sequence[tuple[int, int]],
     size: int,
 ) -> None:
-    """The whole view: reference, field, and their difference."""
+    """Draw the whole view: reference, field, and error map of the field."""
     grid = part.subplots(1, 3)
     show(grid[0], reference.shown)
     show(grid[1], field.shown)
@@ -128,7 +128,7 @@ def _draw_band(
     corners: Sequence[tuple[int, int]],
     size: int,
 ) -> None:
-    """Places of some pictures: at each, what they show and how far off it is."""
+    """Draw the crops of some pictures, with an error map below each crop."""
     grid = part.subplots(2 * len(corners), columns, squeeze=False)
     for column, axes in enumerate(grid.T):
         if column >= len(pictures):
@@ -158,7 +158,7 @@ def _weight(picture: Picture) -> str:
 
 
 def _leave_blank(axes: Axes, text: str) -> None:
-    """A place in the grid that only has a word for its row."""
+    """Leave a cell of the grid empty, except for the name of its row."""
     axes.set_axis_off()
     axes.set_box_aspect(1)
     axes.text(0.97, 0.5, text, transform=axes.transAxes, ha="right", va="center", fontsize=8)
@@ -183,5 +183,5 @@ def _explain(results: Results, scene: SceneResults, view: str, shown: Sequence[P
     without = f" Missing: {'; '.join(missing)}." if missing else ""
     return (
         f"{scene.title}, view “{view}”, the novel view where GPF's PSNR is lowest. "
-        f"{places}. Of each system its best method; the numbers are for the whole view.{without}"
+        f"{places}. The best method of each system; the numbers are for the whole view.{without}"
     )

@@ -1,4 +1,4 @@
-"""Photon mapping's quality by passes, and where the field stands."""
+"""Figure of SPPM's PSNR over the number of passes, with the field's PSNR."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from report.results import FIELD, Results
 
 
 def draw_convergence(results: Results) -> Sketch:
-    """A panel for each scene whose SPPM was measured at several numbers of passes."""
+    """A panel for each scene with SPPM at several numbers of passes."""
     curves = {s: results.scene(s).convergence for s in results.scenes}
     curves = {scene: curve for scene, curve in curves.items() if len(curve) > 1}
     if not curves:
@@ -34,23 +34,23 @@ def draw_convergence(results: Results) -> Sketch:
             level = results.scene(scene).numbers(FIELD).get("psnr")
             _draw_panel(axes, curve, level)
             if level is not None:
-                worth = equivalent_passes(level, curve)
-                words.append(f"{axes.get_title()}: {level:.1f} dB, as SPPM after {_tell(worth)}")
+                equivalent = _tell(equivalent_passes(level, curve))
+                words.append(f"{axes.get_title()}: {level:.1f} dB, like SPPM with {equivalent}")
         put_legend(drawing, spare, gather_legend(panels))
     text = "; ".join(words)
     alt = f"PSNR of SPPM over the number of passes, with the PSNR of GPF as a level. {text}."
     caption = (
-        "PSNR of a second, independent SPPM against the reference, means over novel views, and the "
-        f"level of GPF. {text}. The reference has noise of its own, and so has this SPPM: what "
-        "both add up to bounds its PSNR; that of an image without noise is bounded by the "
-        "reference's alone."
+        "PSNR of the second reference, an independent SPPM, against the reference, means over "
+        f"novel views, and the level of GPF. {text}. Both the reference and this SPPM have noise, "
+        "and the sum limits the PSNR of SPPM. The PSNR of an image without noise is limited only "
+        "by the noise of the reference."
     )
     return Sketch(drawing, alt, caption)
 
 
-def _tell(worth: EquivalentPasses) -> str:
-    bound = {"<": "less than ", ">": "more than ", "": ""}[worth.bound]
-    return f"{bound}{str(worth).strip('<>')} passes"
+def _tell(equivalent: EquivalentPasses) -> str:
+    bound = {"<": "fewer than ", ">": "more than ", "": ""}[equivalent.bound]
+    return f"{bound}{str(equivalent).strip('<>')} passes"
 
 
 def _draw_panel(axes: Axes, curve: Mapping[int, float], level: float | None) -> None:
@@ -67,8 +67,8 @@ def _draw_panel(axes: Axes, curve: Mapping[int, float], level: float | None) -> 
         xycoords=("axes fraction", "data"),
         xytext=(4, -4),
         textcoords="offset points",
-        va="top",  # above, the title is near; the curve begins far below
+        va="top",  # the title is above; the curve starts far below
     )
-    worth = equivalent_passes(level, curve)
-    if not worth.bound:
-        axes.plot(worth.passes, level, "*", color=BLACK, markersize=12, zorder=4)
+    equivalent = equivalent_passes(level, curve)
+    if not equivalent.bound:
+        axes.plot(equivalent.passes, level, "*", color=BLACK, markersize=12, zorder=4)

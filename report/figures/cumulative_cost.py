@@ -1,4 +1,4 @@
-"""What many views cost, and from how many on the field has paid for its preparation."""
+"""Figure of the total cost over the number of views, with the break-even points of the field."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _LINES: dict[str, dict[str, Any]] = {
 
 
 def draw_cumulative_cost(results: Results) -> Sketch:
-    """A panel for each scene that has been through `amortize`."""
+    """A panel for each scene with a file of the stage `amortize`."""
     found = {s: results.scene(s).read("amortize.json") for s in results.scenes}
     known = {"break_even_views", "passes", "preparation_seconds", "seconds_per_view"}
     found = {s: c for s, c in found.items() if known <= c.keys() and _has_all_lines(c)}
@@ -54,19 +54,18 @@ def draw_cumulative_cost(results: Results) -> Sketch:
     words = "; ".join(f"{results.scene(s).title}: {_tell(c, passes)}" for s, c in found.items())
     alt = f"Cumulative cost in seconds over 1 to {last} views, on logarithmic axes. {words}."
     caption = (
-        f"Seconds for 1 to {last} views. Circles, with the number of views, mark the first "
-        "view from which on GPF, with all of its preparation, costs less in all. "
-        f"{words}. SPPM at GPF's PSNR has no line "
-        "where not even its last pass comes up to GPF. Views that are known in advance may be "
-        "rendered together, from the same photons; those of GPF need not be known. "
-        f"The paper reports {paper.total_hours:g} hours of preparation, paid for by "
-        f"{paper.break_even_views} views."
+        f"Total seconds for 1 to {last} views. Circles, with the number of views, mark the break-"
+        "even points: from there on GPF is cheaper in total, with all of its preparation. "
+        f"{words}. SPPM at GPF's PSNR has no line if SPPM did not reach this PSNR. SPPM can render "
+        "views together, from the same photons, if they are known in advance; GPF does not need "
+        f"this. The paper reports {paper.total_hours:g} hours of preparation, which pay off from "
+        f"view {paper.break_even_views} on."
     )
     return Sketch(drawing, alt, caption)
 
 
 def _has_all_lines(cost: dict[str, Any]) -> bool:
-    """Whether the file has a time for each line; one of an older version may not."""
+    """Whether the file has a time for each line; files of older versions may lack some."""
     return _LINES.keys() <= cost["seconds_per_view"].keys()
 
 
@@ -86,7 +85,7 @@ def _draw_panel(axes: Axes, cost: dict[str, Any], last: int, labels: dict[str, s
         axes.plot(count, height, "o", color=BLACK, markerfacecolor="white", zorder=4, markersize=7)
         if min(counts) < count < max(counts):
             continue
-        # Each on the side where no line is: those of SPPM rise from the left to the right.
+        # On the side without lines; the lines of SPPM rise from left to right.
         above = count == min(counts) < max(counts)
         axes.annotate(
             f"{count}",
@@ -102,18 +101,18 @@ def _draw_panel(axes: Axes, cost: dict[str, Any], last: int, labels: dict[str, s
 
 
 def _tell(cost: dict[str, Any], passes: str) -> str:
-    counts = cost["break_even_views"]
+    def words(line: str, rival: str) -> str:
+        count = cost["break_even_views"][line]
+        cheaper = f"cheaper than {rival}"
+        return f"never {cheaper}" if count is None else f"{cheaper} from view {count} on"
 
-    def words(count: int | None) -> str:
-        return "never" if count is None else f"from view {count} on"
-
-    long = f"cheaper than SPPM of {passes} passes {words(counts[SPPM])}"
+    rival = f"SPPM with {passes} passes"
     if _is_bound(cost):
-        return f"{long}, which has a lower PSNR"
-    equal, first = (cost[key][SPPM_AT_EQUAL_QUALITY] for key in ("passes", "break_even_views"))
-    return f"{long}, than SPPM of the same PSNR ({equal} passes) {words(first)}"
+        return words(SPPM, f"{rival}, which has a lower PSNR,")
+    equal = f"SPPM with the same PSNR ({cost['passes'][SPPM_AT_EQUAL_QUALITY]} passes)"
+    return f"{words(SPPM, rival)} and {words(SPPM_AT_EQUAL_QUALITY, equal)}"
 
 
 def _is_bound(cost: dict[str, Any]) -> bool:
-    """Whether SPPM was not seen to reach the field's PSNR."""
+    """Whether SPPM did not reach the field's PSNR, so that the number of passes is a bound."""
     return str(cost["passes"][SPPM_AT_EQUAL_QUALITY]).startswith(">")

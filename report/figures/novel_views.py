@@ -1,4 +1,4 @@
-"""Per scene: the field and the reference in all novel views."""
+"""Figure of a scene: the field and the reference in all novel views."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from report.figures.style import WIDTH, canvas, styled
 from report.results import FIELD, Results
 
 COLUMNS, FEWEST = 6, 3
-"""At most so many views beside each other, and room for so many where there are fewer."""
+"""Largest number of views in a row, and smallest number of columns."""
 
 
 def draw_novel_views(results: Results, scene: str) -> Sketch:
-    """A column for each view: the field, the reference, and the error."""
+    """A column for each view: field, reference and error map."""
     found = results.scene(scene)
     measured = measured_views(found, FIELD)
     names = [view.name for view in found.views.novel if view.name in measured]
@@ -50,11 +50,11 @@ def draw_novel_views(results: Results, scene: str) -> Sketch:
                     axes.set_ylabel(label)
         add_error_bar(drawing, list(grid.flat), location="bottom", shrink=0.5, aspect=50, pad=0.01)
     alt = (
-        f"{found.title}: {len(names)} novel views from the field above their references and "
-        f"error maps. PSNR: {', '.join(f'{name} {decibels(measured[name])}' for name in names)}."
+        f"{found.title}: {len(names)} novel views by GPF, their references below, and error maps. "
+        f"PSNR: {', '.join(f'{name} {decibels(measured[name])}' for name in names)}."
     )
     caption = (
-        f"{found.title}: all views that no training saw, with the PSNR of GPF "
+        f"{found.title}: all novel views, which were not used in training, with the PSNR of GPF "
         f"({results.params.render.spp} samples per pixel)."
     )
     return Sketch(drawing, alt, caption)

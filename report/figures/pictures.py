@@ -1,4 +1,4 @@
-"""Images that methods made of a view, with what is known of them."""
+"""Images of methods and their error maps, for figures."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from report.figures.style import system_of
 from report.results import FIELD, SECOND_REFERENCE, Results, SceneResults
 
 ERROR_MAP, LARGEST_ERROR = "magma", 0.25
-"""Errors are differences of sRGB values; the colours get brighter with them in grey, too."""
+"""Errors are differences of sRGB values. The colours also get brighter in a grey print."""
 
 ERRORS = ScalarMappable(PowerNorm(0.5, 0, LARGEST_ERROR, clip=True), ERROR_MAP)
 
 
 @dataclass(frozen=True)
 class Picture:
-    """What a method made of a view.
+    """A method's image of a view.
 
     Attributes
     ----------
-    title: the method's.
-    shown: the image as it is looked at, sRGB in [0, 1], (H, W, 3).
-    psnr: of the view, dB, if it was measured.
+    title: the method's title.
+    shown: displayed sRGB values in [0, 1], (H, W, 3).
+    psnr: of the view, dB; None if not measured.
     """
 
     method: str
@@ -44,7 +44,7 @@ class Picture:
 
 
 def measured_views(scene: SceneResults, method: str) -> dict[str, float]:
-    """A method's PSNR of each view that it has an image of, dB."""
+    """View -> PSNR in dB, for the views of which the method has an image."""
     views = scene.read("metrics", f"{method}.json").get("views", {})
     return {
         view: numbers["psnr"]
@@ -54,7 +54,7 @@ def measured_views(scene: SceneResults, method: str) -> dict[str, float]:
 
 
 def maker_of(method: str) -> str:
-    """The stage, with its option, that makes a method's images."""
+    """The stage, with its option, that renders a method's images."""
     own = {"reference": "reference", SECOND_REFERENCE: "reference", FIELD: "render"}
     return own.get(method, f"baseline --method {method}")
 
@@ -81,7 +81,7 @@ def open_reference(
 
 
 def best_of_each_system(results: Results, scene: SceneResults) -> list[str]:
-    """One method of each system that has images, that with the best PSNR; the field comes last."""
+    """The methods with images, for each system the one with the best PSNR; the field is last."""
     best: dict[str, tuple[float, str]] = {}
     for method in results.methods:
         psnr = scene.numbers(method).get("psnr")
@@ -94,12 +94,12 @@ def best_of_each_system(results: Results, scene: SceneResults) -> list[str]:
 
 
 def decibels(psnr: float | None) -> str:
-    """A PSNR for people."""
+    """A PSNR as text, `31.4 dB`; "" for None."""
     return "" if psnr is None else f"{psnr:.1f} dB"
 
 
 def show(axes: Axes, image: np.ndarray, pixels: bool = False) -> None:
-    """Put an image into axes that have nothing else; of a part, ``pixels`` stay squares."""
+    """Draw an image alone into axes; with ``pixels``, enlarged pixels stay squares."""
     axes.imshow(image, interpolation="nearest" if pixels else "auto")
     axes.set(xticks=[], yticks=[])
     axes.grid(False)
@@ -108,12 +108,12 @@ def show(axes: Axes, image: np.ndarray, pixels: bool = False) -> None:
 
 
 def show_error(axes: Axes, error: np.ndarray, pixels: bool = False) -> None:
-    """Put an error map into axes, in the colours of :data:`ERRORS`."""
+    """Draw an error map into axes, with the colours of :data:`ERRORS`."""
     show(axes, ERRORS.to_rgba(error)[..., :3], pixels)
 
 
 def add_error_bar(drawing: Any, axes: Any, **options: Any) -> None:
-    """The colours of error maps and what they mean."""
+    """Draw the colour bar of the error maps."""
     ticks = [0, 0.01, 0.05, 0.1, LARGEST_ERROR]
     bar = drawing.colorbar(ERRORS, ax=axes, ticks=ticks, **options)
     bar.ax.set_xticklabels([f"{tick:g}" for tick in ticks])
@@ -122,7 +122,7 @@ def add_error_bar(drawing: Any, axes: Any, **options: Any) -> None:
 
 
 def outline(axes: Axes, corner: tuple[int, int], size: int, letter: str = "") -> None:
-    """Mark a square part of an image, with a letter at its corner."""
+    """Draw a frame around a square part of an image, with a letter at its corner."""
     x, y = corner
     for colour, width in (("black", 2.6), ("white", 1.2)):
         axes.add_patch(
@@ -133,7 +133,7 @@ def outline(axes: Axes, corner: tuple[int, int], size: int, letter: str = "") ->
 
 
 def put_letter(axes: Axes, x: float, y: float, letter: str) -> None:
-    """A letter in a box, whose upper left corner is at a pixel."""
+    """Draw a letter in a box with its upper left corner at a pixel."""
     axes.text(
         x,
         y,

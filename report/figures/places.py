@@ -1,4 +1,4 @@
-"""The most telling parts of a view, found in the images: pure functions of arrays."""
+"""Find the parts of a view where methods differ most: pure functions of arrays."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 
 def window_sums(score: np.ndarray, size: int) -> np.ndarray:
-    """Sums over all squares of ``size`` pixels, by upper left corner, (H-s+1, W-s+1)."""
+    """Sums over all squares of s = ``size`` pixels, by upper left corner, (H-s+1, W-s+1)."""
     total = np.zeros((score.shape[0] + 1, score.shape[1] + 1))
     total[1:, 1:] = score.cumsum(axis=0).cumsum(axis=1)
     return total[size:, size:] - total[:-size, size:] - total[size:, :-size] + total[:-size, :-size]
@@ -19,8 +19,8 @@ def find_place(
 ) -> tuple[int, int]:
     """Upper left corner (x, y) of the square with the highest score.
 
-    It keeps off squares that are taken already, as far as there is room: their score counts as
-    none.
+    Pixels of the squares in ``taken`` have score 0. The result does not overlap them, if there is
+    room.
     """
     left = np.array(score, dtype=float)
     for x, y in taken:
@@ -36,18 +36,18 @@ def find_place(
 
 
 def arriving_light(radiance: np.ndarray, reflectance: np.ndarray) -> np.ndarray:
-    """About what arrives where pixels look, (H, W, 3): their radiance without the texture."""
+    """Radiance without the texture, ``radiance / max(reflectance, 0.05)``, (H, W, 3)."""
     return radiance / np.maximum(reflectance, 0.05)
 
 
 def focused_light(
     light: np.ndarray, position: np.ndarray, normal: np.ndarray, valid: np.ndarray
 ) -> np.ndarray:
-    """How sharply light changes along surfaces, (H, W): high in caustics and at hard shadows.
+    """How much light changes along surfaces, (H, W): high in caustics and at hard shadows.
 
-    Differences of neighbouring pixels in arriving light (H, W, 3), where the step from the one's
-    position to the other's runs along the surface of both: the edges of objects do not count. The
-    brightest hundredth is the unit.
+    The absolute differences of neighbouring pixels of ``light`` (H, W, 3). Only pixels on the same
+    smooth surface count, by their positions and normals, so that edges of objects do not. The unit
+    is the 99th percentile of the light.
     """
     level = light.mean(axis=-1)
     seen = level[valid > 0]
@@ -70,5 +70,5 @@ def focused_light(
 
 
 def typical_error(errors: Sequence[np.ndarray]) -> np.ndarray:
-    """The median of error maps, (H, W): one method that is far off does not decide it."""
+    """The median of error maps, (H, W); one bad method does not change it much."""
     return np.asarray(np.median(np.stack(errors), axis=0))

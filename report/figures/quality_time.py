@@ -1,4 +1,4 @@
-"""Quality over time: every method is a point, photon mapping a curve."""
+"""Figure of PSNR over time: a point for each method, and a curve for SPPM."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from report.figures.style import (
 )
 from report.results import FIELD, SECOND_REFERENCE, Results, SceneResults
 
-CURVE = "SPPM as for references, by passes"
+CURVE = "SPPM with the settings of references, by passes"
 
 
 def sppm_curve(scene: SceneResults) -> tuple[list[float], list[float]]:
-    """Seconds per view and PSNR of SPPM by number of passes; empty where either is not known."""
+    """Seconds per view and PSNR of SPPM by number of passes; empty if either is unknown."""
     seconds, curve = scene.seconds_per_pass, scene.convergence
     if seconds is None:
         return [], []
@@ -31,7 +31,7 @@ def sppm_curve(scene: SceneResults) -> tuple[list[float], list[float]]:
 
 
 def draw_quality_time(results: Results) -> Sketch:
-    """A panel for each scene with two methods or more."""
+    """A panel for each scene with at least two methods."""
     table = results.quality.dropna(subset=["psnr", "seconds_per_view"])
     table = table[(table["method"] != SECOND_REFERENCE) & (table["seconds_per_view"] > 0)]
     scenes = [s for s in results.scenes if (table["scene"] == s).sum() > 1]
@@ -67,9 +67,9 @@ def _draw_panel(
 
 
 _CAPTION = (
-    "PSNR over the time of one view, means over novel views. Up and to the left is better. "
-    "Preparation (training, or what a system computes once for a scene) is not part of the time: "
-    "see the cost of many views."
+    "PSNR over the time of one view, means over novel views. Up and to the left is better. The "
+    "time is without preparation (training, and all else that is computed once per scene); see "
+    "the cost of many views."
 )
 
 

@@ -1,4 +1,4 @@
-"""From a drawing to files, and what the report is told of them."""
+"""Drawings, and their files."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from report.figures.style import RC
 
 
 class Missing(Exception):
-    """What a figure would show is not there; the message says what, and how to get it."""
+    """A figure has no data; the message says what is missing and which stages to run."""
 
 
 @dataclass(frozen=True)
 class Sketch:
-    """A drawing and the words that go with it.
+    """A drawing with its texts.
 
     Attributes
     ----------
-    alt: what it shows, for somebody who does not see it.
-    caption: what stands below it.
+    alt: describes it for people who cannot see it.
+    caption: the text below it.
     """
 
     canvas: Canvas
@@ -39,10 +39,10 @@ class Figure:
     Attributes
     ----------
     name: of its files, without suffix.
-    title, alt, caption: in words; ``alt`` is for somebody who does not see it.
-    svg, png: its files; None where it was left out.
-    reason: why it was left out; empty where it was not.
-    scene: which it is of; empty where it is of all.
+    title, alt, caption: its texts; ``alt`` describes it for people who cannot see it.
+    svg, png: its files; None if it was left out.
+    reason: why it was left out, or "".
+    scene: its scene; "" for a figure of all scenes.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Figure:
 
 
 def save(sketch: Sketch, name: str, title: str, folder: Path, scene: str = "") -> Figure:
-    """Write a drawing as SVG and PNG. Without dates and random ids, equal drawings are equal."""
+    """Write a drawing as SVG and PNG, without dates and random ids: the same bytes each time."""
     svg, png = (folder / f"{name}.{suffix}" for suffix in ("svg", "png"))
     words = {"Title": title, "Description": sketch.alt}
     with rc_context(RC):
@@ -66,7 +66,7 @@ def save(sketch: Sketch, name: str, title: str, folder: Path, scene: str = "") -
 
 
 def leave_out(name: str, title: str, reason: str, folder: Path, scene: str = "") -> Figure:
-    """Remove what an earlier call wrote, and say why there is nothing."""
+    """Remove the files of an earlier call; the figure has the reason instead."""
     for suffix in ("svg", "png"):
         (folder / f"{name}.{suffix}").unlink(missing_ok=True)
     return Figure(name, title, reason=reason, scene=scene)

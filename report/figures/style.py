@@ -1,5 +1,4 @@
-"""What all figures have in common. Each mark differs in more than its colour: printed in black and
-white, shapes, fillings and dashes tell methods apart."""
+"""The style of all figures. In black and white, shapes, fillings and dashes tell methods apart."""
 
 from __future__ import annotations
 
@@ -18,7 +17,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from report.results import FIELD, SECOND_REFERENCE, Results
 
 WIDTH = 8.0
-"""Inches across; a README shows them on some 880 pixels, where 8 points are 12 pixels."""
+"""Width in inches. A README shows it with about 880 pixels, so that 8 points are 12 pixels."""
 
 DPI = 150
 
@@ -42,17 +41,17 @@ RC: Any = {
     "ytick.labelsize": 8,
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
-    # Ids in the SVG come from here, and not from a random number.
+    # The ids in SVG files depend on this salt instead of a random number.
     "svg.hashsalt": "gpf",
 }
 
 BLACK, STRONG, GREY = "black", "#0060a8", "0.45"
-"""The field; photon mapping, which it is measured against; and what stands in the background."""
+"""Colours of the field, of SPPM, and of the background."""
 
 
 @dataclass(frozen=True)
 class Mark:
-    """How a method is marked in plots."""
+    """The marker of a method in plots."""
 
     marker: str
     colour: str
@@ -78,14 +77,14 @@ _FILLINGS = ("full", "none", "left", "top")
 
 
 def system_of(results: Results, method: str) -> str:
-    """The system of a row of `baselines`; the method's own name where it has no row."""
+    """The system of a row of `baselines`; for other methods their own name."""
     row = results.params.baselines.get(method)
     return str(row.system) if row else method
 
 
 def marks(results: Results) -> dict[str, dict[str, Any]]:
-    """Keyword arguments of ``Axes.plot`` for each method: a shape for each system, and a filling
-    for each of its rows."""
+    """Keyword arguments of ``Axes.plot`` for each method: the shape depends on the system, the
+    filling on its row."""
     rows: dict[str, int] = {}
     found = {}
     for method in results.methods:
@@ -106,14 +105,14 @@ def marks(results: Results) -> dict[str, dict[str, Any]]:
 
 
 def wrap(title: str, width: int) -> str:
-    """A method's title in lines: first what it is, then its numbers."""
+    """A method's title on several lines, with a line break after each comma."""
     return "\n".join(
         line for part in title.split(", ") for line in textwrap.wrap(part, width) or [part]
     )
 
 
 def seconds_text(seconds: float) -> str:
-    """A time for people: 0.57 s, 24 s, 3.1 min, 2.3 h."""
+    """A time as text: 0.57 s, 24 s, 3.1 min, 2.3 h."""
     for unit, length in (("h", 3600), ("min", 60)):
         if seconds >= 2 * length:
             return f"{seconds / length:.2g} {unit}"
@@ -121,13 +120,13 @@ def seconds_text(seconds: float) -> str:
 
 
 def canvas(height: float, width: float = WIDTH, **options: Any) -> Canvas:
-    """An empty drawing whose parts keep clear of each other."""
+    """An empty drawing with a layout that avoids overlaps."""
     return Canvas(figsize=(width, height), dpi=DPI, layout="constrained", **options)
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Draw in the figures' style."""
+    """Use the style of the figures."""
     with rc_context(RC):
         yield
 
@@ -135,11 +134,11 @@ def styled() -> Iterator[None]:
 def small_multiples(
     titles: Sequence[str], x: str, y: str, height: float = 2.3
 ) -> tuple[Canvas, list[Axes], list[Axes]]:
-    """A drawing with panels of these titles, three in a row; the panels, and places that are left.
+    """A drawing with a panel for each title, three in a row; its panels, and unused axes.
 
-    ``x`` and ``y`` say what all axes show.
+    ``x`` and ``y`` are the labels of all axes.
     """
-    # Where panels are few, the legend stands beside them.
+    # With few panels, one column is left for the legend.
     count, columns = len(titles), min(3, len(titles) + 1)
     rows = -(-count // columns)
     drawing = canvas(height * rows + (0.7 if count % columns == 0 else 0), WIDTH)
@@ -154,13 +153,13 @@ def small_multiples(
 
 
 def plain_numbers(axis: Any) -> None:
-    """Label a logarithmic axis 0.1, 1, 10, 1000 instead of powers of ten."""
+    """Label a logarithmic axis with 0.1, 1, 10, 1000 instead of powers of ten."""
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def put_legend(drawing: Canvas, spare: Sequence[Axes], handles: Mapping[str, Any]) -> None:
-    """One legend for all panels, by label: in a place that is left, or below them."""
+    """Draw one legend for all panels: in unused axes, or below the panels."""
     lines, labels = list(handles.values()), list(handles)
     if spare and len(labels) <= 12:
         spare[0].legend(lines, labels, loc="center left")
@@ -169,7 +168,7 @@ def put_legend(drawing: Canvas, spare: Sequence[Axes], handles: Mapping[str, Any
 
 
 def gather_legend(panels: Sequence[Axes]) -> dict[str, Any]:
-    """What is labelled in any of the panels, in the order in which it first comes."""
+    """Label -> line, of all panels, in the order of their first use."""
     found: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

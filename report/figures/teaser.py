@@ -1,4 +1,4 @@
-"""One wide picture: the view where the field leads most, by four methods."""
+"""Figure at the start of the report: four images of the view where the field leads most."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ from report.figures.style import (
 from report.results import FIELD, SECOND_REFERENCE, Results
 
 RIVALS = ("sppm", "denoised")
-"""Systems that are shown beside the field."""
+"""Systems that are compared with the field."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A view that the field and one method of each rival have been measured in.
+    """A view with metrics of the field and of one method of each rival.
 
     Attributes
     ----------
-    lead: by how much the field's PSNR is better than that of the better rival, dB.
+    lead: the field's PSNR minus that of the better rival, dB.
     """
 
     scene: str
@@ -52,8 +52,7 @@ class Choice:
 def choose_view(results: Results) -> Choice:
     """The novel view where the field leads most.
 
-    Of the denoised path tracer and of SPPM with few passes that row is taken which costs most like
-    the field.
+    Of the rows of each rival, the one whose time per view is closest to the field's is used.
     """
     choices = []
     for name in results.scenes:
@@ -79,7 +78,7 @@ def choose_view(results: Results) -> Choice:
 def _pick(
     results: Results, scene: str, system: str, measured: dict[str, dict[str, float]]
 ) -> str | None:
-    """The method of a system whose cost is most like the field's, among those with images."""
+    """The method of a system whose time per view is closest to the field's; it must have images."""
     rows = [m for m in results.methods if measured[m] and system_of(results, m) == system]
     seconds = {
         m: results.scene(scene).cost(m, results.params).get("seconds_per_view") for m in rows
@@ -94,7 +93,7 @@ def _pick(
 
 
 def draw_teaser(results: Results) -> Sketch:
-    """Four pictures of the view with quality and time, and below them a part of each."""
+    """Four images of the view with PSNR and time, and crops of each."""
     choice = choose_view(results)
     scene = results.scene(choice.scene)
     pictures = [open_picture(results, scene, m, choice.view) for m in choice.methods]
@@ -114,14 +113,13 @@ def draw_teaser(results: Results) -> Sketch:
         f"{p.title.replace(',', '')}, {_numbers(p, seconds[p.method])}" for p in shown
     )
     alt = f"{scene.title}, view {choice.view}, by four methods: {numbers}."
-    leads = f"leads the others most, by {choice.lead:.1f} dB"
+    leads = f"has its largest lead over the others, {choice.lead:.1f} dB"
     if choice.lead < 0:
-        leads = f"is least behind the best of the others, by {-choice.lead:.1f} dB"
+        leads = f"is closest to the best of the others, {-choice.lead:.1f} dB below it"
     caption = (
-        f"{scene.title}, view “{choice.view}”: of all novel views the one where GPF {leads}. "
-        "Below, the parts where light "
-        "changes most along surfaces and where the typical method is farthest off. "
-        "Seconds are for one view, without preparation."
+        f"{scene.title}, view “{choice.view}”, the novel view where GPF {leads}. Below: crops "
+        "where light changes most along surfaces, and where the median error of all methods is "
+        "largest. Seconds are for one view, without preparation."
     )
     return Sketch(drawing, alt, caption)
 
@@ -134,7 +132,7 @@ def _draw_column(
     size: int,
     aspect: float,
 ) -> None:
-    """A picture with its name and numbers, and below it its parts."""
+    """Draw an image with its title and numbers, and its crops below."""
     mosaic: Any = [["whole"] * len(corners), [f"{k}" for k in range(len(corners))]]
     axes = part.subplot_mosaic(mosaic, height_ratios=[len(corners) / aspect, 1])
     show(axes["whole"], picture.shown)

@@ -1,4 +1,4 @@
-"""How the field's error fell while it was trained."""
+"""Figure of the field's training error over the steps."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from report.figures.style import (
 from report.results import Results
 
 CURVES: dict[str, tuple[str, dict[str, Any]]] = {
-    "held_out_error": ("points that no step saw", {"color": BLACK, "marker": "o"}),
-    "training_error": ("points of the steps", {"color": GREY, "linestyle": "--", "marker": "x"}),
+    "held_out_error": ("held-out points", {"color": BLACK, "marker": "o"}),
+    "training_error": ("training points", {"color": GREY, "linestyle": "--", "marker": "x"}),
 }
-"""Curves that `gpf stage train` logs, and how they are drawn."""
+"""Curves that `gpf stage train` logs -> label and style."""
 
 
 def read_curve(folder: Path, name: str) -> pd.DataFrame:
-    """A curve that DVCLive wrote below ``folder``: columns ``step`` and ``name``; may be empty."""
+    """A curve that DVCLive wrote, columns ``step`` and ``name``; empty if there is no file."""
     path = folder / "plots" / "metrics" / f"{name}.tsv"
     if not path.exists():
         return pd.DataFrame({"step": [], name: []})
@@ -34,12 +34,12 @@ def read_curve(folder: Path, name: str) -> pd.DataFrame:
 
 
 def draw_training(results: Results) -> Sketch:
-    """A panel for each scene with a field."""
+    """A panel for each scene with training curves."""
     found = {}
     for scene in results.scenes:
         folder = results.scene(scene).folder / "training"
         curves = {name: read_curve(folder, name) for name in CURVES}
-        # With `train.held_out: 0` there are no points that no step saw.
+        # With `train.held_out: 0`, the error of held-out points is logged as 0; leave it out.
         curves = {name: curve for name, curve in curves.items() if curve[name].any()}
         if curves:
             found[scene] = curves
@@ -62,11 +62,11 @@ def draw_training(results: Results) -> Sketch:
         f"{results.scene(scene).title}: {curve[name].iloc[-1]:.2g}"
         for scene, (name, curve) in lasts.items()
     )
-    alt = f"Training curves: the field's error over steps, falling. At the end: {ends}."
-    judged = any("held_out_error" in curves for curves in found.values())
+    alt = f"Training curves: the field's error over the steps. At the end: {ends}."
+    held_out = any("held_out_error" in curves for curves in found.values())
     caption = (
-        "Root mean square error of the field's irradiance at supervised points, weighted like the "
-        "loss (train.loss), over the mean target."
-        + (" The points that no step saw judge; the best state is kept." if judged else "")
+        "Root mean square error of the field's irradiance at the supervised points, weighted as in "
+        "the loss (train.loss), divided by the mean target."
+        + (" The state with the lowest error at held-out points is kept." if held_out else "")
     )
     return Sketch(drawing, alt, caption)

@@ -1,4 +1,4 @@
-"""All tables of the report, from what the stages measured and what the paper reports."""
+"""All tables of the report, with measured numbers and those of the paper."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["make_tables", "write_tables"]
 
 
 def make_tables(results: Results) -> list[Table]:
-    """Every table, in the order of a report."""
+    """All tables, in the order of the report."""
     return [
         glance_table(results),
         systems_table(results),
@@ -32,7 +32,7 @@ def make_tables(results: Results) -> list[Table]:
 
 
 def write_tables(results: Results, folder: Path) -> list[Table]:
-    """Write every table as CSV, Markdown, LaTeX and HTML."""
+    """Write all tables as CSV, Markdown, LaTeX and HTML."""
     tables = make_tables(results)
     for table in tables:
         write_table(table, folder)

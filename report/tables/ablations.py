@@ -1,4 +1,4 @@
-"""Tables 3, S1, S2 and that of the field's switches: the field, made otherwise."""
+"""Tables 3, S1, S2 and the table of switches: variants of the field."""
 
 from __future__ import annotations
 
@@ -25,9 +25,12 @@ COLUMNS = (PSNR, DIFFERENCE, SSIM, LPIPS, FLIP, SECONDS, TRAINING, STORAGE)
 
 @dataclass(frozen=True)
 class Ablation:
-    """A group of variants and the table that shows it.
+    """A group of variants and its table.
 
-    ``key``: the parameter of ``field`` that its rows are numbered by, if it is about one.
+    Attributes
+    ----------
+    key: the parameter of ``field`` that the group varies, for labels and order; "" if there are
+        several.
     """
 
     group: str
@@ -43,14 +46,14 @@ ABLATIONS = (
         "components",
         "table_3",
         "Table 3: components",
-        "The field without parts of it: Gaussians at random places instead of photons, neighbours "
-        "within the search radius or the k nearest alone.",
+        "Parts of the field replaced: Gaussians at random places instead of photons; only the "
+        "neighbours within the search radius, or only the k nearest.",
     ),
     Ablation(
         "gaussians",
         "table_s1",
         "Table S1: number of Gaussians",
-        "How many Gaussians the field has.",
+        "The field with other numbers of Gaussians.",
         "gaussians",
         "gaussians",
     ),
@@ -58,7 +61,7 @@ ABLATIONS = (
         "k",
         "table_s2",
         "Table S2: k",
-        "At least so many neighbours are blended, however far they are.",
+        "At least k neighbours are blended, at any distance.",
         "k",
         "k",
     ),
@@ -66,21 +69,23 @@ ABLATIONS = (
         "switches",
         "switches",
         "Switches of the field",
-        "One setting at a time is another than the default; params.yaml explains them.",
+        "Each variant changes one setting; params.yaml explains the settings.",
     ),
 )
 
 
 @dataclass(frozen=True)
 class Made:
-    """A field, how it was made, and what came of it.
+    """A field, its settings and its numbers.
 
     Attributes
     ----------
-    settings: the section ``field`` that it was made with, with the number of Gaussians it has.
-    values: by the columns' keys; none where ``reason`` says why.
-    gaps: why single values are missing.
-    changed: the keys of params.yaml in which it is not the default.
+    settings: its section ``field``, with the number of Gaussians that it has.
+    values: numbers by column key.
+    reason: why there are no numbers at all.
+    changed: keys of params.yaml that differ from the default field.
+    gaps: why some numbers are missing, by column key.
+    default: whether it is the default field.
     """
 
     title: str
@@ -98,12 +103,12 @@ def ablation_tables(results: Results) -> list[Table]:
 
 
 def ablation_table(results: Results, ablation: Ablation) -> Table:
-    """A group of variants, scene by scene, with the default field among them."""
+    """The table of a group: its variants and the default field, for each scene."""
     paper = read_paper().ablations
     asked = results.params.ablations.scenes
     rows: list[Row] = []
     for scene in results.scenes:
-        # The paper's rows have their place even where nothing was varied.
+        # The paper's rows are shown even if no variant was run.
         in_paper = scene == paper.scene and paper.of(ablation.group)
         if in_paper or scene in asked:
             rows += _rows_of(results, scene, ablation)
@@ -112,8 +117,8 @@ def ablation_table(results: Results, ablation: Ablation) -> Table:
     return Table(
         name=ablation.name,
         title=ablation.title,
-        caption=f"{ablation.caption} Means over novel views; Δ: against the default.{compared} "
-        f"{BEST}",
+        caption=f"{ablation.caption} Means over novel views. Δ: difference from the default."
+        f"{compared} {BEST}",
         columns=(*COLUMNS, *own),
         rows=tuple(rows),
         label=ablation.label,
@@ -123,13 +128,13 @@ def ablation_table(results: Results, ablation: Ablation) -> Table:
 
 
 def _remarks(results: Results, ablation: Ablation, rows: Sequence[Row]) -> tuple[str, ...]:
-    """Why there are no rows, and what has none though there is a file of it."""
+    """Remarks: why there are no rows, and which files have none."""
     asked, remarks = results.params.ablations, []
     if not asked.scenes and not rows:
-        remarks.append("No scene is asked for: `ablations.scenes` in params.yaml lists none.")
+        remarks.append("`ablations.scenes` in params.yaml lists no scene.")
     elif not rows:
         remarks.append("No scene with ablations has been measured yet.")
-    # No stage keeps those up to date, so that their numbers may be of other sizes.
+    # No stage keeps these files up to date; their numbers may be of images of another size.
     left = [
         f"{file['title']} ({results.scene(scene).title})"
         for scene in results.scenes
@@ -155,7 +160,7 @@ def _rows_of(results: Results, scene: str, ablation: Ablation) -> list[Row]:
             left.remove(theirs)
         rows.append(_row(results, scene, ablation, made, default, theirs))
     for theirs in left:
-        made = Made(theirs.title, theirs.field, {}, "no variant in params.yaml is made so")
+        made = Made(theirs.title, theirs.field, {}, "no variant in params.yaml has these settings")
         rows.append(_row(results, scene, ablation, made, default, theirs))
     if ablation.key:
         rows.sort(key=lambda pair: pair[0])
@@ -170,11 +175,11 @@ def _row(
     default: Made,
     theirs: Variant | None,
 ) -> tuple[float, Row]:
-    """What to sort by, and the row."""
+    """The sort key and the row."""
     number = made.settings.get(ablation.key, 0)
     place = float(number) if isinstance(number, int) else float("inf")
     label = made.title
-    # What changes more than the number has a title of its own.
+    # A variant that changes more than this number keeps its title.
     numbered = ablation.key and set(made.changed) <= {f"field.{ablation.key}"}
     if numbered and isinstance(number, int):
         label = whole(number)
@@ -192,7 +197,7 @@ def _row(
 
 
 def _default(results: Results, scene: str) -> Made:
-    """The field as the pipeline makes it."""
+    """The default field."""
     cost = results.scene(scene).read("costs", "train.json")
     values = results.row(scene, FIELD)
     if cost:
@@ -204,7 +209,7 @@ def _default(results: Results, scene: str) -> Made:
 
 
 def _variants(results: Results, scene: str, group: str, default: Made) -> list[Made]:
-    """Those of params.yaml in its order; what changes nothing is the default by another name."""
+    """The variants of params.yaml, in its order. One that changes nothing is the default field."""
     section, found = results.params.ablations, results.scene(scene).ablations
     fields = []
     for name, variant in section.variants.items():
@@ -218,9 +223,9 @@ def _variants(results: Results, scene: str, group: str, default: Made) -> list[M
             continue
         reason = "not run"
         if name not in section.run:
-            reason = "not asked for: `ablations.run` in params.yaml does not list it"
+            reason = "not listed in `ablations.run` of params.yaml"
         elif scene not in section.scenes:
-            reason = "not asked for: `ablations.scenes` in params.yaml does not list the scene"
+            reason = "scene not listed in `ablations.scenes` of params.yaml"
         settings = _settings(results, variant.set, None)
         fields.append(Made(variant_title(variant), settings, {}, reason, tuple(variant.set)))
     return fields
@@ -243,11 +248,11 @@ _COSTS = {
     "train_seconds": "train_seconds",
     "gaussians": "gaussians",
 }
-"""Column -> what the file calls it."""
+"""Column -> its key in the file."""
 
 
 def _changes_nothing(results: Results, overrides: Mapping[str, Any], default: Made) -> bool:
-    """Whether a variant is the field as it is."""
+    """Whether a variant has all settings of the default field."""
     params = results.params.model_dump(mode="json") | {"field": default.settings}
 
     def value(key: str) -> Any:
@@ -262,7 +267,7 @@ def _changes_nothing(results: Results, overrides: Mapping[str, Any], default: Ma
 def _settings(
     results: Results, overrides: Mapping[str, Any], gaussians: float | None
 ) -> dict[str, Any]:
-    """The section ``field`` with what a variant changes."""
+    """The section ``field`` with a variant's changes."""
     settings = results.params.field.model_dump(mode="json")
     for key, value in overrides.items():
         if key.startswith("field."):
@@ -271,6 +276,6 @@ def _settings(
 
 
 def _agrees(theirs: Variant, made: Made) -> bool:
-    """Whether a field is made as a row of the paper says, which are about the field alone."""
+    """Whether a field has the settings of a row of the paper and changes no other section."""
     alone = all(key.startswith("field.") for key in made.changed)
     return alone and all(made.settings.get(key) == value for key, value in theirs.field.items())

@@ -1,4 +1,4 @@
-"""Columns that several tables have."""
+"""Columns and captions that several tables share."""
 
 from __future__ import annotations
 
@@ -20,4 +20,4 @@ QUALITY = (PSNR, SSIM, LPIPS, FLIP, HDR_FLIP, RELMSE)
 
 PAPER = "In brackets: what the paper reports."
 BEST = "Best in bold, second best underlined."
-SECOND_REFERENCE_APART = "{second_reference}: a second, independent reference, which tells how far references agree; not ranked."
+NO_COSTS = "no cost file"

@@ -1,4 +1,4 @@
-"""Table 4 and what else a method costs."""
+"""Table 4 and the table of all costs."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from report.formats import join, significant
 from report.paper import read_paper
 from report.results import FIELD, SECOND_REFERENCE, Results
 from report.table import Column, Row, Table
-from report.tables.columns import MEMORY, PAPER, PREPARATION, SECONDS, STORAGE
+from report.tables.columns import MEMORY, NO_COSTS, PAPER, PREPARATION, SECONDS, STORAGE
 from report.tables.quality import scenes_left_out
 
 PATH = "`path` with max_depth 2 at 1 spp"
-"""The unit of time that carries over from machine to machine, more or less."""
+"""The timing baseline. Times in this unit are comparable between machines, approximately."""
 
 
 def time_table(results: Results) -> Table:
-    """Table 4: seconds per image, and in units of what a simple image takes in the same run."""
+    """Table 4: seconds per image, and the same in units of the timing baseline."""
     scenes = results.scenes
     rows = [
         _row(results, method, title, group)
@@ -28,7 +28,7 @@ def time_table(results: Results) -> Table:
         name="table_4",
         title="Table 4: time per image",
         caption="Wall-clock time of a novel view, without preparation and without compiling "
-        f"kernels. {PAPER} Who is fastest may be far from the reference: Table 1 tells.",
+        f"kernels. {PAPER} A fast method may be far from the reference; see Table 1.",
         columns=across,
         rows=tuple(rows),
         grouped_by="quantity",
@@ -37,7 +37,7 @@ def time_table(results: Results) -> Table:
 
 
 def cost_table(results: Results) -> Table:
-    """All costs of a method, scene by scene."""
+    """All costs of all methods, for each scene."""
     times = Column("times_path", "× path", significant(3), "lower")
     columns = (PREPARATION, SECONDS, times, STORAGE, MEMORY)
     rows = []
@@ -59,11 +59,10 @@ def cost_table(results: Results) -> Table:
     return Table(
         name="costs",
         title="What a method costs",
-        caption="Preparation happens once per scene, and counts what is learned from: photons and "
+        caption="Preparation is done once per scene. It includes the training data: photons and "
         "targets for the field, targets for the radiance cache, references for systems that learn "
-        "from pictures. "
-        f"× path: time per view over that of a view by {PATH}, in the same run. Times are without "
-        "compiling kernels.",
+        f"from images. × path: time per view, divided by that of a view by {PATH} in the same run. "
+        "Times are without compiling kernels.",
         columns=columns,
         rows=tuple(rows),
         grouped_by="scene",
@@ -83,7 +82,7 @@ def _row(results: Results, method: str, title: str, group: str) -> Row:
         elif method not in results.methods_of(scene):
             meant = results.params.baselines[method].scenes
             titles = [results.scene(s).title for s in meant]
-            reasons[scene] = f"asked for in {join(titles)} alone"
+            reasons[scene] = f"only for {join(titles)}"
         else:
             found = _reasons(results, scene, method, known)
             reasons[scene] = found.get("") or found[SECONDS.key if seconds else "times_path"]
@@ -96,13 +95,13 @@ def _row(results: Results, method: str, title: str, group: str) -> Row:
 
 
 def _methods(results: Results) -> dict[str, str]:
-    """All methods that some scene could have; the field and the second reference last."""
+    """Titles of the methods of all scenes; the field and the second reference last."""
     every = {m: t for s in results.scenes for m, t in results.methods_of(s).items()}
     return {m: every[m] for m in sorted(every, key=lambda m: m in (FIELD, SECOND_REFERENCE))}
 
 
 def _ratio(values: Mapping[str, float]) -> float | None:
-    """Seconds per view over those of the unit in the same run."""
+    """Seconds per view, in units of the timing baseline of the same run."""
     if "path_seconds" not in values or SECONDS.key not in values:
         return None
     return values[SECONDS.key] / values["path_seconds"]
@@ -116,10 +115,10 @@ def _reasons(
     if whole and SECONDS.key not in values:
         return {"": whole}
     keys = (PREPARATION.key, SECONDS.key, STORAGE.key, MEMORY.key)
-    reasons = dict.fromkeys(keys, "its costs are not on file")
+    reasons = dict.fromkeys(keys, NO_COSTS)
     reasons["times_path"] = f"the run did not time {PATH}"
     if method == SECOND_REFERENCE:
-        reasons |= dict.fromkeys((STORAGE.key, MEMORY.key), "not measured of references")
+        reasons |= dict.fromkeys((STORAGE.key, MEMORY.key), "not measured for references")
         reasons[PREPARATION.key] = "SPPM needs none"
-        reasons["times_path"] = f"references are not timed beside {PATH}"
+        reasons["times_path"] = f"{PATH} is not timed with references"
     return reasons

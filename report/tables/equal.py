@@ -1,4 +1,4 @@
-"""What each system does in the time of a view from the field, and what it needs for its quality."""
+"""Systems at equal time and at equal quality with the field."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from report.points import (
 )
 from report.results import Results
 from report.table import Column, Row, Table, Value
-from report.tables.columns import BEST, FLIP, LPIPS, PREPARATION, PSNR, RELMSE, SSIM
+from report.tables.columns import BEST, FLIP, LPIPS, NO_COSTS, PREPARATION, PSNR, RELMSE, SSIM
 from report.tables.quality import scenes_left_out
 
 TOLERANCE = 1.05
-"""A view that takes so many times as long as one from the field still counts as as long."""
+"""Equal time: at most so many times the field's time per view."""
 
 three = significant(3)
 TIME = Column("seconds_per_view", "Seconds per view", three)
@@ -30,7 +30,7 @@ EXTRAPOLATED = Column("extrapolated_seconds", "Extrapolated, s", lambda s: f"≈
 
 
 def equal_time_table(results: Results) -> Table:
-    """Each system's best in the time that a view from the field takes."""
+    """The best point of each system that takes no more time per view than the field."""
     rows = []
     for scene, field, systems in _by_scene(results):
         group = results.scene(scene).title
@@ -44,9 +44,9 @@ def equal_time_table(results: Results) -> Table:
     return Table(
         name="equal_time",
         title="At equal time",
-        caption="The best that each system was measured to do in the time of a view from the "
-        f"field (or {TOLERANCE - 1:.0%} more), preparation apart. Only settings that were run: a "
-        "system whose settings are all much faster might do better with more samples. " + BEST,
+        caption="The best measured setting of each system that takes no longer per view than the "
+        f"field (or {TOLERANCE - 1:.0%} longer), without preparation. Only settings that were run: "
+        "a system whose settings are all much faster may be better with more samples. " + BEST,
         columns=(TIME, PSNR, SSIM, LPIPS, FLIP, RELMSE, PREPARATION),
         rows=tuple(rows),
         grouped_by="scene",
@@ -55,7 +55,7 @@ def equal_time_table(results: Results) -> Table:
 
 
 def equal_quality_table(results: Results) -> Table:
-    """The time that each system needs to come as close to the reference as the field."""
+    """The time that each system needs for the field's PSNR."""
     rows = []
     for scene, field, systems in _by_scene(results):
         group = results.scene(scene).title
@@ -68,11 +68,11 @@ def equal_quality_table(results: Results) -> Table:
     return Table(
         name="equal_quality",
         title="At equal quality",
-        caption="Seconds per view until a system has the field's PSNR, preparation apart: those of "
-        "the fastest setting that was measured to have it; where none has, the best that was run "
-        "stands here, and the longest time. The last column is no measurement: for systems whose "
-        "error goes to zero with time it goes on from the last two settings, as far as "
-        f"{REACH} times the time of the last. {BEST}",
+        caption="Seconds per view that a system needs for the field's PSNR, without preparation: "
+        "the time of its fastest setting with that PSNR. If none has it, the row shows the best "
+        "setting that was run, and the longest time. The last column is no measurement: for "
+        "systems whose error goes to zero with more samples it is extrapolated from two settings, "
+        f"up to {REACH} times the longest time. {BEST}",
         columns=(SETTING, REACHED, NEEDED, EXTRAPOLATED),
         rows=tuple(rows),
         label="system",
@@ -81,18 +81,18 @@ def equal_quality_table(results: Results) -> Table:
     )
 
 
-_TOO_FAR = f"no two settings of which the longer is better, or further than {REACH} times its time"
+_TOO_FAR = f"no two settings to extrapolate from, or more than {REACH} times the longest time"
 
 
 def _at_equal_time(point: Point, group: str, ours: bool = False) -> Row:
     values: dict[str, Value] = {**point.numbers, "seconds_per_view": point.seconds}
     values["prepare_seconds"] = point.prepare_seconds
-    reasons = {**point.reasons, PREPARATION.key: "its costs are not on file"}
+    reasons = {**point.reasons, PREPARATION.key: NO_COSTS}
     return Row(point.title, values, group=group, reasons=reasons, ours=ours)
 
 
 def _to_equal_quality(system: str, points: Sequence[Point], field: Point, group: str) -> Row:
-    """Where it gets there, or how far it got."""
+    """The row of a system: the fastest setting that is good enough, else the best setting."""
     there = [p for p in points if p.psnr >= field.psnr]
     if there:
         return _reached(there[0], group)
@@ -109,7 +109,7 @@ def _to_equal_quality(system: str, points: Sequence[Point], field: Point, group:
 
 
 def _reached(point: Point, group: str, ours: bool = False) -> Row:
-    """A setting that is good enough: nothing is to be extrapolated."""
+    """The row of a setting that is good enough; nothing is extrapolated."""
     values: dict[str, Value] = {
         "setting": _setting(point),
         "psnr": point.psnr,
@@ -120,20 +120,20 @@ def _reached(point: Point, group: str, ours: bool = False) -> Row:
 
 
 def _missing(results: Results, scene: str, system: str, points: Sequence[Point]) -> Row:
-    """A system without a setting that would do."""
+    """The row of a system without a fitting point, with the reason."""
     group = results.scene(scene).title
     if points:
         why = f"its fastest setting takes {three(points[0].seconds)} s per view"
         return Row(_name(points[0]), {}, group=group, reasons={"": why})
     rows, methods = results.params.baselines, results.methods_of(scene)
     own = [m for m in methods if m in rows and rows[m].system == system]
-    reasons = {results.reasons(scene, m).get("", "its costs are not on file") for m in own}
+    reasons = {results.reasons(scene, m).get("", NO_COSTS) for m in own}
     label = methods[own[0]].split(",")[0]
     return Row(label, {}, group=group, reasons={"": "; ".join(sorted(reasons))})
 
 
 def _by_scene(results: Results) -> Iterator[tuple[str, Point, dict[str, list[Point]]]]:
-    """Scenes that have the field's numbers, with these and those of all systems."""
+    """Scenes with numbers of the field; for each the field's point and those of all systems."""
     for scene in results.scenes:
         field = field_point(results, scene)
         if field is not None:
@@ -150,10 +150,10 @@ def _without_field(results: Results) -> tuple[str, ...]:
 
 
 def _name(point: Point) -> str:
-    """A system's name: its method's, without the settings."""
+    """The system in a point's title: the part before the first comma."""
     return point.title.split(",")[0]
 
 
 def _setting(point: Point) -> str:
-    """What its method says besides the name."""
+    """The settings in a point's title: the part after the first comma."""
     return point.title.removeprefix(_name(point)).removeprefix(", ")

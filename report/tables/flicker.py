@@ -1,4 +1,4 @@
-"""How much the methods of the animation change where only the camera has moved."""
+"""Table of flicker: how much static diffuse surfaces change in an animation."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from report.table import Column, Row, Table, Value
 from report.tables.columns import BEST
 
 WAYS = {"directly": "seen directly", "refracted": "through water or glass"}
-"""How surfaces are seen, as `gpf stage animate` names it, and for people."""
+"""How surfaces are seen: the key in the files of `gpf stage animate`, and its text."""
 
-NOISE = "Noise of the references alone"
+NOISE = "Noise of the references"
 
 
 def flicker_table(results: Results) -> Table:
-    """Rows methods, columns scenes: those that `animation` asks for. Files of others may be there,
-    but no stage keeps them up to date."""
+    """A row for each method and columns for each scene of `animation`. Files of other scenes are
+    ignored, because no stage keeps them up to date."""
     asked = results.params.animation
     scenes = [s for s in asked.scenes if results.is_as_asked(s)]
     found = {s: results.scene(s).read("animation", "flicker.json") for s in scenes}
@@ -30,11 +30,11 @@ def flicker_table(results: Results) -> Table:
     return Table(
         name="flicker",
         title="Flicker",
-        caption="What changes from one frame of the camera path to the next where diffuse surfaces "
-        "should look the same: mean absolute difference in levels of 255, and the share of all "
-        "pixels that it is measured in. References of the path would flicker by their noise; less "
-        "than that is no merit. Steady is not right, either: who lacks a caustic has nothing there "
-        f"that could flicker. {BEST}",
+        caption="Change of diffuse surfaces from one frame of the camera path to the next, where "
+        "only the camera moves: mean absolute difference in levels of 255, and the share of pixels "
+        "in which it is measured. References would flicker by their own noise, so less flicker "
+        "than that says nothing. Low flicker does not mean a correct image: an image without "
+        f"caustics has no flickering caustics. {BEST}",
         columns=_columns(results, found),
         rows=tuple(rows) if found else (),
         remarks=_remarks(results, found),
@@ -42,7 +42,7 @@ def flicker_table(results: Results) -> Table:
 
 
 def title_of(results: Results, method: str) -> str:
-    """A method of an animation; one that params.yaml has forgotten has its name alone."""
+    """A method's title; its name if it is no longer in params.yaml."""
     return method_titles(results.params).get(method, method)
 
 
@@ -60,14 +60,14 @@ def _row(results: Results, method: str, found: Mapping[str, Any]) -> Row:
         s: file["methods"].get(method, {"cannot_serve": "not run"}) for s, file in found.items()
     }
     reasons = {
-        s: known.get("cannot_serve", "no surface that is seen so was found again")
+        s: known.get("cannot_serve", "no matching surfaces in successive frames")
         for s, known in told.items()
     }
     return _make_row(title_of(results, method), told, reasons, found, ours=method == FIELD)
 
 
 def _noise_row(found: Mapping[str, Any]) -> Row:
-    """It tells what to expect, and does not compete."""
+    """The row of the references' noise, which is not ranked."""
     told = {scene: file["noise_of_references"] for scene, file in found.items()}
     reasons = dict.fromkeys(found, "no reference of a novel view has such pixels")
     return _make_row(NOISE, told, reasons, found, competes=False)
@@ -81,7 +81,7 @@ def _make_row(
     competes: bool = True,
     ours: bool = False,
 ) -> Row:
-    """A row of what is ``told`` of each scene, and ``why`` what is missing in it is missing."""
+    """A row of the numbers ``told`` of each scene, and ``why`` they are missing in a scene."""
     values: dict[str, Value] = {}
     reasons: dict[str, str] = {}
     for scene, way in _places(found):
@@ -97,7 +97,7 @@ def _make_row(
 
 
 def _places(found: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Scenes, and the ways in which any method sees surfaces in them."""
+    """Pairs of a scene and a way in which any method sees surfaces in it."""
     places = []
     for scene, file in found.items():
         seen = [way for way in WAYS if any(way in told for told in file["methods"].values())]
@@ -110,4 +110,4 @@ def _remarks(results: Results, found: Mapping[str, Any]) -> tuple[str, ...]:
     titles = join([results.scene(s).title for s in waiting])
     if waiting:
         return (f"Not animated yet: {titles}.",)
-    return () if found else ("No scene is animated yet: `animation.scenes` lists none.",)
+    return () if found else ("No scene is animated yet: `animation.scenes` is empty.",)

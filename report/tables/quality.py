@@ -1,4 +1,4 @@
-"""Tables 1 and 2: how close every system comes to the references."""
+"""Tables 1 and 2: metrics of all systems against the references."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from report.results import FIELD, SECOND_REFERENCE, Results
 from report.table import Column, Row, Table, Value
 from report.tables.columns import (
     BEST,
+    NO_COSTS,
     PAPER,
     PREPARATION,
     PSNR,
     QUALITY,
-    SECOND_REFERENCE_APART,
     SECONDS,
     STORAGE,
 )
 
-LEARN_FROM_PICTURES = ("instant_ngp", "splatting", "anysplat")
+LEARN_FROM_IMAGES = ("instant_ngp", "splatting", "anysplat")
 """Systems of Table 2."""
 
 
 def glance_table(results: Results) -> Table:
-    """PSNR alone: methods down, scenes across."""
+    """PSNR: a row for each method, a column for each scene."""
     paper, scenes = read_paper(), results.scenes
     names = {m: paper.name_of(results.options(m)) for m in _methods_of_all(results)}
     methods = _methods_of_all(results)
@@ -66,7 +66,7 @@ def systems_table(results: Results) -> Table:
         name="table_1",
         title="Table 1: all systems",
         caption=f"Novel views against references of {results.passes} SPPM passes. "
-        f"{_how_to_read(results)} What stores nothing is not ranked by storage.",
+        f"{_how_to_read(results)} Methods that store nothing are not ranked by storage.",
         columns=(*QUALITY, STORAGE),
         rows=tuple(rows),
         grouped_by="scene",
@@ -75,9 +75,9 @@ def systems_table(results: Results) -> Table:
 
 
 def learned_table(results: Results) -> Table:
-    """Table 2: systems that learn a scene from pictures."""
+    """Table 2: systems that learn a scene from images."""
     options = results.params.baselines
-    learned = [m for m, row in options.items() if row.system in LEARN_FROM_PICTURES]
+    learned = [m for m, row in options.items() if row.system in LEARN_FROM_IMAGES]
     seen = " or ".join(str(n) for n in sorted({options[m].training_views for m in learned}))
     rows: list[Row] = []
     for scene in results.scenes:
@@ -87,9 +87,9 @@ def learned_table(results: Results) -> Table:
             rows += [quality_row(results, scene, m, methods[m]) for m in shown]
     return Table(
         name="table_2",
-        title="Table 2: systems that learn from pictures",
-        caption=f"Novel views of systems that see references of {seen or 'some'} training views, "
-        f"in the scenes that `baselines` in params.yaml has them for. {PAPER} {BEST}",
+        title="Table 2: systems that learn from images",
+        caption=f"Novel views of systems that learn from references of {seen or 'some'} training "
+        f"views, in the scenes that `baselines` in params.yaml gives for them. {PAPER} {BEST}",
         columns=(*QUALITY, STORAGE, PREPARATION, SECONDS),
         rows=tuple(rows),
         grouped_by="scene",
@@ -98,13 +98,13 @@ def learned_table(results: Results) -> Table:
 
 
 def _no_learned(results: Results) -> tuple[str, ...]:
-    """Why Table 2 is empty."""
-    measured = "`baselines` has no such system for a scene that has been measured."
+    """Remarks that say why Table 2 is empty."""
+    measured = "`baselines` has no such system for any measured scene."
     return (*scenes_left_out(results), *((measured,) if results.scenes else ()))
 
 
 def quality_row(results: Results, scene: str, method: str, title: str) -> Row:
-    """A method in a scene."""
+    """The row of a method in a scene."""
     values, reasons = results.row(scene, method), results.reasons(scene, method)
     if "" not in reasons:
         reasons |= {key: why for key, why in _unmeasured_costs(method).items() if key not in values}
@@ -114,7 +114,7 @@ def quality_row(results: Results, scene: str, method: str, title: str) -> Row:
 
 
 def mean_row(results: Results, method: str, title: str) -> Row:
-    """A method's means over the scenes that have been measured, where it has numbers in all."""
+    """A method's means over all measured scenes; only numbers that all these scenes have."""
     scenes = results.scenes
     found = {scene: results.row(scene, method) for scene in scenes}
     values, reasons = {}, {}
@@ -133,7 +133,7 @@ def mean_row(results: Results, method: str, title: str) -> Row:
 
 
 def scenes_left_out(results: Results) -> tuple[str, ...]:
-    """Remarks about scenes that have no numbers yet, or others than those that are asked for."""
+    """Remarks about scenes without numbers, or with references of other numbers of passes."""
     remarks = []
     without = [s for s in results.unmeasured if not results.has_metrics(s)]
     others = [s for s in results.unmeasured if results.has_metrics(s)]
@@ -146,14 +146,14 @@ def scenes_left_out(results: Results) -> tuple[str, ...]:
 
 
 def _remarks(results: Results) -> tuple[str, ...]:
-    """What the means are over, and who is nowhere."""
+    """Remarks about the means, and about methods that have no row."""
     fewer = set(results.scenes) < set(read_paper().systems)
     means = ("In means, the paper's numbers are over the same scenes as ours.",) if fewer else ()
     some = {m for scene in results.scenes for m in results.methods_of(scene)}
     nowhere = [title for m, title in results.methods.items() if m not in some]
-    where = f"Asked for in other scenes alone, by their rows of `baselines`: {join(nowhere)}."
-    alone = (where,) if nowhere and results.scenes else ()
-    return (*scenes_left_out(results), *means, *alone)
+    where = f"Only for other scenes, by their rows of `baselines`: {join(nowhere)}."
+    elsewhere = (where,) if nowhere and results.scenes else ()
+    return (*scenes_left_out(results), *means, *elsewhere)
 
 
 def _row(
@@ -169,14 +169,14 @@ def _row(
 
 
 def _methods_of_all(results: Results) -> dict[str, str]:
-    """Methods that are meant for every scene."""
+    """Titles of the methods that are for all scenes."""
     rows = results.params.baselines
     every = {m: t for s in results.scenes for m, t in results.methods_of(s).items()}
     return {m: t for m, t in every.items() if m not in rows or not rows[m].scenes}
 
 
 def _why_no_mean(results: Results, method: str, without: Sequence[str], key: str) -> str:
-    """The common reason if there is one in all scenes, else where numbers are missing."""
+    """The reason if it is the same in all scenes, else the scenes without a number."""
     found = [results.reasons(scene, method) for scene in without]
     reasons = {r.get("", r.get(key)) for r in found}
     if len(without) == len(results.scenes) and len(reasons) == 1 and (why := reasons.pop()):
@@ -189,11 +189,13 @@ def _why_no_mean(results: Results, method: str, without: Sequence[str], key: str
 
 
 def _unmeasured_costs(method: str) -> dict[str, str]:
-    """Why costs are missing of a method that has images."""
+    """Why a method with images has no costs."""
     if method == SECOND_REFERENCE:
-        return {STORAGE.key: "of references only images are kept"}
-    return dict.fromkeys((STORAGE.key, PREPARATION.key, SECONDS.key), "its costs are not on file")
+        return {STORAGE.key: "of references, only images are stored"}
+    return dict.fromkeys((STORAGE.key, PREPARATION.key, SECONDS.key), NO_COSTS)
 
 
 def _how_to_read(results: Results) -> str:
-    return f"{PAPER} {BEST} {SECOND_REFERENCE_APART.format(second_reference=results.methods[SECOND_REFERENCE])}"
+    second = results.methods[SECOND_REFERENCE]
+    apart = f"{second}: the second reference; it shows how far references agree; not ranked."
+    return f"{PAPER} {BEST} {apart}"

@@ -60,7 +60,7 @@ def test_a_field_that_never_leads_is_not_said_to(tmp_path):
             view["psnr"] = 50.0
         write_json(file, numbers)
     assert choose_view(results).lead < 0
-    assert "is least behind the best of the others, by " in draw_teaser(results).caption
+    assert "is closest to the best of the others, " in draw_teaser(results).caption
 
 
 def test_the_comparison_finds_caustic_and_error(results, tmp_path):
@@ -107,7 +107,7 @@ def test_points_of_quality_over_time_are_where_the_numbers_are(results, tmp_path
         hollow = styles[method]["fillstyle"] == "none"
         assert (shown[row, column].min() > 240) == hollow, method
     lines = {line.get_label(): line for line in sketch.canvas.axes[0].lines}
-    curve = next(line for label, line in lines.items() if label.startswith("SPPM as"))
+    curve = next(line for label, line in lines.items() if label.startswith("SPPM with"))
     assert list(curve.get_xdata()) == [0.2 * n for n in CURVE]
     assert "EM-GMM" not in lines and "GPF, 16 spp" in lines
 
@@ -142,7 +142,7 @@ def test_the_level_of_the_field_crosses_the_curve(results, tmp_path):
     shown = pixels(sketch, tmp_path)
     passes = 10 * 3 ** ((37 - 31) / (41 - 31))
     assert shown[at(sketch, 0, passes, 37)].max() < 30
-    assert f"as SPPM after {passes:.0f} passes" in sketch.alt
+    assert f"like SPPM with {passes:.0f} passes" in sketch.alt
     row, column = at(sketch, 0, 3, 21)
     assert shown[row, column, 2] > shown[row, column, 0] + 60
 
@@ -162,5 +162,5 @@ def test_points_that_do_not_exist_have_no_error(tmp_path):
         file.write_text("step\theld_out_error\n50\t0.0\n100\t0.0\n150\t0.0\n")
     sketch = draw_training(results)
     (line,) = sketch.canvas.axes[0].lines
-    assert line.get_label() == "points of the steps"
+    assert line.get_label() == "training points"
     assert "Water Caustic: 0.033" in sketch.alt

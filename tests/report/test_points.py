@@ -51,7 +51,7 @@ def test_at_equal_time_the_best_that_was_run(results):
         "GPF, 16 spp": 33,
     }
     assert math.isnan(frame.loc["SPPM, 10 passes as in references", "ssim"])
-    assert "PSNR alone" in frame.loc["SPPM, 10 passes as in references", "reason"]
+    assert "only PSNR" in frame.loc["SPPM, 10 passes as in references", "reason"]
     assert frame.loc["RenderFormer", "reason"] == "glass and water are beyond it"
 
 

@@ -51,7 +51,7 @@ def test_what_nobody_asked_for_is_said(results):
     )
     frame = tables_of(Results(params, results.root))["table_2"].frame
     row = frame[frame["method"] == "3D Gaussian splatting, 3 views"].iloc[0]
-    assert math.isnan(row["psnr"]) and "`methods` in params.yaml does not list it" in row["reason"]
+    assert math.isnan(row["psnr"]) and "not listed in `methods` of params.yaml" in row["reason"]
 
 
 def test_no_cell_is_empty_without_a_reason(results):
@@ -130,7 +130,7 @@ def test_without_any_scene_tables_are_empty_and_say_so(tmp_path):
 
 def test_single_numbers_that_are_missing_have_their_own_reasons(results):
     """Where LPIPS has no weights, say, it is missing in every table, for that reason."""
-    why, alone = "LPIPS has no weights", "of this number of passes, PSNR alone was measured"
+    why, alone = "LPIPS has no weights", "only PSNR was measured at this number of passes"
     for file in [*results.root.glob("*/metrics/*.json"), *results.root.glob("*/ablations/*.json")]:
         if "mean" in file.read_text():
             edit(file, mean__lpips=None, reasons={"lpips": why})
@@ -174,9 +174,9 @@ def test_table_2_says_why_it_is_empty(results):
     text["scenes"], text["ablations"] = [BOX], {}
     tables = tables_of(Results(results.params.model_validate(text), results.root))
     assert not tables["table_2"].rows
-    why = "`baselines` has no such system for a scene that has been measured."
+    why = "`baselines` has no such system for any measured scene."
     assert tables["table_2"].notes == [why]
-    where = "Asked for in other scenes alone, by their rows of `baselines`: "
+    where = "Only for other scenes, by their rows of `baselines`: "
     assert f"{where}3D Gaussian splatting, 3 views." in tables["table_1"].remarks
 
 
