@@ -55,7 +55,7 @@ def compare(work: Workspace) -> list[list[str]]:
             image = renderer.render(view, work.params.render.seed + k).radiance
             seconds.append(time.perf_counter() - start)
             per_pass.append(passes.seconds(len(work.views.novel), k))
-            reference = read_exr(work.reference(view.name), "reference")[0]["radiance"]
+            reference = read_exr(work.reference(view.name))[0]["radiance"]
             quality.append(psnr(image, reference, work.views.exposure))
         worth = equivalent_passes(float(np.mean(quality)), curve)
         mine, theirs = float(np.mean(seconds)), float(np.mean(per_pass))

@@ -64,11 +64,11 @@ def view_errors(work: Workspace) -> Iterator[tuple[np.ndarray, dict[str, np.ndar
     seen = cKDTree(targets.position[targets.source != SURFACE])
     exposure = work.views.exposure
     for view in work.views.novel:
-        layers = read_exr(work.reference(view.name), "reference")[0]
-        layers = read_exr(work.second_reference(view.name), "reference")[0]
+        layers = read_exr(work.reference(view.name))[0]
+        layers = read_exr(work.second_reference(view.name))[0]
         last = max(layers, key=lambda name: int(name.split("_")[1]))
         images = {
-            "GPF": read_exr(work.render("gpf", view.name), "render")[0]["radiance"],
+            "GPF": read_exr(work.render("gpf", view.name))[0]["radiance"],
             f"SPPM, {last.split('_')[1]} passes": layers[last],
         }
         truth = tone_map(layers["radiance"], exposure)

@@ -64,7 +64,7 @@ def main() -> None:
         moments = prepare(work)
         passes = work.params.reference.passes
         view = passes * (before + single.seconds(1, 0, PASSES)) / 2
-        final = read_json(work.metrics("gpf"), "metrics")["mean"]["psnr"]
+        final = read_json(work.metrics("gpf"))["mean"]["psnr"]
         title = (
             f"{name}: {final:.2f} dB from the references; a view by SPPM, {passes}: {view:.0f} s"
         )
@@ -104,7 +104,7 @@ def prepare(work: Workspace) -> list[Moment]:
         quality = [
             psnr(
                 renderer.render(view, work.params.render.seed + k).radiance,
-                read_exr(work.reference(view.name), "reference")[0]["radiance"],
+                read_exr(work.reference(view.name))[0]["radiance"],
                 exposure,
             )
             for k, view in enumerate(work.views.novel)

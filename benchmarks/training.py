@@ -51,7 +51,7 @@ def time_training(scene_name: str) -> tuple[float, float, float]:
     scene = work.load_scene()
     targets = Targets.load(work.targets)
     section, views = work.params.train, work.views.novel
-    references = {v.name: read_exr(work.reference(v.name), "reference")[0] for v in views}
+    references = {v.name: read_exr(work.reference(v.name))[0] for v in views}
     photons = photons_for_field(work, load_photons(work))
     count = len(read_field(work.field).tensors["means"])
     integrator = mi.load_dict({"type": "gpf"})

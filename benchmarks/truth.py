@@ -35,12 +35,12 @@ def main() -> None:
     judge = Judge.open(work)
     for view in views or list(judge.references):
         truth = trace(work, view)
-        layers, _ = read_exr(work.second_reference(view), "reference")
+        layers, _ = read_exr(work.second_reference(view))
         passes = max(int(layer.removeprefix("sppm_")) for layer in layers if "sppm_" in layer)
         images = {
             "the reference": judge.references[view],
             f"a second SPPM, {passes} passes": layers[f"sppm_{passes}"],
-            "GPF": read_exr(work.render("gpf", view), "render")[0]["radiance"],
+            "GPF": read_exr(work.render("gpf", view))[0]["radiance"],
         }
         table = Table("", *SHOWN, title=f"{name}, {view}: against `path`, {SAMPLES} spp")
         first, last = flip_exposures([truth])

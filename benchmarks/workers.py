@@ -56,7 +56,7 @@ def run_stage(folder: Path, executor: str, workers: int) -> Run:
     costs = project / "results" / SCENE / "costs" / "reference.json"
     spent = {"train": 0.0, "novel": 0.0, "second_reference": 0.0}
     apart = 0.0
-    for name, cost in read_json(costs, "reference")["parts"].items():
+    for name, cost in read_json(costs)["parts"].items():
         group = name.partition("/")[0]
         if group in spent:
             spent[group] += cost["wall_seconds"] + cost["compile_seconds"]

@@ -148,7 +148,7 @@ class SceneResults:
     def read(self, *parts: str) -> Any:
         """A JSON file below the scene's folder; empty if it does not exist."""
         path = self.folder.joinpath(*parts)
-        return read_json(path, "report") if path.exists() else {}
+        return read_json(path) if path.exists() else {}
 
     @property
     def title(self) -> str:

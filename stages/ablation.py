@@ -56,7 +56,7 @@ def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = Fal
     alike = gaussians_of_all(work)
     params = work.params.variant(variant, alike)
     if params == work.params.vary(alike):
-        found = numbers(work, read_json(work.metrics("gpf"), "metrics"))
+        found = numbers(work, read_json(work.metrics("gpf")))
         keep(work, row, {"same_as": "gpf", **found}, {})
         say(f"{scene_name}: {variant} is the field as it is")
         return
@@ -108,7 +108,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
         measured = summarize({v: judge.compare_render("gpf", v) for v in judge.references})
     parts = costs.parts
     for stage in ("train", "render"):
-        parts = read_json(variant.cost(stage), stage)["parts"] | parts
+        parts = read_json(variant.cost(stage))["parts"] | parts
     found = numbers(variant, measured)
     shutil.rmtree(state / "checkpoints", ignore_errors=True)
     (state / "task.json").unlink()
@@ -117,7 +117,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
 
 def numbers(work: Workspace, measured: Mapping[str, Any]) -> dict[str, Any]:
     """What is known of a field, the search for its number of Gaussians not counted."""
-    train, render = (read_json(work.cost(stage), stage) for stage in ("train", "render"))
+    train, render = (read_json(work.cost(stage)) for stage in ("train", "render"))
     path_seconds = render["facts"].get("path_seconds")
     return {
         **measured,

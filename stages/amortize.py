@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from gpf.core.errors import UserError
-from gpf.core.files import read_json, stage_command, write_json, write_text
+from gpf.core.errors import FileError
+from gpf.core.files import read_json, write_json, write_text
 from gpf.core.progress import say
 from metrics.cost import (
     GPF,
@@ -48,11 +48,11 @@ def cost_lines(work: Workspace) -> Comparison:
     UserError: the reference's cost file lacks a time.
     """
     reference, photons, train, render = (
-        read_json(work.cost(stage), stage) for stage in ("reference", "photons", "train", "render")
+        read_json(work.cost(stage)) for stage in ("reference", "photons", "train", "render")
     )
     curve = mean_convergence(work)
     passes = max(curve)
-    quality = read_json(work.metrics("gpf"), "metrics")["mean"]["psnr"]
+    quality = read_json(work.metrics("gpf"))["mean"]["psnr"]
     equal = equivalent_passes(quality, curve)
     preparation = part_seconds(train, *train["parts"])
     try:
@@ -66,12 +66,7 @@ def cost_lines(work: Workspace) -> Comparison:
             reference["facts"][f"seconds_per_{kind}_view_pass"] for kind in ("single", "shared")
         )
     except KeyError as error:
-        file = work.cost("reference")
-        raise UserError(
-            str(file),
-            f"has no time of {error.args[0]!r}",
-            f"Delete it and run `{stage_command('reference', file)}` again.",
-        ) from error
+        raise FileError(work.cost("reference"), f"has no time of {error.args[0]!r}") from error
     return Comparison(
         CostLine(GPF, preparation, seconds_per_view(render)),
         (
@@ -87,7 +82,7 @@ def cost_lines(work: Workspace) -> Comparison:
 
 def mean_convergence(work: Workspace) -> dict[int, float]:
     """Number of SPPM passes -> PSNR against the reference in dB, mean over novel views."""
-    rows = read_json(work.convergence, "metrics")
+    rows = read_json(work.convergence)
     return {int(row["passes"]): float(row["psnr"]) for row in rows}
 
 
@@ -98,15 +93,9 @@ def seconds_of_all(work: Workspace) -> pd.DataFrame:
         {"stage": stage, "part": name, **part}
         for path in sorted(folder.rglob("*.json"))
         for stage in [path.relative_to(folder).with_suffix("").as_posix()]
-        for name, part in read_json(path, _maker(stage)).get("parts", {}).items()
+        for name, part in read_json(path).get("parts", {}).items()
     ]
     return pd.DataFrame(rows, columns=["stage", "part", *KINDS])
-
-
-def _maker(stage: str) -> str:
-    """The stage, with its option, that writes this cost file."""
-    folder, _, method = stage.rpartition("/")
-    return f"baseline --method {method}" if folder == "baselines" else stage
 
 
 def amortize(scene_name: str) -> None:

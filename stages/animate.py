@@ -180,7 +180,7 @@ def write_films(work: Workspace, refusals: dict[str, str], count: int) -> None:
         frames = []
         if method not in refusals:
             for k in range(count):
-                image = read_exr(frame(work, method, k), "animate")[0]["radiance"]
+                image = read_exr(frame(work, method, k))[0]["radiance"]
                 shown = tone_map(image, work.views.exposure)
                 frames.append(np.round(shown * 255).astype(np.uint8))
         reels.append(Reel(method_titles(work.params)[method], frames, refusals.get(method, "")))

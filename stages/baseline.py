@@ -169,7 +169,7 @@ def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
     for view in (*work.views.train, *work.views.more):
         path = work.reference(view.name)
         if len(found) < count and path.exists():
-            layers, record = read_exr(path, "reference")
+            layers, record = read_exr(path)
             current = record["view"] == view.model_dump(mode="json")
             if current and "radiance" in layers:
                 found.append(TrainingView(view, layers))
@@ -186,7 +186,7 @@ def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
 
 def seconds_per_view(work: Workspace) -> float:
     """What a view from the field costs, without compilation."""
-    return stage_costs.seconds_per_view(read_json(work.cost("render"), "render"))
+    return stage_costs.seconds_per_view(read_json(work.cost("render")))
 
 
 def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:

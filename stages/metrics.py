@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gpf.core.errors import UserError
-from gpf.core.files import read_json, stage_command, write_json, write_text
+from gpf.core.errors import FileError, UserError
+from gpf.core.files import read_json, write_json, write_text
 from gpf.core.images import check_finite, read_exr
 from gpf.core.progress import progress_bar, say
 from metrics.equivalent_passes import equivalent_passes
 from metrics.image import NUMBERS, compare, flip_exposures, psnr
 from stages.common.costs import CostMeter
+from stages.common.makers import command_for
 from stages.common.workspace import Workspace
 
 
@@ -125,7 +126,7 @@ def _refusal(work: Workspace, method: str) -> str | None:
     file = work.refusal(method)
     if not file.exists():
         return None
-    reason: str = read_json(file, f"baseline --method {method}")["reason"]
+    reason: str = read_json(file)["reason"]
     return reason
 
 
@@ -137,7 +138,7 @@ def _rendered(work: Workspace, views: Sequence[str], refused: Mapping[str, str])
         if any(path.exists() for path in paths):
             found.append(method)
         else:
-            command = stage_command(f"baseline --method {method}", paths[0])
+            command = command_for(paths[0])
             say(f"{work.scene}: {method} is left out, it has no images; `{command}` renders them")
     return found
 
@@ -151,8 +152,8 @@ def _remove_others(work: Workspace, methods: Sequence[str]) -> None:
 
 def _read_reference(work: Workspace, name: str) -> np.ndarray:
     path = work.reference(name)
-    layers, record = read_exr(path, "reference")
-    _check_view(work, path, name, record, "reference")
+    layers, record = read_exr(path)
+    _check_view(work, path, name, record)
     check_finite(layers["radiance"], str(path))
     return layers["radiance"]
 
@@ -166,24 +167,20 @@ def _snapshots_of_all(work: Workspace, views: Sequence[str]) -> list[int]:
     ------
     UserError: the second reference was rendered with another `reference.passes`, or has no images.
     """
-    files = {name: read_exr(work.second_reference(name), "reference") for name in views}
+    files = {name: read_exr(work.second_reference(name)) for name in views}
     wanted = work.params.reference.passes
     for name, (_, record) in files.items():
         if record["passes"] != wanted:
             raise UserError(
                 str(work.second_reference(name)),
                 f"has {record['passes']} passes, params.yaml asks for {wanted}",
-                f"Run `{stage_command('reference', work.second_reference(name))}` again, or set "
-                "reference.passes back.",
+                f"Run `{command_for(work.second_reference(name))}` again, or set reference.passes "
+                "back.",
             )
     names = set.intersection(*(set(layers) for layers, _ in files.values()))
     passes = sorted(int(n) for n in (s.removeprefix("sppm_") for s in names) if n.isdecimal())
     if not passes:
-        raise UserError(
-            str(work.second_reference(views[0]).parent),
-            "has no layer sppm_N that all views have",
-            f"Run `{stage_command('reference', work.second_reference(views[0]))}` again.",
-        )
+        raise FileError(work.second_reference(views[0]), "has no layer sppm_N that all views have")
     return passes
 
 
@@ -192,40 +189,37 @@ def _read_snapshots(
 ) -> list[tuple[int, np.ndarray]]:
     """The second reference's image of a view at each number of passes."""
     path = work.second_reference(name)
-    layers, _ = read_exr(path, "reference")
+    layers, _ = read_exr(path)
     for n in passes:
-        _check_image(path, layers[f"sppm_{n}"], reference, "reference")
+        _check_image(work, path, layers[f"sppm_{n}"], reference)
     return [(n, layers[f"sppm_{n}"]) for n in passes]
 
 
 def _read_render(work: Workspace, method: str, name: str, reference: np.ndarray) -> np.ndarray:
     """A method's image of a view."""
     path = work.render(method, name)
-    stage = "render" if method == "gpf" else f"baseline --method {method}"
-    layers, record = read_exr(path, stage)
-    _check_view(work, path, name, record, stage)
-    _check_image(path, layers["radiance"], reference, stage)
+    layers, record = read_exr(path)
+    _check_view(work, path, name, record)
+    _check_image(work, path, layers["radiance"], reference)
     return layers["radiance"]
 
 
-def _check_view(
-    work: Workspace, path: Path, name: str, record: Mapping[str, Any], stage: str
-) -> None:
+def _check_view(work: Workspace, path: Path, name: str, record: Mapping[str, Any]) -> None:
     """Raise an error if the image was made with another camera than that of views.yaml."""
     if record["view"] != work.views.find(name).model_dump(mode="json"):
         raise UserError(
-            str(path), "was made with another camera", f"Run `{stage_command(stage, path)}` again."
+            str(path), "was made with another camera", f"Run `{command_for(path)}` again."
         )
 
 
-def _check_image(path: Path, image: np.ndarray, reference: np.ndarray, stage: str) -> None:
+def _check_image(work: Workspace, path: Path, image: np.ndarray, reference: np.ndarray) -> None:
     """Raise an error if the image does not have the size of its reference, or is not finite."""
     if image.shape != reference.shape:
         raise UserError(
             str(path),
             f"has {image.shape[1]}x{image.shape[0]} pixels, its reference "
             f"{reference.shape[1]}x{reference.shape[0]}",
-            f"Run `{stage_command('reference', path)}` and `{stage_command(stage, path)}` again.",
+            f"Run `{command_for(work.reference(path.stem))}` and `{command_for(path)}` again.",
         )
     check_finite(image, str(path))
 

@@ -44,7 +44,7 @@ def trace(scene_name: str) -> None:
 
 def load_photons(work: Workspace) -> Photons:
     """The photons that this stage kept."""
-    tensors, _ = read_tensors(work.photons, "photons", "photons")
+    tensors, _ = read_tensors(work.photons, "photons")
 
     def columns(name: str) -> np.ndarray:
         return np.ascontiguousarray(tensors[name].T)

@@ -177,9 +177,9 @@ def _collect_targets(work: Workspace, views: Sequence[View], surfaces: bool) -> 
     """Write the supervised points of all training views and surfaces into one file."""
     parts = []
     for k, view in enumerate(views):
-        layers, _ = read_exr(work.reference(view.name), "reference")
+        layers, _ = read_exr(work.reference(view.name))
         parts.append(Targets.from_view(layers, k))
     if surfaces:
-        tensors, _ = read_tensors(work.surfaces, "surfaces", "reference")
+        tensors, _ = read_tensors(work.surfaces, "surfaces")
         parts.append(Targets.from_surfaces(tensors))
     Targets.join(parts).save(work.targets)

@@ -37,7 +37,7 @@ class PlainGaussians:
     normals: np.ndarray
 
     def flat(self) -> np.ndarray:
-        """The 13 trained parameters of each, in the order of gpf.training.kernels.parameters, (13, N)."""
+        """The trained parameters, as in :func:`gpf.training.kernels.parameters`, (13, N)."""
         return np.concatenate(
             [self.means, self.log_scales, self.quats, self.irradiance], axis=1
         ).T.copy()

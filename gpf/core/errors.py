@@ -1,6 +1,9 @@
-"""The one error that a user can cause: it says where, what arrived and what to do."""
+"""Errors that a user can cause: they say where, what arrived and what to do."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
 
 
 class UserError(Exception):
@@ -22,5 +25,26 @@ class UserError(Exception):
         self.where, self.what, self.todo = where, what, todo
         super().__init__(f"{where}: {what}. {todo}")
 
-    def __reduce__(self) -> tuple[type[UserError], tuple[str, str, str]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.where, self.what, self.todo)
+
+
+class FileError(UserError):
+    """A file that is missing, damaged or not what was expected.
+
+    A program that knows what makes the file can name the command: :mod:`stages.common.makers` does.
+
+    Parameters
+    ----------
+    path: the file.
+    missing: whether there is no such file.
+    """
+
+    def __init__(self, path: Path, what: str, missing: bool = False) -> None:
+        self.path, self.missing = Path(path), missing
+        super().__init__(
+            str(path), what, "Check the path." if missing else "Delete it and make it again."
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.path, self.what, self.missing)

@@ -9,7 +9,6 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Mapping
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,21 +16,9 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from gpf.core.errors import UserError
+from gpf.core.errors import FileError, UserError
 
 SCHEMA_VERSION = 1
-
-
-def stage_command(maker: str, path: Path) -> str:
-    """The command that makes a file: ``gpf stage train --scene cornell_box``.
-
-    What belongs to a scene lies below ``results/SCENE``; elsewhere, and for the report of all
-    scenes, the command names none.
-    """
-    folders = Path(path).parts[:-1]
-    scene = [below for above, below in pairwise(folders) if above == "results"][-1:]
-    of_scene = scene and maker != "report"
-    return f"gpf stage {maker}" + (f" --scene {scene[0]}" if of_scene else "")
 
 
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
@@ -69,20 +56,14 @@ def write_json(path: Path, value: Any) -> None:
     write_text(path, json.dumps(value, indent=2, sort_keys=True) + "\n")
 
 
-def read_json(path: Path, maker: str) -> Any:
-    """Read JSON that the stage ``maker`` writes."""
+def read_json(path: Path) -> Any:
+    """Read JSON; a :class:`FileError` where there is none."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
-        raise UserError(
-            str(path), "is missing", f"Run `{stage_command(maker, path)}` first."
-        ) from error
+        raise FileError(path, "is missing", missing=True) from error
     except json.JSONDecodeError as error:
-        raise UserError(
-            str(path),
-            f"is not JSON ({error})",
-            f"Delete it and run `{stage_command(maker, path)}` again.",
-        ) from error
+        raise FileError(path, f"is not JSON ({error})") from error
 
 
 def write_tensors(
@@ -99,31 +80,26 @@ def write_tensors(
     write_atomically(path, lambda p: _ignore(p.write_bytes(data)))
 
 
-def read_tensors(path: Path, kind: str, maker: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Arrays and metadata of a file that the stage ``maker`` writes.
+def read_tensors(path: Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays and metadata of a file of a kind.
 
     Raises
     ------
-    UserError: the file is missing, truncated, of another kind or of another schema version.
+    FileError: the file is missing, truncated, of another kind or of another schema version.
     """
-    again = f"Delete it and run `{stage_command(maker, path)}` again."
     if not path.exists():
-        raise UserError(str(path), "is missing", f"Run `{stage_command(maker, path)}` first.")
+        raise FileError(path, "is missing", missing=True)
     try:
         with safe_open(str(path), framework="numpy") as file:
             header = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError) as error:
-        raise UserError(str(path), f"is truncated or damaged ({error})", again) from error
+        raise FileError(path, f"is truncated or damaged ({error})") from error
     version = header.get("schema_version", "none")
     if header.get("kind") != kind:
-        raise UserError(
-            str(path), f"holds {header.get('kind', 'something else')}, not {kind}", again
-        )
+        raise FileError(path, f"holds {header.get('kind', 'something else')}, not {kind}")
     if version != str(SCHEMA_VERSION):
-        raise UserError(
-            str(path), f"has schema version {version}; this program reads {SCHEMA_VERSION}", again
-        )
+        raise FileError(path, f"has schema version {version}; this program reads {SCHEMA_VERSION}")
     return tensors, json.loads(header["metadata"])
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from gpf.core.errors import UserError
-from gpf.core.files import SCHEMA_VERSION, stage_command, write_atomically
+from gpf.core.errors import FileError, UserError
+from gpf.core.files import SCHEMA_VERSION, write_atomically
 
 # The header attribute that says what made an image.
 _RECORD = "gpf"
@@ -48,27 +48,24 @@ def write_exr(path: Path, layers: Mapping[str, np.ndarray], record: Mapping[str,
     write_atomically(path, write)
 
 
-def read_exr(path: Path, maker: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Layers and record of an EXR that the stage ``maker`` writes, (H, W, 3) or (H, W) float32.
+def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Layers and record of an EXR, (H, W, 3) or (H, W) float32.
 
     Raises
     ------
-    UserError: the file is missing, truncated or of another schema version.
+    FileError: the file is missing, truncated or of another schema version.
     """
     if not path.exists():
-        raise UserError(str(path), "is missing", f"Run `{stage_command(maker, path)}` first.")
-    again = f"Delete it and run `{stage_command(maker, path)}` again."
+        raise FileError(path, "is missing", missing=True)
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             record = json.loads(file.header().get(_RECORD, "{}"))
             channels = {name: c.pixels.copy() for name, c in file.channels().items()}
     except Exception as error:  # OpenEXR raises several kinds, none of them its own
-        raise UserError(str(path), f"is truncated or not an EXR ({error})", again) from error
+        raise FileError(path, f"is truncated or not an EXR ({error})") from error
     if record.get("schema_version") != SCHEMA_VERSION:
         version = record.get("schema_version", "none")
-        raise UserError(
-            str(path), f"has schema version {version}; this program reads {SCHEMA_VERSION}", again
-        )
+        raise FileError(path, f"has schema version {version}; this program reads {SCHEMA_VERSION}")
     layers: dict[str, np.ndarray] = {}
     for name, pixels in channels.items():
         layer, _, letter = name.rpartition(".")

@@ -26,8 +26,8 @@ from typing import Any, Literal
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.errors import UserError
-from gpf.core.files import read_tensors, stage_command, write_tensors
+from gpf.core.errors import FileError
+from gpf.core.files import read_tensors, write_tensors
 from gpf.core.structs import to_numpy
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.gaussians import Gaussians
@@ -91,7 +91,7 @@ def write_field(stored: StoredField, path: Path, precision: Precision = "float32
 
     Raises
     ------
-    UserError: a value is NaN or infinite, or the file cannot be written.
+    FileError: a value is NaN or infinite, or the file cannot be written.
     """
     _check_finite(path, stored.tensors)
     tensors = stored.tensors
@@ -113,19 +113,18 @@ def read_field(path: Path) -> StoredField:
 
     Raises
     ------
-    UserError: the file is missing, truncated, of another kind, schema version or precision, or not
+    FileError: the file is missing, truncated, of another kind, schema version or precision, or not
         finite.
     """
-    tensors, metadata = read_tensors(Path(path), "field", "train")
+    tensors, metadata = read_tensors(Path(path), "field")
     # Files from before there were two say nothing about it.
     precision = metadata.get("precision", "float32")
     if precision == "compact":
         tensors = _unpack(tensors, metadata["encoding"])
     elif precision != "float32":
-        raise UserError(
-            str(path),
+        raise FileError(
+            path,
             f"has the precision {precision}; this program reads float32 and compact",
-            f"Delete it and run `{stage_command('train', path)}` again.",
         )
     _check_finite(path, tensors)
     settings = FieldSettings(**metadata["settings"])
@@ -135,12 +134,7 @@ def read_field(path: Path) -> StoredField:
 def _check_finite(path: Path, tensors: Mapping[str, np.ndarray]) -> None:
     for name, value in tensors.items():
         if not np.isfinite(value).all():
-            raise UserError(
-                str(path),
-                f"has NaN or infinite values in {name}",
-                "Look at the references, lower the learning rates, and run "
-                f"`{stage_command('train', path)}`.",
-            )
+            raise FileError(path, f"has NaN or infinite values in {name}")
 
 
 # --- the compact precision --------------------------------------------------------------------

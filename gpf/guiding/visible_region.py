@@ -64,7 +64,7 @@ class VisibleRegion:
             raise UserError(
                 "training views",
                 "see no diffuse surface",
-                "Point them at one, or set visible_region.use to false in params.yaml.",
+                "Point them at one, or set visible_region.use to false.",
             )
         self.points = take(points, lanes)
         p, n = self.points.p, self.points.n

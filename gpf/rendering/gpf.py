@@ -104,6 +104,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         develop: bool = True,
         evaluate: bool = True,
     ) -> Any:
+        """An image, as of any integrator of Mitsuba."""
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         self._compare(scene)
@@ -130,6 +131,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         has_alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
 
         def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+        """Radiance of camera rays, whether they end on a diffuse surface, and the coverage."""
             ray, weight = sample_pixel_rays(sensor, sampler, pixel)
             radiance, valid, aovs, _ = self.sample(dr.ADMode.Primal, scene, sampler, ray)
             alpha = [dr.select(valid, mi.Float(1), 0)] if has_alpha else []
@@ -216,12 +218,15 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
     def sample_rays(
         self, scene: mi.Scene, sensor: mi.Sensor, sampler: mi.Sampler
     ) -> tuple[Any, ...]:
+        """Camera rays, tile by tile."""
         return sample_tiled_rays(scene, sensor, sampler)
 
     def aov_names(self) -> list[str]:
+        """The channel `coverage`, where it is asked for."""
         return ["coverage"] if self.coverage else []
 
     def to_string(self) -> str:
+        """For people."""
         return f"GPF[field={self.field}, max_depth={self.depth_limit}]"
 
 

@@ -119,6 +119,7 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
         develop: bool = True,
         evaluate: bool = True,
     ) -> Any:
+        """An image of several passes; ``spp`` is their number, where it is given."""
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         require_separable(scene)
@@ -196,6 +197,7 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
         return samples
 
     def to_string(self) -> str:
+        """For people."""
         return (
             f"SPPM[passes={self.passes}, photons_per_pass={self.photons_per_pass}, "
             f"initial_radius={self.initial_radius}, alpha={self.alpha}, "

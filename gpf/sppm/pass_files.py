@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from gpf.core.errors import UserError
-from gpf.core.files import read_json, read_tensors, stage_command, write_json, write_tensors
+from gpf.core.files import read_json, read_tensors, write_json, write_tensors
 from gpf.sppm.pass_sums import PassSums
 
 _FINGERPRINT = "fingerprint.json"
@@ -30,15 +30,12 @@ class PassParts:
         the fingerprint beside the parts; parts of anything else are left alone.
     fingerprint: all that the sums depend on, as JSON values.
     passes: how many there are to be. Parts that reach further, of a longer sum, are left alone.
-    maker: the stage that makes such files, for messages.
     """
 
-    def __init__(
-        self, folder: Path, fingerprint: Mapping[str, Any], passes: int, maker: str
-    ) -> None:
+    def __init__(self, folder: Path, fingerprint: Mapping[str, Any], passes: int) -> None:
         text = json.dumps(fingerprint, sort_keys=True)
         self.digest = hashlib.sha256(text.encode()).hexdigest()[:12]
-        self.parent, self.folder, self.maker = folder, folder / self.digest, maker
+        self.parent, self.folder = folder, folder / self.digest
         self.passes = passes
         self._fingerprint: dict[str, Any] = json.loads(text)
 
@@ -74,7 +71,7 @@ class PassParts:
         """In what the fingerprint of a folder is not this one, in words."""
         if not (folder / _FINGERPRINT).exists():
             return "nothing that this version knows"
-        theirs, mine = read_json(folder / _FINGERPRINT, self.maker), self._fingerprint
+        theirs, mine = read_json(folder / _FINGERPRINT), self._fingerprint
         words = []
         for key in sorted(theirs.keys() | mine.keys()):
             if theirs.get(key) != mine.get(key):
@@ -100,14 +97,13 @@ class PassParts:
 
     def add_to(self, sums: PassSums, part: range) -> dict[str, float]:
         """Add a part's sums to others; what it cost."""
-        tensors, metadata = read_tensors(self.file(part), "passes", self.maker)
+        tensors, metadata = read_tensors(self.file(part), "passes")
         if metadata.get("digest") != self.digest:
             raise UserError(
                 str(self.file(part)),
                 "holds passes of another scene, other views, parameters or code "
                 f"({metadata.get('digest', 'unknown')}), and is left as it is",
-                "Move it out of this folder and run "
-                f"`{stage_command(self.maker, self.folder)}` again.",
+                "Move it out of this folder.",
             )
         sums.add_tensors(tensors, metadata["passes"])
         costs: dict[str, float] = metadata["costs"]

@@ -48,7 +48,7 @@ def restore_trainer(trainer: Trainer, path: Path, fingerprint: Mapping[str, Any]
     """
     if not path.exists():
         return None
-    tensors, metadata = read_tensors(path, "checkpoint", "train")
+    tensors, metadata = read_tensors(path, "checkpoint")
     if metadata["fingerprint"] != json.loads(json.dumps(fingerprint)):
         return None
     arrays = {name: [mi.Float(row) for row in value] for name, value in tensors.items()}

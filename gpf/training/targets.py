@@ -10,8 +10,8 @@ from typing import Literal
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.errors import UserError
-from gpf.core.files import read_tensors, stage_command, write_tensors
+from gpf.core.errors import FileError, UserError
+from gpf.core.files import read_tensors, write_tensors
 from gpf.core.structs import SurfacePoints
 
 Loss = Literal["squared", "relative"]
@@ -71,13 +71,12 @@ class Targets:
     @classmethod
     def load(cls, path: Path) -> Targets:
         """Read targets."""
-        tensors, _ = read_tensors(path, "targets", "reference")
+        tensors, _ = read_tensors(path, "targets")
         missing = {f.name for f in fields(cls)} - set(tensors)
         if missing:
-            raise UserError(
-                str(path),
+            raise FileError(
+                path,
                 f"is from an earlier version: it has no {', '.join(sorted(missing))}",
-                f"Run `{stage_command('reference', path)}` again.",
             )
         return cls(**tensors)
 
@@ -104,9 +103,9 @@ class Targets:
         chosen = self.select("views" if stores == "radiance" else points)
         if len(chosen.position) == 0:
             raise UserError(
-                "params.yaml: train.points",
-                f"{points!r} selects none of {len(self.position)} targets",
-                "Choose another, or set reference.surface_points above 0.",
+                f"train.points: {points}",
+                f"selects none of {len(self.position)} targets",
+                "Choose another, or have targets on surfaces.",
             )
         target = chosen.irradiance
         if direct == "emitters":

@@ -61,7 +61,7 @@ def maker_of(method: str) -> str:
 
 def open_picture(results: Results, scene: SceneResults, method: str, view: str) -> Picture:
     """A method's image of a view."""
-    layers, _ = read_exr(scene.image(method, view), maker_of(method))
+    layers, _ = read_exr(scene.image(method, view))
     shown = tone_map(layers["radiance"], scene.views.exposure)
     psnr = measured_views(scene, method).get(view)
     return Picture(method, results.methods[method], shown, psnr)
@@ -74,7 +74,7 @@ def open_reference(
     path = scene.image("reference", view)
     if not path.exists():
         raise Missing(f"{scene.name} has no reference of {view}: run `gpf stage reference`")
-    layers, record = read_exr(path, "reference")
+    layers, record = read_exr(path)
     passes = record.get("passes_done", results.params.reference.passes)
     shown = tone_map(layers["radiance"], scene.views.exposure)
     return Picture("reference", f"Reference, {passes} passes", shown), layers

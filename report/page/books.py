@@ -1,8 +1,8 @@
-"""Flip-books: of each scene, all methods' images of some novel views, in so many bytes.
+"""Flip-books: the images of all methods in some novel views of each scene, within a size limit.
 
-Each scene gets its most typical view, where the field's PSNR is closest to its mean; then the one
-in which the field does worst; then the others, scene by scene in turn, as long as there is room.
-Where the typical views alone take too much, all pictures are shrunk.
+The first view of each scene is its typical view, where the field's PSNR is closest to its mean.
+Then come the view with the field's lowest PSNR and the other views, one of each scene in turn, as
+long as there is room. If the typical views alone are too large, all pictures are shrunk.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from report.page.pictures import Picture, encode, shrink
 from report.results import FIELD, SECOND_REFERENCE, Results, SceneResults
 
 REFERENCE = "reference"
-NO_IMAGES = "its images are not among the files"
+NO_IMAGES = "no image files"
 SMALLEST = 16
-"""Pixels along a side: pictures are not shrunk below it."""
+"""Smallest side of a shrunk picture, pixels."""
 
 WHY = {
-    "typical": "the view {} is typical: there the field's PSNR is closest to its mean",
-    "worst": "in the view {} it is lowest",
+    "typical": "{} is the typical view: there the field's PSNR is closest to its mean",
+    "worst": "in {} the field's PSNR is lowest",
 }
 
 
 @dataclass(frozen=True)
 class BookView:
-    """A view: why it was chosen, and its images' numbers and pictures by method."""
+    """A view of a flip-book: why it was chosen, and method -> metrics and picture."""
 
     name: str
     why: str
@@ -40,7 +40,7 @@ class BookView:
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size of the pictures, bytes."""
         return sum(len(picture.data) for picture in self.pictures.values())
 
 
@@ -50,10 +50,10 @@ class Book:
 
     Attributes
     ----------
-    exposure: what radiance is multiplied by to be shown as it was compared.
-    methods: titles of those that have pictures, by name, in the order in which one leafs.
-    missing: titles of those that have none, by the reason why.
-    left_out: names of views for which there was no room.
+    exposure: factor of the radiance, the same as in the metrics.
+    methods: name -> title of the methods with pictures, in the order of the flip-book.
+    missing: reason -> titles of the methods without pictures.
+    left_out: names of the views for which there was no room.
     """
 
     scene: str
@@ -73,24 +73,24 @@ class Book:
 
 @dataclass(frozen=True)
 class Shelf:
-    """All books; ``shrunk`` is how many pixels became one along each side."""
+    """All flip-books; their pictures are ``shrunk`` times smaller along each side."""
 
     books: list[Book]
     shrunk: int = 1
 
     @property
     def size(self) -> int:
-        """Bytes of all pictures."""
+        """Size of all pictures, bytes."""
         return sum(view.size for book in self.books for view in book.views)
 
     @property
     def is_whole(self) -> bool:
-        """Whether all views are there as they were rendered."""
+        """Whether all views are there, at full size."""
         return self.shrunk == 1 and not any(book.left_out for book in self.books)
 
 
 class ViewMaker:
-    """Packs views; what was packed is kept for further calls."""
+    """Encodes the pictures of views, and keeps them for later calls."""
 
     def __init__(self, results: Results) -> None:
         self.results = results
@@ -105,7 +105,12 @@ class ViewMaker:
 
 
 def make_books(results: Results, most_bytes: int, maker: ViewMaker | None = None) -> Shelf:
-    """Fill the books of all scenes whose images are there; a ``maker`` may have views already."""
+    """The flip-books of all scenes with images, at most ``most_bytes`` if possible.
+
+    Parameters
+    ----------
+    maker: may have encoded views of earlier calls.
+    """
     maker = maker or ViewMaker(results)
     scenes = [results.scene(name) for name in results.scenes]
     orders = {s.name: order_views(s) for s in scenes}
@@ -131,8 +136,8 @@ def make_books(results: Results, most_bytes: int, maker: ViewMaker | None = None
 
 
 def order_views(scene: SceneResults) -> list[tuple[str, str]]:
-    """Novel views that have a reference, and why each is where it is (or "")."""
-    if not scene.image(REFERENCE, "").parent.is_dir():  # then views.yaml may be missing, too
+    """The novel views with a reference, in order, and why each has its place (or "")."""
+    if not scene.image(REFERENCE, "").parent.is_dir():  # views.yaml may be missing, too
         return []
     names = [v.name for v in scene.views.novel if scene.image(REFERENCE, v.name).exists()]
     found = scene.read("metrics", f"{FIELD}.json")
@@ -143,25 +148,22 @@ def order_views(scene: SceneResults) -> list[tuple[str, str]]:
     typical = min(names, key=lambda name: abs(psnr[name] - mean))
     worst = min((name for name in names if name != typical), key=lambda name: psnr[name])
     rest = [(name, "") for name in names if name not in (typical, worst)]
-    reasons = [
-        (name, WHY[why].format(name)) for name, why in ((typical, "typical"), (worst, "worst"))
-    ]
-    return [*reasons, *rest]
+    return [(typical, WHY["typical"].format(typical)), (worst, WHY["worst"].format(worst)), *rest]
 
 
 def read_image(results: Results, scene: SceneResults, method: str, view: str) -> np.ndarray | None:
-    """Radiance (H, W, 3), or None where there is no file."""
+    """Radiance (H, W, 3); None if there is no file."""
     path = scene.image(method, view)
     if not path.exists():
         return None
-    layers, _ = read_exr(path, maker_of(method))
-    # The second reference is kept at several numbers of passes.
+    layers, _ = read_exr(path)
+    # The second reference has a layer for each of several numbers of passes.
     name = f"sppm_{max(scene.convergence, default=0)}" if method == SECOND_REFERENCE else "radiance"
     return layers.get(name)
 
 
 def _titles(results: Results) -> dict[str, str]:
-    """All methods in the order in which one leafs: what is right, the field, and the others."""
+    """Titles of all methods in the order of a flip-book: references, field, others."""
     titles = {REFERENCE: "Reference", FIELD: results.methods[FIELD]}
     titles[SECOND_REFERENCE] = f"Second reference: {results.methods[SECOND_REFERENCE]}"
     return titles | {m: title for m, title in results.methods.items() if m not in titles}
@@ -195,7 +197,7 @@ def _make_book(results: Results, scene: SceneResults, first: BookView) -> Book:
 
 
 def map_pictures(shelf: Shelf, use: Callable[[Picture], str]) -> list[dict[str, Any]]:
-    """What `flipbook.js` reads: the books as JSON values, each picture as ``use`` says."""
+    """The books as JSON values for `flipbook.js`; ``use`` gives the id of each picture."""
     return [
         {
             "scene": book.scene,

@@ -1,4 +1,4 @@
-"""How the results came about: machines, versions, commits, parameters and seeds."""
+"""How the results were made: machines, versions, commits, parameters and seeds."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ UNKNOWN = "unknown"
 
 @dataclass(frozen=True)
 class Machine:
-    """What some stages ran on."""
+    """A machine with its software, and the stages that ran on it."""
 
     facts: dict[str, str]
     stages: list[str]
 
 
 def list_machines(results: Results) -> list[Machine]:
-    """Each machine with its software once, and what it was used for."""
+    """All different machines, each with its stages."""
     used: dict[tuple[tuple[str, str], ...], list[str]] = {}
     for scene, stage, cost in _costs(results):
         machine = cost.get("machine", {})
@@ -44,7 +44,7 @@ def list_machines(results: Results) -> list[Machine]:
 
 
 def list_commits(results: Results) -> dict[str, dict[str, str]]:
-    """Stage -> scene -> the git commit that it was run with, in short."""
+    """Stage -> scene -> the git commit of its run, 7 digits."""
     commits: dict[str, dict[str, str]] = {}
     for scene, stage, cost in _costs(results):
         commit = cost.get("machine", {}).get("commit") or UNKNOWN
@@ -63,7 +63,7 @@ def list_seeds(results: Results) -> dict[str, int]:
 
 
 def write_params(results: Results) -> str:
-    """All parameters, those with their defaults too, as YAML."""
+    """All parameters as YAML, with the defaults of those that params.yaml leaves out."""
     stream = StringIO()
     yaml = YAML()
     yaml.default_flow_style = False
@@ -72,16 +72,16 @@ def write_params(results: Results) -> str:
 
 
 def _costs(results: Results) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
-    """Scene, stage (or method) and cost file, of all there are."""
+    """Scene title, stage or method, and content of all cost files."""
     for scene in results.params.scenes:
         folder = results.root / scene / "costs"
         for path in sorted(folder.glob("*.json")):
-            yield results.scene(scene).title, path.stem, read_json(path, path.stem)
+            yield results.scene(scene).title, path.stem, read_json(path)
         for path in sorted(folder.glob("baselines/*.json")):
             title = results.methods.get(path.stem)
             if title:
-                yield results.scene(scene).title, title, read_json(path, "baseline")
+                yield results.scene(scene).title, title, read_json(path)
         for path in sorted(folder.glob("ablations/*.json")):
             if results.params.ablations.asks_for(scene, path.stem):
                 title = f"variant {path.stem}"
-                yield results.scene(scene).title, title, read_json(path, "ablation")
+                yield results.scene(scene).title, title, read_json(path)

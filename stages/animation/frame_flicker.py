@@ -46,7 +46,7 @@ def compare_frames(
             links[way] = found
     told: dict[str, dict[str, Any]] = {}
     for method, files in frames.items():
-        images = [read_exr(file, "animate")[0]["radiance"] for file in files]
+        images = [read_exr(file)[0]["radiance"] for file in files]
         told[method] = {}
         for way, found in links.items():
             flicker = measure_flicker(images, found, work.views.exposure)
@@ -75,7 +75,7 @@ def noise_of_references(work: Workspace, scene: mi.Scene) -> dict[str, dict[str,
     noise: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {way: [] for way in WAYS}
     for view in work.views.novel:
         path = work.reference(view.name)
-        layers = read_exr(path, "reference")[0] if path.exists() else {}
+        layers = read_exr(path)[0] if path.exists() else {}
         if "standard_error" in layers:
             for way, points in see_ways(scene, view, work).items():
                 kept = smooth_pixels(points)

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from gpf.core.errors import UserError
+from stages.common.makers import naming_commands
 
 scene_app = typer.Typer(help="The scenes of the project.", no_args_is_help=True)
 
@@ -155,7 +156,7 @@ def import_foreign(
 def add_to(app: typer.Typer) -> None:
     """Add these commands to the others of `gpf`."""
     for command in (stage, profile, render):
-        app.command()(command)
+        app.command()(naming_commands(command))
     app.add_typer(scene_app, name="scene")
 
 

@@ -32,7 +32,7 @@ class CostMeter:
     @classmethod
     def load(cls, path: Path) -> CostMeter:
         """Start from an earlier run's costs, for a stage that redoes only what changed."""
-        found = read_json(path, path.stem) if path.exists() else {"parts": {}, "facts": {}}
+        found = read_json(path) if path.exists() else {"parts": {}, "facts": {}}
         meter = cls(found["parts"])
         meter.facts |= found["facts"]
         return meter

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gpf.config.params import Params, read_params
-from gpf.core.errors import UserError
-from gpf.core.files import stage_command
+from gpf.core.errors import FileError
 from gpf.core.runtime import choose_variant
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.scene.folders import scene_folder
@@ -144,11 +143,7 @@ class Workspace:
     def views(self) -> SceneViews:
         """The cameras of the scene, as the stage ``scene`` copied them."""
         if not self.views_file.exists():
-            raise UserError(
-                str(self.views_file),
-                "is missing",
-                f"Run `{stage_command('scene', self.views_file)}` first.",
-            )
+            raise FileError(self.views_file, "is missing", missing=True)
         return read_views(self.views_file)
 
     @cached_property
@@ -170,11 +165,7 @@ class Workspace:
         """The Mitsuba scene, checked."""
         file = self.frozen_scene / "scene.xml"
         if not file.exists():
-            raise UserError(
-                str(self.frozen_scene),
-                "is missing",
-                f"Run `{stage_command('scene', self.frozen_scene)}` first.",
-            )
+            raise FileError(self.frozen_scene, "is missing", missing=True)
         return load_scene_file(file)
 
     def emission_plan(self, scene: Any) -> EmissionPlan:

@@ -96,7 +96,7 @@ def open_group(job: Job, request: GroupRequest) -> LongSum:
         "training": [view.model_dump(mode="json") for view in work.views.train],
     }
     folder, passes = work.parts("reference", group), work.params.reference.passes
-    parts = PassParts(folder, fingerprint, passes, "reference")
+    parts = PassParts(folder, fingerprint, passes)
     return LongSum(work, group, renderer, parts, job.costs)
 
 

@@ -83,7 +83,7 @@ def has_surfaces(work: Workspace, record: dict[str, Any]) -> bool:
     if not work.surfaces.exists():
         return False
     try:
-        _, metadata = read_tensors(work.surfaces, "surfaces", "reference")
+        _, metadata = read_tensors(work.surfaces, "surfaces")
     except UserError:
         return False
     return metadata == surface_record(work, record)

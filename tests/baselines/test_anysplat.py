@@ -173,8 +173,8 @@ def test_an_opaque_gaussian_hides_the_background_and_a_far_one_does_not() -> Non
     [
         ({"means": np.zeros((59, 3))}, r"covariances: \(60, 3, 3\), where \(59, 3, 3\)"),
         ({"poses": np.tile(np.eye(4), (2, 1, 1))}, r"poses: \(2, 4, 4\), where \(3, 4, 4\)"),
-        ({"opacities": np.full(60, np.nan)}, "opacities are not all numbers"),
-        ({"poses": np.tile(np.eye(4), (3, 1, 1))}, "cannot be laid over.*all are in one place"),
+        ({"opacities": np.full(60, np.nan)}, "opacities has NaN or infinite"),
+        ({"poses": np.tile(np.eye(4), (3, 1, 1))}, "cannot be aligned.*all are in one place"),
         (
             {
                 "means": np.zeros((0, 3)),
@@ -182,7 +182,7 @@ def test_an_opaque_gaussian_hides_the_background_and_a_far_one_does_not() -> Non
                 "harmonics": np.zeros((0, 3, 1)),
                 "opacities": np.zeros(0),
             },
-            "no Gaussians at all",
+            "has no Gaussians",
         ),
     ],
 )
@@ -195,7 +195,7 @@ def test_answers_that_cannot_be_used_are_refused(
 
 def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "splats.npz").write_bytes(b"PK\x03\x04 and no more")
-    with pytest.raises(CannotServe, match="is no set of arrays.*Delete"):
+    with pytest.raises(CannotServe, match="is not a file of arrays.*Delete"):
         prepare(tmp_path)
 
 

@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from gpf.baselines import denoised
+from gpf.baselines.denoised import baseline
 from gpf.baselines.denoised.baseline import Denoised
 from gpf.baselines.denoised.oidn import ImageDenoiser
 from gpf.baselines.options import DenoisedOptions, PathTracerOptions
@@ -34,7 +34,7 @@ def test_without_the_package_the_command_that_brings_it_is_told(monkeypatch):
 
 
 def test_equal_time_needs_the_time_of_the_field():
-    with pytest.raises(CannotServe, match="analytic: .*no equal time.*`gpf stage render --scene"):
+    with pytest.raises(CannotServe, match="analytic: .*no equal time.*Set `seconds_per_view`"):
         prepare("equal_time")
 
 
@@ -70,7 +70,7 @@ def test_guides_are_denoised_where_there_is_glass():
 def test_equal_time_is_time_for_samples_or_a_reason(monkeypatch):
     pytest.importorskip("pyoidn")
     times = iter([1.0, 0.5, 1.0, 0.5])
-    monkeypatch.setattr(denoised, "time_of", lambda action: (action(), next(times))[1])
+    monkeypatch.setattr(baseline, "time_of", lambda action: (action(), next(times))[1])
     with pytest.raises(CannotServe, match=r"takes 1\.5 s, .* take 1\.5 s, so .* no equal time"):
         prepare("equal_time", seconds_per_view=1.5)
     prepared = prepare("equal_time", seconds_per_view=2.5)

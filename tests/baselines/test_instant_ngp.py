@@ -7,9 +7,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines import fitting, instant_ngp
+from gpf.baselines.instant_ngp import baseline
 from gpf.baselines.instant_ngp.baseline import InstantNgp, PreparedVolume
 from gpf.baselines.instant_ngp.radiance_volume import VolumeShape
+from gpf.baselines.neural import fitting
 from gpf.baselines.neural.hash_encoding import GridShape
 from gpf.baselines.options import InstantNgpOptions
 from gpf.baselines.protocol import CannotServe, Task, TrainingView
@@ -77,9 +78,9 @@ def task(tmp_path: Path, pictures: tuple[TrainingView, ...]) -> Task:
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     shape = VolumeShape(GridShape(5, 2, log2_entries=12, coarsest=6, finest=48), (16,), 7, (16,))
-    monkeypatch.setattr(instant_ngp, "SHAPE", shape)
-    monkeypatch.setattr(instant_ngp, "CELLS", 24)
-    monkeypatch.setattr(instant_ngp, "STEPS", 100)
+    monkeypatch.setattr(baseline, "SHAPE", shape)
+    monkeypatch.setattr(baseline, "CELLS", 24)
+    monkeypatch.setattr(baseline, "STEPS", 100)
     monkeypatch.setattr(fitting, "CHECKPOINT_STEPS", 10)
 
 

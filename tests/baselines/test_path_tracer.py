@@ -45,7 +45,7 @@ def test_a_caustic_of_a_point_is_never_found():
 
 
 def test_equal_time_is_by_the_clock_or_has_a_reason():
-    with pytest.raises(CannotServe, match="analytic: .*no equal time.*`gpf stage render --scene"):
+    with pytest.raises(CannotServe, match="analytic: .*no equal time.*Set `seconds_per_view`"):
         prepare(cornell_box(), "equal_time")
     prepared = prepare(cornell_box(), "equal_time", seconds_per_view=0.5)
     start = time.perf_counter()

@@ -7,11 +7,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines import fitting, radiance_cache
+from gpf.baselines.neural import fitting
 from gpf.baselines.neural.hash_encoding import GridShape
 from gpf.baselines.options import RadianceCacheOptions
 from gpf.baselines.pinhole import make_pinhole
 from gpf.baselines.protocol import Task
+from gpf.baselines.radiance_cache import baseline
 from gpf.baselines.radiance_cache.baseline import PreparedCache, RadianceCache
 from gpf.baselines.radiance_cache.cached_irradiance import CacheShape
 from gpf.scene.views import View
@@ -78,7 +79,7 @@ def task(tmp_path: Path) -> Task:
 @pytest.fixture(autouse=True)
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     shape = CacheShape(GridShape(4, 2, log2_entries=10, coarsest=4, finest=24), (16, 16))
-    monkeypatch.setitem(radiance_cache.SHAPES, "small", shape)
+    monkeypatch.setitem(baseline.SHAPES, "small", shape)
     monkeypatch.setattr(fitting, "CHECKPOINT_STEPS", 20)
 
 

@@ -123,7 +123,7 @@ def test_weights_that_are_not_there_or_do_not_fit_are_refused(tmp_path: Path) ->
 @pytest.mark.usefixtures("stand_in")
 def test_images_without_numbers_are_refused(tmp_path: Path) -> None:
     prepared = prepare(tmp_path, write_weights(tmp_path / "broken", {"gain": [np.nan]}), **FEW)
-    with pytest.raises(CannotServe, match="images that are no numbers"):
+    with pytest.raises(CannotServe, match="images with NaN or infinite values"):
         prepared.render(VIEW, 1)
     (tmp_path / "scene_0.h5").write_bytes(b"")
     with pytest.raises(CannotServe, match=r"ended with status 1: .*Error.*requirements.txt"):

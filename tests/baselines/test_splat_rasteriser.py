@@ -106,8 +106,8 @@ def test_lists_hold_each_tiles_footprints_by_depth():
 @pytest.mark.parametrize("name", NAMES)
 def test_gradients_equal_finite_differences(name, monkeypatch):
     # The cut of faint footprints makes the image jump where one moves.
-    for module in ("splat_projection", "splat_compositing"):
-        monkeypatch.setattr(f"gpf.baselines.{module}.FAINTEST", 1e-6)
+    for module in ("projection", "compositing"):
+        monkeypatch.setattr(f"gpf.baselines.splatting.{module}.FAINTEST", 1e-6)
     splats, camera = random_splats(30, degree=3), place_camera()
     adjoint = np.random.default_rng(1).normal(size=3 * SIZE[0] * SIZE[1])
     drawing = Rasteriser(SIZE).draw(splats, camera, 3)

@@ -75,7 +75,7 @@ def test_shapes_become_triangles_that_face_where_the_shape_does(
 
 def test_what_triangles_cannot_be_made_of_is_refused() -> None:
     group = {"type": "shapegroup", "id": "group", "cube": {"type": "cube"}}
-    with pytest.raises(CannotServe, match="no shapes of type Instance.*Make a mesh of it"):
+    with pytest.raises(CannotServe, match="no shapes of type Instance.*Replace it by a mesh"):
         load(group=group, copy={"type": "instance", "group": {"type": "ref", "id": "group"}})
 
 

@@ -10,10 +10,10 @@ import pytest
 import gpf.rendering.sppm as sppm_plugin
 from gpf.camera.film import reconstruct, sample_film, sample_grid
 from gpf.field.field import FieldSettings, GaussianPhotonField
-from gpf.field.initialization import InitializationSettings, initialize_gaussians
-from gpf.photons.tracing import record_photons
+from gpf.field.initialization import InitialFieldSettings, initialize_gaussians
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
-from tests.furnace import Scene, camera, cornell_box, sppm
+from tests.furnace import Scene, camera, cornell_box, sppm, z_scores
 
 FILTERS = ["box", "tent", "gaussian", "mitchell", "lanczos"]
 
@@ -105,17 +105,17 @@ def test_one_seed_gives_one_image_on_any_number_of_threads(filter_, direct):
 
 def test_large_films_are_rendered_in_bands(monkeypatch):
     """With samples of their own, and the photons of the whole film."""
-    whole = np.mean([render(small_box(), seed=s) for s in range(8)], axis=0)
+    whole = np.stack([render(small_box(), seed=s) for s in range(8)])
     monkeypatch.setattr(sppm_plugin, "MOST_POINTS", 100)
     film = mi.load_dict(small_box()["sensor"]).film()
     bands = list(sppm_plugin.split_rows(film))
     assert [len(rows) for rows in bands] == [4, 4, 4, 4, 2]
     assert [y for rows in bands for y in rows] == list(range(18))
-    banded = np.mean([render(small_box(), seed=s) for s in range(8)], axis=0)
+    banded = np.stack([render(small_box(), seed=s) for s in range(8)])
     assert banded.mean() == pytest.approx(whole.mean(), rel=0.01)
-    # Blocks of pixels on either side of the bands' edges agree: no seam.
-    ratio = banded.mean((1, 2)) / whole.mean((1, 2))
-    np.testing.assert_allclose(ratio, 1, atol=0.08)
+    # Rows on either side of the bands' edges agree: no seam. A row's mean has a standard error of
+    # 1 to 3 %, or 10 % where it has the lamp's edge or the caustic.
+    assert z_scores(whole.mean((2, 3)), banded.mean((2, 3))).max() < 4
 
 
 # --- several walks where the first surface is glossy ------------------------------------------
@@ -200,7 +200,9 @@ def test_more_walks_have_less_noise_and_the_same_mean(kind):
 
 def small_field(scene: mi.Scene) -> GaussianPhotonField:
     bounds = scene_bounds(scene)
-    photons = record_photons(scene, paths=20_000, seed=1)
-    settings = InitializationSettings(gaussians=3000, density_radius=0.15, scale=0.1)
+    photons = record_photons(scene, PathSettings(20_000), seed=1)
+    settings = InitialFieldSettings(
+        gaussians=3000, search_radius=0.15, initial_colour="density", initial_scale=0.1
+    )
     gaussians = initialize_gaussians(photons, settings, bounds, seed=1)
     return GaussianPhotonField(gaussians, FieldSettings(search_radius=0.15), bounds)

@@ -43,7 +43,7 @@ def others(path) -> list[str]:
 
 
 def test_tensors_come_back_as_they_were(file):
-    tensors, metadata = read_tensors(file, "photons", "photons")
+    tensors, metadata = read_tensors(file, "photons")
     assert tensors.keys() == TENSORS.keys()
     for name, value in TENSORS.items():
         np.testing.assert_array_equal(tensors[name], value)
@@ -60,7 +60,7 @@ def test_the_same_content_is_the_same_file(file, tmp_path):
 
 def test_a_missing_file(tmp_path):
     with pytest.raises(UserError, match=r"gone\.safetensors: is missing\. Run `gpf stage photons`"):
-        read_tensors(tmp_path / "gone.safetensors", "photons", "photons")
+        read_tensors(tmp_path / "gone.safetensors", "photons")
 
 
 @pytest.mark.parametrize("keep", [0, 5, 60, -1])
@@ -71,19 +71,19 @@ def test_a_truncated_file(file, keep):
         match=r"photons\.safetensors: is truncated or damaged \(.+\)\. Delete it and run "
         r"`gpf stage trace` again",
     ):
-        read_tensors(file, "photons", "trace")
+        read_tensors(file, "photons")
 
 
 def test_another_kind(file):
     with pytest.raises(UserError, match=r"holds photons, not field\. Delete it and run `gpf stage"):
-        read_tensors(file, "field", "train")
+        read_tensors(file, "field")
 
 
 def test_a_foreign_file(tmp_path):
     path = tmp_path / "foreign.safetensors"
     save_file({"x": np.ones(3, np.float32)}, path)
     with pytest.raises(UserError, match="holds something else, not field"):
-        read_tensors(path, "field", "train")
+        read_tensors(path, "field")
 
 
 def test_another_schema_version(tmp_path):
@@ -95,7 +95,7 @@ def test_another_schema_version(tmp_path):
         match=rf"field\.safetensors: has schema version 99; this program reads {SCHEMA_VERSION}\. "
         r"Delete it and run `gpf stage train` again",
     ):
-        read_tensors(path, "field", "train")
+        read_tensors(path, "field")
 
 
 # --- atomic writes ----------------------------------------------------------------------------
@@ -161,18 +161,18 @@ def test_json_is_sorted_and_comes_back(tmp_path):
     write_json(path, {"b": [1, 2.5, None], "a": {"z": 1, "c": "x"}})
     assert path.read_text().endswith("}\n")
     assert list(json.loads(path.read_text())) == ["a", "b"]
-    assert read_json(path, "metrics") == {"b": [1, 2.5, None], "a": {"z": 1, "c": "x"}}
+    assert read_json(path) == {"b": [1, 2.5, None], "a": {"z": 1, "c": "x"}}
 
 
 def test_missing_and_truncated_json(tmp_path):
     path = tmp_path / "numbers.json"
     with pytest.raises(UserError, match=r"numbers\.json: is missing\. Run `gpf stage metrics`"):
-        read_json(path, "metrics")
+        read_json(path)
     path.write_text('{"a": [1, 2')
     with pytest.raises(
         UserError, match=r"is not JSON \(.*\)\. Delete it and run `gpf stage metrics` again"
     ):
-        read_json(path, "metrics")
+        read_json(path)
 
 
 def test_the_errors_words_are_its_three_parts():

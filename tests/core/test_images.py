@@ -43,7 +43,7 @@ def file(tmp_path):
 
 
 def test_layers_and_record_come_back(file):
-    layers, record = read_exr(file, "reference")
+    layers, record = read_exr(file)
     expected = make_layers()
     assert layers.keys() == expected.keys()
     for name, value in expected.items():
@@ -57,7 +57,7 @@ def test_layers_and_record_come_back(file):
 def test_infinite_values_come_back(tmp_path):
     coverage = np.full((HEIGHT, WIDTH), np.inf, np.float32)
     write_exr(tmp_path / "a.exr", {"coverage": coverage}, {})
-    np.testing.assert_array_equal(read_exr(tmp_path / "a.exr", "x")[0]["coverage"], coverage)
+    np.testing.assert_array_equal(read_exr(tmp_path / "a.exr")[0]["coverage"], coverage)
 
 
 def test_other_programs_read_the_radiance(file):
@@ -76,7 +76,7 @@ def test_a_missing_image(tmp_path):
     path = tmp_path / "gone.exr"
     assert read_record(path) is None
     with pytest.raises(UserError, match=r"gone\.exr: is missing\. Run `gpf stage render` first"):
-        read_exr(path, "render")
+        read_exr(path)
 
 
 @pytest.mark.parametrize("keep", [0, 100, -200, -1])
@@ -87,7 +87,7 @@ def test_a_truncated_image(file, keep, capfd):
         match=r"front\.exr: is truncated or not an EXR \(.*\)\. Delete it and run "
         r"`gpf stage reference` again",
     ):
-        read_exr(file, "reference")
+        read_exr(file)
 
 
 def test_something_else_entirely(tmp_path):
@@ -95,7 +95,7 @@ def test_something_else_entirely(tmp_path):
     path.write_text("not an image")
     assert read_record(path) is None
     with pytest.raises(UserError, match="is truncated or not an EXR"):
-        read_exr(path, "render")
+        read_exr(path)
 
 
 def test_another_schema_version(tmp_path):
@@ -105,14 +105,14 @@ def test_another_schema_version(tmp_path):
     with pytest.raises(
         UserError, match=rf"has schema version 99; this program reads {SCHEMA_VERSION}\. Delete it"
     ):
-        read_exr(path, "render")
+        read_exr(path)
 
 
 def test_an_image_of_another_program(tmp_path):
     path = tmp_path / "a.exr"
     mi.Bitmap(np.zeros((2, 3, 3), np.float32)).write(str(path))
     with pytest.raises(UserError, match="has schema version none; this program reads"):
-        read_exr(path, "render")
+        read_exr(path)
 
 
 # --- NaN --------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 import pytest
 
-from gpf import runtime
+from gpf.core import runtime
 from gpf.core.errors import UserError
 from gpf.core.runtime import LLVM_VARIABLE, check_llvm, choose_variant, ensure_llvm
 

@@ -40,13 +40,15 @@ def random_queries(rng, count, g):
 def test_query_is_its_plain_twin(neighbours, blend, normal_test):
     rng = np.random.default_rng(3)
     g = random_gaussians(rng, 150)
-    settings = FieldSettings(0.5, k=3, neighbours=neighbours, blend=blend, normal_test=normal_test)
+    settings = FieldSettings(
+        search_radius=0.5, k=3, neighbours=neighbours, blend=blend, normal_test=normal_test
+    )
     x, n = random_queries(rng, 90, g)
     value, reach = ask(make_field(g, settings), x, n)
     expected, expected_reach = plain_query(g, settings, x, n)
     # Every case is among the queries: points with an answer from the ball and from further away.
     in_ball = [
-        len(neighbours_of(g, replace(settings, neighbours="radius"), *q)[0])
+        len(neighbours_of(g, settings.model_copy(update={"neighbours": "radius"}), *q)[0])
         for q in zip(x, n, strict=True)
     ]
     assert min(in_ball) == 0 and max(in_ball) > settings.k and len(np.unique(in_ball)) > 4
@@ -60,7 +62,7 @@ def test_unequal_scales_stand_where_the_rotation_puts_them():
     g.log_scales[:] = np.log([0.5, 0.1, 0.02])
     half = np.sqrt(0.5)
     g.quats[1] = [0, 0, half, half]  # a quarter turn about z
-    field = make_field(g, FieldSettings(1.0, blend="sum", k=1))
+    field = make_field(g, FieldSettings(search_radius=1.0, blend="sum", k=1))
     (along_x, along_y), _ = ask(field, np.array([[0.3, 0, 0], [0, 0.3, 0]]), np.array([UP, UP]))
     falloff = (1 - 0.3**2) ** 2
     long, short = falloff * np.exp(-0.5 * 0.36), falloff * np.exp(-0.5 * 9)
@@ -81,7 +83,7 @@ def test_weight_at_the_centre_and_at_the_edge():
 
 def test_fewer_gaussians_than_k():
     g = flat_gaussians([[0, 0.5, 0], [0.2, 0.5, 0]], [[1, 2, 3], [3, 2, 1]])
-    settings = FieldSettings(0.1, k=5)
+    settings = FieldSettings(search_radius=0.1, k=5)
     x, n = np.array([[0.1, 0.5, 0.0], [-1, 2, 0.7]]), np.array([UP, UP])
     value, reach = ask(make_field(g, settings), x, n)
     expected, expected_reach = plain_query(g, settings, x, n)
@@ -93,7 +95,7 @@ def test_fewer_gaussians_than_k():
 def test_far_from_everything_the_nearest_answers():
     g = flat_gaussians([[0, 0.5, 0], [1, 0.5, 0.0]], [[1, 2, 3], [9, 9, 9]], size=0.01)
     x = np.array([[-1, 2, -0.5], [0.4, 0, 0.3]])  # as far as it gets, not far above
-    value, reach = ask(make_field(g, FieldSettings(0.05, k=1)), x, np.array([UP, UP]))
+    value, reach = ask(make_field(g, FieldSettings(search_radius=0.05, k=1)), x, np.array([UP, UP]))
     np.testing.assert_allclose(value, [[1, 2, 3], [1, 2, 3]], rtol=1e-5)
     distance = np.linalg.norm(x - g.means[0], axis=1)
     np.testing.assert_allclose(reach, distance / 0.05, rtol=1e-5)
@@ -103,7 +105,9 @@ def test_far_from_everything_the_nearest_answers():
 def test_too_narrow_gaussians_give_their_mean_and_never_black():
     colours = [[1, 2, 3], [2, 4, 1], [4, 1, 2]]
     g = flat_gaussians([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], colours, size=1e-3)
-    value, reach = ask(make_field(g, FieldSettings(0.01, k=3)), np.array([[0.6, 0.6, 0]]), [UP])
+    value, reach = ask(
+        make_field(g, FieldSettings(search_radius=0.01, k=3)), np.array([[0.6, 0.6, 0]]), [UP]
+    )
     assert (value[0] > np.min(colours, axis=0)).all() and (value[0] < np.max(colours, axis=0)).all()
     assert reach[0] == pytest.approx(np.hypot(0.6, 0.6) / 0.01, rel=1e-4)
 
@@ -111,9 +115,9 @@ def test_too_narrow_gaussians_give_their_mean_and_never_black():
 @pytest.mark.parametrize(
     ("settings", "normal"),
     [
-        (FieldSettings(0.1, neighbours="radius"), UP),
-        (FieldSettings(0.1, neighbours="both"), -UP),
-        (FieldSettings(0.1, neighbours="knn"), -UP),
+        (FieldSettings(search_radius=0.1, neighbours="radius"), UP),
+        (FieldSettings(search_radius=0.1, neighbours="both"), -UP),
+        (FieldSettings(search_radius=0.1, neighbours="knn"), -UP),
     ],
 )
 def test_where_nothing_is_known_the_reach_is_infinite(settings, normal):
@@ -127,9 +131,11 @@ def test_the_other_side_of_a_wall_does_not_count():
     g.normals[1] = -UP
     x = np.tile([0, 0.5, 0.0], (2, 1))
     sides = np.array([UP, -UP])
-    value, _ = ask(make_field(g, FieldSettings(0.1, k=1)), x, sides)
+    value, _ = ask(make_field(g, FieldSettings(search_radius=0.1, k=1)), x, sides)
     np.testing.assert_allclose(value, [[1, 0, 0], [0, 1, 0]], atol=1e-6)
-    value, _ = ask(make_field(g, FieldSettings(0.1, k=1, normal_test=False)), x, sides)
+    value, _ = ask(
+        make_field(g, FieldSettings(search_radius=0.1, k=1, normal_test=False)), x, sides
+    )
     np.testing.assert_allclose(value, [[0.5, 0.5, 0], [0.5, 0.5, 0]], atol=1e-4)
 
 
@@ -139,7 +145,7 @@ def test_a_lamp_in_front_of_a_wall_does_not_leak_onto_it():
     g = flat_gaussians([[0, 0.5, 0], [0, 0.5, 0.4 * radius]], [[1, 1, 1], [1000, 1000, 1000]])
     g.log_scales[:] = np.log(0.6 * radius)
     x = np.array([[0.3 * radius, 0.5, 0], [0, 0.5, 0.4 * radius]])
-    value, _ = ask(make_field(g, FieldSettings(radius, k=1)), x, np.tile(UP, (2, 1)))
+    value, _ = ask(make_field(g, FieldSettings(search_radius=radius, k=1)), x, np.tile(UP, (2, 1)))
     np.testing.assert_allclose(value[:, 0], [1, 1000], rtol=1e-5)
 
 
@@ -147,14 +153,16 @@ def test_inactive_lanes_get_nothing():
     g = flat_gaussians([[0, 0.5, 0]], [[1, 2, 3]])
     x = np.tile([0, 0.5, 0.0], (3, 1))
     active = mi.Bool([True, False, True])
-    value, reach = ask(make_field(g, FieldSettings(0.1)), x, np.tile(UP, (3, 1)), active)
+    value, reach = ask(
+        make_field(g, FieldSettings(search_radius=0.1)), x, np.tile(UP, (3, 1)), active
+    )
     np.testing.assert_allclose(value, [[1, 2, 3], [0, 0, 0], [1, 2, 3]], rtol=1e-5)
     assert np.isfinite(reach).tolist() == [True, False, True]
 
 
 def test_a_moved_gaussian_is_found_at_its_new_place():
     g = flat_gaussians([[0, 0.5, 0]], [[1, 2, 3]])
-    field = make_field(g, FieldSettings(0.1, neighbours="radius"))
+    field = make_field(g, FieldSettings(search_radius=0.1, neighbours="radius"))
     there = mi.Point3f(1.5, 1.5, 0.25)
     field.update(replace(field.gaussians, means=there))
     value, _ = ask(field, np.array([[1.5, 1.45, 0.25], [0, 0.5, 0]]), np.array([UP, UP]))
@@ -167,7 +175,7 @@ def test_a_moved_gaussian_is_found_at_its_new_place():
 @pytest.mark.parametrize("stores", ["irradiance", "radiance"])
 def test_radiance_of_visible_points(stores):
     g = flat_gaussians([[0, 0.5, 0]], [[1, 2, 3]])
-    field = make_field(g, FieldSettings(0.1, stores=stores))
+    field = make_field(g, FieldSettings(search_radius=0.1, stores=stores))
     points = VisiblePoints(
         p=mi.Point3f([0.0, 0.0], 0.5, 0.0),
         n=mi.Normal3f([0.0, 0.0], 0.0, 1.0),
@@ -207,7 +215,7 @@ def test_no_seams_where_gaussians_enter_and_leave_the_ball():
     )
     # Wide ones: without the falloff each would come and go with a fifth of its peak or more.
     g = flat_gaussians(means, rng.uniform(0, 3, (400, 3)), size=0.2)
-    settings = FieldSettings(0.35, k=1)
+    settings = FieldSettings(search_radius=0.35, k=1)
     x, n = line([-0.5, 0.4, 0], [1.5, 1.5, 0]), np.tile(UP, (STEPS, 1))
     sets = [frozenset(neighbours_of(g, settings, point, UP)[0]) for point in x]
     assert len(set(sets)) > 100 and min(map(len, sets)) > 3
@@ -230,7 +238,7 @@ def test_no_seams_between_the_ball_and_the_supplement():
     means = np.column_stack([rng.uniform(-1, 2, 200), rng.uniform(0, 2, 200), np.zeros(200)])
     g = flat_gaussians(means, rng.uniform(0, 3, (200, 3)), size=0.1)
     x, n = line([-0.5, 0.4, 0], [1.5, 1.5, 0]), np.tile(UP, (STEPS, 1))
-    value, reach = ask(make_field(g, FieldSettings(0.2, k=3)), x, n)
+    value, reach = ask(make_field(g, FieldSettings(search_radius=0.2, k=3)), x, n)
     crossings = np.count_nonzero(np.diff(reach > 1))
     assert crossings > 5  # in and out of regions with too few Gaussians
     assert jumps(value) < 0.05

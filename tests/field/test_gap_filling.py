@@ -11,7 +11,7 @@ from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.initialization import (
     MOST,
     SPACING,
-    InitializationSettings,
+    InitialFieldSettings,
     find_gaps,
     initialize_gaussians,
 )
@@ -40,7 +40,9 @@ def photons_at(p: np.ndarray) -> Photons:
 
 
 def gaussians_at(p: np.ndarray, count: int, gaps: Photons | None = None):
-    settings = InitializationSettings(count, colour="density", scale=0.1, density_radius=RADIUS)
+    settings = InitialFieldSettings(
+        gaussians=count, initial_colour="density", initial_scale=0.1, search_radius=RADIUS
+    )
     return initialize_gaussians(photons_at(p), settings, BOUNDS, 1, gaps)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from gpf.core.structs import Photons
 from gpf.field.initialization import (
-    InitializationSettings,
+    InitialFieldSettings,
     initialize_gaussians,
     propose_search_radius,
 )
@@ -32,9 +32,14 @@ def sheet(count: int, seed: int = 0) -> Photons:
     )
 
 
+def make_settings(**changes: object) -> InitialFieldSettings:
+    numbers = {"gaussians": 100, "initial_scale": 0.01, "search_radius": 0.02}
+    return InitialFieldSettings(**{"initial_colour": "density"} | numbers | changes)
+
+
 def test_each_gaussian_sits_on_a_photon_of_its_own():
     photons = sheet(500)
-    settings = InitializationSettings(gaussians=120, scale=0.03, colour="flux")
+    settings = make_settings(gaussians=120, initial_scale=0.03, initial_colour="flux")
     g = initialize_gaussians(photons, settings, BOUNDS, seed=1)
     assert dr.width(g.means) == dr.width(g.normals) == dr.width(g.quats) == 120
     known = {tuple(row) for row in np.array(photons.p).T}
@@ -49,21 +54,21 @@ def test_the_colour_stays_with_its_photon():
     photons = sheet(300)
     photons.power = mi.Color3f(photons.p.x, photons.p.y, 1)
     g = initialize_gaussians(
-        photons, InitializationSettings(gaussians=50, colour="flux"), BOUNDS, seed=1
+        photons, make_settings(gaussians=50, initial_colour="flux"), BOUNDS, seed=1
     )
     np.testing.assert_array_equal(np.array(g.irradiance)[:2], np.array(g.means)[:2])
 
 
 def test_fewer_photons_than_gaussians_use_them_all():
     photons = sheet(37)
-    g = initialize_gaussians(photons, InitializationSettings(gaussians=100), BOUNDS, seed=1)
+    g = initialize_gaussians(photons, make_settings(gaussians=100), BOUNDS, seed=1)
     assert dr.width(g.means) == 37
     np.testing.assert_array_equal(np.array(g.means), np.array(photons.p))
 
 
 def test_density_is_the_irradiance_of_the_sheet():
     count = 4000
-    settings = InitializationSettings(gaussians=count, colour="density", density_radius=0.2)
+    settings = make_settings(gaussians=count, search_radius=0.2)
     g = initialize_gaussians(sheet(count), settings, BOUNDS, seed=1)
     x, y, _ = np.array(g.means)
     inner = (np.abs(x - 1.5) < 1.3) & (np.abs(y - 1) < 0.8)
@@ -78,7 +83,7 @@ def test_density_is_the_irradiance_of_the_sheet():
 
 
 def test_random_means_fill_the_box():
-    settings = InitializationSettings(gaussians=2000, source="random", colour="flux")
+    settings = make_settings(gaussians=2000, initialization="random", initial_colour="flux")
     g = initialize_gaussians(sheet(3000), settings, BOUNDS, seed=1)
     means = np.array(g.means).T
     lower, upper = np.array([-0.5, -0.25, 0]), np.array([3.5, 2.25, 1])
@@ -90,7 +95,7 @@ def test_random_means_fill_the_box():
 
 
 def test_the_seed_decides():
-    settings = InitializationSettings(gaussians=40, source="random")
+    settings = make_settings(gaussians=40, initialization="random")
     first, again, other = (
         initialize_gaussians(sheet(100), settings, BOUNDS, seed) for seed in (1, 1, 2)
     )

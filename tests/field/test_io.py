@@ -42,7 +42,9 @@ def surface_gaussians(count: int) -> PlainGaussians:
 
 def stored(g: PlainGaussians, radius: float = RADIUS, **changes: np.ndarray) -> StoredField:
     tensors = {name: getattr(g, name).astype(np.float32) for name in NAMES} | changes
-    return StoredField(tensors, FieldSettings(radius), [[-1, 0, -0.5], [2, 2, 0.7]], {"scene": "a"})
+    return StoredField(
+        tensors, FieldSettings(search_radius=radius), [[-1, 0, -0.5], [2, 2, 0.7]], {"scene": "a"}
+    )
 
 
 def compacted(field: StoredField, folder) -> dict[str, np.ndarray]:
@@ -70,7 +72,12 @@ def test_a_saved_field_comes_back_bit_for_bit(tmp_path):
     rng = np.random.default_rng(11)
     g = random_gaussians(rng, 37)
     settings = FieldSettings(
-        0.123, k=4, neighbours="knn", blend="sum", stores="radiance", normal_test=False
+        search_radius=0.123,
+        k=4,
+        neighbours="knn",
+        blend="sum",
+        stores="radiance",
+        normal_test=False,
     )
     field = make_field(g, settings, record={"scene": "böx", "params": {"steps": [1, 2.5]}})
     save_field(field, tmp_path / "field.safetensors")
@@ -90,7 +97,7 @@ def test_a_saved_field_comes_back_bit_for_bit(tmp_path):
 def test_a_file_from_before_there_was_a_compact_precision(tmp_path):
     path = tmp_path / "field.safetensors"
     write_field(stored(surface_gaussians(5)), path)
-    tensors, metadata = read_tensors(path, "field", "train")
+    tensors, metadata = read_tensors(path, "field")
     assert metadata.pop("precision") == "float32" and metadata.pop("encoding") == {}
     write_tensors(path, "field", tensors, metadata)
     for name, value in read_field(path).tensors.items():
@@ -103,11 +110,13 @@ def test_a_file_from_before_there_was_a_compact_precision(tmp_path):
 def test_a_compact_field_is_small_and_answers_alike(tmp_path):
     """Dark places as well as bright ones: the error is relative."""
     g = surface_gaussians(8000)
-    field = make_field(g, FieldSettings(RADIUS), record={"scene": "a", "params": {"k": 3}})
+    field = make_field(
+        g, FieldSettings(search_radius=RADIUS), record={"scene": "a", "params": {"k": 3}}
+    )
     path = tmp_path / "field.safetensors"
     save_field(field, path, "compact")
     assert 22 * 8000 < path.stat().st_size < 22 * 8000 + 2000  # 2.2 MB for 100,000
-    _, metadata = read_tensors(path, "field", "train")
+    _, metadata = read_tensors(path, "field")
     assert metadata["precision"] == "compact"
     assert metadata["record"] == {"scene": "a", "params": {"k": 3}}
 
@@ -168,7 +177,7 @@ def test_one_gaussian_and_equal_ones_are_exact(tmp_path, count):
     for name in ("means", "log_scales"):
         np.testing.assert_array_equal(after[name], getattr(g, name).astype(np.float32))
     np.testing.assert_array_equal(after["normals"], g.normals)
-    field = make_field(g, FieldSettings(RADIUS))
+    field = make_field(g, FieldSettings(search_radius=RADIUS))
     save_field(field, tmp_path / "field.safetensors", "compact")
     point, up = g.means[:1] + np.array([0.02, 0, 0]), [[0, 0, 1]]
     value = ask(load_field(tmp_path / "field.safetensors"), point, up)[0]
@@ -215,7 +224,7 @@ def test_nan_is_not_written(tmp_path, name, precision):
 def test_infinite_values_in_a_file_are_said_in_words(tmp_path):
     path = tmp_path / "field.safetensors"
     write_field(stored(surface_gaussians(4)), path, "compact")
-    tensors, metadata = read_tensors(path, "field", "train")
+    tensors, metadata = read_tensors(path, "field")
     tensors["irradiance"][3, 0] = np.inf
     write_tensors(path, "field", tensors, metadata)
     with pytest.raises(UserError, match="has NaN or infinite values in irradiance"):
@@ -237,7 +246,7 @@ def test_another_kind_of_file_is_said_in_words(tmp_path):
 def test_an_unknown_precision_is_said_in_words(tmp_path):
     path = tmp_path / "field.safetensors"
     write_field(stored(surface_gaussians(4)), path)
-    tensors, metadata = read_tensors(path, "field", "train")
+    tensors, metadata = read_tensors(path, "field")
     write_tensors(path, "field", tensors, {**metadata, "precision": "tiny"})
     with pytest.raises(
         UserError, match=r"has the precision tiny; this program reads float32 and compact\. Delete"
@@ -246,7 +255,9 @@ def test_an_unknown_precision_is_said_in_words(tmp_path):
 
 
 def test_settings_travel_in_both_precisions(tmp_path):
-    settings = FieldSettings(0.2, k=5, neighbours="radius", blend="sum", normal_test=False)
+    settings = FieldSettings(
+        search_radius=0.2, k=5, neighbours="radius", blend="sum", normal_test=False
+    )
     for precision in ("float32", "compact"):
         field = replace(stored(surface_gaussians(3)), settings=settings)
         write_field(field, tmp_path / "field.safetensors", precision)

@@ -42,7 +42,9 @@ def read_ply(path) -> np.ndarray:
 def stored(g: PlainGaussians, **settings) -> StoredField:
     names = ("means", "log_scales", "quats", "irradiance", "normals")
     tensors = {name: getattr(g, name).astype(np.float32) for name in names}
-    return StoredField(tensors, FieldSettings(0.2, **settings), [[0, 0, 0], [1, 1, 1]], {})
+    return StoredField(
+        tensors, FieldSettings(search_radius=0.2, **settings), [[0, 0, 0], [1, 1, 1]], {}
+    )
 
 
 def columns(table: np.ndarray, *names: str) -> np.ndarray:

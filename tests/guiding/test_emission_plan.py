@@ -52,7 +52,7 @@ def test_automatic_counts_go_through_the_pipeline(finished):
     assert facts["emission_guided"] is False
     assert 2.5 < facts["photons_in_region_per_path"] < 3.5
     assert 0.5 < facts["path_efficiency"] <= 1
-    _, metadata = read_tensors(finished.results / "photons.safetensors", "photons", "photons")
+    _, metadata = read_tensors(finished.results / "photons.safetensors", "photons")
     assert metadata["paths"] == 100_000
 
 
@@ -68,7 +68,7 @@ def test_without_a_visible_region_photons_are_kept_everywhere(finished):
 def test_another_training_view_moves_the_samples_of_the_surfaces(finished):
     def samples() -> np.ndarray:
         path = finished.results / "reference/surfaces.safetensors"
-        return read_tensors(path, "surfaces", "reference")[0]["position"]
+        return read_tensors(path, "surfaces")[0]["position"]
 
     before = samples()
     views = finished.folder / "scenes/cornell_box/views.yaml"

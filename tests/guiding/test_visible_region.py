@@ -12,7 +12,7 @@ from gpf.guiding.photon_map import BATCH, collect_photons
 from gpf.guiding.pilot import trace_pilot
 from gpf.guiding.visible_region import VisibleRegion
 from gpf.photons.emission import emit_light
-from gpf.photons.tracing import record_photons
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from gpf.sppm.passes import PassSettings, PhotonPasses
@@ -77,7 +77,7 @@ def test_a_camera_in_one_room_does_not_see_the_other(region):
 
 
 def test_selected_photons_are_those_within(rooms, region):
-    photons = record_photons(rooms, paths=4000, seed=2)
+    photons = record_photons(rooms, PathSettings(4000), seed=2)
     kept = region.select(photons)
     inside = np.array(region.contains(photons.p, photons.n))
     assert 0 < inside.sum() < inside.size
@@ -109,16 +109,16 @@ def test_views_of_nothing_diffuse_have_no_visible_region(rooms):
 
 
 def test_a_pilot_counts_what_the_recorder_finds(rooms, region):
-    pilot = trace_pilot(rooms, region, seed=5, paths=3000)
-    kept = region.select(record_photons(rooms, paths=3000, seed=5))
+    pilot = trace_pilot(rooms, region, PathSettings(3000), seed=5)
+    kept = region.select(record_photons(rooms, PathSettings(3000), seed=5))
     assert pilot.photons.sum() == dr.width(kept.p)
     assert pilot.brought.sum() == pytest.approx(to_numpy(kept.power).mean(axis=1).sum(), rel=1e-4)
-    everywhere = trace_pilot(rooms, None, seed=5, paths=3000)
+    everywhere = trace_pilot(rooms, None, PathSettings(3000), seed=5)
     assert (everywhere.photons >= pilot.photons).all() and everywhere.photons_per_path > 2
 
 
 def test_efficiency_is_one_for_equal_paths_and_one_in_n_for_a_lucky_one(rooms):
-    pilot = trace_pilot(rooms, None, seed=5, paths=100)
+    pilot = trace_pilot(rooms, None, PathSettings(100), seed=5)
     equal = type(pilot)(brought=np.full(100, 3.0), photons=np.ones(100), seed=0)
     lucky = type(pilot)(brought=np.eye(100)[7], photons=np.ones(100), seed=0)
     none = type(pilot)(brought=np.zeros(100), photons=np.zeros(100), seed=0)
@@ -131,9 +131,9 @@ def test_guided_emission_brings_the_same_power_with_less_noise():
     rooms = two_rooms(gap=0.1)
     view = View(name="right", origin=(1.8, 0, -0.5), target=(0.5, 0, -0.5), fov=60)
     region = VisibleRegion(rooms, [make_sensor(view, 8, 6)], seed=1, samples=1 << 18)
-    plain = trace_pilot(rooms, region, seed=1, paths=400_000)
+    plain = trace_pilot(rooms, region, PathSettings(400_000), seed=1)
     guide = EmissionGuide.learn(rooms, plain)
-    guided = trace_pilot(rooms, region, seed=2, paths=400_000, source=guide.emit)
+    guided = trace_pilot(rooms, region, PathSettings(400_000, source=guide.emit), seed=2)
     assert guided.efficiency > 1.5 * plain.efficiency
     error = np.hypot(*(p.brought.std() * np.sqrt(len(p.brought)) for p in (plain, guided)))
     assert abs(plain.brought.sum() - guided.brought.sum()) < 4 * error
@@ -147,8 +147,8 @@ def test_a_guide_is_unbiased_whatever_it_has_learned():
     shape = (2, 4, 4, 16, 16)
     use = np.random.default_rng(0).random(int(np.prod(shape))) ** 8
     guide = EmissionGuide(shape, use)
-    plain = trace_pilot(scene, None, seed=1, paths=4_000_000)
-    guided = trace_pilot(scene, None, seed=2, paths=4_000_000, source=guide.emit)
+    plain = trace_pilot(scene, None, PathSettings(4_000_000), seed=1)
+    guided = trace_pilot(scene, None, PathSettings(4_000_000, source=guide.emit), seed=2)
     error = np.hypot(*(p.brought.std() * np.sqrt(len(p.brought)) for p in (plain, guided)))
     assert error < 0.005 * plain.brought.sum()
     assert abs(plain.brought.sum() - guided.brought.sum()) < 4 * error
@@ -156,7 +156,7 @@ def test_a_guide_is_unbiased_whatever_it_has_learned():
 
 def test_with_few_paths_to_learn_from_a_guide_is_coarse(rooms, region):
     shapes = [
-        EmissionGuide.learn(rooms, trace_pilot(rooms, region, seed=1, paths=paths)).shape
+        EmissionGuide.learn(rooms, trace_pilot(rooms, region, PathSettings(paths), seed=1)).shape
         for paths in (100, 20_000, 400_000)
     ]
     cells = [int(np.prod(shape)) for shape in shapes]
@@ -164,7 +164,7 @@ def test_with_few_paths_to_learn_from_a_guide_is_coarse(rooms, region):
 
 
 def test_a_pass_with_guided_photons_agrees_with_one_without(rooms, region):
-    pilot = trace_pilot(rooms, region, seed=1, paths=200_000)
+    pilot = trace_pilot(rooms, region, PathSettings(200_000), seed=1)
     guide = EmissionGuide.learn(rooms, pilot)
     points = VisiblePoints(
         p=mi.Point3f([1, 0.5], [-1, -1], [0, -0.5]),
@@ -175,7 +175,7 @@ def test_a_pass_with_guided_photons_agrees_with_one_without(rooms, region):
         depth=mi.UInt32(0),
         valid=mi.Bool([True, True]),
     )
-    settings = PassSettings(photons_per_pass=50_000, initial_radius=0.3)
+    settings = PassSettings(photons_per_pass=50_000, initial_radius=0.3, direct="photons")
 
     def passes(source, seeds):
         return np.array(
@@ -193,13 +193,13 @@ def test_a_pass_with_guided_photons_agrees_with_one_without(rooms, region):
 
 def test_collected_batches_have_the_power_of_all_paths(rooms, region):
     paths = BATCH + BATCH // 2
-    photons = collect_photons(rooms, region, paths, seed=3)
-    single = collect_photons(rooms, region, BATCH, seed=4)
+    photons = collect_photons(rooms, region, PathSettings(paths), seed=3)
+    single = collect_photons(rooms, region, PathSettings(BATCH), seed=4)
     assert dr.width(photons.p) == pytest.approx(1.5 * dr.width(single.p), rel=0.05)
     total, other = (to_numpy(p.power).sum() for p in (photons, single))
     assert total == pytest.approx(other, rel=0.05)
 
 
 def test_without_a_visible_region_all_photons_are_collected(rooms):
-    everything = collect_photons(rooms, None, 5000, seed=3)
+    everything = collect_photons(rooms, None, PathSettings(5000), seed=3)
     assert dr.width(everything.p) > 10_000

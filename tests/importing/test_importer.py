@@ -15,6 +15,7 @@ from rich.console import Console
 from gpf.guiding.pilot import trace_pilot
 from gpf.importing.description import print_report
 from gpf.importing.report import Material, examine_scene, list_materials
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.folders import list_scenes, load_views
 from gpf.scene.load import load_scene
 from gpf.scene.snapshot import freeze_scene
@@ -138,7 +139,7 @@ def test_what_is_left_behind_or_shown_otherwise_is_said(original, root):
     line = SCENE.count("\n")
     said = "\n".join(report.warnings)
     assert "not imported: old.xml (nothing refers to it)" in said
-    assert f"the orthographic sensor in line {line} is no camera: left out" in said
+    assert f"the orthographic sensor in line {line} is no camera: not imported" in said
     assert "it has 2 cameras" in said
     assert "not imported: views.yaml" in said
     assert "sensor camera has an aperture: views are in focus everywhere" in said
@@ -198,8 +199,6 @@ def test_remarks_on_what_behaves_unexpectedly():
     ("kind", "share"), [("null", 1.0), ("polarizer", 0.5), ("circular", 0.5), ("retarder", 1.0)]
 )
 def test_the_remarks_on_filters_are_true(kind, share):
-    from gpf.photons.tracing import record_photons
-
     down = mi.ScalarTransform4f().look_at([0, 0, 1], [0, 0, 0], [0, 1, 0])
     scene = mi.load_dict(
         {
@@ -210,7 +209,7 @@ def test_the_remarks_on_filters_are_true(kind, share):
         },
         optimize=False,
     )
-    power = np.array(record_photons(scene, paths=1000, seed=1).power)[0].sum()
+    power = np.array(record_photons(scene, PathSettings(1000), seed=1).power)[0].sum()
     bare = np.array(mi.traverse(scene)["lamp.intensity.value"]).ravel()[0]
     assert bare == 1
     assert power == pytest.approx(share * 0.2927, rel=0.1)
@@ -248,7 +247,7 @@ def test_share_of_paths_that_land():
         optimize=False,
     )
     # A Lambertian lamp above the centre of a disc of radius 1: sin² of 45°.
-    landed = trace_pilot(scene, None, seed=0, paths=20_000).photons > 0
+    landed = trace_pilot(scene, None, PathSettings(20_000), seed=0).photons > 0
     assert landed.mean() == pytest.approx(0.5, abs=0.015)
 
 

@@ -57,8 +57,8 @@ def test_a_good_view_has_no_faults(scene):
 @pytest.mark.parametrize(
     ("origin", "target", "fault"),
     [
-        ((0, -0.4, 0.8), (0, -0.5, -0.5), "inside of a refracting object"),
-        ((0, 0.6, 0.1), (0, 0, -1), "inside of a refracting object"),
+        ((0, -0.4, 0.8), (0, -0.5, -0.5), "inside a refracting object"),
+        ((0, 0.6, 0.1), (0, 0, -1), "inside a refracting object"),
         ((0.5, -0.5, 0.45), (0.5, -0.5, 0), "no light reaches what it sees"),
         ((0, 0.5, 0.9), (0, 3, 0.8), "% of its pixels end on a diffuse surface"),
         ((0.5, 0.5, 0.999), (0, 0, 0), "its camera touches a surface"),

@@ -9,7 +9,7 @@ import pytest
 
 from gpf.core.structs import to_numpy
 from gpf.photons.photon_grid import PhotonSums
-from gpf.photons.tracing import record_photons
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from tests.furnace import diffuse, floor, point_light, two_sided
 
@@ -29,10 +29,11 @@ def scene() -> mi.Scene:
     )
 
 
-def add_up(scene: mi.Scene, passes: int = 2, **options: object) -> PhotonSums:
-    sums = PhotonSums(0.11, scene_bounds(scene), **options)
+def add_up(scene: mi.Scene, passes: int = 2, indirect: bool = False, **options: int) -> PhotonSums:
+    settings = PathSettings(PATHS, rr_depth=5, indirect=indirect)
+    sums = PhotonSums(0.11, scene_bounds(scene), settings, **options)
     for seed in range(passes):
-        sums.trace(scene, PATHS, seed, rr_depth=5)
+        sums.trace(scene, seed)
     return sums
 
 
@@ -40,7 +41,7 @@ def single(scene: mi.Scene, passes: int = 2, least_depth: int = 0) -> dict[str, 
     """The same photons one by one, with powers of paths of all passes."""
     found: dict[str, list[np.ndarray]] = {"p": [], "n": [], "power": []}
     for seed in range(passes):
-        photons = record_photons(scene, paths=PATHS, seed=seed, rr_depth=5)
+        photons = record_photons(scene, PathSettings(PATHS, rr_depth=5), seed=seed)
         kept = to_numpy(photons.depth) >= least_depth
         for name, parts in found.items():
             parts.append(to_numpy(getattr(photons, name))[kept])
@@ -91,6 +92,6 @@ def test_no_photons_are_no_cells():
     dark = mi.load_dict(
         {"type": "scene", "floor": floor(diffuse(0.5)), "light": point_light((0, 0, -5), 1, 1, 1)}
     )
-    sums = PhotonSums(0.1, scene_bounds(dark), indirect=True)
-    sums.trace(dark, 100, 1, rr_depth=5)
+    sums = PhotonSums(0.1, scene_bounds(dark), PathSettings(100, rr_depth=5, indirect=True))
+    sums.trace(dark, 1)
     assert dr.width(sums.photons().p) == 0

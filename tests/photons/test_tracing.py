@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import Photons, to_numpy
-from gpf.photons.tracing import trace_photons
+from gpf.photons.tracing import PathSettings, trace_photons
 from tests.furnace import (
     Scene,
     diffuse,
@@ -216,7 +216,7 @@ def test_the_walk_alone_finds_what_the_recorder_keeps():
         dr.scatter_add(sums, mi.Float(1), mi.UInt32(1), active)
 
     loaded = mi.load_dict({"type": "scene"} | closed_room(0.5))
-    trace_photons(loaded, deposit, paths=5000, seed=3)
+    trace_photons(loaded, deposit, PathSettings(5000), seed=3)
     photons = record(closed_room(0.5), paths=5000, seed=3)
     assert sums.numpy()[0] == pytest.approx(total(photons)[1], rel=1e-4)
     assert sums.numpy()[1] == dr.width(photons.p)

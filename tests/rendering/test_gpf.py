@@ -26,7 +26,9 @@ def constant_field(stores: str = "irradiance") -> GaussianPhotonField:
     means = np.column_stack([grid, np.zeros(len(grid))])
     g = flat_gaussians(means, np.tile(E, (len(means), 1)), size=0.3)
     corners = mi.ScalarPoint3f(-4, -3, 0), mi.ScalarPoint3f(4, 3, 0.5)
-    return GaussianPhotonField(to_device(g), FieldSettings(0.8, stores=stores), corners)
+    return GaussianPhotonField(
+        to_device(g), FieldSettings(search_radius=0.8, stores=stores), corners
+    )
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +161,7 @@ def test_where_the_field_knows_nothing_coverage_does_not_look_like_support():
     scene = make_scene()
     field = constant_field()
     field = GaussianPhotonField(
-        field.gaussians, FieldSettings(0.8, neighbours="radius"), field.bounds
+        field.gaussians, FieldSettings(search_radius=0.8, neighbours="radius"), field.bounds
     )
     image = np.array(mi.render(scene, integrator=integrator_with(field, coverage=True), spp=16))
     ends = image[:, 0], image[:, -1]

@@ -46,7 +46,7 @@ def field(upper=UPPER) -> GaussianPhotonField:
     grid = np.stack(np.meshgrid(np.linspace(-4, 4, 9), np.linspace(-3, 3, 7), 0), -1)
     means = grid.reshape(-1, 3)
     g = to_device(flat_gaussians(means, np.ones((len(means), 3)), size=0.5))
-    return GaussianPhotonField(g, FieldSettings(1.5), (LOWER, upper))
+    return GaussianPhotonField(g, FieldSettings(search_radius=1.5), (LOWER, upper))
 
 
 @pytest.mark.parametrize("optimize", [True, False])

@@ -82,7 +82,7 @@ def make_results(root: Path, **changes: Any) -> Results:
         facts = {f"seconds_per_{kind}_pass": next(numbers) / 10 for kind in kinds}
         write_json(folder / "costs" / "reference.json", {"facts": facts, "parts": {}})
         write_json(folder / "amortize.json", {"preparation_seconds": next(numbers)})
-        last = read_json(folder / "metrics" / "second_reference.json", "metrics")["mean"]["psnr"]
+        last = read_json(folder / "metrics" / "second_reference.json")["mean"]["psnr"]
         curve = {1: next(numbers), 3: next(numbers), 10: next(numbers), 30: last}
         rows = [{"passes": passes, "psnr": psnr} for passes, psnr in curve.items()]
         write_json(folder / "convergence.json", rows)
@@ -93,7 +93,7 @@ def make_results(root: Path, **changes: Any) -> Results:
 
 def edit(file: Path, **changes: Any) -> None:
     """Change numbers of a JSON file; a key is written with __ between its parts."""
-    data = read_json(file, "metrics")
+    data = read_json(file)
     for key, value in changes.items():
         *parts, leaf = key.split("__")
         place = data

@@ -30,7 +30,7 @@ def make_pictured(
         folder = root / scene
         write_text(folder / "views.yaml", _views())
         for path in sorted((folder / "metrics").glob("*.json")):
-            found = read_json(path, "metrics")
+            found = read_json(path)
             if "mean" in found:
                 views = {name: found["mean"] | {"psnr": PSNR[name]} for name in VIEWS}
                 write_json(path, found | {"views": views})
@@ -71,12 +71,12 @@ def _write_cost(folder: Path) -> None:
     machine = {"cpu": "A <processor>", "cores": 2, "python": "3.11.7", "commit": "0123456789"}
     machine |= {"packages": {"mitsuba": "3.9.1"}}
     for path in folder.glob("costs/**/*.json"):
-        found: dict[str, Any] = read_json(path, "costs")
+        found: dict[str, Any] = read_json(path)
         write_json(path, found | {"machine": machine})
     cost = {"break_even_views": {"SPPM": 3}, "preparation_seconds": 60.0}
     cost |= {"seconds_per_view": {"GPF": 0.5, "SPPM": 20.0}}
     write_json(folder / "amortize.json", cost)
-    gpf = read_json(folder / "metrics" / "gpf.json", "metrics")
+    gpf = read_json(folder / "metrics" / "gpf.json")
     gpf["equivalent_sppm_passes"] = {"above": "17", "below": "<3", "inside": ">30"}
     write_json(folder / "metrics" / "gpf.json", gpf)
 

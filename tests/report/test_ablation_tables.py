@@ -24,7 +24,7 @@ def frames(results):
 
 
 def mean(results, *parts):
-    return read_json(results.root.joinpath(WATER, *parts), "metrics")["mean"]
+    return read_json(results.root.joinpath(WATER, *parts))["mean"]
 
 
 def test_components(results):
@@ -35,7 +35,7 @@ def test_components(results):
     assert radius["psnr_paper"] == 26.73 and field["psnr_paper"] == 27.12
     assert field["psnr"] == mean(results, "metrics", "gpf.json")["psnr"]
     assert radius["psnr_difference"] == pytest.approx(radius["psnr"] - field["psnr"])
-    cost = read_json(results.root / WATER / "costs" / "train.json", "train")
+    cost = read_json(results.root / WATER / "costs" / "train.json")
     assert field["train_seconds"] == cost["parts"]["training"]["wall_seconds"]
     # The paper's other rows keep their places.
     assert (

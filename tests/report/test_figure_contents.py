@@ -55,7 +55,7 @@ def test_a_field_that_never_leads_is_not_said_to(tmp_path):
     results = make_drawn(tmp_path)
     for scene in (SCENE, OTHER):
         file = tmp_path / scene / "metrics" / "denoised_50.json"
-        numbers = read_json(file, "metrics")
+        numbers = read_json(file)
         for view in numbers["views"].values():
             view["psnr"] = 50.0
         write_json(file, numbers)

@@ -154,7 +154,7 @@ def test_nothing_measured_gives_no_figure(results, tmp_path):
 def test_numbers_of_captions_are_those_of_the_files(results, tmp_path):
     shutil.copytree(results.root, tmp_path / "results")
     path = tmp_path / "results" / SCENE / "metrics" / "gpf.json"
-    report = read_json(path, "metrics")
+    report = read_json(path)
     report["views"]["far"]["psnr"] = 35.25
     write_json(path, report)
     sketch = draw_novel_views(Results(results.params, tmp_path / "results"), SCENE)

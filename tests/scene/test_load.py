@@ -6,8 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from gpf import scene_folders, scene_freezing, scene_info, scenes
 from gpf.core.errors import UserError
+from gpf.scene.folders import list_scenes, load_views, scene_files, scenes_root
+from gpf.scene.inventory import scene_info
+from gpf.scene.load import load_scene
+from gpf.scene.snapshot import build_scene
 
 PROJECT = Path(__file__).parents[2]
 NAMES = ("cornell_box", "water_caustic")
@@ -34,7 +37,7 @@ def root(tmp_path_factory) -> Path:
     for name in NAMES:
         source = PROJECT / "scenes" / name
         shutil.copytree(source, root / name, ignore=shutil.ignore_patterns("meshes", "__pycache__"))
-        scene_freezing.build_scene(name, root)
+        build_scene(name, root)
     return root
 
 
@@ -45,7 +48,7 @@ def make_scene(root: Path, text: str = GOOD_SCENE, name: str = "ball") -> Path:
 
 
 def test_scene_info_counts_and_classifies(tmp_path):
-    info = scene_info.scene_info(scenes.load_scene("ball", root=make_scene(tmp_path)))
+    info = scene_info(load_scene("ball", root=make_scene(tmp_path)))
     assert info["emitters"] == {"count": 1, "types": {"AreaLight": 1}}
     assert info["bbox"] == {"min": [-1, -1, -1], "max": [4, 1, 1]}
     assert [shape["id"] for shape in info["shapes"]] == ["ball", "pane"]
@@ -55,7 +58,7 @@ def test_scene_info_counts_and_classifies(tmp_path):
 
 
 def test_water_is_traced_through(root):
-    bsdfs = scene_info.scene_info(scenes.load_scene("water_caustic", root=root))["bsdfs"]
+    bsdfs = scene_info(load_scene("water_caustic", root=root))["bsdfs"]
     assert {name for name, bsdf in bsdfs.items() if bsdf["queried"]} == {"white", "red", "green"}
     assert {name for name, bsdf in bsdfs.items() if bsdf["traced"]} == {"water"}
 
@@ -76,13 +79,13 @@ def test_water_is_traced_through(root):
 )
 def test_bad_scene_files_are_told_in_words(tmp_path, old, new, words):
     with pytest.raises(UserError, match=words):
-        scenes.load_scene("ball", root=make_scene(tmp_path, re.sub(old, new, GOOD_SCENE)))
+        load_scene("ball", root=make_scene(tmp_path, re.sub(old, new, GOOD_SCENE)))
 
 
 def test_a_lone_shape_is_no_scene(tmp_path):
     make_scene(tmp_path, '<shape version="3.9.0" type="sphere"/>')
     with pytest.raises(UserError, match=r"describes a .*Its outermost tag has to be <scene>"):
-        scenes.load_scene("ball", root=tmp_path)
+        load_scene("ball", root=tmp_path)
 
 
 def test_unbuilt_meshes_name_the_stage_that_builds_them(tmp_path):
@@ -94,7 +97,7 @@ def test_unbuilt_meshes_name_the_stage_that_builds_them(tmp_path):
     with pytest.raises(
         UserError, match=r"surface\.ply \(and 1 more\).*gpf stage scene --scene water_caustic"
     ):
-        scenes.load_scene("water_caustic", root=tmp_path)
+        load_scene("water_caustic", root=tmp_path)
 
 
 def test_unknown_scenes_get_a_suggestion(root):
@@ -103,13 +106,11 @@ def test_unknown_scenes_get_a_suggestion(root):
         match=r"'cornel_box': does not exist\. Did you mean 'cornell_box'\? "
         r"The scenes are cornell_box, water_caustic",
     ):
-        scene_folders.load_views("cornel_box", root)
+        load_views("cornel_box", root)
 
 
 def test_scene_files_name_everything_a_scene_needs(root):
-    names = [
-        str(file.relative_to(root)) for file in scene_folders.scene_files("water_caustic", root)
-    ]
+    names = [str(file.relative_to(root)) for file in scene_files("water_caustic", root)]
     assert names == [
         "water_caustic/build.py",
         "water_caustic/meshes/sheet.ply",
@@ -129,7 +130,7 @@ def test_included_files_and_parameters_are_followed(tmp_path):
         '<scene version="3.9.0"><shape type="ply"><string name="filename" value="c.ply"/></shape>'
         "</scene>"
     )
-    files = [file.name for file in scene_folders.scene_files("ball", tmp_path)]
+    files = [file.name for file in scene_files("ball", tmp_path)]
     assert sorted(files) == ["b.xml", "c.ply", "scene.xml"]
 
 
@@ -140,16 +141,16 @@ def test_scenes_are_found_from_below_and_by_variable(tmp_path, monkeypatch):
     (project / "scenes").mkdir()
     monkeypatch.chdir(project / "deep/down")
     with pytest.raises(UserError, match="neither this folder nor one above it has scenes"):
-        scene_folders.scenes_root()
+        scenes_root()
     make_scene(project / "scenes")
-    assert scene_folders.scenes_root() == project / "scenes"
-    assert scene_folders.list_scenes() == ["ball"]
+    assert scenes_root() == project / "scenes"
+    assert list_scenes() == ["ball"]
     (tmp_path / "other").mkdir()
     monkeypatch.setenv("GPF_SCENES", str(tmp_path / "other"))
-    assert scene_folders.list_scenes() == []
+    assert list_scenes() == []
     monkeypatch.setenv("GPF_SCENES", str(tmp_path / "nowhere"))
     with pytest.raises(UserError, match=r"GPF_SCENES: .*nowhere is not a folder"):
-        scene_folders.scenes_root()
+        scenes_root()
 
 
 def test_a_failing_builder_leaves_the_old_files(tmp_path):
@@ -162,10 +163,10 @@ def test_a_failing_builder_leaves_the_old_files(tmp_path):
         "    raise ValueError('out of clay')\n"
     )
     with pytest.raises(ValueError, match="out of clay"):
-        scene_freezing.build_scene("ball", tmp_path)
+        build_scene("ball", tmp_path)
     assert built.read_text() == "old"
     (tmp_path / "ball/build.py").write_text("x = 1\n")
     with pytest.raises(UserError, match="has no function build"):
-        scene_freezing.build_scene("ball", tmp_path)
+        build_scene("ball", tmp_path)
     names = {file.name for file in (tmp_path / "ball").iterdir()}
     assert names - {"__pycache__"} == {"build.py", "mesh.bin", "scene.xml"}

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from gpf import scene_folders, scene_freezing
+from gpf.scene.folders import list_scenes
+from gpf.scene.snapshot import build_scene
 
 PROJECT = Path(__file__).parents[2]
 
@@ -15,7 +16,7 @@ def root(tmp_path_factory) -> Path:
     """A copy of the project's scenes, built."""
     root = tmp_path_factory.mktemp("scenes")
     made = shutil.ignore_patterns("meshes", "textures", "__pycache__")
-    for name in scene_folders.list_scenes(PROJECT / "scenes"):
+    for name in list_scenes(PROJECT / "scenes"):
         shutil.copytree(PROJECT / "scenes" / name, root / name, ignore=made)
-        scene_freezing.build_scene(name, root)
+        build_scene(name, root)
     return root

@@ -3,12 +3,12 @@
 import mitsuba as mi
 import numpy as np
 
-from gpf import scenes
+from gpf.scene.load import load_scene
 
 
 def test_cornell_box_is_mitsubas(root):
     original = mi.load_dict(mi.cornell_box(), optimize=False)
-    ours = scenes.load_scene("cornell_box", root=root)
+    ours = load_scene("cornell_box", root=root)
     assert {s.id() for s in ours.shapes()} == {s.id() for s in original.shapes()}
     theirs, here = mi.traverse(original), mi.traverse(ours)
     compared = [key for key in here.keys() if key in theirs.keys()]  # noqa: SIM118

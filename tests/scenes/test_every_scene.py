@@ -9,12 +9,14 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf import scene_folders, scene_freezing, scenes
 from gpf.importing.view_checks import covered, report_views, spacing
+from gpf.scene.folders import list_scenes, load_views
+from gpf.scene.load import load_scene
 from gpf.scene.sensors import make_sensor
+from gpf.scene.snapshot import build_scene
 
 PROJECT = Path(__file__).parents[2]
-NAMES = scene_folders.list_scenes(PROJECT / "scenes")
+NAMES = list_scenes(PROJECT / "scenes")
 BUILT = [name for name in NAMES if (PROJECT / "scenes" / name / "build.py").exists()]
 TRAINING = {"veach_bidir": 30}
 
@@ -22,7 +24,7 @@ TRAINING = {"veach_bidir": 30}
 @pytest.fixture(scope="module", params=NAMES)
 def loaded(request, root):
     name = request.param
-    return scenes.load_scene(name, 8, 6, root), scene_folders.load_views(name, root), name
+    return load_scene(name, 8, 6, root), load_views(name, root), name
 
 
 def test_the_benchmark_is_complete():
@@ -44,9 +46,9 @@ def test_all_render_in_the_scalar_variant(root):
         "import sys, numpy as np, mitsuba as mi\n"
         "mi.set_variant('scalar_rgb')\n"
         "from pathlib import Path\n"
-        "from gpf import scenes\n"
+        "from gpf.scene.load import load_scene\n"
         "for name in sys.argv[2:]:\n"
-        "    scene = scenes.load_scene(name, 8, 6, Path(sys.argv[1]))\n"
+        "    scene = load_scene(name, 8, 6, Path(sys.argv[1]))\n"
         "    image = np.array(mi.render(scene, spp=2))\n"
         "    assert np.isfinite(image).all(), name\n"
         "    print(name, *image.shape)\n"
@@ -65,7 +67,7 @@ def test_all_render_in_the_scalar_variant(root):
 def test_it_is_rebuilt_bit_for_bit(name, root, tmp_path):
     made = shutil.ignore_patterns("meshes", "textures", "__pycache__")
     shutil.copytree(root / name, tmp_path / name, ignore=made)
-    again = scene_freezing.build_scene(name, tmp_path)
+    again = build_scene(name, tmp_path)
     assert again
     for file in again:
         first = root / file.relative_to(tmp_path)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gpf import scenes
+from gpf.scene.load import load_scene, load_scene_file
 from gpf.scene.sensors import make_sensor, views_of_sensors
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import ReferenceRenderer
@@ -19,8 +19,8 @@ BLOCKS = 8
 def block_means(scene, sensor, settings: PassSettings, passes: int, seed: int) -> np.ndarray:
     """Mean radiance of 8×8 blocks by photon mapping, which converges here; paths do not."""
     renderer = ReferenceRenderer(scene, {"view": sensor}, {}, settings, seed)
-    renderer.run(passes)
-    image = renderer.image("view").mean(axis=-1)
+    sums = renderer.run(passes)
+    image = renderer.image("view", sums).mean(axis=-1)
     rows, columns = (n // BLOCKS for n in image.shape)
     return image.reshape(BLOCKS, rows, BLOCKS, columns).mean(axis=(1, 3))
 
@@ -30,15 +30,16 @@ def block_means(scene, sensor, settings: PassSettings, passes: int, seed: int) -
     reason="the authors' own scenes are no part of this repository, and not beside it",
 )
 @pytest.mark.parametrize(
-    ("name", "size", "settings"),
+    ("name", "size", "paths", "radius"),
     [
-        ("veach_ajar", (128, 72), PassSettings(photons_per_pass=500_000, initial_radius=0.15)),
-        ("veach_bidir", (72, 72), PassSettings(photons_per_pass=200_000, initial_radius=0.1)),
+        ("veach_ajar", (128, 72), 500_000, 0.15),
+        ("veach_bidir", (72, 72), 200_000, 0.1),
     ],
 )
-def test_radiance_by_blocks(name, size, settings, root):
-    original = scenes.load_scene_file(ORIGINALS / name.replace("_", "-") / "scene.xml")
-    own = scenes.load_scene(name, root=root)
+def test_radiance_by_blocks(name, size, paths, radius, root):
+    settings = PassSettings(photons_per_pass=paths, initial_radius=radius, direct="photons")
+    original = load_scene_file(ORIGINALS / name.replace("_", "-") / "scene.xml")
+    own = load_scene(name, root=root)
     sensor = make_sensor(views_of_sensors(original)[0], *size)
     # The same random numbers for both: what is left of the noise is mostly common to them.
     theirs, ours = (block_means(scene, sensor, settings, 24, seed=1) for scene in (original, own))

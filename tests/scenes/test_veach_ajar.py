@@ -9,8 +9,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf import scene_freezing, scenes
 from gpf.modelling.teapot import body_field
+from gpf.scene.load import load_scene_file
+from gpf.scene.snapshot import freeze_scene
 
 SCENES = Path(__file__).parents[2] / "scenes"
 TABLE = 0.6506  # height of its top
@@ -19,8 +20,8 @@ TABLE = 0.6506  # height of its top
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene") / "veach_ajar"
-    scene_freezing.freeze_scene("veach_ajar", folder, SCENES)
-    return scenes.load_scene_file(folder / "scene.xml", 8, 6)
+    freeze_scene("veach_ajar", folder, SCENES)
+    return load_scene_file(folder / "scene.xml", 8, 6)
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf import scene_folders, scene_freezing, scenes
+from gpf.scene.folders import load_views
+from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import make_sensor
+from gpf.scene.snapshot import freeze_scene
 
 SCENES = Path(__file__).parents[2] / "scenes"
 
@@ -16,8 +18,8 @@ SCENES = Path(__file__).parents[2] / "scenes"
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene") / "veach_bidir"
-    scene_freezing.freeze_scene("veach_bidir", folder, SCENES)
-    return scenes.load_scene_file(folder / "scene.xml", 8, 6)
+    freeze_scene("veach_bidir", folder, SCENES)
+    return load_scene_file(folder / "scene.xml", 8, 6)
 
 
 def shape(scene, name):
@@ -124,7 +126,7 @@ def test_room_is_closed_but_for_the_side_of_the_camera(scene):
 
 
 def test_first_view_is_the_camera_of_the_original(scene):
-    view = scene_folders.load_views("veach_bidir", SCENES).train[0]
+    view = load_views("veach_bidir", SCENES).train[0]
     ours, own = (
         np.array(mi.traverse(sensor)["to_world"].matrix).reshape(4, 4)
         for sensor in (make_sensor(view, 8, 6), scene.sensors()[0])

@@ -5,11 +5,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf import scenes
+from gpf.scene.load import load_scene
 
 
 def test_water_has_the_dimensions_of_the_original(root):
-    meshes = {s.id(): s for s in scenes.load_scene("water_caustic", root=root).shapes()}
+    meshes = {s.id(): s for s in load_scene("water_caustic", root=root).shapes()}
     surface, sheet = meshes["water-surface"], meshes["water-sheet"]
     assert surface.face_count() == pytest.approx(100_000, rel=0.01)
     box = surface.bbox()
@@ -36,7 +36,7 @@ def shares_of(si, scene) -> dict[str, float]:
 
 
 def test_light_reaches_the_water_through_its_surface_alone(root):
-    scene = scenes.load_scene("water_caustic", root=root)
+    scene = load_scene("water_caustic", root=root)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(3, 400_000)
     lamp = mi.Point3f(
@@ -50,7 +50,7 @@ def test_light_reaches_the_water_through_its_surface_alone(root):
 
 
 def test_water_has_no_holes(root):
-    scene = scenes.load_scene("water_caustic", root=root)
+    scene = load_scene("water_caustic", root=root)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(4, 400_000)
     direction = mi.warp.square_to_uniform_sphere(sampler.next_2d())

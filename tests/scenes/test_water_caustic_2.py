@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gpf import scene_freezing, scenes
-from gpf.photons.tracing import record_photons
+from gpf.photons.tracing import PathSettings, record_photons
+from gpf.scene.load import load_scene
+from gpf.scene.snapshot import build_scene
 
 NAME = "water_caustic_2"
 SOURCE = Path(__file__).parents[2] / "scenes" / NAME
@@ -23,13 +24,13 @@ def root(tmp_path_factory) -> Path:
     root = tmp_path_factory.mktemp("scenes")
     ignored = shutil.ignore_patterns("meshes", "textures", "__pycache__")
     shutil.copytree(SOURCE, root / NAME, ignore=ignored)
-    scene_freezing.build_scene(NAME, root)
+    build_scene(NAME, root)
     return root
 
 
 @pytest.fixture(scope="module")
 def scene(root):
-    return scenes.load_scene(NAME, 8, 6, root)
+    return load_scene(NAME, 8, 6, root)
 
 
 def shape(scene, name):
@@ -139,7 +140,7 @@ def test_the_ball_lies_on_the_floor(scene):
 
 def test_most_photons_are_of_use(scene):
     paths = 60_000
-    photons = record_photons(scene, paths=paths, seed=5, max_depth=3)
+    photons = record_photons(scene, PathSettings(paths, max_depth=3), seed=5)
     depth = np.array(photons.depth)
     x, y, z = np.array(photons.p)
     wet = (abs(x) < HALF_X + 0.01) & (abs(z) < HALF_Z + 0.01) & (y > FLOOR - 0.01) & (y < TROUGH)
@@ -161,7 +162,9 @@ def test_the_sky_is_above(scene):
 
 
 def test_the_ripples_focus_light_on_the_floor(scene):
-    photons = record_photons(scene, paths=400_000, seed=6, max_depth=3)  # light, water, floor
+    photons = record_photons(
+        scene, PathSettings(400_000, max_depth=3), seed=6
+    )  # light, water, floor
     x, y, z, power = (np.array(v) for v in (photons.p.x, photons.p.y, photons.p.z, photons.power.y))
     # A part of the floor that neither steps nor shadows touch, in cells of 0.02.
     area = (y < FLOOR + 1e-4) & (abs(x + 0.2) < 0.4) & (abs(z - 0.6) < 0.3)

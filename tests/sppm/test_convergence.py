@@ -44,14 +44,16 @@ def test_the_error_falls_as_theory_has_it(alpha):
         }
     )
     points, expected = grid_points()
-    settings = PassSettings(photons_per_pass=4000, initial_radius=0.15, alpha=alpha)
+    settings = PassSettings(
+        photons_per_pass=4000, initial_radius=0.15, alpha=alpha, direct="photons"
+    )
     runs = []
     for seed in range(SEEDS):
         renderer = ReferenceRenderer(scene, {}, {"floor": points}, settings, seed)
-        images = []
+        images, sums = [], None
         for count in COUNTS:
-            renderer.run(int(count))
-            images.append(renderer.mean_irradiance("floor")[:, 0])
+            sums = renderer.run(int(count), sums)
+            images.append(renderer.mean_irradiance("floor", sums)[:, 0])
         runs.append(images)
     error = np.array(runs) / expected - 1  # (seeds, counts, points)
 

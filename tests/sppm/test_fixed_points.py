@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -108,7 +107,7 @@ def compare(shapes: dict[str, Scene]) -> None:
     fixed = FixedPoints(scene, take(points, dr.compress(points.valid)))
     start, means = random_start(9, dr.width(fixed.points.p)), []
     for way in ("photons", "emitters"):
-        passes = PhotonPasses(scene, replace(settings, direct=way), 5)
+        passes = PhotonPasses(scene, settings.model_copy(update={"direct": way}), 5)
         singles = [passes.trace(t).all_irradiance(fixed, start, t)[0] for t in range(1, 41)]
         means.append(np.mean([to_numpy(e) for e in singles], axis=0))
     photons, samples = means

@@ -8,11 +8,12 @@ import pytest
 
 from gpf.core.errors import UserError
 from gpf.sppm.pass_files import PassParts
+from gpf.sppm.pass_sums import PassSums
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import ReferenceRenderer, fixed_points
 from tests.furnace import camera, cornell_box
 
-SETTINGS = PassSettings(photons_per_pass=3000, initial_radius=0.1)
+SETTINGS = PassSettings(photons_per_pass=3000, initial_radius=0.1, direct="photons")
 COSTS = {"wall_seconds": 1.5}
 
 
@@ -26,14 +27,15 @@ def renderer() -> ReferenceRenderer:
     return ReferenceRenderer(scene, {"front": sensor}, points, SETTINGS, 3)
 
 
-def render(renderer: ReferenceRenderer, passes: range) -> None:
-    renderer.sums = renderer.empty_sums()
+def render(renderer: ReferenceRenderer, passes: range) -> PassSums:
+    sums = renderer.empty_sums()
     for t in passes:
-        renderer.run_pass(t + 1)
+        renderer.run_pass(t + 1, sums)
+    return sums
 
 
 def parts_in(folder, seed: int = 3, passes: int = 1000) -> PassParts:
-    return PassParts(folder, {"seed": seed, "size": (8, 6)}, passes, "reference")
+    return PassParts(folder, {"seed": seed, "size": (8, 6)}, passes)
 
 
 def touch(parts: PassParts, *ranges: tuple[int, int]) -> None:
@@ -44,18 +46,17 @@ def touch(parts: PassParts, *ranges: tuple[int, int]) -> None:
 
 
 def test_parts_add_up_to_the_same_bits(renderer, tmp_path):
-    render(renderer, range(7))
-    expected = renderer.image("front"), renderer.mean_irradiance("floor")
+    sums = render(renderer, range(7))
+    expected = renderer.image("front", sums), renderer.mean_irradiance("floor", sums)
     parts = parts_in(tmp_path)
     for part in (range(4, 7), range(1), range(1, 4)):
-        render(renderer, part)
-        parts.write(part, renderer.sums, COSTS)
-    renderer.sums = renderer.empty_sums()
+        parts.write(part, render(renderer, part), COSTS)
+    sums = renderer.empty_sums()
     for part in parts.done():
-        assert parts.add_to(renderer.sums, part) == COSTS
-    assert renderer.sums.passes == 7
-    np.testing.assert_array_equal(renderer.image("front"), expected[0])
-    np.testing.assert_array_equal(renderer.mean_irradiance("floor"), expected[1])
+        assert parts.add_to(sums, part) == COSTS
+    assert sums.passes == 7
+    np.testing.assert_array_equal(renderer.image("front", sums), expected[0])
+    np.testing.assert_array_equal(renderer.mean_irradiance("floor", sums), expected[1])
     assert expected[0].mean() > 0.05 and expected[1].mean() > 0.05
 
 
@@ -74,12 +75,10 @@ def test_the_number_of_threads_changes_no_bit(renderer, threads):
     import drjit as dr
 
     before = dr.thread_count()
-    render(renderer, range(2))
-    expected = renderer.sums.tensors()
+    expected = render(renderer, range(2)).tensors()
     dr.set_thread_count(threads)
     try:
-        render(renderer, range(2))
-        for name, array in renderer.sums.tensors().items():
+        for name, array in render(renderer, range(2)).tensors().items():
             np.testing.assert_array_equal(array, expected[name], err_msg=name)
     finally:
         dr.set_thread_count(before)
@@ -111,11 +110,10 @@ def test_no_pass_counts_twice(tmp_path):
 
 
 def test_a_growing_part_replaces_itself(renderer, tmp_path):
-    parts = parts_in(tmp_path)
-    renderer.sums = renderer.empty_sums()
+    parts, sums = parts_in(tmp_path), renderer.empty_sums()
     for last in (2, 3, 5):
-        parts.write(range(2, last), renderer.sums, COSTS)
-    parts.write(range(20, 21), renderer.sums, COSTS)
+        parts.write(range(2, last), sums, COSTS)
+    parts.write(range(20, 21), sums, COSTS)
     assert sorted(p.name for p in parts.folder.iterdir()) == [
         "2-5.safetensors",
         "20-21.safetensors",
@@ -125,7 +123,7 @@ def test_a_growing_part_replaces_itself(renderer, tmp_path):
 
 def test_parts_of_something_else_are_left_alone(renderer, tmp_path):
     mine, other = parts_in(tmp_path), parts_in(tmp_path, seed=4)
-    other.write(range(10), renderer.sums, COSTS)
+    other.write(range(10), renderer.empty_sums(), COSTS)
     touch(parts_in(tmp_path, seed=5), (0, 10))
     unknown = parts_in(tmp_path, seed=5).folder
     assert mine.done() == []
@@ -143,14 +141,13 @@ def test_parts_of_something_else_are_left_alone(renderer, tmp_path):
 
 def test_fingerprints_are_compared_as_json(tmp_path):
     """What was a tuple when it was written is a list when it is read."""
-    as_list = PassParts(tmp_path, {"size": [8, 6], "seed": 3}, 1000, "reference")
+    as_list = PassParts(tmp_path, {"size": [8, 6], "seed": 3}, 1000)
     assert as_list.digest == parts_in(tmp_path).digest
 
 
 def test_a_truncated_part_is_an_error_in_words(renderer, tmp_path):
     parts = parts_in(tmp_path)
-    render(renderer, range(1))
-    parts.write(range(1), renderer.sums, COSTS)
+    parts.write(range(1), render(renderer, range(1)), COSTS)
     file = parts.file(range(1))
     file.write_bytes(file.read_bytes()[:-40])
     with pytest.raises(UserError, match=r"0-1\.safetensors: is truncated.*gpf stage reference"):
@@ -160,7 +157,7 @@ def test_a_truncated_part_is_an_error_in_words(renderer, tmp_path):
 def test_a_part_in_the_wrong_folder_is_refused_by_name(renderer, tmp_path):
     """Brought from another machine that had other parameters."""
     mine, other = parts_in(tmp_path), parts_in(tmp_path, seed=4)
-    other.write(range(3), renderer.sums, COSTS)
+    other.write(range(3), renderer.empty_sums(), COSTS)
     mine.folder.mkdir()
     other.file(range(3)).rename(mine.file(range(3)))
     kept = mine.file(range(3)).read_bytes()

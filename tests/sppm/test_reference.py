@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import replace
 from itertools import pairwise
 
 import mitsuba as mi
@@ -16,14 +14,14 @@ from gpf.core.structs import concatenate, to_numpy
 from gpf.sppm.passes import PassSettings, PhotonPasses
 from gpf.sppm.reference import (
     ReferenceRenderer,
+    ReferenceView,
     film_size,
     fixed_points,
     sample_view,
-    settings_record,
 )
 from tests.furnace import camera, cornell_box, furnace
 
-SETTINGS = PassSettings(photons_per_pass=5000, initial_radius=0.1)
+SETTINGS = PassSettings(photons_per_pass=5000, initial_radius=0.1, direct="photons")
 CAMERAS = {
     "front": camera((0, -0.2, 3.6), (0, 0, 0), 45, (8, 6)),
     "side": camera((-0.7, 0.3, 3), (0.3, -0.4, 0), 50, (5, 7)),
@@ -47,23 +45,21 @@ def start(
 
 def test_shapes(scene):
     renderer = start(scene, "front", "side")
-    renderer.run(2)
+    sums = renderer.run(2)
     assert film_size(renderer.sensors["side"]) == (5, 7)
     for name, (h, w) in {"front": (6, 8), "side": (7, 5)}.items():
-        for key, layer in renderer.view(name).layers().items():
+        for key, layer in renderer.view(name, sums).layers().items():
             assert layer.shape == ((h, w) if key == "valid" else (h, w, 3)), key
             assert np.isfinite(layer).all()
     with pytest.raises(KeyError):
-        renderer.view("back")
+        renderer.view("back", sums)
 
 
 def test_a_view_with_an_image_alone(scene):
     """It is that of a view with fixed points, and knows where its pixels look."""
     whole, sensors = start(scene, "front"), {"front": mi.load_dict(CAMERAS["front"])}
     image = ReferenceRenderer(scene, sensors, {}, SETTINGS, whole.seed)
-    for renderer in (whole, image):
-        renderer.run(2)
-    expected, found = whole.view("front").layers(), image.view("front").layers()
+    expected, found = (r.view("front", r.run(2)).layers() for r in (whole, image))
     assert set(expected) - set(found) == {"irradiance", "direct"}
     for key, layer in found.items():
         np.testing.assert_array_equal(layer, expected[key], err_msg=key)
@@ -87,8 +83,7 @@ def test_a_view_of_points_alone_has_no_image(scene):
     sensor = mi.load_dict(CAMERAS["front"])
     points = {"front": fixed_points(scene, sensor, "front", SETTINGS, 3)}
     renderer = ReferenceRenderer(scene, {}, points, SETTINGS, 3)
-    renderer.run(1)
-    view = renderer.view("front", (8, 6))
+    view = renderer.view("front", renderer.run(1), (8, 6))
     assert view.radiance is None
     assert "radiance" not in view.layers()
     assert view.irradiance.shape == (6, 8, 3)
@@ -96,15 +91,20 @@ def test_a_view_of_points_alone_has_no_image(scene):
 
 def test_a_view_does_not_depend_on_the_others(scene):
     """To the last bit, in whatever order threads add photons up."""
-    together, front, side = (start(scene, *names) for names in (CAMERAS, ["front"], ["side"]))
-    for renderer in (together, front, side):
-        renderer.run(4)
-    for alone, name in ((front, "front"), (side, "side")):
-        for key, value in alone.view(name).layers().items():
-            np.testing.assert_array_equal(value, together.view(name).layers()[key], err_msg=key)
+
+    def views(*names: str) -> dict[str, ReferenceView]:
+        renderer = start(scene, *names)
+        sums = renderer.run(4)
+        return {name: renderer.view(name, sums) for name in names}
+
+    together = views(*CAMERAS)
+    for name in CAMERAS:
+        for key, value in views(name)[name].layers().items():
+            np.testing.assert_array_equal(value, together[name].layers()[key], err_msg=key)
     # Views are no copies of each other, and what is compared is not black.
-    assert front.image("front").min() >= 0 and front.image("front").mean() > 0.05
-    assert together.image("side").mean() != together.image("front").mean()
+    front, side = (together[name].radiance for name in ("front", "side"))
+    assert front.min() >= 0 and front.mean() > 0.05
+    assert side.mean() != front.mean()
 
 
 def test_further_points_change_no_image(scene):
@@ -115,11 +115,10 @@ def test_further_points_change_no_image(scene):
     }
     renderer = ReferenceRenderer(scene, {"front": sensor}, points, SETTINGS, 3)
     plain = start(scene, "front", "side")
-    for each in (renderer, plain):
-        each.run(3)
-    np.testing.assert_array_equal(renderer.image("front"), plain.image("front"))
+    ours, theirs = (each.run(3) for each in (renderer, plain))
+    np.testing.assert_array_equal(renderer.image("front", ours), plain.image("front", theirs))
     np.testing.assert_array_equal(
-        renderer.mean_irradiance("elsewhere"), plain.mean_irradiance("side")
+        renderer.mean_irradiance("elsewhere", ours), plain.mean_irradiance("side", theirs)
     )
 
 
@@ -147,16 +146,16 @@ def test_passes_are_independent_given_their_index(scene):
     points = renderer.points["front"]
     passes = PhotonPasses(scene, SETTINGS, 3)
     single = {t: to_numpy(passes.trace(t).irradiance(points)) for t in (3, 1, 2)}
-    renderer.run(3)
+    sums = renderer.run(3)
     mean = (single[1] + single[2] + single[3]) / 3
-    np.testing.assert_allclose(renderer.mean_irradiance("front"), mean, rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(renderer.mean_irradiance("front", sums), mean, rtol=1e-5, atol=1e-5)
     assert np.abs(single[1] - single[2]).max() > 0.1
 
 
 def test_the_kernel_shrinks_from_pass_to_pass(scene):
     """Fewer points find photons: the radius of a pass is that of its index."""
     points = start(scene, "front").points["front"]
-    few = PassSettings(photons_per_pass=2000, initial_radius=0.05)
+    few = PassSettings(photons_per_pass=2000, initial_radius=0.05, direct="photons")
     found = [
         np.mean(
             [
@@ -185,11 +184,10 @@ def test_furnace_values():
     """L = 1 and E = π L / ρ at each fixed point; normals look inwards."""
     scene = mi.load_dict(furnace("point"))
     sensor = scene.sensors()[0]
-    settings = PassSettings(photons_per_pass=40_000, initial_radius=0.2)
+    settings = PassSettings(photons_per_pass=40_000, initial_radius=0.2, direct="photons")
     points = {"view": fixed_points(scene, sensor, "view", settings, 1)}
     renderer = ReferenceRenderer(scene, {"view": sensor}, points, settings, 1)
-    renderer.run(12)
-    view = renderer.view("view")
+    view = renderer.view("view", renderer.run(12))
     assert view.valid.min() == 1
     np.testing.assert_allclose(view.reflectance, 0.5, rtol=1e-5)
     np.testing.assert_allclose(view.irradiance, 2 * np.pi, rtol=0.08)
@@ -201,17 +199,18 @@ def test_furnace_values():
 
 def test_direct_light_of_fixed_points_by_samples_of_the_emitters(scene):
     """The same irradiance as by photons, about half of it direct light."""
-    settings = replace(SETTINGS, direct="emitters")
+    settings = SETTINGS.model_copy(update={"direct": "emitters"})
     by_photons, by_samples = start(scene, "front"), start(scene, "front", settings=settings)
-    for renderer in (by_photons, by_samples):
-        renderer.run(200)
-    photons, samples = (r.mean_irradiance("front") for r in (by_photons, by_samples))
-    direct = by_samples.mean_direct("front")
+    photon_sums, sample_sums = by_photons.run(200), by_samples.run(200)
+    photons = by_photons.mean_irradiance("front", photon_sums)
+    samples = by_samples.mean_irradiance("front", sample_sums)
+    direct = by_samples.mean_direct("front", sample_sums)
     assert samples.mean() == pytest.approx(photons.mean(), rel=0.02)
     np.testing.assert_array_less(direct, samples + 1e-6)
     assert direct.mean() == pytest.approx(samples.mean(), rel=0.6) and direct.min() >= 0
-    assert by_photons.mean_direct("front").max() == 0
-    np.testing.assert_array_equal(by_samples.view("front").direct.reshape(-1, 3), direct)
+    assert by_photons.mean_direct("front", photon_sums).max() == 0
+    view = by_samples.view("front", sample_sums)
+    np.testing.assert_array_equal(view.direct.reshape(-1, 3), direct)
 
 
 def test_pixels_lie_where_the_camera_sees_them():
@@ -220,11 +219,11 @@ def test_pixels_lie_where_the_camera_sees_them():
     sensor = scene.sensors()[0]
     points = {"view": fixed_points(scene, sensor, "view", SETTINGS, 1)}
     renderer = ReferenceRenderer(scene, {"view": sensor}, points, SETTINGS, 1)
-    renderer.run(1)
+    view = renderer.view("view", renderer.run(1))
     y, x = (np.indices((6, 8)) + 0.5).reshape(2, -1).astype(np.float32)
     ray, _ = sensor.sample_ray(0, 0, mi.Point2f(x / 8, y / 6), mi.Point2f(0.5))
     centre = to_numpy(ray.d).reshape(6, 8, 3)
-    seen = renderer.view("view").position - to_numpy(ray.o).reshape(-1, 1, 3)[0]
+    seen = view.position - to_numpy(ray.o).reshape(-1, 1, 3)[0]
     seen /= np.linalg.norm(seen, axis=2, keepdims=True)
     half_diagonal = np.hypot(0.5, 0.5) * 2 * np.tan(np.radians(30)) / 8
     off = np.linalg.norm(seen - centre, axis=2)
@@ -234,20 +233,19 @@ def test_pixels_lie_where_the_camera_sees_them():
 
 def test_progress_is_told_pass_by_pass(scene):
     renderer, told = start(scene, "front"), []
-    renderer.run(3, told.append)
-    renderer.run(3, told.append)
-    renderer.run(5, told.append)
-    assert told == [1, 2, 3, 4, 5] and renderer.sums.passes == 5
+    sums = renderer.run(3, tick=told.append)
+    renderer.run(3, sums, told.append)
+    renderer.run(5, sums, told.append)
+    assert told == [1, 2, 3, 4, 5] and sums.passes == 5
 
 
 def test_the_standard_error_is_that_of_independent_runs(scene):
     """Without a shrinking radius, for its bias is none of the noise."""
-    settings = PassSettings(photons_per_pass=5000, initial_radius=0.1, alpha=0.999)
+    settings = SETTINGS.model_copy(update={"alpha": 0.999})
     images, errors = [], []
     for seed in range(24):
         renderer = start(scene, "front", seed=seed, settings=settings)
-        renderer.run(16)
-        view = renderer.view("front")
+        view = renderer.view("front", renderer.run(16))
         images.append(view.radiance)
         errors.append(view.standard_error)
     measured = np.sqrt(np.mean(np.var(images, axis=0, ddof=1)))
@@ -258,25 +256,9 @@ def test_the_standard_error_is_that_of_independent_runs(scene):
 def test_the_expected_psnr_is_what_independent_runs_have(scene):
     sensor = mi.load_dict(camera((0, -0.2, 3.6), (0, 0, 0), 45, (48, 40)))
     runs = [ReferenceRenderer(scene, {"view": sensor}, {}, SETTINGS, seed) for seed in range(6)]
-    for renderer in runs:
-        renderer.run(16)
-    estimated = [renderer.sums.views["view"].expected_psnr(16, exposure=1.0) for renderer in runs]
-    mapped = [tone_map(renderer.image("view"), 1.0) for renderer in runs]
+    sums = [renderer.run(16) for renderer in runs]
+    estimated = [each.views["view"].expected_psnr(16, exposure=1.0) for each in sums]
+    mapped = [tone_map(r.image("view", s), 1.0) for r, s in zip(runs, sums, strict=True)]
     measured = [-10 * np.log10(np.mean((a - b) ** 2)) for a, b in pairwise(mapped)]
     assert np.mean(estimated) == pytest.approx(np.mean(measured), abs=0.5)
     assert np.std(estimated) < 1
-
-
-def test_settings_as_json():
-    record = settings_record(SETTINGS, 7)
-    assert json.loads(json.dumps(record)) == {
-        "photons_per_pass": 5000,
-        "initial_radius": 0.1,
-        "alpha": 0.7,
-        "max_depth": -1,
-        "rr_depth": 5,
-        "direct": "photons",
-        "glossy_walks": 8,
-        "edge_correction": True,
-        "seed": 7,
-    }

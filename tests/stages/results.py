@@ -25,11 +25,11 @@ def assert_whole(folder: Path) -> None:
     for path in folder.rglob("*"):
         assert not path.name.startswith("."), path
         if path.suffix == ".exr":
-            read_exr(path, "reference")
+            read_exr(path)
         if path.suffix == ".safetensors":
             name = path.parent.name if path.parent.name == "checkpoints" else path.stem
             kind = {"checkpoints": "checkpoint"}.get(name, name)
-            read_tensors(path, "passes" if path.stem[0].isdigit() else kind, "any")
+            read_tensors(path, "passes" if path.stem[0].isdigit() else kind)
 
 
 def assert_refused(project, stage: str, words: str, scene: str = "cornell_box") -> None:

@@ -31,7 +31,7 @@ def ablate(project, variant: str, *more: str):
 
 
 def result(project, variant: str) -> dict:
-    return read_json(project.results / "ablations" / f"{variant}.json", "ablation")
+    return read_json(project.results / "ablations" / f"{variant}.json")
 
 
 def never(monkeypatch, name: str) -> None:
@@ -53,7 +53,7 @@ def test_a_variant_is_trained_rendered_and_measured(project):
         "gaussians": 30,
     }
     # Measured like the field, of which it is a poor version.
-    field = read_json(project.results / "metrics" / "gpf.json", "metrics")
+    field = read_json(project.results / "metrics" / "gpf.json")
     assert found["views"].keys() == field["views"].keys() == set(NOVEL)
     assert found["mean"].keys() == field["mean"].keys()
     assert found["mean"]["psnr"] == pytest.approx(
@@ -65,10 +65,10 @@ def test_a_variant_is_trained_rendered_and_measured(project):
     stored = read_field(folder / "field.safetensors")
     assert len(stored.tensors["means"]) == 30 and stored.record["steps"] == 5
     assert found["storage_megabytes"] == (folder / "field.safetensors").stat().st_size / 1e6
-    render = read_json(folder / "costs" / "render.json", "render")
+    render = read_json(folder / "costs" / "render.json")
     seconds = render["parts"]["render"]["wall_seconds"]
     assert found["seconds_per_view"] == seconds / len(NOVEL)
-    costs = read_json(project.results / "costs/ablations/few.json", "ablation")
+    costs = read_json(project.results / "costs/ablations/few.json")
     assert costs["parts"].keys() == {"initialization", "training", "render", "metrics"}
     assert costs["parts"]["training"]["wall_seconds"] == found["train_seconds"] > 0
     after = project.snapshot()
@@ -83,7 +83,7 @@ def test_the_field_as_it_is_is_not_made_again(project, variant, monkeypatch):
     outcome = ablate(project, variant)
     assert outcome.code == 0 and f"{variant} is the field as it is" in outcome.text
     found = result(project, variant)
-    field = read_json(project.results / "metrics" / "gpf.json", "metrics")
+    field = read_json(project.results / "metrics" / "gpf.json")
     assert found["same_as"] == "gpf"
     assert found["mean"] == field["mean"] and found["views"] == field["views"]
     assert found["gaussians"] == 2000
@@ -126,7 +126,7 @@ def test_what_was_left_by_another_task_is_not_used(project, monkeypatch):
 def test_streaming_has_the_parts_of_its_own(project):
     assert ablate(project, "streaming").code == 0
     found = result(project, "streaming")
-    parts = read_json(project.results / "costs/ablations/streaming.json", "ablation")["parts"]
+    parts = read_json(project.results / "costs/ablations/streaming.json")["parts"]
     assert {"stream", "training", "render"} <= parts.keys()
     learning = parts["stream"]["wall_seconds"] + parts["training"]["wall_seconds"]
     assert found["train_seconds"] == pytest.approx(learning)
@@ -145,7 +145,7 @@ def test_a_variant_that_cannot_run_says_so(project, go_on, environment):
     assert found["reason"].startswith(words) and found["title"] == "none"
     assert "mean" not in found
     assert files_below(project.results / "ablations" / "lost") == set()
-    costs = read_json(project.results / "costs/ablations/lost.json", "ablation")
+    costs = read_json(project.results / "costs/ablations/lost.json")
     assert costs["facts"]["reason"] == found["reason"]
 
 

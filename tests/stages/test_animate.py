@@ -79,18 +79,18 @@ def test_frames_films_and_flicker(walked):
     frames = {f"{m}/{k:02d}.exr" for m in ("gpf", "path_10") for k in range(FRAMES)}
     films = {"animation.mp4", "animation.webp", "flicker.json"}
     assert files_below(folder) == frames | films
-    layers, record = read_exr(folder / "path_10" / "02.exr", "animate")
+    layers, record = read_exr(folder / "path_10" / "02.exr")
     assert layers["radiance"].shape == (16, 20, 3) and record["view"]["name"] == "frame_002"
     with Image.open(folder / "animation.webp") as picture:
         assert picture.n_frames == FRAMES
-    told = read_json(folder / "flicker.json", "animate")["methods"]
+    told = read_json(folder / "flicker.json")["methods"]
     assert told["splatting_3"] == {"cannot_serve": "not asked for"}
     assert told["gpf"]["directly"]["change"] == pytest.approx(0, abs=1e-9)
     low, high = tone_map(np.array([0.19, 0.21]), read_views(walked.results / "views.yaml").exposure)
     noise = 255 * (high - low) / 2
     assert told["path_10"]["directly"]["noise"] == pytest.approx(noise, rel=0.1)
     assert 0.1 < told["gpf"]["directly"]["share"] < 1 and "refracted" not in told["gpf"]
-    assert read_json(walked.results / "costs/animate.json", "animate")["facts"] == {
+    assert read_json(walked.results / "costs/animate.json")["facts"] == {
         "frames": FRAMES
     }
 
@@ -179,7 +179,7 @@ def test_learning_for_the_animation_counts_when_the_method_is_run(walked, monkey
     assert walked.stage("animate").code == 0
     arguments = ("--scene", "cornell_box", "--method", "splatting_3")
     assert walked.gpf("stage", "baseline", *arguments).code == 0
-    costs = read_json(walked.results / "costs/baselines/splatting_3.json", "baseline")
+    costs = read_json(walked.results / "costs/baselines/splatting_3.json")
     assert costs["parts"]["prepare"]["wall_seconds"] > 0.5
 
 
@@ -210,7 +210,7 @@ def test_the_noise_of_references_is_that_of_the_same_kinds_of_pixels(walked, mon
     for view in views.novel:
         write_exr(walked.results / "reference" / f"{view.name}.exr", layers, {})
     assert walked.stage("animate").code == 0
-    told = read_json(walked.results / "animation" / "flicker.json", "animate")
+    told = read_json(walked.results / "animation" / "flicker.json")
     noise = told["noise_of_references"]
     assert set(noise) == {"directly", "refracted"}
     # Without the edges: 14 of 16 rows, 7 of the 9 columns of each half.

@@ -54,7 +54,7 @@ def test_nan_in_a_field(finished):
 
 def test_nan_in_a_reference(finished):
     path = finished.results / "reference" / "above.exr"
-    layers, record = read_exr(path, "reference")
+    layers, record = read_exr(path)
     layers["radiance"][2, 5] = np.nan
     write_exr(path, layers, {k: v for k, v in record.items() if k != "schema_version"})
     assert_refused(finished, "metrics", r"above.*NaN or infinite")

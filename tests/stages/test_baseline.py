@@ -54,14 +54,14 @@ def stubborn(monkeypatch):
 def test_images_costs_and_numbers(built):
     images = sorted((built.results / "renders" / "path_10").glob("*.exr"))
     assert [path.stem for path in images] == ["above", "ceiling", "floor", "inside"]
-    layers, record = read_exr(images[0], "baseline")
+    layers, record = read_exr(images[0])
     assert layers["radiance"].shape == (16, 20, 3) and record["options"]["spp"] == 10
-    cost = read_json(built.results / "costs" / "baselines" / "path_10.json", "baseline")
+    cost = read_json(built.results / "costs" / "baselines" / "path_10.json")
     assert set(cost["parts"]) == {"prepare", "render"}
     assert cost["facts"]["storage_megabytes"] == 0 and cost["facts"]["views"] == 4
     assert 100 < cost["facts"]["peak_memory_megabytes"] < 20_000
     assert 0 < cost["facts"]["path_seconds"] < 10
-    summary = read_json(built.results / "summary.json", "metrics")
+    summary = read_json(built.results / "summary.json")
     assert list(summary) == ["gpf", "path_10", "second_reference"]
     assert 5 < summary["path_10"]["psnr"] < 40
 
@@ -82,7 +82,7 @@ def test_a_reason_takes_the_place_of_images(finished, go_on):
     assert "not asked for. Add cornell_box there" in outcome.text
     assert not list((finished.results / "renders" / "path_10").glob("*.exr"))
     assert finished.stage("metrics").code == 0
-    report = read_json(finished.results / "metrics" / "path_10.json", "metrics")
+    report = read_json(finished.results / "metrics" / "path_10.json")
     assert report == {"cannot_serve": "not asked for"}
     with (finished.results / "quality.csv").open() as table:
         rows = {row["method"]: row for row in csv.DictReader(table)}
@@ -103,7 +103,7 @@ def test_training_views_without_images(finished):
 def test_a_method_that_is_not_listed_any_more_has_no_numbers(finished):
     finished.edit("params.yaml", methods__classical=[])
     assert finished.stage("metrics").code == 0
-    assert set(read_json(finished.results / "summary.json", "metrics")) == {
+    assert set(read_json(finished.results / "summary.json")) == {
         "gpf",
         "second_reference",
     }
@@ -115,7 +115,7 @@ def test_a_preparation_that_was_stopped_goes_on(finished, stubborn):
     assert finished.gpf(*arguments).code == 130
     assert finished.gpf(*arguments).code == 0
     assert Stubborn.steps == [0, 1, 2]
-    cost = read_json(finished.results / "costs" / "baselines" / "path_10.json", "baseline")
+    cost = read_json(finished.results / "costs" / "baselines" / "path_10.json")
     assert cost["facts"]["steps"] == 3 and cost["facts"]["storage_megabytes"] == 12e-6
     assert not (finished.results / "checkpoints").exists()
 

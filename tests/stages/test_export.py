@@ -150,7 +150,7 @@ def test_what_cannot_be_exported(trained, arguments, words):
 
 def test_a_field_that_is_not_finite(trained):
     path = trained.folder / FIELD
-    tensors, metadata = read_tensors(path, "field", "train")
+    tensors, metadata = read_tensors(path, "field")
     tensors["quats"][5, 2] = np.nan
     write_tensors(path, "field", tensors, metadata)
     outcome = trained.gpf("export", "cornell_box", "--ply", "a.ply")

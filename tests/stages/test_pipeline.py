@@ -81,7 +81,7 @@ def test_everything_that_should_exist_exists(built):
 
 def test_images_are_lit_finite_and_of_the_right_size(built):
     for view in TRAIN + NOVEL:
-        layers, record = read_exr(built.results / "reference" / f"{view}.exr", "reference")
+        layers, record = read_exr(built.results / "reference" / f"{view}.exr")
         assert record["passes"] == 4 and record["view"]["name"] == view
         # Novel views judge by their images alone; nothing learns from what reaches their points.
         known = {"radiance", "standard_error", "position", "normal", "reflectance", "valid"}
@@ -91,10 +91,10 @@ def test_images_are_lit_finite_and_of_the_right_size(built):
             assert np.isfinite(layers[name]).all()
         assert layers["radiance"].mean() > 0.01
     for view in NOVEL:
-        second, _ = read_exr(built.results / "second_reference" / f"{view}.exr", "reference")
+        second, _ = read_exr(built.results / "second_reference" / f"{view}.exr")
         assert second.keys() == {"sppm_1", "sppm_3", "sppm_4"}
-        layers, _ = read_exr(built.results / "renders" / "gpf" / f"{view}.exr", "render")
-        reference, _ = read_exr(built.results / "reference" / f"{view}.exr", "reference")
+        layers, _ = read_exr(built.results / "renders" / "gpf" / f"{view}.exr")
+        reference, _ = read_exr(built.results / "reference" / f"{view}.exr")
         assert layers["radiance"].shape == (HEIGHT, WIDTH, 3)
         # Rough at these sizes, but the same scene from the same place.
         difference = np.abs(layers["radiance"] - reference["radiance"]).mean()
@@ -103,22 +103,22 @@ def test_images_are_lit_finite_and_of_the_right_size(built):
 
 def test_the_second_reference_is_independent_of_the_reference(built):
     for view in NOVEL:
-        reference, _ = read_exr(built.results / "reference" / f"{view}.exr", "reference")
-        second, _ = read_exr(built.results / "second_reference" / f"{view}.exr", "reference")
+        reference, _ = read_exr(built.results / "reference" / f"{view}.exr")
+        second, _ = read_exr(built.results / "second_reference" / f"{view}.exr")
         noise = reference["radiance"] - second["sppm_4"]
         assert np.mean(noise != 0) > 0.5
         assert abs(noise.mean()) < 0.1 * reference["radiance"].mean()
 
 
 def test_targets_are_those_of_the_training_views_and_surfaces(built):
-    tensors, _ = read_tensors(built.results / "targets.safetensors", "targets", "reference")
+    tensors, _ = read_tensors(built.results / "targets.safetensors", "targets")
     counts = {
         int(s): int(n)
         for s, n in zip(*np.unique(tensors["source"], return_counts=True), strict=True)
     }
     assert counts.keys() == {-1, 0, 1, 2} and counts[-1] == 500
     for k, view in enumerate(TRAIN):
-        layers, _ = read_exr(built.results / "reference" / f"{view}.exr", "reference")
+        layers, _ = read_exr(built.results / "reference" / f"{view}.exr")
         assert counts[k] == layers["valid"].sum()
     assert all(np.isfinite(value).all() for value in tensors.values())
 
@@ -181,9 +181,9 @@ def test_enough_is_enough(fresh, no_probe):
     assert fresh.stage("scene").code == 0
     assert fresh.stage("reference").code == 0
     for view in NOVEL:
-        record = read_exr(fresh.results / f"reference/{view}.exr", "reference")[1]
+        record = read_exr(fresh.results / f"reference/{view}.exr")[1]
         assert record["passes_done"] == 25 and record["expected_psnr"] >= 3
-        layers, _ = read_exr(fresh.results / f"second_reference/{view}.exr", "reference")
+        layers, _ = read_exr(fresh.results / f"second_reference/{view}.exr")
         assert layers.keys() == {"sppm_1", "sppm_3", "sppm_10", "sppm_25"}
     fresh.edit("params.yaml", methods__classical=["path_10"], methods__equal_time=[])
     for stage in ("photons", "train", "render", "baseline", "metrics", "amortize", "report"):
@@ -253,7 +253,7 @@ def test_an_added_view_is_rendered_and_no_other(finished):
         after["results/cornell_box/targets.safetensors"][0]
         == before["results/cornell_box/targets.safetensors"][0]
     )
-    layers, _ = read_exr(finished.results / "reference/extra.exr", "reference")
+    layers, _ = read_exr(finished.results / "reference/extra.exr")
     assert np.isfinite(layers["radiance"]).all() and layers["radiance"].mean() > 0.01
 
 
@@ -262,8 +262,8 @@ def test_a_view_does_not_depend_on_which_others_are_rendered_with_it(finished, b
     (finished.results / "reference/left.exr").unlink()
     assert finished.stage("reference").code == 0
     for view in ("floor", "left"):
-        alone, _ = read_exr(finished.results / f"reference/{view}.exr", "reference")
-        among, _ = read_exr(built.results / f"reference/{view}.exr", "reference")
+        alone, _ = read_exr(finished.results / f"reference/{view}.exr")
+        among, _ = read_exr(built.results / f"reference/{view}.exr")
         for name, value in among.items():
             np.testing.assert_allclose(alone[name], value, rtol=1e-4, atol=1e-5, err_msg=name)
 

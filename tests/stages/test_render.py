@@ -33,12 +33,12 @@ def test_a_compact_field_is_trained_and_rendered(finished):
     exact = read_field(finished.folder / FIELD)
     size = (finished.folder / FIELD).stat().st_size
     views = sorted((finished.results / "renders" / "gpf").glob("*.exr"))
-    before = [read_exr(view, "render")[0]["radiance"] for view in views]
+    before = [read_exr(view)[0]["radiance"] for view in views]
     finished.edit("params.yaml", field__precision="compact")
     for stage in ("train", "render"):
         outcome = finished.stage(stage)
         assert outcome.code == 0, outcome.text
-    _, metadata = read_tensors(finished.folder / FIELD, "field", "train")
+    _, metadata = read_tensors(finished.folder / FIELD, "field")
     assert metadata["precision"] == "compact"
     assert metadata["record"]["params"]["field"]["precision"] == "compact"
     assert (finished.folder / FIELD).stat().st_size < 0.4 * size
@@ -47,7 +47,7 @@ def test_a_compact_field_is_trained_and_rendered(finished):
         compact.tensors["irradiance"], exact.tensors["irradiance"], rtol=1e-3, atol=1e-6
     )
     for view, image in zip(views, before, strict=True):
-        again = read_exr(view, "render")[0]["radiance"]
+        again = read_exr(view)[0]["radiance"]
         assert np.abs(again - image).mean() < 5e-3 * image.mean(), view.name
 
 
@@ -59,7 +59,7 @@ def test_fireflies_are_suppressed_as_params_say(finished, asked_to_suppress, sup
 
 
 def test_costs_have_memory_and_the_unit_of_time(built):
-    facts = read_json(built.results / "costs" / "render.json", "render")["facts"]
+    facts = read_json(built.results / "costs" / "render.json")["facts"]
     assert 100 < facts["peak_memory_megabytes"] < 20_000
     assert 0 < facts["path_seconds"] < 10
 
@@ -68,9 +68,9 @@ def test_how_much_of_the_pictures_has_little_support_is_said(finished):
     outcome = finished.stage("render")
     assert outcome.code == 0
     assert re.search(r"cornell_box: \d+\.\d\d% of the pixels look where the field", outcome.text)
-    shares = read_json(finished.results / "costs" / "render.json", "render")["facts"]
+    shares = read_json(finished.results / "costs" / "render.json")["facts"]
     views = sorted((finished.results / "renders" / "gpf").glob("*.exr"))
-    measured = [(read_exr(view, "render")[0]["coverage"] > 1.5).mean() for view in views]
+    measured = [(read_exr(view)[0]["coverage"] > 1.5).mean() for view in views]
     assert sorted(shares["weakly_covered"]) == pytest.approx(sorted(measured))
 
 
@@ -95,7 +95,7 @@ def test_pictures_of_any_view(finished):
     assert sorted(p.name for p in folder.iterdir()) == [
         f"{name}.{suffix}" for name in ("front", "inside") for suffix in ("exr", "png")
     ]
-    layers, record = read_exr(folder / "front.exr", "render")
+    layers, record = read_exr(folder / "front.exr")
     assert layers["radiance"].shape == (8, 10, 3) and layers["coverage"].shape == (8, 10)
     assert record["spp"] == 4 and layers["radiance"].mean() > 0.05
     assert before.items() <= finished.snapshot().items()

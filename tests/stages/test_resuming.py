@@ -63,7 +63,7 @@ def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monk
     assert not list((fresh.results / "checkpoints").glob("*"))
     for view in TRAIN + NOVEL:
         one, other = (
-            read_exr(p.results / f"reference/{view}.exr", "reference")[0]["radiance"]
+            read_exr(p.results / f"reference/{view}.exr")[0]["radiance"]
             for p in (fresh, built)
         )
         np.testing.assert_array_equal(one, other)
@@ -82,7 +82,7 @@ def test_a_checkpoint_of_other_surface_points_is_left_alone(fresh, monkeypatch, 
     assert outcome.code == 0 and "made with other points; left alone" in outcome.text
     assert len(passes) == 3 * 4
     assert len(list((fresh.results / "checkpoints/reference-train").iterdir())) == 1
-    tensors, _ = read_tensors(fresh.results / "targets.safetensors", "targets", "reference")
+    tensors, _ = read_tensors(fresh.results / "targets.safetensors", "targets")
     assert np.count_nonzero(tensors["source"] == -1) == 300
 
 
@@ -186,7 +186,7 @@ def test_the_second_reference_goes_on_from_a_checkpoint_too(fresh, monkeypatch, 
         passes = interrupt_after(patch, ReferenceRenderer, "run_pass", 1000)
         assert fresh.stage("reference").code == 0
     assert len(passes) == 1
-    layers, _ = read_exr(fresh.results / "second_reference/above.exr", "reference")
+    layers, _ = read_exr(fresh.results / "second_reference/above.exr")
     assert layers.keys() == {"sppm_1", "sppm_3", "sppm_4"}
 
 
@@ -199,8 +199,8 @@ def test_what_more_passes_have_left_is_not_in_a_sum_of_fewer(fresh, built, monke
     fresh.edit("params.yaml", reference__checkpoint_seconds=30, reference__passes=4)
     assert fresh.stage("reference").code == 0
     for file in ("second_reference/above.exr", "reference/above.exr"):
-        layers, record = read_exr(fresh.results / file, "reference")
-        expected, _ = read_exr(built.results / file, "reference")
+        layers, record = read_exr(fresh.results / file)
+        expected, _ = read_exr(built.results / file)
         assert record["passes_done"] == 4 and layers.keys() == expected.keys()
         for name, layer in layers.items():
             np.testing.assert_array_equal(layer, expected[name], err_msg=name)

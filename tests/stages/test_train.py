@@ -14,7 +14,7 @@ def render_and_compare(project):
     for stage in ("render", "metrics", "amortize"):
         outcome = project.stage(stage)
         assert outcome.code == 0, (stage, outcome.text)
-    return read_json(project.results / "metrics" / "gpf.json", "metrics")["mean"]["psnr"]
+    return read_json(project.results / "metrics" / "gpf.json")["mean"]["psnr"]
 
 
 def test_streaming_needs_no_targets(finished):
@@ -24,13 +24,13 @@ def test_streaming_needs_no_targets(finished):
     finished.edit("params.yaml", train__supervision="streaming", stream__passes=12)
     outcome = finished.stage("train")
     assert outcome.code == 0, outcome.text
-    cost = read_json(finished.results / "costs" / "train.json", "train")
+    cost = read_json(finished.results / "costs" / "train.json")
     assert set(cost["parts"]) == {"stream", "initialization", "training"}
     record = read_field(finished.results / "field.safetensors").record
     assert record["params"]["stream"]["passes"] == 12
-    before = read_json(finished.results / "amortize.json", "amortize")["preparation_seconds"]
+    before = read_json(finished.results / "amortize.json")["preparation_seconds"]
     assert render_and_compare(finished) > 15
-    after = read_json(finished.results / "amortize.json", "amortize")["preparation_seconds"]
+    after = read_json(finished.results / "amortize.json")["preparation_seconds"]
     spent = sum(part["wall_seconds"] for part in cost["parts"].values())
     assert after == pytest.approx(spent) and after != before
 
@@ -39,7 +39,7 @@ def test_direct_light_left_to_the_emitters(finished):
     """The field has less, the picture is the same."""
     whole = read_field(finished.results / "field.safetensors")
     name = sorted((finished.results / "renders" / "gpf").glob("*.exr"))[0]
-    before = read_exr(name, "render")[0]["radiance"]
+    before = read_exr(name)[0]["radiance"]
     finished.edit("params.yaml", field__direct="emitters")
     outcome = finished.stage("train")
     assert outcome.code == 0, outcome.text
@@ -47,7 +47,7 @@ def test_direct_light_left_to_the_emitters(finished):
     assert rest.settings.direct == "emitters"
     assert rest.tensors["irradiance"].mean() < 0.8 * whole.tensors["irradiance"].mean()
     assert render_and_compare(finished) > 15
-    after = read_exr(name, "render")[0]["radiance"]
+    after = read_exr(name)[0]["radiance"]
     assert after.mean() == pytest.approx(before.mean(), rel=0.15)
     assert np.abs(after - before).max() > 0
 
@@ -64,7 +64,7 @@ def test_the_number_of_gaussians_is_the_best_of_a_trial(finished, monkeypatch):
     finished.edit("params.yaml", field__gaussians="auto")
     outcome = finished.stage("train")
     assert outcome.code == 0, outcome.text
-    count = read_json(finished.results / "costs" / "train.json", "train")["facts"]["gaussians"]
+    count = read_json(finished.results / "costs" / "train.json")["facts"]["gaussians"]
     assert count in (40, 160, 640) and f"{count} Gaussians" in outcome.text
     tensors = read_field(finished.results / "field.safetensors").tensors
     assert len(tensors["means"]) == count
@@ -72,14 +72,14 @@ def test_the_number_of_gaussians_is_the_best_of_a_trial(finished, monkeypatch):
     for fixed in (40, 160, 640):
         finished.edit("params.yaml", field__gaussians=fixed)
         assert finished.stage("train").code == 0
-        record = read_json(finished.results / "costs" / "train.json", "train")["facts"]
+        record = read_json(finished.results / "costs" / "train.json")["facts"]
         errors[fixed] = record["held_out_error"]
     assert errors[count] < 1.1 * min(errors.values())
 
 
 def test_targets_of_an_earlier_version_are_said_to_be_so(finished):
     path = finished.results / "targets.safetensors"
-    tensors, _ = read_tensors(path, "targets", "reference")
+    tensors, _ = read_tensors(path, "targets")
     del tensors["direct"]
     write_tensors(path, "targets", tensors, {})
     outcome = finished.stage("train")
@@ -89,7 +89,7 @@ def test_targets_of_an_earlier_version_are_said_to_be_so(finished):
 
 def test_photons_that_are_all_direct_light(finished):
     path = finished.results / "photons.safetensors"
-    tensors, _ = read_tensors(path, "photons", "photons")
+    tensors, _ = read_tensors(path, "photons")
     tensors["depth"][:] = 0
     write_tensors(path, "photons", tensors, {})
     finished.edit("params.yaml", field__direct="emitters")

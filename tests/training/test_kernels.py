@@ -45,7 +45,7 @@ class Problem:
         rng = np.random.default_rng(21)
         self.g = random_gaussians(rng, COUNT, sizes=(0.15, 0.9))
         self.settings = FieldSettings(
-            0.9, k=3, neighbours=neighbours, blend=blend, normal_test=False
+            search_radius=0.9, k=3, neighbours=neighbours, blend=blend, normal_test=False
         )
         x = rng.uniform([-1, 0, -0.5], [2, 2, 0.7], (POINTS, 3)).astype(np.float32).astype(float)
         self.x, self.n = x, random_normals(rng, POINTS)

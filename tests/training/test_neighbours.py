@@ -1,6 +1,5 @@
 """Neighbour lists hold what a query visits: no more, no less, and each in its own row."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import drjit as dr
@@ -38,7 +37,7 @@ def plain_rows(g, settings, x, n) -> tuple[list[set[int]], np.ndarray]:
     for point, normal in zip(x, n, strict=True):
         indices, support = neighbours_of(g, settings, point, normal)
         if support == settings.search_radius:
-            wide = replace(settings, neighbours="radius")
+            wide = settings.model_copy(update={"neighbours": "radius"})
             indices, _ = neighbours_of(g, wide, point, normal, LIST_MARGIN)
         rows.append(set(indices.tolist()))
         supports.append(support)
@@ -50,7 +49,7 @@ def plain_rows(g, settings, x, n) -> tuple[list[set[int]], np.ndarray]:
 def test_lists_are_those_of_the_plain_twin(neighbours, normal_test):
     rng = np.random.default_rng(8)
     g = random_gaussians(rng, 400)
-    settings = FieldSettings(0.4, k=3, neighbours=neighbours, normal_test=normal_test)
+    settings = FieldSettings(search_radius=0.4, k=3, neighbours=neighbours, normal_test=normal_test)
     x = rng.uniform(LOWER, UPPER, (150, 3)).astype(np.float32).astype(float)
     n = random_normals(rng, 150)
     lists = list_neighbours(make_field(g, settings), surface_points(x, n))
@@ -68,7 +67,7 @@ def test_lists_are_those_of_the_plain_twin(neighbours, normal_test):
 def test_blending_a_list_is_a_query(neighbours, blend):
     rng = np.random.default_rng(9)
     g = random_gaussians(rng, 200)
-    settings = FieldSettings(0.4, k=4, neighbours=neighbours, blend=blend)
+    settings = FieldSettings(search_radius=0.4, k=4, neighbours=neighbours, blend=blend)
     x, n = rng.uniform(LOWER, UPPER, (100, 3)), random_normals(rng, 100)
     field = make_field(g, settings)
     points = surface_points(x, n)
@@ -93,7 +92,7 @@ def test_a_sparse_point_with_many_just_outside_its_ball_keeps_to_its_row():
     # holds six. The points around it are dense, and their rows come right behind.
     ring = [[1.04, 0, 0], [0, 1.05, 0], [0, -1.06, 0], [-1.07, 0, 0]]
     g = flat_gaussians([[0.5, 0, 0], [-0.5, 0, 0], *ring], np.eye(3)[[0, 1, 2, 0, 1, 2]])
-    settings = FieldSettings(1.0, k=3)
+    settings = FieldSettings(search_radius=1.0, k=3)
     x = np.array([[0.0, 0, 0], [0.5, 0.3, 0], [0, 0, 0.01], [0.5, -0.3, 0], [0, 0, -0.02]])
     n = np.tile(UP, (5, 1))
     for order in ([0, 1, 2, 3, 4], [1, 0, 3, 2, 4]):
@@ -105,7 +104,7 @@ def test_a_sparse_point_with_many_just_outside_its_ball_keeps_to_its_row():
 
 def test_a_point_without_neighbours_has_an_empty_row():
     g = flat_gaussians([[0, 0.5, 0], [0.1, 0.5, 0]], np.ones((2, 3)))
-    settings = FieldSettings(0.3, neighbours="radius")
+    settings = FieldSettings(search_radius=0.3, neighbours="radius")
     x = np.array([[0.05, 0.5, 0], [1.5, 1.5, 0], [0.0, 0.5, 0]])
     lists = list_neighbours(make_field(g, settings), surface_points(x, np.tile(UP, (3, 1))))
     assert [sorted(row) for row in rows_of(lists, 3)] == [[0, 1], [], [0, 1]]
@@ -113,7 +112,7 @@ def test_a_point_without_neighbours_has_an_empty_row():
 
 def test_no_neighbours_at_all():
     g = flat_gaussians([[0, 0.5, 0]], np.ones((1, 3)))
-    field = make_field(g, FieldSettings(0.3, neighbours="radius"))
+    field = make_field(g, FieldSettings(search_radius=0.3, neighbours="radius"))
     points = surface_points(np.array([[1.5, 1.5, 0], [1.6, 1.5, 0]]), np.tile(UP, (2, 1)))
     lists = list_neighbours(field, points)
     assert rows_of(lists, 2) == [[], []]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -12,7 +10,7 @@ import pytest
 from gpf.core.random import pass_seed
 from gpf.core.structs import SurfacePoints, VisiblePoints, to_numpy
 from gpf.field.field import FieldSettings
-from gpf.photons.tracing import record_photons
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.sppm.density import PhotonDensity, radius_at
 from gpf.sppm.passes import PassSettings
@@ -23,7 +21,7 @@ from gpf.training.trainer import Trainer
 from tests.furnace import diffuse, floor, point_light
 from tests.plain_field import make_field, random_gaussians
 
-SETTINGS = PassSettings(photons_per_pass=4000, initial_radius=0.3)
+SETTINGS = PassSettings(photons_per_pass=4000, initial_radius=0.3, direct="photons")
 
 
 def supervise(targets: Targets) -> SurfacePoints:
@@ -47,7 +45,7 @@ def make_stream(settings: PassSettings = SETTINGS) -> PhotonStream:
 
 @pytest.mark.parametrize(("passes", "first"), [(250, 8), (20, 8), (5, 8), (1, 1)])
 def test_rounds_grow_and_end_with_the_last_pass(passes, first):
-    rounds = StreamSettings(passes, first).rounds()
+    rounds = StreamSettings(passes=passes, first=first).rounds()
     assert rounds[0] == min(first, passes) and rounds[-1] == passes
     assert rounds == sorted(set(rounds))
 
@@ -60,7 +58,7 @@ def test_targets_are_what_all_photons_so_far_say():
     p, n = mi.Point3f(targets.position.T), mi.Normal3f(targets.normal.T)
     expected = np.zeros_like(targets.irradiance)
     for t in (1, 2, 3):
-        photons = record_photons(stream.scene, paths=4000, seed=pass_seed(3, t, stream=0))
+        photons = record_photons(stream.scene, PathSettings(4000), seed=pass_seed(3, t, stream=0))
         bounds = scene_bounds(stream.scene)
         density = PhotonDensity(photons, radius, bounds, smooth=True)
         expected += to_numpy(density.irradiance(p, n)) / 3
@@ -84,10 +82,12 @@ def test_independent_passes_have_other_photons_for_the_same_points():
 def test_all_passes_and_steps_are_done():
     stream = make_stream()
     stream.advance(2)
-    field = make_field(random_gaussians(np.random.default_rng(4), 60), FieldSettings(0.5))
-    settings = TrainingSettings(steps=20, batch=64, rebuild_every=10, held_out=0.2)
+    field = make_field(
+        random_gaussians(np.random.default_rng(4), 60), FieldSettings(search_radius=0.5)
+    )
+    settings = TrainingSettings(steps=20, batch=64, rebuild_every=10, held_out=0.2, seed=0)
     trainer, seen = Trainer(field, supervise(stream.targets()), settings), []
-    turns = StreamSettings(12, 4)
+    turns = StreamSettings(passes=12, first=4)
     train_on_stream(trainer, stream, turns, supervise, tick=lambda *turn: seen.append(turn))
     assert stream.count == 12 and trainer.step_count == 20
     assert seen[-1] == (12, 20) and seen == sorted(seen)
@@ -98,7 +98,7 @@ def test_all_passes_and_steps_are_done():
 
 def test_direct_light_may_come_from_samples_of_the_emitters():
     """Of a point light they know all at once: I cos θ / d² at every point, with no photon."""
-    stream = make_stream(replace(SETTINGS, direct="emitters"))
+    stream = make_stream(SETTINGS.model_copy(update={"direct": "emitters"}))
     stream.advance(2)
     targets = stream.targets()
     assert len(targets.source) == 200 and set(targets.source) == {0}

@@ -7,7 +7,7 @@ import pytest
 
 from gpf.core.errors import UserError
 from gpf.core.structs import Photons, VisiblePoints, concatenate, take
-from gpf.photons.tracing import record_photons
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.training.surface_points import Places, sample_surface_points
 
@@ -38,7 +38,7 @@ def lit_floor(looks_down: bool = True) -> mi.Scene:
 
 def sample(count: int, paths: int, radius: float, looks_down: bool = True, **sets):
     scene = lit_floor(looks_down)
-    photons = record_photons(scene, paths=paths, seed=3)
+    photons = record_photons(scene, PathSettings(paths), seed=3)
     return sample_surface_points(
         Places(photons, **sets), count, radius, scene_bounds(scene), seed=3
     )

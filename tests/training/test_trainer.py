@@ -30,6 +30,10 @@ SETTINGS = TrainingSettings(
 )
 
 
+def settings_with(**changes: object) -> TrainingSettings:
+    return SETTINGS.model_copy(update=changes)
+
+
 # --- a plane with a known irradiance ----------------------------------------------------------
 
 
@@ -49,7 +53,11 @@ def make_points(count: int = 2000, scale: float = 1.0):
 
 
 def make_trainer(
-    settings: TrainingSettings = SETTINGS, scale: float = 1.0, points=None, isotropic: bool = False
+    settings: TrainingSettings = SETTINGS,
+    scale: float = 1.0,
+    points=None,
+    isotropic: bool = False,
+    **options: bool,
 ) -> Trainer:
     rng = np.random.default_rng(2)
     g = random_gaussians(rng, 250, sizes=(0.1, 0.2))
@@ -60,8 +68,8 @@ def make_trainer(
         irradiance=scale * g.irradiance,
         log_scales=np.full((250, 3), np.log(0.15)) if isotropic else g.log_scales,
     )
-    field = make_field(g, FieldSettings(0.3, k=3))
-    return Trainer(field, points or make_points(scale=scale), settings)
+    field = make_field(g, FieldSettings(search_radius=0.3, k=3))
+    return Trainer(field, points or make_points(scale=scale), settings, **options)
 
 
 def run(trainer: Trainer) -> tuple[GaussianPhotonField, list[Progress]]:
@@ -82,8 +90,8 @@ def arrays_of(field: GaussianPhotonField) -> np.ndarray:
 
 
 def test_the_error_falls():
-    trainer = make_trainer(replace(SETTINGS, steps=200, rebuild_every=50, evaluate_every=50))
-    before = error_of(run(make_trainer(replace(SETTINGS, steps=0)))[0])
+    trainer = make_trainer(settings_with(steps=200, rebuild_every=50, evaluate_every=50))
+    before = error_of(run(make_trainer(settings_with(steps=0)))[0])
     field, reports = run(trainer)
     assert [p.step for p in reports] == [50, 100, 150, 200]
     errors = [p.held_out_error for p in reports]
@@ -138,7 +146,7 @@ def test_the_best_state_is_kept(monkeypatch):
 
 
 def test_round_gaussians_stay_round():
-    trainer = make_trainer(replace(SETTINGS, anisotropic=False), isotropic=True)
+    trainer = make_trainer(isotropic=True, anisotropic=False)
     field, reports = run(trainer)
     scales = np.array(field.gaussians.log_scales)
     assert np.abs(scales - np.log(0.15)).max() > 0.01
@@ -153,7 +161,7 @@ def test_the_same_seed_gives_the_same_field():
     first, again = (arrays_of(run(make_trainer())[0]) for _ in range(2))
     # Sums over points are taken in the order in which threads arrive.
     np.testing.assert_allclose(first, again, atol=2e-3)
-    other = arrays_of(run(make_trainer(replace(SETTINGS, seed=6)))[0])
+    other = arrays_of(run(make_trainer(settings_with(seed=6)))[0])
     assert np.abs(first - other).max() > 0.02
 
 
@@ -166,7 +174,7 @@ def test_the_unit_of_light_does_not_matter():
 
 def test_black_targets_train_to_black():
     points = make_points(scale=0.0)
-    field, reports = run(make_trainer(replace(SETTINGS, steps=100), points=points))
+    field, reports = run(make_trainer(settings_with(steps=100), points=points))
     assert np.isfinite(arrays_of(field)).all()
     assert reports[-1].held_out_error < 0.5 * reports[0].held_out_error
 
@@ -198,22 +206,20 @@ def test_the_other_side_of_a_thin_wall_is_another_surface():
 
 
 def test_a_start_from_targets_is_near_the_end():
-    settings = replace(SETTINGS, steps=0, held_out=0.2)
-    errors = [
-        make_trainer(replace(settings, from_targets=whether)).evaluate() for whether in (0, 1)
-    ]
+    settings = settings_with(steps=0, held_out=0.2)
+    errors = [make_trainer(settings, from_targets=whether).evaluate() for whether in (False, True)]
     assert errors[1] < 0.3 * errors[0]
 
 
 def test_no_steps_leave_the_field_as_it_was():
-    field, reports = run(make_trainer(replace(SETTINGS, steps=0)))
+    field, reports = run(make_trainer(settings_with(steps=0)))
     assert reports == []
     expected = random_gaussians(np.random.default_rng(2), 250, sizes=(0.1, 0.2)).irradiance
     np.testing.assert_allclose(np.array(field.gaussians.irradiance).T, expected, rtol=1e-5)
 
 
 def test_without_held_out_points_the_last_state_is_kept():
-    trainer = make_trainer(replace(SETTINGS, held_out=0.0))
+    trainer = make_trainer(settings_with(held_out=0.0))
     assert dr.width(trainer.training.p) == 2000
     field, _ = run(trainer)
     last = arrays_of(field)
@@ -228,7 +234,7 @@ def test_without_held_out_points_the_last_state_is_kept():
 
 def test_rates_fall_on_a_cosine():
     rates = LearningRates(means=1e-3, log_scales=2e-3, quats=3e-3, irradiance=4e-3)
-    trainer = make_trainer(replace(SETTINGS, rates=rates, final_rate=0.25, steps=100))
+    trainer = make_trainer(settings_with(rates=rates, final_rate=0.25, steps=100))
     full = np.array([1e-3 * 0.3] * 3 + [2e-3] * 3 + [3e-3] * 4 + [4e-3] * 3)
     for step, share in ((0, 1), (50, 0.625), (100, 0.25)):
         trainer.step_count = step
@@ -238,7 +244,7 @@ def test_rates_fall_on_a_cosine():
 
 
 def test_batches_take_one_point_of_each_stratum():
-    trainer = make_trainer(replace(SETTINGS, batch=100))
+    trainer = make_trainer(settings_with(batch=100))
     count = dr.width(trainer.training.p)
     first = np.array(trainer.batch())
     starts = np.arange(100) * count / 100
@@ -251,14 +257,14 @@ def test_batches_take_one_point_of_each_stratum():
 
 
 def test_a_batch_larger_than_the_points_is_all_of_them():
-    trainer = make_trainer(replace(SETTINGS, batch=100_000))
+    trainer = make_trainer(settings_with(batch=100_000))
     np.testing.assert_array_equal(
         np.array(trainer.batch()), np.arange(dr.width(trainer.training.p))
     )
 
 
 def test_lists_are_rebuilt_on_schedule(monkeypatch):
-    trainer = make_trainer(replace(SETTINGS, steps=50, rebuild_every=20))
+    trainer = make_trainer(settings_with(steps=50, rebuild_every=20))
     at: list[int] = []
     rebuild = trainer.rebuild
     monkeypatch.setattr(trainer, "rebuild", lambda: (at.append(trainer.step_count), rebuild()))
@@ -334,7 +340,7 @@ def test_a_truncated_checkpoint_is_said_in_words(tmp_path):
 
 def test_steps_are_compiled_once():
     """What changes from step to step is data: a second run of other steps compiles nothing."""
-    trainer = make_trainer(replace(SETTINGS, steps=50, rebuild_every=100))
+    trainer = make_trainer(settings_with(steps=50, rebuild_every=100))
     trainer.advance(2)
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
         dr.kernel_history_clear()

@@ -1,4 +1,4 @@
-"""What gradient descent on flat parameter arrays needs: Adam, a schedule, and checkpoints."""
+"""Gradient descent on flat parameter arrays: Adam, checkpoints, and recorded functions."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Fit:
 
     Attributes
     ----------
-    values: the parameters, arrays of any sizes.
+    values: the parameters, arrays of any size.
     adam: their moments.
-    step: how many steps have been made.
+    step: number of steps so far.
     """
 
     values: list[mi.Float]
@@ -49,7 +49,7 @@ class Fit:
         fingerprint: Mapping[str, Any],
         more: Mapping[str, np.ndarray] | None = None,
     ) -> None:
-        """Write a checkpoint, atomically; ``more`` are arrays of the caller's."""
+        """Write a checkpoint, atomically; ``more`` are further arrays of the caller."""
         tensors = dict(more or {})
         groups = ("value", self.values), ("first", self.adam.first), ("second", self.adam.second)
         for name, arrays in groups:
@@ -58,12 +58,12 @@ class Fit:
         write_tensors(path, "baseline checkpoint", tensors, metadata)
 
     def restore(self, path: Path, fingerprint: Mapping[str, Any]) -> dict[str, np.ndarray] | None:
-        """Go on from a checkpoint with the same fingerprint; its further arrays, or None.
+        """Continue from a checkpoint with the same fingerprint; returns its further arrays.
 
-        What cannot be read counts for nothing: all that it holds can be computed again.
+        Without such a checkpoint, or if it cannot be read, nothing changes and None is returned.
         """
         try:
-            tensors, metadata = read_tensors(path, "baseline checkpoint", "baseline")
+            tensors, metadata = read_tensors(path, "baseline checkpoint")
         except UserError:
             return None
         if metadata["fingerprint"] != json.loads(json.dumps(dict(fingerprint))):
@@ -85,7 +85,7 @@ def run_steps(
     save: Callable[[], None],
     report: Callable[[int, int], None],
 ) -> None:
-    """Make all steps that are left of so many, with checkpoints."""
+    """Make the remaining steps of ``steps``, and save every ``CHECKPOINT_STEPS`` and at the end."""
     report(fit.step, steps)
     while fit.step < steps:
         step()
@@ -95,7 +95,7 @@ def run_steps(
 
 
 def digest(*arrays: np.ndarray) -> str:
-    """A short name for the contents of arrays."""
+    """A short hash of the contents of arrays."""
     total = hashlib.sha256()
     for array in arrays:
         total.update(np.ascontiguousarray(array).tobytes())
@@ -103,22 +103,22 @@ def digest(*arrays: np.ndarray) -> str:
 
 
 class Model(Protocol):
-    """What has parameters and takes others."""
+    """A model whose parameters can be replaced."""
 
     @property
     def parameters(self) -> list[mi.Float]:
-        """The parameters, arrays of any sizes."""
+        """The parameters, arrays of any size."""
 
     def update(self, parameters: list[mi.Float]) -> None:
-        """Take others of the same sizes."""
+        """Replace the parameters by others of the same sizes."""
 
 
 @contextmanager
 def given(model: Model, parameters: list[mi.Float]) -> Iterator[None]:
-    """A model with other parameters, for as long as the ``with`` lasts.
+    """A model with other parameters inside the ``with`` block.
 
-    What a recorded function replaced for good would be freed while Dr.Jit records, and that ends
-    the process.
+    A recorded function must not replace parameters permanently: the old arrays would be freed while
+    Dr.Jit records, which ends the process.
     """
     before = model.parameters
     model.update(parameters)
@@ -129,10 +129,10 @@ def given(model: Model, parameters: list[mi.Float]) -> Iterator[None]:
 
 
 class Recorded:
-    """A function that Dr.Jit records on its first calls and replays afterwards.
+    """A function that Dr.Jit records in its first calls and replays later.
 
-    A step of a network is thousands of operations: tracing them anew costs Python as much time as
-    the step itself takes.
+    A training step of a network has thousands of operations. Tracing them in Python again takes as
+    long as the step itself.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -140,11 +140,11 @@ class Recorded:
         self._calls = 0
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call, or replay; arguments are arrays and lists of them, of the same sizes each time."""
+        """Call or replay; arguments are arrays or lists of arrays, of the same sizes each time."""
         collects = gc.isenabled()
         if self._calls == 0:
             gc.collect()
-        # A scene that is collected as garbage while Dr.Jit records would end the process.
+        # If Python collects a scene as garbage while Dr.Jit records, the process ends.
         if self._calls < 2:
             gc.disable()
         self._calls += 1

@@ -1,4 +1,4 @@
-"""Fitting Gaussians to pictures: 3DGS's loss, and gsplat's rule for where more are needed."""
+"""Fitting Gaussians to images, with 3DGS's loss and gsplat's strategy for their number."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from gpf.core.errors import UserError
 from gpf.core.files import read_tensors, write_tensors
 from gpf.core.random import Stream, pass_seed
 
-# The rule looks for Gaussians to split, double or drop so many times in the course of a training,
-# from the second time on, and until this share of it is over.
+# A training is divided into this many parts. After each part from the second on, until the share
+# LAST_REFINEMENT of the training, the strategy splits, doubles and removes Gaussians.
 REFINEMENTS = 30
 LAST_REFINEMENT = 0.6
-# Gaussians whose centres pull harder than this, in half images, are split or doubled. 3DGS has
-# 2e-4; with ten views, and images that water bends, more Gaussians fit the training views better
-# and novel ones worse.
+# Gaussians whose centres have a larger gradient than this, in half images, are split or doubled.
+# 3DGS uses 2e-4; with ten views, and images refracted by water, more Gaussians fit the training
+# views better and the novel views worse.
 PULL = 1e-3
-# The harmonics of one more degree count after so much of the training.
+# The highest degree of the harmonics rises by one after each such share of the training.
 DEGREE_STEP = 0.1
 CHECKPOINT_SECONDS = 30
 
 
 @dataclass(frozen=True)
 class Picture:
-    """What a camera saw: sRGB in [0, 1], (H, W, 3)."""
+    """A camera and its image, sRGB in [0, 1], (H, W, 3)."""
 
     camera: Pinhole
     image: np.ndarray
@@ -44,14 +44,15 @@ class Picture:
 
 @dataclass(frozen=True)
 class Plan:
-    """How long to train, and for what.
+    """Settings of a training.
 
     Attributes
     ----------
-    steps: of the optimiser, each for one picture.
-    most: Gaussians; where the rule wants more than this, those that pull hardest get them.
-    degree: of the harmonics.
-    seed: of the order of pictures, and of where the halves of a split Gaussian go.
+    steps: optimiser steps, each on one image.
+    most: approximate upper limit of the Gaussians. If the strategy asks for more, only Gaussians
+        with the largest gradients are split or doubled.
+    degree: highest degree of the harmonics.
+    seed: of the order of images, and of the places of split Gaussians.
     """
 
     steps: int
@@ -61,7 +62,7 @@ class Plan:
 
 
 class SplatTrainer:
-    """A training that a file can take up where it was stopped."""
+    """A training that can continue from a checkpoint."""
 
     def __init__(
         self, model: SplatModel, pictures: Sequence[Picture], rasteriser: Rasteriser, plan: Plan
@@ -75,13 +76,13 @@ class SplatTrainer:
             refine_start_iter=every,
             refine_stop_iter=int(LAST_REFINEMENT * plan.steps),
             refine_every=every,
-            reset_every=plan.steps + 1,  # for trainings ten times as long
+            reset_every=plan.steps + 1,  # never: resets suit trainings ten times as long
         )
         self.state = self.strategy.initialize_state(scene_scale=model.size)
         self.done = 0
 
     def run(self, file: Path, report: Callable[[int, int], None]) -> None:
-        """Make the steps that are left; ``file`` keeps what is there every now and then."""
+        """Make the remaining steps; write the checkpoint ``file`` now and then and at the end."""
         saved = time.monotonic()
         with _one_thread():
             while self.done < self.plan.steps:
@@ -93,7 +94,7 @@ class SplatTrainer:
         self.save(file)
 
     def step(self) -> float:
-        """Fit one picture a little better, and return how far from it the image was."""
+        """Make one optimiser step on one image; returns its loss before the step."""
         plan, step = self.plan, self.done
         k = self._next_picture(step)
         degree = min(plan.degree, int(step / (DEGREE_STEP * plan.steps)))
@@ -106,13 +107,13 @@ class SplatTrainer:
         return float(difference.loss[0])
 
     def _next_picture(self, step: int) -> int:
-        """All pictures once, in random order, then once more."""
+        """The index of the step's image: all images once in random order, then again."""
         count = len(self.pictures)
         rng = np.random.default_rng(pass_seed(self.plan.seed, step // count, Stream.SPLAT_VIEWS))
         return int(rng.permutation(count)[step % count])
 
     def _refine(self, step: int, info: dict[str, Any]) -> None:
-        """Let the strategy do its part of a step."""
+        """Let the strategy split, double and remove Gaussians."""
         self.strategy.grow_grad2d = self._least_pull()
         with torch.random.fork_rng():
             torch.manual_seed(pass_seed(self.plan.seed, step, Stream.SPLAT_GROWTH))
@@ -121,7 +122,7 @@ class SplatTrainer:
             )
 
     def _least_pull(self) -> float:
-        """What a Gaussian has to pull for another one, so that there will not be too many."""
+        """The least gradient for a split or doubling, so that there are about ``most`` at most."""
         room = self.plan.most - self.model.count
         if room <= 0:
             return float("inf")
@@ -141,9 +142,9 @@ class SplatTrainer:
     def resume(
         cls, file: Path, pictures: Sequence[Picture], rasteriser: Rasteriser, plan: Plan
     ) -> SplatTrainer | None:
-        """The training that a checkpoint is of; None without one that can be read."""
+        """The training of a checkpoint; None if there is no readable checkpoint."""
         try:
-            arrays, record = read_tensors(file, "splats", "baseline")
+            arrays, record = read_tensors(file, "splats")
         except UserError:
             return None
         model = SplatModel.restore(arrays, record["size"], rasteriser.device)
@@ -158,7 +159,7 @@ class SplatTrainer:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Keep torch to one thread: what it has to do here is less than waiting for others to join."""
+    """Limit torch to one thread: its work here is so small that more threads are slower."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

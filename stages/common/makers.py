@@ -1,0 +1,66 @@
+"""What makes each file below `results/`: errors about files name the command."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import wraps
+from itertools import pairwise
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+from gpf.core.errors import FileError, UserError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+# Place below results/SCENE -> the stage, with its option.
+_MAKERS = (
+    (r"scene(/.*|\.json)?|views\.yaml", "scene"),
+    (r"(reference|second_reference)/.*|targets\.safetensors", "reference"),
+    (r"photons\.safetensors", "photons"),
+    (r"field\.safetensors|training/.*", "train"),
+    (r"renders/gpf/.*", "render"),
+    (r"renders/([^/]+)/.*", r"baseline --method \1"),
+    (r"(metrics|summary|convergence|quality)[./].*", "metrics"),
+    (r"ablations/([^/.]+).*", r"ablation --variant \1"),
+    (r"animation/.*", "animate"),
+    (r"(amortize\.json|cost\.csv)", "amortize"),
+    (r"(?:costs|checkpoints)/baselines?[/-]([^/.]+).*", r"baseline --method \1"),
+    (r"(?:costs|checkpoints)/ablations?[/-]([^/.]+).*", r"ablation --variant \1"),
+    (r"(?:costs|checkpoints)/([a-z]+).*", r"\1"),
+)
+
+
+def command_for(path: Path) -> str | None:
+    """The command that makes a file: `gpf stage train --scene cornell_box`; None if none does."""
+    parts = Path(path).parts
+    for i, (above, scene) in enumerate(pairwise(parts)):
+        below = "/".join(parts[i + 2 :])
+        if above == "results" and below:
+            for pattern, stage in _MAKERS:
+                if found := re.fullmatch(pattern, below):
+                    return f"gpf stage {found.expand(stage)} --scene {scene}"
+    return None
+
+
+def with_command(error: FileError) -> UserError:
+    """The error with the command that makes the file, if there is one."""
+    command = command_for(error.path)
+    if command is None:
+        return error
+    todo = f"Run `{command}` first." if error.missing else f"Delete it and run `{command}` again."
+    return UserError(error.where, error.what, todo)
+
+
+def naming_commands(function: Callable[P, R]) -> Callable[P, R]:
+    """The function, whose errors about files name the commands that make these."""
+
+    @wraps(function)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return function(*args, **kwargs)
+        except FileError as error:
+            raise with_command(error) from error
+
+    return wrapped
