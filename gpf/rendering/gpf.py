@@ -131,7 +131,6 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         has_alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
 
         def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
-        """Radiance of camera rays, whether they end on a diffuse surface, and the coverage."""
             ray, weight = sample_pixel_rays(sensor, sampler, pixel)
             radiance, valid, aovs, _ = self.sample(dr.ADMode.Primal, scene, sampler, ray)
             alpha = [dr.select(valid, mi.Float(1), 0)] if has_alpha else []
@@ -168,6 +167,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
     def sample(  # type: ignore[no-untyped-def]
         self, mode, scene, sampler, ray, depth=None, active=True, **kwargs
     ) -> tuple[Any, ...]:
+        """Radiance of camera rays, whether they end on a diffuse surface, and the coverage."""
         if mode != dr.ADMode.Primal:
             raise RuntimeError("The gpf integrator has no derivatives.")
         if self.field is None:

@@ -22,8 +22,8 @@ def register_integrators() -> None:
 def _on_variant_change(old: str | None, new: str | None) -> None:
     """Import the modules of the plugins, or again: their base classes belong to the variant.
 
-    Mitsuba reloads its own integrators in Python like that. Scalar variants have no wavefront, which
-    the plugins need.
+    Mitsuba reloads its own Python integrators in the same way. Scalar variants are left out: the
+    plugins need a wavefront.
     """
     if new is None or new == old or not new.startswith(("llvm", "cuda")):
         return
