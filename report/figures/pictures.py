@@ -53,12 +53,6 @@ def measured_views(scene: SceneResults, method: str) -> dict[str, float]:
     }
 
 
-def maker_of(method: str) -> str:
-    """The stage, with its option, that renders a method's images."""
-    own = {"reference": "reference", SECOND_REFERENCE: "reference", FIELD: "render"}
-    return own.get(method, f"baseline --method {method}")
-
-
 def open_picture(results: Results, scene: SceneResults, method: str, view: str) -> Picture:
     """A method's image of a view."""
     layers, _ = read_exr(scene.image(method, view))

@@ -1,4 +1,4 @@
-"""The report as one file for a browser: nothing is fetched, everything is inside."""
+"""The report as one HTML file; it loads nothing from the network."""
 
 from report.page.page import write_page
 

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from gpf.core.images import read_exr
-from report.figures.pictures import maker_of
 from report.page.pictures import Picture, encode, shrink
 from report.results import FIELD, SECOND_REFERENCE, Results, SceneResults
 

@@ -1,4 +1,4 @@
-"""Pictures inside the page: data URIs of figures and of tone-mapped images."""
+"""Figures and tone-mapped images as data URIs."""
 
 from __future__ import annotations
 
@@ -17,13 +17,19 @@ if TYPE_CHECKING:
     from report.figures import Figure
 
 LARGE = 250_000
-"""Bytes of a file from which on a figure is compressed with losses that the eye does not see."""
+"""Bytes; larger figures are stored as lossy WebP of high quality."""
 
 
 @dataclass(frozen=True)
 class Embedded:
-    """An ``<img>``: a data URI, its size in pixels, which keeps its place free, and how wide it is
-    meant to be, in inches (0: as wide as it gets)."""
+    """An ``<img>``.
+
+    Attributes
+    ----------
+    source: data URI.
+    width, height: pixels; they reserve its place while the page loads.
+    inches: wanted width; 0 for the full width.
+    """
 
     source: str
     width: int
@@ -32,8 +38,14 @@ class Embedded:
 
 
 def embed_figure(figure: Figure) -> Embedded | None:
-    """A figure as small as it gets: its drawing, if that is small; else its pixels, as WebP if
-    they take much. What moves stays as it is. None for a figure that was left out."""
+    """A figure as SVG if that is small, else as PNG, or as WebP if the PNG is large.
+
+    None for a figure that was left out. An animated PNG is stored as it is.
+
+    Raises
+    ------
+    UserError: a file cannot be read.
+    """
     if figure.svg is None or figure.png is None:
         return None
     try:
@@ -57,7 +69,7 @@ def embed_figure(figure: Figure) -> Embedded | None:
 
 
 def embed_radiance(radiance: np.ndarray, exposure: float) -> Embedded:
-    """An image of a scene, tone-mapped as it was compared."""
+    """An image (H, W, 3), tone-mapped with the exposure of the metrics."""
     pixels = np.round(tone_map(radiance, exposure) * 255).astype(np.uint8)
     picture = Image.fromarray(pixels)
     return Embedded(to_uri(_webp(picture), "webp"), picture.width, picture.height)
@@ -70,5 +82,5 @@ def _webp(picture: Image.Image) -> bytes:
 
 
 def to_uri(data: bytes, kind: str) -> str:
-    """A picture's bytes as an address that holds them."""
+    """A data URI with the bytes of a picture; ``kind`` is its type, like `png`."""
     return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"

@@ -1,8 +1,8 @@
-"""Films: of each scene that has one, the camera path by several methods side by side.
+"""Films: the camera path of a scene by several methods side by side.
 
-`gpf stage animate` has made them as pictures that move. They share the page's bytes with the
-flip-books: where not all views fit beside them, films have half their size along each side; and
-before the images of flip-books are shrunk for them, they are left out.
+`gpf stage animate` writes them as animated WebP. They share the size limit of the page with the
+flip-books. If not all views fit, films get half their size along each side; films are left out
+before images of flip-books are shrunk.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from report.tables.flicker import title_of
 
 @dataclass(frozen=True)
 class Film:
-    """A picture that moves, and what can be said of it.
+    """An animated picture.
 
     Attributes
     ----------
-    moving, still: data URIs of the picture and of its first frame.
-    width, height: of the file on disk, pixels, whatever the size of what is shown.
-    frames: how many there are.
-    methods: titles of those that are shown.
-    missing: titles of those that could not serve the scene, with the reason why.
-    file: the picture.
+    moving, still: data URIs of the animation and of its first frame.
+    width, height: of the file on disk, pixels, also if the film is halved.
+    frames: number of frames.
+    methods: titles of the methods in it.
+    missing: title -> reason, of methods that could not serve the scene.
+    file: the file on disk.
     halved: whether it is shown at half its size.
     """
 
@@ -48,17 +48,17 @@ class Film:
 
     @property
     def size(self) -> int:
-        """Bytes of both pictures."""
+        """Size of both data URIs, bytes."""
         return len(self.moving) + len(self.still)
 
     @property
     def film(self) -> Path:
-        """The same at more pixels, as a file for players."""
+        """The video file with more pixels, for players."""
         return self.file.with_suffix(".mp4")
 
 
 def open_films(results: Results) -> dict[str, Film]:
-    """The films that there are of the scenes that `animation` asks for, by scene."""
+    """Scene -> film, for the measured scenes of `animation` that have one."""
     asked = results.params.animation.scenes
     scenes = [results.scene(name) for name in results.scenes if name in asked]
     return {s.name: _open(results, s) for s in scenes if _file(s).exists()}
@@ -67,11 +67,11 @@ def open_films(results: Results) -> dict[str, Film]:
 def share_room(
     results: Results, films: dict[str, Film], most_bytes: int
 ) -> tuple[dict[str, Film], Shelf]:
-    """Films and flip-books that have at most so many bytes, as far as they can give way."""
+    """The films and flip-books for the page, at most ``most_bytes`` if possible."""
     maker = ViewMaker(results)
 
     def fill(chosen: dict[str, Film]) -> tuple[Shelf, bool]:
-        """The books beside these films, and whether both fit."""
+        """The flip-books with these films, and whether both fit."""
         room = most_bytes - sum(film.size for film in chosen.values())
         shelf = make_books(results, room, maker)
         return shelf, shelf.size <= room
@@ -88,7 +88,7 @@ def share_room(
 
 
 def halve(film: Film) -> Film:
-    """The film at half its size along each side."""
+    """The film with half its size along each side."""
     with Image.open(film.file) as picture:
         size = max(1, picture.width // 2), max(1, picture.height // 2)
         frames, times = [], []

@@ -1,4 +1,4 @@
-"""`results/report.html`: words, tables, figures and flip-books in one file."""
+"""`results/report.html`: texts, tables, figures, films and flip-books in one file."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ OPENING = "teaser"
 
 @dataclass(frozen=True)
 class ScenePart:
-    """What the page shows of a scene."""
+    """A scene on the page."""
 
     name: str
     title: str
@@ -60,15 +60,15 @@ def write_page(
     path: Path,
     most_bytes: int = MOST_BYTES,
 ) -> None:
-    """Write the page, atomically.
+    """Write the page atomically, with at most ``most_bytes``.
 
-    Everything has to be inside ``most_bytes``: films and flip-books take what words, tables and
-    figures leave (:mod:`report.page.films`, :mod:`report.page.books`).
+    Texts, tables and figures are always complete; films and flip-books use the rest of the bytes
+    (:mod:`report.page.films`, :mod:`report.page.books`).
 
     Raises
     ------
-    UserError: a picture's file is missing, or what is neither flip-book nor film takes more than
-        there is.
+    UserError: the file of a figure is missing, or the page is too large even without films and
+        flip-books.
     """
     embedded = {figure.name: (figure, embed_figure(figure)) for figure in figures}
     parts = _scene_parts(results, embedded)
@@ -77,8 +77,8 @@ def write_page(
     if room < 0:
         raise UserError(
             str(path),
-            f"would have {bare / 1e6:.1f} MB without its flip-books; {most_bytes / 1e6:.1f} MB are "
-            "the most",
+            f"would have {bare / 1e6:.1f} MB without its flip-books; {most_bytes / 1e6:.1f} MB is "
+            "the limit",
             "Make the figures smaller.",
         )
     films = open_films(results)
@@ -98,7 +98,7 @@ def _render(
     scenes: Sequence[ScenePart],
     shelf: Shelf,
 ) -> str:
-    """The page as text."""
+    """The text of the page."""
     pictures: dict[str, Picture] = {}
 
     def keep(picture: Picture) -> str:
@@ -106,7 +106,7 @@ def _render(
         pictures[name] = picture
         return name
 
-    # The scale of error maps is that of the figures.
+    # Error maps have the same colours as in the figures.
     errors = {"colours": _colours(1024).reshape(-1).tolist(), "largest": LARGEST_ERROR}
     content = {"books": map_pictures(shelf, keep), "errors": errors}
     elsewhere = {OPENING, *COST_FIGURES, *(f.name for s in scenes for f, _ in s.figures)}
@@ -161,7 +161,7 @@ def _scene_parts(
 
 
 def _poster(results: Results, scene: SceneResults) -> tuple[str, Embedded | None]:
-    """The field's image (else the reference) of the scene's most typical view."""
+    """The typical view, and its image by the field, or its reference if there is none."""
     for view, _ in order_views(scene)[:1]:
         for method in (FIELD, "reference"):
             image = read_image(results, scene, method, view)
@@ -171,13 +171,13 @@ def _poster(results: Results, scene: SceneResults) -> tuple[str, Embedded | None
 
 
 def _surroundings(results: Results) -> int:
-    """Bytes that all flip-books and films take beside their pictures' data, at most."""
+    """Upper bound for the bytes of all flip-books and films without the data of their pictures."""
     views = sum(len(order_views(results.scene(name))) for name in results.scenes)
     return 10_000 * len(results.scenes) + 400 * views * (len(results.methods) + 1)
 
 
 def _with_html(table: Table) -> tuple[Table, Markup]:
-    """A table, and its HTML with a caption that stays in sight while one scrolls sideways."""
+    """A table and its HTML; a span keeps the caption in sight while the table scrolls sideways."""
     html = to_html(table).replace("<caption>", "<caption><span>")
     return table, Markup(html.replace("</caption>", "</span></caption>"))
 
@@ -187,15 +187,15 @@ def _read(name: str) -> Markup:
 
 
 def _json(value: Any) -> Markup:
-    """JSON that cannot end the element it stands in."""
+    """JSON without `<`, which could end the script element."""
     return Markup(json.dumps(value, separators=(",", ":")).replace("<", "\\u003c"))
 
 
 def _colours(count: int) -> np.ndarray:
-    """Red, green and blue, 0 to 255, of so many errors from 0 to the largest: (count, 3)."""
+    """Colours of ``count`` errors from 0 to the largest: RGB from 0 to 255, (count, 3)."""
     return np.asarray(ERRORS.to_rgba(np.linspace(0, LARGEST_ERROR, count), bytes=True))[:, :3]
 
 
 def _gradient() -> str:
-    """The same for a legend."""
+    """The same colours as a CSS gradient."""
     return ", ".join(f"rgb({red},{green},{blue})" for red, green, blue in _colours(33))

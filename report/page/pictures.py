@@ -1,9 +1,9 @@
-"""Radiance as a page carries it: bfloat16, predicted from its neighbours, deflated, as text.
+"""Radiance in the page: bfloat16, predicted from neighbours, deflated, as base64 text.
 
-bfloat16 is the upper half of a float32: its range, and 8 significant bits, so that a stored value
-is at most 1/256 of itself away from what was rendered, at any exposure. The codes of G, and those
-of R and B less those of G, are predicted by the median of left, above and left + above - corner
-(as JPEG-LS does); what the prediction misses is deflated. `codec.js` is the way back.
+bfloat16 is the upper half of a float32. It has the same range and 8 significant bits, so that the
+relative error of a stored value is at most 1/256, at any exposure. As in JPEG-LS, the codes of G,
+R - G and B - G are predicted by the median of left, above and left + above - corner; the residuals
+are deflated. `codec.js` decodes them.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ import numpy as np
 from gpf.core.images import check_finite
 
 PRECISION = 1 / 256
-"""Relative error of a stored value, at most."""
+"""Largest relative error of a stored value."""
 
 _LARGEST = np.uint32(0x7F7F)  # the next code is infinity
 
 
 @dataclass(frozen=True)
 class Picture:
-    """An image as text: base64 of the deflated residuals of ``height`` rows of ``width`` pixels."""
+    """An image: base64 text of the deflated residuals of ``height`` rows of ``width`` pixels."""
 
     width: int
     height: int
@@ -32,19 +32,19 @@ class Picture:
 
 
 def encode(radiance: np.ndarray, where: str) -> Picture:
-    """Pack radiance (H, W, 3). Negative radiance, which no screen shows, becomes 0.
+    """Encode radiance (H, W, 3). Negative radiance becomes 0, as on a screen.
 
     Raises
     ------
-    UserError: NaN or infinite values; ``where`` names the image.
+    UserError: NaN or infinite values. ``where`` names the image in the message.
     """
     check_finite(radiance, where)
     height, width, _ = radiance.shape
     residuals = predict(to_codes(radiance))
     octets = residuals.astype("<u2").view(np.uint8)
-    # Lower and upper bytes apart, each with Huffman codes of their own: the upper ones are nearly
-    # all 0. Else it is noise: to look for longer strings that come again, as deflate does by
-    # default, takes ten times as long, and 4 % more room.
+    # Lower and upper bytes get separate Huffman codes, because nearly all upper bytes are 0. The
+    # lower bytes are noise: the default strategy, which searches for repeated strings, takes ten
+    # times as long and 4 % more bytes.
     packer = zlib.compressobj(strategy=zlib.Z_RLE)
     packed = packer.compress(octets[0::2].tobytes()) + packer.flush(zlib.Z_BLOCK)
     packed += packer.compress(octets[1::2].tobytes()) + packer.flush()
@@ -59,14 +59,14 @@ def to_codes(radiance: np.ndarray) -> np.ndarray:
 
 
 def to_radiance(codes: np.ndarray) -> np.ndarray:
-    """What codes stand for, float32."""
+    """The values of codes, float32."""
     return (codes.astype(np.uint32) << 16).view(np.float32)
 
 
 def predict(codes: np.ndarray) -> np.ndarray:
-    """What the prediction misses, plane by plane and row by row: (3 H W,) uint16, zigzag coded.
+    """Residuals of the prediction, by plane and row, (3 H W,) uint16, zigzag coded.
 
-    Zigzag puts small residuals first: 0, -1, 1, -2, … become 0, 1, 2, 3, …
+    Zigzag coding turns 0, -1, 1, -2, … into 0, 1, 2, 3, …
     """
     red, green, blue = np.moveaxis(codes.astype(np.int32), -1, 0)
     planes = np.stack([green, red - green, blue - green])
@@ -75,13 +75,13 @@ def predict(codes: np.ndarray) -> np.ndarray:
     above[:, 1:] = planes[:, :-1]
     corner[:, 1:, 1:] = planes[:, :-1, :-1]
     low, high = np.minimum(left, above), np.maximum(left, above)
-    missed = planes - np.clip(left + above - corner, low, high)
-    missed = missed.astype(np.int16).astype(np.int32)  # modulo 2^16, as the way back adds
-    return ((missed << 1) ^ (missed >> 31)).astype(np.uint16).reshape(-1)
+    residuals = planes - np.clip(left + above - corner, low, high)
+    residuals = residuals.astype(np.int16).astype(np.int32)  # modulo 2^16, as in the decoder
+    return ((residuals << 1) ^ (residuals >> 31)).astype(np.uint16).reshape(-1)
 
 
 def shrink(radiance: np.ndarray, factor: int) -> np.ndarray:
-    """Means of ``factor`` × ``factor`` pixels; what is left over at the right and below is cut."""
+    """Means of ``factor`` × ``factor`` pixels; remaining pixels at the right and below are cut."""
     height, width = (side // factor for side in radiance.shape[:2])
     cut = radiance[: height * factor, : width * factor]
     return cut.reshape(height, factor, width, factor, 3).mean(axis=(1, 3))

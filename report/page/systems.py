@@ -1,4 +1,4 @@
-"""What each system is, for somebody who knows none of them."""
+"""Short descriptions of all systems."""
 
 from __future__ import annotations
 
@@ -8,35 +8,41 @@ from dataclasses import dataclass
 from report.results import FIELD, SECOND_REFERENCE, Results
 
 ABOUT = {
-    FIELD: "The method of this project. Photons become Gaussians, which are fitted once to what "
-    "many passes of SPPM give on the scene's surfaces. A camera path looks them up where it first "
-    "meets something diffuse.",
-    SECOND_REFERENCE: "A second reference: as many passes as the first has, but photons of its own. It "
-    "tells how close two references come to each other, and does not compete.",
-    "path_tracer": "Mitsuba's path tracer: every camera path looks for the lamps by itself. "
-    "Light that comes through glass or water is found by luck.",
-    "particle_tracer": "Mitsuba's particle tracer: paths from the lamps, each joined with the "
+    FIELD: "The method of this project. Photons become Gaussians, which are fitted once to the "
+    "result of many SPPM passes on the scene's surfaces. A camera path looks the Gaussians up at "
+    "its first diffuse surface.",
+    SECOND_REFERENCE: "The second reference: SPPM with as many passes as the reference and other "
+    "random numbers. It shows how far two references agree, and is not ranked.",
+    "path_tracer": "Mitsuba's path tracer: paths from the camera that connect to the lamps. Light "
+    "through glass or water is found only by chance.",
+    "particle_tracer": "Mitsuba's particle tracer: paths from the lamps that connect to the "
     "camera. What the camera sees in a mirror or through glass is missing.",
-    "sppm": "Stochastic progressive photon mapping with few passes: a camera path meets photons "
-    "that lamps have sent, in a radius that shrinks from pass to pass.",
-    "denoised": "The path tracer, its noise taken out by a network (Open Image Denoise).",
-    "em_gmm": "Photons summed up by a mixture of Gaussians that expectation maximisation fits to "
-    "their density (Jakob, Regg and Jarosz 2011).",
-    "radiance_cache": "The field's own supervision and camera walk, with a hash grid and a small "
-    "network in place of the Gaussians.",
-    "instant_ngp": "A radiance volume of hash grids and small networks, fitted to pictures "
-    "(Müller and others 2022).",
-    "splatting": "Gaussians fitted to pictures and drawn as splats (Kerbl and others 2023).",
-    "renderformer": "A transformer that was trained to render triangle meshes (Zeng and others "
-    "2025); nothing is fitted to the scene.",
-    "anysplat": "A network that makes splats from a few pictures at once (Jiang and others 2025).",
+    "sppm": "Stochastic progressive photon mapping with few passes: camera paths collect photons "
+    "within a radius that shrinks from pass to pass.",
+    "denoised": "The path tracer, denoised by a network (Open Image Denoise).",
+    "em_gmm": "A mixture of Gaussians, fitted to the density of photons by expectation "
+    "maximisation (Jakob, Regg and Jarosz 2011).",
+    "radiance_cache": "The training targets and the camera walk of the field, with a hash grid and "
+    "a small network instead of Gaussians.",
+    "instant_ngp": "A radiance volume of hash grids and small networks, fitted to images (Müller "
+    "et al. 2022).",
+    "splatting": "Gaussians, fitted to images and drawn as splats (Kerbl et al. 2023).",
+    "renderformer": "A transformer that was trained to render triangle meshes (Zeng et al. 2025); "
+    "nothing is fitted to the scene.",
+    "anysplat": "A network that predicts splats from a few images (Jiang et al. 2025).",
 }
-"""By system, and the two methods that are no rows of ``baselines``."""
+"""Description by system; also of the two methods without a row in ``baselines``."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A system and its settings; ``missing``: reason -> titles of scenes without numbers."""
+    """A system.
+
+    Attributes
+    ----------
+    titles: of its methods.
+    missing: reason -> titles of the scenes without numbers.
+    """
 
     titles: list[str]
     about: str
@@ -44,7 +50,7 @@ class Entry:
 
 
 def list_systems(results: Results) -> list[Entry]:
-    """All systems, the field first; settings that miss the same stand together."""
+    """All systems, the field first; methods with different ``missing`` have separate entries."""
     entries: dict[str, Entry] = {}
     names = sorted(results.methods, key=lambda name: name != FIELD)
     for name in names:
@@ -66,7 +72,7 @@ def _missing(results: Results, method: str) -> dict[str, list[str]]:
 
 
 def _about(results: Results, method: str) -> str:
-    """The words above; of a system that they do not know, what its options say of it."""
+    """The description of a method's system; for an unknown system the docstring of its options."""
     if method in (FIELD, SECOND_REFERENCE):
         return ABOUT[method]
     options = results.params.baselines[method]

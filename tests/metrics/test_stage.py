@@ -9,6 +9,7 @@ from gpf.config.params import Params
 from gpf.core.errors import UserError
 from gpf.core.files import read_json, write_json, write_text
 from gpf.core.images import write_exr
+from stages.common.makers import naming_commands
 from stages.common.workspace import Workspace
 from stages.metrics import compare_images
 
@@ -20,6 +21,8 @@ PARAMS = {
     "methods": {"classical": list(METHODS)},
     "baselines": METHODS,
 }
+run = naming_commands(compare_images)  # as the command line calls it
+
 VIEWS_FILE = """\
 exposure: 1.0
 aspect: 1.5
@@ -50,7 +53,7 @@ def work(tmp_path, monkeypatch):
 
 def test_a_method_that_was_not_run_is_left_out(work, capsys):
     write_json(work.metrics("em_gmm"), {"mean": {"psnr": 99.0}})  # of images that no longer exist
-    compare_images(SCENE)
+    run(SCENE)
     assert set(read_json(work.summary)) == {"gpf", "path_10", "second_reference"}
     assert not work.metrics("em_gmm").exists()
     said = " ".join(capsys.readouterr().err.split())
@@ -60,7 +63,7 @@ def test_a_method_that_was_not_run_is_left_out(work, capsys):
 
 def test_a_method_that_cannot_serve_the_scene_keeps_its_reason(work, capsys):
     write_json(work.refusal("em_gmm"), {"reason": "no photons"})
-    compare_images(SCENE)
+    run(SCENE)
     assert read_json(work.metrics("em_gmm")) == {"cannot_serve": "no photons"}
     assert "left out" not in capsys.readouterr().err
 
@@ -68,7 +71,7 @@ def test_a_method_that_cannot_serve_the_scene_keeps_its_reason(work, capsys):
 def test_images_of_some_views_alone_are_an_error(work):
     work.render("path_10", "below").unlink()
     with pytest.raises(UserError, match=r"below\.exr: is missing.*baseline --method path_10"):
-        compare_images(SCENE)
+        run(SCENE)
     assert not work.summary.exists()
 
 
@@ -76,7 +79,7 @@ def test_images_of_some_views_alone_are_an_error(work):
 def test_a_missing_reference_is_an_error(work, kind):
     getattr(work, kind)("below").unlink()
     with pytest.raises(UserError, match=r"below\.exr: is missing.*`gpf stage reference --scene"):
-        compare_images(SCENE)
+        run(SCENE)
     assert not work.summary.exists()
 
 
@@ -84,4 +87,4 @@ def test_missing_images_of_the_field_are_an_error(work):
     for view in VIEWS:
         work.render("gpf", view).unlink()
     with pytest.raises(UserError, match=r"above\.exr: is missing.*`gpf stage render --scene"):
-        compare_images(SCENE)
+        run(SCENE)
