@@ -23,8 +23,8 @@ SMALLEST = 16
 """Smallest side of a shrunk picture, pixels."""
 
 WHY = {
-    "typical": "{} is the typical view: there the field's PSNR is closest to its mean",
-    "worst": "in {} the field's PSNR is lowest",
+    "typical": "“{}” is the typical view, where the field's PSNR is closest to its mean",
+    "worst": "in “{}” it is lowest",
 }
 
 

@@ -1,8 +1,8 @@
-// The way back from what pictures.py packs, and what a code looks like on the screen.
+// Decodes the pictures of pictures.py, and computes the displayed value of each code.
 
 const CODES = 32768; // bfloat16 without a sign
 
-/** Codes of a packed picture: red, green, blue of each pixel, row by row. */
+/** Codes of an encoded picture: red, green, blue of each pixel, by rows. */
 async function unpack(text, width, height) {
   const packed = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
@@ -14,7 +14,7 @@ async function unpack(text, width, height) {
   return join(restore(residuals, width, height), width * height);
 }
 
-/** Planes from what the prediction missed: G, R - G and B - G. */
+/** The planes G, R - G and B - G from the residuals of the prediction. */
 function restore(residuals, width, height) {
   const planes = new Int16Array(residuals.length);
   for (let plane = 0, i = 0; plane < 3; plane++) {
@@ -44,10 +44,10 @@ function join(planes, pixels) {
   return codes;
 }
 
-/** The radiance that each code stands for. */
+/** The radiance of each code. */
 const radianceOf = new Float32Array(Uint32Array.from({ length: CODES }, (_, code) => code << 16).buffer);
 
-/** What each code looks like at an exposure: sRGB from 0 to 1. */
+/** The displayed value of each code at an exposure: sRGB from 0 to 1. */
 function shownAt(exposure) {
   const shown = new Float32Array(CODES);
   for (let code = 0; code < CODES; code++) {

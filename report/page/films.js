@@ -1,11 +1,11 @@
-// Films that move unless somebody prefers less motion; a click stops them and sets them going.
+// Films. They play unless the user prefers reduced motion; a click pauses and plays them.
 
 const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
 
 class Film {
   constructor(root) {
     this.root = root;
-    this.source = root.querySelector("source"); // the first frame, where its media fit
+    this.source = root.querySelector("source"); // shows the first frame if its media query matches
     this.button = root.querySelector("button");
     for (const part of [this.button, root.querySelector("picture")]) {
       part.addEventListener("click", () => this.play(!this.plays));

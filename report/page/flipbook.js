@@ -1,4 +1,4 @@
-// A flip-book: one canvas, many methods, the same place and exposure while one leafs.
+// A flip-book: one canvas for all methods; place and exposure stay when the method changes.
 
 const LARGEST_ZOOM = 64;
 
@@ -8,10 +8,10 @@ class FlipBook {
     root.flipBook = this;
     this.find = (selector) => root.querySelector(selector);
     this.canvas = this.find("canvas");
-    this.sheet = document.createElement("canvas"); // the picture in its own pixels
+    this.sheet = document.createElement("canvas"); // the picture at its own size
     this.decoded = new Map(); // id -> promise of codes
     this.state = { method: book.start, view: 0, stops: 0, error: false, held: false };
-    this.place = { zoom: 1, x: 0.5, y: 0.5 }; // zoom 1 shows all; x, y: share of the picture in the middle
+    this.place = { zoom: 1, x: 0.5, y: 0.5 }; // zoom 1 shows all; (x, y): centre of the shown part, from 0 to 1
     this.pointer = null; // where the mouse is, in CSS pixels of the canvas
     this.fingers = new Map();
     this.listen();
@@ -20,14 +20,14 @@ class FlipBook {
     this.seen.observe(root);
   }
 
-  // ---- what is shown
+  // ---- the shown picture
 
   get view() { return this.book.views[this.state.view]; }
   get method() { return this.state.held ? "reference" : this.state.method; }
   get names() { return this.book.methods.map((m) => m.name).filter((m) => m in this.view.pictures); }
   titleOf(name) { return this.book.methods.find((m) => m.name === name).title; }
 
-  /** First sight: show a picture, then unpack the others while nothing else is to do. */
+  /** When the book comes into sight: show a picture, then decode the others. */
   async open() {
     this.seen.disconnect();
     await this.show();
@@ -38,7 +38,7 @@ class FlipBook {
     const view = this.view;
     for (const name of this.names) {
       if (view !== this.view) return;
-      await this.codes(name).catch(() => null); // who shows it says what is wrong
+      await this.codes(name).catch(() => null); // show() reports the error
     }
   }
 
@@ -62,7 +62,7 @@ class FlipBook {
     this.label();
     try {
       const [codes, wanted] = await Promise.all([this.codes(this.method), this.codes("reference")]);
-      if (asked !== this.asked) return; // something else is wanted by now
+      if (asked !== this.asked) return; // another picture was asked for in the meantime
       this.current = { codes, wanted, ...this.view.pictures[this.method] };
       this.paint();
       this.draw();
@@ -73,7 +73,7 @@ class FlipBook {
     }
   }
 
-  /** Everything around the picture: radio buttons, numbers, names. */
+  /** Update radio buttons, numbers and names around the picture. */
   label() {
     const { method, stops, error } = this.state;
     for (const row of this.root.querySelectorAll(".methods label")) {
@@ -99,7 +99,7 @@ class FlipBook {
     this.find(".spoken").textContent = `${what}${title}. ${numbers}`;
   }
 
-  /** The picture or its error map, in its own pixels. */
+  /** Draw the picture or its error map on the sheet. */
   paint() {
     const { codes, wanted, width, height } = this.current;
     const { colours, largest } = this.errors;
@@ -123,7 +123,7 @@ class FlipBook {
     this.find(".waiting").hidden = true;
   }
 
-  /** The sheet on the canvas, where pan and zoom put it. */
+  /** Draw the sheet on the canvas, with pan and zoom. */
   draw() {
     const { clientWidth, clientHeight } = this.canvas;
     const density = window.devicePixelRatio || 1;
@@ -140,7 +140,7 @@ class FlipBook {
       this.sheet.width * scale * density, this.sheet.height * scale * density,
     );
     this.find(".zoom output").textContent = `${scale < 9.95 ? scale.toFixed(1) : Math.round(scale)}×`;
-    // All of it in sight: a finger on the picture scrolls the page.
+    // Without zoom, a finger on the picture scrolls the page.
     this.canvas.style.touchAction = this.place.zoom > 1 ? "none" : "pan-y";
     this.canvas.classList.toggle("zoomed", this.place.zoom > 1);
     this.read();
@@ -148,7 +148,7 @@ class FlipBook {
 
   // ---- pan and zoom
 
-  /** CSS pixels per picture pixel, and where the picture's corner lies on the canvas. */
+  /** CSS pixels per picture pixel, and the place of the picture's upper left corner. */
   layout() {
     const { clientWidth, clientHeight } = this.canvas;
     const { width, height } = this.sheet;
@@ -162,7 +162,7 @@ class FlipBook {
     };
   }
 
-  /** Zoom by a factor; the point (x, y) of the canvas stays where it is. */
+  /** Zoom by a factor around the point (x, y) of the canvas. */
   zoomBy(factor, x = this.canvas.clientWidth / 2, y = this.canvas.clientHeight / 2) {
     const before = this.layout();
     const zoom = Math.min(LARGEST_ZOOM, Math.max(1, this.place.zoom * factor));
@@ -176,7 +176,7 @@ class FlipBook {
     this.put(left + dx, top + dy);
   }
 
-  /** Put the picture's corner somewhere, as far as the picture goes on covering the canvas. */
+  /** Move the picture's upper left corner, but keep the canvas covered. */
   put(left, top) {
     const { clientWidth, clientHeight } = this.canvas;
     const { scale } = this.layout();
@@ -193,7 +193,7 @@ class FlipBook {
     this.draw();
   }
 
-  // ---- the pixel under the pointer; without one, the one in the middle
+  // ---- the pixel under the pointer, or in the middle
 
   read() {
     const { codes, wanted, width, height } = this.current;
@@ -209,7 +209,7 @@ class FlipBook {
     this.find(".wanted").textContent = inside ? values(wanted) : "";
   }
 
-  // ---- hands
+  // ---- input
 
   step(by) {
     const names = this.names;
@@ -275,7 +275,7 @@ class FlipBook {
       if (e.pointerType === "mouse") this.point(null);
     });
     canvas.addEventListener("dblclick", (e) => (this.place.zoom > 1 ? this.fit() : this.zoomBy(4, at(e).x, at(e).y)));
-    // The wheel scrolls the page until the picture has been clicked.
+    // The wheel scrolls the page, and zooms after a click on the picture.
     canvas.addEventListener("wheel", (e) => {
       if (!e.ctrlKey && document.activeElement !== canvas) return;
       e.preventDefault();
@@ -283,7 +283,7 @@ class FlipBook {
     }, { passive: false });
   }
 
-  /** Two fingers: what was between them stays between them. */
+  /** Pan and zoom with two fingers. */
   pinch(id, now) {
     const [other] = [...this.fingers].filter(([key]) => key !== id).map(([, place]) => place);
     const before = this.fingers.get(id);
@@ -297,10 +297,10 @@ class FlipBook {
     if (this.current) this.read();
   }
 
-  /** Returns whether the key meant something. */
+  /** Returns whether the key was used. */
   key(e) {
     if (e.altKey || e.ctrlKey || e.metaKey) return false;
-    const inList = e.target.type === "radio" || e.target.type === "range"; // arrows are theirs
+    const inList = e.target.type === "radio" || e.target.type === "range"; // they use the arrow keys
     const onCanvas = e.target === this.canvas;
     const arrow = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[e.key];
     if (arrow && inList) return false;
@@ -330,7 +330,7 @@ function decibels(numbers) {
   return numbers?.psnr === undefined ? "" : `${numbers.psnr.toFixed(1)} dB`;
 }
 
-/** How far along 10 to 50 dB, for the bars behind the names. */
+/** PSNR from 10 to 50 dB as 0 to 1, for the bars below the names. */
 function share(numbers) {
   return numbers?.psnr === undefined ? 0 : Math.min(1, Math.max(0, (numbers.psnr - 10) / 40));
 }
@@ -341,7 +341,7 @@ function describe(numbers = {}) {
   return known.map(([name, key, digits, unit]) => `${name} ${numbers[key].toFixed(digits)}${unit}`).join(" · ");
 }
 
-/** Radiance with the digits that a code is worth. */
+/** Radiance as text, with the precision of a code. */
 function figure(value) {
   if (value === 0) return "0";
   return value < 1e-3 || value >= 1e4 ? value.toExponential(1) : value.toPrecision(3);

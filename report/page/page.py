@@ -21,7 +21,7 @@ from report.page.films import Film, open_films, share_room
 from report.page.origin import list_commits, list_machines, list_seeds, write_params
 from report.page.pictures import PRECISION, Picture
 from report.page.systems import list_systems
-from report.page.words import SceneWords, describe_scene, main_numbers, tell_victory
+from report.page.words import SceneWords, describe_best, describe_scene, main_numbers
 from report.results import FIELD, Results, SceneResults
 from report.tables.quality import scenes_left_out
 from report.writing import to_html
@@ -125,7 +125,7 @@ def _render(
         gradient=_gradient(),
         largest_error=LARGEST_ERROR,
         numbers=main_numbers(results),
-        victory=tell_victory(results),
+        best_everywhere=describe_best(results),
         scenes=scenes,
         left_out=scenes_left_out(results),
         shrunk=shelf.shrunk,

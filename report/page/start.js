@@ -1,4 +1,4 @@
-// Brings the page to life: flip-books, sortable tables, keys, and where one is.
+// Starts flip-books, films, sortable tables, keys, and the marking of the current section.
 
 document.documentElement.classList.add("live");
 
@@ -10,7 +10,7 @@ for (const root of document.querySelectorAll(".film")) root.film = new Film(root
 
 for (const table of document.querySelectorAll("main table")) makeSortable(table);
 
-// Keys act on the flip-book that has the focus; without one, on the one in sight.
+// Keys act on the flip-book with the focus, else on the one in sight.
 document.addEventListener("keydown", (e) => {
   const own = books.find((book) => book.root.contains(e.target));
   const free = e.target === document.body || e.target === document.documentElement;
@@ -31,7 +31,7 @@ function mostInSight() {
   return best && seen(best) > 0 ? best : null;
 }
 
-// The link to the part that is being read.
+// Mark the link to the section in sight.
 const bar = document.querySelector("nav");
 const links = new Map([...bar.querySelectorAll("a")].map((link) => [link.hash.slice(1), link]));
 const reading = new IntersectionObserver((entries) => {

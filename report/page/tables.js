@@ -1,4 +1,4 @@
-// Tables that sort by a click, Enter or Space on a heading; groups of rows stay together.
+// Sort tables by a click, Enter or Space on a heading; groups of rows stay together.
 
 function makeSortable(table) {
   const row = table.tHead?.rows[0];
@@ -13,7 +13,7 @@ function makeSortable(table) {
   }
 }
 
-/** First as the heading's data-better says (else falling for numbers, rising for words), then back. */
+/** Best first by data-better, else numbers descending and texts ascending; again: reversed. */
 function sortBy(table, heading) {
   const column = heading.cellIndex;
   const bodies = [...table.tBodies];
@@ -31,7 +31,7 @@ function sortBy(table, heading) {
   }
 }
 
-/** A number where the cell has one, else its text; null for what is missing. */
+/** A number if the cell has one, else its text; null if it is missing. */
 function valueOf(row, column) {
   const cell = row.cells[column];
   if (!cell || row.classList.contains("group") || cell.classList.contains("missing")) return null;
@@ -41,7 +41,7 @@ function valueOf(row, column) {
 }
 
 function compare(a, b, sign) {
-  if (a === null || b === null) return (a === null) - (b === null); // missing last, either way
+  if (a === null || b === null) return (a === null) - (b === null); // missing values last, in both directions
   if (typeof a !== typeof b) return typeof a === "number" ? -1 : 1;
   return sign * (typeof a === "number" ? a - b : a.localeCompare(b, "en", { numeric: true }));
 }

@@ -1,4 +1,4 @@
-"""What the numbers say, in words: the main ones, each scene's, and where the field is not best."""
+"""Texts with numbers: the main numbers, those of each scene, and where the field is not best."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ seconds_text = significant(2)
 
 @dataclass(frozen=True)
 class MainNumber:
-    """A number large enough to be read from afar, and what it means."""
+    """A number in large type, and its explanation."""
 
     value: str
     unit: str
@@ -26,8 +26,8 @@ class MainNumber:
 
 
 @dataclass(frozen=True)
-class Defeat:
-    """A number in which other methods are better than the field."""
+class WorseMetric:
+    """A metric in which other methods are better; ``better`` has their titles and values."""
 
     number: str
     field: str
@@ -36,45 +36,45 @@ class Defeat:
 
 @dataclass(frozen=True)
 class SceneWords:
-    """A scene's figures as text; "" where something has not been measured."""
+    """A scene's numbers as text; "" for a number that was not measured."""
 
     psnr: str
-    worth: str
+    equivalent_passes: str
     seconds: str
     sppm_seconds: str
     preparation: str
     breaks_even: str
-    defeats: list[Defeat]
+    worse_metrics: list[WorseMetric]
 
 
 def main_numbers(results: Results) -> list[MainNumber]:
-    """Quality, worth, time and break-even over all scenes that have them."""
-    found = [_quality(results), _worth(results), _speed(results), _break_even(results)]
+    """PSNR, equivalent passes, speed and break-even over all scenes that have them."""
+    found = [_quality(results), _equivalent(results), _speed(results), _break_even(results)]
     return [number for number in found if number is not None]
 
 
 def describe_scene(results: Results, scene: SceneResults) -> SceneWords:
-    """One scene."""
+    """The texts of a scene."""
     field = results.row(scene.name, FIELD)
     cost = scene.read("amortize.json")
     per_view = cost.get("seconds_per_view", {})
     return SceneWords(
         psnr=f"{field['psnr']:.1f} dB" if "psnr" in field else "",
-        worth=_middle(_equivalent_passes(scene)),
+        equivalent_passes=_median(_equivalent_passes(scene)),
         seconds=_seconds(per_view.get(GPF)),
         sppm_seconds=_seconds(per_view.get(SPPM)),
         preparation=_seconds(cost.get("preparation_seconds")),
         breaks_even=_breaks_even(cost),
-        defeats=find_defeats(results, scene.name),
+        worse_metrics=find_worse_metrics(results, scene.name),
     )
 
 
-def find_defeats(results: Results, scene: str) -> list[Defeat]:
-    """Numbers in which another method is better; the second reference competes in none."""
+def find_worse_metrics(results: Results, scene: str) -> list[WorseMetric]:
+    """Metrics in which another method is better; the second reference is not compared."""
     frame = results.quality
     frame = frame[(frame["scene"] == scene) & (frame["method"] != SECOND_REFERENCE)]
     field = frame[frame["method"] == FIELD]
-    defeats = []
+    worse = []
     for column in QUALITY:
         key, write, more = column.key, column.form, column.better == "higher"
         if field.empty or pd.isna(field[key].iloc[0]):
@@ -83,15 +83,15 @@ def find_defeats(results: Results, scene: str) -> list[Defeat]:
         won = frame[frame[key] > own] if more else frame[frame[key] < own]
         won = won.sort_values(key, ascending=not more)
         rows = zip(won["title"], won[key], strict=True)
-        # What reads the same is no defeat.
+        # A number with the same text is not better.
         better = [(title, write(value)) for title, value in rows if write(value) != write(own)]
         if better:
-            defeats.append(Defeat(column.title, write(own), better))
-    return defeats
+            worse.append(WorseMetric(column.title, write(own), better))
+    return worse
 
 
-def tell_victory(results: Results) -> str:
-    """What may be said where no other method is better in anything that was compared."""
+def describe_best(results: Results) -> str:
+    """The text if no other method is better: names the metrics that all scenes have."""
     compared: list[str] = []
     missing: list[str] = []
     for column in QUALITY:
@@ -102,10 +102,10 @@ def tell_victory(results: Results) -> str:
         told = both and both >= set(results.scenes)
         (compared if told else missing).append(column.title)
     if not compared:
-        return "No number is known of the field and of another method in every scene."
-    best = f"in each scene it has the best {join(compared)} of them"
-    rest = f" {join(missing)} cannot be told: not every scene has the numbers." if missing else ""
-    return f"Nowhere among the methods that were measured: {best}.{rest}"
+        return "No metric is known for the field and another method in every scene."
+    best = f"in each scene the field has the best {join(compared)} of all measured methods"
+    rest = f" {join(missing)}: not every scene has the numbers." if missing else ""
+    return f"Nowhere: {best}.{rest}"
 
 
 def _quality(results: Results) -> MainNumber | None:
@@ -119,11 +119,11 @@ def _quality(results: Results) -> MainNumber | None:
     detail = []
     if not others.empty:
         best = str(others.idxmax())
-        where = "" if len(scenes) == 1 else " of those measured in all of them"
+        where = "" if len(scenes) == 1 else " with numbers in all scenes"
         detail.append(f"the best other method{where}: {others[best]:.1f} dB")
         detail[-1] += f" ({results.methods[best]})"
     if SECOND_REFERENCE in full:
-        detail.append(f"a second reference: {full[SECOND_REFERENCE]:.1f} dB")
+        detail.append(f"the second reference: {full[SECOND_REFERENCE]:.1f} dB")
     return MainNumber(
         f"{full[FIELD]:.1f}",
         "dB",
@@ -132,15 +132,15 @@ def _quality(results: Results) -> MainNumber | None:
     )
 
 
-def _worth(results: Results) -> MainNumber | None:
-    values = [w for name in results.scenes for w in _equivalent_passes(results.scene(name))]
+def _equivalent(results: Results) -> MainNumber | None:
+    values = [n for name in results.scenes for n in _equivalent_passes(results.scene(name))]
     if not values:
         return None
-    values.sort(key=_worth_order)
+    values.sort(key=_passes_order)
     detail = "in the only novel view"
     if len(values) > 1:
-        detail = f"the middle one of {len(values)} novel views: {values[0]} to {values[-1]}"
-    return MainNumber(_middle(values), "passes", "of SPPM a view from the field is worth", detail)
+        detail = f"median of {len(values)} novel views; {values[0]} to {values[-1]} in all of them"
+    return MainNumber(_median(values), "passes", "of SPPM give the same PSNR as the field", detail)
 
 
 def _speed(results: Results) -> MainNumber | None:
@@ -154,12 +154,12 @@ def _speed(results: Results) -> MainNumber | None:
     ratio, field, sppm = sorted(pairs)[(len(pairs) - 1) // 2]
     least, most = (f"{significant(2)(r)}" for r in (min(pairs)[0], max(pairs)[0]))
     across = f"; {least} to {most} times in all scenes" if len(pairs) > 1 else ""
-    passes = results.passes
+    scene = " in the median scene" if len(pairs) > 1 else ""
     return MainNumber(
         f"{significant(2)(ratio)}×",
         "",
-        f"as fast per view as SPPM with {passes} passes",
-        f"{seconds_text(field)} s against {seconds_text(sppm)} s in the middle scene{across}",
+        f"as fast per view as SPPM with {results.passes} passes",
+        f"{seconds_text(field)} s against {seconds_text(sppm)} s{scene}{across}",
     )
 
 
@@ -173,12 +173,11 @@ def _break_even(results: Results) -> MainNumber | None:
     if not known:
         return None
     value = str(known[0]) if known[0] == known[-1] else f"{known[0]}–{known[-1]}"
-    passes = results.passes
     never = [results.scene(name).title for name, count in counts.items() if count is None]
-    detail = f"photons, targets and training included, against SPPM with {passes} passes"
+    detail = f"photons, targets and training included, against SPPM with {results.passes} passes"
     detail += f"; never in {join(never)}" if never else ""
     unit = "view" if value == "1" else "views"
-    return MainNumber(value, unit, "until all preparation has paid for itself", detail)
+    return MainNumber(value, unit, "until the preparation pays off", detail)
 
 
 def _over(scenes: int) -> str:
@@ -187,16 +186,17 @@ def _over(scenes: int) -> str:
 
 def _equivalent_passes(scene: SceneResults) -> list[str]:
     found = scene.read("metrics", f"{FIELD}.json").get("equivalent_sppm_passes", {})
-    return sorted(found.values(), key=_worth_order)
+    return list(found.values())
 
 
-def _worth_order(text: str) -> tuple[float, int]:
-    """ "<3" is less than "3", and ">1000" more than "1000"."""
+def _passes_order(text: str) -> tuple[float, int]:
+    """Sort key: "<3" comes before "3", and ">1000" after "1000"."""
     return float(text.lstrip("<>")), {"<": -1, ">": 1}.get(text[0], 0)
 
 
-def _middle(values: Sequence[str]) -> str:
-    return sorted(values, key=_worth_order)[(len(values) - 1) // 2] if values else ""
+def _median(values: Sequence[str]) -> str:
+    """The median number of passes, the lower one of two; "" without values."""
+    return sorted(values, key=_passes_order)[(len(values) - 1) // 2] if values else ""
 
 
 def _breaks_even(cost: object) -> str:

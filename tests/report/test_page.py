@@ -1,4 +1,4 @@
-"""The report as a file: all of it is inside, nothing is too large, everything has words."""
+"""The HTML page: complete in one file, within its size limit, with texts for all parts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from report.figures.sketch import Figure
 from report.page import write_page
 from report.page.books import make_books, order_views
 from report.page.pictures import PRECISION, Picture
-from report.page.words import describe_scene, find_defeats, main_numbers, tell_victory
+from report.page.words import describe_best, describe_scene, find_worse_metrics, main_numbers
 from report.results import Results
 from report.tables import make_tables
 from tests.report.made_up import BOX, WATER, edit, made_up_params, make_results
@@ -27,7 +27,7 @@ ENOUGH = 10_000_000
 
 
 class Reader(HTMLParser):
-    """Elements with their attributes, the text of scripts, and whether all that opens closes."""
+    """Elements with their attributes, texts and scripts; asserts that all elements are closed."""
 
     VOID = ("meta", "link", "img", "input", "br", "source")
 
@@ -67,7 +67,7 @@ class Reader(HTMLParser):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Results and the page that was written of them."""
+    """Results, and the page that was written from them."""
     root = tmp_path_factory.mktemp("page")
     results = make_pictured(root / "results")
     names = ("teaser", f"comparison_{BOX}", "quality_time", "convergence")
@@ -79,9 +79,9 @@ def made(tmp_path_factory):
     return results, path, Reader(path.read_text(encoding="utf-8"))
 
 
-def test_everything_is_inside_one_file(made):
+def test_the_page_loads_nothing(made):
     _, path, page = made
-    assert not page.open  # all that opens closes
+    assert not page.open  # all elements are closed
     for tag, attributes in page.elements:
         for key in ("src", "href", "srcset", "poster", "data", "action"):
             if value := attributes.get(key):
@@ -94,7 +94,7 @@ def test_everything_is_inside_one_file(made):
     assert [p.name for p in path.parent.iterdir() if p.name.startswith(".")] == []
 
 
-def test_figures_of_a_scene_stand_with_it(made):
+def test_figures_of_a_scene_are_in_its_section(made):
     _, path, _ = made
     text = path.read_text(encoding="utf-8")
     first, second = (text.index(f'id="scene-{scene}"') for scene in (BOX, WATER))
@@ -103,7 +103,7 @@ def test_figures_of_a_scene_stand_with_it(made):
     assert not first < text.index("Caption of convergence") < second
 
 
-def test_every_picture_and_control_has_words(made):
+def test_every_picture_and_control_has_a_text(made):
     _, _, page = made
     images = page.all("img")
     assert len(images) == 4 + 2 * 2  # figures; each scene in the opening and for printing
@@ -174,7 +174,7 @@ def test_typical_and_worst_views_come_first(made):
     assert ["typical" in order[0][1], "lowest" in order[1][1], order[2][1]] == [True, True, ""]
 
 
-def test_what_does_not_fit_is_left_out_and_told(made, tmp_path):
+def test_views_that_do_not_fit_are_left_out(made, tmp_path):
     results, _, _ = made
     whole = make_books(results, ENOUGH)
     assert [len(book.views) for book in whole.books] == [3, 3]
@@ -189,7 +189,7 @@ def test_large_images_are_shrunk_until_the_page_fits(tmp_path):
     results = make_pictured(tmp_path / "results", 64, 48)
     write_page(results, [], [], tmp_path / "large.html", ENOUGH)
     large = (tmp_path / "large.html").stat().st_size
-    # Room for one view of each scene, but not for the words around it.
+    # Room for one view of each scene, but not for the texts.
     limit = sum(book.views[0].size for book in make_books(results, ENOUGH).books)
     write_page(results, [], [], tmp_path / "small.html", limit)
     assert (tmp_path / "small.html").stat().st_size <= limit < large
@@ -203,7 +203,7 @@ def test_large_images_are_shrunk_until_the_page_fits(tmp_path):
     assert "pixels became one" not in Reader((tmp_path / "large.html").read_text()).text
 
 
-def test_figures_larger_than_the_page_are_told(tmp_path):
+def test_figures_larger_than_the_page_are_an_error(tmp_path):
     results = make_results(tmp_path / "results")
     figure = make_figure(tmp_path / "figures", "teaser", 300)
     with pytest.raises(UserError, match=r"report\.html.*without its flip-books.*figures smaller"):
@@ -237,17 +237,18 @@ def test_without_images_the_page_still_has_its_numbers(tmp_path):
 def test_main_numbers(made):
     results, _, _ = made
     frame = results.quality.set_index(["scene", "method"])["psnr"]
-    quality, worth, speed, even = main_numbers(results)
+    quality, equivalent, speed, even = main_numbers(results)
     assert quality.value == f"{(frame[BOX, 'gpf'] + frame[WATER, 'gpf']) / 2:.1f}"
     means = {m: frame[:, m].mean() for m in ("path_10", "path_50", "sppm_3")}
-    best = max(means, key=means.__getitem__)  # splatting has numbers in one scene alone
+    best = max(means, key=means.__getitem__)  # splatting has numbers in only one scene
     assert f"{means[best]:.1f} dB ({results.methods[best]})" in quality.detail
-    assert worth.value == "17" and "6 novel views" in worth.detail and "<3 to >30" in worth.detail
+    assert equivalent.value == "17"
+    assert "6 novel views" in equivalent.detail and "<3 to >30" in equivalent.detail
     assert speed.value == "40×" and "0.50 s against 20 s" in speed.detail
     assert (even.value, even.unit) == ("3", "views")
 
 
-def test_where_the_field_is_beaten_is_told(tmp_path):
+def test_metrics_in_which_others_are_better(tmp_path):
     results = make_pictured(tmp_path / "results")
     files = tmp_path / "results" / BOX / "metrics"
     for name in ("path_10", "path_50", "sppm_3", "gpf"):
@@ -255,35 +256,35 @@ def test_where_the_field_is_beaten_is_told(tmp_path):
             files / f"{name}.json", mean__psnr=20.0, mean__ssim=0.5, mean__lpips=0.5, mean__flip=0.5
         )
         edit(files / f"{name}.json", mean__flip_hdr=0.5, mean__relmse=0.5)
-    assert find_defeats(results, BOX) == []
-    edit(files / "gpf.json", mean__psnr=19.996)  # reads the same
+    assert find_worse_metrics(results, BOX) == []
+    edit(files / "gpf.json", mean__psnr=19.996)  # has the same text
     edit(files / "path_50.json", mean__lpips=0.4)
-    edit(files / "second_reference.json", mean__ssim=0.99)  # does not compete
+    edit(files / "second_reference.json", mean__ssim=0.99)  # is not compared
     results = type(results)(results.params, results.root)
-    (defeat,) = find_defeats(results, BOX)
-    assert (defeat.number, defeat.field) == ("LPIPS", "0.500")
-    assert defeat.better == [("Path tracer, 50 spp", "0.400")]
+    (metric,) = find_worse_metrics(results, BOX)
+    assert (metric.number, metric.field) == ("LPIPS", "0.500")
+    assert metric.better == [("Path tracer, 50 spp", "0.400")]
     write_page(results, [], [], tmp_path / "report.html")
     text = Reader((tmp_path / "report.html").read_text(encoding="utf-8")).text
-    assert "Cornell Box. LPIPS 0.500, and Path tracer, 50 spp 0.400." in text
+    assert "Cornell Box. LPIPS 0.500 (better: Path tracer, 50 spp 0.400)." in text
 
 
-def test_no_victory_is_told_of_what_was_not_compared(tmp_path):
+def test_only_compared_metrics_are_called_best(tmp_path):
     results = make_pictured(tmp_path / "results")
-    told = tell_victory(results)
-    assert "in each scene it has the best PSNR, SSIM, LPIPS, FLIP, HDR-FLIP and relMSE" in told
+    told = describe_best(results)
+    assert (
+        "in each scene the field has the best PSNR, SSIM, LPIPS, FLIP, HDR-FLIP and relMSE" in told
+    )
     for file in (tmp_path / "results").glob("*/metrics/*.json"):
         if "mean" in read_json(file):
             edit(file, mean__lpips=None)
     edit(tmp_path / "results" / BOX / "metrics" / "gpf.json", mean__flip=None)
-    told = tell_victory(type(results)(results.params, results.root))
-    assert (
-        "in each scene it has the best PSNR, SSIM, HDR-FLIP and relMSE of them. LPIPS and FLIP"
-        in told
-    )
+    told = describe_best(type(results)(results.params, results.root))
+    assert "in each scene the field has the best PSNR, SSIM, HDR-FLIP and relMSE of all" in told
+    assert "LPIPS and FLIP: not every scene has the numbers." in told
 
 
-def test_a_field_that_never_pays_is_told(tmp_path):
+def test_a_field_that_never_pays_off(tmp_path):
     results = make_pictured(tmp_path / "results")
     file = tmp_path / "results" / BOX / "amortize.json"
     write_json(file, read_json(file) | {"break_even_views": {"SPPM": None}})
@@ -298,7 +299,7 @@ def test_the_same_results_give_the_same_page(made, tmp_path):
     assert (tmp_path / "first.html").read_bytes() == (tmp_path / "second.html").read_bytes()
 
 
-def test_without_any_scene_there_is_a_page_that_says_so(tmp_path):
+def test_without_any_scene_the_page_says_so(tmp_path):
     write_page(Results(made_up_params(), tmp_path), [], [], tmp_path / "report.html")
     page = Reader((tmp_path / "report.html").read_text(encoding="utf-8"))
     assert "No scene has been measured yet: make repro" in page.text
