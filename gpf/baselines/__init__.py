@@ -1,1 +1,1 @@
-"""The systems that the field is compared with: one protocol, and one file for each."""
+"""The systems that the field is compared with: one protocol, one module or package per system."""

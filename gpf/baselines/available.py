@@ -1,4 +1,4 @@
-"""What of the optional parts of systems is there, and what brings the others."""
+"""Optional parts of the systems: which ones are installed, and how to install the others."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gpf.baselines.anysplat.baseline import CODE as ANYSPLAT
 from gpf.baselines.protocol import CannotServe
 from gpf.baselines.renderformer.baseline import CODE as RENDERFORMER
 
-# Module -> what it is, what needs it, and what brings it.
+# Module -> its name, what needs it, and the command that installs it.
 PACKAGES = {
     "pyoidn": ("OIDN", "denoised rows", "pip install pyoidn==2.5.1.0"),
     "gsplat": ("gsplat", "splatting rows", "pip install --no-deps gsplat==1.5.3"),
@@ -24,7 +24,7 @@ PACKAGES = {
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a system. ``remedy`` brings it where it is missing."""
+    """An optional part of a system. ``remedy`` is the command that installs it."""
 
     name: str
     there: bool
@@ -33,7 +33,7 @@ class Part:
 
 
 def list_parts() -> list[Part]:
-    """The optional parts of all systems; none of them is imported."""
+    """The optional parts of all systems; does not import them."""
     parts = []
     for module, (name, user, remedy) in PACKAGES.items():
         there = find_spec(module) is not None

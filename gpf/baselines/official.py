@@ -1,9 +1,9 @@
-"""The code that the authors of a system published, run as it is, in a process of its own.
+"""Code published by the authors of a system, run unchanged in a subprocess.
 
-Such code wants packages in versions that do not go together with this project's, so that it has a
-folder and, if it needs one, an environment of its own: ``.venv`` in that folder. An environment
-variable says where the folder is. The scripts in :mod:`gpf.baselines.programs` are what runs there.
-They never use the network: weights have to be in a folder, or in the Hugging Face cache.
+Such code needs package versions that conflict with this project's. It is in a folder of its own,
+which an environment variable names; ``.venv`` in that folder can be its own environment. The
+scripts in :mod:`gpf.baselines.programs` run there. They never use the network: weights must be in a
+folder or in the Hugging Face cache.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ PROGRAMS = Path(__file__).parent / "programs"
 
 @dataclass(frozen=True)
 class OfficialCode:
-    """Published code.
+    """Published code of a system.
 
     Attributes
     ----------
-    name: the system's. variable: of the environment, names the folder with a copy of ``source``.
-    file: is there in every copy.
+    name: of the system.
+    source: address of the repository.
+    variable: environment variable that names the folder with a copy of ``source``.
+    file: path of a file that every copy has.
     """
 
     name: str
@@ -41,7 +43,7 @@ class OfficialCode:
 
     @property
     def install(self) -> str:
-        """The commands that bring it."""
+        """The commands that install it."""
         return (
             f"git clone {self.source} {self.name} && cd {self.name} && python3 -m venv .venv && "
             f".venv/bin/pip install torch -r requirements.txt && export {self.variable}=$PWD"
@@ -52,7 +54,7 @@ class OfficialCode:
 
         Raises
         ------
-        CannotServe: the variable is not set, or names something else.
+        CannotServe: the variable is not set, or names another folder.
         """
         named = os.environ.get(self.variable)
         if not named:
@@ -71,25 +73,26 @@ class OfficialCode:
         return folder
 
     def find_interpreter(self) -> Path:
-        """The Python of the copy's own environment, or this one."""
+        """The Python of the copy's own environment; without one, this process's Python."""
         own = self.find() / ".venv" / "bin" / "python"
         return own if own.exists() else Path(sys.executable)
 
 
 class Program:
-    """A script of :mod:`gpf.baselines.programs` that runs and answers.
+    """A running script of :mod:`gpf.baselines.programs`.
 
     Parameters
     ----------
-    code: the published code that it needs.
-    script: its name.
-    settings: JSON values that it is started with; ``weights`` is a folder or a name of the Hugging
+    code: the published code that the script needs.
+    script: its file name.
+    settings: JSON values of the first request; ``weights`` is a folder or a name of the Hugging
         Face hub.
-    folder: where it works, and writes ``program.log``: what it and the published code print.
+    folder: the working directory. ``program.log`` there gets all that the script and the published
+        code print.
 
     Raises
     ------
-    CannotServe: as ``ask`` does.
+    CannotServe: as :meth:`ask`.
     """
 
     def __init__(
@@ -98,7 +101,7 @@ class Program:
         self.code, self.log = code, folder / "program.log"
         settings = {"code": str(code.find()), **settings}
         weights = Path(settings["weights"]).expanduser()
-        if weights.is_dir():  # the program works elsewhere
+        if weights.is_dir():  # the program has another working directory
             settings["weights"] = str(weights.absolute())
         command = [str(code.find_interpreter()), str(PROGRAMS / script)]
         with self.log.open("w", encoding="utf-8") as log:
@@ -114,14 +117,14 @@ class Program:
             )
         self.close = weakref.finalize(self, _end, self.process)
         self.started = self.ask(settings)
-        """What it says of itself: at least ``device``."""
+        """The answer to the first request: at least ``device``."""
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Send JSON values and wait for the answer.
+        """Send a request, JSON values, and wait for the answer.
 
         Raises
         ------
-        CannotServe: it refuses, fails or has ended.
+        CannotServe: the program refuses the request, fails or has ended.
         """
         assert self.process.stdin is not None and self.process.stdout is not None
         try:
@@ -144,13 +147,13 @@ class Program:
         return CannotServe(
             self.code.name,
             f"the official code ended with {how}: {said.rstrip('.')}",
-            f"Its output is in {self.log}; it was run by {self.code.find_interpreter()}. "
+            f"Its output is in {self.log}; {self.code.find_interpreter()} ran it. "
             f"If a package is missing there: pip install -r {self.code.find()}/requirements.txt",
         )
 
 
 def _end(process: subprocess.Popen[str]) -> None:
-    """Close the pipes, which ends the program once it has nothing left to do."""
+    """Close the input, which ends the program; after 5 seconds, kill it."""
     _close(process.stdin)
     try:
         process.wait(5)
@@ -164,5 +167,5 @@ def _close(pipe: IO[str] | None) -> None:
     try:
         if pipe is not None:
             pipe.close()
-    except BrokenPipeError:  # what was not read by then is of no use
+    except BrokenPipeError:  # the program has ended; it does not need the rest
         pass

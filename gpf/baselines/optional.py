@@ -1,4 +1,4 @@
-"""Packages that one system needs and the others do not."""
+"""Packages that only one system needs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gpf.baselines.protocol import CannotServe
 
 
 def import_optional(module: str, package: str) -> Any:
-    """Import a module, or raise :class:`CannotServe` with the command that brings its package."""
+    """Import a module; if it is missing, raise :class:`CannotServe` with the install command."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

@@ -1,7 +1,6 @@
-"""What params.yaml may say of each system, one model per system.
+"""The options of a row, one model per system.
 
-A row of the section ``baselines`` is named as the method is in tables and has a ``system``, which
-tells the model that its other keys have to fit.
+A row has the method's name and a ``system``, which selects the model for its other keys.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class _Options(BaseModel):
-    """Common to all systems.
+    """Options of all systems.
 
-    ``scenes``: the scenes that the method is run for; empty for all of params.yaml.
+    ``scenes``: the scenes that the method is run for; empty means all scenes.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -32,27 +31,31 @@ class _Options(BaseModel):
 
     @property
     def training_views(self) -> int:
-        """How many training views with references the system is given."""
+        """The number of training views with references that the system gets."""
         return 0
 
     @property
     def learns_from_targets(self) -> bool:
-        """Whether the system learns from the points that the field learns from."""
+        """Whether the system learns from the same targets as the field."""
         return False
 
     @property
     def learns(self) -> bool:
-        """Whether the system learns anything that is worth keeping between runs."""
+        """Whether the system learns something that should be kept between runs."""
         return self.training_views > 0 or self.learns_from_targets
 
     @property
     def waits_for_field(self) -> bool:
-        """Whether the system is given the time that a view of the field costs."""
+        """Whether the system needs the time that the field takes for a view."""
         return False
 
     @property
     def lists(self) -> tuple[str, ...]:
-        """The lists of ``methods`` whose stages wait for what the system needs."""
+        """The lists of ``methods`` that may contain the row.
+
+        ``equal_time`` waits for the field's timings, ``learned`` for references and targets,
+        ``classical`` for neither.
+        """
         if self.waits_for_field:
             return ("equal_time",)
         if self.learns:
@@ -61,32 +64,32 @@ class _Options(BaseModel):
 
 
 class _Learned(_Options):
-    """A system that knows a scene from pictures alone."""
+    """A system that learns a scene from images."""
 
     views: Count = 3
 
     @property
     def training_views(self) -> int:
-        """How many training views with references the system is given."""
+        """The number of training views with references that the system gets."""
         return self.views
 
 
 class _Sampled(_Options):
     """A system whose error goes to zero with the number of samples per pixel.
 
-    ``spp: equal_time`` takes as many as fit into the time of a view from the field.
+    ``spp: equal_time`` takes as many samples as fit into the time of a view of the field.
     """
 
     spp: Count | Literal["equal_time"] = 50
 
     @property
     def samples(self) -> str:
-        """How many there are, as titles tell it."""
+        """The number of samples per pixel, in words for titles."""
         return "equal time" if self.waits_for_field else f"{self.spp} spp"
 
     @property
     def waits_for_field(self) -> bool:
-        """Whether the system is given the time that a view of the field costs."""
+        """Whether the system needs the time that the field takes for a view."""
         return self.spp == "equal_time"
 
 
@@ -114,7 +117,7 @@ class ParticleTracerOptions(_Sampled):
 
 
 class SppmOptions(_Options):
-    """Photon mapping with few passes (:mod:`gpf.sppm.passes`)."""
+    """Stochastic progressive photon mapping with few passes (:mod:`gpf.sppm.passes`)."""
 
     system: Literal["sppm"]
     passes: Count = 3
@@ -127,7 +130,7 @@ class SppmOptions(_Options):
 
 
 class DenoisedOptions(_Sampled):
-    """Mitsuba's ``path``, denoised."""
+    """Mitsuba's ``path`` with a denoiser."""
 
     system: Literal["denoised"]
 
@@ -140,10 +143,11 @@ class DenoisedOptions(_Sampled):
 class EmGmmOptions(_Options):
     """Progressive expectation maximisation for photons (Jakob, Regg and Jarosz 2011).
 
-    ``paths`` photon paths come in so many ``passes``, or more of 100000 paths each. ``bandwidth``:
-    the standard deviation of the kernel that a photon stands for, world units, or ``auto``: half of
-    what a typical component begins with. ``normalisation``: that of the method, over the
-    ``volume``, or for photons in a ``plane`` (:mod:`gpf.baselines.em_gmm.baseline`).
+    ``paths`` photon paths are traced in ``passes`` passes, or in more passes of at most 100000
+    paths. ``bandwidth``: standard deviation of each photon's kernel, world units, or ``auto``: half
+    of the initial standard deviation of a typical component. ``normalisation``: of the Gaussians
+    over the ``volume``, as in the paper, or for photons in a ``plane``
+    (:mod:`gpf.baselines.em_gmm.baseline`).
     """
 
     system: Literal["em_gmm"]
@@ -161,9 +165,9 @@ class EmGmmOptions(_Options):
 
 
 class InstantNgpOptions(_Learned):
-    """Hash grids and small networks, fitted to pictures (Müller and others 2022).
+    """Hash grids and small networks, fitted to images (Müller and others 2022).
 
-    ``samples``: along all rays of a step.
+    ``samples``: on all rays of a training step together.
     """
 
     system: Literal["instant_ngp"]
@@ -179,8 +183,8 @@ class InstantNgpOptions(_Learned):
 class SplattingOptions(_Learned):
     """3D Gaussian splatting (Kerbl and others 2023).
 
-    ``gaussians`` to start with, about ``most`` once there are more where that helps, with
-    spherical harmonics up to a ``degree``.
+    ``gaussians``: initial number. ``most``: approximate upper limit of the number during the
+    training. ``degree``: highest degree of the spherical harmonics.
     """
 
     system: Literal["splatting"]
@@ -196,10 +200,10 @@ class SplattingOptions(_Learned):
 
 
 class RadianceCacheOptions(_Options):
-    """A hash grid and a small network in place of the Gaussians.
+    """A hash grid and a small network instead of the Gaussians of the field.
 
-    ``size``: of both, as :mod:`gpf.baselines.radiance_cache.baseline` describes it. It gets as many steps,
-    points in each and camera samples as the field, unless a row says otherwise.
+    ``size``: of grid and network (:mod:`gpf.baselines.radiance_cache.baseline`). ``steps``,
+    ``batch`` (points per step) and ``spp`` are those of the field, unless a row sets them.
     """
 
     system: Literal["radiance_cache"]
@@ -210,7 +214,7 @@ class RadianceCacheOptions(_Options):
 
     @property
     def learns_from_targets(self) -> bool:
-        """Whether the system learns from the points that the field learns from."""
+        """Whether the system learns from the same targets as the field."""
         return True
 
     @property
@@ -222,8 +226,9 @@ class RadianceCacheOptions(_Options):
 class RenderFormerOptions(_Options):
     """RenderFormer (Zeng and others 2025).
 
-    ``triangles``: more are simplified away. ``weights``: a folder, or a name of the Hugging Face
-    hub that is in its local cache. The published code is where ``GPF_RENDERFORMER`` says.
+    ``triangles``: upper limit; larger scenes are simplified. ``weights``: a folder, or a name of
+    the Hugging Face hub that is in the local cache. ``GPF_RENDERFORMER`` in the environment names
+    the folder of the published code.
     """
 
     system: Literal["renderformer"]
@@ -239,8 +244,8 @@ class RenderFormerOptions(_Options):
 class AnySplatOptions(_Learned):
     """AnySplat (Jiang and others 2025).
 
-    ``weights``: a folder, or a name of the Hugging Face hub that is in its local cache. The
-    published code is where ``GPF_ANYSPLAT`` says.
+    ``weights``: a folder, or a name of the Hugging Face hub that is in the local cache.
+    ``GPF_ANYSPLAT`` in the environment names the folder of the published code.
     """
 
     system: Literal["anysplat"]

@@ -12,30 +12,30 @@ from gpf.baselines.sampling import PreparedSampling
 
 
 class ParticleTracer:
-    """Paths from the lamps, each vertex of which is connected to the camera.
+    """Paths from the lamps; each of their vertices is connected to the camera.
 
-    Caustics on surfaces that the camera sees directly are its strength. A surface that only
-    reflects or refracts in one direction cannot be connected to a pinhole: mirrors, glass and
-    water, and all that is behind them, remain black whatever the number of samples.
+    Its strength are caustics on surfaces that the camera sees directly. A surface that reflects or
+    refracts in a single direction cannot be connected to a pinhole: mirrors, glass and water, and
+    everything behind them, stay black with any number of samples.
     """
 
     def __init__(self, options: ParticleTracerOptions) -> None:
         self.options = options
 
     def prepare(self, task: Task) -> PreparedSampling:
-        """Nothing to do but what :meth:`PreparedSampling.make` does."""
-        # As for ``path``: any length, and a depth of 1 or more for the roulette.
+        """As :meth:`PreparedSampling.make`."""
+        # As for ``path``: paths of any length, Russian roulette from a depth of 1 or more.
         depths = {"max_depth": -1, "rr_depth": max(task.rr_depth, 1)}
         integrator = mi.load_dict({"type": "ptracer"} | depths)
-        # Mitsuba compiles it anew for each camera and number of samples.
+        # Mitsuba compiles it again for each camera and each number of samples.
         return PreparedParticleTracer.make(task, integrator, self.options.spp, alike=True)
 
 
 class PreparedParticleTracer(PreparedSampling):
-    """A scene, and how many paths there are for each pixel."""
+    """A scene, and the number of light paths per pixel."""
 
     @property
     def facts(self) -> Mapping[str, float | str]:
-        """``spp``, and the ``paths`` that a whole image gets: they land where they please."""
+        """``spp``, and the ``paths`` of a whole image: a path can contribute to any pixel."""
         width, height = self.task.size
         return {"spp": self.samples.spp, "paths": self.samples.spp * width * height}

@@ -12,19 +12,19 @@ from gpf.baselines.sampling import PreparedSampling
 class PathTracer:
     """Unidirectional path tracing with next event estimation.
 
-    Light that reaches diffuse surfaces through glass or water, a caustic, is found by chance alone:
-    when a path of the camera leaves the surface at random, gets through, and meets the lamp. The
-    smaller the lamp, the less often, and the brighter the pixel that it happens in.
+    It finds a caustic, light that reaches a diffuse surface through glass or water, by chance only:
+    when a camera path leaves the surface in a random direction, passes the glass and meets the
+    lamp. The smaller the lamp, the rarer this is, and the brighter is the pixel where it happens.
     """
 
     def __init__(self, options: PathTracerOptions) -> None:
         self.options = options
 
     def prepare(self, task: Task) -> PreparedSampling:
-        """Nothing to do but what :meth:`PreparedSampling.make` does."""
+        """As :meth:`PreparedSampling.make`."""
         return PreparedSampling.make(task, make_path_integrator(task.rr_depth), self.options.spp)
 
 
 def make_path_integrator(rr_depth: int) -> mi.Integrator:
-    """Paths of any length, as the references have them; ``path`` wants a depth of 1 or more."""
+    """An integrator for paths of any length, as in the references; ``rr_depth`` is at least 1."""
     return mi.load_dict({"type": "path", "max_depth": -1, "rr_depth": max(rr_depth, 1)})

@@ -12,11 +12,11 @@ from gpf.scene.views import View
 
 @dataclass(frozen=True)
 class Pinhole:
-    """A camera with square pixels, whose axis meets the middle of the image.
+    """A camera with square pixels whose axis passes through the middle of the image.
 
     Attributes
     ----------
-    origin: where it stands, (3,).
+    origin: position, world units, (3,).
     rotation: camera to world, (3, 3); its columns point to the right, down and ahead.
     focal: focal length, pixels.
     size: width and height of the image, pixels.
@@ -35,9 +35,10 @@ class Pinhole:
         return matrix
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels (N, 2), of which 0 and 1 are the left and right borders of the first, and depths.
+        """Pixel coordinates (N, 2) and depths (N,) of points (N, 3).
 
-        Points (N, 3) behind the camera have depths below zero, and no meaningful pixels.
+        The first pixel reaches from 0 to 1. Points behind the camera have negative depths and
+        meaningless pixel coordinates.
         """
         x, y, z = ((points - self.origin) @ self.rotation).T
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -46,7 +47,7 @@ class Pinhole:
 
 
 def make_pinhole(view: View, size: tuple[int, int]) -> Pinhole:
-    """The camera of a view, with the very pixels of :func:`gpf.scene.sensors.make_sensor`."""
+    """The camera of a view; its pixels are those of :func:`gpf.scene.sensors.make_sensor`."""
     origin = np.array(view.origin, dtype=float)
     ahead = _unit(np.array(view.target) - origin)
     right = _unit(np.cross(ahead, view.up))
@@ -55,7 +56,7 @@ def make_pinhole(view: View, size: tuple[int, int]) -> Pinhole:
 
 
 def find_focal(view: View, size: tuple[int, int]) -> float:
-    """Focal length in pixels: half of what ``fov_axis`` means, over tan(fov / 2)."""
+    """Focal length in pixels: e / (2 tan(fov / 2)), with the extent e along ``fov_axis``."""
     width, height = size
     extents = {
         "x": width,

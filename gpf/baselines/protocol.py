@@ -1,8 +1,8 @@
-"""What a system that the field is compared with is given, and what it has to do.
+"""The protocol of the systems that the field is compared with.
 
 A system is prepared once for a scene, from the scene itself or from images of training views, and
-then renders views that it has not seen. What it cannot serve it refuses in words, with
-:class:`CannotServe`: the reason is its entry in the tables.
+then renders other views. If it cannot render a scene it raises :class:`CannotServe`, whose reason
+is shown in the tables.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ class CannotServe(UserError):
 
 @dataclass(frozen=True)
 class TrainingView:
-    """A camera and what it sees.
+    """A camera and its reference.
 
     Attributes
     ----------
     view: the camera.
-    layers: what the reference of the view has, float32: ``radiance`` (H, W, 3) in W/(m² sr),
-        linear; ``position`` and ``normal`` of the first diffuse hit, (H, W, 3), world units; and
-        ``valid`` (H, W), 1 where there is one.
+    layers: of the reference, float32: ``radiance`` (H, W, 3) in W/(m² sr), linear; ``position``
+        and ``normal`` of the first diffuse hit, (H, W, 3), world units; ``valid`` (H, W), 1 where
+        there is such a hit.
     """
 
     view: View
@@ -48,25 +48,25 @@ class TrainingView:
 
 @dataclass(frozen=True)
 class Task:
-    """A scene to be served.
+    """A scene that a system is to render.
 
     Attributes
     ----------
     name: the scene's name, for messages.
-    scene: the scene, loaded with ids and shapes as in its file.
-    file: that file.
+    scene: the scene, loaded with the ids and shapes of its file.
+    file: the scene file.
     size: width and height of all images, pixels.
-    exposure: what linear images are multiplied by before they are shown or compared.
-    training: views with their references, as many as the system asked for.
-    targets: the file of the points that the field learns from (:mod:`gpf.training.targets`), for systems
-        that learn from the same.
-    rr_depth: interactions before Russian roulette, where the system walks paths.
-    seed: of all that is random in the preparation.
-    state: a folder, which is there, where the preparation may keep what a killed run would lose.
-        Once all views are rendered it is emptied, but for what was learned.
-    train, render: how the field is trained and rendered, for systems that are to have as much.
-    seconds_per_view: what a view of the field costs, for systems that are to take as long.
-    report: called with how much of the preparation is done, and of how much.
+    exposure: factor of linear images before they are shown or compared.
+    training: views with their references, as many as the system asks for.
+    targets: the field's targets (:mod:`gpf.training.targets`), a file, for systems that learn from
+        the same targets.
+    rr_depth: interactions before Russian roulette, for systems that trace paths.
+    seed: of all random numbers of the preparation.
+    state: an existing folder for checkpoints of the preparation. It is emptied after the views are
+        rendered, unless the system learns something that further views need.
+    train, render: the field's settings, for systems that use the same.
+    seconds_per_view: time that the field takes for a view, for systems with ``equal_time``.
+    report: called as ``report(done, total)`` during the preparation.
     """
 
     name: str
@@ -86,29 +86,29 @@ class Task:
 
 
 class Prepared(Protocol):
-    """A system that is ready for any view of its scene."""
+    """A system that is ready to render views of a scene."""
 
     @property
     def storage_bytes(self) -> int:
-        """What has to be kept to render further views, beside the scene; 0 for a path tracer."""
+        """Bytes that rendering further views needs, apart from the scene; 0 for a path tracer."""
 
     @property
     def facts(self) -> Mapping[str, float | str]:
-        """What tables or people may want to know: steps made, primitives, what ran on what."""
+        """Further facts for tables and readers: steps, primitives, devices and the like."""
 
     def render(self, view: View, seed: int) -> np.ndarray:
         """A view's radiance, W/(m² sr), (H, W, 3) float32, linear."""
 
 
 class Baseline(Protocol):
-    """A system with its options from params.yaml."""
+    """A system with its options."""
 
     def prepare(self, task: Task) -> Prepared:
-        """Make ready for a scene.
+        """Prepare the system for a scene.
 
-        Goes on from what an earlier call with the same task and options left in ``task.state``.
+        Continues from checkpoints in ``task.state`` of a call with the same task and options.
 
         Raises
         ------
-        CannotServe: the scene is beyond the system, or a package or weights are missing.
+        CannotServe: the system cannot render the scene, or a package or weights are missing.
         """

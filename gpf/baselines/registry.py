@@ -1,4 +1,4 @@
-"""From a row of params.yaml to its system, whose module is imported only now."""
+"""From options to the system; its module is imported only when it is needed."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from gpf.baselines.protocol import Baseline
 
 
 def make_baseline(options: BaselineOptions) -> Baseline:
-    """The system that the options are for.
+    """The system that the options select.
 
-    That of ``system: em_gmm`` is the class ``EmGmm`` of :mod:`gpf.baselines.em_gmm.baseline`; a
-    system of one file has no folder.
+    ``system: em_gmm`` is the class ``EmGmm`` in :mod:`gpf.baselines.em_gmm.baseline`; a system
+    without a package, such as ``sppm``, is the class ``Sppm`` in :mod:`gpf.baselines.sppm`.
     """
     module = importlib.import_module(f"gpf.baselines.{options.system}")
-    if hasattr(module, "__path__"):  # a folder
+    if hasattr(module, "__path__"):  # a package
         module = importlib.import_module(f"{module.__name__}.baseline")
     class_name = "".join(part.capitalize() for part in options.system.split("_"))
     system: Baseline = getattr(module, class_name)(options)

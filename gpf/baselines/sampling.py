@@ -1,4 +1,4 @@
-"""What the systems that trace paths have in common: images of many samples, and a camera to try."""
+"""Shared by the systems that trace paths: images of many samples, and the scene's own camera."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gpf.scene.views import View
 
 @dataclass(frozen=True)
 class PreparedSampling:
-    """A scene, an integrator of Mitsuba, and how many samples its pixels get."""
+    """A scene, an integrator of Mitsuba, and the number of samples per pixel."""
 
     task: Task
     integrator: mi.Integrator
@@ -33,14 +33,16 @@ class PreparedSampling:
         spp: int | Literal["equal_time"],
         alike: bool = False,
     ) -> PreparedSampling:
-        """For ``equal_time``, images of the scene's own camera compile the kernels beforehand.
+        """Prepare a scene; ``equal_time`` compiles the kernels on the scene's own camera.
 
-        ``alike``: an integrator that is compiled anew for each view and number of samples.
+        Parameters
+        ----------
+        alike: whether the integrator is compiled again for each view and number of samples.
 
         Raises
         ------
-        CannotServe: the time of a view from the field is asked for, and not known; or the scene
-            has no camera of its own then.
+        CannotServe: for ``equal_time``, ``task.seconds_per_view`` is None, or the scene has no
+            camera of its own.
         """
         samples = Samples.plan(spp, task)
         samples.alike = alike
@@ -52,12 +54,12 @@ class PreparedSampling:
 
     @property
     def storage_bytes(self) -> int:
-        """Nothing is kept."""
+        """0: nothing is kept."""
         return 0
 
     @property
     def facts(self) -> Mapping[str, float | str]:
-        """``spp``, for ``equal_time`` the mean over the views so far."""
+        """``spp``; for ``equal_time`` the mean over the views so far."""
         return {"spp": self.samples.spp}
 
     def render(self, view: View, seed: int) -> np.ndarray:
@@ -74,7 +76,7 @@ class PreparedSampling:
 
 
 def own_camera(task: Task) -> mi.Sensor:
-    """The scene's first camera, with the film that all views have.
+    """The scene's first camera, with the size of the task's images.
 
     Raises
     ------
@@ -84,7 +86,7 @@ def own_camera(task: Task) -> mi.Sensor:
     if not views:
         raise CannotServe(
             f"scene {task.name}",
-            "has no perspective camera of its own, with which to take a pilot's measurements",
-            "Add a <sensor> to it; it may be that of the first training view.",
+            "has no perspective camera of its own, which is needed for measurements",
+            "Add a <sensor> to it; it may be the camera of the first training view.",
         )
     return make_sensor(views[0], *task.size)

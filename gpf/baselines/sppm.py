@@ -1,4 +1,4 @@
-"""Photon mapping with few passes: ours, as it makes the references."""
+"""Photon mapping with few passes, by this project's own SPPM, which also makes the references."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from gpf.sppm.passes import propose_radius
 class Sppm:
     """Stochastic progressive photon mapping, stopped after a few passes.
 
-    All is as for the references, but for three things: passes are few; photons leave the lamps as
-    the lamps emit light, without a guide to where cameras look; and the radius of the first pass
-    suits what the scene's own camera sees, for there are no training views.
+    Three things differ from the references. There are few passes. Photons are emitted as the lamps
+    emit light, without guiding towards the visible region. The radius of the first pass is chosen
+    for the scene's own camera, because there are no training views.
     """
 
     def __init__(self, options: SppmOptions) -> None:
         self.options = options
 
     def prepare(self, task: Task) -> PreparedSppm:
-        """Measure the radius of the first pass, and the photon map of one.
+        """Measure the radius of the first pass and the memory of its photons.
 
         Raises
         ------
-        CannotServe: photons cannot be told from other light on one of the scene's materials, or the
-            scene has no camera.
+        CannotServe: the diffuse part of a material cannot be separated, the scene has no bounds, or
+            it has no camera of its own.
         """
         scene, paths = task.scene, self.options.photons_per_pass
         try:
@@ -75,12 +75,12 @@ class Sppm:
 
 @dataclass(frozen=True)
 class PreparedSppm:
-    """A scene with the radius that suits it.
+    """A scene with the settings of its passes.
 
     Attributes
     ----------
-    storage_bytes: the photons of one pass, which a view needs all of. Passes are traced anew for
-        each view: they are forgotten in between, but without them there is no image.
+    storage_bytes: the photons of one pass. A view needs all of them, although every view traces
+        its own passes and keeps none.
     """
 
     task: Task
@@ -103,5 +103,5 @@ class PreparedSppm:
 
 
 def count_bytes(photons: Photons) -> int:
-    """What photons take in memory."""
+    """Bytes of photons in memory."""
     return sum(to_numpy(getattr(photons, f.name)).nbytes for f in fields(photons))

@@ -1,4 +1,4 @@
-"""As many samples as fit into a time."""
+"""Images of a fixed number of samples, or of as many samples as fit into a time."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from gpf.core.random import Stream, pass_seed
 
 @dataclass
 class Samples:
-    """How many samples per pixel a view gets.
+    """The number of samples per pixel of a view.
 
     Attributes
     ----------
-    number: of them; None for as many as fit into ``seconds``. The clock decides then, so that there
-        are not as many each time.
-    seconds: of a view, in all.
-    alike: whether parts have one sample each (:func:`sample_for`).
-    taken: what the views so far got.
+    number: samples per pixel; None for as many as fit into ``seconds``, which is not the same
+        number in every run.
+    seconds: time for a whole view.
+    alike: whether all parts have one sample (:func:`sample_for`).
+    taken: the numbers of the views so far, where the clock decides.
     """
 
     number: int | None
@@ -34,25 +34,25 @@ class Samples:
 
     @classmethod
     def plan(cls, spp: int | Literal["equal_time"], task: Task) -> Samples:
-        """What options ask for.
+        """The samples that options ask for.
 
         Raises
         ------
-        CannotServe: the time of a view from the field is asked for, and not known.
+        CannotServe: ``spp`` is ``equal_time``, and ``task.seconds_per_view`` is None.
         """
         if spp != "equal_time":
             return cls(int(spp))
         if task.seconds_per_view is None:
             raise CannotServe(
                 f"scene {task.name}",
-                "what a view from the field costs is not known, so there is no equal time",
-                f"Run `gpf stage render --scene {task.name}` first, or give a number of samples.",
+                "the time of a view of the field is not given, so there is no equal time",
+                "Set `seconds_per_view`, or give a number of samples.",
             )
         return cls(None, task.seconds_per_view)
 
     @property
     def spp(self) -> float:
-        """Their number; where the clock decides, the mean over the views so far."""
+        """Samples per pixel; where the clock decides, the mean over the views so far."""
         return self.number if self.number is not None else float(np.mean(self.taken or [0]))
 
     def trace(
@@ -62,8 +62,8 @@ class Samples:
 
         Parameters
         ----------
-        trace: called as ``trace(spp, seed)``.
-        spent: seconds of the view that other things take.
+        trace: called as ``trace(spp, seed)``; returns an image.
+        spent: seconds of the view that other work takes.
         """
         if self.number is not None:
             return trace(self.number, seed)
@@ -82,18 +82,18 @@ def sample_for(
     clock: Callable[[], float] = time.perf_counter,
     alike: bool = False,
 ) -> tuple[np.ndarray, int]:
-    """An image of as many samples per pixel as fit into a time, and their number: one at least.
+    """An image of as many samples per pixel as fit into a time, and their number, at least one.
 
-    Parts have 1, 1, 2, 4, … samples, and the last what fits, going by what a sample of the part
-    before took: nothing is thrown away to find that out.
+    The samples come in parts of 1, 1, 2, 4, … The last part has as many as still fit, by the time
+    per sample of the part before it. All parts count, so measuring costs no samples.
 
     Parameters
     ----------
-    trace: called as ``trace(spp, part)``; gives an image of so many samples per pixel, which are
-        independent of those of the other parts.
-    alike: whether all parts have one sample, two of them at least. This is for kernels that are
-        compiled anew for each view and number of samples: the first part counts as much as the
-        second, and its compilation does not count.
+    trace: called as ``trace(spp, part)``; returns an image of ``spp`` samples per pixel that are
+        independent of those of other parts.
+    alike: whether all parts have one sample; there are at least two parts. For kernels that are
+        compiled again for each view and number of samples: the first part includes the compilation,
+        so the time of the second part is counted for it instead.
     """
     total: Any = 0
     done, part, share = 0, 0, 1
@@ -113,7 +113,7 @@ def sample_for(
 
 
 def time_of(action: Callable[[], object]) -> float:
-    """Seconds that an action takes: the shorter of two, after one that may compile kernels."""
+    """Seconds of an action: the shorter of two runs, after one run that may compile kernels."""
     action()
     times = []
     for _ in range(2):

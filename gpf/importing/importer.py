@@ -145,7 +145,7 @@ def _make(
     write_views(
         target / "views.yaml",
         views,
-        f"Cameras of {name}, placed around its own; gpf/scene/views.py describes the format.",
+        f"Cameras of {name}, placed around its camera; gpf/scene/views.py describes the format.",
     )
     report = ImportReport(
         name, root / name, source.origin, len(copied), size, found, views, tuple(warnings)

@@ -127,7 +127,7 @@ def draw_contact_sheet(
 
 def _wrap(texts: Sequence[str], font: Font, width: int) -> str:
     """Texts one below the other, in lines of about ``width`` pixels at most."""
-    letters = int(width / font.getlength("abcdefghij") * 10)
+    letters = max(4, int(width / font.getlength("abcdefghij") * 10))
     return "\n".join(line for text in texts for line in textwrap.wrap(text, letters))
 
 

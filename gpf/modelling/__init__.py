@@ -1,5 +1,5 @@
-"""Procedural meshes and textures, for the builders of scenes.
+"""Procedural meshes and textures for the builders of scenes.
 
-numpy alone, no random state, coordinates rounded to six decimals: a builder that uses these writes
-the same bytes every time, on every machine.
+They use only numpy and fixed seeds, and coordinates are rounded to six decimals, so a builder
+writes the same bytes every time and on every machine.
 """

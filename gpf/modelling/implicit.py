@@ -1,8 +1,8 @@
 """Closed smooth meshes from functions that are negative inside a solid (surface nets).
 
-Solids are joined by :func:`union`, cut by :func:`intersection`, hollowed by intersecting with the
-negative of another; all of them round the seam they make. Wherever the function is roughly a
-distance, the roundings have the lengths asked for.
+:func:`union` joins solids and :func:`intersection` cuts them; the intersection with the negative of
+a solid removes it. Both round the new edges. Where the functions are roughly distances, ``fillet``
+is roughly the size of the rounding.
 """
 
 from __future__ import annotations
@@ -17,12 +17,15 @@ Field = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 def union(a: np.ndarray, b: np.ndarray, fillet: float) -> np.ndarray:
-    """Both solids, with a fillet of this size where they meet: a polynomial smooth minimum."""
+    """The union of two solids, with a fillet of this size where they meet.
+
+    A polynomial smooth minimum: min(a, b) - max(f - |a - b|, 0)² / (4 f).
+    """
     return np.minimum(a, b) - np.maximum(fillet - np.abs(a - b), 0) ** 2 / (4 * fillet)
 
 
 def intersection(a: np.ndarray, b: np.ndarray, fillet: float) -> np.ndarray:
-    """What two solids have in common, its edges rounded by ``fillet``."""
+    """The intersection of two solids, with edges rounded by ``fillet``."""
     return -union(-a, -b, fillet)
 
 
@@ -36,7 +39,7 @@ def gradient(field: Field, points: np.ndarray, step: float) -> np.ndarray:
 
 
 def spaced(start: float, *parts: tuple[float, float]) -> np.ndarray:
-    """Grid planes along an axis: from ``start`` on, each part (end, distance) with its own."""
+    """Grid planes along an axis from ``start``; each part (end, distance) has its own spacing."""
     planes = [start]
     for end, distance in parts:
         planes += list(np.arange(planes[-1] + distance, end, distance))
@@ -44,15 +47,18 @@ def spaced(start: float, *parts: tuple[float, float]) -> np.ndarray:
 
 
 def polygonize(field: Field, axes: Sequence[np.ndarray]) -> Mesh:
-    """The surface field = 0 inside a grid, as a mesh with normals along the gradient.
+    """The surface field = 0 inside a grid, as a closed mesh with normals along the gradient.
 
-    ``field(x, y, z)`` broadcasts its arguments; parts of it that depend on two of them alone are
-    therefore computed on a plane of the grid alone. ``axes`` are the grid's planes; it contains the
-    whole surface with two cells to spare. Parts thinner than a cell and a half may tear.
+    Every cell with corners of both signs gets a point. Every grid edge with ends of both signs gets
+    a quad over the four cells around it, counter-clockwise from outside. Then the points are spread
+    evenly and moved onto the surface by Newton steps along the gradient.
 
-    Every cell whose corners differ in sign gets a point, every grid edge between two signs gets a
-    quad over the four cells around it: closed, and counter-clockwise from outside. Then the points
-    are spread evenly, and taken onto the surface by Newton steps along the gradient.
+    Parameters
+    ----------
+    field: ``field(x, y, z)`` broadcasts its arguments, so parts that depend on two coordinates are
+        computed on a plane of the grid only.
+    axes: the planes of the grid. It contains the whole surface with a margin of two cells. Parts
+        thinner than 1.5 cells may tear.
     """
     cell = min(float(np.diff(axis).min()) for axis in axes)
     value = field(axes[0][:, None, None], axes[1][None, :, None], axes[2][None, None, :])
@@ -66,7 +72,7 @@ def polygonize(field: Field, axes: Sequence[np.ndarray]) -> Mesh:
         place = np.argwhere((near < 0) != (far < 0))
         a, b = near[tuple(place.T)], far[tuple(place.T)]
         crossing = place + (a / (a - b))[:, None] * one
-        # Around the edge, seen from its far end: right-handed, hence outwards where a < 0.
+        # Counter-clockwise around the edge as seen from its far end, which is outside where a < 0.
         right, up = np.eye(3, dtype=int)[(axis + 1) % 3], np.eye(3, dtype=int)[(axis + 2) % 3]
         around = [place - right - up, place - up, place, place - right]
         corners = np.stack([np.ravel_multi_index(tuple(c.T), value.shape) for c in around], axis=1)
@@ -92,7 +98,7 @@ def polygonize(field: Field, axes: Sequence[np.ndarray]) -> Mesh:
         points -= np.clip(move, -cell / 4, cell / 4)
     normals = gradient(field, points, step)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    # Along the shorter diagonal, so that ridges stay ridges.
+    # Cut quads along the shorter diagonal, which preserves ridges.
     ac = np.linalg.norm(points[q[:, 0]] - points[q[:, 2]], axis=1)
     bd = np.linalg.norm(points[q[:, 1]] - points[q[:, 3]], axis=1)
     q = np.where((ac <= bd)[:, None], q, np.roll(q, -1, axis=1))
@@ -100,7 +106,7 @@ def polygonize(field: Field, axes: Sequence[np.ndarray]) -> Mesh:
 
 
 def _neighbours_mean(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    """At each point the mean of those that an edge of a quad joins it with."""
+    """For each point the mean of the points that share an edge of a quad with it."""
     here, there = quads.ravel(), np.roll(quads, -1, axis=1).ravel()  # each edge once per direction
     columns = [np.bincount(here, points[there, k], len(points)) for k in range(3)]
     return np.stack(columns, axis=1) / np.bincount(here, minlength=len(points))[:, None]

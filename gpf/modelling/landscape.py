@@ -1,8 +1,8 @@
-"""A generated landscape, as one sees it from a hill: fields and woods around a lake, a wide sky.
+"""A generated landscape seen from a hill: fields and woods around a lake, and a wide sky.
 
-The land is a height field in kilometres, x to the right and z away from the viewer. For every
-column of the picture it is followed from near to far, and each pixel takes the colour of the first
-point that reaches up to it. Nothing is random: noise comes from fixed seeds.
+The land is a height field in kilometres, x to the right and z away from the viewer. Each column of
+the picture follows it from near to far, and each pixel takes the colour of the first point that is
+at least as high in the picture. Noise has fixed seeds.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ EYE = 1.25  # height of the viewer above the lake
 CROPS = [(0, (0.1, 0.2, 0.01)), (0.4, (0.19, 0.3, 0.015)), (0.7, (0.26, 0.32, 0.02))]
 CROPS += [(0.85, (0.36, 0.34, 0.05)), (1, (0.12, 0.22, 0.01))]
 WOODS = [(0, (0.008, 0.016, 0.002)), (0.5, (0.04, 0.06, 0.006)), (1, (0.16, 0.15, 0.015))]
-TILE = 24.0  # the land's noise repeats after so many kilometres
+TILE = 24.0  # period of the land's noise, kilometres
 
 
 def lookup(tile: np.ndarray, x: np.ndarray, z: np.ndarray, period: float) -> np.ndarray:
-    """Bilinear values of a square periodic ``tile`` at x and z; it covers ``period`` kilometres."""
+    """Bilinear values at x and z of a square periodic ``tile``, ``period`` kilometres wide."""
     size = len(tile)
     u, v = x / period * size % size, z / period * size % size
     i, j = u.astype(int) % size, v.astype(int) % size
@@ -30,7 +30,7 @@ def lookup(tile: np.ndarray, x: np.ndarray, z: np.ndarray, period: float) -> np.
 
 
 def land(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ground height, height of the trees on it, and whether it is water; at x and z."""
+    """Height of the ground, height of the trees on it, and whether there is water; at x and z."""
     hills = fractal_noise((512, 512), (6, 6), 6, seed=11)
     woods = fractal_noise((512, 512), (20, 20), 4, seed=23)
     crowns = fractal_noise((512, 512), (64, 64), 2, seed=31)
@@ -52,7 +52,7 @@ def land(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def paint(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Height with trees, and linear colour, of the land at x and z."""
+    """Height including trees, and linear colour, of the land at x and z."""
     height, trees, water = land(x, z)
     step = 0.02
     lit_side = sum(land(x - step, z)[:2])
@@ -75,9 +75,9 @@ def paint(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sky(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Linear colours of the sky: ``rows`` (H,) from 0 at the horizon up to 1, ``columns`` (W,)."""
+    """Linear colours of the sky, (H, W, 3): ``rows`` (H,) are 0 at the horizon and 1 at the top."""
     clouds = fractal_noise((512, 512), (8, 8), 6, seed=71)
-    away = 1 / (rows[:, None] + 0.35)  # clouds lie in a layer: narrower towards the horizon
+    away = 1 / (rows[:, None] + 0.35)  # clouds are in one layer: smaller towards the horizon
     cover = lookup(clouds, columns * away * 0.9, away + 0 * columns, 4.0)
     cover = np.clip((cover - 0.42) / 0.25, 0, 1)[..., None] * np.clip(rows * 6, 0, 1)[:, None, None]
     clear = ramp(
@@ -89,9 +89,9 @@ def sky(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def landscape(width: int, height: int, horizon: float = 0.17, fov: float = 62) -> np.ndarray:
     """The picture as linear colours, (H, W, 3), first row on top.
 
-    ``horizon`` is the part of the picture that is sky, ``fov`` the angle across it in degrees.
+    ``horizon`` is the share of the picture that is sky, ``fov`` the horizontal angle in degrees.
     """
-    columns, rows = 2 * width, 2 * height  # two by two samples a pixel
+    columns, rows = 2 * width, 2 * height  # 2 × 2 samples per pixel
     focal = 0.5 / np.tan(np.radians(fov / 2))
     tangent = ((np.arange(columns) + 0.5) / columns - 0.5) / focal
     z = np.geomspace(1.0, 90, 800)[:, None]
@@ -99,7 +99,7 @@ def landscape(width: int, height: int, horizon: float = 0.17, fov: float = 62) -
     z = np.broadcast_to(z, x.shape)
     top, colour = paint(x, z)
     middle = horizon * rows
-    # Projected rows of the skyline so far, from near to far: they only rise.
+    # The topmost projected row so far, from near to far.
     skyline = np.minimum.accumulate(middle + columns * focal * (EYE - top) / z, axis=0)
     row = np.arange(rows) + 0.5
     up = np.clip((middle - row) / middle, 0, 1)

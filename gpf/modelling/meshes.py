@@ -1,6 +1,6 @@
-"""Triangle meshes made of boxes, grids, surfaces of revolution and tubes, and written as PLY.
+"""Triangle meshes from boxes, grids and surfaces of revolution, and PLY files.
 
-Faces are counter-clockwise seen from outside. Lengths are scene units.
+Faces are counter-clockwise as seen from outside. Lengths are world units.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ class Mesh:
 
     Attributes
     ----------
-    points: (N, 3). faces: indices of points, (M, 3).
-    normals: one unit vector per point, (N, 3), or None: a facetted mesh.
+    points: (N, 3).
+    faces: indices of points, (M, 3).
+    normals: one unit vector per point, (N, 3); None for a facetted mesh.
     uv: texture coordinates, (N, 2), or None.
     """
 
@@ -31,7 +32,7 @@ class Mesh:
     uv: np.ndarray | None = None
 
     def transformed(self, matrix: np.ndarray) -> Mesh:
-        """The mesh under an affine map (4, 4), which keeps its orientation."""
+        """The mesh under an affine map (4, 4) that preserves orientation."""
         linear = np.asarray(matrix, dtype=float)[:3, :3]
         points = self.points @ linear.T + np.asarray(matrix, dtype=float)[:3, 3]
         normals = self.normals
@@ -40,9 +41,9 @@ class Mesh:
         return replace(self, points=points, normals=normals)
 
     def smooth(self) -> Mesh:
-        """With normals: at each point the mean of its faces' normals, weighted by their areas.
+        """The mesh with normals: at each point the mean of its faces' normals, weighted by area.
 
-        Points that lie in one place but have different numbers keep a crease between them.
+        Points in one place with different indices keep a crease between them.
         """
         a, b, c = (self.points[self.faces[:, i]] for i in range(3))
         twice_area = np.cross(b - a, c - a)
@@ -58,7 +59,12 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def join(meshes: Sequence[Mesh]) -> Mesh:
-    """Several meshes as one; all of them or none have normals, and likewise uv."""
+    """Several meshes as one.
+
+    Raises
+    ------
+    ValueError: some of the meshes have normals and others do not, or the same for uv.
+    """
     first = np.cumsum([0] + [len(mesh.points) for mesh in meshes])
     faces = [mesh.faces + start for mesh, start in zip(meshes, first, strict=False)]
 
@@ -66,7 +72,7 @@ def join(meshes: Sequence[Mesh]) -> Mesh:
         found = [getattr(mesh, name) for mesh in meshes]
         if any(value is None for value in found):
             if any(value is not None for value in found):
-                raise ValueError(f"some of the meshes have {name}, others have not")
+                raise ValueError(f"some of the meshes have {name}, others do not")
             return None
         return np.concatenate(found)
 
@@ -81,9 +87,10 @@ def strip(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
 
 
 def grid(rows: np.ndarray, closed: bool = False, uv: np.ndarray | None = None) -> Mesh:
-    """A skin over rows of points (R, C, 3), (R, C, 2) for ``uv``; ``closed`` joins last to first.
+    """A surface through rows of points (R, C, 3), with ``uv`` (R, C, 2).
 
-    It is seen from outside where the columns run to the right and the rows upwards.
+    ``closed`` joins the last column to the first. From outside, columns run to the right and rows
+    upwards.
     """
     count, columns = rows.shape[:2]
     index = np.arange(count * columns).reshape(count, columns)
@@ -101,7 +108,7 @@ def quad(corner: Vector, right: Vector, up: Vector) -> Mesh:
 
 
 def box(lower: Vector, upper: Vector) -> Mesh:
-    """A box with its faces outwards; each of the six has uv from (0, 0) to (1, 1)."""
+    """A box with its faces outwards; each of the six faces has uv from (0, 0) to (1, 1)."""
     low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
     sides = []
     for axis in range(3):
@@ -115,8 +122,8 @@ def box(lower: Vector, upper: Vector) -> Mesh:
 def lathe(profile: np.ndarray, segments: int = 96) -> Mesh:
     """A surface of revolution about the y axis.
 
-    ``profile`` (K, 2) lists (radius, y), from the bottom up along the outside; a radius of 0 at
-    an end closes it in a pole.
+    ``profile`` (K, 2) lists (radius, y) along the outside, from the bottom up. A radius of 0 at an
+    end closes the surface with a pole.
     """
     angle = 2 * np.pi * np.arange(segments) / segments
     ring = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
@@ -124,14 +131,14 @@ def lathe(profile: np.ndarray, segments: int = 96) -> Mesh:
     mesh = grid(rows, closed=True)
     faces = mesh.faces
     for row in (0, len(profile) - 1):
-        if profile[row][0] == 0:  # the whole ring is one point
+        if profile[row][0] == 0:  # all points of the ring are one
             members = (faces >= row * segments) & (faces < (row + 1) * segments)
             faces = np.where(members, row * segments, faces)
     return _compact(Mesh(mesh.points, faces))
 
 
 def _compact(mesh: Mesh) -> Mesh:
-    """Without faces that have a corner twice, and without points that no face has."""
+    """The mesh without faces that have a corner twice, and without points that no face uses."""
     a, b, c = mesh.faces.T
     faces = mesh.faces[(a != b) & (b != c) & (c != a)]
     used, index = np.unique(faces, return_inverse=True)
@@ -139,7 +146,7 @@ def _compact(mesh: Mesh) -> Mesh:
 
 
 def write_ply(path: Path, mesh: Mesh) -> Path:
-    """Write a binary PLY as Mitsuba reads it, rounded to six decimals; return ``path``."""
+    """Write a binary PLY for Mitsuba, rounded to six decimals; return ``path``."""
     names, columns = ["x", "y", "z"], [mesh.points]
     if mesh.normals is not None:
         names, columns = [*names, "nx", "ny", "nz"], [*columns, mesh.normals]
@@ -153,7 +160,7 @@ def write_ply(path: Path, mesh: Mesh) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
-        # A sine may differ in its last bit between machines; six decimals do not. No -0.0 either.
+        # A sine may differ in its last bit between machines, six decimals do not. + 0.0: no -0.0.
         file.write((np.round(np.hstack(columns), 6) + 0.0).astype("<f4").tobytes())
         file.write(table.tobytes())
     return path

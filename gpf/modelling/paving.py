@@ -1,6 +1,6 @@
-"""Generated textures of tiles and of planks: what a floor, a basin or a deck is covered with.
+"""Generated textures of tiles and planks, for floors, basins and decks.
 
-Colours are display-referred (sRGB) in [0, 1], first row on top. Both repeat without a seam.
+Colours are display-referred (sRGB) in [0, 1], first row on top. All textures repeat without a seam.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Stops = list[tuple[float, Colour]]
 
 
 def shades(count: int, seed: int) -> np.ndarray:
-    """Numbers in [0, 1), (count,): the raw integers of a generator whose stream is fixed."""
+    """Numbers in [0, 1), (count,), from raw integers of a generator with a fixed stream."""
     raw = np.random.PCG64(seed).random_raw(count)
     return np.asarray(raw >> np.uint64(11), dtype=float) / 2.0**53
 
@@ -22,10 +22,10 @@ def shades(count: int, seed: int) -> np.ndarray:
 def tiles(
     rows: int, columns: int, pixels: int, colours: Stops, grout: Colour, seed: int
 ) -> np.ndarray:
-    """Square tiles of ``pixels``² with round corners, (rows pixels, columns pixels, 3).
+    """Square tiles of ``pixels``² with round corners, (rows · pixels, columns · pixels, 3).
 
-    Each has a shade of its own out of ``colours`` (see :func:`gpf.modelling.textures.ramp`). The
-    lines of grout, 7% of a tile wide, are half in one tile and half in the next.
+    Each tile has its own shade of ``colours`` (:func:`gpf.modelling.textures.ramp`). The grout
+    lines are 7% of a tile wide, half in each of the two tiles.
     """
     shade = shades(rows * columns, seed).reshape(rows, columns)
     flat = ramp(shade, colours).repeat(pixels, axis=0).repeat(pixels, axis=1)
@@ -41,10 +41,9 @@ def tiles(
 def planks(
     rows: int, pixels: int, length: int, colours: Stops, joint: Colour, seed: int
 ) -> np.ndarray:
-    """Planks that run along the rows, each ``pixels`` wide and ``length`` long.
+    """Planks along the rows, each ``pixels`` wide and ``length`` long, (rows · pixels, length, 3).
 
-    Returns (rows pixels, length, 3). A plank's shade varies along its grain; its ends are staggered
-    by the golden ratio.
+    A plank's shade varies along its grain. The planks' ends are staggered by the golden ratio.
     """
     golden = (5**0.5 - 1) / 2
     noise = fractal_noise((rows * pixels, length), (rows * 4, 2), 3, seed)

@@ -1,4 +1,4 @@
-"""Generated skies, for Mitsuba's ``envmap``."""
+"""Generated skies for Mitsuba's ``envmap``."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ Stops = list[tuple[float, tuple[float, float, float]]]
 
 
 def write_sky(path: Path, stops: Stops, rows: int = 32) -> Path:
-    """Write a sky that is the same all around, as a map of longitude and latitude; return ``path``.
+    """Write a sky that depends on the elevation only, as a latitude-longitude map; return ``path``.
 
     ``stops`` are pairs (sine of the elevation, radiance), from -1 at the nadir to 1 at the zenith,
-    with straight lines in between (:func:`gpf.modelling.textures.ramp`). The map has ``rows`` by
-    2 ``rows`` pixels, the zenith in its first row, and is a PFM: radiance is not clamped.
+    with linear interpolation (:func:`gpf.modelling.textures.ramp`). The map has ``rows`` rows of
+    2 ``rows`` pixels, the zenith in the first row. It is a PFM, so radiance is not clamped.
     """
     elevation = np.pi * (0.5 - (np.arange(rows) + 0.5) / rows)
     pixels = np.broadcast_to(ramp(np.sin(elevation), stops)[:, None], (rows, 2 * rows, 3))

@@ -1,8 +1,8 @@
-"""A teapot: a hollow body with spout and handle, and a lid with a knob that lies in its rim.
+"""A teapot: a hollow body with spout and handle, and a lid with a knob.
 
-The axis is y, the spout points to +z, the pot stands on y = 0.033; it is 6.2 high with its lid
-and 9.4 long. Body and lid are closed solids, a wall of some 0.2 thick: made of glass, they refract
-as glass does. The tables below give radii and half-widths by height.
+The axis is y, the spout points to +z, and the pot stands on y = 0.033. With its lid it is 6.2 high
+and 9.4 long. Body and lid are closed solids with walls of about 0.2, so they can be made of glass.
+The tables below give radii and half-widths by height.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ LID += [(4.95, 0.84), (5, 0.658), (5.05, 0.51)]
 LID += [(5.11, 0.4), (5.2, 0.322), (5.3, 0.307), (5.45, 0.331), (5.65, 0.385), (5.85, 0.44)]
 LID += [(5.97, 0.464), (6.05, 0.447), (6.1, 0.396), (6.14, 0.282), (6.16, 0.12), (6.165, 0)]
 
-# (y, back, front, half width, wall) of the spout's level sections, which are ellipses.
+# (y, back, front, half width, wall) of the spout's horizontal sections, which are ellipses.
 SPOUT = [(0, 1.2, 1.8, 0.4, 0.3), (0.6, 1.5, 2.3, 0.7, 0.3)]
 SPOUT += [(1, 1.5, 2.9, 1, 0.3), (1.5, 1.6, 3.3, 1.12, 0.3)]
 SPOUT += [(2, 1.75, 3.471, 1.15, 0.28), (2.5, 1.9, 3.608, 1.05, 0.23), (3, 2.18, 3.743, 0.84, 0.19)]
@@ -45,9 +45,9 @@ SPOUT += [(3.8, 3.029, 3.984, 0.45, 0.14)]
 SPOUT += [(4, 3.182, 4.066, 0.405, 0.13), (4.2, 3.338, 4.181, 0.375, 0.125)]
 SPOUT += [(4.4, 3.494, 4.37, 0.385, 0.13)]
 SPOUT += [(4.5, 3.569, 4.47, 0.42, 0.14), (4.7, 3.71, 4.67, 0.5, 0.15)]
-LIP = 4.64  # of the spout, at its back; it falls a little towards the front
+LIP = 4.64  # height of the spout's edge at its back; the edge falls a little towards the front
 
-# (z, y, half width in x, half thickness) along the handle's middle, from the mouth down.
+# (z, y, half width in x, half thickness) along the handle's centre line, from the mouth down.
 HANDLE = [(-1.9, 4.12, 0.42, 0.22), (-2.3, 4.17, 0.4, 0.24), (-2.7, 4.25, 0.375, 0.23)]
 HANDLE += [(-3.2, 4.305, 0.32, 0.2), (-3.8, 4.305, 0.33, 0.18), (-4.25, 4.2, 0.37, 0.19)]
 HANDLE += [(-4.54, 4.02, 0.365, 0.2), (-4.635, 3.7, 0.335, 0.18), (-4.55, 3.3, 0.3, 0.175)]
@@ -56,9 +56,10 @@ HANDLE += [(-3.1, 1.47, 0.36, 0.16), (-2.7, 1.2, 0.4, 0.17)]
 
 
 def curve(x: np.ndarray, table: Table) -> list[np.ndarray]:
-    """Smooth curves through the columns of ``table``, as functions of the first, held at the ends.
+    """Smooth curves through the columns of ``table`` as functions of its first column, at ``x``.
 
-    Cubic in between; the slope at a knot is that of its two neighbours' chord.
+    Cubic between knots, constant beyond the ends; the slope at a knot is that of the chord of its
+    two neighbours.
     """
     knots, *columns = np.array(table).T
     x = np.clip(x, knots[0], knots[-1])
@@ -81,7 +82,7 @@ def curve(x: np.ndarray, table: Table) -> list[np.ndarray]:
 
 
 def revolved(r: np.ndarray, y: np.ndarray, table: Table) -> np.ndarray:
-    """Roughly the distance to the surface of radius ``table`` about the axis."""
+    """Roughly the signed distance to the surface of revolution with the radii of ``table``."""
     radius, above = curve(y, table)[0], curve(y + 1e-3, table)[0]
     return (r - radius) / np.sqrt(1 + ((above - radius) / 1e-3) ** 2)
 
@@ -95,7 +96,7 @@ def spout(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.n
         long, short = a - thinner, half - thinner
         across, along = x / short, (z - middle) / long
         size = np.sqrt(across**2 + along**2)
-        # Over the length of the gradient; 0.85 for the slant of the walls.
+        # Divided by the length of the gradient; 0.85 because the walls are slanted.
         steep = np.sqrt((across / short) ** 2 + (along / long) ** 2)
         return 0.85 * (size - 1) * np.maximum(size, 0.05) / np.maximum(steep, 0.05)
 
@@ -103,13 +104,13 @@ def spout(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def handle(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """The handle: ellipses across a plane curve."""
+    """The handle: elliptic sections across a plane curve."""
     knots = np.arange(len(HANDLE), dtype=float)
     table = [(k, *row) for k, row in zip(knots, HANDLE, strict=True)]
     path = np.stack(curve(np.linspace(0, knots[-1], 6 * len(HANDLE)), table), axis=1)
     y, z = np.broadcast_arrays(y, z)
     wide, thick, distance = np.ones(z.shape), np.ones(z.shape), np.full(z.shape, 9.0)
-    close = z < -1.6  # elsewhere it is enough that the handle is far away
+    close = z < -1.6  # elsewhere any large distance is good enough
     y, z, nearest = y[close], z[close], np.full(int(close.sum()), np.inf)
     widths = np.ones((2, len(nearest)))
     for a, b in pairwise(path):
@@ -140,7 +141,7 @@ def body_field(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 def teapot_body(cell: float = 0.06) -> Mesh:
     """The body with spout and handle, as one closed surface with normals."""
-    # Finer towards rim and lip; no plane grazes the underside, the rim or the lip.
+    # Finer near rim and lip; no grid plane touches the underside, the rim or the lip.
     x = spaced(-3.301, (3.31, cell))
     y = spaced(-0.097, (4.3, cell), (4.9, cell / 2))
     z = spaced(-5.023, (3.4, cell), (4.8, 0.7 * cell))
@@ -148,7 +149,7 @@ def teapot_body(cell: float = 0.06) -> Mesh:
 
 
 def teapot_lid(segments: int = 96) -> Mesh:
-    """The lid with its knob, closed, with normals; it floats 0.02 above its seat."""
+    """The lid with its knob, closed, with normals; it is 0.02 above its seat."""
     heights = np.array(LID)
     knots = np.arange(len(heights), dtype=float)
     fine = np.arange(0, len(heights) - 1 + 1e-9, 1 / 3)

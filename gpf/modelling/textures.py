@@ -1,4 +1,4 @@
-"""Generated textures: smooth noise to compose them of, and PNG files."""
+"""Generated textures: smooth noise, colour ramps and PNG files."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from PIL import Image
 
 
 def smooth_noise(shape: tuple[int, int], cells: tuple[int, int], seed: int) -> np.ndarray:
-    """Value noise in [0, 1], (H, W): random values on a grid of (rows, columns) cells, in between
-    blended by 3t² - 2t³. It repeats without a seam in both directions.
+    """Value noise in [0, 1], (H, W): random values on a grid of (rows, columns) ``cells``, with the
+    weights 3t² - 2t³ in between. It repeats without a seam in both directions.
     """
-    # The generator's stream of raw integers is fixed by numpy's own promise.
+    # numpy guarantees that the generator's stream of raw integers does not change.
     raw = np.random.PCG64(seed).random_raw(cells[0] * cells[1])
     lattice = (raw >> np.uint64(11)).astype(float).reshape(cells) / 2.0**53
     axes = []

@@ -1,9 +1,9 @@
 """Builds the two rooms of this scene, the door between them, the furniture, and their textures.
 
-Coordinates as in ``scene.xml``: y up, the dividing wall across x, the light in the room at smaller
-x, the door hinged at its edge of larger z and open by 17 degrees. Everything is made of the
-dimensions below; textures are scaled to a given mean reflectance. No random numbers: the same
-bytes every time.
+Coordinates are those of ``scene.xml``: y is up, the dividing wall is across x, and the light is in
+the room at smaller x. The door's hinges are at its edge of larger z; it is open by 17 degrees. All
+shapes are made from the dimensions below; textures are scaled to given mean reflectances. There are
+no random numbers: the builder writes the same bytes every time.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ Stops = list[tuple[float, tuple[float, float, float]]]
 
 ROOM_LOW, ROOM_HIGH = np.array([-9.6463, 0, -7.6]), np.array([7.43, 3.8, 0.6])
 WALL = (-3.0674, -2.83)  # x of the two faces of the dividing wall
-DOORWAY = (-6.3535, -4.6278, 2.926)  # z, z and height of the opening in it
+DOORWAY = (-6.3535, -4.6278, 2.926)  # the wall's opening: its two z, and its height
 
-DOOR_HINGE = (-2.7681, -4.6742)  # (x, z) of its edge by the hinges, on the camera's side
+DOOR_HINGE = (-2.7681, -4.6742)  # (x, z) of the edge with the hinges, on the camera's side
 DOOR_ANGLE = 16.99  # degrees
 DOOR_SIZE = (1.561, 2.7811, 0.0524)  # width, height, thickness
 DOOR_FOOT = -0.0121
@@ -34,9 +34,9 @@ FRAME_BAR = (0.2044, 0.1757)  # width of the upright bars, height of the lintel
 
 HINGE_AXIS = (-2.7982, -4.6701)
 HINGE_FEET = (0.1009, 1.3193, 2.4348)
-KNUCKLES = ((0, 0.0793), (0.0803, 0.1596), (0.162, 0.2413))  # of each hinge, from its foot up
-KNOB_PLACE = (1.3857, 1.2247)  # along the door from its hinges, above its foot
-# (radius, distance from the face of the door): a neck, and a flat ball on it.
+KNUCKLES = ((0, 0.0793), (0.0803, 0.1596), (0.162, 0.2413))  # heights above each hinge's foot
+KNOB_PLACE = (1.3857, 1.2247)  # distance from the hinges along the door, height above its foot
+# (radius, distance from the face of the door): a neck with a flat ball.
 KNOB = [(0, -0.003), (0.029, -0.003), (0.029, 0.008), (0.033, 0.022), (0.042, 0.029)]
 KNOB += [(0.052, 0.034), (0.0613, 0.0395), (0.0667, 0.0465), (0.0687, 0.056), (0.0675, 0.0625)]
 KNOB += [(0.064, 0.0685), (0.058, 0.0742), (0.05, 0.0785), (0.0395, 0.0815), (0.027, 0.0835)]
@@ -50,8 +50,8 @@ LEGS = ((-2.6203, -4.1053), (-2.6203, -1.2676), (-1.0009, -4.1053), (-1.0009, -1
 DOOR_FRONT, DOOR_BACK = (0.401, 0.115, 0.046), (0.356, 0.095, 0.036)
 TABLE, UNDERSIDE = (0.688, 0.476, 0.217), (0.739, 0.508, 0.239)
 PICTURE = (0.215, 0.234, 0.219)
-# The door's wood is unevenly dark: relative tones from the top down, from the hinges outwards. What
-# its back sends through the gap lights the wall beside it, which is why they matter.
+# The door's wood is unevenly dark: relative tones in rows from the top down, in columns from the
+# hinges outwards. They matter because light from the door's back lights the wall beside the gap.
 FRONT_TONES = [(0.91, 0.78, 1.06, 1.06), (0.96, 0.97, 1.08, 1.03), (0.98, 1.18, 1.07, 0.9)]
 BACK_TONES = [(1.16, 0.69, 0.81, 0.91), (1.1, 0.83, 1.08, 1.09), (0.96, 0.96, 1.17, 1.25)]
 
@@ -61,7 +61,7 @@ MAPLE = [(0, (0.89, 0.76, 0.54)), (0.7, (0.86, 0.73, 0.51)), (1, (0.79, 0.64, 0.
 
 
 def shell() -> Mesh:
-    """Walls, ceiling, the floor of the light's room, the dividing wall; seen from inside."""
+    """Walls, ceiling, the floor of the light's room and the dividing wall, facing inwards."""
     (x0, _, z0), (x1, top, z1) = ROOM_LOW, ROOM_HIGH
     size = ROOM_HIGH - ROOM_LOW
     x, y, z = np.diag(size)
@@ -89,7 +89,8 @@ def shell() -> Mesh:
 
 
 def door_matrix() -> np.ndarray:
-    """From the door's frame (x from the hinges along it, y up, z out of its front) to the room."""
+    """From the door's coordinates (x along the door from the hinges, y up, z out of its front) to
+    the room's."""
     angle = np.radians(DOOR_ANGLE)
     along, out = (np.sin(angle), 0, -np.cos(angle)), (np.cos(angle), 0, np.sin(angle))
     corner = (DOOR_HINGE[0], DOOR_FOOT, DOOR_HINGE[1])
@@ -99,12 +100,12 @@ def door_matrix() -> np.ndarray:
 
 
 def door() -> Mesh:
-    """The slab; the texture's left half is for its front and edges, the right half for its back."""
+    """The slab; the texture's left half is for front and edges, its right half for the back."""
     width, height, thick = DOOR_SIZE
     mesh = box([0, 0, -thick], [width, height, 0])
     x, y, z = mesh.points.T
     u = np.clip((x - z) / width, 0, 1)
-    back = np.arange(len(x)) // 4 == 5  # the last side that box makes faces -z
+    back = np.arange(len(x)) // 4 == 5  # the last side of a box faces -z
     # A bitmap has v = 0 at its top.
     uv = np.stack([np.where(back, 1 - x / width / 2, u / 2), 1 - y / height], axis=1)
     return replace(mesh, uv=uv).transformed(door_matrix())
@@ -131,7 +132,7 @@ def hinges() -> Mesh:
 
 
 def frame() -> Mesh:
-    """Two upright bars and a lintel, which reach into the dividing wall."""
+    """Two upright bars and a lintel; they reach into the dividing wall."""
     (x0, y0, z0), (x1, y1, z1) = FRAME_LOW, FRAME_HIGH
     bar, lintel = FRAME_BAR
     return join(
@@ -144,11 +145,14 @@ def frame() -> Mesh:
 
 
 def table_top() -> Mesh:
-    """The board; its grain runs along z and over the edges. The texture has two halves as well."""
+    """The board; its grain runs along z and over the edges.
+
+    The texture's left half is for the top and the edges, its right half for the underside.
+    """
     mesh = box(TABLE_LOW, TABLE_HIGH)
     size = np.subtract(TABLE_HIGH, TABLE_LOW)
     x, y, z = (mesh.points - TABLE_LOW).T
-    under = np.arange(len(x)) // 4 == 3  # the fourth side that box makes faces -y
+    under = np.arange(len(x)) // 4 == 3  # the fourth side of a box faces -y
     u = (x + y) / (size[0] + size[1]) / 2 + np.where(under, 0.5, 0)
     return replace(mesh, uv=np.stack([u, (z + y) / (size[2] + size[1])], axis=1))
 
@@ -163,8 +167,8 @@ def wood(
 ) -> np.ndarray:
     """Planks glued side by side, sRGB (H, W, 3); the grain runs from the bottom to the top.
 
-    Each is a cut through a trunk at some distance from its pith. The distance varies along the
-    grain, and where it does a year ring's line closes to an arch.
+    Each plank is a cut through a trunk at a distance from its pith. The distance varies along the
+    grain, which makes arches of year rings.
     """
     height, width = shape
     v, u = (np.arange(height)[:, None] + 0.5) / height, (np.arange(width)[None] + 0.5) / width
@@ -176,7 +180,7 @@ def wood(
     sway = 0.3 * (smooth_noise(shape, (2, boards), seed + 20) - 0.5)
     ring = rings * np.hypot(across + 0.6 * (golden - 0.5) + sway, depth) + 1.2 * slow
     ring += 0.35 * fractal_noise(shape, (6, 24 * boards), 2, seed + 30)
-    year, late = ring % 1, 0.88  # it darkens through the year, and has a dark line at its end
+    year, late = ring % 1, 0.88  # a ring darkens through the year and ends with a dark line
     line = 0.75 * np.minimum(year / late, 1)
     line += 0.25 * np.sin(np.pi * np.maximum(year - late, 0) / (1 - late))
     fibre = fractal_noise(shape, (12, width // 3), 2, seed + 40)
@@ -187,22 +191,22 @@ def wood(
 def with_mean(linear: np.ndarray, mean: tuple[float, float, float]) -> np.ndarray:
     """Reflectances (H, W, 3) scaled to this mean, as sRGB."""
     scaled = linear
-    for _ in range(8):  # again, for what is cut off at 0.95
+    for _ in range(8):  # repeated, because values are clamped to 0.95
         scaled = np.minimum(scaled * (mean / scaled.mean(axis=(0, 1))), 0.95)
     return np.where(scaled <= 0.0031308, 12.92 * scaled, 1.055 * scaled ** (1 / 2.4) - 0.055)
 
 
 def spread(tones: Sequence[tuple[float, ...]], shape: tuple[int, int]) -> np.ndarray:
-    """A coarse grid of tones over a whole texture, linear in between, (H, W, 1)."""
+    """A coarse grid of tones, interpolated linearly over a whole texture, (H, W, 1)."""
     value = np.array(tones)
-    for size in shape:  # columns, then, turned over, rows
+    for size in shape:  # each step interpolates along one axis and transposes
         place = (np.arange(size) + 0.5) / size * len(value) - 0.5
         value = np.array([np.interp(place, np.arange(len(value)), line) for line in value.T])
     return value[..., None]
 
 
 def to_linear(srgb: np.ndarray) -> np.ndarray:
-    """Linear reflectances of sRGB values that are not near 0."""
+    """Linear reflectances of sRGB values, which are clamped to at least 0.05."""
     return ((np.clip(srgb, 0.05, 1) + 0.055) / 1.055) ** 2.4
 
 
@@ -221,7 +225,7 @@ def build(folder: Path) -> list[Path]:
     }
     half = (1024, 576)
     front = to_linear(wood(half, 3, 11, CHERRY, seed=3)) * spread(FRONT_TONES, half)
-    # Seen from behind, the hinges are on the right.
+    # As seen from behind, the hinges are on the right.
     back = to_linear(wood(half, 3, 11, CHERRY, seed=5)) * spread(BACK_TONES, half)[:, ::-1]
     sides = [with_mean(front, DOOR_FRONT), with_mean(back, DOOR_BACK)]
     board = to_linear(wood((1024, 640), 3, 26, MAPLE, seed=8))

@@ -1,8 +1,8 @@
-"""Builds what stands in the room: the glass egg, the floor lamp, the spot tube, the table's legs.
+"""Builds the objects in the room: the glass egg, the floor lamp, the spot tube, the table's legs.
 
-Dimensions are those of Benedikt Bitterli's scene after Eric Veach; the README says how they were
-measured. The room, the table top and the two lights are rectangles and a cube in ``scene.xml``.
-No random numbers: the same bytes every time.
+The dimensions are those of Benedikt Bitterli's scene after Eric Veach; the README says how they
+were measured. The room, the table top and the two lights are rectangles and a cube in
+``scene.xml``. There are no random numbers: the builder writes the same bytes every time.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ LEGS = tuple((x, z) for x in (-3.3624, -1.4214) for z in (-3.4150, 0.8886))
 
 
 def turned(profile: tuple[tuple[float, float], ...], rows: int, segments: int) -> Mesh:
-    """A surface of revolution through ``profile``, smooth, with the normals of its curve.
+    """A smooth surface of revolution through ``profile``, with the normals of its curve.
 
-    The curve is the cubic spline of (radius, y) over the length of the polygon. Where it meets the
-    axis it does so at a right angle and as its own mirror image: the surface is smooth there too.
+    The curve is the cubic spline of (radius, y) over the length of the polygon. It meets the axis
+    at a right angle and symmetrically, so the surface is smooth there too.
     """
     points = np.array(profile)
     length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -77,7 +77,7 @@ def turned(profile: tuple[tuple[float, float], ...], rows: int, segments: int) -
     r, y = radius(t), height(t)
     r[[0, -1]] = points[[0, -1], 0]  # exactly 0 on the axis
     mesh = lathe(np.stack([r, y], axis=1), segments)
-    # y grows along the profile, so that it tells where on the curve a vertex is.
+    # y grows along the profile, so it determines the place of a vertex on the curve.
     normal = np.stack([height(t, 1), -radius(t, 1)]) / np.hypot(radius(t, 1), height(t, 1))
     outward, up = (np.interp(mesh.points[:, 1], y, component) for component in normal)
     x, _, z = mesh.points.T / np.maximum(np.hypot(mesh.points[:, 0], mesh.points[:, 2]), 1e-9)
@@ -92,7 +92,7 @@ def on_axis(mesh: Mesh, axis: tuple[float, float]) -> Mesh:
 
 
 def spot_tube() -> Mesh:
-    """The open tube of the spot light, its cap behind the light."""
+    """The tube of the spot light, open at its mouth, with a cap behind the light."""
     axis = np.array(TUBE_AXIS) / np.linalg.norm(TUBE_AXIS)
     side = np.cross(axis, [0, 1, 0])
     side /= np.linalg.norm(side)

@@ -1,15 +1,15 @@
 """Builds the water of this scene: a wavy surface and the flat sheet that closes it at z = 1.
 
-The box is x, z in [-1, 1], y in [0, 2], open at +z; the water fills it from the floor up to the
-surface. Two meshes make one closed skin, normals outwards (surface up, sheet towards +z), so that
-a dielectric's ``int_ior`` holds inside the water:
+The box is x, z in [-1, 1], y in [0, 2], open at +z. The water fills it from the floor up to the
+surface. Two meshes together bound the water, with normals outwards (surface up, sheet towards +z),
+so that a dielectric's ``int_ior`` is inside the water:
 
 - ``surface.ply``: a height field y = h(x, z) with analytic normals, over the whole box;
-- ``sheet.ply``: the part of the plane z = 1 below the surface's own edge, whose vertices it takes
-  over bit for bit, so that neither a gap nor an overlap lets light by.
+- ``sheet.ply``: the part of the plane z = 1 below the surface's edge. It has the vertices of that
+  edge, bit for bit, so there is neither a gap nor an overlap between the two.
 
-Both reach ``MARGIN`` into the walls, the floor and the back, which are opaque: there is no slit
-along the water line. No random numbers: the same bytes every time.
+Both reach ``MARGIN`` into the walls, the floor and the back, which are opaque, so there is no slit
+along the water line. There are no random numbers: the builder writes the same bytes every time.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ LOWEST, HIGHEST = 1.326, 1.667  # of the surface
 GOLDEN = (5**0.5 - 1) / 2
 
 # (wavelength, root-mean-square amplitude before the heights are scaled, number of directions).
-# The lens of a crest has the focal length 2.25 R (IOR 1.8, radius of curvature R): the middle
-# bands focus near the floor, the long one tilts the pattern, the short ones draw its filaments.
+# A crest with the radius of curvature R is a lens of the focal length 2.25 R (IOR 1.8): the middle
+# bands focus near the floor, the long band tilts the pattern, the short ones add its filaments.
 BANDS = ((1.7, 1.0, 3), (0.95, 0.75, 5), (0.55, 0.34, 7), (0.31, 0.11, 9), (0.17, 0.03, 11))
 
 
@@ -39,7 +39,7 @@ def waves() -> np.ndarray:
         for i in range(count):
             n = len(rows) + 1
             angle = 2 * np.pi * (n * GOLDEN % 1)
-            # Wavelengths within 15% of the band's own: no two waves beat in step.
+            # Wavelengths differ by up to 15% from the band's, so that no two waves are equal.
             k = 2 * np.pi / (wavelength * (0.85 + 0.3 * ((i + 0.5) * GOLDEN % 1)))
             phase = 2 * np.pi * (n * n * GOLDEN % 1)
             rows.append((k * np.cos(angle), k * np.sin(angle), amplitude / count**0.5, phase))
@@ -49,7 +49,7 @@ def waves() -> np.ndarray:
 def heights(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Heights (len(z), len(x)) and unit normals (len(z), len(x), 3) on the grid z by x.
 
-    The sum of waves is scaled so that its extremes on the grid are LOWEST and HIGHEST; the normal
+    The sum of waves is scaled so that its extremes on the grid are LOWEST and HIGHEST. The normal
     of y = h is (-dh/dx, 1, -dh/dz), normalised.
     """
     total, slope_x, slope_z = (np.zeros((len(z), len(x))) for _ in range(3))
@@ -62,14 +62,14 @@ def heights(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     height = LOWEST + scale * (total - total.min())
     normal = np.stack([-scale * slope_x, np.ones_like(total), -scale * slope_z], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    # A sine may differ in its last bit between machines; six decimals do not.
+    # A sine may differ in its last bit between machines, six decimals do not.
     return np.round(height, 6), np.round(normal, 6)
 
 
 def build(folder: Path) -> list[Path]:
     """Write ``meshes/surface.ply`` and ``meshes/sheet.ply`` below ``folder``; return the paths."""
     x = np.round(np.linspace(-1 - MARGIN, 1 + MARGIN, CELLS + 1), 6)
-    z = np.round(np.linspace(1, -1 - MARGIN, CELLS + 1), 6)  # row 0: the edge the sheet shares
+    z = np.round(np.linspace(1, -1 - MARGIN, CELLS + 1), 6)  # row 0 is the edge at the sheet
     height, normal = heights(x, z)
     surface = np.stack([np.tile(x, (len(z), 1)), height, np.tile(z[:, None], len(x))], axis=-1)
     edge = surface[0]

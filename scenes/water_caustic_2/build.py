@@ -1,11 +1,12 @@
 """Builds the swimming pool: its water, walls, floor, steps, deck, their textures and the sky.
 
-The basin is |x| <= HALF_X, |z| <= HALF_Z, FLOOR <= y <= 0. Its parts are one-sided skins that face
-the water; each reaches ``OVERLAP`` past the next one, behind it, so that no two have a slit between
-them. The water is a height field whose edge reaches ``MARGIN`` into the walls. Walls and floor are
-opaque: with them it closes the water, and nothing is lit below it that was not lit through it.
+The basin is |x| <= HALF_X, |z| <= HALF_Z, FLOOR <= y <= 0. Its parts are one-sided surfaces that
+face the water. Each reaches ``OVERLAP`` behind its neighbour, so there are no slits. The water is a
+height field whose edge reaches ``MARGIN`` into the walls. Walls and floor are opaque, so all light
+below the water has passed its surface.
 
-A tile is TILE wide on floor, walls and steps alike. The same bytes every time: all noise is seeded.
+A tile is TILE wide on floor, walls and steps. All noise has fixed seeds: the builder writes the
+same bytes every time.
 """
 
 from __future__ import annotations
@@ -24,25 +25,25 @@ HALF_X, HALF_Z, FLOOR = 1.5, 1.3, -1.1  # the basin; the deck is at y = 0
 LEVEL = -0.13  # mean height of the water
 CELLS_X, CELLS_Z = 256, 222  # 2 * 256 * 222 = 113,664 triangles
 MARGIN = 0.001  # how far the water reaches into the walls
-OVERLAP = 0.02  # how far a skin goes on behind its neighbour
+OVERLAP = 0.02  # how far a surface reaches behind its neighbour
 GOLDEN = (5**0.5 - 1) / 2
 
 TILE = 0.1
-BAND_ROWS = 3  # rows of tiles below the deck that are mosaic of half the size instead
+BAND_ROWS = 3  # rows of tiles below the deck that are a mosaic of half the size
 RISE, RADII = 0.2, (0.45, 0.7, 0.95, 1.2)  # steps around the corner (-x, -z), from the top
-PIXELS = 48  # of a tile
-FRAME = 3  # the tiles that are dark are so many from the edge of the floor
+PIXELS = 48  # width of a tile in the textures
+FRAME = 3  # distance of the floor's dark tiles from its edge, in tiles
 NOSING = 0.05  # width of the mosaic along a step's edge
 
 # Bounds of the deck in x and z; the courtyard's two walls stand beyond WEST and NORTH.
 WEST, EAST, NORTH, SOUTH = -1.86, 1.8, -1.66, 1.6
 COPING = (0.18, 0.04, 0.015, 0.004)  # the stones' width, height and overhang; their open joints
 
-# (wavelength, root-mean-square slope, number of directions). A crest of curvature c focuses at
-# the depth 4 / c (IOR 1.33); the water is some 0.97 deep.
+# (wavelength, root-mean-square slope, number of directions). A crest with the curvature c focuses
+# at the depth 4 / c (IOR 1.33); the water is about 0.97 deep.
 BANDS = ((1.9, 0.025, 3), (0.85, 0.03, 5), (0.45, 0.042, 7), (0.25, 0.052, 9), (0.14, 0.014, 11))
 
-# Display-referred colours; the sky's are radiance, by the sine of the elevation.
+# Display-referred colours; the sky has radiance by the sine of the elevation.
 PALE = [(0.0, (0.42, 0.67, 0.73)), (0.5, (0.52, 0.75, 0.79)), (1.0, (0.62, 0.81, 0.83))]
 DARK = [(0.0, (0.05, 0.22, 0.42)), (0.6, (0.10, 0.38, 0.58)), (1.0, (0.25, 0.60, 0.70))]
 GROUT = (0.74, 0.78, 0.78)
@@ -60,7 +61,7 @@ def waves() -> np.ndarray:
         for i in range(count):
             n = len(rows) + 1
             angle = 2 * np.pi * (n * GOLDEN % 1)
-            # Wavelengths within 20% of the band's own: no two waves beat in step.
+            # Wavelengths differ by up to 20% from the band's, so that no two waves are equal.
             k = 2 * np.pi / (wavelength * (0.8 + 0.4 * ((i + 0.5) * GOLDEN % 1)))
             phase = 2 * np.pi * (n * n * GOLDEN % 1)
             amplitude = slope / k * (2 / count) ** 0.5
@@ -69,7 +70,7 @@ def waves() -> np.ndarray:
 
 
 def water() -> Mesh:
-    """The height field y = h(x, z) with the normals of the sine waves themselves, upwards."""
+    """The height field y = h(x, z), with the analytic normals of the sine waves, upwards."""
     x = np.linspace(-HALF_X - MARGIN, HALF_X + MARGIN, CELLS_X + 1)[None, :]
     z = np.linspace(HALF_Z + MARGIN, -HALF_Z - MARGIN, CELLS_Z + 1)[:, None]
     height, slope_x, slope_z = (np.zeros(np.broadcast(x, z).shape) for _ in range(3))
@@ -92,13 +93,13 @@ def plane(corner: np.ndarray, right: np.ndarray, up: np.ndarray, origin: np.ndar
 
 
 def scaled(mesh: Mesh, width: float, height: float) -> Mesh:
-    """With uv in units of an image that shows ``width`` by ``height``."""
+    """The mesh with uv in units of an image of ``width`` by ``height``."""
     assert mesh.uv is not None
     return replace(mesh, uv=mesh.uv / [width, height])
 
 
 def basin_walls() -> Mesh:
-    """The four walls of the basin, seen from the water; v = 0 at the floor, 1 at the deck."""
+    """The four walls of the basin, facing the water; v = 0 at the floor, 1 at the deck."""
     sides = []
     for x, z in ((0, -1), (-1, 0), (0, 1), (1, 0)):
         out, right = np.array([x, 0, z], dtype=float), np.array([-z, 0, x], dtype=float)
@@ -120,12 +121,12 @@ def basin_floor() -> Mesh:
 
 
 def steps(segments: int = 64) -> tuple[Mesh, Mesh]:
-    """Quarter-round steps in the corner (-x, -z): treads and risers, and the mosaic at the edges.
+    """Quarter-round steps in the corner (-x, -z): treads with risers, and the mosaic edges.
 
-    The treads' uv are lengths from the corner, the risers' run along the arc.
+    The treads' uv are lengths from the corner; the risers' u is the length along the arc.
     """
     centre = np.array([-HALF_X, 0, -HALF_Z])
-    # A little past the two walls: the ends are behind them.
+    # The ends are a little behind the two walls.
     angle = np.linspace(-0.02, np.pi / 2 + 0.02, segments + 1)
     outwards = np.stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)], axis=1)
     tiled, edges = [], []
@@ -149,7 +150,8 @@ def steps(segments: int = 64) -> tuple[Mesh, Mesh]:
 
 
 def deck() -> Mesh:
-    """The planks around the basin: four rectangles, under the coping up to the basin's walls."""
+    """The planks around the basin: four rectangles that end at the basin's walls, under the
+    coping."""
     origin = np.array([WEST, 0, SOUTH])
     strips = [
         ((WEST, HALF_Z), (EAST, SOUTH)),
@@ -165,15 +167,15 @@ def deck() -> Mesh:
 
 
 def block() -> Mesh:
-    """What the deck is the top of, seen from outside: four sides and the underside."""
-    # The deck stands out a little, so that no light falls between the two.
+    """The block below the deck, facing outwards: four sides and the underside."""
+    # The deck juts out a little, so that no light passes between the two.
     whole = box((WEST, FLOOR - 0.1, NORTH), (EAST - OVERLAP, 0, SOUTH - OVERLAP))
     top = (whole.points[whole.faces][:, :, 1] == 0).all(axis=1)
     return replace(whole, faces=whole.faces[~top])
 
 
 def coping() -> Mesh:
-    """Stones around the basin, with open joints; each shows a part of the noise of its own."""
+    """Stones around the basin, with open joints; each has another part of the noise texture."""
     width, height, overhang, joint = COPING
     x, z = HALF_X - overhang, HALF_Z - overhang
     runs = [  # (start, end) along one axis, and the two bounds along the other
@@ -190,7 +192,7 @@ def coping() -> Mesh:
             low, high = (a, near), (b, far)
             if axis == 2:
                 low, high = (near, a), (far, b)
-            # Sunk into the deck, so that light cannot pass below it.
+            # Sunk a little into the deck, so that no light passes below.
             stone = box((low[0], -0.001, low[1]), (high[0], height, high[1]))
             assert stone.uv is not None
             n = len(stones) + 1
@@ -200,7 +202,7 @@ def coping() -> Mesh:
 
 
 def basin_textures() -> dict[str, np.ndarray]:
-    """Images of the basin's floor and of its walls, and of the tiles and the mosaic they are of."""
+    """Images of the basin's floor and walls, and of the tiles and the mosaic alone."""
     tiled = tiles(20, 20, PIXELS, PALE, GROUT, seed=1)
     mosaic = tiles(40, 40, PIXELS // 2, DARK, GROUT, seed=2)
     wall = tiled[: round(-FLOOR / TILE) * PIXELS].copy()
@@ -216,10 +218,10 @@ def basin_textures() -> dict[str, np.ndarray]:
 
 
 def ball(gores: int = 8, pixels: int = 512) -> np.ndarray:
-    """The ball's skin by longitude and latitude: gores in two colours, and a cap at each pole."""
+    """The ball's texture by longitude and latitude: gores of two colours, a cap at each pole."""
     longitude = (np.arange(pixels) + 0.5) / pixels * gores
     latitude = (np.arange(pixels // 2) + 0.5) / (pixels // 2)
-    # One pixel soft: the distance to the nearest seam.
+    # Signed distances in pixels to the nearest seam and cap; edges are one pixel soft.
     seam = (0.5 - np.abs(longitude % 2 - 1)) * pixels / gores
     cap = (np.abs(latitude - 0.5) - 0.44) * pixels / 2
     share = np.clip(np.maximum(seam[None, :], cap[:, None]) + 0.5, 0, 1)[..., None]

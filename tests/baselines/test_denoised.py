@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_dilation
 
 from gpf.baselines.denoised import baseline
 from gpf.baselines.denoised.baseline import Denoised
@@ -52,7 +53,8 @@ def test_the_image_is_nearer_to_the_truth_than_a_path_tracer_of_four_times_the_s
     assert image.shape == (40, 48, 3)
     assert image.dtype == np.float32
     assert (image >= 0).all()
-    dim = truth.max(-1) < 2  # the lamp's outline has an error of its own
+    # Not the lamp and its outline: there, single samples decide on the error of both.
+    dim = ~binary_dilation(truth.max(-1) > 2, np.ones((3, 3)))
     error = np.square(image - truth)[dim].mean()
     assert error < np.square(trace(32, 2) - truth)[dim].mean()
     assert image[dim].mean() == pytest.approx(truth[dim].mean(), rel=0.03)

@@ -62,7 +62,7 @@ def test_transformed_normals_stay_normal():
 def test_joined_meshes_have_all_or_none():
     both = join([box((0, 0, 0), (1, 1, 1)), box((2, 0, 0), (3, 1, 1))])
     assert is_closed(both) and volume(both) == pytest.approx(2)
-    with pytest.raises(ValueError, match="some of the meshes have uv, others have not"):
+    with pytest.raises(ValueError, match="some of the meshes have uv, others do not"):
         join([box((0, 0, 0), (1, 1, 1)), ball()])
 
 

@@ -1,1 +1,1 @@
-"""AnySplat: splats that a network predicts from images."""
+"""AnySplat: Gaussian splats that a network predicts from images."""

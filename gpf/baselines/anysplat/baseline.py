@@ -1,16 +1,16 @@
-"""AnySplat (Jiang and others 2025): Gaussian splats from a few pictures, in one go of a network.
+"""AnySplat (Jiang and others 2025): Gaussian splats from a few images, by one run of a network.
 
-The network gets the training views as pictures of 448×448 pixels, 8-bit sRGB as they would be
-shown, and no cameras. It answers with Gaussians and with cameras of its own, in a frame of its own.
-The similarity that lays its cameras over the true ones (:mod:`gpf.baselines.anysplat.sim3`) takes every
-further view into that frame, where it is splatted; so the Gaussians stay as they are.
+The network gets the training views as 8-bit sRGB images of 448×448 pixels, without cameras. It
+predicts Gaussians and cameras in a frame of its own. A similarity aligns its cameras with the true
+ones (:mod:`gpf.baselines.anysplat.sim3`). Its inverse takes every further camera into the network's
+frame, where the view is rendered; the Gaussians are not changed.
 
-The network also guesses how wide the pictures are. Where it is wrong, its scene is deeper or
-flatter than the true one, and fits its pictures only at the width that it guessed: the focal length
-of a view is the true one times the median of what it guessed over what is true.
+The network also predicts the focal lengths. If these are wrong, its scene is deeper or flatter than
+the true one and fits its images only with the predicted focal lengths. So the focal length of a
+view is multiplied by the median of predicted over true focal lengths.
 
-The image is turned back from sRGB to radiance; what is brighter than white is white. Left out: the
-fourth degree of the colours' harmonics, which the network scales by 0.0004.
+The rendered image is converted from sRGB back to radiance, so nothing is brighter than white. Left
+out: the fourth degree of the spherical harmonics, which the network scales by 0.0004.
 """
 
 from __future__ import annotations
@@ -38,23 +38,23 @@ CODE = OfficialCode(
 )
 
 SIDE = 448
-"""Pixels of the network's square pictures."""
+"""Width and height of the network's images, pixels."""
 
 
 class Anysplat:
-    """AnySplat with its options from params.yaml."""
+    """AnySplat with its options."""
 
     def __init__(self, options: AnySplatOptions) -> None:
         self.options = options
 
     def prepare(self, task: Task) -> PreparedAnysplat:
-        """Let the network see the pictures, unless an earlier call did.
+        """Run the network on the training views, unless an earlier call did.
 
         Raises
         ------
-        CannotServe: a package or weights are missing, or what comes back cannot be used.
+        CannotServe: a package or weights are missing, or the prediction cannot be used.
         """
-        state = task.state.absolute()  # the program works elsewhere
+        state = task.state.absolute()  # the program has another working directory
         file = state / "splats.npz"
         if not file.exists():
             pictures = state / "pictures.npy"
@@ -62,7 +62,7 @@ class Anysplat:
             settings = {"weights": self.options.weights}
             program = Program(CODE, "infer_with_anysplat.py", settings, state)
             program.ask({"images": str(pictures), "splats": str(file)})
-            program.close()  # the network is not needed any more, and large
+            program.close()  # the network is large and no longer needed
         task.report(1, 1)
         found = read_prediction(file, len(task.training))
         cameras = [make_pinhole(shot.view, picture_size(shot)) for shot in task.training]
@@ -71,14 +71,14 @@ class Anysplat:
         except ValueError as error:
             raise CannotServe(
                 CODE.name,
-                f"its cameras cannot be laid over the true ones: {error}",
+                f"its cameras cannot be aligned with the true ones: {error}",
                 "Give it other training views, or leave it out for this scene.",
             ) from error
         return PreparedAnysplat(task, found, cameras, to_world)
 
 
 class PreparedAnysplat:
-    """Gaussians in the network's frame, and how to get there."""
+    """Gaussians in the network's frame, and the similarity from the world to it."""
 
     def __init__(
         self, task: Task, found: Prediction, cameras: list[Pinhole], to_world: Similarity
@@ -97,16 +97,16 @@ class PreparedAnysplat:
 
     @property
     def storage_bytes(self) -> int:
-        """The Gaussians, as they are drawn, in float32."""
+        """The Gaussians as they are rendered, float32."""
         return sum(4 * len(array) for array in self.splats.arrays())
 
     @property
     def facts(self) -> Mapping[str, float | str]:
-        """``gaussians``; ``camera_error``, see :func:`place_error`; ``focal_ratio``."""
+        """``gaussians``, ``camera_error`` (:func:`place_error`), ``focal_ratio``, time, device."""
         return self._facts
 
     def render(self, view: View, seed: int) -> np.ndarray:
-        """A view's radiance, (H, W, 3) float32. Nothing is random in it."""
+        """A view's radiance, (H, W, 3) float32; deterministic."""
         camera = self.from_world.apply_camera(make_pinhole(view, self.size))
         camera = replace(camera, focal=camera.focal * self.focal_ratio)
         shown = draw(self.splats, camera, self.background)
@@ -114,9 +114,9 @@ class PreparedAnysplat:
 
 
 def make_picture(shot: TrainingView, exposure: float) -> np.ndarray:
-    """What the network sees of a view: the middle square, (448, 448, 3) uint8.
+    """The network's input for a view: the middle square, (448, 448, 3) uint8.
 
-    Scaled and cut as the authors do it.
+    Scaled and cropped as in the authors' code.
     """
     shown = np.round(tone_map(shot.radiance, exposure) * 255).astype(np.uint8)
     height, width = shown.shape[:2]
@@ -139,9 +139,9 @@ def compare_focals(found: Prediction, cameras: list[Pinhole]) -> float:
 
 
 def place_error(found: Prediction, cameras: list[Pinhole], to_world: Similarity) -> float:
-    """How far the network's cameras end from the true ones, over their spread; root mean squares.
+    """Root mean square distance between aligned and true cameras, over the true ones' spread.
 
-    0 is perfect; with cameras at random places it is about 1.
+    0 is perfect; cameras at random places have about 1.
     """
     true = np.stack([camera.origin for camera in cameras])
     apart = ((to_world.apply(found.poses[:, :3, 3]) - true) ** 2).sum()

@@ -1,4 +1,4 @@
-"""Gaussians that a network predicted: read from its file, and drawn."""
+"""Reading and rendering of Gaussians that a network predicted."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from gpf.baselines.splatting.projection import Projector, SplatArrays, project
 from gpf.baselines.splatting.tiles import sort_into_tiles
 
 DEGREE = 3
-"""Of the harmonics that are drawn."""
+"""Highest degree of the spherical harmonics that are rendered."""
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a network says of K pictures.
+    """A network's prediction from K images.
 
     Attributes
     ----------
     means (N, 3), covariances (N, 3, 3), opacities (N,): of the Gaussians.
     harmonics: of their colours, (N, 3, D); D = 1, 4, 9, ... coefficients for each channel.
-    poses: of its cameras, (K, 4, 4); to the world from x to the right, y down, z ahead.
-    intrinsics: (K, 3, 3), in widths and heights of the pictures.
-    background: (3,).
-    seconds, device: what it took, and where.
+    poses: camera to world, (K, 4, 4); camera axes: x to the right, y down, z ahead.
+    intrinsics: (K, 3, 3), in units of the images' width and height.
+    background: colour, (3,).
+    seconds, device: time and device of the network's run.
     """
 
     means: np.ndarray
@@ -52,14 +52,14 @@ def read_prediction(file: Path, views: int) -> Prediction:
 
     Raises
     ------
-    CannotServe: the arrays do not fit together, or hold what is no number.
+    CannotServe: the file has other arrays or shapes, values that are not finite, or no Gaussians.
     """
-    todo = f"Delete {file} and try again; else take the current version of the published code."
+    todo = f"Delete {file} and try again; else use the current version of the published code."
     try:
         with file.open("rb") as opened, np.load(opened) as stored:
             found = {name: stored[name] for name in stored.files}
     except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise CannotServe(str(file), f"is no set of arrays ({error})", todo) from error
+        raise CannotServe(str(file), f"is not a file of arrays ({error})", todo) from error
     count = len(found.get("means", ()))
     coefficients = found["harmonics"].shape[-1] if "harmonics" in found else 0
     shapes = {
@@ -76,17 +76,17 @@ def read_prediction(file: Path, views: int) -> Prediction:
         if there != shape:
             raise CannotServe(str(file), f"{name}: {there}, where {shape} was expected", todo)
         if not np.isfinite(found[name]).all():
-            raise CannotServe(str(file), f"{name} are not all numbers", todo)
+            raise CannotServe(str(file), f"{name} has NaN or infinite values", todo)
     if count == 0:
-        raise CannotServe(str(file), "no Gaussians at all", todo)
+        raise CannotServe(str(file), "has no Gaussians", todo)
     arrays = {name: found[name].astype(np.float64) for name in shapes}
     return Prediction(**arrays, seconds=float(found["seconds"]), device=str(found["device"]))
 
 
 def make_splats(found: Prediction) -> SplatArrays:
-    """The Gaussians as they are drawn."""
+    """The Gaussians in the parameters that the rasteriser takes."""
     variances, axes = np.linalg.eigh(found.covariances)
-    axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]  # no mirrors
+    axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]  # rotations, not reflections
     scales = np.sqrt(np.maximum(variances, 1e-20))
     quats = Rotation.from_matrix(axes).as_quat()[:, [3, 0, 1, 2]]
     opacities = np.clip(found.opacities, 1e-6, 1 - 1e-6)
@@ -106,11 +106,11 @@ def make_splats(found: Prediction) -> SplatArrays:
 
 
 def draw(splats: SplatArrays, camera: Pinhole, background: np.ndarray) -> np.ndarray:
-    """The image of splats before a background, (H, W, 3) float64."""
+    """The image of splats in front of a background, (H, W, 3) float64."""
     others = dr.width(splats.harmonics) // dr.width(splats.opacities) // 3
     degree = math.isqrt(1 + others) - 1
     image = _composite(splats, camera, degree)
-    # Without colours all are grey ½: half of what they hide of the background.
+    # Without colour coefficients all splats are grey ½: twice their image is the total opacity.
     nothing = dr.zeros(mi.Float, dr.width(splats.colours))
     hidden = 2 * _composite(replace(splats, colours=nothing), camera, 0)
     return image + (1 - hidden) * background

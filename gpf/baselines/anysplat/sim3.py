@@ -1,4 +1,4 @@
-"""Similarities of space, and the one that lays cameras over others."""
+"""Similarity transforms of space, and the one that aligns cameras with others."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ class Similarity:
 
     Attributes
     ----------
-    scale: s > 0. rotation: R, (3, 3). translation: t, (3,).
+    scale: s > 0.
+    rotation: R, (3, 3).
+    translation: t, (3,).
     """
 
     scale: float
@@ -23,40 +25,40 @@ class Similarity:
     translation: np.ndarray
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """Where points (..., 3) go."""
+        """The images of points (..., 3)."""
         return self.scale * points @ self.rotation.T + self.translation
 
     def inverse(self) -> Similarity:
-        """The way back."""
+        """The inverse similarity."""
         back = self.rotation.T
         return Similarity(1 / self.scale, back, -(back @ self.translation) / self.scale)
 
     def apply_camera(self, camera: Pinhole) -> Pinhole:
-        """The camera that sees of what went along what ``camera`` saw before."""
+        """The camera that sees of the transformed scene what ``camera`` sees of the scene."""
         return Pinhole(
             self.apply(camera.origin), self.rotation @ camera.rotation, camera.focal, camera.size
         )
 
 
 def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
-    """The similarity that takes ``source`` (N, 3) next to ``target``, in least squares.
+    """The similarity of points ``source`` (N, 3) to ``target`` with the least squared distances.
 
     Umeyama 1991: R from the singular value decomposition of Σ = 1/N Σ_i y_i x_iᵀ, with x and y
-    relative to their means; s = tr(Rᵀ Σ) / var x. Where the points lie on a line, R is one of many.
+    relative to their means; s = tr(Rᵀ Σ) / var x. For points on a line, R is not unique.
 
     Raises
     ------
-    ValueError: all points of one kind lie in one place.
+    ValueError: all points of ``source`` or of ``target`` are equal.
     """
     return _complete(_best_rotation(_cross_covariance(source, target)), source, target)
 
 
 def align_cameras(source: np.ndarray, target: np.ndarray) -> Similarity:
-    """The similarity that takes cameras next to others, which stand and look like them.
+    """The similarity that aligns the cameras ``source`` with the cameras ``target``.
 
-    As :func:`align_points` for where they stand, but R fits the directions that they look in as
-    well: it is taken from Σ / (σ_x σ_y) + 1/N Σ_i C_i B_iᵀ, where B and C are the axes of the
-    cameras. A few cameras on a line, or far from what they see, would not tell R by their places.
+    As :func:`align_points` for their positions, but R also fits their directions: it is computed
+    from Σ / (σ_x σ_y) + 1/N Σ_i C_i B_iᵀ, where B and C are the axes of the cameras. The positions
+    alone do not determine R for a few cameras on a line or far from the scene.
 
     Parameters
     ----------
@@ -64,7 +66,8 @@ def align_cameras(source: np.ndarray, target: np.ndarray) -> Similarity:
 
     Raises
     ------
-    ValueError: all cameras of one kind stand in one place, or they do not resemble each other.
+    ValueError: all cameras of ``source`` or of ``target`` have one position, or no positive scale
+        fits.
     """
     x, y = source[:, :3, 3], target[:, :3, 3]
     spread = np.sqrt(_variance(x) * _variance(y))
@@ -79,9 +82,9 @@ def _cross_covariance(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def _variance(points: np.ndarray) -> float:
     variance = float(((points - points.mean(axis=0)) ** 2).sum() / len(points))
-    # What rounding alone would make of points that are equal.
+    # Equal points have about this variance, by rounding.
     if not variance > 1e-12 * float((points**2).sum() / len(points)):
-        raise ValueError("all are in one place, which tells no scale")
+        raise ValueError("all are in one place, so the scale is unknown")
     return variance
 
 
@@ -94,9 +97,9 @@ def _best_rotation(matrix: np.ndarray) -> np.ndarray:
 
 
 def _complete(rotation: np.ndarray, x: np.ndarray, y: np.ndarray) -> Similarity:
-    """With the scale and the translation that fit best."""
+    """The similarity of this rotation with the scale and translation that fit best."""
     _variance(y)
     scale = float((rotation * _cross_covariance(x, y)).sum()) / _variance(x)
     if not scale > 0:
-        raise ValueError("they do not resemble each other")
+        raise ValueError("they are too different")
     return Similarity(scale, rotation, y.mean(axis=0) - scale * rotation @ x.mean(axis=0))

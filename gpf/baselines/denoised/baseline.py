@@ -1,4 +1,4 @@
-"""Path tracing and a denoiser: what somebody would pick who has no time to wait."""
+"""Path tracing with few samples and a denoiser."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from gpf.rendering.batches import render_in_batches
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 
-# Rays per pixel for the guides, which have little noise.
+# Rays per pixel for the guides; they have little noise.
 GUIDE_SPP = 32
 
 
 class Denoised:
-    """Mitsuba's ``path``, and then Open Image Denoise with albedo and normals as guides.
+    """Mitsuba's ``path``, then Open Image Denoise with albedo and normals as guides.
 
-    It removes what noise there is; what no path has found, it cannot know of.
+    The denoiser removes noise. It cannot add light that no path has found.
     """
 
     def __init__(self, options: DenoisedOptions) -> None:
         self.options = options
 
     def prepare(self, task: Task) -> PreparedDenoised:
-        """Build the networks; for ``equal_time``, see what they leave of the time.
+        """Build the networks; for ``equal_time``, measure the time of guides and denoiser.
 
         Raises
         ------
-        CannotServe: the package is missing, the time of a view from the field is not known, or
-            guides and denoiser take it all.
+        CannotServe: the package is missing; for ``equal_time``, ``task.seconds_per_view`` is None,
+            or guides and denoiser take longer.
         """
         samples = Samples.plan(self.options.spp, task)
         noisy = are_noisy(task.scene)
@@ -53,13 +53,13 @@ class Denoised:
 
 @dataclass
 class PreparedDenoised:
-    """A scene, a denoiser, and how many samples pixels get.
+    """A scene, a denoiser, and the number of samples per pixel.
 
     Attributes
     ----------
-    noisy_guides: whether the guides are denoised, too.
-    samples: how many pixels get; by the clock, as many as the rest leaves time for.
-    denoising_seconds: what the denoiser takes of that.
+    noisy_guides: whether the guides are denoised too.
+    samples: per pixel; for ``equal_time``, as many as guides and denoiser leave time for.
+    denoising_seconds: time of the denoiser per view, for ``equal_time``.
     """
 
     task: Task
@@ -71,13 +71,13 @@ class PreparedDenoised:
 
     @property
     def storage_bytes(self) -> int:
-        """Nothing is kept but the networks, which are the same for all scenes."""
+        """0: the networks are the same for all scenes."""
         return 0
 
     @property
     def facts(self) -> Mapping[str, float | str]:
-        """``spp``, for ``equal_time`` the mean over the views so far; ``guide_spp``; what denoised
-        ``on`` what; whether ``guides`` were, too."""
+        """``spp``, for ``equal_time`` the mean over the views so far; ``guide_spp``; ``on``: the
+        denoiser and its device; ``guides``: whether they are denoised."""
         guides = "prefiltered" if self.noisy_guides else "as they are"
         description = self.denoiser.description
         return {
@@ -100,9 +100,13 @@ class PreparedDenoised:
         return self.denoiser.denoise(radiance, *guides)
 
     def take_times(self) -> None:
-        """Measure what a view takes beside its samples, with the scene's own camera.
+        """Measure the time of guides and denoiser with the scene's own camera.
 
-        That compiles the kernels as well.
+        This also compiles the kernels.
+
+        Raises
+        ------
+        CannotServe: they take longer than a view of the field, or the scene has no camera.
         """
         sensor, seed = own_camera(self.task), self.task.seed
         # A single sample has a kernel of its own.
@@ -114,7 +118,7 @@ class PreparedDenoised:
         if guiding + denoising >= seconds:
             raise CannotServe(
                 f"scene {self.task.name}",
-                f"a view from the field takes {seconds:.3g} s, guides and denoiser take "
+                f"a view of the field takes {seconds:.3g} s, guides and denoiser take "
                 f"{guiding + denoising:.3g} s, so there is no equal time",
                 "Give a number of samples.",
             )

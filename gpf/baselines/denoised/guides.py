@@ -1,4 +1,4 @@
-"""What a denoiser is told of a view beside its noisy image: the colours of surfaces and normals."""
+"""Guides for a denoiser: images of the surfaces' albedo and normals."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gpf.rendering.batches import split_samples
 # Rays of a guide that are in flight at once.
 _LARGEST_WAVEFRONT = 1 << 24
 
-# Mirrors and panes that a ray goes through before what it meets counts as white.
+# Specular events that a ray follows at most; it ends at the next one, whose colour is its albedo.
 _MOST_BOUNCES = 16
 
 
@@ -23,16 +23,17 @@ def render_guides(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Albedo in [0, 1] and shading normal in world space, (H, W, 3) float32 each.
 
-    Both are means over the pixel, with a box filter as the image has it. They belong to the first
-    surface that a ray meets and does not leave in a single possible direction, which the manual of
-    Open Image Denoise recommends: through glass and in mirrors the denoiser is told of what is seen
-    there. Where nothing is met both are zero; light counts as a colour, so that the outlines of
-    lamps and of the sky are in the guide.
+    Both are means over the pixel with a box filter, as in the image. They belong to the first
+    surface where the sampled event is not specular, as the manual of Open Image Denoise recommends:
+    mirrors and glass have the guides of what is seen in them. Both are zero where a ray meets
+    nothing. Emitted light is added to the albedo: the guide has the outlines of lamps and sky.
     """
     width, height = (int(n) for n in sensor.film().crop_size())
     albedo, normal = np.zeros((2, height * width, 3))
     for part, share in enumerate(split_samples(spp, width * height, _LARGEST_WAVEFRONT)):
-        found = _sample_guides(scene, sensor, (width, height), share, pass_seed(seed, part, Stream.DENOISING_GUIDES))
+        found = _sample_guides(
+            scene, sensor, (width, height), share, pass_seed(seed, part, Stream.DENOISING_GUIDES)
+        )
         for total, value in zip((albedo, normal), found, strict=True):
             total += _pixel_means(value, share) * (share / spp)
     images = [np.clip(albedo, 0, 1), normal]
@@ -42,7 +43,7 @@ def render_guides(
 
 
 def are_noisy(scene: mi.Scene) -> bool:
-    """Whether a ray may have a choice before its guides are found: at panes, and under a coat."""
+    """Whether guides may be noisy: some BSDF has a specular event, and chance selects the event."""
     objects = mi.traverse(scene).hierarchy
     return any(
         mi.has_flag(o.flags(), mi.BSDFFlags.Delta) for o in objects if isinstance(o, mi.BSDF)
@@ -67,7 +68,7 @@ def _sample_guides(
 
 @dr.syntax
 def _follow(scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f) -> tuple[mi.Color3f, mi.Vector3f]:
-    """Colour, lamps and the way there included, and normal of what each ray meets, (N, 3) each."""
+    """Albedo, with lamps and the throughput of the path to it, and normal, (N, 3) each."""
     context = mi.BSDFContext()
     last = dr.opaque(mi.UInt32, _MOST_BOUNCES)
     ray = mi.Ray3f(ray)
@@ -83,7 +84,7 @@ def _follow(scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f) -> tuple[mi.Col
         albedo += dr.select(active, throughput * light, 0)
         active &= si.is_valid()
 
-        # The mean of the weights is what the surface reflects of all light.
+        # The mean of the weights is the albedo.
         sample, weight = si.bsdf(ray).sample(
             context, si, sampler.next_1d(active), sampler.next_2d(active), active
         )

@@ -15,9 +15,9 @@ PACKAGE = "pyoidn==2.5.1"
 class ImageDenoiser:
     """Denoises images of one size; its networks are built once.
 
-    The filter is ``RT``, in HDR mode and of the highest quality, with ``cleanAux``: guides are
-    taken at their word. Guides that have noise themselves are denoised first, each by itself, as
-    the library's manual recommends for final images.
+    The filter is ``RT`` in HDR mode, with the highest quality and with ``cleanAux``: guides count
+    as free of noise. Noisy guides are denoised first, each by itself, as the library's manual
+    recommends for final images.
 
     Parameters
     ----------
@@ -27,14 +27,14 @@ class ImageDenoiser:
 
     Raises
     ------
-    CannotServe: the package is missing, or the library refuses the machine.
+    CannotServe: the package is missing, or the library does not run on this machine.
     """
 
     def __init__(self, size: tuple[int, int], prefilter: bool, cuda: bool = False) -> None:
         self._oidn = oidn = import_optional("pyoidn", PACKAGE)
         try:
             gpu = cuda and bool(oidn.Device.is_cuda_available())
-        except OSError as error:  # the library itself, which is loaded when it is first needed
+        except OSError as error:  # the package loads the library at its first use
             raise CannotServe(
                 "Open Image Denoise", f"does not load: {error}", f"pip install {PACKAGE}"
             ) from error
@@ -57,7 +57,12 @@ class ImageDenoiser:
         )
 
     def denoise(self, radiance: np.ndarray, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """The image without its noise; all images are (H, W, 3) float32."""
+        """The image without noise; all images are (H, W, 3) float32.
+
+        Raises
+        ------
+        ValueError: an image has another size.
+        """
         for name, image in (("color", radiance), ("albedo", albedo), ("normal", normal)):
             if image.shape != (self._size[1], self._size[0], 3):
                 raise ValueError(f"{name} has the shape {image.shape}, for images of {self._size}")
@@ -71,7 +76,7 @@ class ImageDenoiser:
         return output
 
     def _make_filter(self, inputs: tuple[str, ...], output: str, **switches: bool) -> Any:
-        """A filter that is ready to run; of one guide alone, it writes over it."""
+        """A filter that is ready to run; its output may be one of its inputs."""
         oidn = self._oidn
         made = oidn.Filter(self._device, oidn.OIDN_FILTER_TYPE_RT)
         for role, name in [*zip(inputs, inputs, strict=True), ("output", output)]:

@@ -1,38 +1,38 @@
-"""EM-GMM: photons as a Gaussian mixture in space (Jakob, Regg and Jarosz 2011), read on surfaces.
+"""EM-GMM: photons as a Gaussian mixture in space (Jakob, Regg and Jarosz 2011), used on surfaces.
 
 The method was made for participating media. There, photons of power Φ_i lie where light collides
-with the medium, and a mixture that is fitted to them gives the power per volume,
+with the medium. A mixture fitted to them gives the power per volume,
 
     Σ_i Φ_i δ(x - x_i)  ≈  Σ_s Φ_s g_s(x) = σ_t(x) φ(x)  [W/m³],    ∫ g_s dV = 1,
 
 from which the fluence φ [W/m²] and the radiance follow. In a scene without media, photons lie on
-surfaces, and what is asked for is the power per area, the irradiance E [W/m²]. The method knows
-nothing of surfaces: its density takes the place of E, at the first diffuse hit of a camera ray,
+surfaces, and the power per area is needed, the irradiance E [W/m²]. The method does not know the
+surfaces: its density is used as E at the first diffuse hit of a camera ray,
 
     L = L_e + β ρ/π Σ_s Φ_s g_s(x),
 
-with the BRDF ρ/π in place of phase function and albedo. (The original goes on to integrate along
-camera rays; between the surfaces of a room there is nothing to integrate over.)
+with the BRDF ρ/π instead of phase function and albedo. (The original also integrates along camera
+rays; between the surfaces of a room there is no medium to integrate over.)
 
 **Why it fails.** A kernel on a surface S has to satisfy ∫_S g dS = 1. A Gaussian that integrates
-to 1 over the volume does not. Close to a plane with irradiance E, at the height z above it, with
-photons as kernels of the bandwidth ε, perfectly fitted,
+to 1 over the volume does not. Take a plane with irradiance E and a perfect fit of photons that are
+kernels of the bandwidth ε. At the height z above the plane,
 
-    Σ_s Φ_s g_s(x) = E exp(-z²/2ε²) / (√(2π) ε)  [W/m³]:
+    Σ_s Φ_s g_s(x) = E exp(-z²/2ε²) / (√(2π) ε)  [W/m³].
 
-what is read off on the plane is E / (√(2π) ε), the right number only where √(2π) ε happens to be
-one unit of length. With the room measured in other units, the image gets brighter or darker. In a
-volume, more photons and a smaller ε lead to the right answer; here they lead to infinity. In
-corners, on curved surfaces and at thin walls ∫_S g dS has yet other values, which depend on how S
-lies in the Gaussian and have no closed form.
+On the plane this is E / (√(2π) ε), which is right only if √(2π) ε is one unit of length. If the
+scene is scaled, the image gets brighter or darker. In a volume, more photons and a smaller ε
+converge to the right result; here the result goes to infinity. In corners, on curved surfaces and
+at thin walls, ∫_S g dS has other values, which depend on how S lies in the Gaussian and have no
+closed form.
 
-It is not the fit that fails: the option ``normalisation: plane`` multiplies by √(2π) ε, which is
-right on planes and away from their edges, and no part of the method. The Cornell box then comes to
-27 dB in place of 6.
+The fit itself is good: the option ``normalisation: plane``, which is not part of the method,
+multiplies by √(2π) ε, the right factor on planes away from their edges. The Cornell Box then
+reaches 27 dB instead of 6 dB.
 
-This implementation's own are the photons' kernels, which keep covariances from collapsing
-(:mod:`gpf.baselines.em_gmm.progressive_em`), and the density's grid. Left out: the levels of detail that
-make distant media cheaper to render.
+Added here: the photons' kernels, which keep covariances from collapsing
+(:mod:`gpf.baselines.em_gmm.progressive_em`), and the grid for the density. Left out: the levels of
+detail that make distant media cheaper to render.
 """
 
 from __future__ import annotations
@@ -59,10 +59,11 @@ from gpf.scene.materials import has_gloss, inseparable_materials
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 
-# Camera walks of a sample that meets a glossy surface first.
+# Camera walks of a sample whose first surface is glossy.
 _GLOSSY_WALKS = 8
 
-# In units of the scene's diagonal: variances are differences of squared coordinates.
+# In units of the scene's diagonal. Variances are differences of squares; smaller ones are lost in
+# rounding.
 _LEAST_BANDWIDTH = 1e-5
 
 # Mean, covariance and flux of a component, float32.
@@ -70,13 +71,19 @@ _COMPONENT_BYTES = 4 * (3 + 6 + 3)
 
 
 class EmGmm:
-    """The system; see the module. A preparation takes seconds and leaves nothing in its state."""
+    """The system ``em_gmm``; its preparation takes seconds and writes no checkpoints."""
 
     def __init__(self, options: EmGmmOptions) -> None:
         self.options = options
 
     def prepare(self, task: Task) -> PreparedMixture:
-        """Trace photons in several passes, and fit the mixture as they come."""
+        """Trace photons in several passes, and improve the mixture after each.
+
+        Raises
+        ------
+        CannotServe: the diffuse part of a material cannot be separated, the bandwidth is too small,
+            or no photon lands on a diffuse surface.
+        """
         if names := inseparable_materials(task.scene):
             raise CannotServe(
                 task.name,
@@ -115,11 +122,11 @@ class EmGmm:
 
 
 class PreparedMixture:
-    """A scene's mixture, ready for any view.
+    """The mixture of a scene.
 
     Attributes
     ----------
-    mixture: the Gaussians with their flux, watts.
+    mixture: the Gaussians with their flux, W.
     bandwidth: ε, world units.
     """
 
@@ -139,7 +146,7 @@ class PreparedMixture:
 
     @property
     def facts(self) -> Mapping[str, float | str]:
-        """How the fit went, and by how much planes are too bright."""
+        """Numbers of the fit; ``factor_on_planes``: by what factor planes are too bright."""
         return {
             "photons": self._photons,
             "components": len(self.mixture),
@@ -170,10 +177,10 @@ class PreparedMixture:
 
     @property
     def _scale(self) -> float:
-        """What the density is multiplied by."""
+        """Factor of the density."""
         return plane_thickness(self.bandwidth) if self.options.normalisation == "plane" else 1.0
 
 
 def plane_thickness(bandwidth: float) -> float:
-    """√(2π) ε: how thick a plane of photons is made, world units."""
+    """√(2π) ε: the effective thickness of a plane of photons, world units."""
     return math.sqrt(2 * math.pi) * bandwidth

@@ -1,4 +1,4 @@
-"""Expectation maximisation of Gaussian mixtures, on photons one by one or in cells."""
+"""Expectation maximisation of Gaussian mixtures, on single photons or on cells of photons."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from scipy.spatial import cKDTree
 
 from gpf.baselines.em_gmm.photon_cells import PhotonCells, kd_runs, merge_runs
 
-# The six different entries of a symmetric matrix, and how often each is there.
+# The six different entries of a symmetric matrix, and how often each occurs.
 _ROWS, _COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 _TIMES = np.array([1, 1, 1, 2, 2, 2])
 
-# A component may matter to a cell whose mean is within so many of its largest standard deviations,
-# and does where its share is no less than e^-10 of the greatest.
+# A component is a candidate of the cells within this many of its largest standard deviations. It is
+# kept where its share is at least e^-10 of the largest share.
 _REACH = 3.5
 _FAINTEST = -10.0
 
-# Every cell has so many components to begin with, however far away they are.
+# Every cell has at least this many candidates, at any distance.
 _AT_LEAST = 8
 
 _BLOCK = 1 << 14
@@ -31,10 +31,10 @@ class GaussianMixture:
 
     Attributes
     ----------
-    weights: their shares w of the photons' power, (K,); the sum is 1.
+    weights: shares w of the photons' power, (K,); their sum is 1.
     means: μ, (K, 3).
     covariances: Σ, (K, 3, 3).
-    flux: power Φ of the photons that each stands for, (K, 3).
+    flux: power Φ of the photons of each Gaussian, W, (K, 3).
     """
 
     weights: np.ndarray
@@ -47,9 +47,9 @@ class GaussianMixture:
 
 
 def initialize_mixture(cells: PhotonCells, components: int) -> GaussianMixture:
-    """A Gaussian for each of so many nodes of the cells' kd-tree: the moments of their photons.
+    """One Gaussian per node of a level of the cells' kd-tree, with the moments of its photons.
 
-    With fewer cells than ``components``, there are as many as cells.
+    There are ``components`` Gaussians, or one per cell if there are fewer cells.
     """
     order, starts = kd_runs(cells.means, min(components, len(cells)))
     nodes = merge_runs(cells, order, starts)
@@ -64,27 +64,27 @@ def improve_mixture(
     tolerance: float = 0.0,
     exact: bool = False,
 ) -> tuple[GaussianMixture, list[float]]:
-    """Up to ``steps`` of EM; fewer once one gains less than ``tolerance``.
+    """Up to ``steps`` steps of EM; it ends early when a step gains less than ``tolerance``.
 
-    Photons of a cell A share their responsibilities (Verbeek, Nunnink and Vlassis 2006):
+    All photons of a cell A have the same responsibilities (Verbeek, Nunnink and Vlassis 2006):
 
         E: q_A(s) ∝ w_s exp(<log g_s(x)>_A),
            <log g_s(x)>_A = log g_s(m_A) - ½ tr(Σ_s⁻¹ C_A),    m_A, C_A: the cell's moments
         M: n_s = Σ_A ω_A q_A(s),    w_s = n_s / Σ_s n_s,    μ_s = Σ_A ω_A q_A(s) m_A / n_s,
            Σ_s = Σ_A ω_A q_A(s) (C_A + (m_A - μ_s)(m_A - μ_s)ᵀ) / n_s
 
-    Neither step lowers F = Σ_A ω_A log Σ_s w_s exp(<log g_s(x)>_A) / Σ_A ω_A, which bounds the
-    log-likelihood from below and equals it where every cell is one photon: that is plain EM.
+    Neither step lowers F = Σ_A ω_A log Σ_s w_s exp(<log g_s(x)>_A) / Σ_A ω_A. F is a lower bound of
+    the log-likelihood; they are equal if every cell is one photon, which is plain EM.
 
     Parameters
     ----------
-    exact: let all components answer for every cell, in place of those nearby. Those that a cell
-        leaves out are chosen once, before the first step.
+    exact: use all components for every cell instead of the nearby ones. The nearby ones are chosen
+        once, before the first step.
 
     Returns
     -------
-    The mixture, without components that no photon is near to; and F before the first step and
-    after each, in nats.
+    The mixture, without components that have no photons nearby; and F before the first step and
+    after each step, in nats.
     """
     origin = np.average(cells.means, axis=0, weights=cells.mass)
     moments = _moments(cells, origin)
@@ -124,7 +124,7 @@ def _parameters(mixture: GaussianMixture, origin: np.ndarray) -> np.ndarray:
 
 
 def _near_pairs(mixture: GaussianMixture, cells: PhotonCells) -> csr_array:
-    """Which components may matter to which cells, (C, K), stored entries."""
+    """The candidate components of each cell, as stored entries, (C, K)."""
     reach = _REACH * np.sqrt(np.linalg.eigvalsh(mixture.covariances)[:, -1])
     near = cKDTree(cells.means).query_ball_point(mixture.means, reach, workers=-1)
     sizes = [len(found) for found in near]
@@ -147,7 +147,7 @@ def _log_joint(
     parameters = _parameters(mixture, origin)
     cell = np.repeat(np.arange(len(moments)), np.diff(pairs.indptr))
     values = np.empty(pairs.nnz)
-    # A few at a time, so that what is gathered stays in the processor's cache.
+    # In blocks, so that gathered rows stay in the processor's cache.
     for first in range(0, pairs.nnz, _BLOCK):
         block = slice(first, first + _BLOCK)
         left = moments.take(cell[block], axis=0)
@@ -157,7 +157,7 @@ def _log_joint(
 
 
 def _without_faint(joint: csr_array) -> csr_array:
-    """The entries that matter to their cells."""
+    """Only the entries of at least ``_FAINTEST`` relative to the cell's largest entry."""
     sizes = np.diff(joint.indptr)
     greatest = np.maximum.reduceat(joint.data, joint.indptr[:-1])
     matters = joint.data - np.repeat(greatest, sizes) >= _FAINTEST
@@ -178,7 +178,7 @@ def _expect(joint: csr_array) -> tuple[csr_array, np.ndarray]:
 def _maximize(
     shares: csr_array, cells: PhotonCells, moments: np.ndarray, origin: np.ndarray
 ) -> tuple[GaussianMixture, csr_array]:
-    """The mixture that fits the shares best, and the shares of those that are left in it."""
+    """The mixture that fits the shares best, without empty components, and its shares."""
     sums = shares.T @ np.concatenate([cells.mass[:, None] * moments, cells.flux], axis=1)
     mass = sums[:, 0]
     alive = np.flatnonzero(mass > 0)

@@ -10,23 +10,23 @@ import numpy as np
 
 from gpf.baselines.em_gmm.gaussian_mixture import GaussianMixture
 
-# Gaussians end at so many standard deviations: what lies beyond is a thousandth of their power.
+# Gaussians end at this many standard deviations; a thousandth of their power lies beyond.
 CUTOFF = 4.0
 
-# Entries of all cells' lists at most; with more, cells become larger.
+# Upper limit of the entries in all cells' lists; with more, the cells are made larger.
 _MOST_ENTRIES = 1 << 23
 
 
 class MixtureDensity:
-    """Σ_s Φ_s g_s(x), watts per cubic scene unit: the Gaussians integrate to 1 over the volume.
+    """Σ_s Φ_s g_s(x), watts per cubic world unit; each g_s integrates to 1 over the volume.
 
-    A grid's cells list the components that reach into them. Components differ in size and shape by
-    orders of magnitude, and a search for their centres would have to go as far as the largest one.
+    Each cell of a grid lists the components that reach into it. A search for component centres
+    would need the radius of the largest component, and their sizes differ by orders of magnitude.
 
     Parameters
     ----------
     mixture: K components.
-    bounds: two opposite corners of a box; points outside see what the cells at its border list.
+    bounds: two opposite corners of the grid's box; points outside use the nearest border cell.
     """
 
     def __init__(self, mixture: GaussianMixture, bounds: tuple[Any, Any]) -> None:
@@ -61,7 +61,7 @@ class MixtureDensity:
 
     @dr.syntax
     def __call__(self, x: mi.Point3f, active: mi.Bool | bool = True) -> mi.Color3f:
-        """The density at points (N, 3), (N, 3); 0 where they are not active."""
+        """The density at points (N, 3), (N, 3); 0 for inactive points."""
         c = mi.Vector3u(dr.clip((x - self._lower) * self._scale, 0, self._last))
         cell = (c.z * self._stride[1] + c.y) * self._stride[0] + c.x
         entry = dr.gather(mi.UInt32, self._starts, cell, active)
@@ -86,10 +86,10 @@ def _overlaps(
     last: np.ndarray,
     edge: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Cells (P, 3) and the components (P,) that reach into them, component by component.
+    """Pairs of cells (P, 3) and components (P,) that reach into them, ordered by component.
 
-    Of the cells in the box from ``first`` to ``last`` of each component (K, 3), those that its
-    ellipsoid misses along one of its own axes are left out.
+    The cells are those in each component's box from ``first`` to ``last`` (K, 3), without the cells
+    that are beyond the ellipsoid along one of its axes.
     """
     size = last - first + 1
     counts = size.prod(axis=1)

@@ -1,4 +1,4 @@
-"""Groups of nearby photons: all that expectation maximisation has to know about them."""
+"""Groups of nearby photons, with the moments that expectation maximisation needs."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from scipy.spatial import cKDTree
 class PhotonCells:
     """Moments of C groups of photons, each photon weighted by its power; float64.
 
-    Photons of several passes are joined, cells that lie side by side are merged, and no photon has
-    to be kept: memory and time depend on the number of cells alone.
+    Cells of several passes are joined and neighbouring cells are merged, so photons need not be
+    kept: memory and time depend only on the number of cells.
 
     Attributes
     ----------
     count: number of photons, (C,).
-    flux: sum of their powers Φ_i, (C, 3).
-    means: Σ ω_i x_i / Σ ω_i with the weights ω_i = mean of Φ_i's channels, (C, 3).
+    flux: sum of their powers Φ_i, W, (C, 3).
+    means: Σ ω_i x_i / Σ ω_i, where ω_i is the mean of Φ_i's channels, (C, 3).
     covariances: Σ ω_i (x_i - mean)(x_i - mean)ᵀ / Σ ω_i, (C, 3, 3).
     """
 
@@ -41,9 +41,9 @@ class PhotonCells:
 def single_photons(
     positions: np.ndarray, powers: np.ndarray, bandwidth: float = 0.0
 ) -> PhotonCells:
-    """A cell for each photon that has power: positions (N, 3) and powers (N, 3).
+    """One cell per photon with power, from positions (N, 3) and powers (N, 3).
 
-    Each photon stands for a Gaussian kernel of the standard deviation ``bandwidth``, world units.
+    Each photon is a Gaussian kernel with the standard deviation ``bandwidth``, world units.
     """
     bears = powers.mean(axis=1) > 0
     x, flux = positions[bears].astype(np.float64), powers[bears].astype(np.float64)
@@ -58,9 +58,9 @@ def join_cells(parts: Sequence[PhotonCells]) -> PhotonCells:
 
 
 def coarsen_cells(cells: PhotonCells, most: int) -> PhotonCells:
-    """At most ``most`` cells, each made of the cells below one node of a kd-tree.
+    """At most ``most`` cells: those below each node of a kd-tree are merged.
 
-    All nodes are of one depth, so that there are 2^d of them.
+    All nodes have the same depth d, so there are 2^d of them.
     """
     if len(cells) <= most:
         return cells
@@ -69,10 +69,10 @@ def coarsen_cells(cells: PhotonCells, most: int) -> PhotonCells:
 
 
 def kd_runs(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 3) in the order of a kd-tree's leaves, (N,), and where ``count`` nodes begin.
+    """The order of points (N, 3) by a kd-tree's leaves, (N,), and the starts of ``count`` nodes.
 
-    Nodes are halved at the median of their longest axis until there are ``count`` <= N; where that
-    is not a power of two, the largest in extent are halved once more.
+    Nodes are halved at the median of their longest axis until there are ``count`` <= N. If that is
+    not a power of two, the nodes with the largest extent are halved once more.
     """
     depth = count.bit_length() - 1
     leaf = max(1, len(points) >> (depth + 1))
@@ -91,7 +91,7 @@ def kd_runs(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def merge_runs(cells: PhotonCells, order: np.ndarray, starts: np.ndarray) -> PhotonCells:
-    """One cell of each run of cells in a given order; ``starts`` tells where runs begin."""
+    """Merge each run of cells of an order into one cell; ``starts`` are the beginnings of runs."""
     which = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(order)))
 
     def add(values: np.ndarray) -> np.ndarray:
@@ -100,7 +100,7 @@ def merge_runs(cells: PhotonCells, order: np.ndarray, starts: np.ndarray) -> Pho
     omega = cells.mass[order]
     mass = add(omega)
     means = add(omega[:, None] * cells.means[order]) / mass[:, None]
-    # About the new mean: the squares of large coordinates would leave nothing of thin cells.
+    # About the new mean: with squares of large coordinates, rounding would destroy thin cells.
     d = cells.means[order] - means[which]
     spread = cells.covariances[order] + d[:, :, None] * d[:, None, :]
     covariances = add(omega[:, None, None] * spread) / mass[:, None, None]

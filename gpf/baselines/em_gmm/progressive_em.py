@@ -1,4 +1,4 @@
-"""A Gaussian mixture that is fitted while photons come in."""
+"""A Gaussian mixture that is improved with each portion of photons."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from gpf.baselines.em_gmm.gaussian_mixture import (
 )
 from gpf.baselines.em_gmm.photon_cells import coarsen_cells, join_cells, single_photons
 
-# The proposed bandwidth, in units of what a component begins with; at the least, in units of the
-# diagonal of the box around the photons.
+# The proposed bandwidth in units of a component's initial standard deviation, and its lower limit
+# in units of the diagonal of the photons' bounding box.
 _NARROW = 0.5
 _NARROWEST = 1e-4
 
@@ -20,30 +20,29 @@ _NARROWEST = 1e-4
 class ProgressiveMixture:
     """Progressive expectation maximisation (Jakob, Regg and Jarosz 2011).
 
-    Photons are added in several portions. Each becomes a cell of its own; while there are more
-    cells than wanted, those side by side are merged, and their photons forgotten but for their
-    moments. Then a few steps of EM go on from the last mixture, over the cells of all photons so
-    far: responsibilities are always those of the newest mixture, as in the incremental EM of Neal
-    and Hinton, and nothing that was learned from early photons has to be discounted. The first
-    mixture is a level of the cells' kd-tree.
+    Photons are added in portions. Each photon becomes a cell; if there are too many cells,
+    neighbours are merged, and only their moments are kept. Then a few steps of EM continue from the
+    last mixture, over the cells of all photons so far. Responsibilities are always those of the
+    newest mixture, as in the incremental EM of Neal and Hinton, so early photons need no discount.
+    The first mixture is a level of the cells' kd-tree.
 
-    Every photon stands for a Gaussian kernel of the standard deviation ε, the ``bandwidth``, and
-    so no covariance is below ε². Without that, the likelihood has no maximum: a component within a
-    plane gains by becoming thinner, forever.
+    Every photon is a Gaussian kernel with the standard deviation ε, the ``bandwidth``, so no
+    variance is below ε². Without kernels the likelihood has no maximum: a component within a plane
+    always gains by becoming thinner.
 
     Parameters
     ----------
-    components: number of Gaussians K; with fewer photons in the first portion, as many as those.
-    bandwidth: ε, world units; None is :func:`propose_bandwidth` of the first portion.
-    cells: kept for each component, at most.
-    steps: of EM after each portion, at most.
-    tolerance: gain in nats below which no further step is made.
+    components: number of Gaussians K; at most the number of photons in the first portion.
+    bandwidth: ε, world units; None for :func:`propose_bandwidth` of the first portion.
+    cells: upper limit of the cells per component.
+    steps: upper limit of EM steps after each portion.
+    tolerance: EM ends when a step gains less, nats.
 
     Attributes
     ----------
-    mixture: the current one, None before there are photons. Its flux is the sum of all powers.
-    photons: how many have been added.
-    bound: F per photon (:func:`gpf.baselines.em_gmm.gaussian_mixture.improve_mixture`), in nats.
+    mixture: the current mixture; None before there are photons. Its flux is the sum of all powers.
+    photons: the number of photons so far.
+    bound: F per photon (:func:`gpf.baselines.em_gmm.gaussian_mixture.improve_mixture`), nats.
     """
 
     def __init__(
@@ -63,7 +62,7 @@ class ProgressiveMixture:
         self._cells = single_photons(np.zeros((0, 3)), np.zeros((0, 3)))
 
     def add(self, positions: np.ndarray, powers: np.ndarray) -> None:
-        """Learn from further photons: positions and powers, (N, 3)."""
+        """Add photons, positions and powers (N, 3), and improve the mixture."""
         if not (powers > 0).any():
             return
         if self.bandwidth is None:
@@ -80,7 +79,7 @@ class ProgressiveMixture:
 
 
 def propose_bandwidth(positions: np.ndarray, components: int) -> float:
-    """Half of the largest standard deviation of a typical component, before EM; world units."""
+    """Half of a typical component's largest standard deviation before EM; world units."""
     cells = single_photons(positions, np.ones_like(positions))
     start = initialize_mixture(cells, components)
     typical = float(np.median(np.linalg.eigvalsh(start.covariances)[:, -1].clip(0)) ** 0.5)

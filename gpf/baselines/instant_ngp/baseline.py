@@ -1,17 +1,17 @@
-"""Instant-NGP (Müller and others 2022): a radiance field from pictures alone.
+"""Instant-NGP (Müller and others 2022): a radiance field from images.
 
-A hash grid and small networks, as in the paper; smaller ones, for a CPU is to train them. From
-there too: rays that skip what an occupancy grid knows to be empty, steps of equal length, view
-dependence by spherical harmonics of order 3, and a batch that is as many rays as fill a fixed
-number of samples.
+As in the paper: a hash grid and small networks, rays that skip the empty cells of an occupancy
+grid, steps of equal length, view dependence by spherical harmonics of order 3, and batches of as
+many rays as fill a fixed number of samples. The networks are smaller than in the paper, because a
+CPU trains them.
 
-The pictures are HDR, so colour is linear, without an upper bound, and the loss is RawNeRF's
-(Mildenhall and others 2022): squared differences relative to what is shown already, the linearised
-form of a logarithmic tone mapping.
+The images are HDR, so colour is linear without an upper bound. The loss is RawNeRF's (Mildenhall
+and others 2022), squared differences relative to the current estimate: a linearised logarithmic
+tone mapping.
 
-The volume is the box of the scene and a little more; cameras may be anywhere. Beyond it everything
-is black. Left out: a model of the environment, lens effects, and refinement of poses, which are
-exact here.
+The volume is the scene's bounding box with a margin; cameras may be anywhere. Everything outside is
+black. Left out: a model of the environment, lens effects, and refinement of the camera poses, which
+are exact here.
 """
 
 from __future__ import annotations
@@ -45,17 +45,17 @@ from gpf.scene.views import View
 
 SHAPE = VolumeShape(GridShape(8, 2, log2_entries=17, coarsest=16, finest=512))
 
-# Cells of the occupancy grid along an edge of the cube, and steps of a ray along its diagonal.
+# Cells of the occupancy grid along the cube's edge, and steps of a ray along its diagonal.
 CELLS = 128
 STEPS = 512
 
-# Share of the scene's box that the volume is larger by on each side.
+# Margin of the volume on each side, as a share of the scene's largest extent.
 MARGIN = 0.05
 
-# Rays per pixel of a picture, at random places in it.
+# Rays per pixel of a rendered image, at random places in the pixel.
 RAYS = 4
 
-# Less light than this through what is in front of it is not looked for, in pictures.
+# A ray of a rendered image ends below this transmittance.
 FAINT = 1e-3
 
 
@@ -66,7 +66,12 @@ class InstantNgp:
         self.options = options
 
     def prepare(self, task: Task) -> PreparedVolume:
-        """Fit the volume to the training views."""
+        """Fit the volume to the training views.
+
+        Raises
+        ------
+        CannotServe: there are no training views.
+        """
         if not task.training:
             raise CannotServe(
                 f"scene {task.name}", "has no training views", "List some under views: train."
@@ -100,7 +105,7 @@ class InstantNgp:
 
 
 def _box_in(cube: Cube, box: np.ndarray, near: float) -> Box:
-    """A box of the world and its margin, in coordinates of the cube around it."""
+    """A box (2, 3) of the world with its margin, in coordinates of the cube."""
     grown = box + np.array([[-1], [1]]) * MARGIN * (box[1] - box[0]).max()
     lower, upper = (grown - np.array(cube.corner)) / cube.edge
     return Box(tuple(lower.tolist()), tuple(upper.tolist()), near)
@@ -123,14 +128,14 @@ class PreparedVolume:
 
     @property
     def storage_bytes(self) -> int:
-        """All parameters, float32, and a bit for each cell of the occupancy grid."""
+        """All parameters, float32, and one bit per cell of the occupancy grid."""
         numbers = sum(dr.width(values) for values in self._volume.parameters)
         return 4 * numbers + self._grid.resolution**3 // 8
 
     @property
     def facts(self) -> Mapping[str, float | str]:
-        """Steps, parameters, the share of the cells that something is in, and the mean PSNR of the
-        training views, dB."""
+        """Steps, parameters, the share of occupied cells, and the mean PSNR of the training views,
+        dB."""
         return {
             "steps": self._steps,
             "parameters": sum(dr.width(values) for values in self._volume.parameters),
@@ -140,7 +145,7 @@ class PreparedVolume:
         }
 
     def _compare(self, seen: TrainingView) -> float:
-        """PSNR of a training view as it is shown, dB."""
+        """PSNR of a tone-mapped training view, dB."""
         exposure = self._task.exposure
         image = self.render(seen.view, self._task.seed)
         error = np.mean((tone_map(image, exposure) - tone_map(seen.radiance, exposure)) ** 2)
@@ -169,7 +174,7 @@ class PreparedVolume:
 
 @dr.syntax
 def see(volume: RadianceVolume, grid: OccupancyGrid, rays: Rays, first: mi.Float) -> mi.Color3f:
-    """What rays see, in the volume's unit, (R, 3): march, ask and composite in one."""
+    """Radiance of rays in the volume's unit, (R, 3): marching and compositing in one kernel."""
     t = mi.Float(first)
     total = mi.Color3f(0)
     through = mi.Float(1)

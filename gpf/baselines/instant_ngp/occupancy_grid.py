@@ -1,4 +1,4 @@
-"""Where in a volume there is anything: cells that rays may skip, and those that they may not."""
+"""A grid of a volume's occupied cells; rays skip the others."""
 
 from __future__ import annotations
 
@@ -12,28 +12,27 @@ from gpf.baselines.neural.hash_encoding import Cube
 from gpf.baselines.pinhole import Pinhole
 from gpf.core.random import step_random
 
-# A cell is empty below this opacity along one step of a ray, or below that of the mean density if
-# that is less: at first, nothing is dense.
+# A cell is empty if the opacity of one ray step in it is below this, or below that of the mean
+# density if that is less: at the beginning all densities are low.
 LEAST_OPACITY = 0.01
 
-# What is known of a cell's density fades by this factor from update to update. Müller and others
-# have .95; they make ten times as many updates.
+# The stored density of a cell is multiplied by this before each update. Müller and others use 0.95;
+# they make ten times as many updates.
 MEMORY = 0.8
 
-# Cells are updated in so many turns, each of which has cells everywhere.
+# An update takes every TURNS-th cell; the next update takes the cells beside them.
 TURNS = 4
 
 
 class OccupancyGrid:
-    """The unit cube in R³ cells, each with a bound of the density that was found in it.
+    """The unit cube in R³ cells, each with an upper bound of the densities found in it.
 
-    A cell that no training view looks into is empty for good: whatever would be there, nothing has
-    taught it.
+    A cell that no training view sees is always empty, because nothing could be learned there.
 
     Parameters
     ----------
     resolution: R.
-    step: length of a ray's steps, in edges of the cube.
+    step: length of a ray's steps, in units of the cube's edge.
     """
 
     def __init__(self, resolution: int, step: float) -> None:
@@ -45,9 +44,10 @@ class OccupancyGrid:
         self.refresh()
 
     def hide_unseen(self, cameras: Sequence[Pinhole], cube: Cube, near: float) -> None:
-        """Empty the cells whose middle is in no camera's image, or nearer to it than ``near``.
+        """Mark the cells as empty that no camera sees.
 
-        ``near`` is in edges of the cube.
+        A camera sees a cell whose middle is in its image and deeper than ``near``, in units of the
+        cube's edge.
         """
         index = np.arange(self.resolution)
         z, y, x = np.meshgrid(index, index, index, indexing="ij")
@@ -62,9 +62,9 @@ class OccupancyGrid:
         self.refresh()
 
     def update(self, density: Callable[[mi.Point3f], mi.Float], seed: int, turn: int) -> None:
-        """Ask for the density at a random point in each cell whose turn it is.
+        """Update a part of the cells from the density at a random point in each.
 
-        A cell keeps the larger of what it is told now and what it was told before, faded.
+        A cell keeps the maximum of this density and MEMORY times its stored density.
         """
         count = -(-(self.resolution**3) // TURNS)
         first = dr.opaque(mi.UInt32, turn % TURNS)
@@ -82,7 +82,7 @@ class OccupancyGrid:
         self.refresh()
 
     def refresh(self) -> None:
-        """Find the occupied cells anew, from the densities."""
+        """Compute the occupied cells from the densities."""
         dr.eval(self.density, self.seen)
         mean = dr.sum(dr.select(self.seen, self.density, 0)) / dr.maximum(dr.count(self.seen), 1)
         least = dr.minimum(mean, dr.opaque(mi.Float, LEAST_OPACITY / self.step))
@@ -91,11 +91,11 @@ class OccupancyGrid:
 
     @property
     def share(self) -> float:
-        """The share of the cells that are not empty."""
+        """The share of occupied cells."""
         return int(dr.count(self.occupied)[0]) / self.resolution**3
 
     def cell(self, place: mi.Point3f) -> mi.UInt32:
-        """Number of the cell around a place in the cube; x varies fastest."""
+        """The index of the cell at a place in the cube; x varies fastest."""
         side = self.resolution
         place = dr.clip(place * side, 0, side - 1)
         return mi.UInt32(place.x) + side * (mi.UInt32(place.y) + side * mi.UInt32(place.z))

@@ -1,4 +1,4 @@
-"""A volume that emits and absorbs, as networks know it: density, and colour by direction."""
+"""A volume that emits and absorbs, given by networks: density, and colour by direction."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import mitsuba as mi
 
 from gpf.baselines.neural.hash_encoding import GridShape, HashGrid, Network
 
-# Order of the spherical harmonics that stand for a direction; 16 of them.
+# Order of the spherical harmonics that encode a direction; there are 16.
 DIRECTION_ORDER = 3
 
-# exp of more is no use to anybody.
+# Exponents are clamped to this: larger values are not needed and could overflow.
 LARGEST_EXPONENT = 12.0
 
 
@@ -23,11 +23,10 @@ class VolumeShape:
 
     Attributes
     ----------
-    grid: of the encoding of the position.
-    density_hidden: widths of the hidden layers of the network that makes density of it, and
-        ``features`` for the other network.
-    colour_hidden: widths of the hidden layers of the one that makes colour of those features and
-        the direction.
+    grid: encoding of the position.
+    density_hidden: widths of the hidden layers of the density network.
+    features: outputs of the density network that are inputs of the colour network.
+    colour_hidden: widths of the hidden layers of the colour network.
     """
 
     grid: GridShape
@@ -39,8 +38,8 @@ class VolumeShape:
 class RadianceVolume:
     """σ(x) = exp f_0(γ(x)),    c(x, d) = u exp g(f_1..(γ(x)), Y(d)).
 
-    γ is a hash grid, Y are spherical harmonics. Colour is linear and without an upper bound, as in
-    RawNeRF: what learns from HDR images has to reach their lamps.
+    γ is a hash grid, f and g are networks, Y are spherical harmonics. Colour is linear without an
+    upper bound, as in RawNeRF, because HDR images contain bright lamps.
 
     Parameters
     ----------
@@ -63,17 +62,17 @@ class RadianceVolume:
         return [part.parameters for part in parts]
 
     def update(self, parameters: list[mi.Float]) -> None:
-        """Take other parameters."""
+        """Replace the parameters."""
         parts: tuple[Any, ...] = self.grid, self.density_network, self.colour_network
         for part, values in zip(parts, parameters, strict=True):
             part.update(values)
 
     def density(self, place: mi.Point3f) -> mi.Float:
-        """σ at places of the unit cube, per edge of the cube, (N,)."""
+        """σ at places in the unit cube, per edge of the cube, (N,)."""
         return _exp(self.density_network(self.grid(place))[0])
 
     def __call__(self, place: mi.Point3f, d: mi.Vector3f) -> tuple[mi.Float, mi.Color3f]:
-        """σ at places, (N,), and c in units of u of what goes along rays of direction ``d``."""
+        """σ at places, (N,), and c / u for rays of direction ``d``, (N, 3)."""
         answer = self.density_network(self.grid(place))
         colour = self.colour_network([*answer[1:], *dr.sh_eval(d, DIRECTION_ORDER)])
         return _exp(answer[0]), mi.Color3f(*(_exp(value) for value in colour))

@@ -1,6 +1,6 @@
 """Volume rendering along rays: steps through occupied cells, compositing, and its adjoint.
 
-Lengths are in edges of the volume's cube, places in [0, 1]³.
+Lengths are in units of the cube's edge, places in [0, 1]³.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import mitsuba as mi
 
 from gpf.baselines.instant_ngp.occupancy_grid import OccupancyGrid
 
-# A ray ends where less than this of its light gets through.
+# A ray ends below this transmittance.
 LEAST_TRANSMITTANCE = 1e-4
 
 
@@ -23,7 +23,8 @@ class Rays:
     Attributes
     ----------
     o, d: origin and unit direction.
-    near, far: where they enter and leave what is to be rendered; near ≥ far for those that miss it.
+    near, far: distances at which rays enter and leave the rendered box; near ≥ far for rays that
+        miss it.
     """
 
     o: mi.Point3f
@@ -32,7 +33,7 @@ class Rays:
     far: mi.Float
 
     def at(self, distance: mi.Float, ray: mi.UInt32) -> tuple[mi.Point3f, mi.Vector3f]:
-        """Places at distances along rays of the given numbers, and the directions of these."""
+        """Places at distances along the rays with the given indices, and the rays' directions."""
         d = dr.gather(mi.Vector3f, self.d, ray)
         p = mi.Point3f(dr.gather(mi.Point3f, self.o, ray) + distance * d)
         dr.eval(p, d)
@@ -40,7 +41,7 @@ class Rays:
 
 
 def clip_rays(o: mi.Point3f, d: mi.Vector3f, lower: mi.Point3f, upper: mi.Point3f) -> Rays:
-    """Rays with the part of them that is in a box, in front of their origin."""
+    """Rays, clipped to a box and to the half in front of their origin."""
     a, b = (lower - o) / d, (upper - o) / d
     near = dr.max(dr.minimum(a, b))
     far = dr.min(dr.maximum(a, b))
@@ -49,14 +50,14 @@ def clip_rays(o: mi.Point3f, d: mi.Vector3f, lower: mi.Point3f, upper: mi.Point3
 
 @dataclass
 class Samples:
-    """Places where rays are sampled; those of a ray follow each other, by distance.
+    """Samples along rays, grouped by ray and ordered by distance.
 
     Attributes
     ----------
     distance: along the ray, (N,).
-    ray: number of the ray, (N,).
-    begin, count: where each ray's samples begin, and how many it has, (R,).
-    total: how many there are in all; what comes behind them is padding.
+    ray: index of the ray, (N,).
+    begin, count: index of each ray's first sample, and number of its samples, (R,).
+    total: number of samples; the rest of the arrays is padding.
     """
 
     distance: mi.Float
@@ -69,14 +70,14 @@ class Samples:
 def next_distance(
     grid: OccupancyGrid, rays: Rays, t: mi.Float, active: mi.Bool
 ) -> tuple[mi.Float, mi.Bool]:
-    """The next step of rays at distance ``t``, and whether the cell at ``t`` is occupied.
+    """The distance after the next step of rays at ``t``, and whether the cell at ``t`` is occupied.
 
-    Steps are all of the grid's length; those that end in the same empty cell are taken at once.
+    All steps have the grid's length; steps that stay in one empty cell are taken at once.
     """
     place = rays.o + t * rays.d
     occupied = dr.gather(mi.Bool, grid.occupied, grid.cell(place), active)
     scaled = place * grid.resolution
-    # Distance to the cell's far sides. What is nearly parallel to one never gets there.
+    # Distance to the cell's far sides; infinite for sides that are nearly parallel to the ray.
     ahead = dr.floor(scaled) + dr.select(rays.d > 0, 1, 0) - scaled
     leave = dr.min(dr.select(dr.abs(rays.d) > 1e-9, ahead / rays.d, dr.inf)) / grid.resolution
     steps = dr.select(occupied, 1, dr.maximum(dr.ceil(leave / grid.step), 1))
@@ -85,7 +86,7 @@ def next_distance(
 
 @dr.syntax
 def count_samples(grid: OccupancyGrid, rays: Rays, first: mi.Float) -> mi.UInt32:
-    """How many samples rays have whose first step ends at the distance ``first``, (R,)."""
+    """The number of samples of rays whose first sample is at distance ``first``, (R,)."""
     t = mi.Float(first)
     count = mi.UInt32(0)
     while t < rays.far:
@@ -99,7 +100,7 @@ def count_samples(grid: OccupancyGrid, rays: Rays, first: mi.Float) -> mi.UInt32
 def _write_samples(
     grid: OccupancyGrid, rays: Rays, first: mi.Float, samples: Samples, ray: mi.UInt32
 ) -> mi.UInt32:
-    """Write the samples of rays to their places."""
+    """Write the samples of rays into the arrays of ``samples``."""
     t = mi.Float(first)
     slot = mi.UInt32(samples.begin)
     end = samples.begin + samples.count
@@ -114,7 +115,7 @@ def _write_samples(
 
 
 def take_samples(grid: OccupancyGrid, rays: Rays, first: mi.Float, room: int) -> Samples:
-    """All samples of rays in occupied cells; none of those rays for which there is no room."""
+    """The samples of rays in occupied cells; rays that do not fit into ``room`` get none."""
     count = count_samples(grid, rays, first)
     dr.eval(count)
     begin = dr.prefix_reduce(dr.ReduceOp.Add, count, exclusive=True)
@@ -129,12 +130,12 @@ def take_samples(grid: OccupancyGrid, rays: Rays, first: mi.Float, room: int) ->
 
 @dataclass
 class Composite:
-    """What rays see, (R).
+    """Colours of rays, (R).
 
     Attributes
     ----------
     colour: C = Σ w_i c_i with w_i = T_i α_i, α_i = 1 - exp(-σ_i δ) and T_i = Π_{j<i} (1 - α_j).
-    used: samples until next to nothing got through.
+    used: number of samples until T_i fell below LEAST_TRANSMITTANCE.
     """
 
     colour: mi.Color3f
@@ -143,7 +144,7 @@ class Composite:
 
 @dr.syntax
 def composite(samples: Samples, density: mi.Float, colour: mi.Color3f, step: mi.Float) -> Composite:
-    """Composite the densities σ and colours c of samples, (N,), front to back, before black."""
+    """Composite densities σ and colours c of samples, (N,), front to back, on black."""
     total = mi.Color3f(0)
     through = mi.Float(1)
     i = mi.UInt32(samples.begin)
@@ -158,7 +159,7 @@ def composite(samples: Samples, density: mi.Float, colour: mi.Color3f, step: mi.
 
 @dataclass
 class _Gradients:
-    """Derivatives, and the numbers of the samples that they belong to."""
+    """Derivatives, and the indices of their samples."""
 
     sample: mi.UInt32
     density: mi.Float
@@ -176,9 +177,9 @@ def _write_gradients(
     place: mi.UInt32,
     into: _Gradients,
 ) -> mi.UInt32:
-    """Write the derivatives of rays' used samples one after the other."""
+    """Write the derivatives of the rays' used samples one after the other."""
     through = mi.Float(1)
-    # What lies behind the sample: the colour that its opacity takes away.
+    # The colour behind the sample, which the sample's opacity reduces.
     behind = mi.Color3f(seen.colour)
     i = mi.UInt32(0)
     while i < seen.used:
@@ -203,14 +204,14 @@ def composite_adjoint(
     seen: Composite,
     adjoint: mi.Color3f,
 ) -> tuple[mi.UInt32, mi.Float, mi.Color3f]:
-    """Derivatives by σ and c, from the derivative ``adjoint`` = ∂loss/∂C, (R, 3):
+    """Derivatives of a loss by σ and c, from its derivative ``adjoint`` = ∂loss/∂C, (R, 3):
 
         ∂c_i = w_i ∂C,    ∂σ_i = δ ∂C · (T_{i+1} c_i - Σ_{j>i} w_j c_j).
 
-    Returns numbers of the samples that were used, and both derivatives, (M) each.
+    Returns the indices of the used samples, and both derivatives, (M) each.
     """
     place = dr.prefix_reduce(dr.ReduceOp.Add, seen.used, exclusive=True)
-    # As large as the samples: the size of what a kernel writes to is part of the kernel.
+    # As large as the samples: with other sizes, Dr.Jit would compile the kernel again.
     room = dr.width(samples.distance)
     into = _Gradients(
         dr.zeros(mi.UInt32, room), dr.zeros(mi.Float, room), dr.zeros(mi.Color3f, room)

@@ -1,4 +1,4 @@
-"""Fitting a radiance volume to pictures."""
+"""Fitting a radiance volume to images."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from gpf.baselines.pinhole import Pinhole
 from gpf.core.random import step_random
 from gpf.training.settings import cosine_decay
 
-# Added to what a pixel shows, in the denominator of the loss, in units of display white. RawNeRF
-# has 1e-3, for photographs at night; with so little, single dark pixels outweigh all others (after
-# 500 steps 15.7 instead of 17.6 dB on the training views of Water Caustic 2).
+# ε in the denominator of the loss, in units of display white. RawNeRF uses 1e-3, for photographs at
+# night; with that, single dark pixels outweigh all others (after 500 steps 15.7 instead of 17.6 dB
+# on the training views of Water Caustic 2).
 LOSS_FLOOR = 0.1
 
 # Steps between updates of the occupancy grid.
@@ -43,10 +43,10 @@ class VolumeTraining:
     Attributes
     ----------
     steps: optimiser steps.
-    samples: room for samples along rays, per step; there are as many rays as fill it.
+    samples: on all rays of a step together; the number of rays is adjusted to fill it.
     rate: Adam's initial rate; it decays to ``final_rate`` times that on a cosine.
-    near: no sample is nearer to a camera than this, edges of the cube.
-    seed: of all that is random.
+    near: least distance of samples from the camera, in units of the cube's edge.
+    seed: of all random numbers.
     """
 
     steps: int
@@ -59,8 +59,8 @@ class VolumeTraining:
 
 @dataclass
 class Cameras:
-    """Pinhole cameras as arrays, (V): origins in the cube, and the direction (x, y) pixels from the
-    image's upper left corner, ``corner + x right + y down``."""
+    """Pinhole cameras as arrays, (V): origins in the cube, and the vectors of ``corner + x right +
+    y down``, the direction at (x, y) pixels from the image's upper left corner."""
 
     origin: mi.Point3f
     corner: mi.Vector3f
@@ -91,7 +91,7 @@ class Cameras:
         )
 
     def look(self, camera: mi.UInt32, pixel: mi.Point2f) -> tuple[mi.Point3f, mi.Vector3f]:
-        """Origins and directions of rays through places in the images of cameras."""
+        """Origins and unit directions of rays through pixel coordinates of cameras."""
         d = dr.gather(mi.Vector3f, self.corner, camera)
         d += pixel.x * dr.gather(mi.Vector3f, self.right, camera)
         d += pixel.y * dr.gather(mi.Vector3f, self.down, camera)
@@ -100,24 +100,24 @@ class Cameras:
 
 @dataclass(frozen=True)
 class Box:
-    """What is rendered, in coordinates of the cube, and how near to a camera."""
+    """The rendered box in coordinates of the cube, and the least distance ``near`` of samples."""
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
     near: float
 
     def clip(self, o: mi.Point3f, d: mi.Vector3f) -> Rays:
-        """Rays with the part of them that is rendered."""
+        """Rays, clipped to the rendered part."""
         rays = clip_rays(o, d, mi.Point3f(*self.lower), mi.Point3f(*self.upper))
         rays.near = dr.maximum(rays.near, self.near)
         return rays
 
 
 class VolumeTrainer:
-    """Fits a volume to the images of some cameras.
+    """Fits a volume to the images of cameras.
 
     The loss is that of RawNeRF (Mildenhall and others 2022), a linearised tone mapping of HDR
-    images: mean of ((C - y) / (C + ε))², in which the denominator is held fixed.
+    images: the mean of ((C - y) / (C + ε))², where the denominator counts as constant.
 
     Parameters
     ----------
@@ -147,7 +147,10 @@ class VolumeTrainer:
         fingerprint: Mapping[str, Any],
         report: Callable[[int, int], None] = lambda done, total: None,
     ) -> None:
-        """Make all steps that are left; volume and grid have the result."""
+        """Make all remaining steps; volume and grid hold the result.
+
+        Continues from a checkpoint with the same fingerprint.
+        """
         more = self.fit.restore(checkpoint, fingerprint)
         if more is not None:
             self.grid.density, self.rays = mi.Float(more["density"]), int(more["rays"][0])
@@ -161,7 +164,7 @@ class VolumeTrainer:
         self.volume.update(self.fit.values)
 
     def step(self) -> float:
-        """One optimiser step; returns the loss."""
+        """Make one optimiser step; returns the loss."""
         s, fit = self.settings, self.fit
         rays, target, first = self._choose_rays()
         samples = take_samples(self.grid, rays, first, s.samples)
@@ -192,7 +195,7 @@ class VolumeTrainer:
         return float(dr.mean(dr.squared_norm(error))[0]) / 3
 
     def _choose_rays(self) -> tuple[Rays, mi.Color3f, mi.Float]:
-        """Rays through random places of random pixels, what these show, and their first steps."""
+        """Rays through random pixels, the pixels' colours, and the distances of first samples."""
         views, height, width = self.shape
         seed, number = dr.opaque(mi.UInt32, self.settings.seed), dr.opaque(mi.UInt32, self.fit.step)
         rng = step_random(self.rays, seed, number)
@@ -227,7 +230,7 @@ class VolumeTrainer:
         by_colour: mi.Color3f,
     ) -> list[mi.Float]:
         """Gradients by all parameters, from those by density and colour."""
-        values = [dr.detach(value) for value in values]  # the caller's stay as they are
+        values = [dr.detach(value) for value in values]  # leaves the caller's arrays unchanged
         dr.enable_grad(values)
         with given(self.volume, values):
             density, colour = self.volume(p, d)
@@ -238,5 +241,5 @@ class VolumeTrainer:
 
 
 def step_length(resolution: int) -> float:
-    """Length of a ray's steps, edges of the cube: ``resolution`` along the cube's diagonal."""
+    """Length of a ray's steps in units of the cube's edge: ``resolution`` steps per diagonal."""
     return math.sqrt(3) / resolution

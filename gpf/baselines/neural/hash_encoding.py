@@ -1,11 +1,10 @@
-"""Hash grids and small networks on Dr.Jit: what the learned systems are made of.
+"""Hash grids and small networks on Dr.Jit, for the learned systems.
 
-A multiresolution hash grid (Müller and others 2022) turns a point of the unit cube into features:
-on each of its levels the features of the eight corners of the cell around the point are
-interpolated, and those of all levels are joined. A small fully connected network makes an answer of
-them.
+A multiresolution hash grid (Müller and others 2022) encodes a point of the unit cube as features.
+Each level interpolates the features of the eight corners of the cell around the point; the features
+of all levels together are the input of a small fully connected network.
 
-Parameters are flat float32 arrays, which the caller owns, changes and hands back with ``update``.
+Parameters are flat float32 arrays. The caller optimises them and sets them with ``update``.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import drjit.nn as nn
 import mitsuba as mi
 import numpy as np
 
-# Features start between plus and minus this.
+# Initial features are random between plus and minus this.
 INITIAL_FEATURE = 1e-4
 
 
@@ -28,11 +27,11 @@ class GridShape:
 
     Attributes
     ----------
-    levels: grids of different resolution.
-    features: numbers per grid vertex; a multiple of 2.
-    log2_entries: each level has at most 2 to the power of this many vertices of its own; those of
-        a finer one share them, by a hash of their place.
-    coarsest, finest: vertices along an edge of the cube on the first and on the last level.
+    levels: number of grids with different resolutions.
+    features: numbers per vertex; a multiple of 2.
+    log2_entries: each level stores at most 2 to this power vertices; a finer level's vertices share
+        entries by a hash of their position.
+    coarsest, finest: vertices along the cube's edge on the first and on the last level.
     """
 
     levels: int
@@ -43,12 +42,12 @@ class GridShape:
 
     @property
     def outputs(self) -> int:
-        """Features of a point."""
+        """The number of features of a point."""
         return self.levels * self.features
 
 
 class HashGrid:
-    """Features of points in the unit cube."""
+    """A hash grid: features of points in the unit cube."""
 
     def __init__(self, shape: GridShape, seed: int) -> None:
         self.shape = shape
@@ -68,7 +67,7 @@ class HashGrid:
         dr.eval(self.parameters)
 
     def update(self, parameters: mi.Float) -> None:
-        """Take other parameters of the same number."""
+        """Replace the parameters by an array of the same size."""
         self.parameters = parameters
         self._encoding.data = parameters
 
@@ -78,10 +77,10 @@ class HashGrid:
 
 
 class Network:
-    """A fully connected network: leaky rectifiers between its layers, nothing after the last.
+    """A fully connected network with leaky rectifiers between its layers, none after the last.
 
-    It runs on cooperative vectors, in half precision on CUDA, where Dr.Jit offers no other. A
-    gradient is small there: scale the loss so that a sample's does not vanish.
+    It runs on cooperative vectors, on CUDA in half precision, since Dr.Jit offers no other there.
+    Small gradients underflow then: scale the loss so that a sample's gradient does not vanish.
     """
 
     def __init__(self, inputs: int, hidden: Sequence[int], outputs: int, seed: int) -> None:
@@ -96,12 +95,12 @@ class Network:
         dr.eval(self.parameters)
 
     def update(self, parameters: mi.Float) -> None:
-        """Take other parameters of the same number."""
+        """Replace the parameters by an array of the same size."""
         self.parameters = parameters
         self._model["weights"] = self._number(parameters)
 
     def __call__(self, inputs: Sequence[mi.Float]) -> list[mi.Float]:
-        """Answers, one array (N,) for each output."""
+        """The outputs, one array (N,) each."""
         vector = nn.CoopVec(*(self._number(value) for value in inputs))
         return [mi.Float(value) for value in self._model(vector)]
 
@@ -112,8 +111,8 @@ class Cube:
 
     Attributes
     ----------
-    corner: its lower corner, world units.
-    edge: its edge, world units.
+    corner: lower corner, world units.
+    edge: length of the edges, world units.
     """
 
     corner: tuple[float, float, float]
@@ -121,11 +120,11 @@ class Cube:
 
     @classmethod
     def around(cls, box: np.ndarray, margin: float) -> Cube:
-        """The smallest cube around a box (2, 3), larger by ``margin`` of it on each side."""
+        """The smallest cube around a box (2, 3), enlarged by the share ``margin`` on each side."""
         edge = float((box[1] - box[0]).max()) * (1 + 2 * margin)
         x, y, z = (box.mean(axis=0) - edge / 2).tolist()
         return cls((x, y, z), edge)
 
     def place(self, p: mi.Point3f) -> mi.Point3f:
-        """Points of the world in coordinates of the cube, [0, 1]³ inside."""
+        """Coordinates of world points in the cube; points inside are in [0, 1]³."""
         return (p - mi.Point3f(*self.corner)) * (1 / self.edge)

@@ -1,5 +1,5 @@
-"""Scripts that run inside other people's code, in other people's environments.
+"""Scripts that run in the environments of published code of other authors.
 
-They import nothing of this project and do with Python 3.10; :mod:`gpf.baselines.official` starts
-them.
+They import nothing of this project and run with Python 3.10 or later.
+:mod:`gpf.baselines.official` starts them.
 """

@@ -1,4 +1,4 @@
-"""Lines of JSON in, lines of JSON out: how a program talks with the process that started it."""
+"""Messages between a program and the process that started it: one line of JSON each."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from typing import Any
 
 Answer = dict[str, Any]
 
-MEND = "Download them again, or correct `weights` in params.yaml."
+MEND = "Download them again, or correct the option `weights`."
 
 
 class Refusal(Exception):
-    """Words for the user: ``what`` is wrong, what there is ``todo``."""
+    """A request that cannot be answered: ``what`` is wrong, and what the user can do, ``todo``."""
 
     def __init__(self, what: str, todo: str) -> None:
         super().__init__(what)
@@ -26,10 +26,11 @@ class Refusal(Exception):
 
 
 def converse(start: Callable[[Answer], tuple[Callable[[Answer], Answer], Answer]]) -> None:
-    """Answer requests until there are no more.
+    """Answer requests from standard input until it ends.
 
-    ``start`` takes the first one, and returns a function for all others with an answer to it. What
-    else is printed goes to the errors, so that nothing but answers comes out.
+    ``start`` takes the first request; it returns a function for all further requests, and the
+    answer to the first. Other output is sent to standard error, so that standard output has answers
+    only.
     """
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
@@ -49,11 +50,11 @@ def converse(start: Callable[[Answer], tuple[Callable[[Answer], Answer], Answer]
 
 
 def find_weights(name: str) -> Path:
-    """The folder of weights: the one of this name, or the hub's copy in the local cache.
+    """The folder of the weights: a folder of this name, or the hub's copy in the local cache.
 
     Raises
     ------
-    Refusal: there is none, or it lacks a file.
+    Refusal: there is none, or a file is missing in it.
     """
     folder = Path(name)
     if not folder.is_dir():
@@ -68,27 +69,27 @@ def _find_in_cache(name: str) -> Path:
     try:
         hub = importlib.import_module("huggingface_hub")
         return Path(hub.snapshot_download(name, local_files_only=True))
-    except Exception as error:  # an unknown name and an empty cache have errors of their own
+    except Exception as error:  # an unknown name and an empty cache raise different errors
         traceback.print_exc()
         raise Refusal(
             f"weights not installed: {name}",
-            f"{say_how_to_download(name)}, or name a folder that has config.json and "
-            "model.safetensors as `weights` in params.yaml.",
+            f"{say_how_to_download(name)}, or set the option `weights` to a folder that has "
+            "config.json and model.safetensors.",
         ) from error
 
 
 def say_how_to_download(name: str) -> str:
-    """The command that brings weights from the hub into the cache."""
-    return f"Run `pip install huggingface_hub && hf download {name}` where there is a network"
+    """The command that downloads weights from the hub into the cache."""
+    return f"Run `pip install huggingface_hub && hf download {name}` with network access"
 
 
 def load_network(network: Any, folder: Path) -> Any:
-    """``network.from_pretrained``, with an eye on what it passes over in silence.
+    """``network.from_pretrained``, with a check for missing tensors, which it ignores.
 
     Raises
     ------
-    Refusal: tensors are missing, or of other shapes than the network's.
-    OSError: the network itself asked for a file that is not there.
+    Refusal: tensors are missing or have other shapes than the network's.
+    OSError: a file that the network's own code needs is missing.
     """
     try:
         model = network.from_pretrained(str(folder))
@@ -103,7 +104,7 @@ def load_network(network: Any, folder: Path) -> Any:
         str(folder / "model.safetensors"), framework="np"
     ) as stored:
         missing = sorted({key for key, _ in model.named_parameters()} - set(stored.keys()))
-    if missing:  # the network would keep random numbers there
+    if missing:  # these parameters would stay random
         raise Refusal(
             f"weights do not fit the network: {len(missing)} tensors are missing, among them "
             f"{missing[0]}",
@@ -113,10 +114,10 @@ def load_network(network: Any, folder: Path) -> Any:
 
 
 def describe(model: Any, device: str) -> Answer:
-    """What there is to say of a loaded network."""
+    """Device and number of parameters of a loaded network."""
     return {"device": device, "parameters": sum(p.numel() for p in model.parameters())}
 
 
 def peak_megabytes() -> float:
-    """The most memory that this process had at a time."""
+    """The peak memory of this process, megabytes."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6

@@ -1,6 +1,6 @@
-"""Makes Gaussians of pictures with AnySplat: started by :mod:`gpf.baselines.anysplat.baseline`.
+"""Predicts Gaussians from images with AnySplat; :mod:`gpf.baselines.anysplat.baseline` starts it.
 
-A request names a file of ``images``, (K, 448, 448, 3) uint8, and the one for the ``splats``.
+A request names the input file ``images``, (K, 448, 448, 3) uint8, and the output file ``splats``.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from conversation import (  # type: ignore[import-not-found]  # it lies beside this script
+from conversation import (  # type: ignore[import-not-found]  # in the folder of this script
     Refusal,
     converse,
     describe,
@@ -23,7 +23,7 @@ from conversation import (  # type: ignore[import-not-found]  # it lies beside t
 
 Answer = dict[str, Any]
 
-# The network is built around this one before its own weights are read.
+# AnySplat's code loads this network first, before its own weights.
 BACKBONE = "facebook/VGGT-1B"
 
 
@@ -48,11 +48,11 @@ def start(request: Answer) -> tuple[Callable[[Answer], Answer], Answer]:
 
 
 def infer(model: Any, torch: Any, device: str, request: Answer) -> Answer:
-    """Write what the network makes of the images, all float32.
+    """Write the network's prediction, float32 arrays.
 
     ``means`` (N, 3), ``covariances`` (N, 3, 3), ``harmonics`` (N, 3, D) and ``opacities`` (N,) of
-    the Gaussians; ``poses`` (K, 4, 4), camera to world, and ``intrinsics`` (K, 3, 3), in widths and
-    heights of the image; ``background`` (3,); ``seconds`` and ``device``.
+    the Gaussians; ``poses`` (K, 4, 4), camera to world; ``intrinsics`` (K, 3, 3), in units of the
+    image's width and height; ``background`` (3,); ``seconds`` and ``device``.
     """
     numpy = importlib.import_module("numpy")
     started = time.perf_counter()

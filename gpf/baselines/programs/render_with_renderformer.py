@@ -1,6 +1,6 @@
-"""Renders scene files with RenderFormer: started by :mod:`gpf.baselines.renderformer.baseline`.
+"""Renders scene files with RenderFormer; :mod:`gpf.baselines.renderformer.baseline` starts it.
 
-A request names a scene ``file``, the ``resolution``, and the file for the ``image``.
+A request names the scene ``file``, the ``resolution``, and the output file ``image``.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from conversation import (  # type: ignore[import-not-found]  # it lies beside this script
+from conversation import (  # type: ignore[import-not-found]  # in the folder of this script
     Refusal,
     converse,
     describe,
@@ -29,13 +29,13 @@ def start(request: Answer) -> tuple[Callable[[Answer], Answer], Answer]:
     folder = find_weights(request["weights"])
     torch = importlib.import_module("torch")
     device = "cuda" if torch.cuda.is_available() else "cpu"
-    if device == "cpu":  # else it looks for a package that needs a GPU
+    if device == "cpu":  # otherwise the code imports a package that needs a GPU
         os.environ["ATTN_IMPL"] = "sdpa"
     published = importlib.import_module("renderformer")
     model = load_network(published.RenderFormer, folder)
     if model.config.use_ldr:
         raise Refusal(
-            "weights for images of low dynamic range", "Name others as `weights` in params.yaml."
+            "weights for images of low dynamic range", "Set the option `weights` to others."
         )
     if device == "cuda" and importlib.util.find_spec("renderformer_liger_kernel"):
         importlib.import_module("renderformer_liger_kernel").apply_kernels(model)
@@ -49,14 +49,14 @@ def start(request: Answer) -> tuple[Callable[[Answer], Answer], Answer]:
 
 
 def render(pipeline: Any, torch: Any, device: str, request: Answer) -> Answer:
-    """Write the image, linear as the network gives it, (R, R, 3) float32."""
+    """Write the network's image, linear, (R, R, 3) float32."""
     h5py = importlib.import_module("h5py")
     numpy = importlib.import_module("numpy")
     started = time.perf_counter()
     with h5py.File(request["file"], "r") as file:
         names = ("triangles", "texture", "vn", "c2w", "fov")
         values = {name: numpy.asarray(file[name], dtype=numpy.float32) for name in names}
-    # Copies, since the texture is changed in place; one scene at a time.
+    # Copies, because the pipeline changes the texture in place; a batch of one scene.
     scene = {name: torch.tensor(value, device=device)[None] for name, value in values.items()}
     mask = torch.ones(scene["triangles"].shape[:2], dtype=torch.bool, device=device)
     images = pipeline(
@@ -67,7 +67,7 @@ def render(pipeline: Any, torch: Any, device: str, request: Answer) -> Answer:
         c2w=scene["c2w"],
         fov=scene["fov"][..., None],
         resolution=request["resolution"],
-        # Half precision is what the authors render with; processors have only the whole one.
+        # The authors render in half precision; on a CPU only single precision works.
         torch_dtype=torch.float16 if device == "cuda" else torch.float32,
     )
     image = images[0, 0, ..., :3].detach().float().cpu().numpy()

@@ -1,1 +1,1 @@
-"""A neural radiance cache: irradiance by a network."""
+"""A neural radiance cache: irradiance from a network."""

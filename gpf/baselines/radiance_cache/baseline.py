@@ -1,11 +1,10 @@
-"""Neural radiance cache: the field's query, with a hash grid and a network for its Gaussians.
+"""Neural radiance cache: the field's query with a hash grid and a network instead of Gaussians.
 
-Not a system of the paper, but the field's natural rival: a network in the place of the cache that
-Müller and others (2021) query at the end of short paths, here fitted once and asked at the first
-diffuse hit. All else is the field's own: the plugin ``gpf`` makes the same camera walk with the
-same samples, the points and targets that it learns from are the same, with the same weights, and so
-are the numbers of steps and of points in each. What differs is what is between the point and the
-irradiance there, and how fast that is.
+This system is not in the paper. It is like the network cache that Müller and others (2021) query at
+the end of short paths, but it is fitted once and queried at the first diffuse hit. Everything else
+is as for the field: the camera walks of the plugin ``gpf`` and their samples, the supervised points
+with targets and weights, the number of steps, and the points per step. Only the function from a
+point to its irradiance differs, and its speed.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ SHAPES = {
     "large": CacheShape(GridShape(8, 4, log2_entries=17, coarsest=8, finest=256), (64, 64)),
 }
 
-# Share of the scene that its cube is larger by: no position leaves it with its offset.
+# Margin of the cube as a share of the scene: positions with their offset stay inside.
 MARGIN = 0.02
 
 
@@ -53,7 +52,7 @@ class RadianceCache:
         self.options = options
 
     def prepare(self, task: Task) -> PreparedCache:
-        """Fit the network to the targets that the field learns from."""
+        """Fit the network to the field's targets."""
         train, render = effort_of(self.options, task)
         targets = Targets.load(task.targets)
         points = targets.supervised_points(train.points, "irradiance", train.loss)
@@ -74,7 +73,7 @@ class RadianceCache:
 
 
 def effort_of(options: RadianceCacheOptions, task: Task) -> tuple[TrainingSettings, RenderSettings]:
-    """How the field is trained and rendered, but for what a row says otherwise."""
+    """The field's training and render settings, with the values that the options set."""
     train = {k: v for k in ("steps", "batch") if (v := getattr(options, k)) is not None}
     render = {} if options.spp is None else {"spp": options.spp}
     return task.train.model_copy(update=train), task.render.model_copy(update=render)
@@ -82,14 +81,14 @@ def effort_of(options: RadianceCacheOptions, task: Task) -> tuple[TrainingSettin
 
 @dataclass(frozen=True)
 class CacheAsField:
-    """What the plugin ``gpf`` asks of a field, answered by the network."""
+    """The network in the place of a field, for the plugin ``gpf``."""
 
     model: CachedIrradiance
     settings: FieldSettings
     bounds: tuple[Any, Any]
 
     def radiance(self, points: VisiblePoints) -> tuple[mi.Color3f, mi.Float]:
-        """Radiance of camera rays, (N, 3); and a reach that says nothing, for there is none."""
+        """Radiance of camera rays, (N, 3), and 0 for the reach, which a network does not have."""
         return points.radiance(self.model.irradiance(points.p, points.n)), mi.Float(0)
 
 
@@ -115,7 +114,7 @@ class PreparedCache:
                 "suppress_fireflies": settings.suppress_fireflies,
             }
         )
-        query = FieldSettings(search_radius=1.0)  # it has none
+        query = FieldSettings(search_radius=1.0)  # required, but not used
         self._integrator.field = CacheAsField(model, query, scene_bounds(task.scene))
 
     @property
@@ -125,7 +124,7 @@ class PreparedCache:
 
     @property
     def facts(self) -> Mapping[str, float | str]:
-        """Steps, parameters and the error on held-out points, in units of the mean target."""
+        """Size, steps, parameters, and the error on held-out points in units of the mean target."""
         return {
             **self._facts,
             "size": self._size,
@@ -133,7 +132,7 @@ class PreparedCache:
         }
 
     def render(self, view: View, seed: int) -> np.ndarray:
-        """A view, (H, W, 3), from the camera walks that the field's rendering would make."""
+        """A view's radiance, (H, W, 3), with the camera walks of the field's rendering."""
         width, height = self._task.size
         spp, sampler = self._settings.spp, self._settings.sampler
         sensor = make_sensor(view, width, height, spp=spp, sampler=sampler)

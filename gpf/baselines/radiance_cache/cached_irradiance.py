@@ -1,4 +1,4 @@
-"""A network that knows the irradiance of surfaces, and how it is fitted to supervised points."""
+"""A network for the irradiance on surfaces, and its fit to supervised points."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ class CacheShape:
 
     Attributes
     ----------
-    grid: of the encoding of the position.
-    hidden: widths of the layers behind it.
+    grid: encoding of the position.
+    hidden: widths of the network's hidden layers.
     """
 
     grid: GridShape
     hidden: tuple[int, ...]
 
 
-# A position is moved off its surface by this share of the cube's edge before it is encoded: where
-# two surfaces meet, or a wall is thin, each has cells of its own.
+# A position is moved along its normal by this share of the cube's edge before it is encoded, so
+# that surfaces in a corner and the two sides of a thin wall have different cells.
 OFFSET = 0.01
 
 
 class CachedIrradiance:
     """E(x, n) = u exp f(γ(x), n): a hash grid γ, a small network f, and a unit u.
 
-    The logarithm suits a quantity that spans some five orders of magnitude and is never negative.
+    The exponential suits a quantity that spans some five orders of magnitude and is never negative.
 
     Parameters
     ----------
-    cube: what the grid covers.
-    unit: u, W/m²: what an untrained network answers.
+    cube: that the grid covers.
+    unit: u, W/m²; about the output of an untrained network.
     """
 
     def __init__(self, shape: CacheShape, cube: Cube, unit: float, seed: int) -> None:
@@ -59,12 +59,12 @@ class CachedIrradiance:
         return [self.grid.parameters, self.network.parameters]
 
     def update(self, parameters: list[mi.Float]) -> None:
-        """Take other parameters."""
+        """Replace the parameters."""
         self.grid.update(parameters[0])
         self.network.update(parameters[1])
 
     def relative(self, p: mi.Point3f, n: mi.Normal3f) -> mi.Color3f:
-        """E in units of u at points of surfaces with normal ``n``, (N, 3)."""
+        """E / u at surface points with normals ``n``, (N, 3)."""
         place = self.cube.place(p) + OFFSET * n
         answer = self.network([*self.grid(mi.Point3f(place)), *n])
         return mi.Color3f(*(dr.exp(value) for value in answer))
@@ -76,14 +76,15 @@ class CachedIrradiance:
 
 @dataclass(frozen=True)
 class CacheTraining:
-    """How the network is fitted: as many steps on as many points as the field takes.
+    """How the network is fitted.
 
     Attributes
     ----------
-    steps, batch: optimiser steps, and supervised points in each.
+    steps: optimiser steps.
+    batch: supervised points per step.
     rate: Adam's initial rate; it decays to ``final_rate`` times that on a cosine.
-    shrink: how fast features that nothing speaks for go back to zero, in units of the rate.
-    held_out: share of the points that judges and is not learned from.
+    shrink: weight decay of the grid's features per step, in units of the rate.
+    held_out: share of the points that are not trained on; they give the held-out error.
     seed: of the split and the batches.
     """
 
@@ -97,7 +98,7 @@ class CacheTraining:
 
 
 class CacheTrainer:
-    """Fits a :class:`CachedIrradiance` to points, with their weights in the squared error."""
+    """Fits a :class:`CachedIrradiance` to points by their weighted squared error."""
 
     def __init__(
         self, model: CachedIrradiance, points: SurfacePoints, settings: CacheTraining
@@ -119,7 +120,10 @@ class CacheTrainer:
         fingerprint: Mapping[str, Any],
         report: Callable[[int, int], None] = lambda done, total: None,
     ) -> None:
-        """Make all steps that are left; the model has the result."""
+        """Make all remaining steps; the model holds the result.
+
+        Continues from a checkpoint with the same fingerprint.
+        """
         self.fit.restore(checkpoint, fingerprint)
 
         def save() -> None:
@@ -129,7 +133,7 @@ class CacheTrainer:
         self.model.update(self.fit.values)
 
     def step(self) -> mi.Float:
-        """One optimiser step; returns the squared errors of its batch, (B,)."""
+        """Make one optimiser step; returns the weighted squared errors of its batch, (B,)."""
         s, fit = self.settings, self.fit
         number = dr.opaque(mi.UInt32, fit.step)
         seed = dr.opaque(mi.UInt32, s.seed)
@@ -149,8 +153,8 @@ class CacheTrainer:
         seed: mi.UInt32,
         number: mi.UInt32,
     ) -> tuple[mi.Float, mi.Float, mi.Float]:
-        """Gradients of the summed error of a batch by both parameters, and the errors, (B,)."""
-        table, weights = dr.detach(table), dr.detach(weights)  # the caller's stay as they are
+        """Gradients of a batch's summed error by both parameter arrays, and the errors, (B,)."""
+        table, weights = dr.detach(table), dr.detach(weights)  # leaves the caller's unchanged
         dr.enable_grad(table, weights)
         chosen = stratified_batch(dr.width(points.p), self.settings.batch, seed, number)
         p, n = dr.gather(mi.Point3f, points.p, chosen), dr.gather(mi.Normal3f, points.n, chosen)

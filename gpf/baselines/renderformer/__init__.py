@@ -1,1 +1,1 @@
-"""RenderFormer: scenes as triangles, for the authors' network."""
+"""RenderFormer: a network of other authors renders the scene's triangles."""

@@ -1,12 +1,12 @@
-"""RenderFormer (Zeng and others 2025): a network that was taught what lit triangles look like.
+"""RenderFormer (Zeng and others 2025): a network that is trained to render triangle scenes.
 
-The scene becomes the file that the published code reads (:mod:`gpf.baselines.renderformer.files`),
-the published code renders it in a process of its own, and its image is scaled back to radiance.
-Nothing is fitted to the scene, so nothing has to be kept for it.
+The scene is written to the files that the published code reads
+(:mod:`gpf.baselines.renderformer.files`). The published code renders them in a subprocess, and its
+image is scaled back to radiance. Nothing is fitted to the scene, so nothing is kept for it.
 
-A token of the network is a triangle with a diffuse colour, a white specular one, a roughness and a
-white glow. Glass, water, textures, distant lights and more triangles than fit are refused: the
-network has no place for them, and an image of another scene would only look like a result.
+The network's input is triangles with a diffuse colour, a white specular colour, a roughness and a
+white emission. Scenes with glass, water, textures, distant lights or too many triangles are
+refused: the network cannot represent them, and the image would show another scene.
 """
 
 from __future__ import annotations
@@ -43,12 +43,13 @@ CODE = OfficialCode(
     file="renderformer/pipelines/rendering_pipeline.py",
 )
 
-# Sides of its images: multiples of 8 patches of 8 pixels, and no smaller than it was trained with.
+# Side of the network's images, pixels: a multiple of 8 patches of 8 pixels, and at least the size
+# of its training images.
 MULTIPLE, SMALLEST = 64, 256
 
 
 class Renderformer:
-    """RenderFormer with its options from params.yaml."""
+    """RenderFormer with its options."""
 
     def __init__(self, options: RenderFormerOptions) -> None:
         self.options = options
@@ -58,9 +59,9 @@ class Renderformer:
 
         Raises
         ------
-        CannotServe: the scene is beyond it, or a package or the weights are missing.
+        CannotServe: the network cannot represent the scene, or a package or weights are missing.
         """
-        # What the scene rules out comes first: no package would mend that.
+        # First the reasons in the scene: installing a package would not help there.
         surfaces = fit_budget(
             read_surfaces(task.scene, str(task.file)), self.options.triangles, str(task.file)
         )
@@ -69,7 +70,7 @@ class Renderformer:
         triangles = subdivide(placement.place(whole), EDGE, self.options.triangles)
         lightings = split_lights(triangles, str(task.file))
         import_optional("h5py", "h5py")
-        state = task.state.absolute()  # the program works elsewhere
+        state = task.state.absolute()  # the program has another working directory
         settings = {"weights": self.options.weights}
         program = Program(CODE, "render_with_renderformer.py", settings, state)
         scenes = []
@@ -83,7 +84,7 @@ class Renderformer:
 
 
 class PreparedRenderformer:
-    """A loaded network, and the scene in files."""
+    """A loaded network, and the files of the scene."""
 
     def __init__(
         self,
@@ -98,26 +99,26 @@ class PreparedRenderformer:
 
     @property
     def storage_bytes(self) -> int:
-        """Nothing: the network is the same for all scenes."""
+        """0: the network is the same for all scenes."""
         return 0
 
     @property
     def facts(self) -> Mapping[str, float | str]:
-        """``triangles``, ``weights``, ``device``, ``parameters``, and what the network took."""
+        """``triangles``, ``weights``, ``device``, ``parameters``, the network's time and memory."""
         return self._facts
 
     def render(self, view: View, seed: int) -> np.ndarray:
-        """A view's radiance, (H, W, 3) float32. Nothing is random in it.
+        """A view's radiance, (H, W, 3) float32; deterministic.
 
         Raises
         ------
-        CannotServe: the network fails, or gives no numbers.
+        CannotServe: the network fails, or its image has NaN or infinite values.
         """
         width, height = self.size
         finer = supersampling(self.size)
         side = -(-finer * max(self.size) // MULTIPLE) * MULTIPLE
         camera = make_pinhole(view, self.size)
-        # Pixels as wide as asked for, or a whole fraction; what is too much is cut off all round.
+        # The network's pixels are as wide as the view's or a whole fraction; the rest is cropped.
         fov = 2 * math.degrees(math.atan(side / (2 * finer * camera.focal)))
         total = np.zeros((height, width, 3))
         for path, lighting in self.scenes:
@@ -125,16 +126,16 @@ class PreparedRenderformer:
             image = self._ask(path, side)
             if not np.isfinite(image).all():
                 raise CannotServe(
-                    CODE.name, "images that are no numbers", "Report it to the authors."
+                    CODE.name, "images with NaN or infinite values", "Report it to the authors."
                 )
             cut = crop(image, (finer * width, finer * height))
             blocks = cut.reshape(height, finer, width, finer, 3)
-            # The decoder's logarithm can end just below zero.
+            # The decoder's logarithmic output can be slightly below zero.
             total += np.maximum(blocks.mean(axis=(1, 3)), 0) * lighting.colour
         return total.astype(np.float32)
 
     def _ask(self, scene: Path, side: int) -> np.ndarray:
-        """The network's own image of a file, (side, side, 3)."""
+        """The network's image of a scene file, (side, side, 3)."""
         file = scene.with_suffix(".npy")
         answer = self.program.ask({"file": str(scene), "resolution": side, "image": str(file)})
         self._facts["network_seconds"] += answer["seconds"]
@@ -144,22 +145,22 @@ class PreparedRenderformer:
             raise CannotServe(
                 CODE.name,
                 f"images of {image.shape}, where {(side, side, 3)} was asked for",
-                f"Take the current version of {CODE.source}.",
+                f"Use the current version of {CODE.source}.",
             )
         return image
 
 
 def supersampling(size: tuple[int, int]) -> int:
-    """How many of the network's pixels go to the side of one of the image's.
+    """The number of the network's pixels along the side of one pixel of the view.
 
-    Enough for its smallest image, and an even number where a side of the image is odd: the middle
-    of the network's image is between pixels.
+    The network's image is then at least SMALLEST. If a side of the view's image is odd, the number
+    is even: the middle of the network's image is between two pixels.
     """
     finer = -(-SMALLEST // max(size))
     return finer + finer % 2 if size[0] % 2 or size[1] % 2 else finer
 
 
 def crop(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """The middle of an image, of an even width and height like the image itself."""
+    """The middle part of an image; its width and height are even, like the image's."""
     left, top = ((image.shape[1 - k] - size[k]) // 2 for k in range(2))
     return image[top : top + size[1], left : left + size[0]]

@@ -1,24 +1,24 @@
-"""Scenes as RenderFormer reads them: HDF5 files, and what they are normalised to.
+"""Scene files of RenderFormer in HDF5, and the normalisation of scenes.
 
-Data sets, all float32 (the authors' own textures are float16, which tiny lamps would overflow):
+Data sets, all float32 (the authors' textures are float16, which small bright lamps would overflow):
 
 =========  ===============  ======================================================================
 triangles  (N, 3, 3)        corners
 vn         (N, 3, 3)        unit normals at the corners
-texture    (N, 13, 32, 32)  diffuse (3), specular (3), roughness (1), a normal map that says nothing
-                            (3), emission (3); texel (i, j) counts where i + j <= 32
+texture    (N, 13, 32, 32)  diffuse (3), specular (3), roughness (1), a flat normal map (3),
+                            emission (3); texel (i, j) counts where i + j <= 32
 c2w        (V, 4, 4)        camera to world; x to the right, y up, -z ahead
 fov        (V,)             degrees, of the whole square image
 =========  ===============  ======================================================================
 
-The network was trained on scenes between -½ and ½, seen from 1.5 to 2 away, of facets like those of
-its authors' walls (128 to a unit square), under up to eight white triangles. So a scene is scaled
-to fit, its large facets are halved, and lamps of the same colour share a file, in which they are
-white: light adds up, so that an image is the sum over the files of the colour times what the
-network makes of it. The strength is chosen so that the mean irradiance that the lamps would give
-without shadows is what it is in the authors' examples, and divided out again.
+The network was trained on scenes between -½ and ½, seen from a distance of 1.5 to 2, with facets
+like those of the authors' walls (128 per unit square), lit by up to eight white triangles. So a
+scene is scaled to this box and its large facets are halved. Lamps of one colour share a file, in
+which they are white: light is additive, so the view is the sum over the files of colour times the
+network's image. The strength is chosen so that the mean irradiance of the lamps, without shadows,
+is that of the authors' examples; the image is divided by it.
 
-Not in the format: lamps glow on both sides, whatever the scene says.
+A limit of the format: lamps emit on both sides.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from gpf.baselines.protocol import CannotServe
 from gpf.baselines.renderformer.triangle_scene import Triangles
 
 TEXTURE = 32
-# Longest edge of the facets of the authors' walls, in a scene of size 1.
+# Longest edge of the facets in the authors' walls, in a scene of size 1.
 EDGE = np.sqrt(2) / 8
 LAMPS = 8
 # Mean unshadowed irradiance of the 15 examples that came with the code: 2.0 to 5.9, median 3.1.
@@ -44,17 +44,17 @@ IRRADIANCE = 3.0
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a scene went: ``(point - centre) * scale``."""
+    """The normalisation of a scene: ``(point - centre) * scale``."""
 
     centre: np.ndarray
     scale: float
 
     def place(self, triangles: Triangles) -> Triangles:
-        """The triangles in a box from -½ to ½."""
+        """The triangles, moved into the box from -½ to ½."""
         return replace(triangles, corners=(triangles.corners - self.centre) * self.scale)
 
     def place_camera(self, camera: Pinhole) -> np.ndarray:
-        """Its matrix in the file, (4, 4): y up and z backwards."""
+        """The camera's matrix in the file, (4, 4): y up and z backwards."""
         matrix = camera.pose @ np.diag([1.0, -1.0, -1.0, 1.0])
         matrix[:3, 3] = (camera.origin - self.centre) * self.scale
         return matrix
@@ -66,8 +66,8 @@ class Lighting:
 
     Attributes
     ----------
-    emission: of each triangle as it is written, the same in all channels, (N,).
-    colour: what the network's image has to be multiplied by, (3,).
+    emission: of each triangle in the file, the same in all channels, (N,).
+    colour: factor of the network's image, (3,).
     """
 
     emission: np.ndarray
@@ -75,17 +75,17 @@ class Lighting:
 
 
 def find_placement(triangles: Triangles) -> Placement:
-    """The largest scale at which everything fits."""
+    """The placement with the largest scale at which everything fits."""
     low, high = (triangles.corners.reshape(-1, 3).min(0), triangles.corners.reshape(-1, 3).max(0))
     return Placement((low + high) / 2, 1 / float((high - low).max()))
 
 
 def split_lights(triangles: Triangles, where: str) -> list[Lighting]:
-    """One lighting per colour of lamp, for triangles that are in their place.
+    """One lighting per lamp colour, for placed triangles.
 
     Raises
     ------
-    CannotServe: more lamps of a colour than the network was taught.
+    CannotServe: a colour has more lamps than the network was trained with.
     """
     strongest = triangles.radiance.max(axis=1)
     lit = np.flatnonzero(strongest > 0)
@@ -107,7 +107,7 @@ def split_lights(triangles: Triangles, where: str) -> list[Lighting]:
 
 
 def mean_irradiance(triangles: Triangles, emission: np.ndarray) -> float:
-    """Mean over the surfaces of Σ L A |cos| |cos'| / d² to the lamps' centres, shadows left out."""
+    """Mean of Σ L A |cos| |cos'| / d² over the surfaces, to the lamps' centres, without shadows."""
     edges = triangles.corners[:, 1:] - triangles.corners[:, :1]
     crossed = np.cross(edges[:, 0], edges[:, 1])
     area = np.linalg.norm(crossed, axis=1) / 2
@@ -116,7 +116,7 @@ def mean_irradiance(triangles: Triangles, emission: np.ndarray) -> float:
     received = np.zeros(len(triangles))
     for lamp in np.flatnonzero(emission):
         way = centre[lamp] - centre
-        squared = np.maximum((way**2).sum(axis=1), area[lamp])  # no nearer than the lamp is wide
+        squared = np.maximum((way**2).sum(axis=1), area[lamp])  # at least about the lamp's width
         cosines = np.abs((way * normal).sum(axis=1) * (way @ normal[lamp])) / squared
         received += emission[lamp] * area[lamp] * cosines / squared
     surface = ~triangles.glow
@@ -124,7 +124,7 @@ def mean_irradiance(triangles: Triangles, emission: np.ndarray) -> float:
 
 
 def write_scene(path: Path, triangles: Triangles, lighting: Lighting) -> None:
-    """Write a scene under one lighting; its only camera is still to be set (:func:`set_camera`)."""
+    """Write a scene with one lighting; :func:`set_camera` sets its only camera later."""
     h5py = import_optional("h5py", "h5py")
     count = len(triangles)
     flat = np.tile([0.5, 0.5, 1.0], (count, 1))
@@ -148,7 +148,7 @@ def write_scene(path: Path, triangles: Triangles, lighting: Lighting) -> None:
 
 
 def set_camera(path: Path, matrix: np.ndarray, fov: float) -> None:
-    """Replace the camera of a file: (4, 4), and degrees."""
+    """Set the camera of a file: ``matrix`` (4, 4), ``fov`` in degrees."""
     h5py = import_optional("h5py", "h5py")
     with h5py.File(path, "r+") as file:
         file["c2w"][...] = matrix[None].astype(np.float32)

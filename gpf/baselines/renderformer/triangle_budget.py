@@ -1,7 +1,7 @@
-"""As many triangles as a system can take: fewer of fine meshes, more of large facets.
+"""Fitting a scene to a budget of triangles: fine meshes get fewer, large facets get more.
 
-Meshes are simplified by edge collapse with quadric errors (Garland and Heckbert 1997), by the
-package fast-simplification. Facets are halved at their longest edges.
+The package fast-simplification simplifies meshes by edge collapse with quadric errors (Garland and
+Heckbert 1997). Facets are halved at their longest edges.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from gpf.baselines.protocol import CannotServe
 from gpf.baselines.renderformer.triangle_scene import Surface, Triangles, facet_normals
 from gpf.modelling.meshes import Mesh
 
-# Meshes of so few triangles stay as they are: they are boxes and the like.
+# Meshes of at most this many triangles, such as boxes, are not simplified.
 SMALL = 32
-# Where facets meet at a larger angle, simplified meshes have an edge: what the authors use.
+# Facets at a larger angle have an edge between them in shading, as in the authors' code.
 CREASE = np.cos(np.radians(30))
 
 
 def fit_budget(surfaces: list[Surface], budget: int, where: str) -> list[Surface]:
-    """Simplify all meshes but lamps and small ones, by a common factor, until they fit together.
+    """Simplify all meshes except lamps and small ones, by a common factor, to fit the budget.
 
     Raises
     ------
-    CannotServe: they do not, or the package that simplifies is missing.
+    CannotServe: they do not fit, or the package for simplification is missing.
     """
     counts = np.array([len(s.mesh.faces) for s in surfaces])
     fixed = np.array([s.glows for s in surfaces]) | (counts <= SMALL)
@@ -42,25 +42,28 @@ def fit_budget(surfaces: list[Surface], budget: int, where: str) -> list[Surface
         stuck = ~fixed & (left > wanted)
         if not stuck.any():
             break
-        fixed |= stuck  # at its borders, or at edges that it cannot do without: the others give way
+        fixed |= stuck  # cannot be simplified further, as at borders: the others must be smaller
     if left.sum() > budget:
         raise CannotServe(
             where,
             f"{counts.sum()} triangles, of which {left.sum()} remain after simplification; "
             f"{budget} are allowed",
-            "Raise `triangles` of the method in params.yaml, or simplify the scene.",
+            "Raise the option `triangles`, or simplify the scene.",
         )
     return fitted
 
 
 def simplify(mesh: Mesh, count: int) -> Mesh:
-    """A mesh of about ``count`` triangles, at best; facetted meshes stay facetted."""
+    """A mesh of about ``count`` triangles, or more if it cannot be simplified that far.
+
+    A mesh without normals stays without.
+    """
     library = import_optional("fast_simplification", "'fast-simplification>=0.2'")
-    # Points that normals or textures have split belong together again: an edge needs two sides.
+    # Join points that were split for normals or textures, so that each edge has two facets.
     points, number = np.unique(mesh.points, axis=0, return_inverse=True)
     faces = number.reshape(-1)[mesh.faces]
     if count < len(faces):
-        # Borders stay: holes in walls would let light through.
+        # Borders are preserved: holes in walls would let light through.
         points, faces = library.simplify(
             points, faces.astype(np.int32), target_count=count, preserve_border=True
         )
@@ -69,15 +72,15 @@ def simplify(mesh: Mesh, count: int) -> Mesh:
 
 
 def shade(mesh: Mesh) -> Mesh:
-    """With normals at the corners of each facet: the mean over facets there at less than 30°.
+    """The mesh with normals at the corners of each facet, and separate points for each facet.
 
-    Weighted by area. Every facet gets points of its own.
+    A normal is the area-weighted mean over the facets at that point, within 30° of the own facet.
     """
     corners = mesh.points[mesh.faces]
     normals = facet_normals(mesh)
     edges = corners[:, 1:] - corners[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    # Pairs of corners (a, b) that share a point: corners sorted by point, then all against all.
+    # All pairs of corners (a, b) that share a point, from the corners sorted by point.
     owner = mesh.faces.ravel()
     order = np.argsort(owner, kind="stable")
     start = np.searchsorted(owner[order], np.arange(len(mesh.points) + 1))
@@ -94,15 +97,15 @@ def shade(mesh: Mesh) -> Mesh:
 
 
 def subdivide(triangles: Triangles, edge: float, budget: int) -> Triangles:
-    """Halve the triangles with the longest edges, until none is longer than ``edge``.
+    """Halve the triangles with the longest edges until none is longer than ``edge``.
 
-    Ends before there are more than ``budget``. Lamps stay whole. Normals are interpolated.
+    Ends at ``budget`` triangles. Lamps are not halved. Normals are interpolated.
     """
     while len(triangles) < budget:
         edges = np.roll(triangles.corners, -1, axis=1) - triangles.corners
         lengths = np.where(triangles.glow[:, None], 0, np.linalg.norm(edges, axis=2))
         longest = lengths.max(axis=1)
-        # Halving makes legs that are shorter by √2 at best: these are next to one another in turn.
+        # Halving shortens edges by up to √2: triangles within this factor are halved together.
         due = np.flatnonzero(longest > max(edge, longest.max() / np.sqrt(2)))
         due = due[np.argsort(-longest[due], kind="stable")][: budget - len(triangles)]
         if len(due) == 0:
@@ -112,7 +115,7 @@ def subdivide(triangles: Triangles, edge: float, budget: int) -> Triangles:
 
 
 def _halve(triangles: Triangles, which: np.ndarray, corner: np.ndarray) -> Triangles:
-    """Cut triangles through the middle of the edges that begin at the given corners."""
+    """Halve triangles at the middle of the edges that begin at the given corners."""
     whole = triangles.take(np.concatenate([np.arange(len(triangles)), which]))
     first, second = which, len(triangles) + np.arange(len(which))
     after = (corner + 1) % 3

@@ -1,10 +1,10 @@
-"""Materials and lamps as numbers per triangle: what renderers of coloured triangles understand.
+"""Materials and lamps as numbers per triangle, for renderers of coloured triangles.
 
-A material becomes a diffuse colour, a white specular reflectance at normal incidence and a
-roughness (the square root of a microfacet distribution's α). Exact for diffuse surfaces. Of plastic
-the light that the coating keeps inside is left out; of metals the colour, since such a renderer was
-only taught white reflections. Whatever lets light through, has a texture or is of another kind is
-refused: what would come out is a different scene.
+A material becomes a diffuse colour, a white specular reflectance at normal incidence, and a
+roughness (the square root of a microfacet distribution's α). This is exact for diffuse surfaces.
+For plastic it ignores the internal reflection of the coating, and for metals the colour, because
+such a renderer was trained with white reflections only. Materials with transmission, textures or of
+other types are refused: the result would be a different scene.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from gpf.baselines.protocol import CannotServe
 from gpf.scene.inventory import scene_materials
 
-# Roughness of what is perfectly smooth, and of what is not glossy at all: the ends of the range.
+# Roughness of perfectly smooth surfaces and of diffuse surfaces: the ends of the range.
 SMOOTHEST, ROUGHEST = 0.01, 0.99
 
 
@@ -32,9 +32,9 @@ class Material:
 
 
 def refuse_what_triangles_lack(scene: mi.Scene, where: str) -> None:
-    """Raise :class:`CannotServe` for transmission, textures, and lights other than lamps.
+    """Raise :class:`CannotServe` for transmission, textures, and lights other than area lights.
 
-    Transmission comes first: it is what no change of the scene's details would mend.
+    Transmission is checked first, because small changes of the scene cannot remove it.
     """
     materials = scene_materials(scene)
     for name, bsdf in materials.items():
@@ -43,7 +43,7 @@ def refuse_what_triangles_lack(scene: mi.Scene, where: str) -> None:
             raise CannotServe(
                 f"{where}: {name}",
                 "no transmission",
-                "The system knows no glass, water or cut-outs: leave it out for this scene.",
+                "The system has no glass, water or cut-outs: leave it out for this scene.",
             )
     # Not mi.traverse(scene): its hierarchy has textures that no surface uses.
     for name, owner in [*materials.items(), *_name_emitters(scene)]:
@@ -51,7 +51,7 @@ def refuse_what_triangles_lack(scene: mi.Scene, where: str) -> None:
             raise CannotServe(
                 f"{where}: {name}",
                 "no textures",
-                "The system knows one colour per triangle: leave it out for this scene.",
+                "The system has one colour per triangle: leave it out for this scene.",
             )
     for _, emitter in _name_emitters(scene):
         if emitter.class_name() != "AreaLight":
@@ -63,7 +63,12 @@ def refuse_what_triangles_lack(scene: mi.Scene, where: str) -> None:
 
 
 def read_material(bsdf: mi.BSDF, where: str) -> Material:
-    """The numbers of a BSDF that :func:`refuse_what_triangles_lack` let pass."""
+    """The numbers of a BSDF that :func:`refuse_what_triangles_lack` accepts.
+
+    Raises
+    ------
+    CannotServe: it is neither diffuse nor plastic nor metal, or its two sides differ.
+    """
     values = mi.traverse(bsdf)
     kind = bsdf.class_name()
     if kind == "TwoSidedBRDF":
@@ -86,12 +91,12 @@ def read_material(bsdf: mi.BSDF, where: str) -> Material:
     raise CannotServe(
         f"{where}: {bsdf.id()}",
         f"no material of type {kind}",
-        "The system knows diffuse surfaces, plastic and metals: leave it out for this scene.",
+        "The system has diffuse surfaces, plastic and metals: leave it out for this scene.",
     )
 
 
 def read_radiance(emitter: mi.Emitter) -> np.ndarray:
-    """The radiance of an area light, (3,)."""
+    """The radiance of an area light, W/(m² sr), (3,)."""
     return _colour(mi.traverse(emitter), "radiance")
 
 
@@ -101,7 +106,7 @@ def _colour(values: Any, name: str) -> np.ndarray:
 
 
 def _tint(values: Any) -> np.ndarray:
-    """What the specular reflection is multiplied by: ones where the scene does not say."""
+    """The factor of the specular reflection; 1 if the scene does not set it."""
     known = "specular_reflectance.value" in values
     return _colour(values, "specular_reflectance") if known else np.ones(3)
 
@@ -111,7 +116,7 @@ def _whiten(colour: np.ndarray) -> np.ndarray:
 
 
 def _roughness(values: Any) -> float:
-    """√α, of the mean α where there are two; the smoothest without any."""
+    """√α, with the mean α where there are two; SMOOTHEST without α."""
     names = [f"{name}{end}" for name in ("alpha", "alpha_u", "alpha_v") for end in ("", ".value")]
     found = [np.ravel(np.asarray(values[name]))[0] for name in names if name in values]
     if not found:
@@ -120,7 +125,7 @@ def _roughness(values: Any) -> float:
 
 
 def _is_constant(texture: mi.Texture) -> bool:
-    # Not is_spatially_varying, which the attributes of meshes deny.
+    # Not is_spatially_varying, which is False for mesh attributes.
     return texture.class_name().endswith("Spectrum")
 
 
@@ -129,5 +134,5 @@ def _name_emitters(scene: mi.Scene) -> list[tuple[str, mi.Emitter]]:
 
 
 def _parts(thing: mi.Object) -> list[mi.Object]:
-    """Everything that an object is made of, itself included."""
+    """An object and all objects that it contains."""
     return [part for part in mi.traverse(thing).hierarchy if isinstance(part, mi.Object)]

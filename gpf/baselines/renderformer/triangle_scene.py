@@ -1,6 +1,7 @@
-"""A Mitsuba scene as a list of coloured, glowing triangles, as renderers that learn them want it.
+"""A Mitsuba scene as a list of coloured, emitting triangles, for learned renderers.
 
-What such a list cannot say is refused (:mod:`gpf.baselines.renderformer.triangle_materials`).
+Scenes that such a list cannot represent are refused
+(:mod:`gpf.baselines.renderformer.triangle_materials`).
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ from gpf.baselines.renderformer.triangle_materials import (
 )
 from gpf.modelling.meshes import Mesh
 
-# Steps in u and v over the shapes that Mitsuba has formulas for.
+# Steps in u and v for the tessellation of Mitsuba's analytic shapes.
 _STEPS = {"Rectangle": (1, 1), "Disk": (1, 24), "Cylinder": (24, 1), "Sphere": (24, 12)}
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A mesh of one material. ``radiance`` (3,): what it emits, W/(m² sr)."""
+    """A mesh of one material. ``radiance`` (3,): emitted, W/(m² sr)."""
 
     name: str
     mesh: Mesh
@@ -40,12 +41,15 @@ class Surface:
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles with all that is known of each.
+    """Triangles with their materials.
 
     Attributes
     ----------
-    corners: (N, 3, 3), the second index counts the corners. normals: unit vectors there, (N, 3, 3).
-    diffuse, specular: reflectances, (N, 3). roughness: (N,). radiance: emitted, (N, 3).
+    corners: (N, 3, 3); the second index is the corner.
+    normals: unit vectors at the corners, (N, 3, 3).
+    diffuse, specular: reflectances, (N, 3).
+    roughness: (N,).
+    radiance: emitted, (N, 3).
     """
 
     corners: np.ndarray
@@ -60,11 +64,11 @@ class Triangles:
 
     @property
     def glow(self) -> np.ndarray:
-        """Which ones are lamps, (N,) bool."""
+        """Whether each triangle is a lamp, (N,) bool."""
         return np.asarray((self.radiance > 0).any(axis=1))
 
     def take(self, index: np.ndarray) -> Triangles:
-        """The triangles of the given numbers, in this order; a number may come twice."""
+        """The triangles with the given indices, in this order; indices may repeat."""
         return Triangles(**{name: value[index] for name, value in vars(self).items()})
 
 
@@ -73,7 +77,7 @@ def read_surfaces(scene: mi.Scene, where: str) -> list[Surface]:
 
     Raises
     ------
-    CannotServe: there is something that triangles with a colour each cannot stand for.
+    CannotServe: triangles with one colour each cannot represent the scene.
     """
     refuse_what_triangles_lack(scene, where)
     surfaces = []
@@ -86,7 +90,12 @@ def read_surfaces(scene: mi.Scene, where: str) -> list[Surface]:
 
 
 def read_mesh(shape: mi.Shape, where: str) -> Mesh:
-    """The triangles of a shape, with normals where they differ from the facets' own."""
+    """The triangles of a shape; with normals if the shape is smooth.
+
+    Raises
+    ------
+    CannotServe: the shape is of another type.
+    """
     values = mi.traverse(shape)
     kind = shape.class_name()
     if "faces" in values:
@@ -102,13 +111,13 @@ def read_mesh(shape: mi.Shape, where: str) -> Mesh:
         raise CannotServe(
             f"{where}: {shape.id()}",
             f"no shapes of type {kind}",
-            "Make a mesh of it, or leave the system out for this scene.",
+            "Replace it by a mesh, or leave the system out for this scene.",
         )
     return _turn_inside_out(mesh) if shape.has_flipped_normals() else mesh
 
 
 def join_triangles(surfaces: list[Surface]) -> Triangles:
-    """All triangles of the surfaces, one surface after the other."""
+    """The triangles of all surfaces, in the surfaces' order."""
     parts = []
     for surface in surfaces:
         mesh, count = surface.mesh, len(surface.mesh.faces)
@@ -129,7 +138,8 @@ def join_triangles(surfaces: list[Surface]) -> Triangles:
 
 
 def facet_normals(mesh: Mesh) -> np.ndarray:
-    """Unit normals of the facets, counter-clockwise seen from outside, (M, 3); 0 without area."""
+    """Unit normals of the facets, (M, 3); a facet is counter-clockwise as seen from its normal's
+    side. 0 for facets without area."""
     a, b, c = (mesh.points[mesh.faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
@@ -137,7 +147,7 @@ def facet_normals(mesh: Mesh) -> np.ndarray:
 
 
 def _tessellate(kind: str) -> Mesh:
-    """A shape before it is placed: of extent 1 around the origin, the cylinder's axis to z = 1."""
+    """A shape in its own coordinates: radius 1 around the origin, the cylinder from z = 0 to 1."""
     steps_u, steps_v = _STEPS[kind]
     u, v = (a.ravel() for a in np.mgrid[0 : 1 : 1j * (steps_u + 1), 0 : 1 : 1j * (steps_v + 1)])
     up = np.stack([0 * u, 0 * u, 0 * u + 1], axis=1)
@@ -155,7 +165,7 @@ def _tessellate(kind: str) -> Mesh:
     a, b, c, d = corner, corner + steps_v + 1, corner + steps_v + 2, corner + 1
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     p = points[faces]
-    # At poles and in the middle of a disk, half of them are folded.
+    # At poles and in the middle of a disk, half of the facets have no area.
     size = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
     return Mesh(points, faces[size > 1e-9], normals)
 
@@ -166,7 +176,7 @@ def _circle(turns: np.ndarray) -> np.ndarray:
 
 
 def _face_along_normals(mesh: Mesh) -> Mesh:
-    """With facets that are counter-clockwise seen from where their normals point: mirrors turn."""
+    """The mesh with facets on the side of their normals: a reflection turns facets round."""
     if mesh.normals is None:
         return mesh
     along = (facet_normals(mesh) * mesh.normals[mesh.faces].sum(axis=1)).sum(axis=1)

@@ -1,13 +1,13 @@
-"""3D Gaussian splatting (Kerbl and others 2023), fitted to pictures of the scene.
+"""3D Gaussian splatting (Kerbl and others 2023), fitted to images of the scene.
 
-What is fitted are images as they are shown: exposed, clipped to [0, 1] and encoded as sRGB, with
-the loss of the paper, 0.8 L1 + 0.2 (1 - SSIM). So radiance beyond the clip is not known afterwards,
-and a view's radiance is at most the clip. Gaussians start at visible points
-(:mod:`gpf.baselines.splatting.seeds`) and are split, doubled and dropped by gsplat's
-``DefaultStrategy``. On CUDA gsplat's kernels draw them, where they can be built; elsewhere this
-project's own (:mod:`gpf.baselines.splatting.compositing`), by the same equations.
+The Gaussians are fitted to tone-mapped images, exposed, clipped to [0, 1] and encoded as sRGB, with
+the loss of the paper, 0.8 L1 + 0.2 (1 - SSIM). So the radiance of a rendered view is at most the
+clipping value. Gaussians start at visible points (:mod:`gpf.baselines.splatting.seeds`); gsplat's
+``DefaultStrategy`` splits, doubles and removes them. On CUDA, gsplat's kernels render them if the
+kernels can be built; otherwise this project's own kernels do
+(:mod:`gpf.baselines.splatting.compositing`), by the same equations.
 
-Left out: the resets of opacity, which are for trainings of tens of thousands of steps.
+Left out: the resets of opacity, which suit trainings of tens of thousands of steps.
 """
 
 from __future__ import annotations
@@ -30,13 +30,18 @@ from gpf.scene.views import View
 
 
 class Splatting:
-    """The system, with its options from params.yaml."""
+    """The system with its options."""
 
     def __init__(self, options: SplattingOptions) -> None:
         self.options = options
 
     def prepare(self, task: Task) -> FittedSplats:
-        """Fit Gaussians to the training views, or go on where an earlier call was stopped."""
+        """Fit Gaussians to the training views, from the last checkpoint if there is one.
+
+        Raises
+        ------
+        CannotServe: there are no training views, all are black, or gsplat is missing.
+        """
         if not task.training:
             raise CannotServe(task.name, "no training views", "Give it at least one.")
         options, file = self.options, task.state / "splats.safetensors"
@@ -51,7 +56,7 @@ class Splatting:
             seeds = find_seeds(task.scene, pictures, options.gaussians, task.seed, task.rr_depth)
             if not len(seeds.points):
                 raise CannotServe(
-                    task.name, "all training views are black", "Turn one to what is lit."
+                    task.name, "all training views are black", "Point one at a lit surface."
                 )
             tensors = grow_from(seeds, options.degree, rasteriser.device)
             model = SplatModel(tensors, measure(pictures, task.scene))
@@ -61,9 +66,10 @@ class Splatting:
 
 
 def measure(pictures: Sequence[Picture], scene: mi.Scene) -> float:
-    """The scene's size: how far cameras stand from their middle, as in 3DGS, or shapes from theirs.
+    """The scene's size, world units: 1.1 times the largest distance of cameras from their mean, as
+    in 3DGS, or of the bounding box's corners from its middle, if that is larger.
 
-    The former alone is 0 for a single view.
+    The cameras alone would give 0 for a single view.
     """
     origins = np.stack([picture.camera.origin for picture in pictures])
     return 1.1 * max(
@@ -73,7 +79,7 @@ def measure(pictures: Sequence[Picture], scene: mi.Scene) -> float:
 
 
 class FittedSplats:
-    """Gaussians that are ready for any view."""
+    """Fitted Gaussians."""
 
     def __init__(self, trainer: SplatTrainer, exposure: float) -> None:
         self.params, self.exposure = trainer.model.params, exposure
@@ -92,12 +98,12 @@ class FittedSplats:
         return sum(value.numel() * value.element_size() for value in self.params.values())
 
     def render(self, view: View, seed: int) -> np.ndarray:
-        """A view's radiance, at most 1 / exposure, (H, W, 3) float32; nothing in it is random."""
+        """A view's radiance, at most 1 / exposure, (H, W, 3) float32; deterministic."""
         shown = self._draw(make_pinhole(view, self.rasteriser.size))
         return (undo_tone_map(shown) / self.exposure).astype(np.float32)
 
     def _draw(self, camera: Pinhole) -> np.ndarray:
-        """What a camera sees, as sRGB in [0, 1], (H, W, 3)."""
+        """A camera's image, sRGB in [0, 1], (H, W, 3)."""
         width, height = self.rasteriser.size
         flat = self.rasteriser.draw(self.params, camera, self.degree).image
         return np.clip(np.array(flat, dtype=np.float64).reshape(height, width, 3), 0, 1)

@@ -1,4 +1,4 @@
-"""Footprints over one another, the nearest in front, and the adjoint of that."""
+"""Compositing of footprints, front to back, and its adjoint."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import mitsuba as mi
 from gpf.baselines.splatting.projection import FAINTEST, Footprints
 from gpf.baselines.splatting.tiles import TILE, TileLists
 
-# No footprint hides more of what is behind it than this.
+# Upper limit of a footprint's α.
 DENSEST = 0.999
-# A pixel is done when less of the background than this would be seen.
+# A pixel is done when its transmittance is below this.
 OPAQUE = 1e-4
-# Lanes of a tile; each has 2×2 pixels, from left to right and from above down.
+# Lanes of a tile; each has 2×2 pixels. Lanes and pixels are ordered by row, then column.
 LANES = TILE * TILE // 4
 
 
 class Compositor:
-    """One image of footprints, for a background that is black.
+    """One image of footprints on a black background.
 
     A pixel at x takes from footprint i of its tile's list
 
@@ -53,7 +53,7 @@ class Compositor:
         self._image = [mi.Vector4f(0)] * 3
 
     def image(self) -> mi.Float:
-        """The image, flat, (3 W H,): by row, column, channel."""
+        """The image as a flat array (3 W H,), by row, column, channel."""
         *channels, _ = _blend(
             self.lists, self._tile, self._centre_x, self._centre_y, self.packets, self._through
         )
@@ -68,9 +68,9 @@ class Compositor:
         return result
 
     def gradients(self, adjoint: mi.Float) -> Footprints:
-        """Derivatives of a loss by the footprints, from those by the last :meth:`image`.
+        """Derivatives of a loss by the footprints, from its derivative by the last :meth:`image`.
 
-        Depths and extents have none.
+        Those by depths and extents are 0.
         """
         of_image = [
             mi.Vector4f(
@@ -119,7 +119,7 @@ class _Term:
         ) * -0.5 - conic.y * self.dx * self.dy
         self.bell = dr.exp(power)
         raw = place.z * self.bell
-        # Where rounding makes the exponent positive, there is no Gaussian.
+        # An exponent that rounding makes positive does not count.
         self.counts = (raw >= FAINTEST) & (power <= 0)
         self.alpha = dr.select(self.counts, dr.minimum(raw, DENSEST), 0)
         self.moves = self.counts & (raw < DENSEST)
@@ -134,10 +134,10 @@ def _blend(
     packets: list[mi.Float],
     through: mi.Vector4f,
 ) -> tuple[mi.Vector4f, mi.Vector4f, mi.Vector4f, mi.Vector4f]:
-    """Red, green and blue of each lane's pixels, and what passes through."""
+    """Red, green and blue of each lane's pixels, and their transmittance."""
     i = dr.gather(mi.UInt32, lists.starts, tile)
     end = dr.gather(mi.UInt32, lists.starts, tile + 1)
-    through = mi.Vector4f(through)  # its own: updates are in place
+    through = mi.Vector4f(through)  # a copy, because updates are in place
     red, green, blue = mi.Vector4f(0), mi.Vector4f(0), mi.Vector4f(0)
     while (i < end) & (dr.max(through) > OPAQUE):
         term = _Term(dr.gather(mi.UInt32, lists.indices, i), x, y, packets)
@@ -162,14 +162,15 @@ def _accumulate(
     rest: mi.Vector4f,
     result: list[mi.Float],
 ) -> None:
-    """Add the gradients of all footprints to ``result``, laid out like ``packets``.
+    """Add the gradients of all footprints to ``result``, in the layout of ``packets``.
 
-    With G the derivative by the pixel and R_i = G · Σ_{j>i} T_j α_j c_j, what footprint i hides,
+    With the derivative G by the pixel and the light behind footprint i, R_i = G · Σ_{j>i} T_j α_j
+    c_j,
 
         ∂c_i = T_i α_i G,    ∂α_i = T_i G · c_i - R_i / (1 - α_i).
 
-    ``rest`` comes in as G · I and is used up footprint by footprint, front to back, so that the
-    same footprints count as in :func:`_blend`.
+    ``rest`` starts as G · I; each footprint subtracts its part, front to back. So the same
+    footprints count as in :func:`_blend`.
     """
     i = dr.gather(mi.UInt32, lists.starts, tile)
     end = dr.gather(mi.UInt32, lists.starts, tile + 1)
@@ -204,7 +205,7 @@ def _accumulate(
         some = dr.any(term.counts)
         for k in range(3):
             for c in range(3):
-                # All lanes of a packet add to one place: summed up before, it is written once.
+                # All lanes of a packet add to one place: they are summed first, then written once.
                 dr.scatter_add(result[k], rows[k][c], 4 * index + c, some, mode=dr.ReduceMode.Local)
         through *= 1 - term.alpha
         i += 1

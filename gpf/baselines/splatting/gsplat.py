@@ -1,4 +1,4 @@
-"""The same images by gsplat's kernels, which need CUDA."""
+"""A rasteriser that uses gsplat's kernels, which need CUDA."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from gpf.baselines.splatting.rasteriser import NAMES, Drawing, Rasteriser
 
 
 class GsplatRasteriser(Rasteriser):
-    """Draws with gsplat; tensors are on the GPU."""
+    """Renders with gsplat; tensors are on the GPU."""
 
     device = "cuda"
 
     @property
     def name(self) -> str:
-        """What draws, for tables."""
+        """The rasteriser's name, for tables."""
         return "gsplat, CUDA"
 
     def draw(self, tensors: Mapping[str, torch.Tensor], camera: Pinhole, degree: int) -> Drawing:
@@ -64,17 +64,22 @@ class GsplatRasteriser(Rasteriser):
 
 
 def import_gsplat(part: str = "") -> Any:
-    """The package, or a module of it."""
+    """The package gsplat, or a module of it.
+
+    Raises
+    ------
+    CannotServe: it is not installed.
+    """
     return import_optional(f"gsplat{part}", "gsplat==1.5.3")
 
 
 def make_rasteriser(size: tuple[int, int]) -> Rasteriser:
-    """gsplat's where Mitsuba and torch both have CUDA and gsplat's kernels could be built."""
+    """gsplat's rasteriser if Mitsuba and torch both use CUDA and gsplat's kernels can be built."""
     if mi.variant().startswith("cuda") and torch.cuda.is_available() and _is_built():
         return GsplatRasteriser(size)
     return Rasteriser(size)
 
 
 def _is_built() -> bool:
-    """Whether gsplat has its kernels: it builds them here and now, if there is a compiler."""
+    """Whether gsplat has its kernels; this import builds them if there is a compiler."""
     return import_gsplat(".cuda._backend")._C is not None

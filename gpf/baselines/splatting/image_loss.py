@@ -1,4 +1,4 @@
-"""How far an image is from another, for systems that are fitted to pictures; and its gradient."""
+"""The image loss of 3DGS, and its gradient."""
 
 from __future__ import annotations
 
@@ -9,29 +9,30 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-# The window of SSIM (Wang and others 2004), and the constants of its two factors.
+# Width and standard deviation of the window of SSIM (Wang and others 2004), pixels, and the
+# constants of its two factors.
 WINDOW, SIGMA = 11, 1.5
 C1, C2 = 0.01**2, 0.03**2
 
 
 @dataclass
 class Difference:
-    """A loss, (1,), and its derivative by the image, flat like it."""
+    """A loss, (1,), and its derivative by the flat image."""
 
     loss: mi.Float
     gradient: mi.Float
 
 
 class ImageLoss:
-    """The loss of 3DGS against one image: (1 - λ) mean |x - y| + λ (1 - mean SSIM(x, y)).
+    """The loss of 3DGS for one target: (1 - λ) mean |x - y| + λ (1 - mean SSIM(x, y)).
 
-    With μ and the moments E[x²], E[xy] as means under a Gaussian window around each pixel, beyond
-    the edges of the image black,
+    μ and the moments E[x²], E[xy] are means under a Gaussian window around each pixel; images are
+    black beyond their edges.
 
         SSIM = (2 μ_x μ_y + C1) (2 σ_xy + C2) / ((μ_x² + μ_y² + C1) (σ_x² + σ_y² + C2)),
         σ_x² = E[x²] - μ_x²,    σ_xy = E[xy] - μ_x μ_y.
 
-    The window is symmetric, so the adjoint of a mean under it is such a mean again.
+    The window is symmetric, so the adjoint of a mean under it is again a mean under it.
 
     Parameters
     ----------
@@ -48,7 +49,7 @@ class ImageLoss:
         dr.eval(self._mean, self._variance)
 
     def __call__(self, image: mi.Float) -> Difference:
-        """Compare an image, flat (3 W H,): by row, column, channel."""
+        """Compare an image, a flat array (3 W H,) by row, column, channel."""
         y, mean_y = self.target, self._mean
         mean, square, product = self._means([image, dr.square(image), image * y])
         first = 2 * mean * mean_y + C1
@@ -73,7 +74,7 @@ class ImageLoss:
         return result
 
     def _means(self, images: Sequence[mi.Float]) -> list[mi.Float]:
-        """Means under the window, of flat images."""
+        """Means of flat images under the window."""
         width, height = self.size
         index = dr.arange(mi.UInt32, 3 * width * height)
         column = index // 3 % dr.opaque(mi.UInt32, width)
@@ -87,7 +88,7 @@ class ImageLoss:
 def _mean_along(
     image: mi.Float, index: mi.UInt32, place: mi.UInt32, length: int, stride: int
 ) -> mi.Float:
-    """Mean along one axis, in which an element lies at ``place`` of ``length``."""
+    """Mean along one axis; ``place``, from 0 to ``length``, is each element's position on it."""
     half = WINDOW // 2
     weights = np.exp(-((np.arange(WINDOW) - half) ** 2) / (2 * SIGMA**2))
     weights /= weights.sum()

@@ -1,4 +1,4 @@
-"""The Gaussians of 3DGS while they are fitted: tensors, each with an optimiser of its own."""
+"""The Gaussians of 3DGS during the fit: tensors with one optimiser each."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-# Adam's learning rates are those of 3DGS. The one of the means is in units of the scene's size; it
-# falls to this share of itself, on an exponential.
+# Adam's learning rates, as in 3DGS. The rate of the means is in units of the scene's size; it
+# decays exponentially to FINAL_SHARE of itself.
 RATES = {
     "means": 1.6e-4,
     "scales": 5e-3,
@@ -24,20 +24,20 @@ FINAL_SHARE = 0.01
 
 # The constant spherical harmonic.
 HARMONIC = 0.28209479177387814
-# Of Gaussians that nobody has fitted yet.
+# Initial opacity of the Gaussians.
 OPACITY = 0.1
 
 
 @dataclass(frozen=True)
 class Seeds:
-    """Where Gaussians start: points (N, 3) in world units, and their colours (N, 3) in [0, 1]."""
+    """Initial Gaussians: points (N, 3) in world units, and colours (N, 3) in [0, 1]."""
 
     points: np.ndarray
     colours: np.ndarray
 
 
 class SplatModel:
-    """Parameters and their optimisers, named and laid out as gsplat's strategies want them.
+    """Parameters and their optimisers, with the names and layout of gsplat's strategies.
 
     Attributes
     ----------
@@ -57,18 +57,18 @@ class SplatModel:
 
     @property
     def count(self) -> int:
-        """How many Gaussians there are."""
+        """The number of Gaussians."""
         return len(self.params["means"])
 
     def update(self, progress: float) -> None:
-        """A step of all optimisers, ``progress`` of the way from 0 to 1 through the training."""
+        """One step of all optimisers; ``progress`` through the training is from 0 to 1."""
         rate = RATES["means"] * self.size * FINAL_SHARE**progress
         self.optimizers["means"].param_groups[0]["lr"] = rate
         for optimizer in self.optimizers.values():
             optimizer.step()
 
     def save(self) -> dict[str, np.ndarray]:
-        """All that :meth:`restore` needs, as arrays by name."""
+        """The state for :meth:`restore`: name -> array."""
         arrays = {}
         for name, value in self.params.items():
             arrays[name] = value.detach().cpu().numpy()
@@ -78,7 +78,7 @@ class SplatModel:
 
     @classmethod
     def restore(cls, arrays: Mapping[str, np.ndarray], size: float, device: str) -> SplatModel:
-        """The model that was saved; other arrays than its own may be there too."""
+        """The model that was saved; ``arrays`` may have other arrays too."""
         model = cls({name: torch.from_numpy(arrays[name]).to(device) for name in RATES}, size)
         for name, value in model.params.items():
             state = {
@@ -91,11 +91,14 @@ class SplatModel:
 
 
 def grow_from(seeds: Seeds, degree: int, device: str) -> dict[str, torch.Tensor]:
-    """Tensors of round Gaussians at seeds, each as wide as the way to its three neighbours.
+    """Tensors of round Gaussians at the seeds.
+
+    Their standard deviation is the root mean square distance to the three nearest seeds, within a
+    factor of 10 of the median.
 
     Parameters
     ----------
-    degree: of the harmonics that there is room for.
+    degree: highest degree of the spherical harmonics.
     """
     count = len(seeds.points)
     if count > 1:

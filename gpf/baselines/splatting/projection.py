@@ -1,4 +1,4 @@
-"""From Gaussians in space to their footprints in an image (Zwicker and others 2001)."""
+"""Projection of Gaussians to their footprints in an image (Zwicker and others 2001)."""
 
 from __future__ import annotations
 
@@ -10,28 +10,29 @@ import numpy as np
 
 from gpf.baselines.pinhole import Pinhole
 
-# Variance that every footprint has at least, pixels²: none slips through between pixels.
+# Added to the variance of every footprint, pixels², so that none is missed between pixels.
 BLUR = 0.3
-# Gaussians nearer than this, in world units, are not drawn.
+# Gaussians nearer to the camera than this, world units, are not rendered.
 NEAR = 0.01
 # A footprint ends where its opacity falls below this.
 FAINTEST = 1 / 255
-# The projection's slope is taken no further off the axis than so many half fields of view.
+# The slope in the projection is clamped to this multiple of the slope at the image's edge.
 SLOPE_LIMIT = 1.3
 
 
 @dataclass
 class SplatArrays:
-    """Gaussians, as flat arrays that hold a row for each.
+    """Gaussians as flat arrays, with one row per Gaussian.
 
     Attributes
     ----------
     means: (3 N,), world units.
-    log_scales: (3 N,), logarithms of the standard deviations along the own axes.
+    log_scales: (3 N,), logarithms of the standard deviations along the Gaussian's axes.
     quats: (4 N,) as w, x, y, z, of any length.
     opacities: (N,), logits.
     colours: (3 N,), coefficients of the constant spherical harmonic of the colour.
-    harmonics: (3 K N,), those of the others, by coefficient, then channel; K = 0, 3, 8 or 15.
+    harmonics: (3 K N,), coefficients of the other harmonics, by harmonic, then channel; K = 0, 3, 8
+        or 15.
     """
 
     means: mi.Float
@@ -55,9 +56,9 @@ class Footprints:
     centres: pixels.
     conics: a, b, c of the exponent -(a x² + 2 b x y + c y²) / 2; pixels⁻².
     opacities: at the centre, in (0, 1).
-    colours: as the camera sees them.
+    colours: in the direction of the camera.
     depths: along the camera's axis, world units.
-    extents: half of the width and of the height that they reach over, pixels; 0 if out of sight.
+    extents: half of the width and height of the footprint, pixels; 0 if it is not in the image.
     """
 
     centres: mi.Vector2f
@@ -70,7 +71,7 @@ class Footprints:
 
 @dataclass
 class Projector:
-    """A pinhole camera whose numbers a kernel reads rather than contains."""
+    """A pinhole camera as arrays: kernels read its numbers, so they serve all cameras."""
 
     origin: mi.Point3f
     axes: list[mi.Vector3f]
@@ -80,7 +81,7 @@ class Projector:
 
     @classmethod
     def of(cls, camera: Pinhole) -> Projector:
-        """Make one; worth keeping for as long as the camera is used."""
+        """The projector of a camera."""
 
         def opaque(values: np.ndarray) -> list[mi.Float]:
             return [dr.opaque(mi.Float, float(v)) for v in values]
@@ -96,13 +97,13 @@ class Projector:
 
 
 def project(splats: SplatArrays, camera: Projector, degree: int) -> Footprints:
-    """Footprints of all Gaussians; differentiable but for depths and extents.
+    """Footprints of all Gaussians; differentiable except for depths and extents.
 
-    With t = R (μ - o), the camera's projection is linear around the mean,
+    With t = R (μ - o), the camera's projection is linearised around the mean,
 
         J = f [[1/t_z, 0, -t_x/t_z²], [0, 1/t_z, -t_y/t_z²]],    Σ' = J R Σ Rᵀ Jᵀ + BLUR,
 
-    where Σ = Q S² Qᵀ. ``degree`` is the highest of the harmonics that count.
+    where Σ = Q S² Qᵀ. ``degree`` is the highest degree of the harmonics that count.
     """
     count = dr.width(splats.opacities)
     index = dr.arange(mi.UInt32, count)
@@ -141,13 +142,16 @@ def project(splats: SplatArrays, camera: Projector, degree: int) -> Footprints:
 
 
 def _rows(flat: mi.Float, index: mi.UInt32, width: int) -> list[mi.Float]:
-    """The columns of a flat array of ``width``, (N,) each; no two lanes read the same element."""
+    """The columns of a flat array with rows of ``width``, (N,) each.
+
+    Each element is read once, so the gather's adjoint needs no atomic operations.
+    """
     mode = dr.ReduceMode.Permute
     return [dr.gather(mi.Float, flat, width * index + k, mode=mode) for k in range(width)]
 
 
 def _columns(quat: list[mi.Float]) -> list[mi.Vector3f]:
-    """The columns of the rotation of a quaternion w, x, y, z of any length."""
+    """The columns of the rotation matrix of a quaternion w, x, y, z of any length."""
     length = dr.rsqrt(sum((dr.square(q) for q in quat), mi.Float(0)))
     w, x, y, z = (q * length for q in quat)
     return [
@@ -158,7 +162,7 @@ def _columns(quat: list[mi.Float]) -> list[mi.Vector3f]:
 
 
 def _colour(splats: SplatArrays, index: mi.UInt32, d: mi.Vector3f, degree: int) -> mi.Color3f:
-    """The colour in the direction ``d``: 1/2 + Σ_k Y_k(d) h_k, no less than 0."""
+    """The colour in the direction ``d``: max(1/2 + Σ_k Y_k(d) h_k, 0)."""
     first, *others = harmonics(d, degree)
     colour = 0.5 + first * mi.Color3f(*_rows(splats.colours, index, 3))
     if others:
@@ -170,7 +174,7 @@ def _colour(splats: SplatArrays, index: mi.UInt32, d: mi.Vector3f, degree: int) 
 
 
 def harmonics(d: mi.Vector3f, degree: int) -> list[mi.Float]:
-    """Real spherical harmonics of unit vectors up to a degree of at most 3, as 3DGS orders them."""
+    """Real spherical harmonics of unit vectors up to a degree of at most 3, in 3DGS's order."""
     x, y, z = d
     values = [mi.Float(0.28209479177387814)]
     if degree > 0:

@@ -1,4 +1,4 @@
-"""Images of Gaussians that torch holds, and the gradients that these get from a loss."""
+"""Images of Gaussians in torch's tensors, and the tensors' gradients of a loss."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from gpf.baselines.splatting.compositing import Compositor
 from gpf.baselines.splatting.projection import Projector, SplatArrays, project
 from gpf.baselines.splatting.tiles import sort_into_tiles
 
-# What torch calls the arrays of SplatArrays, in its order: as gsplat does.
+# gsplat's names for the arrays of SplatArrays, in their order.
 NAMES = ("means", "scales", "quats", "opacities", "sh0", "shN")
 
 
 @dataclass
 class Drawing:
-    """An image of Gaussians, and what it takes to learn from it.
+    """An image of Gaussians, with the function for its gradients.
 
     Attributes
     ----------
-    image: flat, (3 W H,): by row, column, channel.
-    backward: takes the derivative of a loss by the image; sets ``grad`` of the Gaussians' tensors
-        and of ``info["means2d"]``.
-    info: what gsplat's strategies ask for.
+    image: flat, (3 W H,), by row, column, channel.
+    backward: takes the derivative of a loss by the image, and sets ``grad`` of the Gaussians'
+        tensors and of ``info["means2d"]``.
+    info: input of gsplat's strategies.
     """
 
     image: mi.Float
@@ -37,7 +37,7 @@ class Drawing:
 
 
 class Rasteriser:
-    """Draws with this project's own kernels, on any device; tensors stay with the CPU.
+    """Renders with this project's own kernels, on any device; torch's tensors are on the CPU.
 
     Parameters
     ----------
@@ -48,17 +48,17 @@ class Rasteriser:
 
     @property
     def name(self) -> str:
-        """What draws, for tables."""
+        """The rasteriser's name, for tables."""
         return f"own kernels, {mi.variant()}"
 
     def __init__(self, size: tuple[int, int]) -> None:
         self.size = size
 
     def draw(self, tensors: Mapping[str, torch.Tensor], camera: Pinhole, degree: int) -> Drawing:
-        """Draw Gaussians whose harmonics count up to a degree.
+        """Render Gaussians with harmonics up to a degree.
 
-        ``tensors`` are the arrays of :class:`SplatArrays`, named as in :data:`NAMES`, a row for
-        each Gaussian.
+        ``tensors`` are the arrays of :class:`SplatArrays` with the names of :data:`NAMES`, one row
+        per Gaussian.
         """
         ordered = [tensors[name] for name in NAMES]
         splats = SplatArrays(*(mi.Float(t.detach().numpy().ravel()) for t in ordered))
@@ -93,7 +93,7 @@ class Rasteriser:
 
 
 def _to_torch(flat: mi.Float, like: torch.Tensor) -> torch.Tensor:
-    """A tensor of the shape of another; without elements, where that has none."""
+    """A tensor with the shape of another, also if that has no elements."""
     if not like.numel():
         return torch.zeros_like(like)
     return torch.from_numpy(flat.numpy()).reshape(like.shape)

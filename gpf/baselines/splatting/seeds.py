@@ -1,10 +1,10 @@
-"""Where the Gaussians of 3DGS start: the visible points of training views, where they seem to be.
+"""Initial Gaussians of 3DGS: visible points of the training views, at their apparent places.
 
-3DGS starts from points that structure from motion found where pictures agree. Here the points are
-known; but through water and glass a point is not seen where it is, and what has been refracted only
-fits together at its apparent place. So each point is moved along the ray that saw it to where the
-other pictures agree best with its surroundings: no nearer than the first thing that the ray meets,
-and hardly further than the way that the light went. Without a visible point, that is the sky.
+3DGS starts from points that structure from motion finds where images agree. Here the visible points
+are known, but through water and glass a point is seen at another, apparent place, and refracted
+images agree only there. So each point is moved along its camera ray to the distance where the other
+images agree best with its surroundings. This distance is at least that of the first surface on the
+ray, and at most 1.1 times that of the visible point, or of the sky if there is no visible point.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ from gpf.scene.bounds import bounding_box
 
 # Distances that are tried for each point, evenly spaced in their inverses.
 DISTANCES = 96
-# How much further than the light's way a point may seem to be.
+# Largest distance that is tried, in units of the visible point's distance.
 BEYOND = 1.1
-# The sky is a sphere around each camera with this radius, in diagonals of the scene.
+# Radius of the sky, a sphere around each camera, in units of the scene's diagonal.
 SKY = 5
-# There is nothing to see in pixels whose channels are no brighter than this.
+# Pixels whose channels are all at most this count as black.
 DARKEST = 1 / 255
-# What surrounds a pixel: means with these standard deviations, in heights of the image.
+# Standard deviations of the blurs that describe a pixel's surroundings, in image heights.
 SURROUNDINGS = (1 / 60, 1 / 20)
-# Only what is further from a camera than this can be compared with what it saw.
+# Points nearer to a camera than this, world units, are not compared with its image.
 NEAREST = 0.05
 
 
 @dataclass(frozen=True)
 class Sight:
-    """What the rays through a picture's pixels meet, (M,) each.
+    """Rays through pixels of an image, (M,) each.
 
     Attributes
     ----------
     directions: unit vectors, (M, 3).
-    near: the way to the first thing, world units.
-    far: the way of the light from the first diffuse surface; where there is none, to the sky.
+    near: distance to the first surface, world units.
+    far: distance to the visible point; without one, to the sky.
     rows, columns: of the pixels.
     """
 
@@ -57,14 +57,14 @@ class Sight:
     columns: np.ndarray
 
     def take(self, index: np.ndarray) -> Sight:
-        """Some of the rays."""
+        """The rays with the given indices."""
         return Sight(*(values[index] for values in vars(self).values()))
 
 
 def find_seeds(
     scene: mi.Scene, pictures: Sequence[Picture], count: int, seed: int, rr_depth: int = 5
 ) -> Seeds:
-    """At most ``count`` seeds, from the pixels of all pictures that are not black."""
+    """At most ``count`` seeds, from random pixels that are not black, of all images."""
     sights = []
     for k, picture in enumerate(pictures):
         sight = look(scene, picture.camera, pass_seed(seed, k, Stream.SPLAT_SIGHT), rr_depth)
@@ -84,7 +84,7 @@ def find_seeds(
 
 
 def look(scene: mi.Scene, camera: Pinhole, seed: int, rr_depth: int) -> Sight:
-    """Follow a ray through the centre of each pixel, row by row."""
+    """The rays through the centres of all pixels, row by row."""
     width, height = camera.size
     rows, columns = (index.ravel() for index in np.indices((height, width)))
     x, y = columns + 0.5 - width / 2, rows + 0.5 - height / 2
@@ -103,7 +103,7 @@ def look(scene: mi.Scene, camera: Pinhole, seed: int, rr_depth: int) -> Sight:
 
 
 def describe(image: np.ndarray) -> np.ndarray:
-    """What is compared: colours of pixels and of their surroundings, (H, W, 3 (1 + S))."""
+    """Features for comparison: colours of pixels and of S surroundings, (H, W, 3 (1 + S))."""
     height = image.shape[0]
     blurred = [gaussian_filter(image, (s * height, s * height, 0)) for s in SURROUNDINGS]
     return np.concatenate([image, *blurred], axis=-1).astype(np.float32)
@@ -112,10 +112,10 @@ def describe(image: np.ndarray) -> np.ndarray:
 def find_distances(
     k: int, sight: Sight, cameras: Sequence[Pinhole], features: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Where on the rays of picture ``k`` the others agree with it best, (M,).
+    """The distances on rays of image ``k`` where the other images agree with it best, (M,).
 
-    A distance costs the mean absolute difference of features, over that half of the other pictures
-    which agree best: in the rest something may be in the way.
+    The cost of a distance is the mean absolute difference of features, over the half of the other
+    images that agree best: in the rest, the point may be hidden.
     """
     own = features[k][sight.rows, sight.columns]
     best, result = np.full(len(own), np.inf), np.array(sight.far)
@@ -136,9 +136,9 @@ def find_distances(
 def compare(
     points: np.ndarray, own: np.ndarray, camera: Pinhole, features: np.ndarray
 ) -> np.ndarray:
-    """How much features (M, F) differ from those where a camera sees points (M, 3), (M,).
+    """Mean absolute difference of ``own`` features (M, F) from a camera's at points (M, 3), (M,).
 
-    Infinity where it does not see them.
+    Infinite for points outside the camera's image.
     """
     pixels, depth = camera.project(points)
     inside = (depth > NEAREST) & np.all((pixels > 0) & (pixels < camera.size), axis=1)
@@ -150,7 +150,7 @@ def compare(
 
 
 def interpolate(features: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Bilinear interpolation between the centres of pixels, which have whole coordinates."""
+    """Bilinear interpolation; the centres of pixels have integer coordinates."""
     height, width, _ = features.shape
     x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
     left, above = np.minimum(x.astype(int), width - 2), np.minimum(y.astype(int), height - 2)

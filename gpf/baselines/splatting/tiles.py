@@ -1,4 +1,4 @@
-"""Which footprints each tile of an image has to blend, the nearest first."""
+"""Lists of the footprints in each tile of an image, nearest first."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ import mitsuba as mi
 
 from gpf.baselines.splatting.projection import Footprints
 
-# Pixels along a tile's edge. Its 64 pixels are 16 lanes of 2×2: a whole tile is one packet of a
-# 512-bit vector unit, whose lanes then share their list and read each footprint but once for four
-# pixels.
+# Pixels along a tile's edge. Its 64 pixels are 16 lanes of 2×2 pixels, one packet of a 512-bit
+# vector unit: all lanes use the same list and read each footprint once for four pixels.
 TILE = 8
 
 
 @dataclass
 class TileLists:
-    """Footprints by tile, row by row of tiles.
+    """Footprints by tile; tiles are ordered by row, then column.
 
     Attributes
     ----------
-    starts: where each tile's list begins, (tiles + 1,).
-    indices: the footprints of all lists, by depth within each.
-    size: of the image, pixels.
+    starts: index of each list's beginning, and the end, (tiles + 1,).
+    indices: footprints of all lists, ordered by depth within each list.
+    size: width and height of the image, pixels.
     """
 
     starts: mi.UInt32
@@ -32,16 +31,16 @@ class TileLists:
 
     @property
     def tiles(self) -> tuple[int, int]:
-        """How many there are across and down."""
+        """The numbers of tiles across and down."""
         return -(-self.size[0] // TILE), -(-self.size[1] // TILE)
 
 
 def sort_into_tiles(found: Footprints, size: tuple[int, int]) -> TileLists:
-    """The tiles that the footprints' bounding boxes meet."""
+    """Lists of the footprints whose bounding boxes meet each tile."""
     lists = TileLists(mi.UInt32(0), mi.UInt32(0), size)
     across, down = lists.tiles
     seen = found.extents.x > 0
-    # Bits of positive numbers are in the order of the numbers.
+    # The bits of positive floats, as integers, have the order of the floats.
     order = dr.argsort(dr.reinterpret_array(mi.UInt32, dr.select(seen, found.depths, dr.inf)))
 
     centre = dr.gather(mi.Vector2f, found.centres, order)
@@ -56,13 +55,13 @@ def sort_into_tiles(found: Footprints, size: tuple[int, int]) -> TileLists:
     dr.eval(order, low, width, count, ends)
     total = int(ends[-1])
 
-    # One element more than needed: there is no empty array.
+    # One element more than needed, because Dr.Jit has no empty arrays.
     tiles = dr.full(mi.UInt32, across * down, total + 1)
     owners = dr.zeros(mi.UInt32, total + 1)
     _write_pairs(
         low, width, count, ends - count, order, dr.opaque(mi.UInt32, across), tiles, owners
     )
-    by_tile = dr.argsort(tiles)  # stable: the order by depth stays
+    by_tile = dr.argsort(tiles)  # stable, so the order by depth is kept
     lists.indices = dr.gather(mi.UInt32, owners, by_tile)
     counts = dr.zeros(mi.UInt32, across * down + 1)
     dr.scatter_add(counts, mi.UInt32(1), tiles)
@@ -82,7 +81,7 @@ def _write_pairs(
     tiles: mi.UInt32,
     owners: mi.UInt32,
 ) -> None:
-    """Write tile and owner of each pair; a footprint's pairs go row by row."""
+    """Write tile and footprint of each pair; the pairs of a footprint are ordered by row."""
     done = mi.UInt32(0)
     column = mi.UInt32(0)
     row_start = low.y * across + low.x
