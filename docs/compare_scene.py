@@ -1,8 +1,8 @@
-"""Compare a scene with the one that it is modelled after: `python docs/compare_scene.py --help`.
+"""Compare a scene with the original that it is modelled after: `python docs/compare_scene.py -h`.
 
-Both are rendered from the original's camera, by the original's integrator and at its depth, with
-the same film; images are compared by the mean over R, G and B of an 8×8 grid of blocks. The picture
-shows both and the ratio of each block, the terminal gets the numbers.
+Both scenes are rendered with the original's camera and integrator (and its depth) and the same
+film. The images are divided into 8×8 blocks, and the means over R, G and B of each block are
+compared. The picture shows both images and the ratio of each block; the numbers are printed.
 """
 
 from __future__ import annotations
@@ -28,20 +28,21 @@ from gpf.core.runtime import choose_variant
 from gpf.scene.snapshot import freeze_scene
 
 BLOCKS = 8  # per axis
-WAVEFRONT = 2**21  # camera paths at a time
+WAVEFRONT = 2**21  # camera paths per batch
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A rendered image and what is known about its noise.
+    """A rendered image and its noise.
 
     Attributes
     ----------
     image: mean of all batches, (H, W, 3).
     blocks: mean radiance of each block, (BLOCKS, BLOCKS).
-    noise: standard error of ``blocks``, from the scatter between the batches; a path tracer that
-        rarely finds a light has a scatter that is itself rarely seen whole.
-    total: mean radiance of the image. total_noise: its standard error.
+    noise: standard error of ``blocks``, from the differences between batches. It is too low where
+        a path tracer finds a light only rarely.
+    total: mean radiance of the image.
+    total_noise: standard error of ``total``.
     """
 
     image: np.ndarray
@@ -58,7 +59,7 @@ def block_means(image: np.ndarray) -> np.ndarray:
 
 
 def camera_of(scene: mi.Scene, width: int, height: int) -> mi.Sensor:
-    """The scene's own first camera, with a film of this size, a box filter and RGB alone."""
+    """The scene's first camera, with an RGB film of this size and a box filter."""
     values = mi.traverse(scene.sensors()[0])
     matrix = np.array(values["to_world"].matrix).reshape(4, 4)
     film = {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb"}
@@ -100,13 +101,13 @@ def estimate(
 
 
 def ratios(original: Estimate, own: Estimate) -> tuple[np.ndarray, np.ndarray]:
-    """Own over original radiance of each block, and its standard error: (BLOCKS, BLOCKS) both."""
+    """Own radiance / original radiance of each block and its standard error, (BLOCKS, BLOCKS)."""
     ratio = own.blocks / original.blocks
     return ratio, ratio * np.hypot(own.noise / own.blocks, original.noise / original.blocks)
 
 
 def report(original: Estimate, own: Estimate) -> str:
-    """The numbers, in words."""
+    """The numbers as text."""
     ratio, noise = ratios(original, own)
     off = np.abs(ratio - 1)
     worst = np.unravel_index(np.argmax(off), off.shape)

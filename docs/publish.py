@@ -1,7 +1,7 @@
-"""Put tables and pictures of a report into the README and docs: `python docs/publish.py`.
+"""Put tables and pictures of the report into README.md and docs/: `python docs/publish.py`.
 
-After `gpf repro --profile full`. Pictures are copied from results/figures; tables stand between
-marks such as `<!-- table_1_psnr -->` and `<!-- /table_1_psnr -->`.
+Run it after `gpf profile full && dvc repro`. Pictures are copied from results/figures. Tables
+replace the text between marks such as `<!-- table_1_psnr -->` and `<!-- /table_1_psnr -->`.
 """
 
 from __future__ import annotations
@@ -17,36 +17,44 @@ from report.formats import join
 from report.page.words import describe_scene
 from report.results import FIELD, SECOND_REFERENCE, Results
 from stages.commands.profiles import EVERY, read_profiles
+from stages.common.makers import naming_commands
 
 PROFILE = "full"
+TODO = f"Run `gpf profile {PROFILE} && dvc repro` to its end."
 
 FIGURES = Path("results/figures")
 IMAGES = Path("docs/images")
 FILMS = ("water_caustic_2",)
 PICTURES = ("teaser", "cumulative_cost", "quality_time", "comparison_water_caustic_2")
 
-# In a footnote, or a remark; a system that cannot serve a scene has another reason.
+# Footnotes and remarks of tables that are not complete. A system that cannot serve a scene has
+# another reason.
 _UNFINISHED = re.compile(r"^(?:<sup>.*\bnot run\b|Not .*\byet\b|On file, but)", re.MULTILINE)
 _MARKS = re.compile(r"<!-- (\w+) -->\n.*?<!-- /\1 -->", re.DOTALL)
 
 
 def main() -> None:
-    """Publish what there is: all of it, or with an exit code of 2 nothing."""
+    """Publish everything; on an error publish nothing and exit with code 2."""
     try:
-        publish(Results.open())
+        naming_commands(publish)(Results.open())
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
 
 
 def publish(results: Results) -> None:
-    """Copy the pictures and fill in the tables; one that is missing is an error."""
-    refuse_other_sizes(results)
+    """Copy the pictures and fill in the tables.
+
+    Raises
+    ------
+    UserError: a picture or a table is missing or not complete; nothing has been written then.
+    """
+    check_profile(results)
     if results.unmeasured:
         raise UserError(
             str(results.root),
             f"has no numbers of {join(results.unmeasured)} with {results.passes} passes",
-            f"Run `gpf repro --profile {PROFILE}` to its end.",
+            TODO,
         )
     copies = {FIGURES / f"{name}.png": IMAGES / f"{name}.png" for name in PICTURES}
     copies |= {
@@ -55,7 +63,7 @@ def publish(results: Results) -> None:
     }
     for source in copies:
         if not source.exists():
-            raise UserError(str(source), "is missing", f"Run `gpf repro --profile {PROFILE}`.")
+            raise UserError(str(source), "is missing", TODO)
     pages = {}
     for page in (Path("README.md"), *sorted(Path("docs").glob("*.md"))):
         text = page.read_text(encoding="utf-8")
@@ -68,39 +76,37 @@ def publish(results: Results) -> None:
             write_text(page, new)
 
 
-def refuse_other_sizes(results: Results) -> None:
-    """Raise an error where params.yaml is not as the pages say that it was."""
+def check_profile(results: Results) -> None:
+    """Raise an error if params.yaml does not have the settings of the profile."""
     for key, wanted in read_profiles()[PROFILE].items():
         section, leaf = key.split(".")
         found = getattr(getattr(results.params, section), leaf)
         found = list(found) if isinstance(found, tuple) else found
         if wanted != EVERY and found != wanted:
-            todo = f"Run `gpf profile {PROFILE}` and `gpf repro`: the pages speak of that."
-            raise UserError(f"params.yaml: {key}", f"is {found}, not {wanted}", todo)
+            raise UserError(f"params.yaml: {key}", f"is {found}, not {wanted}", TODO)
 
 
 def fill(name: str, results: Results) -> str:
-    """The marks of a table, and the table between them."""
+    """The marks of a table with the table between them."""
     if name == "summary":
         body = summary(results)
     else:
         file = results.root / "tables" / f"{name}.md"
         if not file.exists():
-            raise UserError(str(file), "is missing", f"Run `gpf repro --profile {PROFILE}`.")
-        # Without the title, which the page has as a heading of its own.
+            raise UserError(str(file), "is missing", TODO)
+        # Without the title: the page has its own heading.
         body = file.read_text(encoding="utf-8").split("\n", 2)[2].strip()
         if _UNFINISHED.search(body):
-            todo = f"Run `gpf repro --profile {PROFILE}` to its end."
-            raise UserError(str(file), "lacks what has not been run", todo)
+            raise UserError(str(file), "is not complete: some methods were not run", TODO)
     return f"<!-- {name} -->\n{body}\n<!-- /{name} -->"
 
 
 def summary(results: Results) -> str:
-    """A line per scene: how good the field is, and what it costs."""
+    """A table with a line per scene: quality and cost of the field."""
     passes = results.params.reference.passes
     lines = [
-        f"| scene | PSNR | a second SPPM, {passes} passes | as good as SPPM with | a view takes "
-        f"| by SPPM, {passes} passes | preparation | pays from |",
+        f"| scene | PSNR | second reference, {passes} SPPM passes | as good as SPPM with "
+        f"| seconds per view | SPPM, {passes} passes | preparation | pays off from |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for name in results.scenes:
@@ -109,7 +115,7 @@ def summary(results: Results) -> str:
         second = results.row(name, SECOND_REFERENCE)["psnr"]
         field = results.row(name, FIELD)["psnr"]
         lines.append(
-            f"| {scene.title} | **{field:.1f}** | {second:.1f} | {words.worth} passes "
+            f"| {scene.title} | **{field:.1f}** | {second:.1f} | {words.equivalent_passes} passes "
             f"| {words.seconds} | {words.sppm_seconds} | {words.preparation} "
             f"| {words.breaks_even} |"
         )

@@ -1,4 +1,4 @@
-"""A page in headless Chromium, by the DevTools protocol through a pair of pipes."""
+"""A page in headless Chromium, controlled with the DevTools protocol through two pipes."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from PIL import Image
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 PATIENCE = 30.0
-"""Seconds that an answer may take on a busy machine."""
+"""Seconds to wait for an answer; a busy machine is slow."""
 
 
 def find_browser() -> str | None:
-    """The first browser of this kind on the path, or None."""
+    """The path of the first Chromium that is installed, or None."""
     return next((found for name in NAMES if (found := shutil.which(name))), None)
 
 
@@ -38,12 +38,12 @@ os.dup2(ends[0], 3)
 os.dup2(ends[1], 4)
 os.execv(sys.argv[3], sys.argv[3:])
 """
-"""The browser reads commands from file 3 and writes answers to file 4."""
+"""Starts the browser with the pipes as file 3 (commands) and file 4 (answers)."""
 
 
 @dataclass
 class Page:
-    """An open page: what it asked of the network, and what it complained of."""
+    """An open page, with its network requests and its errors and warnings."""
 
     into: int
     out: int
@@ -55,7 +55,7 @@ class Page:
     _count: int = 0
 
     def call(self, method: str, **params: Any) -> dict[str, Any]:
-        """Send a command and wait for its answer; what happens meanwhile is noted."""
+        """Send a command and wait for its answer; events in the meantime are recorded."""
         self._count += 1
         message = {"id": self._count, "method": method, "params": params}
         if self.session:
@@ -68,7 +68,7 @@ class Page:
         return answer["result"]
 
     def evaluate(self, script: str) -> Any:
-        """The value of an expression; promises are waited for."""
+        """The value of an expression, also of a promise."""
         found = self.call(
             "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
         )
@@ -76,24 +76,24 @@ class Page:
         return found["result"].get("value")
 
     def wait_for(self, script: str) -> None:
-        """Until an expression is true."""
+        """Wait until an expression is true."""
         end = time.monotonic() + PATIENCE
         while not self.evaluate(script):
             assert time.monotonic() < end, f"never became true: {script}; {self.complaints}"
             time.sleep(0.02)
 
     def press(self, key: str) -> None:
-        """Press and release a key with whatever has the focus."""
+        """Press and release a key on the element with the focus."""
         text = {"text": key} if len(key) == 1 else {}
         self.call("Input.dispatchKeyEvent", type="keyDown", key=key, **text)
         self.call("Input.dispatchKeyEvent", type="keyUp", key=key)
 
     def point(self, x: float, y: float, kind: str = "mouseMoved", **more: Any) -> None:
-        """Move the mouse, or press (``mousePressed``) and release it."""
+        """Send a mouse event: a move, or the given kind."""
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
 
     def look(self, x: float, y: float, width: float, height: float) -> np.ndarray:
-        """What a part of the window shows, (H, W, 3) uint8."""
+        """A screenshot of a part of the window, (H, W, 3) uint8."""
         clip = {"x": x, "y": y, "width": width, "height": height, "scale": 1}
         data = self.call("Page.captureScreenshot", format="png", clip=clip)["data"]
         return np.asarray(Image.open(BytesIO(base64.b64decode(data))).convert("RGB"))
@@ -125,14 +125,14 @@ class Page:
 def open_page(
     program: str, file: Path, folder: Path, width: int = 1400, height: int = 900, dark: bool = False
 ) -> Iterator[Page]:
-    """A file in a window of so many pixels; ``folder`` is for the browser's own files."""
+    """Open a file in a window of this size; ``folder`` is for the browser's own files."""
     child_in, into = os.pipe()
     out, child_out = os.pipe()
     command = [
         program,
         "--headless=new",
         "--remote-debugging-pipe",
-        "--no-sandbox",  # a container's root may not make one
+        "--no-sandbox",  # root in a container cannot use the sandbox
         "--disable-gpu",
         "--disable-dev-shm-usage",
         "--hide-scrollbars",

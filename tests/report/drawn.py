@@ -1,4 +1,4 @@
-"""A small tree of results to draw: flat pictures, so that each method's pixels are known."""
+"""A small folder of results for figures. Images have one colour, so that pixels are known."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ LEVELS = {
     "gpf": (0.3, 0.3, 0.3),
     "reference": (0.32, 0.32, 0.32),
 }
-"""Linear radiance of all pixels of a method's images; the exposure is 1."""
+"""Method -> linear radiance of all pixels of its images; the exposure is 1."""
 
 PSNR = {"path_10": 12.0, "path_50": 15.0, "sppm_3": 21.0, "denoised_50": 24.0, "gpf": 37.0}
 SECONDS = {"path_10": 1.0, "path_50": 5.0, "sppm_3": 0.4, "denoised_50": 2.5, "gpf": 2.0}
 CURVE = {1: 15.0, 3: 21.0, 10: 31.0, 30: 41.0}
 CAUSTIC, FAR_OFF = (6, 20), (18, 2)
-"""Row and column of the upper left corners of 8 by 8 pixels: where light is focused, and where the
-field is black."""
+"""Row and column of the upper left corners of squares of 8 by 8 pixels: in the first, light is
+focused; in the second, the field is black."""
 
 
 def drawn_params(**changes: Any) -> Params:
-    """Two scenes; all methods in both."""
+    """Parameters with three scenes; all methods in all of them."""
     sections: dict[str, Any] = {
         "scenes": [SCENE, OTHER, "veach_ajar"],
         "reference": {"passes": 30},
@@ -54,7 +54,7 @@ def drawn_params(**changes: Any) -> Params:
 
 
 def make_drawn(root: Path, **changes: Any) -> Results:
-    """Results of two scenes with two views each; EM-GMM cannot serve them. One has no images."""
+    """Results of two scenes with two views each, one without images; EM-GMM cannot serve them."""
     for scene in (SCENE, OTHER):
         folder = root / scene
         write_text(folder / "views.yaml", _VIEWS)
@@ -88,13 +88,13 @@ def make_drawn(root: Path, **changes: Any) -> Results:
 
 
 def pixels(sketch: Sketch, folder: Path) -> np.ndarray:
-    """What the file shows, (H, W, 3), upside down as matplotlib counts."""
+    """The pixels of the figure's file, (H, W, 3), with the lowest row first as in matplotlib."""
     path = save(sketch, "one", "One", folder).png
     return np.asarray(Image.open(path).convert("RGB"))[::-1]
 
 
 def at(sketch: Sketch, panel: int, x: float, y: float) -> tuple[int, int]:
-    """Row and column in :func:`pixels` of a place in a panel's data."""
+    """Row and column in :func:`pixels` of a point in a panel's data coordinates."""
     place = sketch.canvas.axes[panel].transData.transform((x, y))
     return round(place[1]), round(place[0])
 
@@ -136,7 +136,7 @@ def _image(method: str, worse: float) -> np.ndarray:
 
 
 def _write_reference(path: Path) -> None:
-    """A chequered wall that looks all the same, for a chequered caustic is on it."""
+    """A wall of constant radiance: a striped caustic on a texture that is its inverse."""
     arriving = np.full((*SIZE, 3), 0.5, np.float32)
     row, column = CAUSTIC
     arriving[row : row + 8 : 2, column : column + 8] = 2

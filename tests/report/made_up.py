@@ -1,4 +1,4 @@
-"""A small tree of results whose numbers are made up, each of them another."""
+"""A small folder of results with invented numbers, which are all different."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ VARIANTS = {
 
 
 def made_up_params(**changes: Any) -> Params:
-    """Two scenes and some methods and variants; the switch is not among those that run."""
+    """Parameters with three scenes, some methods and variants; the variant `sum` does not run."""
     sections: dict[str, Any] = {
         "scenes": [BOX, WATER, "veach_ajar"],
         "reference": {"passes": 30},
@@ -54,7 +54,7 @@ def made_up_params(**changes: Any) -> Params:
 
 
 def make_results(root: Path, **changes: Any) -> Results:
-    """Results of two scenes; RenderFormer cannot serve either, and the third scene has none."""
+    """Results of two scenes. RenderFormer cannot serve them; the third scene has no results."""
     params, numbers = made_up_params(**changes), _numbers()
     for scene in (BOX, WATER):
         folder = root / scene
@@ -92,7 +92,7 @@ def make_results(root: Path, **changes: Any) -> Results:
 
 
 def edit(file: Path, **changes: Any) -> None:
-    """Change numbers of a JSON file; a key is written with __ between its parts."""
+    """Change numbers of a JSON file; in a key, __ separates its parts."""
     data = read_json(file)
     for key, value in changes.items():
         *parts, leaf = key.split("__")
@@ -104,12 +104,12 @@ def edit(file: Path, **changes: Any) -> None:
 
 
 def tables_of(results: Results):
-    """As a new process would make them: nothing that was read before is kept."""
+    """The tables by name, from files that are read again."""
     return {table.name: table for table in make_tables(Results(results.params, results.root))}
 
 
 def cells(frame: pd.DataFrame) -> dict[tuple, float]:
-    """(row, column) -> number."""
+    """(row, column) -> number, without ranks and missing numbers."""
     return {
         (row, key): float(value)
         for key in frame.columns
@@ -143,7 +143,7 @@ def _ablation(name: str, numbers: Iterator[float]) -> dict[str, Any]:
 
 
 def _numbers() -> Iterator[float]:
-    """Numbers between 10 and 50, never the same twice."""
+    """Different numbers between 10 and 50."""
     k = 0
     while True:
         k += 1

@@ -1,4 +1,4 @@
-"""Made-up results with images: noise around a ramp, each method's another."""
+"""Invented results with images: a ramp with noise, different for each method and view."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.report.made_up import BOX, WATER, make_results
 WIDTH, HEIGHT = 12, 8
 VIEWS = ("above", "below", "inside")
 PSNR = {"above": 40.0, "below": 31.5, "inside": 44.0}
-"""Of the field: their mean is 38.5, so that `above` is typical and `below` the worst."""
+"""PSNR of the field. Its mean is 38.5: `above` is the typical view and `below` the worst."""
 
 
 def make_pictured(
@@ -43,14 +43,14 @@ def make_pictured(
 
 
 def radiance(method: str, view: str, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
-    """What :func:`make_pictured` writes: (H, W, 3), from 1e-6 to 3e4."""
+    """The images of :func:`make_pictured`, (H, W, 3), from 1e-6 to 3e4."""
     rng = np.random.default_rng([*method.encode(), *view.encode()])
     ramp = np.geomspace(1e-6, 3e4, width * height * 3).reshape(height, width, 3)
     return (ramp * rng.uniform(0.5, 1, ramp.shape)).astype(np.float32)
 
 
 def make_figure(folder: Path, name: str, size: int = 40) -> Figure:
-    """A figure with both files."""
+    """A figure with an SVG and a PNG file."""
     folder.mkdir(parents=True, exist_ok=True)
     svg, png = folder / f"{name}.svg", folder / f"{name}.png"
     svg.write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 4"/>', encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Tables 3, S1, S2 and that of switches: rows find their numbers, and the paper's, by settings."""
+"""Tables 3, S1, S2 and the table of switches: measured and reported numbers of equal settings."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_components(results):
     assert radius["psnr_difference"] == pytest.approx(radius["psnr"] - field["psnr"])
     cost = read_json(results.root / WATER / "costs" / "train.json")
     assert field["train_seconds"] == cost["parts"]["training"]["wall_seconds"]
-    # The paper's other rows keep their places.
+    # The paper's other rows are shown without measured numbers.
     assert (
         math.isnan(frame.loc["kNN only", "psnr"]) and frame.loc["kNN only", "psnr_paper"] == 26.42
     )
@@ -52,7 +52,7 @@ def test_numbers_of_gaussians_are_in_order(results):
     assert frame["seconds_per_view_paper"].tolist() == [7.23, 12.7, 16.37, 24.35]
 
 
-def test_another_number_than_the_papers_has_none_beside_it(results):
+def test_a_number_that_the_paper_lacks_has_no_paper_values(results):
     edit(results.root / WATER / "costs" / "train.json", facts__gaussians=25_000)
     frame = frames(results)["table_s1"].loc["Water Caustic"]
     labels = ["10,000", "25,000 (default)", "50,000", "100,000", "200,000"]
@@ -60,7 +60,7 @@ def test_another_number_than_the_papers_has_none_beside_it(results):
     assert math.isnan(frame.loc["25,000 (default)", "psnr_paper"])
 
 
-def test_what_was_not_run_says_so(results):
+def test_variants_that_were_not_run_say_so(results):
     found = frames(results)
     k = found["table_s2"].loc["Water Caustic"]
     assert list(k.index) == ["1", "3 (default)", "5", "10"]
@@ -77,8 +77,8 @@ def test_a_variant_that_cannot_be_made_gives_its_reason(results):
     assert math.isnan(k.loc["10", "psnr"]) and k.loc["10", "reason"] == "too few photons"
 
 
-def test_what_nobody_asks_for_is_not_compared(results):
-    """Nothing keeps such files up to date: they may be of references of other sizes."""
+def test_variants_that_are_not_listed_are_not_compared(results):
+    """No stage keeps such files up to date; their references may have another size."""
     assert set(frames(results)["table_3"].index.get_level_values(0)) == {"Water Caustic"}
     source = results.root / WATER / "ablations" / "radius.json"
     target = results.root / BOX / "ablations" / "radius.json"
@@ -88,7 +88,7 @@ def test_what_nobody_asks_for_is_not_compared(results):
     assert set(table.frame["scene"]) == {"Water Caustic"}
     left = "On file, but not listed by `ablations` in params.yaml: radius only (Cornell Box)."
     assert table.remarks == (left,)
-    # Nor once a variant of a scene that is asked for does not run any more.
+    # The same for a variant that `ablations.run` no longer lists.
     sections = results.params.model_dump(mode="json")
     sections["ablations"]["run"] = ["all"]
     other = Results(results.params.model_validate(sections), results.root)
@@ -96,7 +96,7 @@ def test_what_nobody_asks_for_is_not_compared(results):
     assert math.isnan(row.loc["radius only", "psnr"])
 
 
-def test_a_variant_of_more_than_the_number_has_its_title(tmp_path):
+def test_a_variant_that_changes_more_keeps_its_title(tmp_path):
     longer = {"group": "k", "title": "k = 10, longer", "set": {"field.k": 10, "train.steps": 9}}
     plain = {"group": "k", "set": {"field.k": 10}}
     variants = {"scenes": [WATER], "run": [], "variants": {"longer": longer, "plain": plain}}
@@ -104,11 +104,11 @@ def test_a_variant_of_more_than_the_number_has_its_title(tmp_path):
     assert {"k = 10, longer", "10"} < set(frame.index)
 
 
-def test_a_variant_may_change_what_lies_deep(tmp_path):
+def test_a_variant_may_change_nested_settings(tmp_path):
     deep = {"group": "switches", "title": "slow means", "set": {"train.rates.means": 0.001}}
     alike = {"group": "switches", "title": "as it is", "set": {"train.rates.means": 0.008}}
     variants = {"scenes": [WATER], "run": [], "variants": {"slow": deep, "alike": alike}}
     frame = frames(make_results(tmp_path, ablations=variants))["switches"].loc["Water Caustic"]
-    # The one that changes nothing is the field as it is, which stands there already.
+    # `alike` changes nothing: it is the default field, which has a row already.
     assert list(frame.index) == ["slow means", "all (default)"]
     assert math.isnan(frame.loc["slow means", "psnr"]) and frame.loc["all (default)", "psnr"] > 0

@@ -1,4 +1,4 @@
-"""What the figures of made-up results show: pixels, marks, labels."""
+"""Contents of figures of invented results: pixels, markers, labels."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_the_teaser_shows_each_method_in_its_column(results, tmp_path):
     sketch = draw_teaser(results)
     shown = pixels(sketch, tmp_path)
     for column, method in enumerate((*choice.methods, "reference")):
-        # A pixel of the whole that no outline touches.
+        # A pixel of the whole image outside all frames.
         wanted = colour(method)
         for panel in (3 * column, 3 * column + 1):
             row, place = at(sketch, panel, 1, 1)
@@ -51,7 +51,7 @@ def test_the_teaser_shows_each_method_in_its_column(results, tmp_path):
     assert words == ["20.0 dB, 0.4 s", "23.0 dB, 2.5 s", "36.0 dB, 2 s", "6 s"]
 
 
-def test_a_field_that_never_leads_is_not_said_to(tmp_path):
+def test_a_field_that_never_leads(tmp_path):
     results = make_drawn(tmp_path)
     for scene in (SCENE, OTHER):
         file = tmp_path / scene / "metrics" / "denoised_50.json"
@@ -66,7 +66,7 @@ def test_a_field_that_never_leads_is_not_said_to(tmp_path):
 def test_the_comparison_finds_caustic_and_error(results, tmp_path):
     sketch = draw_comparison(results, SCENE)
     shown = pixels(sketch, tmp_path)
-    # Of the systems with two rows, the better one; EM-GMM is missing, with its reason.
+    # For systems with two rows, the better one. EM-GMM is missing, with its reason.
     titles = [axes.get_title() for axes in sketch.canvas.axes if "dB" in axes.get_title()]
     assert [title.split("\n")[0] for title in titles[1:]] == [
         "Path tracer",
@@ -75,12 +75,12 @@ def test_the_comparison_finds_caustic_and_error(results, tmp_path):
     ]
     assert "50 spp" in titles[1] and "Missing: EM-GMM (no photons)." in sketch.caption
     assert "view far" in sketch.alt
-    # The field's error is a square, and nothing but it is bright.
+    # Only the square where the field is black is bright in the error map.
     error = next(a for a in sketch.canvas.axes if a.get_title() == "Error of GPF")
     panel = sketch.canvas.axes.index(error)
     bright = shown[at(sketch, panel, 5.5, 21.5)].mean()
     assert bright > 150 and shown[at(sketch, panel, 30, 21.5)].mean() < 100
-    # Of the caustic's outline the white line is where it should be.
+    # The white line of the frame around the caustic is at the right place.
     row, column = at(sketch, 0, 19.5, 10)
     assert shown[row, column - 2 : column + 3].max() > 240
     assert shown[row, column + 12].max() < 200
@@ -125,7 +125,7 @@ def test_break_even_points_are_marked(results, tmp_path):
     assert "from view 9 on" in sketch.alt and "(20 passes) from view 20 on" in sketch.caption
 
 
-def test_sppm_that_never_gets_there_has_no_line(results, tmp_path):
+def test_sppm_that_does_not_reach_the_psnr_has_no_line(results, tmp_path):
     shutil.copytree(results.root, tmp_path / "results")
     passes = {"SPPM": 30, "SPPM at equal quality": ">30"}
     for scene in (SCENE, OTHER):
@@ -154,8 +154,8 @@ def test_training_curves_are_those_of_the_files(results, tmp_path):
     assert shown[at(sketch, 0, 120, 0.18)].min() > 220
 
 
-def test_points_that_do_not_exist_have_no_error(tmp_path):
-    """With `train.held_out: 0`, training reports 0 for them."""
+def test_without_held_out_points_there_is_no_curve(tmp_path):
+    """With `train.held_out: 0`, training logs an error of 0 for held-out points."""
     results = make_drawn(tmp_path)
     for scene in (SCENE, OTHER):
         file = tmp_path / scene / "training" / "plots" / "metrics" / "held_out_error.tsv"

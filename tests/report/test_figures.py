@@ -1,4 +1,4 @@
-"""Figures of made-up results: what pixels show, what is left out, and equal files."""
+"""Figures of invented results: files, texts, layout, and figures without data."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ def drawn(results, tmp_path_factory):
     return folder, draw_figures(results, folder)
 
 
-# --- all of them ------------------------------------------------------------------------------
+# --- all figures ------------------------------------------------------------------------------
 
 
-def test_all_figures_have_files_words_and_something_on_them(drawn):
+def test_all_figures_have_files_texts_and_content(drawn):
     folder, figures = drawn
     assert [figure.name for figure in figures] == NAMES
     assert all(figure.scene == figure.name.partition("_")[2] for figure in figures[1:5])
@@ -56,7 +56,7 @@ def test_all_figures_have_files_words_and_something_on_them(drawn):
         assert not figure.reason and figure.title and len(figure.alt) > 60 and figure.caption
         image = Image.open(figure.png)
         assert image.width >= 1000
-        # Ink, and more of it than a frame's.
+        # More dark pixels than those of a frame.
         assert np.mean(np.asarray(image.convert("L")) < 128) > 0.004, figure.name
         text = figure.svg.read_text(encoding="utf-8")
         assert "<dc:date>" not in text and text.count("<path") > 20
@@ -100,7 +100,7 @@ def test_no_text_is_cut_and_no_two_meet(results, draw, tmp_path):
 
 
 def shown_texts(canvas) -> list[Text]:
-    """All texts but those of ticks beyond an axis' ends, which axes keep and nobody sees."""
+    """All texts without the labels of ticks outside an axis, which are not drawn."""
     axes = [one for one in canvas.axes if one.axison]
     both = [a for one in canvas.axes for a in (one.xaxis, one.yaxis)]
     every = {id(text) for axis in both for text in axis.findobj(Text)}
@@ -116,7 +116,7 @@ def test_methods_differ_in_more_than_colour(results):
     assert len(shapes) == len(METHODS) + 1 and len(set(shapes)) == len(shapes)
 
 
-# --- what is left out -------------------------------------------------------------------------
+# --- figures without data -------------------------------------------------------------------------
 
 
 def test_a_figure_without_data_is_left_out_with_a_reason(results, tmp_path):

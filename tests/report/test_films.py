@@ -1,4 +1,4 @@
-"""Films in the page: all of them, at half their size, or not at all."""
+"""Films in the page: at full size, at half size, or left out."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FRAMES, SIZE = 3, (96, 40)
 
 
 def add_film(root, scene=WATER) -> Results:
-    """A film of noise, whose frames differ."""
+    """A film with three different frames of noise."""
     noise = np.random.default_rng(2).integers(0, 256, (FRAMES, *SIZE[::-1], 3), dtype=np.uint8)
     first, *others = map(Image.fromarray, noise)
     file = root / scene / "animation" / "animation.webp"
@@ -55,7 +55,7 @@ def read(results, path, most_bytes=ENOUGH, tables=()):
     return Reader(path.read_text(encoding="utf-8"))
 
 
-def test_a_film_has_words_and_a_still_first_frame(results, tmp_path):
+def test_a_film_has_texts_and_a_still_first_frame(results, tmp_path):
     page = read(results, tmp_path / "report.html", tables=make_tables(results))
     (source,) = page.all("source")
     assert "(prefers-reduced-motion: reduce)" in source["media"]
@@ -76,19 +76,19 @@ def test_a_film_has_words_and_a_still_first_frame(results, tmp_path):
     assert "Not animated yet" not in page.text and "Flicker" in page.text
 
 
-def test_a_film_that_nobody_asks_for_any_more_is_not_shown(results):
+def test_a_film_that_is_not_listed_is_not_shown(results):
     assert list(open_films(results)) == [WATER]
     assert open_films(Results(made_up_params(), results.root)) == {}
 
 
-def test_a_scene_without_a_film_says_nothing(tmp_path):
+def test_a_scene_without_a_film(tmp_path):
     results = make_pictured(tmp_path / "results")
     page = read(results, tmp_path / "report.html")
     assert not page.all("source") and "camera path by several" not in page.text
     assert "animation.webp" not in page.text and open_films(results) == {}
 
 
-def test_films_are_halved_before_books_suffer(results, tmp_path):
+def test_films_are_halved_before_views_are_left_out(results, tmp_path):
     films = open_films(results)
     assert list(films) == [WATER]
     books = make_books(results, ENOUGH).size
@@ -104,9 +104,9 @@ def test_films_are_halved_before_books_suffer(results, tmp_path):
     moving.seek(1)
     moving.load()
     assert moving.info["duration"] == 80
-    # Its place in the page is as large as ever.
+    # Its size in the page does not change.
     assert (half.width, half.height) == SIZE
-    # Then views are left out, then the film.
+    # With less room, views are left out, and then the film.
     shown, shelf = share_room(results, films, books + half.size - 1)
     assert shown[WATER].halved and shelf.shrunk == 1 and not shelf.is_whole
     firsts = sum(book.views[0].size for book in make_books(results, ENOUGH).books)
@@ -122,13 +122,13 @@ def test_images_are_not_shrunk_for_a_film(tmp_path):
     assert make_books(results, firsts - 1).shrunk == 2
     shown, shelf = share_room(results, films, firsts + 10)
     assert shown == {} and shelf.shrunk == 1
-    # They are where it makes no difference.
+    # If images must be shrunk anyway, the film stays.
     shown, shelf = share_room(results, films, firsts - 1)
     assert shown[WATER].halved and shelf.shrunk == 2
     assert shown[WATER].size + shelf.size <= firsts - 1
 
 
-def test_the_page_keeps_its_limit_and_tells_what_it_cost(results, tmp_path, monkeypatch):
+def test_the_page_keeps_its_limit_and_says_what_is_missing(results, tmp_path, monkeypatch):
     page = read(results, tmp_path / "whole.html")
     size = (tmp_path / "whole.html").stat().st_size
     film = open_films(results)[WATER]
@@ -153,7 +153,7 @@ def test_without_books_a_film_too_large_is_left_out(tmp_path):
     assert share_room(results, films, half - 1)[0] == {}
 
 
-def test_a_broken_film_is_said_in_words(results):
+def test_a_broken_film_is_an_error(results):
     file = results.root / WATER / "animation" / "animation.webp"
     file.write_bytes(file.read_bytes()[:20])
     with pytest.raises(UserError, match=r"animation\.webp.*picture.*gpf stage animate --scene wat"):

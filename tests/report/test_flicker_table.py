@@ -1,4 +1,4 @@
-"""Flicker: what the animations' files say, and why something is missing."""
+"""The table of flicker: numbers of the animations, and reasons for missing numbers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def told(change: float, share: float) -> dict[str, float]:
 
 @pytest.fixture
 def results(tmp_path):
-    """Water is animated; the box has no water, the third scene has not been walked through."""
+    """Water Caustic and the box are animated, the third scene is not; the box has no water."""
     animation = {"scenes": [BOX, WATER, "veach_ajar"], "methods": ["gpf", "path_50", "splatting_3"]}
     files = {
         WATER: {
@@ -36,7 +36,7 @@ def results(tmp_path):
             "methods": {"gpf": {"directly": told(0.5, 0.9)}, "sppm_3": {"directly": told(9, 0.9)}},
             "noise_of_references": {},
         },
-        # From when `animation` asked for it, with references of who knows how many passes.
+        # Not listed in `animation` any more; its references may have another number of passes.
         "veach_bidir": {"methods": {"gpf": {"directly": told(7, 0.9)}}, "noise_of_references": {}},
     }
     for scene, file in files.items():
@@ -59,16 +59,16 @@ def test_rows_are_methods_and_columns_scenes(results):
     assert "<ins>16.47</ins> | 67%" in " ".join(row.split())
 
 
-def test_noise_of_references_is_told_and_not_ranked(results):
+def test_noise_of_references_is_not_ranked(results):
     frame = flicker_table(results).frame.set_index("method")
     noise = frame.loc[NOISE]
     assert noise[f"{WATER}_directly"] == 1 and noise[f"{WATER}_refracted_share"] == 0.7
-    # It is less than all others.
+    # The noise is the smallest number, but it is not ranked.
     ranks = frame[f"{WATER}_directly_rank"]
     assert (ranks[GPF], ranks[PATH]) == (1, 2) and ranks.isna()[NOISE]
 
 
-def test_what_is_missing_has_its_reason(results):
+def test_missing_numbers_have_reasons(results):
     table = flicker_table(results)
     frame = table.frame.set_index("method")
     assert frame.loc[PATH, "reason"] == "not run"

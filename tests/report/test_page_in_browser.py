@@ -1,4 +1,4 @@
-"""The report in headless Chromium: it asks nobody for anything, and does what its keys say."""
+"""The report in headless Chromium: no network requests, and keys and buttons that work."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(
     PROGRAM is None, reason="no Chromium on the path (Debian and Ubuntu: apt install chromium)"
 )
 BOOK = f"document.querySelector('#scene-{BOX} .book')"
-METHOD, VIEW = "gpf", "above"  # what a book opens with
+METHOD, VIEW = "gpf", "above"  # what a flip-book shows first
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def page(file, tmp_path_factory):
 
 @pytest.fixture
 def book(page):
-    """The first flip-book in sight, as it opens."""
+    """The page with the first flip-book in sight, in its first state."""
     page.evaluate(f"{BOOK}.scrollIntoView({{behavior: 'instant', block: 'center'}})")
     page.wait_for(f"{BOOK}.dataset.shows !== undefined")
     page.evaluate(
@@ -53,7 +53,7 @@ def book(page):
 
 
 def shown(page) -> np.ndarray:
-    """What the first flip-book's canvas shows at the middle of each pixel, (H, W, 3) in [0, 1]."""
+    """The first flip-book's canvas at the centre of each pixel, (H, W, 3) in [0, 1]."""
     box = page.evaluate(
         f"(() => {{ const b = {BOOK}.querySelector('canvas').getBoundingClientRect();"
         "return [b.left + scrollX, b.top + scrollY, b.width, b.height]; })()"
@@ -67,7 +67,7 @@ def shown(page) -> np.ndarray:
 
 
 def expected(method: str, view: str = VIEW, stops: float = 0) -> np.ndarray:
-    """The same from what was rendered."""
+    """The same, from the radiance."""
     stored = to_radiance(to_codes(radiance(method, view)))
     return tone_map(stored, 1.5 * 2**stops)
 
@@ -80,7 +80,7 @@ def state(page, script: str):
     return page.evaluate(f"{BOOK}{script}")
 
 
-def test_no_requests_no_complaints_and_something_to_see(page, book):
+def test_no_requests_no_errors_and_a_visible_page(page, book):
     own = [url for url in page.requests if not url.startswith("data:")]
     assert len(own) == 1 and own[0].startswith("file:///")
     assert page.complaints == []
@@ -134,7 +134,7 @@ def test_the_error_map_has_the_colours_of_the_figures(book):
     error = np.abs(expected(METHOD) - expected("reference")).mean(-1)
     assert error.min() < 0.001 and error.max() > 0.05
     np.testing.assert_allclose(shown(book), ERRORS.to_rgba(error)[..., :3], atol=0.05)
-    book.press("1")  # from itself the reference differs nowhere
+    book.press("1")  # the error of the reference is 0
     np.testing.assert_allclose(shown(book), 0, atol=0.03)
 
 
@@ -174,7 +174,7 @@ def test_tables_sort_by_click_and_keyboard(page):
     falling = page.evaluate(column)
     known = [float(value) for value in falling if value]
     assert known == sorted(known, reverse=True) and len(known) > 3
-    assert falling[len(known) :] == [""] * (len(falling) - len(known))  # missing ones last
+    assert falling[len(known) :] == [""] * (len(falling) - len(known))  # missing values last
     page.evaluate(f"{table}.querySelectorAll('.sort')[1].focus()")
     page.call("Input.dispatchKeyEvent", type="keyDown", key="Enter", text="\r")
     page.call("Input.dispatchKeyEvent", type="keyUp", key="Enter")
@@ -186,7 +186,7 @@ def test_tables_sort_by_click_and_keyboard(page):
     assert sorted(before) == sorted(rising) and before != rising
 
 
-def test_a_film_moves_unless_somebody_prefers_it_still(page):
+def test_a_film_plays_unless_reduced_motion_is_preferred(page):
     film = f"document.querySelector('#film-{BOX}')"
     page.evaluate(f"{film}.scrollIntoView({{behavior: 'instant', block: 'center'}})")
     moves = f"{film}.querySelector('img').currentSrc === {film}.querySelector('img').src"
@@ -208,7 +208,7 @@ def test_a_film_moves_unless_somebody_prefers_it_still(page):
     page.wait_for(moves)
 
 
-def test_on_a_phone_in_the_dark_nothing_sticks_out(file, tmp_path):
+def test_on_a_phone_in_dark_mode_the_page_fits(file, tmp_path):
     with open_page(PROGRAM, file, tmp_path, 390, 844, dark=True) as phone:
         phone.evaluate(f"{BOOK}.scrollIntoView({{behavior: 'instant'}})")
         phone.wait_for(f"{BOOK}.dataset.shows !== undefined")

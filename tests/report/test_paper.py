@@ -1,4 +1,4 @@
-"""The paper's numbers: transcribed without a slip, as far as they tell themselves."""
+"""The paper's numbers: checks of the transcription."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_some_of_them():
 
 @pytest.mark.parametrize("method", list(PAPER.mean))
 def test_printed_means_are_those_of_the_scenes(method):
-    """A digit that is wrong in any scene would show here: half a digit is what rounding may do."""
+    """A wrong digit in a scene changes its mean by more than rounding, half a digit."""
     scenes = list(PAPER.systems)
     assert len(scenes) == 5
     for key, printed in PAPER.mean[method].known.items():
@@ -44,7 +44,7 @@ def test_means_over_fewer_scenes():
 
 
 def test_the_same_field_has_the_same_numbers_everywhere():
-    """Its row in Tables 3, S1 and S2 is that of Water-Caustic in Table 1, to more digits."""
+    """Its rows in Tables 3, S1 and S2 agree with Water-Caustic in Table 1, which is rounded more."""
     known = PAPER.quality(PAPER.ablations.scene, "gpf")
     for group, title in (("components", "all"), ("gaussians", "100,000"), ("k", "3")):
         row = next(v for v in PAPER.ablations.of(group) if v.title == title)
@@ -52,7 +52,7 @@ def test_the_same_field_has_the_same_numbers_everywhere():
         assert (row.ssim, row.lpips) == pytest.approx((known["ssim"], known["lpips"]), abs=5.1e-4)
 
 
-def test_every_method_is_told_by_its_settings():
+def test_every_method_is_found_by_its_settings():
     tables = [*PAPER.systems.values(), *PAPER.learned.values(), PAPER.mean, PAPER.seconds]
     assert {method for table in tables for method in table} == set(PAPER.methods)
     assert PAPER.name_of({"system": "path_tracer", "spp": 10, "scenes": []}) == "path_10"

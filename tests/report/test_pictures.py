@@ -1,4 +1,4 @@
-"""Pictures of the page: what is packed comes back within the format's precision."""
+"""Pictures of the page: decoded values are within the precision of the format."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SHAPE = (5, 7, 3)
 
 
 def decode(picture) -> np.ndarray:
-    """The plain way back, pixel by pixel, as codec.js takes it."""
+    """A simple decoder, pixel by pixel; it does the same as codec.js."""
     width, height = picture.width, picture.height
     count = 3 * width * height
     octets = zlib.decompress(base64.b64decode(picture.data))
@@ -42,15 +42,15 @@ def decode(picture) -> np.ndarray:
 
 def image(kind: str) -> np.ndarray:
     rng = np.random.default_rng(11)
-    if kind == "wide":  # all magnitudes at random
+    if kind == "wide":  # random magnitudes
         return (10 ** rng.uniform(-30, 30, SHAPE)).astype(np.float32)
-    if kind == "extreme":  # codes as far apart as they get
+    if kind == "extreme":  # the most different codes
         return np.where(rng.random(SHAPE) < 0.5, 0, 3.4e38).astype(np.float32)
     return np.full(SHAPE, 0.3, dtype=np.float32) + np.linspace(0, 1, 7)[None, :, None]
 
 
 @pytest.mark.parametrize("kind", ["smooth", "wide", "extreme"])
-def test_what_is_packed_comes_back_within_the_precision(kind):
+def test_decoded_values_are_within_the_precision(kind):
     radiance = image(kind)
     found = decode(encode(radiance, "here"))
     assert found.shape == SHAPE
@@ -72,14 +72,14 @@ def test_smooth_pictures_get_small():
     assert len(encode(noise, "here").data) < 2 * noise.size
 
 
-def test_what_is_not_finite_is_told():
+def test_values_that_are_not_finite_are_an_error():
     broken = image("smooth")
     broken[2, 3, 1] = np.nan
     with pytest.raises(UserError, match=r"a/b\.exr.*NaN or infinite.*x=3, y=2"):
         encode(broken, "a/b.exr")
 
 
-def test_shrinking_takes_means_and_cuts_what_is_left_over():
+def test_shrinking_takes_means_and_cuts_the_rest():
     small = shrink(np.arange(5 * 7 * 3, dtype=float).reshape(SHAPE), 2)
     assert small.shape == (2, 3, 3)
     assert small[1, 2, 0] == np.mean([54, 57, 75, 78])  # rows 2 and 3, columns 4 and 5

@@ -1,4 +1,4 @@
-"""Where a view is most telling, on arrays whose answer is known."""
+"""Places where methods differ most, on arrays with a known answer."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_the_best_place_and_the_next_beside_it():
     first = find_place(score, 4)
     assert first == (21, 3)
     assert find_place(score, 4, [first]) == (5, 12)
-    # Where there is no room beside it, it is taken again rather than nothing.
+    # Without room for another square, the squares may overlap.
     assert find_place(score[:4, :4], 4, [(0, 0)]) == (0, 0)
 
 
@@ -42,7 +42,7 @@ def test_light_counts_along_surfaces_and_not_across_edges():
     strength = focused_light(light, position, normal, valid)
     assert (strength[:, 7] == 0.75).all() and strength.sum() == 0.75 * height
     step = position.copy()
-    step[:, 8:, 2] = 3  # the same light, on a step
+    step[:, 8:, 2] = 3  # the same light, with a step in the surface
     assert focused_light(light, step, normal, valid).sum() == 0
     corner = normal.copy()
     corner[:, 8:] = [1, 0, 0]

@@ -1,4 +1,4 @@
-"""Equal time and equal quality: what was measured, and what is only a guess."""
+"""Equal time and equal quality: measured points and extrapolations."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CURVE = {1: 18.0, 3: 24.0, 10: 30.0, 30: 36.0}
 
 @pytest.fixture
 def results(tmp_path):
-    """In the box, a view from the field takes 10 s, and a pass of SPPM 1 s."""
+    """Results of the box, where a view takes the field 10 s, and a pass of SPPM takes 1 s."""
     results = make_results(tmp_path / "results", scenes=[BOX], ablations={})
     folder = results.root / BOX
     for method, psnr in PSNR.items():
@@ -43,7 +43,7 @@ def test_points_are_in_the_order_of_time(results):
     assert points["renderformer"] == []
 
 
-def test_at_equal_time_the_best_that_was_run(results):
+def test_at_equal_time_the_best_measured_setting(results):
     frame = equal_time_table(results).frame.set_index("method")
     assert frame["psnr"].dropna().to_dict() == {
         "Path tracer, 50 spp": 26,
@@ -55,8 +55,8 @@ def test_at_equal_time_the_best_that_was_run(results):
     assert frame.loc["RenderFormer", "reason"] == "glass and water are beyond it"
 
 
-def test_who_takes_as_long_stands_among_its_system(results):
-    """Its own time is not quite that of the field; the table takes the best that fits."""
+def test_a_method_at_equal_time_is_a_point_of_its_system(results):
+    """Its time is 1 % longer than the field's; the table allows this."""
     rows = results.params.model_dump(mode="json")
     rows["baselines"]["path_equal_time"] = {"system": "path_tracer", "spp": "equal_time"}
     rows["methods"]["equal_time"] = ["path_equal_time"]
@@ -73,7 +73,7 @@ def test_who_takes_as_long_stands_among_its_system(results):
     assert needed["extrapolated_seconds"] == pytest.approx(10.1 * (10.1 / 2) ** (6 / 7))
 
 
-def test_who_is_slower_at_its_fastest_is_told_so(results):
+def test_a_system_whose_fastest_setting_is_slower(results):
     edit(results.root / BOX / "costs" / "render.json", parts__render__wall_seconds=2.0)
     frame = equal_time_table(Results(results.params, results.root)).frame.set_index("method")
     assert frame.loc["Path tracer", "reason"] == "its fastest setting takes 2.00 s per view"
@@ -86,7 +86,7 @@ def test_equal_quality_is_measured_or_not_reached(results):
     assert frame.loc["SPPM", "setting"] == "30 passes as in references"
     assert frame.loc["Path tracer", "seconds_needed"] == "not reached in 10.0"
     assert frame.loc["GPF", ["seconds_needed", "seconds_needed_rank"]].tolist() == [10, 1]
-    # 5 times the time for 6 dB, and 7 dB to go.
+    # 6 dB took 5 times the time, and 7 dB are missing.
     guess = frame.loc["Path tracer", "extrapolated_seconds"]
     assert guess == pytest.approx(10 * 5 ** (7 / 6))
     assert "| ≈ 65.4 |" in " ".join(to_markdown(table).split())
@@ -102,7 +102,7 @@ def points(*pairs):
     [
         (points((1, 20), (10, 30)), 10 * math.sqrt(10)),
         (points((1, 29), (2, 20), (20, 30)), 20 * math.sqrt(10)),
-        # A third that is close to the last tells nothing.
+        # A point close to the last one is not used.
         (points((1, 20), (9, 30.5), (10, 30)), 10 * math.sqrt(10)),
         (points((9, 20), (10, 30)), None),
         (points((1, 20)), None),
@@ -111,7 +111,7 @@ def points(*pairs):
     ],
 )
 def test_extrapolation(known, seconds):
-    """To 35 dB: log time is linear in dB, by the last two, and not for ever."""
+    """To 35 dB: log(seconds) is linear in dB between two points, up to a limit."""
     found = extrapolate(known, 35)
     assert found == (None if seconds is None else pytest.approx(seconds))
 

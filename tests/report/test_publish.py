@@ -1,4 +1,4 @@
-"""Tables and pictures of a report in the README: all of a finished one, or nothing."""
+"""Tables and pictures in the README: all of a complete report, or nothing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TABLE = "# Title\n\nCaption.\n\n| a |\n| - |\n| {cell} |\n\n<sup>1</sup> {reason
 
 @pytest.fixture
 def publish(tmp_path, monkeypatch):
-    """The script, where a run with the profile `full` has left a table and a picture."""
+    """The script, in a folder with a table and a picture of a run with the profile `full`."""
     spec = importlib.util.spec_from_file_location("publish", PROJECT / "docs" / "publish.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -44,7 +44,7 @@ def run(module):
     module.publish(Results(read_params(Path("params.yaml")), Path("results")))
 
 
-def test_a_table_finds_its_marks_and_a_picture_its_folder(publish):
+def test_a_table_and_a_picture_are_published(publish):
     run(publish)
     body = TABLE.format(cell=31.5, reason="no transmission").split("\n", 2)[2].strip()
     assert Path("README.md").read_text() == PAGE.replace("old", body)
@@ -61,13 +61,13 @@ def test_a_table_finds_its_marks_and_a_picture_its_folder(publish):
             lambda: Path("results/tables/k.md").write_text(
                 TABLE.format(cell="–", reason="not run; 3 training views are needed")
             ),
-            r"k\.md.*not been run.*to its end",
+            r"k\.md.*not complete.*to its end",
         ),
         (
             lambda: Path("results/tables/k.md").write_text(
                 TABLE.format(cell=1, reason="b") + "Not animated yet: Water Caustic.\n"
             ),
-            r"k\.md.*not been run.*to its end",
+            r"k\.md.*not complete.*to its end",
         ),
         (
             lambda: Path("results/veach_ajar/metrics").rmdir(),
@@ -81,7 +81,7 @@ def test_a_table_finds_its_marks_and_a_picture_its_folder(publish):
         ),
     ],
 )
-def test_what_is_not_whole_is_not_published(publish, spoil, said):
+def test_an_incomplete_report_is_not_published(publish, spoil, said):
     spoil()
     with pytest.raises(UserError, match=said):
         run(publish)

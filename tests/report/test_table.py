@@ -1,4 +1,4 @@
-"""One table: places, reasons, and its four ways of being written."""
+"""A table: ranks, reasons, and its four formats."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ TABLE = Table(
 
 def test_best_and_second_best():
     assert TABLE.marks["speed"].tolist() == ["second", "best", "best", "", "", "", ""]
-    # 0 is not ranked here, nor is whoever is alone in a group.
+    # 0 is not ranked in this column, and a single number in a group has no rank.
     assert TABLE.marks["error"].tolist() == ["second", "", "best", "", "", "", ""]
     assert not TABLE.marks["note"].any()
 
 
-def test_csv_has_what_was_measured_the_papers_and_places():
+def test_csv_has_measured_numbers_the_papers_and_ranks():
     rows = list(csv.DictReader(StringIO(TABLE.frame.to_csv(index=False))))
     assert list(rows[0]) == [
         *("kind", "method", "speed", "speed_paper", "speed_rank", "error", "error_rank", "note"),
@@ -68,7 +68,7 @@ def test_markdown():
     assert lines[-3:] == ["A remark.  ", "<sup>1</sup> no &lt;time> for 5%  ", "<sup>2</sup> why"]
 
 
-def test_markdown_keeps_to_its_line():
+def test_markdown_cells_stay_on_one_line():
     label, why = "two\nlines * `a|b`", "a | b `x<y|z` `<"
     table = Table("t", "T", "", (SPEED,), (Row(label, {}, reasons={"": why}),))
     text = to_markdown(table)
@@ -76,7 +76,7 @@ def test_markdown_keeps_to_its_line():
     assert text.endswith("<sup>1</sup> a | b `x<y|z` \\`&lt;\n")
 
 
-def test_reasons_are_of_what_is_missing_alone():
+def test_only_missing_numbers_have_reasons():
     reasons = {"speed": "not timed", "error": "no image"}
     rows = (
         Row("whole", {"speed": 1.0, "error": 0.5}, reasons=reasons),
@@ -107,7 +107,7 @@ def test_latex_escapes_and_has_booktabs():
 
 
 class Page(HTMLParser):
-    """What tags there are, and whether each is closed in its turn."""
+    """The cells of a table; asserts that all tags are closed in the right order."""
 
     def __init__(self, text):
         super().__init__()

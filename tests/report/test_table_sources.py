@@ -1,4 +1,4 @@
-"""Tables are made from metric files, cost files and the paper's numbers, and of nothing else."""
+"""All numbers in tables come from metric files, cost files and the paper."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def results(tmp_path):
 
 
 def leaves(data) -> list[float]:
-    """Every number in a file."""
+    """All numbers in a file."""
     if isinstance(data, dict):
         return [n for key, value in data.items() for n in [*leaves(key), *leaves(value)]]
     if isinstance(data, list):
@@ -39,17 +39,17 @@ def leaves(data) -> list[float]:
 
 
 def changes(before: pd.DataFrame, after: pd.DataFrame, *labels: str) -> set[tuple]:
-    """The cells whose number is another, by their row's labels."""
+    """Cells with different numbers, by their row's labels."""
     old, new = cells(before), cells(after)
     different = {place for place in old | new if old.get(place) != new.get(place)}
     return {(*(before.loc[row, label] for label in labels), key) for row, key in different}
 
 
-def test_every_number_is_of_a_file(results):
+def test_every_number_comes_from_a_file(results):
     files = {path: json.loads(path.read_text()) for path in results.root.rglob("*.json")}
     known = {number for data in files.values() for number in leaves(data)}
-    # What a table may make of them: means over scenes, time per view, per unit and per pass,
-    # differences to the default. Extrapolations are marked, and tested elsewhere.
+    # Numbers that tables may compute: means over scenes, times per view, per timing baseline and
+    # per pass, differences from the default. Extrapolations are tested in test_points.py.
     for method in ("path_10", "path_50", "sppm_3", "gpf", "second_reference"):
         means = [
             files[results.root / s / "metrics" / f"{method}.json"]["mean"] for s in (BOX, WATER)
@@ -68,7 +68,7 @@ def test_every_number_is_of_a_file(results):
         known.add(fmean(files[path]["facts"][key] for path in costs))
     costs = [results.root / s / "costs" / "render.json" for s in (BOX, WATER)]
     known.add(fmean(files[path]["facts"]["field_megabytes"] for path in costs))
-    # And the references that a system learned from: 3 views, of 30 passes.
+    # The preparation includes the references that a system learns from: 3 views, 30 passes.
     per_pass = files[results.root / WATER / "costs" / "reference.json"]["facts"]
     fit = files[results.root / WATER / "costs" / "baselines" / "splatting_3.json"]["parts"]
     references = 3 * 30 * per_pass["seconds_per_shared_view_pass"]
@@ -91,9 +91,9 @@ def test_every_number_is_of_a_file(results):
 
 
 def changed(data, factors):
-    """The same with other numbers, each by a factor of its own."""
+    """The same data with each number multiplied by another factor."""
     if isinstance(data, dict):
-        # References of other numbers of passes than params.yaml asks for would not be shown.
+        # With another number of passes than in params.yaml, the scene would not be shown.
         return {k: v if k == "passes" else changed(v, factors) for k, v in data.items()}
     if isinstance(data, list):
         return [changed(value, factors) for value in data]
@@ -101,7 +101,7 @@ def changed(data, factors):
 
 
 def measured(results: Results) -> dict[tuple, float]:
-    """(table, row, column) -> number, for all that is not the paper's."""
+    """(table, row, column) -> number, without the paper's numbers."""
     return {
         (name, *place): number
         for name, table in tables_of(results).items()
@@ -110,7 +110,7 @@ def measured(results: Results) -> dict[tuple, float]:
     }
 
 
-def test_every_number_moves_with_a_file(results):
+def test_every_number_changes_with_a_file(results):
     before, moved = measured(results), set()
     for file in sorted(results.root.rglob("*.json")):
         text = file.read_text()
@@ -120,12 +120,12 @@ def test_every_number_moves_with_a_file(results):
         moved |= {place for place in before | after if before.get(place) != after.get(place)}
         file.write_text(text)
     assert len(before) > 250
-    # SPPM has nothing to prepare, whatever it takes.
+    # The preparation of SPPM is always 0.
     assert moved >= {place for place, number in before.items() if number}
 
 
 def test_no_number_is_typed_in():
-    """Programs hold no number that could be one of a table."""
+    """The code has no number that could be one of a table."""
     harmless = {0, 1, 2, 3, 4, 100.0, 1.05, 700.0}
     files = [PACKAGE / f"{name}.py" for name in ("table", "writing", "points", "paper", "results")]
     for file in [*files, *(PACKAGE / "tables").glob("*.py")]:
@@ -142,13 +142,13 @@ def test_a_changed_file_changes_its_cells_and_no_others(results):
     found = changes(before["table_1"].frame, after["table_1"].frame, "scene", "method")
     path = "Path tracer, 50 spp"
     assert found == {("Cornell Box", path, "ssim"), ("Mean over 2 scenes", path, "ssim")}
-    # And in the other tables nothing, or the same number.
+    # In other tables, only the same number changes.
     for name in set(before) - {"table_1"}:
         for _, key in changes(before[name].frame, after[name].frame):
             assert (name, key) == ("equal_time", "ssim")
 
 
-def test_preparation_counts_what_is_learned_from(results):
+def test_preparation_includes_the_training_data(results):
     scene, passes = results.scene(BOX), 30
     path, splats, cache = (
         TypeAdapter(BaselineOptions).validate_python(row)

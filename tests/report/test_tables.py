@@ -1,4 +1,4 @@
-"""Rows, means, places and reasons of the tables that are made of results."""
+"""Rows, means, ranks and reasons in the tables of results."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_a_missing_method_is_shown_with_its_reason(results):
     mean = frame.loc[("Mean over 2 scenes", "Path tracer, 10 spp")]
     assert math.isnan(mean["psnr"]) and mean["reason"] == "no number in Cornell Box"
     assert frame.loc[("Mean over 2 scenes", "RenderFormer"), "reason"] == refused["reason"]
-    # For people, each reason once, by a number.
+    # In Markdown each reason stands once, with a number.
     text = to_markdown(table)
     row = next(line for line in text.splitlines() if "RenderFormer" in line)
     number = re.search(r"RenderFormer<sup>(\d)</sup>", row)[1]
@@ -44,7 +44,7 @@ def test_a_missing_method_is_shown_with_its_reason(results):
     assert "Not measured yet: Veach Ajar." in text
 
 
-def test_what_nobody_asked_for_is_said(results):
+def test_a_method_that_is_not_listed_says_so(results):
     methods = {"classical": ["path_10"], "equal_time": [], "learned": []}
     params = results.params.model_validate(
         results.params.model_dump(mode="json") | {"methods": methods}
@@ -63,7 +63,7 @@ def test_no_cell_is_empty_without_a_reason(results):
                 assert text != MISSING or whole or why, (table.name, row, column.key)
 
 
-def test_means_are_over_scenes_and_the_papers_over_the_same(results):
+def test_the_papers_means_are_over_the_same_scenes(results):
     frame = tables_of(results)["table_1"].frame.set_index(["scene", "method"])
     for key in ("psnr", "ssim", "psnr_paper", "storage_mb_paper"):
         values = [
@@ -72,7 +72,7 @@ def test_means_are_over_scenes_and_the_papers_over_the_same(results):
         assert frame.loc[("Mean over 2 scenes", "GPF, 16 spp"), key] == pytest.approx(fmean(values))
 
 
-def test_scenes_that_were_not_asked_for_have_no_row(results):
+def test_methods_for_other_scenes_have_no_row(results):
     frame = tables_of(results)["table_1"].frame
     learned = frame[frame["method"] == "3D Gaussian splatting, 3 views"]
     assert list(learned["scene"]) == ["Water Caustic"]
@@ -80,7 +80,7 @@ def test_scenes_that_were_not_asked_for_have_no_row(results):
     assert list(glance.columns[:2]) == ["method", BOX] and len(glance) == 6
 
 
-def test_the_second_reference_and_no_bytes_are_not_ranked(results):
+def test_the_second_reference_and_0_bytes_are_not_ranked(results):
     for scene in (BOX, WATER):
         edit(results.root / scene / "metrics" / "second_reference.json", mean__psnr=99.0)
     frame = tables_of(results)["table_1"].frame
@@ -96,7 +96,7 @@ def test_the_second_reference_and_no_bytes_are_not_ranked(results):
         )
 
 
-def test_all_tables_are_written_in_four_ways(results, tmp_path):
+def test_all_tables_are_written_in_four_formats(results, tmp_path):
     tables = write_tables(results, tmp_path / "tables")
     names = {"table_1_psnr", "table_1", "table_2", "table_3", "table_s1", "table_s2", "switches"}
     assert {t.name for t in tables} == names | {
@@ -129,7 +129,7 @@ def test_without_any_scene_tables_are_empty_and_say_so(tmp_path):
 
 
 def test_single_numbers_that_are_missing_have_their_own_reasons(results):
-    """Where LPIPS has no weights, say, it is missing in every table, for that reason."""
+    """Without its weights, LPIPS is missing in all tables, with this reason."""
     why, alone = "LPIPS has no weights", "only PSNR was measured at this number of passes"
     for file in [*results.root.glob("*/metrics/*.json"), *results.root.glob("*/ablations/*.json")]:
         if "mean" in file.read_text():
@@ -147,8 +147,8 @@ def test_single_numbers_that_are_missing_have_their_own_reasons(results):
     assert seen > {"table_1", "table_2", "table_3", "table_s1", "table_s2", "equal_time"}
 
 
-def test_references_of_other_lengths_are_not_compared(results):
-    """After another profile was chosen, until its stages have run."""
+def test_references_of_other_numbers_of_passes_are_not_compared(results):
+    """This happens after a change of the profile, before its stages have run."""
     text = results.params.model_dump(mode="json")
     text["reference"]["passes"] = 60
     other = Results(results.params.model_validate(text), results.root)
@@ -156,11 +156,11 @@ def test_references_of_other_lengths_are_not_compared(results):
     table = tables_of(other)["table_1"]
     told = "Not measured yet against 60 passes of SPPM: Cornell Box and Water Caustic."
     assert not table.rows and table.remarks[:2] == ("Not measured yet: Veach Ajar.", told)
-    text["reference"]["target_psnr"] = 40.0  # fewer passes may have done
+    text["reference"]["target_psnr"] = 40.0  # fewer passes may be enough
     assert Results(results.params.model_validate(text), results.root).scenes == [BOX, WATER]
 
 
-def test_rows_of_one_title_are_told_apart(results):
+def test_rows_with_the_same_title_get_their_names(results):
     text = results.params.model_dump(mode="json")
     text["baselines"]["more"] = {"system": "sppm", "passes": 3, "photons_per_pass": 500_000}
     text["methods"]["classical"].append("more")
@@ -180,8 +180,8 @@ def test_table_2_says_why_it_is_empty(results):
     assert f"{where}3D Gaussian splatting, 3 views." in tables["table_1"].remarks
 
 
-def test_the_papers_numbers_stand_beside_the_same_methods_alone(results):
-    """A row of another name is the same method; one with other settings is not."""
+def test_the_papers_numbers_are_only_beside_the_same_methods(results):
+    """The settings decide, not the name of a row."""
     text = results.params.model_dump(mode="json")
     rows = {"mine": text["baselines"]["path_10"], **text["baselines"]}
     rows["path_50"] = rows["path_50"] | {"spp": 49}
@@ -191,6 +191,6 @@ def test_the_papers_numbers_stand_beside_the_same_methods_alone(results):
     box = frame[frame["scene"] == "Cornell Box"]["psnr_paper"]
     assert box[[f"Path tracer, 10 spp ({m})" for m in ("mine", "path_10")]].tolist() == [30.49] * 2
     assert math.isnan(box["Path tracer, 49 spp"]) and box["SPPM, 3 passes"] == 30.47
-    # References of 30 passes are not those of 1000.
+    # The paper has references of 1000 passes, not of 30.
     time = tables_of(results)["table_4"].frame.set_index("method")
     assert time.loc["SPPM, 30 passes", f"{BOX}_paper"].isna().all()
