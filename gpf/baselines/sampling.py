@@ -48,7 +48,7 @@ class PreparedSampling:
         samples.alike = alike
         if samples.number is None:
             sensor = own_camera(task)
-            for few in (1, 2):  # a single sample has a kernel of its own
+            for few in (1, 2):  # one sample per pixel needs another kernel than several
                 render_in_batches(task.scene, integrator, sensor, few, task.seed)
         return cls(task, integrator, samples)
 

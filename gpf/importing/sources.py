@@ -123,7 +123,7 @@ def unpack_archive(archive: Path, target: Path) -> None:
                     place.mkdir(parents=True, exist_ok=True)
                     continue
                 place.parent.mkdir(parents=True, exist_ok=True)
-                # No more is read than the size that was checked.
+                # Reads at most the size that was checked.
                 with opened.open(member) as source, place.open("wb") as copy:
                     shutil.copyfileobj(source, copy)
     except damages as error:

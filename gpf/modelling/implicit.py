@@ -91,7 +91,7 @@ def polygonize(field: Field, axes: Sequence[np.ndarray]) -> Mesh:
     )
     step = 1e-3 * cell
     for i in range(7):
-        if i < 3:  # even out the quads
+        if i < 3:  # spread the points evenly
             points = (points + _neighbours_mean(points, q)) / 2
         slope = gradient(field, points, step)
         move = (field(*points.T) / np.maximum((slope**2).sum(axis=1), 1e-6))[:, None] * slope

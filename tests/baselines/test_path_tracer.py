@@ -23,7 +23,7 @@ def prepare(scene, spp=400, **task):
     )
 
 
-# With rr_depth 0 as params.yaml may have it, which Mitsuba refuses.
+# With rr_depth 0, which the settings allow and Mitsuba refuses.
 @pytest.mark.parametrize("rr_depth", [5, 0])
 @pytest.mark.parametrize("light", ["point", "area"])
 def test_in_the_furnace_the_radiance_is_one(light, rr_depth):

@@ -109,7 +109,7 @@ class PreparedDenoised:
         CannotServe: they take longer than a view of the field, or the scene has no camera.
         """
         sensor, seed = own_camera(self.task), self.task.seed
-        # A single sample has a kernel of its own.
+        # One sample per pixel needs another kernel than several.
         radiance = self._trace(sensor, 1, seed) + self._trace(sensor, 2, seed)
         guides = render_guides(self.task.scene, sensor, GUIDE_SPP, seed)
         guiding = time_of(lambda: render_guides(self.task.scene, sensor, GUIDE_SPP, seed))

@@ -19,7 +19,7 @@ LANES = TILE * TILE // 4
 class Compositor:
     """One image of footprints on a black background.
 
-    A pixel at x takes from footprint i of its tile's list
+    The colour I of the pixel at x is a sum over the footprints i of its tile's list,
 
         α_i = min(o_i exp(-(x - c_i)ᵀ C_i (x - c_i) / 2), DENSEST), 0 below FAINTEST,
         I = Σ_i T_i α_i c_i,    T_i = Π_{j<i} (1 - α_j),
