@@ -2,30 +2,35 @@
 # lock files; later calls install nothing until a lock or pyproject.toml changes.
 #
 #   PYTHON=/path/to/python3.12   the interpreter to make .venv with (default: first that fits)
-#   ARGS='...'                   more arguments for `make test` and `make repro`
+#   ARGS='...'                   more arguments for test, test-all, bench and repro
 
 STAMP := .venv/installed
 VENV := .venv/bin/python
 PIP := $(VENV) -m pip --disable-pip-version-check
+# Two processes; tests of one group (xdist_group) run in the same process.
+PYTEST := $(VENV) -m pytest -n 2 --dist loadgroup
 
 # The stages that DVC starts are found by name; with this, in .venv first.
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help repro test lint bench doctor venv lock clean
+.PHONY: help repro test test-all lint bench doctor venv lock clean
 
 help: ## show this list
-	@grep -hE '^[a-z]+:.*## ' Makefile | sed -E 's/^([a-z]+):.*## /\1\t/' | expand -t 10
+	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 10
 
 repro: $(STAMP) ## environment, then every stage of the pipeline that is out of date
-	@.venv/bin/gpf repro $(ARGS)
+	@.venv/bin/dvc repro $(ARGS)
 	@echo
 	@echo "Results: results/report.html (all in one page), results/tables, results/figures,"
 	@echo "results/<scene>/renders (images)."
 	@echo "On the command line: dvc metrics show; dvc plots show   (after: . .venv/bin/activate)"
 
-test: $(STAMP) ## all tests
-	@$(VENV) -m pytest $(ARGS)
+test: $(STAMP) ## the tests, without those marked slow
+	@$(PYTEST) -m "not slow" $(ARGS)
+
+test-all: $(STAMP) ## all tests
+	@$(PYTEST) $(ARGS)
 
 lint: $(STAMP) ## ruff (rules and format) and mypy: what pre-commit runs too
 	$(VENV) -m ruff check .
@@ -35,7 +40,7 @@ lint: $(STAMP) ## ruff (rules and format) and mypy: what pre-commit runs too
 bench: $(STAMP) ## the speed figures, as ratios measured side by side in one process
 	@$(VENV) -m benchmarks $(ARGS)
 
-doctor: $(STAMP) ## what works on this machine, what is missing, what mends it
+doctor: $(STAMP) ## what works on this machine, what is missing, how to repair it
 	@.venv/bin/gpf doctor
 
 venv: $(STAMP) ## only the environment

@@ -1,4 +1,4 @@
-"""The command `gpf`: what the library does, and, in a checkout of the project, its benchmark."""
+"""The command `gpf`: the library's commands and, in a checkout of the project, the pipeline's."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from gpf.core.checkout import CHECKOUT
 from gpf.core.errors import UserError
 from gpf.core.progress import show_log
 
@@ -18,9 +19,6 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-
-CHECKOUT = Path(__file__).resolve().parents[1]
-"""The folder that `gpf/` lies in: a checkout of the project, or site-packages."""
 
 
 @app.command()
@@ -47,17 +45,17 @@ def export(
 
 @app.command()
 def doctor() -> None:
-    """Tell what works on this machine, what is missing, and what mends it."""
+    """Tell what works on this machine, what is missing, and how to repair it."""
     from gpf.doctor import diagnose, print_report
 
     raise typer.Exit(print_report(diagnose()))
 
 
 def add_benchmark_commands() -> None:
-    """Add `gpf stage` and the like where the project's pipeline lies beside this package."""
-    if not (CHECKOUT / "stages" / "commands" / "benchmark.py").exists():
+    """In a checkout of the project, add the commands of its pipeline, such as `gpf stage`."""
+    if CHECKOUT is None:
         return
-    if str(CHECKOUT) not in sys.path:  # an editable installation knows `gpf` alone
+    if str(CHECKOUT) not in sys.path:  # an editable installation finds `gpf` alone
         sys.path.insert(0, str(CHECKOUT))
     importlib.import_module("stages.commands.benchmark").add_to(app)
 
@@ -66,7 +64,7 @@ add_benchmark_commands()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; what the user can mend ends in a message and exit code 2."""
+    """Run the command line; an error that the user can correct is a message and exit code 2."""
     show_log()
     try:
         app(args=list(sys.argv[1:] if arguments is None else arguments))

@@ -1,6 +1,7 @@
 """The doctor finds what is missing, names the command, and survives what it examines."""
 
 import io
+import re
 import shutil
 from collections import namedtuple
 from pathlib import Path
@@ -63,7 +64,7 @@ def test_what_fails_is_status_1_with_its_command() -> None:
     assert status == 1
     assert "FAILS  one            [old] 1.0\n" in text  # brackets are text here, not rich's markup
     assert "-m pip install one" in text
-    assert "To be mended: one." in text
+    assert "To be repaired: one." in text
 
 
 def test_commands_name_the_environment_they_are_for(
@@ -146,7 +147,7 @@ def test_cuda_absent_or_failing() -> None:
 def test_an_old_python_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     version = namedtuple("version", "major minor micro")
     assert doctor.check_python().ok is True
-    monkeypatch.setattr(doctor.sys, "version_info", version(3, 13, 0))
+    monkeypatch.setattr(doctor.sys, "version_info", version(3, 14, 0))
     check = doctor.check_python()
     assert check.ok is False
     assert "make venv PYTHON=" in check.remedy
@@ -172,7 +173,7 @@ def test_versions_against_the_lock(
 ) -> None:
     if installed:
         versions["mitsuba"] = installed
-    check = doctor.check_locked("mitsuba")
+    check = doctor.check_package("mitsuba")
     assert (check.ok, check.detail) == (ok, words)
     assert check.ok or check.remedy == "pip install -r requirements.lock"
 
@@ -180,9 +181,20 @@ def test_versions_against_the_lock(
 def test_outside_of_a_checkout_any_version_will_do(lock: Path, versions: dict[str, str]) -> None:
     lock.unlink()
     versions["mitsuba"] = "3.9.0"
-    check = doctor.check_locked("mitsuba")
+    check = doctor.check_package("mitsuba")
     assert check.ok is True
     assert "no lock file" in check.detail
+
+
+def test_without_a_checkout_only_the_library_is_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "CHECKOUT", None)
+    monkeypatch.setattr(doctor, "LOCK", None)
+    monkeypatch.setattr(doctor, "run_probe", lambda: HEALTHY)
+    names = [check.name for check in diagnose()]
+    assert names == ["Python", "mitsuba", "drjit", "CUDA", "libLLVM", "OpenEXR", "processor"]
+    assert re.fullmatch(r"pip install 'mitsuba[<>=.,\d]+'", doctor.install_command("mitsuba"))
+    assert "-m pip install 'OpenEXR" in doctor.spell_out(doctor.install_command("openexr"))
+    assert doctor.install_command("other") == "pip install other"
 
 
 def test_torchvision_is_to_be_removed(versions: dict[str, str]) -> None:

@@ -1,9 +1,8 @@
 #!/bin/sh
-# Resolve requirements.in in an empty environment of Python 3.11 and write what was installed
-# to requirements.lock; then ask the resolver of Python 3.12 whether the same versions do there.
+# Resolve requirements.in in an empty environment of Python 3.11, write what was installed to
+# requirements.lock, and check that the same versions can be installed with Python 3.12 and 3.13.
 set -eu
 
-python312=${PYTHON312:-python3.12}
 work=$(mktemp -d)
 trap 'rm -rf "$work" build' EXIT
 
@@ -16,15 +15,17 @@ trap 'rm -rf "$work" build' EXIT
 # machine's affair: neither a local version (+cpu) nor those libraries are locked.
 {
     echo "# Made by \`make lock\` from requirements.in and pyproject.toml; not edited by hand."
-    echo "# For Python 3.11 and 3.12. The build of torch that pip finds brings its own libraries."
+    echo "# For Python 3.11 to 3.13. The build of torch that pip finds brings its own libraries."
     sed -E -e 's/^(torch==[^+]+)\+.*/\1/' -e '/^(triton|cuda-|nvidia-([^m]|m[^l]))/d' "$work/installed"
 } >"$work/lock"
 cp "$work/lock" requirements.lock
 
-if "$python312" -c '' 2>/dev/null; then
-    "$python312" -m venv "$work/py312"
-    "$work/py312/bin/python" -m pip install --dry-run --quiet -r requirements.lock
-    echo "requirements.lock resolves on Python 3.12 as well."
-else
-    echo "No $python312 here: whether the lock does there remains to be checked." >&2
-fi
+for python in "${PYTHON312:-python3.12}" "${PYTHON313:-python3.13}"; do
+    if "$python" -c '' 2>/dev/null; then
+        "$python" -m venv --clear "$work/other"
+        "$work/other/bin/python" -m pip install --dry-run --quiet -r requirements.lock
+        echo "requirements.lock can be installed with $("$python" --version) as well."
+    else
+        echo "No $python here: requirements.lock is not checked with it." >&2
+    fi
+done

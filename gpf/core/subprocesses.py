@@ -1,4 +1,4 @@
-"""Things tried in a process of their own, because they may end the process that tries them."""
+"""Code that runs in a subprocess, because it may end the process that runs it."""
 
 import json
 import subprocess
@@ -27,11 +27,16 @@ if llvm[0] >= LLVM_MINIMUM:
 """
 PROBE_SUM = 20.0
 TIMEOUT = 60.0
-"""Seconds after which a trial is given up."""
+"""Seconds after which a subprocess is killed."""
 
 
 def run_probe() -> dict[str, Any]:
-    """Run a small kernel on each backend in a process of its own; what it reached, and ``died``."""
+    """Run a small kernel on each backend in a subprocess.
+
+    Returns ``llvm`` (version), ``cuda`` (whether Dr.Jit has it), ``llvm_sum`` and ``cuda_sum``
+    (results, :data:`PROBE_SUM` if right), as far as the subprocess came, and ``died`` (its signal
+    or error) if it failed.
+    """
     answer: dict[str, Any] = {}
     status, output, errors = run_python(PROBE)
     for line in output.splitlines():
@@ -43,7 +48,11 @@ def run_probe() -> dict[str, Any]:
 
 
 def run_python(code: str) -> tuple[int, str, str]:
-    """Run ``code`` in a fresh interpreter: (exit status, negative for a signal; output; errors)."""
+    """Run ``code`` in a new interpreter.
+
+    Returns its exit status (negative: ended by that signal), its output and its errors. A
+    subprocess that is killed after :data:`TIMEOUT` has status 1.
+    """
     with subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -51,7 +60,7 @@ def run_python(code: str) -> tuple[int, str, str]:
             output, errors = process.communicate(timeout=TIMEOUT)
         except subprocess.TimeoutExpired:
             process.kill()
-            output, _ = process.communicate()  # what it reached before it hung
+            output, _ = process.communicate()  # until it was killed
             return 1, output, f"no answer within {TIMEOUT:g} seconds"
         return process.returncode, output, errors
 
