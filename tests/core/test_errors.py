@@ -1,8 +1,11 @@
-"""The one error that a user can cause."""
+"""Errors that a user can cause."""
 
 import pickle
+from pathlib import Path
 
-from gpf.core.errors import UserError
+import pytest
+
+from gpf.core.errors import FileError, UserError
 
 
 def test_it_says_where_what_and_what_to_do():
@@ -14,3 +17,13 @@ def test_it_travels_between_processes():
     error = pickle.loads(pickle.dumps(UserError("a.txt", "is empty", "Fill it.")))
     assert (error.where, error.what, error.todo) == ("a.txt", "is empty", "Fill it.")
     assert str(error) == "a.txt: is empty. Fill it."
+
+
+@pytest.mark.parametrize(
+    ("missing", "todo"), [(True, "Check the path."), (False, "Delete it and make it again.")]
+)
+def test_an_error_about_a_file_knows_the_file(missing, todo):
+    error = pickle.loads(pickle.dumps(FileError(Path("a.txt"), "is odd", missing)))
+    assert isinstance(error, UserError)
+    assert (error.path, error.missing, error.exit_code) == (Path("a.txt"), missing, 2)
+    assert str(error) == f"a.txt: is odd. {todo}"

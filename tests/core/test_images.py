@@ -10,7 +10,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from gpf.core.errors import UserError
+from gpf.core.errors import FileError, UserError
 from gpf.core.files import SCHEMA_VERSION
 from gpf.core.images import (
     check_finite,
@@ -75,7 +75,7 @@ def test_the_same_image_is_the_same_file(file, tmp_path):
 def test_a_missing_image(tmp_path):
     path = tmp_path / "gone.exr"
     assert read_record(path) is None
-    with pytest.raises(UserError, match=r"gone\.exr: is missing\. Run `gpf stage render` first"):
+    with pytest.raises(FileError, match=r"gone\.exr: is missing\. Check the path"):
         read_exr(path)
 
 
@@ -83,9 +83,8 @@ def test_a_missing_image(tmp_path):
 def test_a_truncated_image(file, keep, capfd):
     file.write_bytes(file.read_bytes()[:keep])
     with pytest.raises(
-        UserError,
-        match=r"front\.exr: is truncated or not an EXR \(.*\)\. Delete it and run "
-        r"`gpf stage reference` again",
+        FileError,
+        match=r"front\.exr: is truncated or not an EXR \(.*\)\. Delete it and make it again",
     ):
         read_exr(file)
 
@@ -94,7 +93,7 @@ def test_something_else_entirely(tmp_path):
     path = tmp_path / "a.exr"
     path.write_text("not an image")
     assert read_record(path) is None
-    with pytest.raises(UserError, match="is truncated or not an EXR"):
+    with pytest.raises(FileError, match="is truncated or not an EXR"):
         read_exr(path)
 
 
@@ -103,7 +102,7 @@ def test_another_schema_version(tmp_path):
     header = {"gpf": json.dumps({"schema_version": 99})}
     OpenEXR.File(header, {"R": np.zeros((2, 3), np.float32)}).write(str(path))
     with pytest.raises(
-        UserError, match=rf"has schema version 99; this program reads {SCHEMA_VERSION}\. Delete it"
+        FileError, match=rf"has schema version 99; this program reads {SCHEMA_VERSION}\. Delete it"
     ):
         read_exr(path)
 
@@ -111,7 +110,7 @@ def test_another_schema_version(tmp_path):
 def test_an_image_of_another_program(tmp_path):
     path = tmp_path / "a.exr"
     mi.Bitmap(np.zeros((2, 3, 3), np.float32)).write(str(path))
-    with pytest.raises(UserError, match="has schema version none; this program reads"):
+    with pytest.raises(FileError, match="has schema version none; this program reads"):
         read_exr(path)
 
 

@@ -1,17 +1,18 @@
-"""Where photons are needed: what the stages make of it, and that they notice when it changes."""
+"""Where photons are needed, how they are emitted, and how many."""
 
 from __future__ import annotations
 
-import json
-
+import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.files import read_tensors
-from gpf.guiding.emission_plan import EmissionPlan
+from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.guiding.pilot import Pilot
 from gpf.photons.emission import emit_light
-from stages.common.workspace import Workspace
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
+from tests.furnace import cornell_box
+from tests.guiding.rooms import RIGHT_ROOM, two_rooms
 
 
 def plan(efficiency: float, photons_per_path: float) -> EmissionPlan:
@@ -37,64 +38,36 @@ def test_automatic_numbers_of_paths(efficiency, photons_per_path, for_passes, fo
     assert looking.paths_for_gaussians(100_000) == for_photons
 
 
-def test_a_cap_that_bites_is_said(capsys):
+def test_a_cap_that_bites_is_said(caplog):
     looking = plan(0.01, 0.001)
     assert looking.paths_for_passes(50_000) == 500_000
-    said = " ".join(capsys.readouterr().err.split())
-    assert "auto: 5,000,000 photon paths would be needed, 500,000 are taken" in said
+    assert "5,000,000 photon paths would be needed; auto takes at most 500,000" in caplog.text
 
 
-def test_automatic_counts_go_through_the_pipeline(finished):
-    finished.edit("params.yaml", photons__paths="auto", reference__photons_per_pass="auto")
-    assert finished.stage("photons").code == 0
-    facts = json.loads((finished.results / "costs/photons.json").read_text())["facts"]
-    assert facts["paths"] == 100_000
-    assert facts["emission_guided"] is False
-    assert 2.5 < facts["photons_in_region_per_path"] < 3.5
-    assert 0.5 < facts["path_efficiency"] <= 1
-    _, metadata = read_tensors(finished.results / "photons.safetensors", "photons")
-    assert metadata["paths"] == 100_000
+def make_plan(scene: mi.Scene, view: View, **settings: bool) -> EmissionPlan:
+    few = VisibleRegionSettings(rays=1 << 16, pilot_paths=100_000, **settings)
+    return EmissionPlan.make(scene, [make_sensor(view, 8, 6)], few)
 
 
-def test_without_a_visible_region_photons_are_kept_everywhere(finished):
-    finished.stage("photons")
-    within = json.loads((finished.results / "costs/photons.json").read_text())["facts"]["stored"]
-    finished.edit("params.yaml", visible_region__use=False)
-    assert finished.stage("photons").code == 0
-    facts = json.loads((finished.results / "costs/photons.json").read_text())["facts"]
-    assert facts["stored"] > within
+def test_emission_is_guided_where_most_photons_would_miss_the_region():
+    rooms = two_rooms(gap=0.1)
+    guided = make_plan(rooms, RIGHT_ROOM)
+    plain = make_plan(rooms, RIGHT_ROOM, guide=False)
+    everywhere = make_plan(rooms, RIGHT_ROOM, use=False)
+    assert [p.facts()["emission_guided"] for p in (guided, plain, everywhere)] == [
+        True,
+        False,
+        False,
+    ]
+    assert guided.pilot.efficiency > 1.2 * plain.pilot.efficiency
+    assert everywhere.region is None and plain.region is not None
+    assert everywhere.pilot.photons_per_path > 10 * plain.pilot.photons_per_path
 
 
-def test_another_training_view_moves_the_samples_of_the_surfaces(finished):
-    def samples() -> np.ndarray:
-        path = finished.results / "reference/surfaces.safetensors"
-        return read_tensors(path, "surfaces")[0]["position"]
-
-    before = samples()
-    views = finished.folder / "scenes/cornell_box/views.yaml"
-    text = views.read_text(encoding="utf-8")
-    more = "    - {name: another, origin: [0.5, -0.5, 0.9], target: [0, 0, 0], fov: 60}\n"
-    views.write_text(text.replace("  novel:\n", more + "  novel:\n"), encoding="utf-8")
-    assert finished.stage("scene").code == 0
-    novel = {p: p.stat().st_mtime_ns for p in finished.results.glob("second_reference/*.exr")}
-    assert finished.stage("reference").code == 0
-    assert samples().shape != before.shape or (samples() != before).any()
-    # Those of the second reference know nothing of training views.
-    assert {
-        p: p.stat().st_mtime_ns for p in finished.results.glob("second_reference/*.exr")
-    } == novel
-
-
-def test_an_image_more_than_needed_is_left_alone(finished):
-    files = [finished.results / f"reference/{name}.exr" for name in ("front", "left", "right")]
-    before = [file.stat().st_mtime_ns for file in files]
-    finished.edit("params.yaml", reference__images=1)
-    assert finished.stage("reference").code == 0
-    assert [file.stat().st_mtime_ns for file in files] == before
-
-
-def test_a_box_that_is_seen_whole_needs_no_guide(finished, monkeypatch):
-    monkeypatch.chdir(finished.folder)
-    work = Workspace.open("cornell_box")
-    looking = EmissionPlan.open(work, work.load_scene())
+def test_a_box_that_is_seen_whole_needs_no_guide():
+    box = cornell_box()
+    del box["sensor"]
+    front = View(name="front", origin=(0, 0, 3.6), target=(0, 0, 0), fov=45)
+    looking = make_plan(mi.load_dict(box, optimize=False), front)
     assert looking.region is not None and looking.source is emit_light
+    assert 0.5 < looking.pilot.efficiency <= 1

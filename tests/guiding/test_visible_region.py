@@ -16,41 +16,9 @@ from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from gpf.sppm.passes import PassSettings, PhotonPasses
+from tests.guiding.rooms import RIGHT_ROOM, two_rooms
 
 T = mi.ScalarTransform4f
-
-
-def two_rooms(gap: float) -> mi.Scene:
-    """Rooms x in [-2, 0] and x in [0, 2] (y, z in [-1, 1]); a lamp in the left one.
-
-    The wall between them leaves a slit of width ``gap`` along z = 1.
-    """
-    half = 1 - gap / 2
-    wall = T().translate([0, 0, -gap / 2]).rotate([0, 1, 0], 90).scale([half, 1, 1])
-    grey = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.6}}
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "shell": {
-                "type": "cube",
-                "to_world": T().scale([2, 1, 1]),
-                "flip_normals": True,
-                "bsdf": grey,
-            },
-            "wall": {
-                "type": "rectangle",
-                "to_world": wall,
-                "bsdf": {"type": "twosided", "bsdf": grey},
-            },
-            "lamp": {
-                "type": "rectangle",
-                "to_world": T().translate([-1.9, 0, 0.5]).rotate([0, 1, 0], 90).scale(0.2),
-                "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0}},
-                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [9, 8, 7]}},
-            },
-        },
-        optimize=False,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +28,7 @@ def rooms() -> mi.Scene:
 
 @pytest.fixture(scope="module")
 def region(rooms) -> VisibleRegion:
-    view = View(name="right", origin=(1.8, 0, -0.5), target=(0.5, 0, -0.5), fov=60)
-    return VisibleRegion(rooms, [make_sensor(view, 8, 6)], seed=1, samples=1 << 18)
+    return VisibleRegion(rooms, [make_sensor(RIGHT_ROOM, 8, 6)], seed=1, samples=1 << 18)
 
 
 def test_a_camera_in_one_room_does_not_see_the_other(region):
@@ -129,8 +96,7 @@ def test_efficiency_is_one_for_equal_paths_and_one_in_n_for_a_lucky_one(rooms):
 
 def test_guided_emission_brings_the_same_power_with_less_noise():
     rooms = two_rooms(gap=0.1)
-    view = View(name="right", origin=(1.8, 0, -0.5), target=(0.5, 0, -0.5), fov=60)
-    region = VisibleRegion(rooms, [make_sensor(view, 8, 6)], seed=1, samples=1 << 18)
+    region = VisibleRegion(rooms, [make_sensor(RIGHT_ROOM, 8, 6)], seed=1, samples=1 << 18)
     plain = trace_pilot(rooms, region, PathSettings(400_000), seed=1)
     guide = EmissionGuide.learn(rooms, plain)
     guided = trace_pilot(rooms, region, PathSettings(400_000, source=guide.emit), seed=2)

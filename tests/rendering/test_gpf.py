@@ -198,7 +198,7 @@ def test_max_depth_is_that_of_path():
 
 
 def test_a_missing_field_file_is_said_in_words(tmp_path):
-    with pytest.raises(Exception, match=r"gone\.safetensors: is missing\. Run `gpf stage train`"):
+    with pytest.raises(Exception, match=r"gone\.safetensors: is missing\. Check the path"):
         mi.load_dict({"type": "gpf", "field": str(tmp_path / "gone.safetensors")})
 
 

@@ -150,7 +150,7 @@ def test_a_truncated_part_is_an_error_in_words(renderer, tmp_path):
     parts.write(range(1), render(renderer, range(1)), COSTS)
     file = parts.file(range(1))
     file.write_bytes(file.read_bytes()[:-40])
-    with pytest.raises(UserError, match=r"0-1\.safetensors: is truncated.*gpf stage reference"):
+    with pytest.raises(UserError, match=r"0-1\.safetensors: is truncated.*make it again"):
         parts.add_to(renderer.empty_sums(), range(1))
 
 

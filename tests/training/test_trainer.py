@@ -334,7 +334,7 @@ def test_a_truncated_checkpoint_is_said_in_words(tmp_path):
     trainer = make_trainer()
     save_trainer(trainer, path, {})
     path.write_bytes(path.read_bytes()[:500])
-    with pytest.raises(UserError, match=r"is truncated or damaged.*Delete it and run `gpf stage t"):
+    with pytest.raises(UserError, match=r"is truncated or damaged.*Delete it and make it again"):
         restore_trainer(trainer, path, {})
 
 
