@@ -53,11 +53,8 @@ def doctor() -> None:
 
 def add_benchmark_commands() -> None:
     """In a checkout of the project, add the commands of its pipeline, such as `gpf stage`."""
-    if CHECKOUT is None:
-        return
-    if str(CHECKOUT) not in sys.path:  # an editable installation finds `gpf` alone
-        sys.path.insert(0, str(CHECKOUT))
-    importlib.import_module("stages.commands.benchmark").add_to(app)
+    if CHECKOUT is not None:
+        importlib.import_module("stages.commands.benchmark").add_to(app)
 
 
 add_benchmark_commands()
