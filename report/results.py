@@ -48,13 +48,15 @@ class Results:
     def scenes(self) -> list[str]:
         """Measured scenes of params.yaml, in its order, whose references have the passes that it
         asks for."""
-        return [s for s in self.params.scenes if self.has_metrics(s) and self.is_as_asked(s)]
+        return [
+            s for s in self.params.scenes if self.has_metrics(s) and self.is_current(s)
+        ]
 
     def has_metrics(self, scene: str) -> bool:
         """Whether the stage `metrics` has run for the scene."""
         return (self.root / scene / "metrics").is_dir()
 
-    def is_as_asked(self, scene: str) -> bool:
+    def is_current(self, scene: str) -> bool:
         """Whether the references have the passes that params.yaml asks for, as far as known. They
         may differ after a change of the profile."""
         section, passes = self.params.reference, max(self.scene(scene).convergence, default=None)

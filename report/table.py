@@ -130,8 +130,9 @@ class Table:
         texts: dict[int, str] = {}
         for row in rows:
             value = self.value(row, column)
-            ranked = isinstance(value, float) and (value != 0 or column.rank_zero)
-            if self.rows[row].competes and ranked:
+            if not isinstance(value, float) or not self.rows[row].competes:
+                continue
+            if value != 0 or column.rank_zero:
                 texts[row] = column.form(value)
                 values.setdefault(texts[row], value)
         order = sorted(values, key=values.__getitem__, reverse=column.better == "higher")

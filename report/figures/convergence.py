@@ -34,7 +34,7 @@ def draw_convergence(results: Results) -> Sketch:
             level = results.scene(scene).numbers(FIELD).get("psnr")
             _draw_panel(axes, curve, level)
             if level is not None:
-                equivalent = _tell(equivalent_passes(level, curve))
+                equivalent = _text_of(equivalent_passes(level, curve))
                 words.append(f"{axes.get_title()}: {level:.1f} dB, like SPPM with {equivalent}")
         put_legend(drawing, spare, gather_legend(panels))
     text = "; ".join(words)
@@ -48,7 +48,7 @@ def draw_convergence(results: Results) -> Sketch:
     return Sketch(drawing, alt, caption)
 
 
-def _tell(equivalent: EquivalentPasses) -> str:
+def _text_of(equivalent: EquivalentPasses) -> str:
     bound = {"<": "fewer than ", ">": "more than ", "": ""}[equivalent.bound]
     return f"{bound}{str(equivalent).strip('<>')} passes"
 

@@ -51,7 +51,7 @@ def draw_cumulative_cost(results: Results) -> Sketch:
             _draw_panel(axes, cost, last, labels)
         put_legend(drawing, spare, gather_legend(panels))
     paper = read_paper().cost
-    words = "; ".join(f"{results.scene(s).title}: {_tell(c, passes)}" for s, c in found.items())
+    words = "; ".join(f"{results.scene(s).title}: {_text_of(c, passes)}" for s, c in found.items())
     alt = f"Cumulative cost in seconds over 1 to {last} views, on logarithmic axes. {words}."
     caption = (
         f"Total seconds for 1 to {last} views. Circles, with the number of views, mark the break-"
@@ -100,7 +100,7 @@ def _draw_panel(axes: Axes, cost: dict[str, Any], last: int, labels: dict[str, s
     plain_numbers(axes.yaxis)
 
 
-def _tell(cost: dict[str, Any], passes: str) -> str:
+def _text_of(cost: dict[str, Any], passes: str) -> str:
     def words(line: str, rival: str) -> str:
         count = cost["break_even_views"][line]
         cheaper = f"cheaper than {rival}"

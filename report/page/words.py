@@ -99,8 +99,8 @@ def describe_best(results: Results) -> str:
         others = known[~known["method"].isin([FIELD, SECOND_REFERENCE])]["scene"]
         field = known[known["method"] == FIELD]["scene"]
         both = set(others) & set(field)
-        told = both and both >= set(results.scenes)
-        (compared if told else missing).append(column.title)
+        in_all = both and both >= set(results.scenes)
+        (compared if in_all else missing).append(column.title)
     if not compared:
         return "No metric is known for the field and another method in every scene."
     best = f"in each scene the field has the best {join(compared)} of all measured methods"

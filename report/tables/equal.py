@@ -19,7 +19,7 @@ from report.tables.columns import BEST, FLIP, LPIPS, NO_COSTS, PREPARATION, PSNR
 from report.tables.quality import scenes_left_out
 
 TOLERANCE = 1.05
-"""Equal time: at most so many times the field's time per view."""
+"""Equal time: at most this multiple of the field's time per view."""
 
 three = significant(3)
 TIME = Column("seconds_per_view", "Seconds per view", three)

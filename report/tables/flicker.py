@@ -21,7 +21,7 @@ def flicker_table(results: Results) -> Table:
     """A row for each method and columns for each scene of `animation`. Files of other scenes are
     ignored, because no stage keeps them up to date."""
     asked = results.params.animation
-    scenes = [s for s in asked.scenes if results.is_as_asked(s)]
+    scenes = [s for s in asked.scenes if results.is_current(s)]
     found = {s: results.scene(s).read("animation", "flicker.json") for s in scenes}
     found = {scene: file for scene, file in found.items() if file}
     rows = [_row(results, method, found) for method in asked.methods]
@@ -56,38 +56,38 @@ def _columns(results: Results, found: Mapping[str, Any]) -> tuple[Column, ...]:
 
 
 def _row(results: Results, method: str, found: Mapping[str, Any]) -> Row:
-    told = {
+    numbers = {
         s: file["methods"].get(method, {"cannot_serve": "not run"}) for s, file in found.items()
     }
     reasons = {
         s: known.get("cannot_serve", "no matching surfaces in successive frames")
-        for s, known in told.items()
+        for s, known in numbers.items()
     }
-    return _make_row(title_of(results, method), told, reasons, found, ours=method == FIELD)
+    return _make_row(title_of(results, method), numbers, reasons, found, ours=method == FIELD)
 
 
 def _noise_row(found: Mapping[str, Any]) -> Row:
     """The row of the references' noise, which is not ranked."""
-    told = {scene: file["noise_of_references"] for scene, file in found.items()}
+    numbers = {scene: file["noise_of_references"] for scene, file in found.items()}
     reasons = dict.fromkeys(found, "no reference of a novel view has such pixels")
-    return _make_row(NOISE, told, reasons, found, competes=False)
+    return _make_row(NOISE, numbers, reasons, found, competes=False)
 
 
 def _make_row(
     title: str,
-    told: Mapping[str, Any],
+    numbers: Mapping[str, Any],
     why: Mapping[str, str],
     found: Mapping[str, Any],
     competes: bool = True,
     ours: bool = False,
 ) -> Row:
-    """A row of the numbers ``told`` of each scene, and ``why`` they are missing in a scene."""
+    """A row with the ``numbers`` of each scene, and ``why`` they are missing in a scene."""
     values: dict[str, Value] = {}
     reasons: dict[str, str] = {}
     for scene, way in _places(found):
         key = f"{scene}_{way}"
-        if way in told[scene]:
-            known = told[scene][way]
+        if way in numbers[scene]:
+            known = numbers[scene][way]
             values |= {key: known["change"], f"{key}_share": known["share"]}
         else:
             reasons |= dict.fromkeys((key, f"{key}_share"), why[scene])
@@ -100,7 +100,7 @@ def _places(found: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Pairs of a scene and a way in which any method sees surfaces in it."""
     places = []
     for scene, file in found.items():
-        seen = [way for way in WAYS if any(way in told for told in file["methods"].values())]
+        seen = [way for way in WAYS if any(way in numbers for numbers in file["methods"].values())]
         places += [(scene, way) for way in seen or WAYS]
     return places
 

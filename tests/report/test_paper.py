@@ -44,7 +44,7 @@ def test_means_over_fewer_scenes():
 
 
 def test_the_same_field_has_the_same_numbers_everywhere():
-    """Its rows in Tables 3, S1 and S2 agree with Water-Caustic in Table 1, which is rounded more."""
+    """Its rows in Tables 3, S1 and S2 agree with the rounded ones of Water-Caustic in Table 1."""
     known = PAPER.quality(PAPER.ablations.scene, "gpf")
     for group, title in (("components", "all"), ("gaussians", "100,000"), ("k", "3")):
         row = next(v for v in PAPER.ablations.of(group) if v.title == title)
