@@ -3,6 +3,8 @@
 A test that needs another one, or none, starts a process of its own.
 """
 
+import os
+
 import pytest
 
 
@@ -14,6 +16,10 @@ def pytest_configure() -> None:
         choose_variant("auto")
     except UserError as error:  # in words: a traceback through this file helps nobody
         raise pytest.UsageError(str(error)) from None
+    if "PYTEST_XDIST_WORKER" in os.environ:  # one thread each, or all would wait for each other
+        import drjit as dr
+
+        dr.set_thread_count(1)
 
 
 @pytest.fixture
