@@ -48,9 +48,7 @@ class Results:
     def scenes(self) -> list[str]:
         """Measured scenes of params.yaml, in its order, whose references have the passes that it
         asks for."""
-        return [
-            s for s in self.params.scenes if self.has_metrics(s) and self.is_current(s)
-        ]
+        return [s for s in self.params.scenes if self.has_metrics(s) and self.is_current(s)]
 
     def has_metrics(self, scene: str) -> bool:
         """Whether the stage `metrics` has run for the scene."""
