@@ -1,1 +1,1 @@
-"""What everything else stands on: errors, files, random numbers, the neighbour search."""
+"""Shared by all packages: errors, files, settings, random numbers, neighbour search."""

@@ -1,4 +1,4 @@
-"""Errors that a user can cause: they say where, what arrived and what to do."""
+"""Errors that a user can correct: they say where, what is wrong and what to do."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import Any
 
 
 class UserError(Exception):
-    """Something outside the program is wrong, and the user can mend it.
+    """A file, a value or an object is wrong, and the user can correct it.
 
-    The command line prints it without a traceback and exits with code 2;
-    library callers catch it like any exception.
+    The command line prints the message without a traceback and exits with code 2; callers of the
+    library catch it like any exception.
 
     Parameters
     ----------
-    where: the file, key or object that is at fault, e.g. ``params.yaml: field.k``.
-    what: what arrived, e.g. ``-1 is not >= 1``.
-    todo: what the user can do about it, in the imperative.
+    where: the file, key or object that is wrong, e.g. ``views.yaml: exposure``.
+    what: what is wrong with it, e.g. ``is -1``.
+    todo: what the user can do, as a request: ``Choose a number above 0.``
     """
 
     exit_code = 2
@@ -30,14 +30,15 @@ class UserError(Exception):
 
 
 class FileError(UserError):
-    """A file that is missing, damaged or not what was expected.
+    """A file is missing, damaged or of another kind than expected.
 
-    A program that knows what makes the file can name the command: :mod:`stages.common.makers` does.
+    A program that knows which command makes the file can add it to the message.
 
     Parameters
     ----------
     path: the file.
-    missing: whether there is no such file.
+    what: what is wrong with it.
+    missing: whether the file does not exist.
     """
 
     def __init__(self, path: Path, what: str, missing: bool = False) -> None:

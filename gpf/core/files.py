@@ -1,6 +1,6 @@
-"""Tensor files: safetensors with a schema version and the parameters that made them.
+"""Text, JSON and tensor files (safetensors with a schema version and metadata).
 
-Writes are atomic: a reader sees the old file or the new one, never half of one.
+Writes are atomic: a reader sees the old file or the new one, never an incomplete one.
 """
 
 from __future__ import annotations
@@ -21,12 +21,15 @@ from gpf.core.errors import FileError, UserError
 SCHEMA_VERSION = 1
 
 
-def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
-    """Let ``write`` fill a temporary file beside ``path``, then put it in its place."""
+def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
+    """Call ``write`` with the path of a temporary file beside ``path``, then rename that file.
+
+    Folders are made as needed. Raises a :class:`UserError` if the file cannot be written.
+    """
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # The suffix stays: some writers choose a format by it.
+        # The same suffix as the file: some writers choose the format by it.
         handle, name = tempfile.mkstemp(
             dir=path.parent, prefix=f".partial-{path.stem}-", suffix=path.suffix
         )
@@ -35,7 +38,7 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
         write(temporary)
         os.chmod(temporary, 0o644)
         os.replace(temporary, path)
-    except (OSError, RuntimeError) as error:  # the latter is how image libraries put it
+    except (OSError, RuntimeError) as error:  # RuntimeError: raised by image libraries
         raise UserError(
             str(path),
             f"could not be written ({error})",
@@ -48,16 +51,16 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text file atomically."""
-    write_atomically(path, lambda p: _ignore(p.write_text(text, encoding="utf-8")))
+    write_atomically(path, lambda p: p.write_text(text, encoding="utf-8"))
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write JSON atomically, sorted and indented, so that two runs compare line by line."""
+    """Write JSON atomically, sorted and indented, so that two files can be compared by line."""
     write_text(path, json.dumps(value, indent=2, sort_keys=True) + "\n")
 
 
 def read_json(path: Path) -> Any:
-    """Read JSON; a :class:`FileError` where there is none."""
+    """Read JSON; a :class:`FileError` if the file is missing or is not JSON."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
@@ -69,7 +72,13 @@ def read_json(path: Path) -> Any:
 def write_tensors(
     path: Path, kind: str, tensors: Mapping[str, np.ndarray], metadata: Mapping[str, Any]
 ) -> None:
-    """Write named arrays and what made them; ``kind`` names what the file is for."""
+    """Write named arrays atomically.
+
+    Parameters
+    ----------
+    kind: what the file holds, e.g. ``targets``; :func:`read_tensors` asks for it.
+    metadata: JSON values.
+    """
     header = {
         "kind": kind,
         "schema_version": str(SCHEMA_VERSION),
@@ -77,11 +86,11 @@ def write_tensors(
     }
     arrays = {name: np.ascontiguousarray(value) for name, value in tensors.items()}
     data = _sort_header(save(arrays, metadata=header))
-    write_atomically(path, lambda p: _ignore(p.write_bytes(data)))
+    write_atomically(path, lambda p: p.write_bytes(data))
 
 
 def read_tensors(path: Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Arrays and metadata of a file of a kind.
+    """Read the arrays and the metadata of a file of the given kind.
 
     Raises
     ------
@@ -104,16 +113,12 @@ def read_tensors(path: Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str
 
 
 def _sort_header(data: bytes) -> bytes:
-    """The same file with the keys of its header in order.
+    """Sort the keys in the header of a safetensors file.
 
-    The library writes them in an order that changes from run to run; DVC would take the same
-    content for a change.
+    The library writes them in an order that changes from run to run, so that the same content
+    would be a change for DVC.
     """
     end = 8 + int.from_bytes(data[:8], "little")
     header = json.dumps(json.loads(data[8:end]), sort_keys=True, separators=(",", ":")).encode()
-    header += b" " * (-len(header) % 8)  # the tensors behind it stay aligned
+    header += b" " * (-len(header) % 8)  # keeps the tensors aligned
     return len(header).to_bytes(8, "little") + header + data[end:]
-
-
-def _ignore(_: Any) -> None:
-    return None

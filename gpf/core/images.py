@@ -1,4 +1,4 @@
-"""EXR in and out, tone mapping, PNG previews."""
+"""EXR files, tone mapping, PNG previews."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import OpenEXR
 from gpf.core.errors import FileError, UserError
 from gpf.core.files import SCHEMA_VERSION, write_atomically
 
-# The header attribute that says what made an image.
+# The header attribute that holds the record: what made the image.
 _RECORD = "gpf"
 
 
@@ -22,9 +22,9 @@ def write_exr(path: Path, layers: Mapping[str, np.ndarray], record: Mapping[str,
 
     Parameters
     ----------
-    layers: name to (H, W, 3) or (H, W) float array. The layer ``radiance`` becomes the channels
-        R, G, B that every viewer shows; a layer ``x`` of three channels becomes x.R, x.G, x.B and
-        one of a single channel x.V.
+    layers: name to float array, (H, W, 3) or (H, W). The layer ``radiance`` becomes the channels
+        R, G, B, which every viewer shows. Another layer ``x`` becomes x.R, x.G, x.B, or x.V if it
+        has a single channel.
     record: what made the image; JSON values.
     """
     channels: dict[str, np.ndarray] = {}
@@ -61,7 +61,7 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             record = json.loads(file.header().get(_RECORD, "{}"))
             channels = {name: c.pixels.copy() for name, c in file.channels().items()}
-    except Exception as error:  # OpenEXR raises several kinds, none of them its own
+    except Exception as error:  # OpenEXR raises several built-in exceptions
         raise FileError(path, f"is truncated or not an EXR ({error})") from error
     if record.get("schema_version") != SCHEMA_VERSION:
         version = record.get("schema_version", "none")
@@ -78,19 +78,19 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 
 
 def read_record(path: Path) -> dict[str, Any] | None:
-    """What made an EXR, or None where there is no readable one."""
+    """The record of an EXR (see :func:`write_exr`); None if the file cannot be read."""
     if not path.exists():
         return None
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
             record: dict[str, Any] = json.loads(file.header().get(_RECORD, "{}"))
             return record
-    except Exception:  # truncated, foreign: all the same to the caller
+    except Exception:  # no permission, truncated, another format
         return None
 
 
 def check_finite(image: np.ndarray, where: str) -> None:
-    """Raise a :class:`UserError` for NaN or infinite values in an image, or at points (N, 3)."""
+    """Raise a :class:`UserError` if an image (H, W, 3) or points (N, 3) are not finite."""
     broken = ~np.isfinite(image).all(axis=-1)
     if broken.any():
         first = np.argwhere(broken)[0]
@@ -107,20 +107,20 @@ def check_finite(image: np.ndarray, where: str) -> None:
 
 
 def tone_map(radiance: np.ndarray, exposure: float) -> np.ndarray:
-    """Linear radiance to sRGB in [0, 1]: exposure, clamp, transfer function."""
+    """Linear radiance to sRGB values in [0, 1]: exposure, clipping to [0, 1], sRGB curve."""
     linear = np.clip(np.asarray(radiance, dtype=np.float64) * exposure, 0, 1)
     curved = 1.055 * np.power(np.maximum(linear, 1e-12), 1 / 2.4) - 0.055
     return np.where(linear <= 0.0031308, 12.92 * linear, curved)
 
 
-def undo_tone_map(shown: np.ndarray) -> np.ndarray:
-    """Exposed linear radiance of sRGB values, which are clamped to [0, 1]."""
-    value = np.clip(np.asarray(shown, dtype=np.float64), 0, 1)
+def undo_tone_map(srgb: np.ndarray) -> np.ndarray:
+    """Linear radiance times exposure, from sRGB values, which are clipped to [0, 1]."""
+    value = np.clip(np.asarray(srgb, dtype=np.float64), 0, 1)
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
 def write_png(path: Path, radiance: np.ndarray, exposure: float) -> None:
-    """Write a tone-mapped preview, 8 bits a channel."""
+    """Write a tone-mapped PNG atomically, 8 bits per channel."""
     import mitsuba as mi
 
     pixels = np.round(tone_map(radiance, exposure) * 255).astype(np.uint8)

@@ -1,22 +1,25 @@
-"""An order of places in which those that follow each other lie close together.
+"""Sort positions along a Morton curve, so that consecutive positions lie close together.
 
-Lanes of a packet run in step: what each of them finds around its point is found soonest where their
-points have the same neighbours.
+The lanes of a packet run in step: neighbour queries are fastest if their points share neighbours.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-# Bits of each coordinate of a cell.
+# Bits of each coordinate of a cube.
 _BITS = 16
 
 
 def order_in_space(positions: np.ndarray, cell: float) -> np.ndarray:
-    """The order of positions (N, 3) along a Morton curve through cubes of edge length ``cell``.
+    """Indices that sort positions (N, 3) along a Morton curve through cubes: (N,).
 
-    Positions of a cube stay in the order that they have. Beyond 65,536 cubes on an axis, all are as
-    if in the last one.
+    Positions in the same cube keep their order. Each axis has at most 65,536 cubes; positions
+    beyond the last cube count as in it.
+
+    Parameters
+    ----------
+    cell: edge length of the cubes, in the unit of the positions.
     """
     if len(positions) == 0:
         return np.zeros(0, np.int64)

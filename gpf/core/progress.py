@@ -1,4 +1,4 @@
-"""What people are told while something runs: lines, and progress bars with rate and time left."""
+"""Messages and progress bars on standard error."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ console = Console(stderr=True)
 
 
 def say(text: str) -> None:
-    """A line of text, however long, as it is: nothing in it is coloured, or taken for markup."""
+    """Print a line of text without wrapping, colours or markup."""
     console.print(text, highlight=False, soft_wrap=True, markup=False)
 
 
-class _Sayer(logging.Handler):
-    """Says what the library logs."""
+class _LogPrinter(logging.Handler):
+    """Prints log records with :func:`say`."""
 
     def emit(self, record: logging.LogRecord) -> None:
         say(self.format(record))
 
 
 def show_log() -> None:
-    """Show people what the library logs: programs call it once, libraries do not."""
+    """Print the log messages of ``gpf``, INFO and above; for programs, not for libraries."""
     logger = logging.getLogger("gpf")
-    if not any(isinstance(handler, _Sayer) for handler in logger.handlers):
-        logger.addHandler(_Sayer())
+    if not any(isinstance(handler, _LogPrinter) for handler in logger.handlers):
+        logger.addHandler(_LogPrinter())
         logger.setLevel(logging.INFO)
 
 
@@ -51,23 +51,23 @@ class _Rate(ProgressColumn):
 
 
 class Bar:
-    """A progress bar while it is shown."""
+    """A progress bar that is on the screen."""
 
     def __init__(self, progress: Progress, task: TaskID) -> None:
         self._progress, self._task = progress, task
 
     def __call__(self, done: int, total: int | None = None) -> None:
-        """Move to so many steps, of ``total`` if that has turned out to be another number."""
+        """Show ``done`` steps; ``total``, if given, is the new number of all steps."""
         self._progress.update(self._task, completed=done, total=total)
 
     def describe(self, text: str) -> None:
-        """Change the words beside the bar."""
+        """Change the text beside the bar."""
         self._progress.update(self._task, description=text)
 
 
 @contextmanager
 def progress_bar(description: str, total: int) -> Iterator[Bar]:
-    """A bar on standard error; the yielded object is called with the number of steps done."""
+    """Show a bar with rate and remaining time; call it with the number of steps done."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

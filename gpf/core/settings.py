@@ -1,4 +1,4 @@
-"""What settings are made of: frozen models whose values are checked, and kinds of values."""
+"""The base class of all settings, and the types of their values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Share = Annotated[float, Field(ge=0, lt=1)]
 
 
 def _check_length(value: object) -> float | Literal["auto"]:
-    """One check instead of a union, whose errors would name its branches instead of the key."""
+    """A positive number or ``auto``; as a union, pydantic's message would list each type."""
     if value == "auto":
         return "auto"
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf:
@@ -25,7 +25,7 @@ def _check_length(value: object) -> float | Literal["auto"]:
 
 
 Length = Annotated[float | Literal["auto"], PlainValidator(_check_length)]
-"""In world units."""
+"""A length in world units, above 0, or ``auto``."""
 
 
 def _check_count(value: object) -> int | Literal["auto"]:
@@ -37,9 +37,10 @@ def _check_count(value: object) -> int | Literal["auto"]:
 
 
 AutoCount = Annotated[int | Literal["auto"], PlainValidator(_check_count)]
+"""A whole number above 0, or ``auto``."""
 
 
 class Settings(BaseModel):
-    """Frozen; unknown keys are errors."""
+    """Settings are checked when they are made and cannot be changed; unknown keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -1,12 +1,12 @@
 """The only neighbour search of the project: points sorted by grid cell.
 
-Points are sorted by the linear index of their cell, x fastest. A query walks the rows of cells
-that its ball touches; the cells of one row are one contiguous run of points. Where the grid would
-have far more cells than there are points, rows share buckets (a hash), and a point counts only for
-the row in which it really lies: results are exact either way.
+Points are sorted by the linear index of their cell, x fastest. A query visits the rows of cells
+that its ball touches; the points of one row are contiguous. If the grid has many more cells than
+points, rows share buckets (a hash), and a point counts only for the row in which it lies: results
+are exact in both cases.
 
-Searches for the k nearest may have to look far. They use further levels of the same points, each
-with cells four times as large, so that no search walks more than a few rows.
+A search for the k nearest points may have to look far. It uses further levels of the same points,
+each with cells four times as large, so that every search visits only a few rows.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-# What a query calls for each candidate: body(state, index, record, distance², inside) -> state.
+# Called for each candidate of a query: body(state, index, record, distance², inside) -> state.
 Body = Callable[[Any, "mi.UInt32", "mi.Vector4f", "mi.Float", "mi.Bool"], Any]
 
 NOT_FOUND = 0xFFFFFFFF
@@ -28,13 +28,13 @@ NOT_FOUND = 0xFFFFFFFF
 # The attributes that queries read.
 _QUERIED = ["_lower", "_slack", "_cell", "_first", "_levels", "_last_level", "_starts", "records"]
 
-# Edge length of a level's cells over that of the level below.
+# Ratio of the edge lengths of the cells of two consecutive levels.
 _LEVEL_RATIO = 4
 
 
 @dataclass
 class _Grid:
-    """Constants of one level: where a point's cell lies, and where its bucket is in the tables."""
+    """Constants of one level: the cell of a point, and the cell's bucket in the tables."""
 
     inv_cell: mi.Float
     last_x: mi.Float
@@ -52,17 +52,17 @@ class SpatialHash:
     Parameters
     ----------
     points: positions, (N, 3).
-    cell: edge length of a grid cell, world units; about the usual query radius is fastest.
-    bounds: two opposite corners of a box around the points. Points outside are found too, only
+    cell: edge length of a grid cell, world units; fastest if it is about the usual query radius.
+    bounds: two opposite corners of a box around the points. Points outside are found as well, but
         more slowly.
-    tag: a number that travels with each point as ``record.w``, (N,); 0 by default.
+    tag: a number that is stored with each point as ``record.w``, (N,); 0 by default.
     far: whether to build the levels that :meth:`nearest` needs.
 
     Attributes
     ----------
-    order: index into ``points`` of each sorted entry, level after level, (levels N,).
+    order: index into ``points`` of each sorted entry, level by level, (levels N,).
     records: ``x, y, z, tag`` of the sorted entries, flat, (4 levels N,).
-    extent: the diagonal of the bounds, world units.
+    extent: the diagonal of the bounds or ``cell``, the larger of the two, world units.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class SpatialHash:
         while far and cell * _LEVEL_RATIO ** (levels - 1) < self.extent:
             levels += 1
 
-        # What changes from build to build is opaque: kernels are compiled once.
+        # Values that change from build to build are opaque, so that kernels are compiled once.
         self._lower = mi.Point3f(*(dr.opaque(mi.Float, v) for v in lower))
         self._slack = dr.opaque(mi.Float, 1e-6 * self.extent)
         self._cell = dr.opaque(mi.Float, cell)
@@ -107,11 +107,11 @@ class SpatialHash:
         dr.eval(self._starts, self.order, self.records)
 
     def arrays(self) -> dict[str, Any]:
-        """What queries read, as a PyTree; see :meth:`with_arrays`."""
+        """The arrays that queries read, as a PyTree; see :meth:`with_arrays`."""
         return {name: getattr(self, name) for name in _QUERIED}
 
     def with_arrays(self, arrays: Mapping[str, Any]) -> SpatialHash:
-        """A copy that reads these arrays, which may be those of a recorded function's arguments."""
+        """A copy that reads these arrays, e.g. arguments of a recorded function."""
         other = copy.copy(self)
         vars(other).update(arrays)
         return other
@@ -119,22 +119,22 @@ class SpatialHash:
     def _plan(
         self, cell: float, edges: list[float], size: int, first_bucket: int
     ) -> tuple[_Grid, int]:
-        """Constants of a level with cells of the given size, and its number of buckets."""
+        """Constants of a level with cells of edge length ``cell``, and its number of buckets."""
         x, y, z = (max(1, int(e / cell) + 1) for e in edges)
-        # A power of two, so that folding a row's index into the table is one `and`.
+        # A power of two, so that a bit mask maps a row's index into the table.
         table = 1 << (min(x * y * z, max(4 * size, 1 << 20)) - 1).bit_length()
         self._wraps |= x * y * z > table
-        # The product may exceed 32 bits; only what the mask keeps of it matters.
+        # The product may exceed 32 bits; only the bits that the mask keeps matter.
         stride_z = x * y & 0xFFFFFFFF
         grid = _Grid(1 / cell, x - 1, y - 1, z - 1, x, stride_z, table - 1, first_bucket)
-        # Room for the last row's overhang. Kernels know the size of their tables: of few sizes, few
-        # are compiled.
+        # The last row needs x more buckets. The number is rounded up to a power of two, because
+        # each size of a table makes another kernel.
         return grid, table + (1 << (x + 1).bit_length()) - 2
 
     def _sort(
         self, grid: _Grid, points: mi.Point3f, buckets: int, first: int
     ) -> tuple[mi.UInt32, mi.UInt32]:
-        """Order of the points by bucket, and where each bucket starts, counted from ``first``."""
+        """The order of the points by bucket, and the start of each bucket plus ``first``."""
         c = self._cell_of(grid, points)
         bucket = self._row(grid, c.y, c.z) - grid.first_bucket + mi.UInt32(c.x)
         counts = dr.zeros(mi.UInt32, buckets + 2)
@@ -143,7 +143,8 @@ class SpatialHash:
         return dr.argsort(bucket), starts + dr.opaque(mi.UInt32, first)
 
     def _cell_of(self, grid: _Grid, p: mi.Point3f) -> mi.Vector3i:
-        # Clamping is monotone: whatever lies outside the bounds joins the outermost cells.
+        # Points outside of the bounds belong to the outermost cells. Queries stay exact, because
+        # clipping is monotone.
         last = mi.Vector3f(grid.last_x, grid.last_y, grid.last_z)
         return mi.Vector3i(dr.clip((p - self._lower) * grid.inv_cell, 0, last))
 
@@ -157,8 +158,8 @@ class SpatialHash:
         """Call ``body`` for every point that may lie within ``radius`` of ``x``; return the state.
 
         ``body(state, index, record, distance², inside)`` returns the new state. ``index`` is the
-        point's place in the sorted order, ``record`` its packet, and ``inside`` tells whether
-        ``distance <= radius``. Side effects in ``body`` have to be masked by ``inside``.
+        position of the point in the sorted order, ``record`` its x, y, z and tag, and ``inside``
+        tells whether ``distance <= radius``: ``body`` must mask its side effects with it.
         """
         return self._scan(self._first, x, radius, body, state, active)
 
@@ -199,15 +200,15 @@ class SpatialHash:
         accept: Callable[[mi.Vector4f], mi.Bool] | None = None,
         active: mi.Bool | bool = True,
     ) -> tuple[list[mi.UInt32], list[mi.Float]]:
-        """The ``k`` nearest points of each query, nearest first.
+        """The ``k`` nearest points of each query, nearest first. Needs ``far=True``.
 
-        Balls of radius ``start``, 2 ``start``, … are searched until one holds ``k`` points that
-        ``accept`` (called with their records) admits, or until its radius reaches ``limit``:
-        everything within the last ball is known exactly. Needs ``far=True``.
+        Balls of radius ``start``, 2 ``start``, … are searched until one contains ``k`` points that
+        ``accept(record)`` admits, or until the radius reaches ``limit``. The result is exact within
+        the last ball.
 
         Returns
         -------
-        index: list of ``k`` arrays (N,), places in the sorted order. A missing neighbour has
+        index: list of ``k`` arrays (N,), positions in the sorted order. A missing neighbour has
             index :data:`NOT_FOUND` and an infinite distance.
         distance2: list of ``k`` arrays (N,), squared distances, ascending.
         """

@@ -1,6 +1,6 @@
-"""Arrays of structures that travel between the rooms: Dr.Jit PyTrees with shapes and units.
+"""The data that the packages exchange: Dr.Jit PyTrees with shapes and units.
 
-``N`` is the width of the wavefront. Every field holds one entry per lane.
+``N`` is the width of the wavefront; every attribute has one entry per lane.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ import numpy as np
 
 @dataclass
 class Photons:
-    """Photons where they met surfaces that have a diffuse component.
+    """Photons at the surfaces with a diffuse component that they hit.
 
     Attributes
     ----------
     p: position, world units, (N, 3).
     n: geometric normal on the side from which the photon came, unit length, (N, 3).
-    power: flux Φ in watts, already divided by the number of traced paths, (N, 3). It carries the
-        dependence of the diffuse lobe on the direction of incidence (see
-        :func:`gpf.scene.materials.diffuse_transfer`), so that a sum of powers over an area is the
-        irradiance-like quantity E for which the reflected radiance is ``f_d(n, wo) E``.
-    depth: number of surface interactions before this one, (N,); 0 is light straight from a lamp.
+    power: flux Φ in watts, already divided by the number of traced paths, (N, 3). It includes the
+        factor g of the diffuse lobe for the direction of incidence
+        (:func:`gpf.scene.materials.diffuse_transfer`): the powers on an area, divided by the area,
+        are the irradiance E for which the reflected radiance is ``f_d(n, wo) E``.
+    depth: number of surface interactions before this one, (N,); 0 is direct light.
     """
 
     p: mi.Point3f
@@ -51,17 +51,16 @@ class OrientedPoints:
 
 @dataclass
 class VisiblePoints:
-    """First diffuse hits of camera rays, followed through glossy and specular bounces.
+    """First diffuse hits of camera rays, after any glossy and specular bounces.
 
     Attributes
     ----------
     p: position, world units, (N, 3).
     n: geometric normal on the viewer's side, unit length, (N, 3).
     reflectance: diffuse reflectance π f_d(n, wo) at the hit, dimensionless, (N, 3).
-    throughput: β, what a unit of radiance at the hit contributes to the ray, (N, 3).
-    emission: radiance that the ray gathered from emitters on the way, hit included, (N, 3); direct
-        light on the glossy surfaces that it met is part of it, and that at the hit where it was
-        asked for.
+    throughput: β, by which radiance at the hit contributes to the ray, (N, 3).
+    emission: L_e, radiance from the emitters on the way and at the hit, W/(m² sr), (N, 3). It
+        includes the direct light on glossy surfaces on the way and, if asked for, at the hit.
     depth: number of bounces before the hit, (N,).
     valid: whether the ray ended on a diffuse surface, (N,).
     """
@@ -75,20 +74,20 @@ class VisiblePoints:
     valid: mi.Bool
 
     def radiance(self, irradiance: mi.Color3f) -> mi.Color3f:
-        """L = L_e + β ρ/π E, for the irradiance E at the points, W/m²."""
+        """L = L_e + β ρ/π E, W/(m² sr), (N, 3), for the irradiance E at the points, W/m²."""
         reflected = self.throughput * self.reflectance * irradiance * dr.inv_pi
         return self.emission + dr.select(self.valid, reflected, 0)
 
 
 @dataclass
 class SurfacePoints:
-    """Points on surfaces with a known target.
+    """Points on surfaces with targets for the training.
 
     Attributes
     ----------
     p: position, world units, (P, 3).
     n: unit normal, (P, 3).
-    target: what the field should answer there (irradiance or radiance), (P, 3).
+    target: what the field should answer there, irradiance or radiance, (P, 3).
     weight: weight of the point in the loss, (P,).
     """
 
@@ -99,7 +98,7 @@ class SurfacePoints:
 
 
 def take(points: Any, lanes: mi.UInt32) -> Any:
-    """The given lanes of a structure; fields of a single lane stay as they are."""
+    """Some lanes of a structure; attributes with a single lane stay as they are."""
     width, taken = dr.width(points), {}
     for f in fields(points):
         value = getattr(points, f.name)
@@ -111,7 +110,7 @@ def take(points: Any, lanes: mi.UInt32) -> Any:
 
 
 def concatenate(parts: Sequence[Any]) -> Any:
-    """Join structures or arrays lane after lane; single-lane fields are spread out first."""
+    """Join structures or arrays in order; attributes with a single lane are repeated."""
     if is_dataclass(parts[0]):
         widths = [dr.width(part) for part in parts]
         joined = {}
@@ -140,6 +139,6 @@ def _concatenate(values: Sequence[Any], widths: Sequence[int]) -> Any:
 
 
 def to_numpy(value: Any) -> np.ndarray:
-    """Dr.Jit array (…, N) to a numpy array with one row per lane, (N, …)."""
+    """A Dr.Jit array (…, N) as a numpy array with one row per lane, (N, …)."""
     array = np.asarray(value.numpy())
     return np.ascontiguousarray(array.T) if array.ndim == 2 else array

@@ -1,31 +1,31 @@
-"""Tags of surface records: a normal and a depth in one float, and which records share a surface."""
+"""Tags of surface records: a normal and a depth in one float, and the test for the same surface."""
 
 from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
 
-# Two surfaces whose normals differ by more than about 45° do not share photons: the other side of
-# a thin wall and the wall around a corner are in the dark about each other.
+# Surfaces whose normals differ by more than about 45° do not share photons: the other side of a
+# thin wall and the wall around a corner have different light.
 SAME_SURFACE_COSINE = 0.7
 
-# Nor do those that lie above or below one another by more than this part of the kernel's radius:
-# inside and outside of a tube, the floor and the top of a thick carpet.
+# Surfaces do not share photons either if one lies above the other by more than this part of the
+# kernel's radius: the inside and the outside of a tube, the floor and the top of a thick carpet.
 SAME_SURFACE_HEIGHT = 0.5
 
-# The greatest depth that a photon's tag tells, and a budget that admits photons of any depth.
+# The largest depth in a tag; as a limit, it admits photons of any depth.
 UNLIMITED = 255
 
 
 def pack_tag(n: mi.Normal3f, depth: mi.UInt32 | int = 0) -> mi.Float:
-    """A unit normal (8 bits a coordinate) and a depth up to 255, as the bits of one float."""
+    """A unit normal, 8 bits per coordinate, and a depth up to 255, as the bits of one float."""
     bits = mi.Vector3u(dr.round((n + 1) * 127.5))
     above = dr.minimum(mi.UInt32(depth), UNLIMITED) << 24
     return dr.reinterpret_array(mi.Float, bits.x | (bits.y << 8) | (bits.z << 16) | above)
 
 
 def unpack_normal(tag: mi.Float) -> mi.Normal3f:
-    """The normal in a tag, to 4e-3 a coordinate (the length, too)."""
+    """The normal in a tag; the error of each coordinate and of the length is at most 4e-3."""
     bits = dr.reinterpret_array(mi.UInt32, tag)
     packed = mi.Normal3f(
         mi.Float(bits & 255), mi.Float((bits >> 8) & 255), mi.Float((bits >> 16) & 255)
@@ -39,15 +39,20 @@ def unpack_depth(tag: mi.Float) -> mi.UInt32:
 
 
 def same_orientation(record: mi.Vector4f, n: mi.Normal3f) -> mi.Bool:
-    """Whether the normal in a record's tag is like ``n``."""
+    """Whether the normal in a record's tag is within about 45° of ``n``, (N,)."""
     return dr.dot(unpack_normal(record.w), n) > SAME_SURFACE_COSINE
 
 
 def same_surface(record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f, radius2: mi.Float) -> mi.Bool:
-    """Whether a record lies on the surface that has the normal ``n`` at ``p``.
+    """Whether a record lies on the surface that has the normal ``n`` at ``p``, (N,).
 
-    Its normal, which is in its tag, is like ``n``, and it lies near the plane through ``p``: by the
-    measure of the kernel's squared radius, or of its own distance where that is more.
+    Two conditions: the normals are similar (:func:`same_orientation`), and with the offset d from
+    ``p`` to the record the distance to the tangent plane is small, |n · d| ≤ 0.5 max(r, |d|).
+
+    Parameters
+    ----------
+    record: x, y, z and tag, (N, 4).
+    radius2: squared radius r² of the kernel, (N,).
     """
     d = mi.Vector3f(record.x - p.x, record.y - p.y, record.z - p.z)
     scale2 = dr.maximum(radius2, dr.squared_norm(d))

@@ -1,11 +1,11 @@
-"""YAML files that people write: read, checked against a model, and objected to in words."""
+"""YAML files that people write: read, checked against a model, with errors in plain words."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Literal, TypeVar, get_args, get_origin
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from ruamel.yaml import YAML
@@ -17,7 +17,10 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def suggest(word: str, known: Sequence[str], introduction: str) -> str:
-    """A line for the user: the known word that is closest, if any is close, and all known ones."""
+    """The known word that is closest, if one is close, then ``introduction`` and all known words.
+
+    ``suggest("prot", ["port", "host"], "Keys are")`` is "Did you mean 'port'? Keys are port, host."
+    """
     close = get_close_matches(word, known, n=1)
     question = f"Did you mean {close[0]!r}? " if close else ""
     return f"{question}{introduction} {', '.join(known) if known else 'none'}."
@@ -26,13 +29,13 @@ def suggest(word: str, known: Sequence[str], introduction: str) -> str:
 def read_yaml(file: Path, model: type[Model], if_missing: str) -> Model:
     """Read a YAML file into a model.
 
-    The model forbids keys that it does not know. A validator of its own that raises a
-    ``PydanticCustomError`` may give what the user can do as ``{"todo": ...}``.
+    The model forbids unknown keys. Its own validators may raise a ``PydanticCustomError`` that
+    tells the user what to do: ``{"todo": ...}``.
 
     Raises
     ------
-    UserError: the file is missing (then ``if_missing`` says what to do), is not YAML, repeats a
-        key, has an unknown key, lacks one or has a value out of range. The first of these is told.
+    UserError: the first error in the file: it cannot be read (then ``if_missing`` tells what to
+        do), it is not YAML, or a key is repeated, unknown, missing or has a bad value.
     """
     try:
         data = YAML(typ="safe").load(file.read_text(encoding="utf-8"))
@@ -48,73 +51,42 @@ def read_yaml(file: Path, model: type[Model], if_missing: str) -> Model:
 
 
 def explain(source: str, model: type[BaseModel], error: ValidationError) -> UserError:
-    """The first of the objections to what ``source`` says, in words."""
+    """The first validation error of ``source`` in plain words."""
     first = error.errors()[0]
-    place, here = _follow(model, first["loc"])
+    place, known = _place(model, first["loc"])
     where = f"{source}: {'.'.join(place)}" if place else source
     if first["type"] == "extra_forbidden":
-        return UserError(where, "is an unknown key", suggest(place[-1], here, "Known here are"))
+        return UserError(where, "is an unknown key", suggest(place[-1], known, "Known here are"))
     if first["type"] == "missing":
         return UserError(where, "is missing", "Add it.")
     todo = first.get("ctx", {}).get("todo")
     if todo is not None:
         return UserError(where, first["msg"], todo)
-    arrived = repr(first["input"])
-    arrived = arrived if len(arrived) <= 60 else f"{arrived[:57]}..."
-    return UserError(where, f"is {arrived}", f"{first['msg']}.")
+    value = repr(first["input"])
+    value = value if len(value) <= 60 else f"{value[:57]}..."
+    return UserError(where, f"is {value}", f"{first['msg']}.")
 
 
-def _follow(model: type[BaseModel], path: Sequence[str | int]) -> tuple[list[str], list[str]]:
-    """A place in the data as its file has it, and the keys that are known where it ends.
+def _place(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[list[str], list[str]]:
+    """The keys and indices in ``loc``, and the known keys beside the last one.
 
-    Pydantic's places also name which part of a union was meant; files do not.
+    Pydantic's ``loc`` also names the chosen member of a union, which the file does not have.
     """
-    here: object = model
-    place, known = [], sorted(model.model_fields)
-    for part in path:
-        models = list(_models_in(here))
-        known = sorted({key for m in models for key in m.model_fields})
-        tagged = [m for m in models if len(models) > 1 and _is_tagged(m, part)]
-        if tagged and not _is_collection(here):
-            here = tagged[0]
-            continue
-        if not models and not _is_collection(here) and isinstance(part, str):
-            continue  # which kind of value of several
-        place.append(str(part))
-        if _is_collection(here):
-            here = _without_wrapping(here)
-            here = get_args(here)[1 if get_origin(here) is dict else 0]
-        else:
-            fields = [m.model_fields[part].annotation for m in models if part in m.model_fields]
-            here = next(iter(fields), None)
+    schema = model.model_json_schema()
+    node: Mapping[str, Any] = schema
+    place: list[str] = []
+    known: list[str] = []
+    for part in loc:
+        options = [option for option in (node, *node.get("anyOf", ())) if "$ref" in option]
+        if options:
+            node = schema["$defs"][options[0]["$ref"].rpartition("/")[2]]
+        members = node.get("discriminator", {}).get("mapping", {})
+        if part in members:
+            node = {"$ref": members[part]}
+        elif node.get("type") in ("object", "array"):
+            place.append(str(part))
+            keys, patterns = node.get("properties", {}), node.get("patternProperties", {})
+            known = sorted(keys)
+            inner = (keys.get(part), *patterns.values(), node.get("additionalProperties"))
+            node = next((n for n in (*inner, node.get("items")) if isinstance(n, dict)), {})
     return place, known
-
-
-def _without_wrapping(annotation: object) -> object:
-    """What an annotation such as ``Annotated[dict[str, Model], ...] | None`` wraps."""
-    while get_origin(annotation) not in (dict, list, tuple):
-        parts = [a for a in get_args(annotation) if any(_models_in(a))]
-        if not parts or isinstance(annotation, type):
-            return annotation
-        annotation = parts[0]
-    return annotation
-
-
-def _is_collection(annotation: object) -> bool:
-    """Whether it stands for a dictionary or list of models."""
-    return get_origin(_without_wrapping(annotation)) in (dict, list, tuple)
-
-
-def _is_tagged(model: type[BaseModel], tag: object) -> bool:
-    """Whether the tag is what tells this model from the others of a union."""
-    kinds = [field.annotation for field in model.model_fields.values()]
-    return any(get_origin(kind) is Literal and tag in get_args(kind) for kind in kinds)
-
-
-def _models_in(annotation: object) -> Iterator[type[BaseModel]]:
-    """The models inside an annotation such as ``tuple[Annotated[View, ...], ...] | None``."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    else:
-        for part in get_args(annotation):
-            yield from _models_in(part)
