@@ -1,1 +1,1 @@
-"""Photons and points -> irradiance: stochastic progressive photon mapping, passes and their sums."""
+"""Stochastic progressive photon mapping: passes, their sums, and reference images."""

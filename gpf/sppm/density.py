@@ -1,4 +1,4 @@
-"""Photons and points -> irradiance: the radius schedule and the kernel density estimate."""
+"""The radius schedule, and the kernel density estimate of irradiance from photons."""
 
 from __future__ import annotations
 
@@ -14,15 +14,13 @@ from gpf.core.structs import OrientedPoints, Photons
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface, unpack_depth
 
 
-def next_radius(radius: float, t: int, alpha: float) -> float:
-    """r_{t+1} = r_t √((t + α) / (t + 1)), t counted from 1 (Knaus and Zwicker 2011)."""
-    return float(radius * np.sqrt((t + alpha) / (t + 1)))
-
-
 def radius_at(t: int, initial_radius: float, alpha: float) -> float:
-    """Radius of pass ``t`` (from 1) in closed form, so that passes are independent given t.
+    """Radius of pass ``t`` (counted from 1), in the unit of ``initial_radius``.
 
-    r_t² = r_1² Γ(t + α) / (Γ(1 + α) Γ(t + 1)) from the recurrence of :func:`next_radius`.
+    The recurrence r_{t+1} = r_t √((t + α) / (t + 1)) (Knaus and Zwicker 2011) in closed form, so
+    that a pass does not need the passes before it:
+
+        r_t² = r_1² Γ(t + α) / (Γ(1 + α) Γ(t + 1))
     """
     from scipy.special import gammaln
 
@@ -31,21 +29,21 @@ def radius_at(t: int, initial_radius: float, alpha: float) -> float:
 
 
 class PhotonDensity:
-    """Photons sorted by place, and the irradiance that their density stands for anywhere:
+    """Photons in a grid, and the estimate of irradiance from their density:
 
         E(x) = 1 / (π r²) Σ κ(|x - x_i|² / r²) Φ_i    over photons on the same surface,
 
-    with the kernel κ(s) = 1, or, where it is to be smooth, κ(s) = 2 (1 - s).
+    with the constant kernel κ(s) = 1 or the smooth kernel κ(s) = 2 (1 - s).
 
-    Photons are added up cell by cell, and within a cell in the order in which they are given: the
-    sums of photons in the same order are the same to the last bit.
+    Photons are added cell by cell, and within a cell in the order in which they are given. The
+    same photons in the same order give the same bits.
 
     Parameters
     ----------
     photons: (M,).
     radius: kernel radius r, world units.
     bounds: corners of the scene's bounding box.
-    smooth: whether a photon counts the less the farther away it is.
+    smooth: whether to use the smooth kernel.
     """
 
     def __init__(self, photons: Photons, radius: float, bounds: Any, smooth: bool = False) -> None:
@@ -53,7 +51,7 @@ class PhotonDensity:
         self._empty = dr.width(photons.p) == 0
         if self._empty:
             return
-        # Narrow cells hold few photons outside of the ball, wide ones have few rows to walk.
+        # Narrow cells hold few photons outside the ball; with wide cells, fewer rows are visited.
         tag = pack_tag(photons.n, photons.depth)
         self._grid = SpatialHash(photons.p, cell=1.01 * radius, bounds=bounds, tag=tag)
         power = dr.gather(mi.Color3f, photons.power, self._grid.order)
@@ -64,7 +62,7 @@ class PhotonDensity:
 
     @classmethod
     def of_points(cls, points: OrientedPoints, radius: float, bounds: Any) -> PhotonDensity:
-        """The density of points on surfaces, 1/m²: as of photons of one watt each."""
+        """The density of points on surfaces, 1/m²: each point is a photon of one watt."""
         count = dr.width(points.p)
         power = mi.Color3f(dr.full(mi.Float, 1, count))
         depth = dr.zeros(mi.UInt32, count)
@@ -77,12 +75,12 @@ class PhotonDensity:
         active: mi.Bool | bool = True,
         budget: mi.UInt32 | int = UNLIMITED,
     ) -> mi.Color3f:
-        """E at points, W/m², (N, 3); 0 where they are not active.
+        """E at points, W/m², (N, 3); 0 at inactive points.
 
         Parameters
         ----------
         p, n: positions and oriented normals, (N, 3).
-        budget: greatest depth of a photon that a point accepts, (N,).
+        budget: the greatest photon depth that each point accepts, (N,).
         """
         if self._empty:
             return dr.zeros(mi.Color3f, dr.width(p))

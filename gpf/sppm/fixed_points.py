@@ -1,4 +1,4 @@
-"""Points that are the same for all passes, and the direct light that comes to them."""
+"""Points that stay the same for all passes, and the direct light that reaches them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from gpf.scene.materials import diffuse_context
 
 
 class FixedPoints:
-    """Valid points whose irradiance is accumulated, and the surfaces that they lie on.
+    """Points whose irradiance is accumulated, all of them valid.
 
     Parameters
     ----------
-    points: positions, and normals on the side that is lit, (N).
+    points: positions, and normals on the side where light is gathered, (N).
     """
 
     def __init__(self, scene: mi.Scene, points: VisiblePoints) -> None:
@@ -24,7 +24,8 @@ class FixedPoints:
 
     @cached_property
     def _surface(self) -> mi.SurfaceInteraction3f:
-        """The surfaces, found again from right above them; not valid where that fails, (N,)."""
+        """The surfaces of the points, (N,), found by short rays from above; not valid where a ray
+        misses the surface."""
         above = dr.zeros(mi.SurfaceInteraction3f, dr.width(self.points.p))
         above.p, above.n = self.points.p, self.points.n
         ray = above.spawn_ray(self.points.n)
@@ -42,8 +43,8 @@ class FixedPoints:
 
             E = L_e / p_e(ω) |cos θ| g(ω)
 
-        with the cosine in the shading frame, and g as in :func:`gpf.scene.materials.diffuse_transfer`:
-        what photons would bring from there.
+        with the cosine in the shading frame, and g of :func:`gpf.scene.materials.diffuse_transfer`.
+        Photons from the same point would bring the same irradiance.
 
         Parameters
         ----------
@@ -54,7 +55,7 @@ class FixedPoints:
         here.p, here.n = p, n
         light, weight = self.scene.sample_emitter_direction(here, sample, True, True)
         cosine = dr.dot(light.d, n)
-        # As in a photon's landing: the answer for light from ω over that for light from above.
+        # As for a photon that lands: the BSDF for light from ω over the BSDF for light from above.
         context, known = diffuse_context(), si.is_valid()
         upright = mi.SurfaceInteraction3f(si)
         upright.wi = mi.Vector3f(0, 0, dr.select(dr.dot(si.sh_frame.n, n) > 0, 1, -1))

@@ -1,4 +1,4 @@
-"""Sums over ranges of passes, in files that can be made apart and are put together exactly."""
+"""Files with sums over ranges of passes; added together they give the bits of one long sum."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ _NAME = re.compile(r"(\d+)-(\d+)\.safetensors")
 class PassParts:
     """A folder of files ``FIRST-LAST.safetensors``, each with the sums over passes FIRST+1 to LAST.
 
-    What is done of a long sum is what lies here: a checkpoint is a part that is still growing, and
-    a part that another machine made counts as if it were made here.
+    These files record which passes are done. A checkpoint is a part that still grows. A part from
+    another machine counts like one that was made here.
 
     Parameters
     ----------
-    folder: what belongs to a ``fingerprint`` lies in a folder below that is named after it, with
-        the fingerprint beside the parts; parts of anything else are left alone.
-    fingerprint: all that the sums depend on, as JSON values.
-    passes: how many there are to be. Parts that reach further, of a longer sum, are left alone.
+    folder: parent of the folder with the parts. That folder has the name of the fingerprint's
+        digest and also holds the fingerprint. Folders of other fingerprints are not touched.
+    fingerprint: everything that the sums depend on, as JSON values.
+    passes: total number of passes. Parts of a longer sum that end later are ignored.
     """
 
     def __init__(self, folder: Path, fingerprint: Mapping[str, Any], passes: int) -> None:
@@ -40,18 +40,18 @@ class PassParts:
         self._fingerprint: dict[str, Any] = json.loads(text)
 
     def done(self) -> list[range]:
-        """Ranges of passes that are done, in order and without overlap, as 0-based ranges."""
+        """Ranges of passes that are done, 0-based, in order and without overlap."""
         chosen: list[range] = []
         names = [_NAME.fullmatch(p.name) for p in self.folder.glob("*.safetensors")]
         found = [range(int(m[1]), int(m[2])) for m in names if m and int(m[2]) <= self.passes]
-        # Where one lies within another, the longer one counts.
+        # Of parts with the same start the longest counts; a part that overlaps it does not.
         for part in sorted(found, key=lambda r: (r.start, -r.stop)):
             if not chosen or part.start >= chosen[-1].stop:
                 chosen.append(part)
         return chosen
 
     def missing(self, wanted: range, cuts: Sequence[int] = ()) -> list[range]:
-        """What is left to do of a range; no part reaches across one of the ``cuts``."""
+        """Ranges of ``wanted`` that are not done, split at ``cuts``."""
         left, first = [], wanted.start
         for part in [*self.done(), range(wanted.stop, wanted.stop)]:
             last = min(part.start, wanted.stop)
@@ -61,16 +61,16 @@ class PassParts:
         return left
 
     def others(self) -> dict[Path, str]:
-        """Folders beside this one that hold parts of something else, and what of."""
+        """Folders with parts of other sums, and in which facts those sums differ from this one."""
         if not self.parent.is_dir():
             return {}
         folders = sorted(p for p in self.parent.iterdir() if p.is_dir() and p != self.folder)
         return {folder: self._difference(folder) for folder in folders}
 
     def _difference(self, folder: Path) -> str:
-        """In what the fingerprint of a folder is not this one, in words."""
+        """How the fingerprint of a folder differs from this one, in words."""
         if not (folder / _FINGERPRINT).exists():
-            return "nothing that this version knows"
+            return "an unknown fingerprint"
         theirs, mine = read_json(folder / _FINGERPRINT), self._fingerprint
         words = []
         for key in sorted(theirs.keys() | mine.keys()):
@@ -81,11 +81,11 @@ class PassParts:
         return "other " + ", ".join(words)
 
     def file(self, part: range) -> Path:
-        """Where the sums over a range lie."""
+        """The file of the sums over a range."""
         return self.folder / f"{part.start}-{part.stop}.safetensors"
 
     def write(self, part: range, sums: PassSums, costs: Mapping[str, float]) -> None:
-        """Keep the sums over a range, in place of those of shorter ranges with the same start."""
+        """Write the sums over a range and remove shorter ranges with the same start."""
         if not (self.folder / _FINGERPRINT).exists():
             write_json(self.folder / _FINGERPRINT, self._fingerprint)
         metadata = {"passes": sums.passes, "costs": dict(costs), "digest": self.digest}
@@ -96,13 +96,18 @@ class PassParts:
                 other.unlink(missing_ok=True)
 
     def add_to(self, sums: PassSums, part: range) -> dict[str, float]:
-        """Add a part's sums to others; what it cost."""
+        """Add a part to ``sums``, and return what the part cost.
+
+        Raises
+        ------
+        UserError: the file belongs to other sums.
+        """
         tensors, metadata = read_tensors(self.file(part), "passes")
         if metadata.get("digest") != self.digest:
             raise UserError(
                 str(self.file(part)),
-                "holds passes of another scene, other views, parameters or code "
-                f"({metadata.get('digest', 'unknown')}), and is left as it is",
+                "holds passes of another scene, or of other views, parameters or code "
+                f"({metadata.get('digest', 'unknown')}); it was not changed",
                 "Move it out of this folder.",
             )
         sums.add_tensors(tensors, metadata["passes"])
@@ -110,7 +115,7 @@ class PassParts:
         return costs
 
     def clear(self) -> None:
-        """Remove all parts, once their sum is kept elsewhere."""
+        """Remove all parts; call this after their sum has been stored elsewhere."""
         for path in [*self.folder.glob("*.safetensors"), self.folder / _FINGERPRINT]:
             path.unlink(missing_ok=True)
         for folder in (self.folder, self.parent):

@@ -1,4 +1,4 @@
-"""What a set of passes has brought: sums that add up to the same bits in any grouping."""
+"""Sums over passes; ranges of passes may be grouped in any way and give the same bits."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ _GREATEST_SQUARE = 2.0**51
 
 
 class ViewTally:
-    """Radiances that passes found at the pixels of one view, (N, 3), and how far they scatter.
+    """Sums of the radiances of one view over passes, (N, 3), and of their squares.
 
-    Odd and even passes are summed apart: two independent halves, whose difference tells how much
-    noise is left after any processing that an image may get.
+    Odd and even passes are summed separately. The difference of these independent halves shows how
+    much noise is left, also after any processing of the images.
 
     Parameters
     ----------
@@ -27,18 +27,18 @@ class ViewTally:
 
     def __init__(self, size: int) -> None:
         self.halves = (ExactSum(size), ExactSum(size))
-        # Of what is dim, the square is tiny: 2^-51 is that of 2e-8.
+        # Squares of small radiances are very small: 2^-51 is the square of 2e-8.
         self.squares = ExactSum(size, bits=51)
 
     def add(self, radiance: mi.Color3f, t: int) -> None:
-        """Add what pass ``t`` found, W/(m² sr), (N, 3)."""
-        dr.eval(radiance)  # each sum is a kernel of its own, and would trace it anew
+        """Add the radiance of pass ``t``, W/(m² sr), (N, 3)."""
+        dr.eval(radiance)  # otherwise the kernel of each sum would compute it again
         self.halves[t % 2].add(radiance)
-        # A sun that is seen directly has more than fits: its error is then said to be less.
+        # The square of a directly visible sun may be too large; its error is then underestimated.
         self.squares.add(dr.minimum(radiance * radiance, _GREATEST_SQUARE))
 
     def add_tally(self, other: ViewTally) -> None:
-        """Add what other passes found."""
+        """Add the sums over other passes."""
         for mine, theirs in zip(self.halves, other.halves, strict=True):
             mine.add_tensors(theirs.tensors())
         self.squares.add_tensors(other.squares.tensors())
@@ -58,10 +58,11 @@ class ViewTally:
         return np.sqrt(np.maximum(variance, 0) / (passes - 1))
 
     def expected_psnr(self, passes: int, exposure: float) -> float:
-        """PSNR in dB that an independent image of as many passes is expected to have against this.
+        """Expected PSNR, in dB, of an independent image of as many passes against this image.
 
-        The halves have half as many passes each, and differ by twice the squared error, on a
-        tone-mapped scale:
+        T is the tone mapping. Each half has half of the passes, so its squared error is twice that
+        of the whole; the squared difference of the halves is four times, and that of two whole
+        images twice, the squared error of one:
 
             PSNR = -10 log₁₀ (⟨(T(odd) - T(even))²⟩ / 2)
         """
@@ -77,13 +78,13 @@ class ViewTally:
 
 
 class PassSums:
-    """Sums over a number of passes for some views and for some sets of fixed points.
+    """Sums over a number of passes, for views and for sets of fixed points.
 
     Parameters
     ----------
-    views: number of pixels of each view whose image is accumulated.
-    points: number of points in each set whose irradiance is.
-    apart: whether direct light, which is part of it, is accumulated on its own as well.
+    views: name -> number of pixels, of each view whose image is accumulated.
+    points: name -> number of points, of each set whose irradiance is accumulated.
+    separate_direct: whether direct light, a part of the irradiance, is also summed on its own.
 
     Attributes
     ----------
@@ -91,15 +92,15 @@ class PassSums:
     """
 
     def __init__(
-        self, views: Mapping[str, int], points: Mapping[str, int], apart: bool = False
+        self, views: Mapping[str, int], points: Mapping[str, int], separate_direct: bool = False
     ) -> None:
         self.passes = 0
         self.views = {name: ViewTally(size) for name, size in views.items()}
         self.points = {name: ExactSum(size) for name, size in points.items()}
-        self.direct = {name: ExactSum(size) for name, size in points.items() if apart}
+        self.direct = {name: ExactSum(size) for name, size in points.items() if separate_direct}
 
     def tensors(self) -> dict[str, np.ndarray]:
-        """Everything for a file, as integers."""
+        """All sums as integers, for a file."""
         return {
             f"{name}/{key}": array
             for name, part in self._parts().items()
@@ -122,22 +123,21 @@ class PassSums:
         return parts
 
 
-# Terms beyond this have no sum: a thousand of them would not fit into 64 bits.
+# Terms must be smaller than this: a thousand larger ones would not fit into 64 bits.
 _LARGEST = 2.0**52
 
 
 class ExactSum:
     """Sum of arrays of float32 colours, (N, 3), as whole numbers and multiples of a small step.
 
-    Floating-point sums depend on their order in the last bits, so that parts of a long sum could
-    not be made apart and then be put together. Integers have no such trouble. A term is cut to a
-    multiple of the step; terms may be as large as 4e15. A lane with a term that is larger, or not
-    finite, has no sum: NaN.
+    The last bits of a floating-point sum depend on the order of its terms; integer sums do not, so
+    parts of a long sum can be computed separately. A term is rounded towards zero to a multiple of
+    the step and may be up to 4e15. If a lane gets a larger or non-finite term, its sum is NaN.
 
     Parameters
     ----------
     size: number of lanes N.
-    bits: the step is 2^-bits: for 40, the default, 1e-12.
+    bits: the step is 2^-bits; the default 40 gives 1e-12.
     """
 
     def __init__(self, size: int, bits: int = 40) -> None:
@@ -149,7 +149,7 @@ class ExactSum:
         self._broken = dr.zeros(mi.UInt32, size)
 
     def add(self, value: mi.Color3f) -> None:
-        """Add one value per lane, (N, 3); evaluated at once."""
+        """Add one value per lane, (N, 3), and evaluate the sum."""
         kind = type(self._whole)
         finite = dr.all(dr.abs(value) < _LARGEST)
         value = dr.select(finite, value, 0)
@@ -167,7 +167,8 @@ class ExactSum:
         return total
 
     def tensors(self) -> dict[str, np.ndarray]:
-        """The sum as integers for a file: (N, 3) twice, and which lanes are broken, (N,)."""
+        """The sum as integers for a file: ``whole`` and ``steps``, (N, 3), and ``broken``, (N,),
+        which is 1 for lanes whose sum is NaN."""
         return {
             "whole": _rows(self._whole),
             "steps": _rows(self._steps),
@@ -183,8 +184,8 @@ class ExactSum:
         self._carry()
 
     def _carry(self) -> None:
-        """Full steps become wholes: what is left, 0 to 2^bits - 1, has room for any more terms."""
-        if self.size == 0:  # what is empty takes no operand of one lane
+        """Move full units from ``steps`` to ``whole``; ``steps`` stays within 0 to 2^bits - 1."""
+        if self.size == 0:  # Dr.Jit cannot combine an empty array with a single value
             return
         full = self._steps >> self._bits
         self._whole += full

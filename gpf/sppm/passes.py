@@ -1,8 +1,8 @@
-"""Stochastic progressive photon mapping: passes that are independent given their index.
+"""Passes of stochastic progressive photon mapping; each depends on its index alone.
 
-One pass traces photons and gathers them with the radius of that pass at any number of points: the
-visible points of one view or of several, and points whose irradiance is a training target. The
-estimate is the mean over passes (Knaus and Zwicker 2011).
+One pass traces photons and gathers them, with the radius of that pass, at any number of points: the
+visible points of one or more views, and points whose irradiance is a training target. The estimate
+is the mean over passes (Knaus and Zwicker 2011).
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from gpf.sppm.fixed_points import FixedPoints
 
 
 class PassSettings(Settings):
-    """What all passes have in common.
+    """Settings that all passes share.
 
     Attributes
     ----------
     photons_per_pass: emitted photon paths.
     initial_radius: kernel radius of the first pass, world units.
-    alpha: radius reduction, in (0, 1); see :func:`gpf.sppm.density.next_radius`.
+    alpha: radius reduction, in (0, 1); see :func:`gpf.sppm.density.radius_at`.
     max_depth: longest path in edges, as in Mitsuba's ``path``; -1 is no limit.
     rr_depth: interactions before Russian roulette.
-    direct: where light straight from the emitters comes from, at what views see and at fixed
-        points: the ``photons``, like all other light, or a sample of the ``emitters``.
+    direct: source of direct light at visible and fixed points: ``photons``, like all other light,
+        or a sample of the ``emitters``.
     glossy_walks: camera walks of a sample that meets a glossy surface first; see
         :class:`gpf.camera.film.FilmSamples`.
     edge_correction: whether to divide by the part of the kernel's disc that lies on the surface,
-        rather than by all of it; see :mod:`gpf.sppm.edge_correction`.
+        instead of the whole disc; see :mod:`gpf.sppm.edge_correction`.
     """
 
     photons_per_pass: Count = 100_000
@@ -69,25 +69,22 @@ class PassSettings(Settings):
 
 
 def suit_scene(settings: PassSettings, scene: mi.Scene) -> PassSettings:
-    """The settings without what a scene has no use for, or cannot do.
-
-    One walk is enough where nothing is glossy; where an emitter cannot be sampled, photons bring
-    direct light.
-    """
+    """The settings, adapted to a scene: a single walk if no surface is glossy; direct light from
+    photons if one of the emitters cannot be sampled."""
     walks = settings.glossy_walks if has_gloss(scene) else 1
     direct = settings.direct if samples_every_emitter(scene) else "photons"
     return settings.model_copy(update={"glossy_walks": walks, "direct": direct})
 
 
 class PhotonPasses:
-    """Passes of photons.
+    """The photon passes of a scene.
 
-    What pass ``t`` gives is a function of the scene, the settings, the seed and ``t``, bit for bit:
-    not of the passes before, nor of the order in which threads bring photons.
+    The result of pass ``t`` is a function of the scene, the settings, the seed and ``t``, bit for
+    bit. It does not depend on earlier passes, nor on the order in which threads deliver photons.
 
     Parameters
     ----------
-    source: where photons start; see :func:`gpf.photons.tracing.trace_photons`.
+    source: emits the photons; see :func:`gpf.photons.tracing.trace_photons`.
     """
 
     def __init__(
@@ -97,7 +94,7 @@ class PhotonPasses:
         self.settings = suit_scene(settings, scene)
         self.paths = self.settings.path_settings(source)
         self.bounds = scene_bounds(scene)
-        # Photons for which there was room in all passes so far.
+        # Number of photons that the buffer must hold, from the passes so far.
         self._room: int | None = None
 
     def trace(self, t: int) -> PhotonPass:
@@ -108,7 +105,7 @@ class PhotonPasses:
         )
         found = dr.width(photons.p)
         if self._room is None or found > self._room:
-            # As usual, or more, and some more for passes that have a few more.
+            # With an eighth in reserve, because later passes may have a few more photons.
             self._room = max(self.paths.usual_capacity, found + found // 8)
         radius = radius_at(t, settings.initial_radius, settings.alpha)
         density = PhotonDensity(photons, radius, self.bounds)
@@ -117,7 +114,7 @@ class PhotonPasses:
 
 @dataclass(frozen=True)
 class PhotonPass:
-    """The photons of one pass, and the light that points gather from them."""
+    """The photons of one pass; points gather light from them."""
 
     scene: mi.Scene
     settings: PassSettings
@@ -127,8 +124,9 @@ class PhotonPass:
     t: int
 
     def irradiance(self, points: VisiblePoints) -> mi.Color3f:
-        """What photons bring to ``points``, W/m², (N, 3): all light, or what is not direct."""
-        # A whole path has the camera's depth + 1 edges, the photon's depth + 1 edges.
+        """Irradiance from photons at ``points``, W/m², (N, 3): all light, or indirect light if
+        direct light is sampled at the emitters."""
+        # A path has depth + 1 edges from the camera and depth + 1 edges from the photon.
         budget: Any = UNLIMITED
         if self.settings.max_depth > 0:
             budget = max(self.settings.max_depth - 2, 0) - points.depth
@@ -142,18 +140,19 @@ class PhotonPass:
     def all_irradiance(
         self, fixed: FixedPoints, start: mi.Point2f, number: int
     ) -> tuple[mi.Color3f, mi.Color3f | None]:
-        """E at fixed points, W/m², (N, 3), and how much of it came from a sample of the emitters:
-        None if photons bring direct light too.
+        """E at fixed points, W/m², (N, 3), and the part of it from a sample of the emitters; None
+        for that part if photons also carry direct light.
 
         Parameters
         ----------
-        start: of the points' samples, (N, 2); see :func:`gpf.core.random.random_start`.
-        number: how many passes have served these points, this one included.
+        start: start of each point's sequence of samples, (N, 2); see
+            :func:`gpf.core.random.random_start`.
+        number: number of passes at these points so far, this one included.
         """
         if self.settings.direct == "photons":
             return self.irradiance(fixed.points), None
         direct = fixed.direct_irradiance(spread_sample(start, number))
-        dr.eval(direct)  # each use is a kernel of its own, and would trace it anew
+        dr.eval(direct)  # otherwise each use of it would trace it again
         return self.irradiance(fixed.points) + direct, direct
 
 
@@ -164,10 +163,11 @@ def propose_radius(
     seed: int = 0,
     photons_in_disc: float = 16.0,
 ) -> float:
-    """A radius for which a typical visible point gathers ``photons_in_disc`` photons per pass.
+    """A radius, world units, for which a typical visible point gathers ``photons_in_disc`` photons
+    per pass.
 
-    A pilot pass measures the photon density at the points (distance to the 8th nearest photon on
-    the same surface, median over up to 4096 points). The radius is clamped to 1e-4 … 5e-2 of the
+    A pilot pass measures the photon density at the points: the distance to the 8th nearest photon
+    on the same surface, median over 4096 samples. The radius is clamped to 1e-4 … 5e-2 of the
     scene's diagonal.
     """
     k = 8
@@ -186,7 +186,7 @@ def propose_radius(
     tag = pack_tag(photons.n)
     grid = SpatialHash(photons.p, cell=1e-2 * diagonal, bounds=bounds, far=True, tag=tag)
     start, limit = mi.Float(5e-3 * diagonal), mi.Float(0.2 * diagonal)
-    # Behind a thin wall there may be many more.
+    # Photons behind a thin wall do not count; there may be many more of them.
     _, distance2 = grid.nearest(
         x, k, start, limit, lambda record: same_surface(record, x, n, mi.Float(0))
     )

@@ -1,4 +1,4 @@
-"""Reference images and targets: many passes of SPPM for several views from the same photons."""
+"""Reference images and training targets: many passes of SPPM; several views share the photons."""
 
 from __future__ import annotations
 
@@ -22,28 +22,30 @@ from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.pass_sums import ExactSum, PassSums
 from gpf.sppm.passes import PassSettings, PhotonPasses, propose_radius
 
-# With `photons_per_pass: auto`, a pass is as good as so many paths that bring equal power.
+# With `photons_per_pass: auto`, a pass is as good as this many photon paths of equal power.
 EQUAL_PATHS = 50_000
 
 
 class ReferenceSettings(PassSettings):
-    """Long sums of passes: references, and the targets of training.
+    """Settings of the references and of the training targets.
 
     Attributes
     ----------
-    passes: how many there are to be.
-    photons_per_pass: emitted paths; ``auto``: by what they bring to the visible region.
+    passes: number of passes, at most.
+    photons_per_pass: emitted paths; ``auto``: from what they bring to the visible region.
     initial_radius: world units; ``auto``: from the photon density at the first view.
-    view_points, surface_points: supervised points that views see, and on surfaces, at most.
-    images: of training views beside their points; ``auto``: as many as some system learns from.
-    checkpoint_seconds, preview_seconds: between files that show or keep what there is; 0: none.
-    target_psnr: dB; fewer passes will do once a second reference would agree so well; 0: all.
+    view_points, surface_points: largest number of supervised points that training views see, and
+        of supervised samples of surfaces.
+    images: number of training views with images; ``auto``: as many as the systems to be run need.
+    checkpoint_seconds: time between checkpoints.
+    preview_seconds: time between preview images; 0: no previews.
+    target_psnr: dB; stop when a second reference is expected to agree this well; 0: never.
     """
 
     passes: Annotated[int, Field(ge=4)] = 250
     photons_per_pass: AutoCount = "auto"  # type: ignore[assignment]
     initial_radius: Length = "auto"  # type: ignore[assignment]
-    max_depth: Literal[-1] = -1  # fields and targets have light of any number of bounces
+    max_depth: Literal[-1] = -1  # fields and targets hold light after any number of bounces
     view_points: Count = 200_000
     surface_points: Annotated[int, Field(ge=0)] = 300_000
     images: Annotated[int, Field(ge=0)] | Literal["auto"] = "auto"
@@ -53,11 +55,8 @@ class ReferenceSettings(PassSettings):
     target_psnr: NotNegative = 0.0
 
     def measure(self, scene: mi.Scene, sensor: mi.Sensor, plan: EmissionPlan) -> PassSettings:
-        """Settings of the passes; what is ``auto`` is measured.
-
-        The number of paths by what they bring to the visible region, the radius at what the sensor
-        sees.
-        """
+        """Settings of the passes, with measured values for ``auto``: the number of paths from what
+        they bring to the visible region, the radius from the points that the sensor sees."""
         paths, radius = self.photons_per_pass, self.initial_radius
         if paths == "auto":
             paths = plan.paths_for_passes(EQUAL_PATHS)
@@ -65,7 +64,8 @@ class ReferenceSettings(PassSettings):
             film = sample_film(scene, sensor, pass_seed(self.seed, 0, Stream.CAMERA))
             pilot = PathSettings(paths, rr_depth=self.rr_depth, source=plan.source)
             measured = propose_radius(scene, film.points, pilot, self.seed)
-            # In steps of a fifth: another training view is no reason to render novel views again.
+            # In steps of a fifth, so that a new training view rarely changes the radius: with
+            # another radius, all novel views would have to be rendered again.
             radius = float(f"{2 ** (round(4 * np.log2(measured)) / 4):.4g}")
         common = {name: getattr(self, name) for name in PassSettings.model_fields}
         return PassSettings(**common | {"photons_per_pass": paths, "initial_radius": radius})
@@ -73,16 +73,18 @@ class ReferenceSettings(PassSettings):
 
 @dataclass(frozen=True)
 class ReferenceView:
-    """What many passes tell about one view.
+    """The result of many passes for one view.
 
     Attributes
     ----------
-    radiance: mean over passes, each with a new sample in every pixel, (H, W, 3); None for a view
-        that has points alone.
-    standard_error: of the radiance, from its variance between passes, (H, W, 3); None likewise.
+    radiance: mean over passes, each with a new sample in every pixel, W/(m² sr), (H, W, 3); None
+        for a view without an image.
+    standard_error: standard error of the radiance, from its variance between passes, (H, W, 3);
+        None for a view without an image.
     position, normal, reflectance: of one fixed visible point per pixel, (H, W, 3).
-    irradiance: mean over passes at that point, (H, W, 3); None for a view that has an image alone.
-    direct: how much of it came from samples of the emitters; 0 where photons brought all of it.
+    irradiance: mean over passes at these points, W/m², (H, W, 3); None for a view without points.
+    direct: the part of the irradiance from samples of the emitters, (H, W, 3); 0 if photons carry
+        direct light; None for a view without points.
     valid: 1 where the pixel has a visible point, else 0, (H, W).
     """
 
@@ -96,23 +98,23 @@ class ReferenceView:
     valid: np.ndarray
 
     def layers(self) -> dict[str, np.ndarray]:
-        """As layers of an EXR."""
+        """The layers of the EXR file."""
         return {name: layer for name, layer in vars(self).items() if layer is not None}
 
 
 class ReferenceRenderer:
     """Accumulates passes for a group of views that share their photons.
 
-    A view's result depends on the seed, the settings and the view's own name and camera, not on
-    which other views are in the group: photons of a pass are the same for all, and each view has
-    its own camera samples.
+    A view's result depends on the seed, the settings, and the view's name and camera. It does not
+    depend on the other views of the group: all views use the photons of a pass, and each has its
+    own camera samples.
 
     Parameters
     ----------
-    sensors: one sensor per view whose image is accumulated, by name.
-    points: fixed sets of points whose irradiance is accumulated, by name: the visible points of a
-        view (:func:`fixed_points`), samples of the scene's surfaces.
-    source: where photons start; see :func:`gpf.photons.tracing.trace_photons`.
+    sensors: by name, the sensor of each view whose image is accumulated.
+    points: by name, sets of fixed points whose irradiance is accumulated: visible points of a view
+        (:func:`fixed_points`) or samples of the scene's surfaces.
+    source: emits the photons; see :func:`gpf.photons.tracing.trace_photons`.
     """
 
     def __init__(
@@ -128,14 +130,15 @@ class ReferenceRenderer:
         self.settings = self.passes.settings
         self.scene, self.sensors, self.seed = scene, dict(sensors), seed
         self.points = dict(points)
-        # Only valid points are gathered at: of many views they may be few.
+        # Photons are gathered at valid points only, which may be few.
         self._valid = {name: dr.compress(points.valid) for name, points in self.points.items()}
         dr.eval(self.points)
         self._join_points()
         self.sizes = {name: film_size(sensor) for name, sensor in self.sensors.items()}
 
     def _join_points(self) -> None:
-        """Make one set of all: many small ones would each wait for their slowest point."""
+        """Join all sets into one: with a kernel for each, every kernel would wait for its slowest
+        point."""
         parts, starts, self._lanes, first = [], [], {}, 0
         for name, valid in self._valid.items():
             count = dr.width(valid)
@@ -150,10 +153,10 @@ class ReferenceRenderer:
         dr.eval(self._lanes, self._start)
 
     def empty_sums(self) -> PassSums:
-        """Sums over no passes, of the right shape."""
+        """Sums over no passes, with the shapes of this group."""
         pixels = {name: width * height for name, (width, height) in self.sizes.items()}
         points = {name: dr.width(lanes) for name, lanes in self._valid.items()}
-        return PassSums(pixels, points, apart=self.settings.direct == "emitters")
+        return PassSums(pixels, points, separate_direct=self.settings.direct == "emitters")
 
     def run(
         self,
@@ -161,8 +164,10 @@ class ReferenceRenderer:
         sums: PassSums | None = None,
         tick: Callable[[int], None] = lambda done: None,
     ) -> PassSums:
-        """Continue sums, or begin with none, until they are over passes 1 to ``passes``;
-        ``tick(done)`` after each pass."""
+        """Continue ``sums``, or start with empty sums, until they hold passes 1 to ``passes``.
+
+        ``tick(done)`` is called after each pass.
+        """
         sums = sums or self.empty_sums()
         while sums.passes < passes:
             self.run_pass(sums.passes + 1, sums)
@@ -170,7 +175,7 @@ class ReferenceRenderer:
         return sums
 
     def run_pass(self, t: int, sums: PassSums) -> None:
-        """Add pass ``t`` (from 1) to sums."""
+        """Add pass ``t`` (counted from 1) to ``sums``."""
         photons = self.passes.trace(t)
         for name, sensor in self.sensors.items():
             film = sample_view(self.scene, sensor, name, self.settings, self.seed, t)
@@ -179,12 +184,12 @@ class ReferenceRenderer:
             sums.views[name].add(film.merge(radiance), t)
         if self._joined is not None:
             irradiance, direct = photons.all_irradiance(self._joined, self._start, t)
-            dr.eval(irradiance)  # or each set's sum would search for all photons anew
+            dr.eval(irradiance)  # otherwise the sum of each set would gather all photons again
             for name, lanes in self._lanes.items():
                 sums.points[name].add(dr.gather(mi.Color3f, irradiance, lanes))
                 if direct is not None:
                     sums.direct[name].add(dr.gather(mi.Color3f, direct, lanes))
-        # Without waiting, passes pile up and the progress bar lies.
+        # Without waiting, unfinished passes queue up and the progress bar runs ahead of them.
         dr.sync_thread()
         sums.passes += 1
 
@@ -197,9 +202,9 @@ class ReferenceRenderer:
         return value.reshape(height, width, 3).astype(np.float32)
 
     def view(self, name: str, sums: PassSums, size: tuple[int, int] | None = None) -> ReferenceView:
-        """All that sums tell of a view: its image, and the fixed points that have its name.
+        """The results of a view: its image, and the set of fixed points that has its name.
 
-        ``size`` is the width and height of its film, which a view with an image knows.
+        ``size`` is the width and height of the film; a view with an image does not need it.
         """
         width, height = size or self.sizes[name]
         points = self.points.get(name)
@@ -230,11 +235,11 @@ class ReferenceRenderer:
         )
 
     def mean_irradiance(self, name: str, sums: PassSums) -> np.ndarray:
-        """Mean irradiance at a set of points, (N, 3); 0 where a point is not valid."""
+        """Mean irradiance at a set of points, W/m², (N, 3); 0 at invalid points."""
         return self._mean(name, sums.points[name], sums.passes)
 
     def mean_direct(self, name: str, sums: PassSums) -> np.ndarray:
-        """The part of it that came from samples of the emitters, (N, 3)."""
+        """The part of the mean irradiance from samples of the emitters, W/m², (N, 3)."""
         return self._mean(name, sums.direct.get(name), sums.passes)
 
     def _mean(self, name: str, total: ExactSum | None, passes: int) -> np.ndarray:
@@ -248,7 +253,7 @@ class ReferenceRenderer:
 def sample_view(
     scene: mi.Scene, sensor: mi.Sensor, name: str, settings: PassSettings, seed: int, t: int
 ) -> FilmSamples:
-    """One sample per pixel of a view, new for each pass ``t``."""
+    """One sample per pixel of a view; each pass ``t`` has other samples."""
     return sample_film(
         scene,
         sensor,
@@ -268,11 +273,11 @@ def fixed_points(
     seed: int,
     share: float = 1.0,
 ) -> VisiblePoints:
-    """One visible point per pixel that stays the same for all passes, (W H,).
+    """One visible point per pixel, the same for all passes, (W H,).
 
-    Only a ``share`` of the pixels, chosen at random, has a valid one.
+    Only a random ``share`` of the pixels has a valid point.
     """
-    # Direct light is theirs in each pass anew, not once and for all.
+    # Direct light at these points is sampled in each pass, not here.
     whole = settings.model_copy(update={"direct": "photons", "glossy_walks": 1})
     points = sample_view(scene, sensor, name, whole, seed, t=0).points
     if share < 1:

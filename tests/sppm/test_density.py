@@ -12,10 +12,15 @@ import pytest
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import Photons
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface, unpack_depth, unpack_normal
-from gpf.sppm.density import PhotonDensity, next_radius, radius_at
+from gpf.sppm.density import PhotonDensity, radius_at
 
 STEP = 2.0**-8
 BOX = ((-1, -1, -1), (1, 1, 1))
+
+
+def next_radius(radius: float, t: int, alpha: float) -> float:
+    """The recurrence of Knaus and Zwicker 2011."""
+    return radius * math.sqrt((t + alpha) / (t + 1))
 
 
 def test_three_passes_by_hand():

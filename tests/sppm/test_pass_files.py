@@ -129,7 +129,7 @@ def test_parts_of_something_else_are_left_alone(renderer, tmp_path):
     assert mine.done() == []
     assert mine.others() == {
         other.folder: "other seed (4, not 3)",
-        unknown: "nothing that this version knows",
+        unknown: "an unknown fingerprint",
     }
     parts_in(tmp_path, seed=5).clear()
     touch(mine, (0, 3))
