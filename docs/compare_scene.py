@@ -25,7 +25,7 @@ import numpy as np
 
 from gpf.core.images import tone_map
 from gpf.core.runtime import choose_variant
-from gpf.scene.snapshot import freeze_scene
+from gpf.scene.snapshot import snapshot_scene
 
 BLOCKS = 8  # per axis
 WAVEFRONT = 2**21  # camera paths per batch
@@ -161,7 +161,7 @@ def main() -> None:
     choose_variant("auto")
     with tempfile.TemporaryDirectory() as folder:
         frozen = Path(folder) / arguments.own
-        freeze_scene(arguments.own, frozen)
+        snapshot_scene(arguments.own, frozen)
         files = (arguments.original, frozen / "scene.xml")
         scenes = [mi.load_file(str(file), optimize=False) for file in files]
     sensor, integrator = camera_of(scenes[0], width, height), scenes[0].integrator()

@@ -142,7 +142,7 @@ def make_task(
     return Task(
         name=work.scene,
         scene=work.load_scene(),
-        file=work.frozen_scene / "scene.xml",
+        file=work.scene_snapshot / "scene.xml",
         size=work.film_size,
         exposure=work.views.exposure,
         training=training_views(work, options.training_views),

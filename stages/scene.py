@@ -8,7 +8,7 @@ from gpf.core.errors import UserError
 from gpf.core.files import write_json
 from gpf.scene.folders import load_views, scene_folder
 from gpf.scene.inventory import scene_info
-from gpf.scene.snapshot import freeze_scene
+from gpf.scene.snapshot import snapshot_scene
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
 
@@ -24,8 +24,8 @@ def prepare_scene(scene_name: str) -> None:
         )
     costs = CostMeter()
     with costs.measure("scene"):
-        freeze_scene(scene_name, work.frozen_scene)
-        os.replace(work.frozen_scene / "views.yaml", work.views_file)
+        snapshot_scene(scene_name, work.scene_snapshot)
+        os.replace(work.scene_snapshot / "views.yaml", work.views_file)
         scene = work.load_scene()
     write_json(work.folder / "scene.json", scene_info(scene))
     costs.write(work.cost("scene"))

@@ -1,1 +1,1 @@
-"""Scenes as files and as Mitsuba loads them: views, sensors, materials, bounds."""
+"""Scenes: their files, views, sensors, materials and bounds."""

@@ -1,4 +1,4 @@
-"""Where a scene is: the box around its shapes."""
+"""The bounding box of a scene."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 
 
 def bounding_box(scene: mi.Scene) -> np.ndarray:
-    """Two opposite corners of the box around all shapes, world units, (2, 3); zeros without any.
+    """Two opposite corners of the box around all shapes, world units, (2, 3); zeros if no shapes.
 
-    ``scene.bbox()`` leaves out the rectangles that Mitsuba merges into one mesh when it loads a
-    scene from a file: that mesh says that its box is empty.
+    ``scene.bbox()`` is wrong if Mitsuba merged rectangles into one mesh when it loaded the file:
+    the bounding box of that mesh is empty.
     """
     corners = []
     for shape in scene.shapes():
@@ -28,15 +28,15 @@ def bounding_box(scene: mi.Scene) -> np.ndarray:
 
 
 def scene_bounds(scene: mi.Scene) -> tuple[Any, Any]:
-    """The same as two points."""
+    """The corners of :func:`bounding_box` as two points."""
     lower, upper = (mi.ScalarPoint3f(corner.tolist()) for corner in bounding_box(scene))
     return lower, upper
 
 
 def require_bounds(scene: mi.Scene) -> None:
-    """Raise a ``ValueError`` where photons from afar would miss a part of the scene.
+    """Raise a ``ValueError`` if photons from infinite emitters would miss a part of the scene.
 
-    Emitters that are infinitely far away aim at the box that the scene had when it was loaded.
+    Such emitters aim at the bounding box that the scene had when it was loaded.
     """
     emitters = [e for e in scene.emitters() if mi.has_flag(e.flags(), mi.EmitterFlags.Infinite)]
     if emitters and not all(shape.bbox().valid() for shape in scene.shapes()):

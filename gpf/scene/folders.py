@@ -1,11 +1,11 @@
-"""Scenes by name: where they lie, and what belongs to them.
+"""Scenes by name: their folders and files.
 
 A scene is a folder ``scenes/<name>`` with
 
 - ``scene.xml``: a Mitsuba scene,
 - ``views.yaml``: its cameras (:mod:`gpf.scene.views`),
-- ``build.py``, where meshes or textures are generated: ``build(folder: Path) -> list[Path]`` writes
-  them below ``folder`` and returns what it wrote. A scene without one needs no building.
+- ``build.py``, if meshes or textures are generated: ``build(folder: Path) -> list[Path]`` writes
+  them below ``folder`` and returns their paths.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from gpf.scene.xml import read_scene_xml
 def scenes_root() -> Path:
     """The folder that holds the scenes.
 
-    ``$GPF_SCENES`` where it is set; else ``scenes`` in the nearest folder, from the current one
-    upwards, that has a ``params.yaml`` or a ``scenes/*/scene.xml``.
+    ``$GPF_SCENES`` if it is set; else ``scenes`` in the nearest folder, from the current one
+    upwards, that has a ``params.yaml`` or a ``scenes/*/scene.xml``. Raises a :class:`UserError` if
+    there is none.
     """
     chosen = os.environ.get("GPF_SCENES")
     if chosen:
@@ -47,11 +48,11 @@ def scenes_root() -> Path:
 def list_scenes(root: Path | None = None) -> list[str]:
     """The names of all scenes below ``root`` (default: :func:`scenes_root`), sorted."""
     folders = [file.parent.name for file in (root or scenes_root()).glob("*/scene.xml")]
-    return sorted(name for name in folders if not name.startswith("."))  # half-made ones
+    return sorted(name for name in folders if not name.startswith("."))  # unfinished imports
 
 
 def scene_folder(name: str, root: Path | None = None) -> Path:
-    """The folder of a scene; a :class:`UserError` where there is no such scene."""
+    """The folder of a scene; a :class:`UserError` if there is no such scene."""
     root = root or scenes_root()
     known = list_scenes(root)
     if name not in known:
@@ -60,7 +61,7 @@ def scene_folder(name: str, root: Path | None = None) -> Path:
 
 
 def scene_files(name: str, root: Path | None = None) -> list[Path]:
-    """All files that a scene is made of, sorted: also those that are yet to be built."""
+    """All files of a scene, sorted; files that ``build.py`` generates need not exist yet."""
     folder = scene_folder(name, root)
     own = [folder / "scene.xml", folder / "views.yaml", folder / "build.py"]
     referred = read_scene_xml(folder / "scene.xml").files()
@@ -69,5 +70,5 @@ def scene_files(name: str, root: Path | None = None) -> list[Path]:
 
 
 def load_views(name: str, root: Path | None = None) -> SceneViews:
-    """The views of a scene; there is at least one training view."""
+    """The views of a scene, with at least one training view (:func:`read_views`)."""
     return read_views(scene_folder(name, root) / "views.yaml")

@@ -1,4 +1,4 @@
-"""What a loaded scene consists of, and whether photon mapping can do something with it."""
+"""The parts of a loaded scene, and whether photon mapping can render it."""
 
 from __future__ import annotations
 
@@ -12,14 +12,18 @@ from gpf.scene.materials import inseparable_materials
 
 
 def check_scene(scene: mi.Scene, where: str = "scene") -> None:
-    """Raise a :class:`UserError` for a scene without emitters or without diffuse surfaces."""
+    """Raise a :class:`UserError` if photon mapping cannot render the scene.
+
+    It needs emitters, diffuse surfaces, and only materials whose diffuse part can be separated.
+    ``where`` names the scene in the message.
+    """
     info = scene_info(scene)
     if info["emitters"]["count"] == 0:
         raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
     if names := inseparable_materials(scene):
         raise UserError(
             where,
-            f"has materials of type {', '.join(names)}, whose diffuse part cannot be told apart",
+            f"has materials of type {', '.join(names)}, whose diffuse part cannot be separated",
             "Use plastic, roughplastic, or a blendbsdf of diffuse and a conductor.",
         )
     if not any(bsdf["queried"] for bsdf in info["bsdfs"].values()):
@@ -31,12 +35,13 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
 
 
 def scene_info(scene: mi.Scene) -> dict[str, Any]:
-    """What a scene consists of, as plain values.
+    """The parts of a scene as JSON values.
 
     Keys: ``bbox`` (``min``, ``max``), ``emitters`` (``count``, ``types``: number by class),
-    ``shapes`` (``id``, ``type``, ``bsdf`` each) and ``bsdfs``: for each material in use, by id, its
-    ``type``, whether the field is ``queried`` there (it has a diffuse component) and whether paths
-    are ``traced`` through it (it has another component). A layered material is both.
+    ``shapes`` (``id``, ``type``, ``bsdf`` each) and ``bsdfs``. The last has, for each material by
+    its name (:func:`scene_materials`), its ``type``, whether the field is ``queried`` there (it has
+    a diffuse component) and whether paths are ``traced`` on (it has another component). A layered
+    material is both.
     """
     lobes = mi.BSDFFlags
     materials = scene_materials(scene)
@@ -73,9 +78,9 @@ def scene_info(scene: mi.Scene) -> dict[str, Any]:
 
 
 def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:
-    """The materials of all surfaces that a ray can meet, by id, or by a name of their shape's."""
+    """The materials of all surfaces that a ray can hit, by id, else by their class and shape."""
     found: dict[str, mi.BSDF] = {}
-    # An instance has a material that nothing looks at; the shapes of its group have the real ones.
+    # The material of an instance is not used: the shapes of its group have their own.
     groups = [s for s in mi.traverse(scene).hierarchy if isinstance(s, mi.Shape)]
     for shape in dict.fromkeys((*scene.shapes(), *groups)):
         bsdf = shape.bsdf()

@@ -1,4 +1,4 @@
-"""Loading scenes, by name or by file."""
+"""Load scenes, by name or by file."""
 
 from __future__ import annotations
 
@@ -21,39 +21,36 @@ def load_scene(
 
 
 def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene:
-    """Load a Mitsuba scene file and check that photon mapping can do something with it.
+    """Load a Mitsuba scene file and check that photon mapping can render it.
 
-    ``width`` and ``height`` become the file's parameters ``resx`` and ``resy`` where it uses
-    them; the sensors that :func:`gpf.scene.sensors.make_sensor` makes do not depend on them.
+    ``width`` and ``height`` become the parameters ``resx`` and ``resy`` if the file uses them. The
+    sensors of :func:`gpf.scene.sensors.make_sensor` do not depend on them.
 
-    Loaded with ``optimize=False``. The optimisation merges shapes that share a material: their ids
-    are lost and merged rectangles report a wrong bounding box, and it gains nothing measurable
-    (within 3% of each other for ``path`` and ``ptracer`` in scenes of 8 to 22 shapes).
+    Loads with ``optimize=False``. The optimisation merges shapes that share a material: their ids
+    are lost, and merged rectangles have a wrong bounding box. It saves no measurable time (``path``
+    and ``ptracer`` in scenes of 8 to 22 shapes: differences below 3%).
 
     Raises
     ------
     UserError: the file or one that it refers to is missing, it does not parse, or
-    :func:`check_scene` objects.
+        :func:`check_scene` raises.
     """
     document = read_scene_xml(file)
     if missing := document.missing():
         more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
         todo = "Put it there."
         if (file.parent / "build.py").exists():
-            name = file.parent.name
-            todo = (
-                f"It is built: run `gpf stage scene --scene {name}` and take "
-                f"results/{name}/scene/scene.xml."
-            )
+            build = f"gpf.scene.snapshot.build_scene({file.parent.name!r})"
+            todo = f"build.py beside the scene file generates it: call {build}."
         where, path = str(missing[0].place), missing[0].path
         raise UserError(where, f"refers to {path}{more}, which does not exist", todo)
-    # Mitsuba takes a parameter that the file does not use for a mistake.
+    # Mitsuba raises an error for a parameter that the file does not use.
     sizes = {"resx": width, "resy": height}
     sizes = {key: n for key, n in sizes.items() if key in document.parameters}
     try:
         scene = mi.load_file(str(file), optimize=False, **sizes)
     except RuntimeError as error:
-        # Mitsuba begins with the line of its own source that noticed.
+        # Mitsuba's message begins with a line of its own source code.
         what = re.sub(r"^\[[\w.]+:\d+\] ", "", " ".join(str(error).split()))
         raise UserError(str(file), f"does not load: {what}", "Correct the scene file.") from error
     if not isinstance(scene, mi.Scene):

@@ -1,9 +1,9 @@
-"""Views -> Mitsuba's sensors."""
+"""Sensors of Mitsuba for views, and views for the sensors of a scene."""
 
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -11,19 +11,20 @@ import numpy as np
 
 from gpf.scene.views import View
 
-if TYPE_CHECKING:
-    import mitsuba as mi
-
 
 def make_sensor(
     view: View, width: int, height: int, spp: int = 16, sampler: str = "independent"
 ) -> mi.Sensor:
     """A Mitsuba perspective sensor for a view: RGB float32 film, box filter.
 
-    The box filter makes a pixel the plain mean of its own samples, for every method alike.
-    """
-    import mitsuba as mi
+    With the box filter, a pixel is the mean of its own samples, for all methods.
 
+    Parameters
+    ----------
+    width, height: pixels.
+    spp: samples per pixel.
+    sampler: the plugin's name.
+    """
     look_at = mi.ScalarTransform4f().look_at(
         origin=list(view.origin), target=list(view.target), up=list(view.up)
     )
@@ -49,21 +50,21 @@ def make_sensor(
 
 
 CAMERAS = ("PerspectiveCamera", "ThinLensCamera")
-"""Classes of the sensors that a view can stand for."""
+"""Classes of the sensors that a view can represent."""
 
 
 def scene_cameras(scene: mi.Scene) -> list[mi.Sensor]:
-    """The scene's sensors that a view can stand for, in order."""
+    """The sensors of the scene that a view can represent, in order."""
     return [sensor for sensor in scene.sensors() if sensor.class_name() in CAMERAS]
 
 
 def views_of_sensors(scene: mi.Scene) -> list[View]:
     """One view for each of :func:`scene_cameras`.
 
-    ``target`` is a unit length ahead of ``origin``, ``fov`` is the angle across x. Names come from
-    the sensors' ids, ``camera`` where there is none. A view is a pinhole camera with its axis
-    through the middle of the image: an aperture, a shifted principal point, a crop of the film and
-    a mirrored image are left out (:func:`differs_from_view`).
+    ``target`` is one unit in front of ``origin``, and ``fov`` is the angle across x. Names come
+    from the ids of the sensors; without an id, the name is ``camera``. A view is a pinhole camera
+    with its axis through the middle of the image: it has no aperture, shifted principal point,
+    crop of the film or mirrored image (:func:`differs_from_view` reports these).
     """
     views: list[View] = []
     for sensor in scene_cameras(scene):
@@ -85,13 +86,13 @@ def views_of_sensors(scene: mi.Scene) -> list[View]:
 
 
 def film_aspect(sensor: mi.Sensor) -> float:
-    """Width over height of a sensor's whole film."""
+    """Width divided by height of the whole film of a sensor."""
     size = sensor.film().size()
     return float(size[0]) / float(size[1])
 
 
 def differs_from_view(sensor: mi.Sensor, view: View) -> list[str]:
-    """What of a sensor its view leaves out, in words; nothing where their images agree."""
+    """The properties of a sensor that its view lacks, in words; empty if their images agree."""
     found = []
     if sensor.class_name() == "ThinLensCamera":
         found.append("has an aperture: views are in focus everywhere")
@@ -109,7 +110,7 @@ def differs_from_view(sensor: mi.Sensor, view: View) -> list[str]:
 
 
 def looks_through(scene: mi.Scene, sensor: mi.Sensor, view: View) -> list[str]:
-    """What the sensor leaves out because it is nearer than its near clip, in words."""
+    """Whether the sensor's near clip hides surfaces that the view shows, in words; else empty."""
     near, aspect = float(sensor.near_clip()), film_aspect(sensor)
     rows, columns = 32, max(1, round(32 * aspect))
     index = dr.arange(mi.UInt32, rows * columns)
@@ -152,7 +153,7 @@ def _scalar(value: Any) -> float:
 
 
 def _shortest(value: float) -> float:
-    """The shortest decimal that means the same in single precision: 4.054 for 4.0539999."""
+    """The shortest decimal with the same value in single precision: 4.054 for 4.0539999."""
     return float(str(np.float32(value))) + 0.0
 
 
@@ -162,7 +163,7 @@ def _vector(values: Any) -> tuple[float, float, float]:
 
 
 def _free_name(text: str, taken: set[str]) -> str:
-    """A name for a view from the id of a sensor, unlike those that are taken."""
+    """A name for a view from the id of a sensor, different from the ``taken`` names."""
     name = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or "camera"
     name = f"camera_{name}" if name.startswith("frame_") else name
     free, number = name, 1

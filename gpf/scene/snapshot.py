@@ -1,4 +1,4 @@
-"""Complete copies of scenes, with what their builders generate."""
+"""Build the generated files of scenes, and copy complete scenes."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from gpf.scene.xml import read_scene_xml
 
 
 def build_scene(name: str, root: Path | None = None, target: Path | None = None) -> list[Path]:
-    """Run a scene's ``build.py``, if it has one, and return the files that it made.
+    """Run the ``build.py`` of a scene and return the files that it made; none without a builder.
 
-    They go below ``target``, by default the scene's own folder. The builder works in a temporary
-    folder; a file goes to its place once all are complete.
+    The files go below ``target``, by default the folder of the scene. The builder writes them to a
+    temporary folder; they are moved when all are complete.
     """
     folder = scene_folder(name, root)
     target = target or folder
@@ -45,16 +45,16 @@ def build_scene(name: str, root: Path | None = None, target: Path | None = None)
         shutil.rmtree(staging, ignore_errors=True)
 
 
-def freeze_scene(name: str, target: Path, root: Path | None = None) -> None:
-    """Make ``target`` a complete copy of a scene: its files, and what its builder generates.
+def snapshot_scene(name: str, target: Path, root: Path | None = None) -> None:
+    """Make ``target`` a complete copy of a scene, with the files that its builder generates.
 
-    Nothing else remains in ``target``. The files of :func:`scene_files` other than the builder are
-    copied, so that a frozen scene depends on no other folder. It is loaded once before it takes the
-    place of an older one: a :class:`UserError` leaves that as it was.
+    The files of :func:`scene_files` except the builder are copied, so that the snapshot depends on
+    no other folder; other files in ``target`` are deleted. The snapshot is loaded once before it
+    replaces an older one: after a :class:`UserError`, the older one is unchanged.
     """
     folder = scene_folder(name, root)
     target.parent.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(dir=target.parent, prefix=".freeze-"))
+    staging = Path(tempfile.mkdtemp(dir=target.parent, prefix=".snapshot-"))
     try:
         made = {p.relative_to(staging) for p in build_scene(name, root, staging)}
         references = read_scene_xml(folder / "scene.xml").references
@@ -81,7 +81,7 @@ def freeze_scene(name: str, target: Path, root: Path | None = None) -> None:
         try:
             views = read_views(staging / "views.yaml")
             load_scene_file(staging / "scene.xml", *views.size(16))
-        except UserError as error:  # what there was before stays
+        except UserError as error:  # name the files of the scene, not the copies
             where, what = (t.replace(str(staging), str(folder)) for t in (error.where, error.what))
             raise UserError(where, what, error.todo) from None
         shutil.rmtree(target, ignore_errors=True)
@@ -92,7 +92,7 @@ def freeze_scene(name: str, target: Path, root: Path | None = None) -> None:
 
 
 def make_folders(file: Path, target: Path) -> None:
-    """Make the folders below ``target`` that a scene file expects, even if they stay empty."""
+    """Make the folders below ``target`` that a scene file names in ``<path>``, even if empty."""
     for reference in read_scene_xml(file).references:
         if reference.is_folder and reference.path.is_relative_to(file.parent):
             (target / reference.path.relative_to(file.parent)).mkdir(parents=True, exist_ok=True)

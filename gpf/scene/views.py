@@ -1,22 +1,23 @@
-"""The views of a scene: cameras as a ``views.yaml`` describes them.
+"""The views of a scene: the cameras in its ``views.yaml``.
 
 The format, with every key::
 
-    exposure: 2.5            # linear images are multiplied by it before they are compared or shown
-    aspect: 1.0              # width over height of every view
-    fov_axis: x              # what every fov below refers to; that of the scene's own sensor
+    exposure: 2.5            # factor for linear images before they are compared or shown
+    aspect: 1.0              # width divided by height of all views
+    fov_axis: x              # axis of all fov below, as in Mitsuba: x, y, diagonal, smaller, larger
     views:
-      train:                 # what a field is fitted to: at least one
+      train:                 # training views of the field: at least one
         - {name: front, origin: [0, 0, 3.9], target: [0, 0, 0], up: [0, 1, 0], fov: 39.3}
-      novel: []              # what it is judged by: views that no training saw
-      more: []               # for systems that learn from pictures: more than the field's three
-    path:                    # optional: a camera path, through keyframes
+      novel: []              # views that no method trains with, to compare methods
+      more: []               # further training views, for baselines that learn from images
+    path:                    # optional: a camera path through keyframes
       frames: 24
-      closed: true           # the last keyframe leads back to the first
-      keyframes:
+      closed: true           # the path goes on from the last keyframe to the first
+      keyframes:             # at least two
         - {origin: [0, 0, 3.9], target: [0, 0, 0], fov: 39.3}
+        - {origin: [1, 0, 3.9], target: [0, 0, 0], fov: 39.3}
 
-Lengths are scene units, ``fov`` is in degrees, ``up`` defaults to +y. Other keys are errors.
+Lengths are in scene units, ``fov`` in degrees, ``up`` is +y by default. Other keys are errors.
 """
 
 from __future__ import annotations
@@ -25,25 +26,21 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from gpf.core.errors import UserError
+from gpf.core.settings import Positive, Settings
 from gpf.core.yaml import read_yaml, suggest
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(gt=0, lt=180)]
 Vector = tuple[Finite, Finite, Finite]
 FovAxis = Literal["x", "y", "diagonal", "smaller", "larger"]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Keyframe(_Model):
-    """One camera of a path: where it stands, what it looks at, and how wide."""
+class Keyframe(Settings):
+    """A camera of the path: its position, the point that it looks at, and its angle of view."""
 
     origin: Vector
     target: Vector
@@ -63,7 +60,7 @@ class Keyframe(_Model):
 
 
 class View(Keyframe):
-    """A named camera. ``fov`` is the angle across ``fov_axis``."""
+    """A named camera; ``fov`` is the angle across ``fov_axis``."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_]*$")]
     fov_axis: FovAxis = "x"
@@ -73,22 +70,21 @@ class View(Keyframe):
     def _check_name(cls, name: str) -> str:
         if name.startswith("frame_"):
             raise PydanticCustomError(
-                "name", "begins with frame_", {"todo": "Frames of the path are called so."}
+                "name", "begins with frame_", {"todo": "Only frames of the path are called so."}
             )
         return name
 
 
-class CameraPath(_Model):
-    """Keyframes, and how many frames to spread evenly over the curve through them."""
+class CameraPath(Settings):
+    """Keyframes, and the number of frames on the curve through them."""
 
     keyframes: Annotated[tuple[Keyframe, ...], Field(min_length=2)]
     frames: Annotated[int, Field(ge=2)] = 24
     closed: bool = False
 
 
-class ViewSets(_Model):
-    """The views that a field is fitted to, those that it is judged by, and further ones to train
-    systems with that need more."""
+class ViewSets(Settings):
+    """Training views, novel views, and further training views for baselines."""
 
     train: tuple[View, ...] = ()
     novel: tuple[View, ...] = ()
@@ -107,8 +103,8 @@ class ViewSets(_Model):
         return self
 
 
-class SceneViews(_Model):
-    """A whole ``views.yaml``. Views take over ``fov_axis`` unless they have their own."""
+class SceneViews(Settings):
+    """A whole ``views.yaml``. Views without their own ``fov_axis`` have that of the file."""
 
     views: ViewSets = ViewSets()
     path: CameraPath | None = None
@@ -125,8 +121,8 @@ class SceneViews(_Model):
             where = " ".join(str(part) for part in first["loc"])
             raise PydanticCustomError(
                 "path",
-                f"leads through cameras that cannot be: {where} {first['msg']}",
-                {"todo": "Add keyframes where it swings too far, or move them apart."},
+                f"leads through impossible cameras: {where} {first['msg']}",
+                {"todo": "Add keyframes where the curve overshoots, or move keyframes apart."},
             ) from error
         return self
 
@@ -137,16 +133,16 @@ class SceneViews(_Model):
 
     @property
     def novel(self) -> tuple[View, ...]:
-        """The views that no training sees."""
+        """The novel views, which no method trains with."""
         return tuple(self._with_axis(view) for view in self.views.novel)
 
     @property
     def more(self) -> tuple[View, ...]:
-        """Further views to train with."""
+        """Further training views, for baselines."""
         return tuple(self._with_axis(view) for view in self.views.more)
 
     def find(self, name: str) -> View:
-        """The view or the frame of this name."""
+        """The view or the frame with this name; a :class:`UserError` if there is none."""
         named = (*self.train, *self.novel, *self.more, *self.frames())
         known = {view.name: view for view in named}
         if name not in known:
@@ -156,15 +152,15 @@ class SceneViews(_Model):
         return known[name]
 
     def size(self, height: int) -> tuple[int, int]:
-        """Width and height in pixels of an image of this many rows."""
+        """Width and height of an image with this height, pixels."""
         return max(1, round(height * self.aspect)), height
 
     def frames(self) -> tuple[View, ...]:
         """The frames of the path as views ``frame_000``, ``frame_001``, …; none without a path.
 
         Origin, target, up and fov follow uniform Catmull-Rom splines through the keyframes, at
-        equal steps of the spline's parameter. An open path ends on its last keyframe; a closed
-        one stops a step before its first, so that it repeats without a pause.
+        equal steps of the parameter. An open path ends at its last keyframe. A closed path ends one
+        step before its first keyframe, so that it repeats without a pause.
         """
         if self.path is None:
             return ()
@@ -183,27 +179,21 @@ class SceneViews(_Model):
 
 
 def interpolate(keys: np.ndarray, count: int, closed: bool) -> np.ndarray:
-    """Catmull-Rom spline through ``keys`` (K, D) at ``count`` even parameters: (count, D).
+    """Catmull-Rom spline through ``keys`` (K, D) at ``count`` evenly spaced parameters: (count, D).
 
-    Between keys b and c, with neighbours a and d and parameter s in [0, 1]::
-
-        ½ [2b + (c - a) s + (2a - 5b + 4c - d) s² + (3b - a - 3c + d) s³]
-
-    The ends of an open curve are continued by reflection: a = 2b - c.
+    The tangent at a key is half the difference of its two neighbours; at the ends of an open curve,
+    it is the difference of the last two keys.
     """
+    from scipy.interpolate import CubicHermiteSpline  # slow: only scenes with a path need it
+
     n = len(keys)
     if closed:
-        padded = np.concatenate([keys[-1:], keys, keys[:2]])
-        t = np.arange(count) * n / count
+        t, knots = np.arange(count) * n / count, np.arange(-1, n + 2)
+        keys = keys[knots % n]
     else:
-        padded = np.concatenate([2 * keys[:1] - keys[1:2], keys, 2 * keys[-1:] - keys[-2:-1]])
-        t = np.linspace(0, n - 1, count)
-    first = np.minimum(t.astype(int), n - (1 if closed else 2))
-    s = (t - first)[:, None]
-    a, b, c, d = (padded[first + i] for i in range(4))
-    return 0.5 * (
-        2 * b + (c - a) * s + (2 * a - 5 * b + 4 * c - d) * s**2 + (3 * b - a - 3 * c + d) * s**3
-    )
+        t, knots = np.linspace(0, n - 1, count), np.arange(n)
+    spline = CubicHermiteSpline(knots, keys, np.gradient(keys, axis=0))
+    return np.asarray(spline(t))
 
 
 def read_views(file: Path, need_training: bool = True) -> SceneViews:
@@ -211,8 +201,7 @@ def read_views(file: Path, need_training: bool = True) -> SceneViews:
 
     Raises
     ------
-    UserError: what :func:`gpf.core.yaml.read_yaml` objects to, or, where ``need_training``, that
-        there is no training view.
+    UserError: as :func:`gpf.core.yaml.read_yaml`, or ``need_training`` and no training view.
     """
     found = read_yaml(file, SceneViews, "Write one; gpf/scene/views.py describes the format.")
     if need_training and not found.train:

@@ -1,4 +1,4 @@
-"""Views -> ``views.yaml``, laid out as people write it: one view per line."""
+"""Write ``views.yaml``, one view per line."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from gpf.scene.views import CameraPath, Keyframe, SceneViews, View
 
 
 def write_views(file: Path, views: SceneViews, comment: str = "") -> None:
-    """Write a file from which :func:`gpf.scene.views.read_views` reads these views again.
+    """Write a file that :func:`gpf.scene.views.read_views` reads.
 
-    Numbers keep nine digits. ``comment`` becomes the first line.
+    Numbers have nine significant digits. ``comment`` becomes the first line.
     """
     lines = [f"# {comment}"] if comment else []
     lines += [f"exposure: {views.exposure:.9g}", f"aspect: {views.aspect:.9g}"]
@@ -38,7 +38,7 @@ def _list(name: str, cameras: Iterable[Keyframe], axis: str = "x") -> list[str]:
 
 
 def _camera(camera: Keyframe, axis: str) -> str:
-    """One camera; ``axis`` is what the whole file says, which need not be repeated."""
+    """One camera; ``axis`` is the ``fov_axis`` of the file, which is not repeated."""
     parts = [f"name: {_word(camera.name)}"] if isinstance(camera, View) else []
     parts += [f"{key}: {_vector(getattr(camera, key))}" for key in ("origin", "target")]
     if camera.up != (0, 1, 0):
@@ -50,7 +50,7 @@ def _camera(camera: Keyframe, axis: str) -> str:
 
 
 def _word(name: str) -> str:
-    """A name, in quotes where YAML would take it for a number or a truth value."""
+    """A name, in quotes if YAML would read it as a number, a boolean or null."""
     plain = name[0].isalpha() and name not in ("true", "false", "null")
     return name if plain else f'"{name}"'
 

@@ -1,16 +1,21 @@
-"""Scene files read without Mitsuba: their tags with file and line, and the files they refer to.
+"""Read scene files without Mitsuba: their tags with file and line, and the files that they name.
 
-Names are looked up where Mitsuba 3.9 looks:
+``mi.parser`` does not suit: it raises an error at the first missing include, folder or spectrum
+file and at a parameter without a value, and its nodes do not keep ``<include>``, ``<path>``,
+``<default>`` or the file name of a ``<spectrum>``.
 
-- ``<include>``: beside the file that has the tag, then where that file was included from;
-- ``<spectrum filename="...">``: where the file was included from, else beside the scene file;
-- ``<string name="filename">``: plugins read it after everything is included, so beside the scene
+File names are resolved as in Mitsuba 3.9:
+
+- ``<include>``: in the folder of the file with the tag, then in those of the files that include it;
+- ``<spectrum filename="...">``: only in the folders of the files that include the file with the
+  tag; in the scene file, in its own folder;
+- ``<string name="filename">``: plugins read it after all includes, so in the folder of the scene
   file, whichever file has the tag;
-- a ``<path>`` comes before all of these in the file that has it, and for plugins if that is the
-  scene file.
+- a ``<path>`` adds its folder before those of the including files; one in the scene file also
+  counts for all plugins.
 
-Mitsuba also looks in the current folder; here a file that is found there alone is missing, for it
-is no part of the scene.
+Mitsuba also looks in the current folder. A file that is only there counts as missing here, because
+it is not part of the scene.
 """
 
 from __future__ import annotations
@@ -23,12 +28,12 @@ from xml.parsers import expat
 
 from gpf.core.errors import UserError
 
-_DOLLAR = r"(?<!\\)\$"  # that begins a parameter
+_DOLLAR = r"(?<!\\)\$"  # begins the name of a parameter
 
 
 @dataclass(frozen=True)
 class Place:
-    """A line of a file; as text ``scene.xml:12``."""
+    """A line of a file; ``str`` gives ``scene.xml:12``."""
 
     file: Path
     line: int
@@ -39,7 +44,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Tag:
-    """A tag and its attributes, in which parameters such as ``$spp`` have their default values.
+    """A tag and its attributes; parameters such as ``$spp`` are replaced by their default values.
 
     ``is_root`` is true for the outermost tag of a file.
     """
@@ -52,12 +57,13 @@ class Tag:
 
 @dataclass(frozen=True)
 class Reference:
-    """A file or, from a ``<path>``, a folder that a scene file names.
+    """A file that a scene file names, or a folder that a ``<path>`` names.
 
     Attributes
     ----------
-    text: the name as it is written, parameters filled in.
-    path: what Mitsuba reads; where nothing is there, where it would have to be.
+    text: the name in the scene file; parameters have their default values.
+    path: the file or folder that Mitsuba reads; if it is missing, where it should be.
+    place: the line that names it.
     """
 
     text: str
@@ -68,14 +74,14 @@ class Reference:
 
 @dataclass
 class SceneXml:
-    """A scene file and those that it includes.
+    """A scene file and the files that it includes.
 
     Attributes
     ----------
-    tags: all of them, in the order in which Mitsuba reads them; the first is the scene's own.
-    references: the files that they name, included ones too, each once per tag that names it.
-    defaults: what ``<default>`` gives to parameters.
-    parameters: every ``$name`` that occurs, defined or not.
+    tags: all tags in the order in which Mitsuba reads them; the first is the root of the scene.
+    references: the files that the tags name, one entry per tag; includes are among them.
+    defaults: parameters and their values from ``<default>``.
+    parameters: the names of all parameters in the files, with or without a default value.
     """
 
     tags: list[Tag] = field(default_factory=list)
@@ -84,18 +90,18 @@ class SceneXml:
     parameters: set[str] = field(default_factory=set)
 
     def files(self) -> list[Path]:
-        """Each file that is referred to once, in order."""
+        """All files that the tags name, each once, in order."""
         return list(dict.fromkeys(r.path for r in self.references if not r.is_folder))
 
     def missing(self) -> list[Reference]:
-        """The references behind which there is nothing, each path once."""
+        """The references whose file or folder does not exist, each path once."""
         found = {r.path: r for r in reversed(self.references) if not r.path.exists()}
         return list(reversed(found.values()))
 
     def fill(self, text: str) -> str:
-        """Put default values in the place of parameters, the longest name that fits first.
+        """Replace parameters by their default values; the longest matching name has priority.
 
-        An undefined one stays as it is: Mitsuba objects to it, with its line.
+        A parameter without a value stays as it is: Mitsuba raises an error with its line.
         """
         if "$" not in text:
             return text
@@ -104,12 +110,12 @@ class SceneXml:
         return text
 
     def is_defined(self, text: str) -> bool:
-        """Whether all parameters in a text have values."""
+        """Whether all parameters in a text have default values."""
         return re.search(_DOLLAR, self.fill(text)) is None
 
 
 def read_scene_xml(file: Path) -> SceneXml:
-    """Read a scene file and, where they exist, the files that it includes.
+    """Read a scene file and all existing files that it includes.
 
     Raises
     ------
@@ -119,11 +125,11 @@ def read_scene_xml(file: Path) -> SceneXml:
 
 
 class _Reader:
-    """Walks through files as Mitsuba does."""
+    """Reads files in the order of Mitsuba."""
 
     def __init__(self, file: Path) -> None:
         self.document = SceneXml()
-        self.plugins: list[int] = []  # references that plugins look up
+        self.plugins: list[int] = []  # indices of the references that plugins resolve
         search = [file.parent]
         self.read(file, search, ())
         references = self.document.references
@@ -131,7 +137,7 @@ class _Reader:
             references[i] = replace(references[i], path=_find(references[i].text, search))
 
     def read(self, file: Path, search: list[Path], within: tuple[Path, ...]) -> None:
-        """Add a file; ``search`` is where it looks for names, its last resort last."""
+        """Add a file, which looks for names in the folders ``search``, in order."""
         document = self.document
         for number, (name, raw, line) in enumerate(_parse(file)):
             place = Place(file, line)
@@ -160,20 +166,20 @@ class _Reader:
                 chain = (*within, file.resolve())
                 if included.resolve() in chain:
                     raise UserError(
-                        str(place), f"includes {included}, which includes it", "Break the circle."
+                        str(place), f"includes {included}, which includes it", "Remove one include."
                     )
                 if included.is_file():
                     self.read(included, inner, chain)
 
 
 def _find(text: str, folders: Iterable[Path], otherwise: int = -1) -> Path:
-    """``text`` in the first of the folders that has it, or in the one numbered ``otherwise``."""
+    """``text`` in the first folder that has it; if none has, in ``folders[otherwise]``."""
     places = [folder / text for folder in folders]
     return next((path for path in places if path.exists()), places[otherwise])
 
 
 def _parse(file: Path) -> list[tuple[str, dict[str, str], int]]:
-    """Name, attributes and line of every tag of a file, in order."""
+    """The name, attributes and line of each tag of a file, in order."""
     tags: list[tuple[str, dict[str, str], int]] = []
     parser = expat.ParserCreate()
     parser.StartElementHandler = lambda name, attributes: tags.append(

@@ -15,7 +15,7 @@ from gpf.core.runtime import choose_variant
 from gpf.importing.preview import Preview, choose_views, draw_contact_sheet, render_previews
 from gpf.scene.folders import load_views, scenes_root
 from gpf.scene.load import load_scene_file
-from gpf.scene.snapshot import freeze_scene
+from gpf.scene.snapshot import snapshot_scene
 
 
 def preview_scene(name: str, out: Path | None, height: int, passes: int, whole: bool) -> None:
@@ -31,7 +31,7 @@ def preview_scene(name: str, out: Path | None, height: int, passes: int, whole: 
     with tempfile.TemporaryDirectory(prefix="gpf-preview-") as folder:
         # As the pipeline does it: complete, whatever has been built in the scene's folder.
         frozen = Path(folder) / name
-        freeze_scene(name, frozen)
+        snapshot_scene(name, frozen)
         scene = load_scene_file(frozen / "scene.xml", *views.size(height))
     with progress_bar(f"{name}: preview", passes + len(chosen)) as advance:
         done = 0

@@ -57,7 +57,7 @@ class Workspace:
         return self.apart or self.folder
 
     @property
-    def frozen_scene(self) -> Path:
+    def scene_snapshot(self) -> Path:
         """The scene as the stage ``scene`` built it."""
         return self.folder / "scene"
 
@@ -150,9 +150,9 @@ class Workspace:
     def scene_digest(self) -> str:
         """A hash of all that the scene consists of."""
         digest = hashlib.sha256()
-        for path in sorted(self.frozen_scene.rglob("*")):
+        for path in sorted(self.scene_snapshot.rglob("*")):
             if path.is_file():
-                digest.update(path.relative_to(self.frozen_scene).as_posix().encode())
+                digest.update(path.relative_to(self.scene_snapshot).as_posix().encode())
                 digest.update(path.read_bytes())
         return digest.hexdigest()[:16]
 
@@ -163,9 +163,9 @@ class Workspace:
 
     def load_scene(self) -> Any:
         """The Mitsuba scene, checked."""
-        file = self.frozen_scene / "scene.xml"
+        file = self.scene_snapshot / "scene.xml"
         if not file.exists():
-            raise FileError(self.frozen_scene, "is missing", missing=True)
+            raise FileError(self.scene_snapshot, "is missing", missing=True)
         return load_scene_file(file)
 
     def emission_plan(self, scene: Any) -> EmissionPlan:

@@ -102,7 +102,7 @@ def pack(work: Workspace) -> bytes:
         archive.writestr(zipfile.ZipInfo(f"scenes/{work.scene}/scene.xml"), "")
         archive.write(work.views_file, f"scenes/{work.scene}/views.yaml")
         archive.write(work.views_file)
-        for path in sorted(work.frozen_scene.rglob("*")):
+        for path in sorted(work.scene_snapshot.rglob("*")):
             archive.write(path)
     return data.getvalue()
 

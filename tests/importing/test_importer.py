@@ -18,7 +18,7 @@ from gpf.importing.report import Material, examine_scene, list_materials
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.folders import list_scenes, load_views
 from gpf.scene.load import load_scene
-from gpf.scene.snapshot import freeze_scene
+from gpf.scene.snapshot import snapshot_scene
 from gpf.scene.views import View
 from tests.importing.foreign_scene import SCENE, bring, files_of, pack
 
@@ -62,7 +62,7 @@ def test_an_imported_scene_is_a_scene_like_the_others(original, root, tmp_path):
     assert views == report.views
     assert views.size(6) == (9, 6)
     assert len(load_scene("room", root=root).shapes()) == 3
-    freeze_scene("room", tmp_path / "frozen", root)
+    snapshot_scene("room", tmp_path / "frozen", root)
     assert files_of(tmp_path / "frozen") == sorted(set(IMPORTED) - {"LICENSE.txt", "README.md"})
 
 

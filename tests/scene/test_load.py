@@ -88,14 +88,15 @@ def test_a_lone_shape_is_no_scene(tmp_path):
         load_scene("ball", root=tmp_path)
 
 
-def test_unbuilt_meshes_name_the_stage_that_builds_them(tmp_path):
+def test_unbuilt_meshes_name_the_function_that_builds_them(tmp_path):
     shutil.copytree(
         PROJECT / "scenes/water_caustic",
         tmp_path / "water_caustic",
         ignore=shutil.ignore_patterns("meshes"),
     )
     with pytest.raises(
-        UserError, match=r"surface\.ply \(and 1 more\).*gpf stage scene --scene water_caustic"
+        UserError,
+        match=r"surface\.ply \(and 1 more\).*build\.py.*snapshot\.build_scene\('water_caustic'\)",
     ):
         load_scene("water_caustic", root=tmp_path)
 

@@ -129,6 +129,6 @@ def test_a_path_that_swings_too_far_is_told_in_words(tmp_path):
     )
     start, _, _ = GOOD.partition("    - {origin: [0, 0, 4], target: [0, 0, 0], fov: 40}\n")
     text = start.replace("frames: 4", "frames: 7").replace("closed: true", "closed: false") + keys
-    with pytest.raises(UserError, match=r"leads through cameras that cannot be: fov.*keyframes"):
+    with pytest.raises(UserError, match=r"leads through impossible cameras: fov.*keyframes"):
         read_views(write(tmp_path, text))
     assert len(read_views(write(tmp_path, text.replace("fov: 5}", "fov: 30}"))).frames()) == 7

@@ -11,7 +11,7 @@ import pytest
 
 from gpf.modelling.teapot import body_field
 from gpf.scene.load import load_scene_file
-from gpf.scene.snapshot import freeze_scene
+from gpf.scene.snapshot import snapshot_scene
 
 SCENES = Path(__file__).parents[2] / "scenes"
 TABLE = 0.6506  # height of its top
@@ -20,7 +20,7 @@ TABLE = 0.6506  # height of its top
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene") / "veach_ajar"
-    freeze_scene("veach_ajar", folder, SCENES)
+    snapshot_scene("veach_ajar", folder, SCENES)
     return load_scene_file(folder / "scene.xml", 8, 6)
 
 
