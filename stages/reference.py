@@ -18,8 +18,7 @@ from gpf.core.progress import say
 from gpf.core.structs import to_numpy
 from gpf.scene.views import View
 from gpf.sppm.pass_sums import PassSums
-from gpf.training.surface_points import SURFACES
-from gpf.training.targets import Targets
+from gpf.training.targets import SURFACES, Targets
 from metrics.equivalent_passes import snapshot_passes
 from stages.common.publishing import make_ready, settle
 from stages.common.workspace import Workspace

@@ -1,1 +1,1 @@
-"""Gaussians on surfaces that answer how much light arrives: query, files, initialization."""
+"""The Gaussian photon field: Gaussians on surfaces, their query, their files, their start."""

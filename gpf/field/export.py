@@ -1,24 +1,35 @@
-"""`gpf export`: a field for other programs, or smaller."""
+"""`gpf export`: write a field as splats for viewers, or in a third of its size."""
 
 from __future__ import annotations
 
+import importlib
 import math
 from pathlib import Path
 
+from gpf.core.checkout import CHECKOUT
 from gpf.core.errors import UserError
 from gpf.core.progress import say
-from gpf.core.yaml import suggest
 from gpf.field.io import StoredField, read_field, write_field
 from gpf.field.ply import propose_exposure, write_splats
 from gpf.scene.views import read_views
-
-RESULTS = Path("results")
 
 
 def export_field(
     field: str, ply: Path | None, compact: Path | None, exposure: float | None
 ) -> None:
-    """Write a field, given by its path or its scene's name, as splats or compactly, or both."""
+    """Write a field as splats, as a compact field, or both.
+
+    Parameters
+    ----------
+    field: path of the field's file, or the name of a trained scene in a checkout of the project.
+    ply, compact: the files to write.
+    exposure: of the splats; by default the exposure of ``views.yaml`` beside the field, or, without
+        that file, one that suits the field.
+
+    Raises
+    ------
+    UserError: an option makes no sense, or a file cannot be read or written.
+    """
     check_options(ply, compact, exposure)
     source = find_field(field)
     for target in (ply, compact):
@@ -30,11 +41,11 @@ def export_field(
             exposure = known_exposure(source, stored)
         write_splats(ply, stored, exposure)
         if stored.settings.direct == "emitters":
-            say(f"{source} has indirect light alone (field.direct: emitters), and the splats too")
-        tell(ply, f"{len(stored.tensors['means'])} splats, exposure {exposure:.4g}")
+            say(f"{source} stores indirect light only (direct: emitters); so do the splats")
+        report(ply, f"{len(stored.tensors['means'])} splats, exposure {exposure:.4g}")
     if compact is not None:
         write_field(stored, compact, "compact")
-        tell(compact, f"{compact.stat().st_size / source.stat().st_size:.0%} of {source}")
+        report(compact, f"{compact.stat().st_size / source.stat().st_size:.0%} of {source}")
 
 
 def check_options(ply: Path | None, compact: Path | None, exposure: float | None) -> None:
@@ -54,44 +65,34 @@ def check_options(ply: Path | None, compact: Path | None, exposure: float | None
         if ply is None:
             raise UserError(f"--exposure {exposure}", "is for --ply alone", "Leave it out.")
         if not 0 < exposure < math.inf:
-            raise UserError(f"--exposure {exposure}", "is no exposure", "Give one above zero.")
+            raise UserError(f"--exposure {exposure}", "is no exposure", "Give a number above zero.")
 
 
 def find_field(field: str) -> Path:
-    """The file of a field: a path, or the name of a scene that has been trained."""
+    """The file of a field: a path, or in a checkout the name of a trained scene."""
     path = Path(field)
     if path.is_file():
         return path
-    trained = {p.parent.name: p for p in sorted(RESULTS.glob("*/field.safetensors"))}
-    if field in trained:
-        return trained[field]
-    if path.suffix or len(path.parts) > 1:
+    if CHECKOUT is None or path.suffix or len(path.parts) > 1:
         raise UserError(field, "does not exist", "Check the path.")
-    todo = suggest(field, list(trained), "There are fields of") if trained else ""
-    raise UserError(
-        field,
-        f"is neither a file nor a scene with {RESULTS / field / 'field.safetensors'}",
-        todo or f"Run `gpf stage train --scene {field}` first.",
-    )
+    return Path(importlib.import_module("stages.commands.trained").find_field(field))
 
 
 def read(source: Path) -> StoredField:
-    """The field; whoever named another file need not delete it."""
+    """Read the field. Errors do not propose to delete the file, which may be another kind."""
     try:
         return read_field(source)
     except UserError as error:
-        raise UserError(
-            error.where, error.what, "Name a file that `gpf stage train` has written."
-        ) from error
+        raise UserError(error.where, error.what, "Name the file of a field.") from error
 
 
 def known_exposure(source: Path, stored: StoredField) -> float:
-    """That of the views beside the field; where there are none, one that suits the field."""
+    """The exposure of the views beside the field; without them, one that suits the field."""
     views = source.parent / "views.yaml"
     return read_views(views).exposure if views.is_file() else propose_exposure(stored)
 
 
-def tell(path: Path, what: str) -> None:
-    """Say what has been written."""
+def report(path: Path, what: str) -> None:
+    """Print a line about a file that was written."""
     size = path.stat().st_size / 1e6
     say(f"{path}: {size:.1f} MB, {what}")

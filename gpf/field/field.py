@@ -16,22 +16,24 @@ from gpf.core.structs import VisiblePoints
 from gpf.core.surface_tags import SAME_SURFACE_HEIGHT, pack_tag, same_orientation
 from gpf.field.gaussians import Gaussians, whitening_rows
 
-# Keeps the sum of weights away from zero: where every Gaussian of a neighbourhood is too narrow to
-# reach the query point, the blend becomes their plain mean instead of black.
+# Keeps the sum of weights above zero: if all Gaussians of a neighbourhood are too narrow to reach
+# the query point, the blend becomes their plain mean instead of black.
 WEIGHT_FLOOR = 1e-6
 
-# How far off the plane of a surface its Gaussians may lie, in search radii; beyond one radius the
-# limit rises to that of :func:`gpf.sppm.density.same_surface`. Near by it is less than for photons,
-# whose radius shrinks: a wall behind a lamp may be a thousand times darker than the lamp's back,
-# and what reaches it from there is more than training can make up for.
+# Largest distance of a Gaussian from the plane of the surface, in search radii. Beyond one radius
+# the limit rises to that of gpf.core.surface_tags.same_surface. It is smaller than for photons,
+# because their radius shrinks and this one does not: a wall behind a lamp may be a thousand times
+# darker than the lamp's back, and training cannot correct for light that leaks from there.
 SURFACE_HEIGHT = 0.35
 
-# The supplement's falloff reaches zero a little beyond the (k + 1)-th neighbour, so that a tie of
-# all of them leaves weights above zero; where there is none, at this multiple of the farthest.
+# Where the ball holds at most k Gaussians, the k nearest are blended instead (the supplement).
+# Their falloff reaches zero slightly beyond the (k + 1)-th neighbour, so that weights stay above
+# zero if all are equally far. Without a (k + 1)-th neighbour it reaches zero at SUPPLEMENT_REACH
+# times the farthest distance.
 SUPPLEMENT_SLACK = 1.0002
 SUPPLEMENT_REACH = 1.5
 
-# Radius of the supplement's first search, in units of the ball's: twice the ball's area.
+# Radius of the supplement's first search, in search radii: twice the area of the ball.
 FIRST_REACH = 1.4
 
 
@@ -40,15 +42,16 @@ class FieldSettings(Settings):
 
     Attributes
     ----------
-    search_radius: r of the ball query, world units.
-    k: neighbours at least; where the ball holds no more, the k nearest are taken instead.
-    neighbours: ``both`` as described, ``radius`` the ball alone, ``knn`` the k nearest alone.
+    search_radius: radius r of the ball, world units.
+    k: if the ball holds at most k Gaussians, the k nearest are used instead.
+    neighbours: ``both`` as described under k, ``radius`` the ball alone, ``knn`` the k nearest
+        alone.
     blend: ``divided`` by the sum of weights, or the plain ``sum``.
     stores: ``irradiance`` (multiplied by the reflectance / π at the hit) or ``radiance``.
-    direct: where light straight from the emitters comes from: the ``field``, like all other, or a
-        sample of the ``emitters`` at what the camera sees; the field then has what is left.
-    normal_test: whether Gaussians of another surface (normals more than 45° apart, or farther off
-        the plane than :data:`SURFACE_HEIGHT`) are ignored.
+    direct: source of direct light: the ``field``, like all other light, or a sample of the
+        ``emitters`` at the visible point; the field then stores indirect light only.
+    normal_test: whether to ignore Gaussians of another surface: normals more than 45° apart, or
+        farther from the plane than :data:`SURFACE_HEIGHT`.
     """
 
     search_radius: Positive
@@ -65,10 +68,15 @@ def blend_weight(
     rows: tuple[mi.Vector3f, mi.Vector3f, mi.Vector3f],
     support2: mi.Float,
 ) -> mi.Float:
-    """w = ψ(|d|) (exp(-|M d|²/2) + ε) with ψ(t) = (1 - t²/R²)², zero at the support's edge R.
+    """w = ψ(|d|) (exp(-|M d|²/2) + ε) with ψ(t) = (1 - t²/R²)², which is zero at the distance R.
 
-    ψ goes to zero where a Gaussian enters or leaves the neighbourhood, so that the blend has no
-    seams there.
+    ψ is zero where a Gaussian enters or leaves the neighbourhood, so that the blend is continuous.
+
+    Parameters
+    ----------
+    d: offsets from the means, world units, (N, 3).
+    rows: rows of M, (N, 3) each; see :func:`gpf.field.gaussians.whitening_rows`.
+    support2: R², (N,).
     """
     u = mi.Vector3f(*(dr.dot(row, d) for row in rows))
     falloff = dr.square(dr.maximum(1 - dr.squared_norm(d) / support2, 0))
@@ -76,9 +84,9 @@ def blend_weight(
 
 
 def supplement_support(distance2: list[mi.Float]) -> tuple[mi.Float, mi.Float]:
-    """Squared distance of the farthest of the k nearest, and squared support of their falloff.
+    """Squared distance of the farthest of the k nearest, and squared support R² of their falloff.
 
-    ``distance2`` holds k + 1 squared distances, ascending, infinite where there is no neighbour.
+    ``distance2`` holds k + 1 squared distances, ascending; infinite if there is no neighbour.
     """
     farthest2 = mi.Float(0)
     for distance in distance2[:-1]:
@@ -91,9 +99,9 @@ def supplement_support(distance2: list[mi.Float]) -> tuple[mi.Float, mi.Float]:
 
 
 class GaussianPhotonField:
-    """Gaussians and how to blend them.
+    """Gaussians, and the query that blends them.
 
-    The value at a point x on a surface with normal n is
+    The value at a point x on a surface is
 
         E(x) = Σ w_i c_i / Σ w_i,   i in N(x)
         N(x) = Ball(x, max(r, d_{k+1})),   d_{k+1} the distance of the (k + 1)-th nearest:
@@ -102,10 +110,10 @@ class GaussianPhotonField:
 
     Parameters
     ----------
-    gaussians: the primitives, (N).
-    settings: how to query them.
+    gaussians: (N).
+    settings: settings of the query.
     bounds: corners of the scene's bounding box.
-    record: JSON-like facts about how the field came to be; saved with it.
+    record: facts about the making of the field, as JSON values; saved with it.
     """
 
     def __init__(
@@ -125,7 +133,7 @@ class GaussianPhotonField:
         self.gaussians = gaussians
         self.hash = SpatialHash(
             gaussians.means,
-            # Smaller than for photons: here the work per candidate outweighs that per row.
+            # Smaller cells than for photons: a candidate costs more here than a row of cells.
             cell=1.01 * self.settings.search_radius,
             bounds=self.bounds,
             tag=pack_tag(gaussians.normals),
@@ -143,7 +151,7 @@ class GaussianPhotonField:
         self._limit = dr.opaque(mi.Float, self.hash.extent)
 
     def arrays(self) -> dict[str, Any]:
-        """What queries read, as a PyTree; see :meth:`with_arrays`."""
+        """The arrays that queries read, as a PyTree; see :meth:`with_arrays`."""
         return {
             "hash": self.hash.arrays(),
             "packets": self._packets,
@@ -152,7 +160,8 @@ class GaussianPhotonField:
         }
 
     def with_arrays(self, arrays: Mapping[str, Any]) -> GaussianPhotonField:
-        """A copy whose queries read these arrays: how a recorded function gets at its arguments."""
+        """A copy whose queries read these arrays, so that a recorded function can take them as
+        arguments."""
         other = copy.copy(self)
         other.hash = self.hash.with_arrays(arrays["hash"])
         other._packets = arrays["packets"]
@@ -160,7 +169,7 @@ class GaussianPhotonField:
         return other
 
     def accepts(self, record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f) -> mi.Bool:
-        """Whether the Gaussian of a record may answer for a surface with normal ``n`` at ``p``."""
+        """Whether the Gaussian of a record belongs to the surface with normal ``n`` at ``p``."""
         if not self.settings.normal_test:
             return mi.Bool(True)
         d = mi.Vector3f(record.x - p.x, record.y - p.y, record.z - p.z)
@@ -173,7 +182,7 @@ class GaussianPhotonField:
     def _term(
         self, x: mi.Point3f, mean: mi.Point3f, index: mi.UInt32, support2: mi.Float, active: mi.Bool
     ) -> tuple[mi.Float, mi.Color3f]:
-        """Weight and weighted colour of one neighbour; zero where inactive."""
+        """Weight and weighted colour of one neighbour; zero at inactive lanes."""
         packets = [dr.gather(mi.Vector4f, p, index, active) for p in self._packets]
         rows = tuple(mi.Vector3f(p.x, p.y, p.z) for p in packets)
         weight = dr.select(active, blend_weight(x - mean, rows, support2), 0)  # type: ignore[arg-type]
@@ -189,10 +198,10 @@ class GaussianPhotonField:
 
         Returns
         -------
-        value: irradiance (or radiance, see the settings), (N, 3); 0 where nothing is known.
-        reach: distance within which the answer's neighbours lie, in units of the search radius,
-            (N,): 1 inside dense regions, more where the supplement had to go further, infinite
-            where there was no neighbour at all.
+        value: irradiance, W/m², or radiance (see the settings), (N, 3); 0 without any neighbour.
+        reach: distance of the farthest neighbour used, in search radii and at least 1, (N,):
+            1 in dense regions, more where the k nearest lie farther away, infinite without any
+            neighbour.
         """
         settings = self.settings
         radius2 = self._radius * self._radius
@@ -242,9 +251,9 @@ class GaussianPhotonField:
         return dr.select(known, value, 0), dr.select(known, reach, dr.inf)
 
     def radiance(self, points: VisiblePoints) -> tuple[mi.Color3f, mi.Float]:
-        """L at visible points, (N, 3), and the reach of the answer (see :meth:`query`), (N,)."""
+        """L at visible points, W/(m² sr), (N, 3), and the reach (see :meth:`query`), (N,)."""
         value, reach = self.query(points.p, points.n, points.valid)
-        # Training may take a Gaussian next to a dark one a little below zero.
+        # Training may make a dark Gaussian slightly negative.
         value = dr.maximum(value, 0)
         if self.settings.stores == "irradiance":
             return points.radiance(value), reach

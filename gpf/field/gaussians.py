@@ -1,7 +1,7 @@
-"""The Gaussians' geometry: from quaternion and scales to what a query evaluates, and back.
+"""Geometry of the Gaussians: from quaternion and scales to the matrix of a query, and its adjoint.
 
-A Gaussian's exponent at offset d = x - μ is m = |M d|², where the rows of M are the columns of the
-rotation R(q), divided by the scales: M = diag(1/s) Rᵀ, so that MᵀM = Σ⁻¹.
+At the offset d = x - μ a Gaussian is exp(-m/2) with m = |M d|². The rows of M are the columns of
+the rotation R(q), divided by the scales: M = diag(1/s) Rᵀ, so that MᵀM = Σ⁻¹.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ class Gaussians:
     means: centres μ, world units, (N, 3).
     log_scales: logarithms of the standard deviations along the local axes, (N, 3).
     quats: rotations (x, y, z, w), of any non-zero length, (N, 4).
-    irradiance: the stored quantity: irradiance E in W/m², or radiance if the field's settings say
-        so, (N, 3).
-    normals: unit normal of the surface that the Gaussian lies on, (N, 3); not trained.
+    irradiance: the stored quantity: irradiance E in W/m², or radiance, as in the field's settings,
+        (N, 3).
+    normals: unit normal of the surface on which the Gaussian lies, (N, 3); not trained.
     """
 
     means: mi.Point3f
@@ -58,7 +58,7 @@ def whitening_adjoint(
     quats: mi.Quaternion4f,
     grad_rows: tuple[mi.Vector3f, mi.Vector3f, mi.Vector3f],
 ) -> tuple[mi.Vector3f, mi.Vector4f]:
-    """Gradients of a loss with respect to log scales and quaternion, given those for M's rows.
+    """Gradients of a loss by log scales, (N, 3), and quaternion, (N, 4), from those by M's rows.
 
     With M_k = R_k / s_k (R_k a column of R):
 

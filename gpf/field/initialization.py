@@ -1,4 +1,4 @@
-"""Photons -> initial Gaussians."""
+"""The Gaussians before training, from photons."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from gpf.field.io import Precision
 from gpf.guiding.density_control import oriented_places
 from gpf.sppm.density import PhotonDensity
 
-# Initial standard deviations, in search radii.
+# Initial standard deviation with ``initial_scale: auto``, in search radii.
 TYPICAL_SCALE = 0.6
 
 
 class InitialFieldSettings(FieldSettings):
-    """The field before training: its query, and how its Gaussians start.
+    """Settings of a field: its query, and how its Gaussians start.
 
     Attributes
     ----------
-    gaussians: number M of primitives; ``auto``: the best of a few after short trainings.
-    initialization: ``photons``: means and normals of M photons, chosen at random; ``random``: means
-        are uniform in the scene's bounding box, with the normal of the nearest photon.
-    fill_gaps: whether some of the Gaussians go where cameras see what photons seldom reach.
+    gaussians: number M of Gaussians; ``auto``: several numbers are tried in short trainings.
+    initialization: ``photons``: means and normals of M random photons; ``random``: means uniform in
+        the scene's bounding box, each with the normal of the nearest photon.
+    fill_gaps: whether to place some of the Gaussians where cameras look but few photons land.
     initial_colour: ``targets``: the mean of the targets around the Gaussian; ``density``: kernel
         estimate of E at the Gaussian; ``flux``: the photon's own power Φ.
     initial_scale: standard deviation of all axes, world units; ``auto``: :data:`TYPICAL_SCALE`.
-    search_radius: world units; ``auto``: some 16 Gaussians around a typical point.
-    anisotropic: whether the three scales of a Gaussian are free of each other.
-    precision: of the field's file.
+    search_radius: world units; ``auto``: about 16 Gaussians around a typical point.
+    anisotropic: whether the three scales of a Gaussian may differ.
+    precision: precision of the field's file.
     """
 
     gaussians: AutoCount = "auto"
@@ -48,7 +48,7 @@ class InitialFieldSettings(FieldSettings):
     precision: Precision = "float32"
 
     def query(self, search_radius: float) -> FieldSettings:
-        """What a query needs to know."""
+        """The settings of the query, with the given search radius, world units."""
         common = {name: getattr(self, name) for name in FieldSettings.model_fields}
         return FieldSettings(**common | {"search_radius": search_radius})
 
@@ -60,11 +60,16 @@ def initialize_gaussians(
     seed: int,
     gaps: OrientedPoints | None = None,
 ) -> Gaussians:
-    """One Gaussian for each of M photons: mean at the photon, random orientation, equal scales.
+    """M Gaussians: means at M random photons, random orientations, equal scales.
 
-    With fewer than M photons, all of them are used: the field then has fewer Gaussians. Photons in
-    ``gaps`` are among those in any case (:func:`find_gaps`). What is ``auto`` has been decided: the
-    settings have numbers.
+    The points of ``gaps`` (:func:`find_gaps`) take the place of as many photons; their initial
+    irradiance is 0. With too few photons the field has fewer Gaussians.
+
+    Parameters
+    ----------
+    settings: with numbers in place of ``auto``.
+    bounds: corners of the scene's bounding box.
+    gaps: points that get a Gaussian in any case, (G).
     """
     assert settings.gaussians != "auto" and settings.search_radius != "auto"
     assert settings.initial_scale != "auto"
@@ -106,10 +111,10 @@ def initialize_gaussians(
 def propose_search_radius(
     photons: Photons, gaussians: int, at: np.ndarray, bounds: tuple[Any, Any], neighbours: int = 16
 ) -> float:
-    """A radius within which a typical supervised point has ``neighbours`` Gaussians.
+    """A radius, world units, within which a typical supervised point has ``neighbours`` Gaussians.
 
-    Measured as the median distance from up to 4096 of the points ``at`` (P, 3) to their nearest
-    photons, with as many photons as there will be Gaussians.
+    The median, over up to 4096 of the points ``at`` (P, 3), of the distance to the n-th nearest
+    photon, with n = ``neighbours`` and as many random photons as there will be Gaussians.
     """
     rng = np.random.default_rng(0)
     available = dr.width(photons.p)
@@ -124,10 +129,10 @@ def propose_search_radius(
     return float(np.sqrt(np.median(distance2[k - 1].numpy())))
 
 
-# Gaussians of gaps are so far apart, in units of the search radius: a dozen in its disc.
+# Distance between the Gaussians in a gap, in search radii: about twelve within one search radius.
 SPACING = 0.5
 
-# At most this share of a field's Gaussians goes into gaps.
+# Largest share of a field's Gaussians that fills gaps.
 MOST = 0.1
 
 
@@ -136,12 +141,13 @@ def find_gaps(
 ) -> OrientedPoints:
     """Points whose search radius holds fewer than k Gaussians.
 
-    One in each cell of a grid, and surfaces that face different ways have cells of their own.
+    At most one point for each cell of a grid; surfaces that face different directions have separate
+    cells.
 
     Parameters
     ----------
-    field: what gaps are gaps of.
-    position, normal: of points that the field is to know, world units and unit vectors, (P, 3).
+    field: a field without gap filling.
+    position, normal: points where the field will be queried, world units and unit vectors, (P, 3).
     """
     p, n = (np.ascontiguousarray(a.T, dtype=np.float32) for a in (position, normal))
     _, reach = field.query(mi.Point3f(p), mi.Normal3f(n), dr.full(mi.Bool, True, len(position)))

@@ -1,19 +1,19 @@
 """Field files: ``field.safetensors``, exact or in a third of the size.
 
 Both precisions have the same tensors, one row per Gaussian, and the same metadata: settings,
-bounds, record, and the precision itself. What ``compact`` makes of a tensor, and what that can
-change:
+bounds, record, precision. The precision ``compact`` stores each tensor as follows, with these
+largest errors:
 
 ============  ==========================================================  ====================
-means         uint16 steps from their least to their greatest, per axis   1/131,000 of a range
-log_scales    uint8 steps likewise, within :data:`SCALES` radii           2% of a scale
-quats         int8 in 1/127 of the longest component; of unit length      half a degree
-irradiance    float16 in a unit that takes the greatest to 2^14 or more   0.05%, over 8 orders
+means         uint16 steps between minimum and maximum, per axis          1/131,000 of the range
+log_scales    uint8 steps likewise, limited to :data:`SCALES` radii       2% of a scale
+quats         int8 steps of 1/127 of the longest component; unit length   half a degree
+irradiance    float16 in a unit that makes the maximum at least 2^14      0.05%, over 8 orders
 normals       as quats                                                    half a degree
 ============  ==========================================================  ====================
 
-That is 22 bytes a Gaussian, against 64. A field that was read from a compact file is written to the
-same bytes again.
+A Gaussian takes 22 bytes instead of 64. A field that was read from a compact file gives the same
+bytes when it is written again.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from gpf.field.gaussians import Gaussians
 
 Precision = Literal["float32", "compact"]
 
-# Standard deviations that a compact file tells apart, in search radii. To a query, which weighs
-# distances up to about a radius, those below are points, and those above are flat.
+# Range of standard deviations in a compact file, in search radii. A query uses distances up to
+# about one radius: to it, smaller Gaussians are points and larger ones are constant.
 SCALES = (0.0025, 50.0)
 
 _NAMES = ("means", "log_scales", "quats", "irradiance", "normals")
@@ -43,14 +43,15 @@ _NAMES = ("means", "log_scales", "quats", "irradiance", "normals")
 
 @dataclass(frozen=True)
 class StoredField:
-    """What a field's file says; needs no variant of Mitsuba.
+    """The content of a field's file; needs no Mitsuba variant.
 
     Attributes
     ----------
-    tensors: the arrays of :class:`gpf.field.gaussians.Gaussians` by name, (N, 3), quats (N, 4), float32.
-    settings: how to query them.
+    tensors: the arrays of :class:`gpf.field.gaussians.Gaussians` by name, float32, (N, 3); quats
+        (N, 4).
+    settings: settings of the query.
     bounds: two corners of the scene's bounding box, world units.
-    record: how the field came to be.
+    record: facts about the making of the field.
     """
 
     tensors: dict[str, np.ndarray]
@@ -60,7 +61,7 @@ class StoredField:
 
 
 def save_field(field: GaussianPhotonField, path: Path, precision: Precision = "float32") -> None:
-    """Write a field; raises what :func:`write_field` raises."""
+    """Write a field; errors as in :func:`write_field`."""
     g = field.gaussians
     quats = mi.Vector4f(g.quats.x, g.quats.y, g.quats.z, g.quats.w)
     arrays = (g.means, g.log_scales, quats, g.irradiance, g.normals)
@@ -70,7 +71,7 @@ def save_field(field: GaussianPhotonField, path: Path, precision: Precision = "f
 
 
 def load_field(path: Path) -> GaussianPhotonField:
-    """Read a field; raises what :func:`read_field` raises."""
+    """Read a field; errors as in :func:`read_field`."""
     stored = read_field(path)
     means, log_scales, quats, irradiance, normals = (
         np.ascontiguousarray(stored.tensors[name].T) for name in _NAMES
@@ -87,11 +88,12 @@ def load_field(path: Path) -> GaussianPhotonField:
 
 
 def write_field(stored: StoredField, path: Path, precision: Precision = "float32") -> None:
-    """Write what a file is to say.
+    """Write the content of a field's file.
 
     Raises
     ------
-    FileError: a value is NaN or infinite, or the file cannot be written.
+    FileError: a value is NaN or infinite.
+    UserError: the file cannot be written.
     """
     _check_finite(path, stored.tensors)
     tensors = stored.tensors
@@ -109,15 +111,15 @@ def write_field(stored: StoredField, path: Path, precision: Precision = "float32
 
 
 def read_field(path: Path) -> StoredField:
-    """Read what a file says, in either precision.
+    """Read the content of a field's file, in either precision.
 
     Raises
     ------
-    FileError: the file is missing, truncated, of another kind, schema version or precision, or not
-        finite.
+    FileError: the file is missing or truncated, is of another kind, schema version or precision, or
+        has values that are not finite.
     """
     tensors, metadata = read_tensors(Path(path), "field")
-    # Files from before there were two say nothing about it.
+    # Older files do not state their precision; all of them are float32.
     precision = metadata.get("precision", "float32")
     if precision == "compact":
         tensors = _unpack(tensors, metadata["encoding"])
@@ -143,10 +145,10 @@ def _check_finite(path: Path, tensors: Mapping[str, np.ndarray]) -> None:
 def _pack(
     tensors: Mapping[str, np.ndarray], radius: float
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Tensors as a compact file has them, and what it takes to read them."""
-    told_apart = np.log(np.multiply(SCALES, radius)).astype(np.float32)
+    """The tensors of a compact file, and the ranges and units that are needed to read them."""
+    limits = np.log(np.multiply(SCALES, radius)).astype(np.float32)
     means, of_means = _to_steps(tensors["means"], np.uint16)
-    scales, of_scales = _to_steps(np.clip(tensors["log_scales"], *told_apart), np.uint8)
+    scales, of_scales = _to_steps(np.clip(tensors["log_scales"], *limits), np.uint8)
     irradiance, unit = _to_halves(tensors["irradiance"])
     packed = {
         "means": means,
@@ -171,7 +173,7 @@ def _unpack(
 
 
 def _to_steps(values: np.ndarray, kind: type[np.unsignedinteger]) -> tuple[np.ndarray, Any]:
-    """Columns (N, D) as whole steps of their ranges, and the ranges."""
+    """Columns (N, D) as integer steps of their ranges, and the ranges."""
     least, greatest = values.min(axis=0).astype(float), values.max(axis=0).astype(float)
     width = np.where(greatest > least, greatest - least, 1)
     steps = np.rint((values - least) / width * np.iinfo(kind).max).astype(kind)
@@ -179,14 +181,15 @@ def _to_steps(values: np.ndarray, kind: type[np.unsignedinteger]) -> tuple[np.nd
 
 
 def _from_steps(steps: np.ndarray, ranges: Any) -> np.ndarray:
-    """The ends of a range come out exactly: packed again, the range is the same."""
+    """Values from steps. The ends of a range are exact, so that packing again gives the same
+    range."""
     least, greatest = np.asarray(ranges)
     share = steps / np.iinfo(steps.dtype).max
     return (least * (1 - share) + greatest * share).astype(np.float32)
 
 
 def _to_bytes(vectors: np.ndarray) -> np.ndarray:
-    """Directions (N, D), of any length; zero stays zero."""
+    """Directions (N, D) of any length as int8; zero stays zero."""
     longest = np.abs(vectors).max(axis=1, keepdims=True).astype(float)
     return np.rint(127 * (vectors / np.where(longest > 0, longest, 1))).astype(np.int8)
 
@@ -199,12 +202,12 @@ def _from_bytes(codes: np.ndarray) -> np.ndarray:
 
 
 def _to_halves(values: np.ndarray) -> tuple[np.ndarray, float]:
-    """Values in a unit, float16, and the unit: a power of two, so that it changes no digit.
+    """Values in a unit as float16, and the unit: a power of two, which changes no digit.
 
-    The greatest becomes 2^14 to 2^15. Half precision keeps all its digits down to 2^-14 and some
-    down to 2^-24: eight, and eleven, orders of magnitude below.
+    The maximum becomes 2^14 to 2^15. Half precision has all digits down to 2^-14 and some digits
+    down to 2^-24: eight and eleven orders of magnitude below the maximum.
     """
     mantissa, exponent = np.frexp(float(np.abs(values).max()))
-    # What rounding takes to the next power of two begins there when it is read and packed again.
+    # If rounding gives the next power of two, use its unit, so that packing again uses it too.
     unit = 2.0 ** (int(exponent) + int(np.float16(mantissa) == 1) - 15)
     return (values / unit).astype(np.float16), unit

@@ -1,18 +1,18 @@
-"""A field as a PLY file that viewers of 3D Gaussian splats open.
+"""A field as a PLY file for viewers of 3D Gaussian splats.
 
-A viewer lays splats over one another, the nearest in front, where the field takes the mean of those
-around a point of a surface. So that its picture comes near the field's:
+A viewer draws splats over each other, the nearest in front; the field takes the mean of the
+Gaussians around a point of a surface. Three changes bring the viewer's picture closer to the field:
 
-- Splats are flat. The field is only asked on surfaces; what a Gaussian is above and below them it
-  never says, and a viewer would show it: fog before every wall, tables as thick as their splats.
-  What is kept is the slice along the surface, which is what a query there meets.
-- Splats are narrower than the slices. Neighbours overlap several times over; in front of one
-  another they blur what their mean does not, and hang over edges.
-- Splats are nearly opaque, for the surfaces are.
+- Splats are flat. The field is queried only on surfaces, but a viewer would also show the extent of
+  a Gaussian above and below them: fog in front of walls, tables as thick as their splats. Only the
+  slice along the surface is kept, which is the part that a query uses.
+- Splats are narrower than the slices. Neighbours overlap several times: drawn over each other they
+  blur details, which their mean does not, and they reach beyond edges.
+- Splats are nearly opaque, like the surfaces.
 
-Measured as the PSNR of splatted views against E / π in veach_bidir: 14 to 19 dB with the Gaussians
-as they are, 1 to 4 dB more where they are flat, another 1 to 3 dB where they are narrower. This is
-to look at light, not a substitute for rendering: a viewer knows no textures, glass or lamps.
+PSNR of splatted views against E / π in veach_bidir: 14 to 19 dB with unchanged Gaussians, 1 to 4 dB
+more with flat ones, another 1 to 3 dB with narrower ones. The file is for looking at light and does
+not replace rendering: a viewer has no textures, glass or lamps.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ PROPERTIES = (
 HARMONIC = 0.28209479177387814
 
 OPACITY = 0.9
-# Extent of a splat in the surface, as a share of the slice's. Less would leave gaps.
+# Extent of a splat in the surface, as a share of the slice's extent. A smaller one leaves gaps.
 NARROWING = 0.7
 # Thickness of a splat along the normal, as a share of its smaller extent in the surface.
 THICKNESS = 0.1
 
-# Where the exposure is not known, the median becomes this: the grey of 18% reflectance.
+# Value of the median Gaussian if the exposure is not known: the grey of 18% reflectance.
 MIDDLE_GREY = 0.18
 
 
@@ -79,13 +79,14 @@ def write_splats(path: Path, stored: StoredField, exposure: float) -> None:
 
 
 def white_radiance(stored: StoredField) -> np.ndarray:
-    """What a white surface at each Gaussian reflects: E / π; or the radiance, if it is stored."""
+    """Radiance that a white surface reflects at each Gaussian, E / π, (N, 3); or the stored
+    radiance."""
     value = stored.tensors["irradiance"].astype(float)
     return value / np.pi if stored.settings.stores == "irradiance" else value
 
 
 def propose_exposure(stored: StoredField) -> float:
-    """The exposure that makes the median of the lit Gaussians a middle grey."""
+    """The exposure that turns the median of the lit Gaussians into :data:`MIDDLE_GREY`."""
     grey = white_radiance(stored).mean(axis=1)
     lit = grey[grey > 0]
     return float(MIDDLE_GREY / np.median(lit)) if len(lit) else 1.0
@@ -102,16 +103,17 @@ def flatten(
 
     Parameters
     ----------
-    log_scales, quats, normals: as in :class:`gpf.field.gaussians.Gaussians`, (N, 3), (N, 4), (N, 3).
+    log_scales, quats, normals: as in :class:`gpf.field.gaussians.Gaussians`, (N, 3), (N, 4) and
+        (N, 3).
 
     Returns
     -------
-    log_scales: logarithms of the two extents, the smaller first, and again of the smaller, (N, 3).
+    log_scales: logarithms of the smaller, the larger and again the smaller extent, (N, 3).
     rotations: unit quaternions (w, x, y, z) of frames whose third axis is n, (N, 4).
     """
     n = normals.astype(float)
     n /= np.linalg.norm(n, axis=1, keepdims=True)
-    # The axis that n is least along, made perpendicular to it, and what is perpendicular to both.
+    # Two tangents: from the axis least parallel to n, and perpendicular to both.
     first = np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     tangents = np.stack([first, np.cross(n, first)], axis=2)

@@ -1,1 +1,1 @@
-"""Targets and Gaussians -> a fitted field."""
+"""Training: targets, their points, and the optimiser that fits a field to them."""

@@ -1,4 +1,4 @@
-"""The optimiser: Adam on lists of Dr.Jit arrays, as part of the caller's kernel."""
+"""The optimiser Adam on lists of Dr.Jit arrays, as part of the caller's kernel."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Adam:
     def step(
         self, values: list[mi.Float], gradients: list[mi.Float], rates: list[mi.Float], t: int
     ) -> list[mi.Float]:
-        """New parameters after step ``t`` (from 1); Kingma and Ba 2015, β = (.9, .999)."""
+        """New parameters after step ``t`` (counted from 1); Kingma and Ba 2015, β = (.9, .999)."""
         correct1 = dr.opaque(mi.Float, 1 / (1 - 0.9**t))
         correct2 = dr.opaque(mi.Float, 1 / (1 - 0.999**t))
         result = []

@@ -1,4 +1,4 @@
-"""A trainer on disk: training that was stopped goes on from there."""
+"""Checkpoints of a trainer, from which stopped training continues."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from gpf.training.trainer import Progress, Trainer
 def save_trainer(
     trainer: Trainer, path: Path, fingerprint: Mapping[str, Any], note: Any = ""
 ) -> None:
-    """Write a checkpoint, atomically: parameters, moments, the best state and the history.
+    """Write a checkpoint atomically: parameters, moments, the best state and the history.
 
-    ``note`` is kept for the one who restores it.
+    ``note`` is a JSON value that :func:`restore_trainer` returns.
     """
     states = {
         "parameters": parameters(trainer.gaussians),
@@ -42,9 +42,9 @@ def save_trainer(
 
 
 def restore_trainer(trainer: Trainer, path: Path, fingerprint: Mapping[str, Any]) -> Any:
-    """Continue from a checkpoint if there is one that the same parameters made.
+    """Restore the state of a checkpoint with the same fingerprint.
 
-    Returns its note, or None where there is no such checkpoint.
+    Returns its note, or None if there is no such checkpoint.
     """
     if not path.exists():
         return None

@@ -1,8 +1,7 @@
-"""How many Gaussians pay, where the number is left open.
+"""The search for the number of Gaussians, with ``gaussians: auto``.
 
-With more of them a field can show more detail; with fewer, each has more photons to learn from, and
-the field is free of noise that many would keep. Where light is smooth, a few thousand are better
-than a hundred thousand.
+With more Gaussians a field shows more detail. With fewer, each learns from more photons, and the
+field has less noise: for smooth light, a few thousand are better than a hundred thousand.
 """
 
 from __future__ import annotations
@@ -16,15 +15,15 @@ from gpf.training.settings import TrainingSettings
 from gpf.training.streaming import PhotonStream
 from gpf.training.targets import Targets
 
-# Tried one after another, as shares of the largest number, until the error rises. From the largest
-# down: where shadows have edges, a quarter of the Gaussians may be worse than a sixteenth.
+# Numbers that are tried in this order, as shares of the largest, until the error rises. The largest
+# comes first: with sharp shadows, a quarter of the Gaussians may be worse than a sixteenth.
 SHARES = (1, 1 / 4, 1 / 16)
 
-# Part of all steps that a trial takes. In shorter ones, the noise that points share has not been
-# learned yet, so that only judges who know other noise can tell.
+# Length of a trial training, as a share of all steps. In a shorter trial the field has not yet
+# learned the noise that neighbouring points share; then only judges with other noise can show it.
 TRIAL, TRIAL_WITH_JUDGES = 0.5, 0.2
 
-# With judges, one in so many points is enough, and batches that are as much smaller.
+# With judges, a trial uses every fourth point, and batches of a quarter of the size.
 JUDGED_EVERY = 4
 
 log = logging.getLogger(__name__)
@@ -39,14 +38,15 @@ def choose_count(
 ) -> int:
     """The number of Gaussians whose field is best after a short training.
 
-    It is judged at points that training does not see. Targets of a stream have so much noise, which
-    neighbours share, that they would not tell noise from light: other photons judge there.
+    Fields are compared by their error at held-out points. Targets of a stream have much noise,
+    which neighbouring points share, so their held-out points cannot tell noise from light. For a
+    stream, targets from independent photons are used instead (the judges).
 
     Parameters
     ----------
-    photons, targets: that the field starts from and learns from.
+    photons, targets: the field starts from the photons and learns from the targets.
     bounds: corners of the scene's bounding box.
-    stream: of the targets, if they come from one.
+    stream: the source of the targets, if they come from a stream.
     """
     if recipe.field.gaussians != "auto":
         return recipe.field.gaussians
@@ -76,7 +76,7 @@ def choose_count(
 
 
 def _trial_settings(whole: TrainingSettings, share: float, every: int = 1) -> TrainingSettings:
-    """Those of a share of all steps, with batches of one in so many points."""
+    """Settings of a trial: a share of all steps, and 1 / ``every`` of the batch."""
     steps = max(round(whole.steps * share), 1)
     return whole.model_copy(
         update={

@@ -1,4 +1,4 @@
-"""The field's blend over neighbour lists, and its adjoint: the kernels that training runs on."""
+"""The kernels of training: the field's blend over neighbour lists, and its adjoint."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def with_parameters(g: Gaussians, p: list[mi.Float]) -> Gaussians:
 
 @dataclass
 class Packets:
-    """What the batch kernel reads, and the gradients that it adds to: flat packets of 4, (4 N,).
+    """The Gaussians as the batch kernel reads them, and their gradients: groups of 4, (4 N,).
 
-    ``means`` holds μ; ``rows[k]`` the row M_k and colour channel k. The gradients have the same
-    layout.
+    ``means`` holds μ; ``rows[k]`` holds the row M_k and the colour channel k. Gradients have the
+    same layout.
     """
 
     means: mi.Float
@@ -43,7 +43,7 @@ class Packets:
 
 
 def pack(g: Gaussians) -> Packets:
-    """Packets of the Gaussians in their own order."""
+    """Packets of the Gaussians, in the same order."""
     rows = whitening_rows(g.log_scales, g.quats)
     return Packets(
         means=dr.ravel(mi.Vector4f(g.means.x, g.means.y, g.means.z, 0)),
@@ -55,7 +55,7 @@ def pack(g: Gaussians) -> Packets:
 
 
 def unpack_gradients(g: Gaussians, gradients: Packets, anisotropic: bool) -> list[mi.Float]:
-    """Gradients with respect to :func:`parameters` from those with respect to the packets."""
+    """Gradients by :func:`parameters`, from gradients by the packets."""
     index = dr.arange(mi.UInt32, dr.width(g.means))
     means = dr.gather(mi.Vector4f, gradients.means, index)
     rows = [dr.gather(mi.Vector4f, r, index) for r in gradients.rows]
@@ -100,7 +100,7 @@ def accumulate_gradients(
     scale: mi.Float,
     divided: bool,
 ) -> mi.Float:
-    """Squared error of a batch, (B,); adds its gradients to ``gradients``.
+    """Weighted squared errors of a batch, (B,); adds their gradients to ``gradients``.
 
     The blend is E = Σ w_i c_i / Z with w_i = ψ_i (exp(-m_i/2) + ε) and Z = Σ w_i (Z = 1 for the
     plain sum). With G = ∂loss/∂E the adjoint is
@@ -108,7 +108,8 @@ def accumulate_gradients(
         ∂c_i = w_i G / Z,   ∂w_i = G · (c_i - E) / Z,   ∂m_i = -ψ_i exp(-m_i/2) ∂w_i / 2,
         ∂M_k = 2 u_k ∂m_i d,   ∂μ = -(2 Mᵀu ∂m_i + ∂ψ_i/∂d (exp(-m_i/2) + ε) ∂w_i).
 
-    ``scale`` is 1 / (3 B), which makes the sum of the result times it the mean squared error.
+    The loss is ``scale`` times the sum of the result; with ``scale`` = 1 / (3 B) it is the mean
+    squared error.
     """
     blend, inverse = blend_neighbours(points, lists, chosen, packets, divided)
     x = dr.gather(mi.Point3f, points.p, chosen)
@@ -129,7 +130,7 @@ def accumulate_gradients(
 
 
 class _Term:
-    """One neighbour's share of a blend (:func:`gpf.field.field.blend_weight`), kept for its adjoint."""
+    """One neighbour's term of a blend (:func:`gpf.field.field.blend_weight`), and its adjoint."""
 
     def __init__(self, x, packets, index, support2):  # type: ignore[no-untyped-def]
         mean = dr.gather(mi.Vector4f, packets.means, index)

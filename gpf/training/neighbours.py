@@ -1,4 +1,4 @@
-"""Neighbour lists of supervised points: what a query would visit, written down for many steps."""
+"""Neighbour lists of supervised points: the Gaussians that a query visits, kept for many steps."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.field import FIRST_REACH, GaussianPhotonField, supplement_support
 from gpf.field.gaussians import Gaussians
 
-# Gaussians move a little between rebuilds: the lists hold those that may enter the ball meanwhile.
+# Radius of the lists, in search radii: Gaussians move a little until the next rebuild, and the
+# lists include those that may enter the ball.
 LIST_MARGIN = 1.1
 
 
 @dataclass
 class NeighbourLists:
-    """Lists of Gaussians for P points in compressed rows.
+    """Lists of Gaussians for P points, as compressed rows.
 
     Attributes
     ----------
-    starts: where a point's list starts, (P + 1,).
+    starts: start of each point's list in ``indices``, and the end of the last, (P + 1,).
     indices: Gaussians, numbered as in ``field.gaussians``, (pairs,).
     support2: squared support R² of the blend's falloff at each point, (P,).
     """
@@ -35,10 +36,10 @@ class NeighbourLists:
 
 @dr.syntax
 def _list_neighbours(field, points, fill, indices, offset, dense):  # type: ignore[no-untyped-def]
-    """Count neighbours of every point, or write them from ``offset`` on when ``fill``.
+    """Count the neighbours of each point; with ``fill``, also write them from ``offset`` on.
 
-    Only the balls of ``dense`` points are visited: a sparse point's row has no room for all that
-    lies within its margin.
+    Only the balls of ``dense`` points are visited: the list of a sparse point has no room for all
+    Gaussians within the margin.
     """
     settings = field.settings
     radius = dr.opaque(mi.Float, settings.search_radius)
@@ -87,7 +88,8 @@ def _list_neighbours(field, points, fill, indices, offset, dense):  # type: igno
 
 
 def list_neighbours(field: GaussianPhotonField, points: SurfacePoints) -> NeighbourLists:
-    """The Gaussians that :meth:`GaussianPhotonField.query` would blend at each point."""
+    """The Gaussians that :meth:`GaussianPhotonField.query` blends at each point, and those nearby
+    (:data:`LIST_MARGIN`)."""
     none = dr.zeros(mi.UInt32, 1)
     count, support2, dense = _list_neighbours(
         field, points, False, none, mi.UInt32(0), mi.Bool(True)
@@ -106,10 +108,11 @@ def list_neighbours(field: GaussianPhotonField, points: SurfacePoints) -> Neighb
 def local_targets(
     gaussians: Gaussians, points: SurfacePoints, radius: float, neighbours: int = 8
 ) -> np.ndarray:
-    """Mean target of the points that are nearest to each Gaussian on its surface, (N, 3).
+    """Mean target of the supervised points nearest to each Gaussian on its surface, (N, 3).
 
-    A right angle between two normals counts as 1.4 ``radius``, world units, the other side of a
-    thin wall as 2: nearness alone would take the inside of a lamp for its outside.
+    The distance includes the normals: a right angle between them adds 1.4 ``radius`` (world units)
+    and the other side of a thin wall adds 2. Otherwise points inside a lamp would count for
+    Gaussians on its outside.
     """
 
     def places(p: mi.Point3f, n: mi.Normal3f) -> np.ndarray:

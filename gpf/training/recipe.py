@@ -1,4 +1,4 @@
-"""What a field starts from and learns from: photons, targets, and the settings of both."""
+"""How a field is made: from photons, targets and settings to a trainer."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from gpf.guiding.emission_plan import EmissionPlan
 from gpf.sppm.passes import PassSettings
 from gpf.training.settings import TrainingSettings
 from gpf.training.streaming import PhotonStream, StreamSettings
-from gpf.training.surface_points import SURFACES, share_of_pixels, target_points
-from gpf.training.targets import SURFACE, Targets
+from gpf.training.surface_points import share_of_pixels, target_points
+from gpf.training.targets import Targets
 from gpf.training.trainer import Trainer
 
 MAX_GAUSSIANS = 100_000
-"""With ``gaussians: auto``: the paper's number."""
+"""Largest number that ``gaussians: auto`` tries; the paper's number."""
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a field is made of photons and targets."""
+    """The settings with which a field is made from photons and targets."""
 
     field: InitialFieldSettings = InitialFieldSettings()
     train: TrainingSettings = TrainingSettings()
@@ -48,11 +48,11 @@ class Recipe:
         return MAX_GAUSSIANS if self.field.gaussians == "auto" else self.field.gaussians
 
     def select_photons(self, photons: Photons) -> Photons:
-        """Those of the light that the field stores.
+        """The photons of the light that the field stores: all, or indirect light only.
 
         Raises
         ------
-        UserError: all of them are direct light, which the field leaves to the emitters.
+        UserError: only indirect light is stored, but all photons are direct light.
         """
         if self.field.direct == "field":
             return photons
@@ -61,20 +61,20 @@ class Recipe:
         if count == 0:
             raise UserError(
                 "field.direct: emitters",
-                "leaves no light to the field: all photons are direct light",
+                "leaves no light for the field: all photons are direct light",
                 "Set field.direct to field.",
             )
         if self.field.gaussians != "auto" and count < self.field.gaussians:
             log.warning(
-                "%s of the photons are not direct light; the field has as many Gaussians, not %s. "
-                "More photon paths bring more.",
+                "Only %s photons are indirect light. The field gets as many Gaussians instead of "
+                "%s; trace more photon paths to get more.",
                 count,
                 self.field.gaussians,
             )
         return take(photons, indirect)
 
     def supervise(self, targets: Targets) -> SurfacePoints:
-        """The points that the field learns from, out of all targets."""
+        """The points of ``targets`` from which the field learns."""
         return targets.supervised_points(
             self.train.points, self.field.stores, self.train.loss, self.field.direct
         )
@@ -82,11 +82,12 @@ class Recipe:
     def initial_field(
         self, count: int, photons: Photons, targets: Targets, bounds: tuple[Any, Any]
     ) -> GaussianPhotonField:
-        """The field before training, with so many Gaussians.
+        """The field before training, with ``count`` Gaussians.
 
         Parameters
         ----------
-        photons, targets: what it starts from and learns from.
+        photons: the Gaussians start at some of these.
+        targets: the field will be trained on these; they show where gaps are.
         bounds: corners of the scene's bounding box.
         """
         radius, scale = self.field.search_radius, self.field.initial_scale
@@ -103,7 +104,7 @@ class Recipe:
             gaps = find_gaps(field, targets.position, targets.normal, seed)
             gaussians = initialize_gaussians(photons, initial, bounds, seed, gaps)
         if self.field.stores == "radiance":
-            # Photons know nothing of what reflects their light; views do, on average.
+            # Photons do not know the reflectance; the targets of views give its average.
             mean = targets.select("views").reflectance.mean(axis=0) / np.pi
             gaussians.irradiance *= mi.Color3f(*(float(c) for c in mean))
         return GaussianPhotonField(gaussians, settings, bounds)
@@ -114,7 +115,7 @@ class Recipe:
         points: SurfacePoints,
         settings: TrainingSettings | None = None,
     ) -> Trainer:
-        """What fits the field to the points."""
+        """The trainer that fits ``field`` to ``points``, by default with all training steps."""
         return Trainer(
             field,
             points,
@@ -132,13 +133,13 @@ def open_stream(
     stream: StreamSettings,
     recipe: Recipe,
 ) -> tuple[PhotonStream, Photons]:
-    """Points in the views and on the surfaces, what the first passes bring there, and photons for
-    Gaussians.
+    """A stream that has done its first passes, and photons for the Gaussians.
 
     Parameters
     ----------
     sensors: the training views, by name.
-    passes: as of references; ``stream`` has its own radius and ``alpha``.
+    plan: where photons are needed.
+    passes: settings of the references' passes; radius and ``alpha`` come from ``stream``.
     """
     radius = stream.radius * passes.initial_radius
     settings = passes.model_copy(update={"alpha": stream.alpha, "initial_radius": radius})
@@ -147,7 +148,7 @@ def open_stream(
     paths = plan.paths_for_gaussians(recipe.max_gaussians)
     paths = max(paths, 2 * settings.photons_per_pass)
     photons = plan.collect(scene, paths, stream.seed, settings.rr_depth)
-    sets = target_points(
+    points = target_points(
         scene,
         {} if wanted == "surface" else sensors,
         plan,
@@ -157,8 +158,6 @@ def open_stream(
         stream.seed,
         photons,
     )
-    sources = {name: number for number, name in enumerate(sensors)} | {SURFACES: SURFACE}
-    points = {sources[name]: found for name, found in sets.items()}
     opened = PhotonStream(scene, settings, points, stream.seed, plan.source)
     opened.advance(stream.rounds()[0])
     return opened, photons

@@ -1,4 +1,4 @@
-"""How a field is fitted."""
+"""Settings of the training."""
 
 from __future__ import annotations
 
@@ -11,11 +11,8 @@ from gpf.core.settings import Count, NotNegative, Positive, Seed, Settings, Shar
 
 
 class LearningRates(Settings):
-    """Adam's step sizes.
-
-    Means are in units of the search radius, irradiance in units of the mean target around the
-    Gaussian; log scales and quaternions have no unit.
-    """
+    """Adam's learning rates: of means in search radii, of irradiance in units of the mean target
+    around the Gaussian, of log scales and quaternions without unit."""
 
     means: NotNegative = 8e-3
     log_scales: NotNegative = 2e-2
@@ -24,23 +21,24 @@ class LearningRates(Settings):
 
 
 class TrainingSettings(Settings):
-    """How a field is fitted.
+    """Settings of the training.
 
     Attributes
     ----------
     steps: optimiser steps.
     batch: supervised points per step.
-    points: the supervised points: those that ``views`` see, samples of the ``surface``, or both.
-    supervision: targets from a finished ``reference``, or ``streaming``: while passes come in.
-    loss: ``squared``, or ``relative`` to the square of target and mean: what is dark counts too.
-    rates: initial learning rates; they decay to ``final_rate`` times that on a cosine.
-    rebuild_every: at most so many steps between rebuilds of the neighbour lists; evaluations
-        rebuild them as well.
+    points: the supervised points: visible points of ``views``, samples of the ``surface``, or both.
+    supervision: targets from a finished ``reference``, or ``streaming``: while passes are traced.
+    loss: ``squared``, or ``relative``: errors relative to target and mean target, so that dark
+        points count too.
+    rates: initial learning rates; they fall on a cosine to ``final_rate`` times these values.
+    rebuild_every: largest number of steps between rebuilds of the neighbour lists; an evaluation
+        rebuilds them too.
     evaluate_every: steps between evaluations on the held-out points.
-    held_out: share of the points that training does not see; the state with the smallest error
-        there is kept.
-    seed: of the split and the batches.
-    checkpoint_seconds: between checkpoints.
+    held_out: share of the points that training does not use; the state with the smallest error at
+        these points is kept.
+    seed: of the split into training and held-out points, and of the batches.
+    checkpoint_seconds: time between checkpoints.
     """
 
     steps: Count = 500
@@ -58,5 +56,5 @@ class TrainingSettings(Settings):
 
 
 def cosine_decay(done: float, final: float) -> float:
-    """A cosine from 1 to ``final`` while ``done`` goes from 0 to 1."""
+    """Falls from 1 to ``final`` on a cosine while ``done`` goes from 0 to 1."""
     return final + (1 - final) * 0.5 * (1 + math.cos(math.pi * min(done, 1.0)))

@@ -1,9 +1,9 @@
-"""Streaming supervision: the field learns while photons come in, from what they say so far.
+"""Streaming supervision: the field is trained while passes are traced.
 
-Targets need not be converged before training starts: where the Gaussians should lie, and what most
-of them should answer, is known after a few passes, and noise that many points have on their own
-averages out over a Gaussian. Passes and optimiser steps take turns; each round of steps learns from
-the mean over all passes before it.
+Training does not need converged targets: a few passes show where the Gaussians should lie and what
+most of them should store, and the independent noise of many points averages out over a Gaussian.
+Passes and optimiser steps alternate; each round of steps learns from the photons of all passes
+before it.
 """
 
 from __future__ import annotations
@@ -27,28 +27,29 @@ from gpf.sppm.density import PhotonDensity, radius_at
 from gpf.sppm.edge_correction import area_correction
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, suit_scene
-from gpf.training.targets import Targets
+from gpf.training.targets import Targets, source_numbers
 from gpf.training.trainer import Progress, Trainer
 
-# Edge of the cells in which photons are added up, in units of the kernel's radius after so many
-# passes.
+# Edge of the cells in which photons are added up, in units of the kernel radius after
+# TYPICAL_PASSES passes.
 CELL, TYPICAL_PASSES = 0.25, 100
 
-# Samples of the emitters that each point gets whenever targets are asked for.
+# Samples of the emitters at each point for each call of PhotonStream.targets.
 DIRECT_SAMPLES = 8
 
 
 class StreamSettings(Settings):
-    """How passes and steps take turns.
+    """Settings of the stream: how passes and steps alternate, and the supervised points.
 
     Attributes
     ----------
-    passes: of photons, in all.
+    passes: photon passes in all.
     first: passes before the first step.
-    growth: a new round of steps begins when there are so many times as many passes.
+    growth: between two rounds of steps, the number of passes grows by this factor.
     alpha: radius reduction, in (0, 1).
-    radius: of the first pass, in units of that of the references.
-    view_points, surface_points: supervised points that views see, and on surfaces, at most.
+    radius: radius of the first pass, in units of the references' first radius.
+    view_points, surface_points: largest number of supervised points that training views see, and
+        of supervised samples of surfaces.
     """
 
     passes: Count = 300
@@ -70,47 +71,44 @@ class StreamSettings(Settings):
 
 
 class PhotonStream:
-    """Photons that come in pass by pass, and what they say at points so far.
+    """Photons of a growing number of passes, and the targets that they give at fixed points.
 
-    Photons are added up in cells (:class:`gpf.photons.photon_grid.PhotonSums`), so that a pass costs the
-    same however many points there are; whenever targets are asked for, all photons so far are
-    gathered with one radius, that which pass n of SPPM would have.
+    Photons are added up in cells (:class:`gpf.photons.photon_grid.PhotonSums`), so the cost of a
+    pass does not depend on the number of points. For targets, all photons of n passes are gathered
+    with one radius: the radius of pass n of SPPM.
 
     Parameters
     ----------
     settings: of the passes; ``alpha`` and ``initial_radius`` give the radius.
-    points: by their source: the number of the view that sees them, or
-        :data:`gpf.training.targets.SURFACE`.
+    points: sets of points by name: each training view in order, then
+        :data:`gpf.training.targets.SURFACES`; any of them may be missing.
     """
 
     def __init__(
         self,
         scene: mi.Scene,
         settings: PassSettings,
-        points: Mapping[int, VisiblePoints],
+        points: Mapping[str, VisiblePoints],
         seed: int,
         source: Source = emit_light,
     ) -> None:
         self.scene, self.seed, self.count = scene, seed, 0
         self.settings = suit_scene(settings, scene)
         self._bounds = scene_bounds(scene)
-        self._apart = self.settings.direct == "emitters"
-        # The smallest radius there will be is not known, but that it shrinks slowly.
+        # The final radius is not known here, but the radius shrinks slowly.
         self._cell = CELL * radius_at(
             TYPICAL_PASSES, self.settings.initial_radius, self.settings.alpha
         )
         self._paths = self.settings.path_settings(source)
         self.sums = PhotonSums(self._cell, self._bounds, self._paths)
         valid = [take(each, dr.compress(each.valid)) for each in points.values()]
-        self._source = np.repeat(
-            np.array(list(points), np.int32), [dr.width(each.p) for each in valid]
-        )
+        self._source = np.repeat(source_numbers(points), [dr.width(each.p) for each in valid])
         self._points = FixedPoints(scene, concatenate(valid))
         self._direct = dr.zeros(mi.Color3f, len(self._source))
         self._samples = 0
 
     def independent(self, every: int = 1) -> PhotonStream:
-        """As many passes of other photons, for one in ``every`` of the same points."""
+        """A stream with as many passes of other photons, at every ``every``-th point."""
         other = copy.copy(self)
         other._source = self._source[::every]
         lanes = every * dr.arange(mi.UInt32, len(other._source))
@@ -122,7 +120,7 @@ class PhotonStream:
         return other
 
     def advance(self, count: int, tick: Callable[[int], None] = lambda done: None) -> None:
-        """Add passes until there are ``count``."""
+        """Add passes until there are ``count``; ``tick(done)`` is called after each."""
         while self.count < count:
             self.count += 1
             self.sums.trace(self.scene, pass_seed(self.seed, self.count, Stream.PHOTONS))
@@ -130,9 +128,9 @@ class PhotonStream:
             tick(self.count)
 
     def targets(self) -> Targets:
-        """The points with what all passes so far say."""
+        """The points, with the irradiance from all passes so far."""
         points, irradiance = self._points.points, to_numpy(self._gather())
-        if self._apart:
+        if self.settings.direct == "emitters":
             self._sample_emitters()
         direct = to_numpy(self._direct) / np.float32(max(self._samples, 1))
         return Targets(
@@ -157,7 +155,7 @@ class PhotonStream:
         return irradiance
 
     def _sample_emitters(self) -> None:
-        """Add to the direct light at the points; what a few samples miss, later rounds make up."""
+        """Add samples of direct light at the points; each round adds more and has less noise."""
         start = random_start(pass_seed(self.seed, 0, Stream.STREAM_EMITTERS), len(self._source))
         for _ in range(DIRECT_SAMPLES):
             self._samples += 1
@@ -174,15 +172,15 @@ def train_on_stream(
     report: Callable[[Progress], None] = lambda progress: None,
     tick: Callable[[int, int], None] = lambda passes, steps: None,
 ) -> None:
-    """Take turns until all passes and all of the trainer's steps are done.
+    """Alternate passes and steps until all passes and all of the trainer's steps are done.
 
-    Steps are shared out over the rounds in proportion to what passes have come in.
+    The share of the steps that are done after a round is the share of the passes.
 
     Parameters
     ----------
-    supervise: from targets to the points that the trainer has.
+    supervise: makes the trainer's points from targets.
     report: called after each round.
-    tick: called with the number of passes and steps after each of either.
+    tick: called with the numbers of passes and steps, after each pass and each step.
     """
     steps, done = trainer.settings.steps, trainer.step_count
     for count in settings.rounds():
@@ -191,7 +189,7 @@ def train_on_stream(
         stream.advance(count, lambda passes: tick(passes, trainer.step_count))
         if wanted == done and count < settings.passes:
             continue
-        if fresh:  # the first round's are those that the trainer began with
+        if fresh:  # the trainer already has the targets of the first round
             trainer.retarget(supervise(stream.targets()))
         while trainer.step_count < wanted:
             trainer.advance(1)

@@ -1,4 +1,4 @@
-"""Samples of surfaces that are lit or seen: points to supervise where no training view looks."""
+"""Supervised points: in training views, and on lit or visible surfaces beyond these views."""
 
 from __future__ import annotations
 
@@ -20,29 +20,28 @@ from gpf.scene.bounds import scene_bounds
 from gpf.sppm.density import PhotonDensity
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import fixed_points
+from gpf.training.targets import SURFACES
 
-# The share of the points, and of the work of gathering photons at them, that lies beyond what is
-# seen: where most of the light is, as in the room next door, points cost most.
+# Largest share of the surface points beyond the visible region, and of the work of gathering
+# photons at them. Without this limit they could cost most: a room next door may be the brightest.
 BEYOND = 0.1
 
-# Name of the set of surface samples among sets of points that views see; no view can be called so.
-SURFACES = "surfaces of the scene"
-
-# Paths whose photons tell what is lit beyond the visible region, at most. They are weighed by how
-# many lie within a pass's kernel: the cost of more grows with their square.
+# Largest number of paths whose photons show what is lit beyond the visible region. The cost of the
+# density estimate below grows with the square of this number.
 ARRIVAL_PATHS = 100_000
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where surface points may lie.
+    """Points among which surface points are chosen.
 
     Attributes
     ----------
-    lit: photons where cameras look.
+    lit: photons in the visible region.
     seen: visible points of cameras, all of them valid.
-    arrivals: photons of some paths, wherever they landed.
-    beyond: those of them where no camera looks that is known, but one that stands elsewhere may.
+    arrivals: photons of some paths, also outside the visible region.
+    beyond: the photons of ``arrivals`` outside the visible region; cameras at other places may see
+        them.
     """
 
     lit: Photons
@@ -52,7 +51,7 @@ class Places:
 
 
 def share_of_pixels(points: int, pixels: int) -> float:
-    """The share of ``pixels`` that has so many points."""
+    """The share of ``pixels`` that gives ``points`` points, at most 1."""
     return min(1.0, points / pixels)
 
 
@@ -66,13 +65,17 @@ def target_points(
     seed: int,
     photons: Photons | None = None,
 ) -> dict[str, VisiblePoints]:
-    """Points to supervise: fixed points of a share of each view's pixels, by the view's name, and
-    at most so many samples of surfaces, as :data:`SURFACES`.
+    """Supervised points by name: fixed points of each view, and samples of surfaces under the name
+    :data:`gpf.training.targets.SURFACES`.
 
     Parameters
     ----------
-    photons: surface samples lie where these do, and where cameras look; by default twice as many
-        as a pass has, so that there is a choice.
+    sensors: the views, by name.
+    plan: where photons are needed.
+    share: share of each view's pixels that get a point.
+    surfaces: largest number of surface samples.
+    photons: surface samples are chosen among these and among visible points; by default photons of
+        twice as many paths as in a pass, so that there are more than needed.
     """
     points = {
         name: fixed_points(scene, sensor, name, settings, seed, share)
@@ -103,14 +106,18 @@ def target_points(
 def sample_surface_points(
     places: Places, count: int, radius: float, bounds: tuple[Any, Any], seed: int
 ) -> VisiblePoints:
-    """Positions of photons and of what cameras see, ``count`` or as many as there are.
+    """At most ``count`` positions of photons and visible points, ordered along a curve in space.
 
-    One half is drawn from the photons alike, so that bright regions have many. The other is drawn
-    from photons and visible points, with probabilities in inverse proportion to their density on
-    their surface (within ``radius``, world units), which makes it nearly uniform over all that is
-    lit or seen, and twice as dense along edges: joints and shadows get photons too seldom to be
-    learned from photons alone. A share, :data:`BEYOND`, is spread likewise over what lies beyond.
-    Those that follow each other lie close together.
+    One half are photons with equal probability, so that bright regions have many points. The other
+    half are photons and visible points, with probabilities in inverse proportion to their density
+    on the surface (within ``radius``, world units). This half is nearly uniform over lit and
+    visible surfaces and twice as dense along edges: too few photons land in corners and shadows to
+    learn their light from photons alone. A share of at most :data:`BEYOND` is spread in the same
+    way beyond the visible region.
+
+    Raises
+    ------
+    UserError: no photon landed in the visible region.
     """
     lit = dr.width(places.lit.p)
     if lit == 0:
@@ -139,7 +146,7 @@ def sample_surface_points(
     near = min(count - far, known)
     third = spread(known, every, count - near)
     first = rng.choice(lit, min(near // 2, lit), replace=False)
-    sparse[first] = 0  # they are in already
+    sparse[first] = 0  # they are chosen already
     second = spread(0, known, near - len(first))
     here = np.concatenate([first, second])
     if len(third) and places.arrivals is not None:
@@ -162,7 +169,7 @@ def sample_surface_points(
 
 
 def _at(density: PhotonDensity, p: mi.Point3f, n: mi.Normal3f, chosen: np.ndarray) -> np.ndarray:
-    """A density at some of the points, (len(chosen),)."""
+    """A density at the points with numbers ``chosen``, 1/m², (len(chosen),)."""
     lanes = mi.UInt32(chosen.astype(np.uint32))
     found = density.irradiance(dr.gather(mi.Point3f, p, lanes), dr.gather(mi.Normal3f, n, lanes))
     return np.asarray(found.x.numpy(), dtype=np.float64)

@@ -1,8 +1,8 @@
-"""What training learns from: surface points with their irradiance, from views and surfaces."""
+"""Targets of the training: points of views and surfaces, with their irradiance."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal
@@ -16,8 +16,14 @@ from gpf.core.structs import SurfacePoints
 
 Loss = Literal["squared", "relative"]
 
-# The source of a target that comes from a sample of the scene's surfaces, not from a view.
-SURFACE = -1
+SURFACES = "surfaces of the scene"
+"""Name of the set of surface samples, beside sets of points with a view's name."""
+
+
+def source_numbers(names: Iterable[str]) -> np.ndarray:
+    """The numbers of sets of points in ``Targets.source``, int32: 0, 1, … for views, -1 for
+    :data:`SURFACES`."""
+    return np.array([-1 if name == SURFACES else k for k, name in enumerate(names)], np.int32)
 
 
 @dataclass(frozen=True)
@@ -28,10 +34,10 @@ class Targets:
     ----------
     position, normal: world units and unit vectors, (P, 3).
     irradiance: the target E, W/m², (P, 3).
-    direct: the part of the irradiance that came from samples of the emitters; 0 where photons
-        brought all of it, (P, 3).
+    direct: the part of the irradiance from samples of the emitters, (P, 3); 0 if photons carry
+        direct light.
     reflectance: diffuse reflectance at the point; 1 for surface samples, (P, 3).
-    source: number of the training view that sees the point, or :data:`SURFACE`, (P,).
+    source: number of the training view that sees the point; -1 for surface samples, (P,) int32.
     """
 
     position: np.ndarray
@@ -43,7 +49,7 @@ class Targets:
 
     @classmethod
     def from_view(cls, layers: Mapping[str, np.ndarray], number: int) -> Targets:
-        """Targets of one view, from the layers of its reference, in image order."""
+        """Targets of view ``number``, from the layers of its reference, in image order."""
         valid = layers["valid"] > 0.5
         names = ("position", "normal", "irradiance", "direct", "reflectance")
         source = np.full(int(valid.sum()), number, np.int32)
@@ -54,13 +60,13 @@ class Targets:
         """Targets at samples of the scene's surfaces."""
         position = tensors["position"]
         ones = np.ones_like(position)
-        source = np.full(len(position), SURFACE, np.int32)
+        source = np.repeat(source_numbers([SURFACES]), len(position))
         names = ("position", "normal", "irradiance", "direct")
         return cls(**{name: tensors[name] for name in names}, reflectance=ones, source=source)
 
     @staticmethod
     def join(parts: Sequence[Targets]) -> Targets:
-        """All parts, one after the other."""
+        """All parts, in order."""
         names = [f.name for f in fields(Targets)]
         return Targets(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names})
 
@@ -70,7 +76,12 @@ class Targets:
 
     @classmethod
     def load(cls, path: Path) -> Targets:
-        """Read targets."""
+        """Read targets.
+
+        Raises
+        ------
+        FileError: the file is not one of targets, or lacks an array.
+        """
         tensors, _ = read_tensors(path, "targets")
         missing = {f.name for f in fields(cls)} - set(tensors)
         if missing:
@@ -84,7 +95,7 @@ class Targets:
         """The targets that come from views, from surfaces, or all."""
         if points == "both":
             return self
-        rows = (self.source == SURFACE) == (points == "surface")
+        rows = (self.source < 0) == (points == "surface")
         return Targets(**{name: value[rows] for name, value in vars(self).items()})
 
     def supervised_points(
@@ -94,18 +105,26 @@ class Targets:
         loss: Loss,
         direct: Literal["field", "emitters"] = "field",
     ) -> SurfacePoints:
-        """Points as training takes them.
+        """The points that a trainer learns from.
 
-        ``stores`` chooses what the field is to answer: E, or the outgoing radiance ρ/π E, for
-        which only views know ρ. With ``direct`` from the emitters, direct light is none of E.
-        ``loss`` chooses the points' weights (:func:`loss_weights`).
+        Parameters
+        ----------
+        points: which targets to use.
+        stores: what the field stores: E, or the outgoing radiance ρ/π E; the latter uses points of
+            views only, because surface samples have no ρ.
+        loss: how points are weighted (:func:`loss_weights`).
+        direct: with ``emitters``, direct light is subtracted from E.
+
+        Raises
+        ------
+        UserError: no target is left.
         """
         chosen = self.select("views" if stores == "radiance" else points)
         if len(chosen.position) == 0:
             raise UserError(
-                f"train.points: {points}",
-                f"selects none of {len(self.position)} targets",
-                "Choose another, or have targets on surfaces.",
+                "train.points",
+                f"{points!r} selects none of {len(self.position)} targets",
+                "Choose another, or set reference.surface_points above 0.",
             )
         target = chosen.irradiance
         if direct == "emitters":
@@ -125,9 +144,10 @@ class Targets:
 
 
 def loss_weights(target: np.ndarray, loss: Loss) -> np.ndarray:
-    """Weights of points in the loss, (P,), from their targets, (P, 3): all alike, or ``relative``,
+    """Weights of points in the loss, (P,), from their targets, (P, 3).
 
-    1 / (E² + mean(E)²), normalised to mean 1: what is dark counts too.
+    ``squared``: 1. ``relative``: 1 / (E² + mean(E)²), normalised to mean 1, so that dark points
+    count too.
     """
     if loss == "squared":
         return np.ones(len(target), dtype=np.float32)

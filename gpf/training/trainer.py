@@ -1,8 +1,9 @@
-"""Fitting the field: Adam on batches of supervised points, forward and backward in one kernel.
+"""Training: Adam on batches of supervised points.
 
 A step is two kernels. The first runs over Gaussians: it applies Adam to the last gradients and
-writes what a query reads. The second runs over a batch of points: it blends each point's
-neighbours, compares with the target, visits the neighbours again and adds their gradients.
+writes the arrays that the second reads. The second runs over a batch of points: it blends each
+point's neighbours, compares the blend with the target, visits the neighbours again and adds their
+gradients.
 """
 
 from __future__ import annotations
@@ -36,8 +37,9 @@ from gpf.training.settings import TrainingSettings, cosine_decay
 
 @dataclass(frozen=True)
 class Progress:
-    """What training reports: after ``step`` steps, the root mean square errors of the last batch
-    and of the held-out points, both in units of the mean target and weighted like the loss."""
+    """State of the training after ``step`` steps: root mean square errors of the last batch and of
+    the held-out points, and the smallest of the latter so far; in units of the mean target, with
+    the weights of the loss."""
 
     step: int
     training_error: float
@@ -45,7 +47,8 @@ class Progress:
     best_error: float
 
 
-# Rates of dark Gaussians are at least those of this brightness, in units of the mean target.
+# Smallest brightness, in units of the mean target, that scales the learning rate of a Gaussian's
+# irradiance.
 LEAST_LEVEL = 0.01
 
 
@@ -56,11 +59,11 @@ class Trainer:
 
     Parameters
     ----------
-    field: where to start.
-    points: positions, normals and targets, (P); copies are made, in the order of space.
-    from_targets: whether irradiance starts from the mean of the nearest targets instead of what the
-        field has.
-    anisotropic: whether the three scales of a Gaussian are free of each other.
+    field: the field before training.
+    points: supervised points, (P); they are copied and sorted by their place.
+    from_targets: whether each Gaussian's irradiance starts as the mean of the nearest targets
+        instead of the field's value.
+    anisotropic: whether the three scales of a Gaussian may differ.
     """
 
     def __init__(
@@ -75,7 +78,8 @@ class Trainer:
         count = dr.width(points.p)
         rng = np.random.default_rng(settings.seed)
         split = rng.random(count) < settings.held_out
-        # Batches are then even over space, and lanes of a packet have the same neighbours.
+        # Sorted by place, so that batches are spread evenly over the surfaces and neighbouring
+        # lanes read the same Gaussians.
         order = order_in_space(to_numpy(points.p), field.settings.search_radius / 2)
         sets = (order[~split[order]], order[split[order]])
         self._rows = [mi.UInt32(rows.astype(np.uint32)) for rows in sets]
@@ -91,8 +95,8 @@ class Trainer:
         if from_targets:
             irradiance = mi.Color3f(np.ascontiguousarray(around.T))
         self.gaussians = replace(g, irradiance=irradiance)
-        # Adam's steps are as large as their rate, whatever the gradient: one rate for all would
-        # shake what is dark by the brightness of what is bright.
+        # The size of Adam's steps depends on the rate, not on the gradient. With one rate for all,
+        # steps suited to bright Gaussians would be too large for dark ones.
         level = around.mean(axis=1) if mean_target > 0 else np.ones(len(around))
         self.level = mi.Float(np.maximum(level, LEAST_LEVEL).astype(np.float32))
         size = dr.width(g.means)
@@ -123,14 +127,14 @@ class Trainer:
         self.best_error = float("inf")
 
     def rebuild(self) -> None:
-        """Rebuild the neighbour search and the lists of all points."""
+        """Rebuild the neighbour search and the neighbour lists of all points."""
         self.field.update(self.gaussians)
         self.lists = list_neighbours(self.field, self.training)
         if dr.width(self.held_out.p) > 0:
             self.held_out_lists = list_neighbours(self.field, self.held_out)
 
     def rates(self) -> list[mi.Float]:
-        """Learning rates of this step, one per parameter; a cosine from 1 to ``final_rate``."""
+        """Learning rates of this step, one array per parameter, scaled by :func:`cosine_decay`."""
         s = self.settings
         decay = cosine_decay(self.step_count / max(s.steps, 1), s.final_rate)
         r = s.rates
@@ -141,7 +145,7 @@ class Trainer:
         return [*common, irradiance, irradiance, irradiance]
 
     def step(self) -> mi.Float:
-        """One optimiser step; returns the squared errors of its batch, (B,)."""
+        """Take one optimiser step; return the squared errors of its batch, (B,)."""
         size = dr.width(self.gaussians.means)
         packets = pack(self.gaussians)
         gradients = Packets(
@@ -168,14 +172,15 @@ class Trainer:
         return errors
 
     def batch(self) -> mi.UInt32:
-        """The points of this step: even over all surfaces, for they come in the order of space."""
-        # Opaque: what changes from step to step must not become part of the kernel.
+        """The points of this step, (B,): spread evenly over the surfaces, because the points are
+        sorted by place."""
+        # Opaque: values that change with each step must not become constants of the kernel.
         seed, step = (dr.opaque(mi.UInt32, v) for v in (self.settings.seed, self.step_count))
         return stratified_batch(dr.width(self.training.p), self.settings.batch, seed, step)
 
     def evaluate(self) -> float:
-        """Root mean square error on the held-out points, weighted like the loss, in units of the
-        mean target; 0 if there are none."""
+        """Root mean square error at the held-out points, with the weights of the loss, in units of
+        the mean target; 0 without held-out points."""
         if dr.width(self.held_out.p) == 0:
             return 0.0
         every = dr.arange(mi.UInt32, dr.width(self.held_out.p))
@@ -187,7 +192,7 @@ class Trainer:
         return float(np.sqrt(dr.mean(error)[0] / 3))
 
     def advance(self, steps: int) -> None:
-        """Some steps, with the rebuilds that fall due."""
+        """Take ``steps`` steps, with rebuilds when they are due."""
         for _ in range(steps):
             self.step()
             if self.step_count % self.settings.rebuild_every == 0:
@@ -200,7 +205,12 @@ class Trainer:
     ) -> GaussianPhotonField:
         """Train to the end and return the field in its best state.
 
-        ``report`` is called after each evaluation, ``tick`` after each step.
+        ``report`` is called after each evaluation, ``tick`` with the number of steps after each
+        step.
+
+        Raises
+        ------
+        UserError: the error was never finite.
         """
         s = self.settings
         while self.step_count < s.steps:
@@ -212,12 +222,12 @@ class Trainer:
         return self.finish()
 
     def judge(self) -> Progress:
-        """Evaluate, and keep the state if it is the best."""
+        """Evaluate the current state, and keep it if it is the best so far."""
         if self.step_count % self.settings.rebuild_every != 0:
-            # On fresh lists: the best state is judged as the renderer will see it.
+            # With fresh lists, because the renderer will also query the current Gaussians.
             self.rebuild()
         held_out = self.evaluate()
-        if held_out <= self.best_error:  # without held-out points, the last state
+        if held_out <= self.best_error:  # without held-out points, always the last state
             self.best_error, self.best = held_out, self.gaussians
         training = float(np.sqrt(dr.mean(self.batch_errors)[0] / 3))
         self.history.append(Progress(self.step_count, training, held_out, self.best_error))
@@ -228,13 +238,14 @@ class Trainer:
         if self.history and not np.isfinite(self.best_error):
             raise UserError(
                 "training",
-                "diverged: the error on the held-out points was never finite",
-                "Look at the targets, or lower the learning rates.",
+                "diverged: the error at the held-out points was never finite",
+                "Check the targets, or lower the learning rates.",
             )
         return self.current_field(self.best)
 
     def current_field(self, state: Gaussians | None = None) -> GaussianPhotonField:
-        """The field with the given state of its Gaussians, by default that of the last step."""
+        """The field with the given state of its Gaussians, by default the state after the last
+        step."""
         state = state or self.gaussians
         self.field.update(replace(state, irradiance=state.irradiance * self.unit))
         return self.field

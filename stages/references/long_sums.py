@@ -13,7 +13,7 @@ from gpf.core.progress import progress_bar
 from gpf.sppm.pass_files import PassParts
 from gpf.sppm.pass_sums import PassSums, ViewTally
 from gpf.sppm.reference import ReferenceRenderer
-from gpf.training.surface_points import SURFACES
+from gpf.training.targets import SURFACES
 from metrics.equivalent_passes import snapshot_passes
 from stages.common.costs import KINDS, CostMeter
 from stages.common.workspace import Workspace

@@ -16,7 +16,7 @@ from gpf.baselines.radiance_cache import baseline
 from gpf.baselines.radiance_cache.baseline import PreparedCache, RadianceCache
 from gpf.baselines.radiance_cache.cached_irradiance import CacheShape
 from gpf.scene.views import View
-from gpf.training.targets import SURFACE, Targets
+from gpf.training.targets import Targets
 
 WIDTH, HEIGHT = 8, 6
 STEPS = 500
@@ -38,7 +38,7 @@ def make_targets(count: int) -> Targets:
     side = np.where(rng.random(count) < 0.5, 1.0, -1.0)
     expected = np.where(side[:, None] > 0, irradiance_at(x, 1), irradiance_at(x, -1))
     rows = [x, side[:, None] * [0, 0, 1], expected, np.zeros_like(x), np.ones_like(x)]
-    source = np.where(rng.random(count) < 0.5, SURFACE, 0).astype(np.int32)
+    source = np.where(rng.random(count) < 0.5, -1, 0).astype(np.int32)
     return Targets(*(row.astype(np.float32) for row in rows), source)
 
 

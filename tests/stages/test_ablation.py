@@ -139,7 +139,7 @@ def test_a_variant_that_cannot_run_says_so(project, go_on, environment):
     assert project.stage("reference").code == 0
     outcome = ablate(project, "lost", *(["--go-on"] if go_on else []))
     assert outcome.code == (0 if go_on else 2)
-    words = "params.yaml: train.points: 'surface' selects none of"
+    words = "train.points: 'surface' selects none of"
     assert words in outcome.text
     found = result(project, "lost")
     assert found["reason"].startswith(words) and found["title"] == "none"

@@ -234,6 +234,6 @@ def test_training_views_that_see_nothing_diffuse(finished):
     assert_refused(
         finished,
         "train",
-        r"params\.yaml: train\.points: 'both' selects none of 0 targets\. Choose another, or set "
+        r"error: train\.points: 'both' selects none of 0 targets\. Choose another, or set "
         r"reference\.surface_points above 0",
     )

@@ -97,11 +97,11 @@ def test_a_compact_field(trained):
         ),
         (
             ["results/cornell_box/photons.safetensors", "--ply", "a.ply"],
-            r"photons\.safetensors: holds photons, not field\. Name a file that `gpf stage train`",
+            r"photons\.safetensors: holds photons, not field\. Name the file of a field\.",
         ),
         (
             ["params.yaml", "--compact", "a.safetensors"],
-            r"params\.yaml: is truncated or damaged \(.+\)\. Name a file that `gpf stage",
+            r"params\.yaml: is truncated or damaged \(.+\)\. Name the file of a field\.",
         ),
         (
             ["cornell_box", "--ply", "a.obj"],
@@ -122,7 +122,7 @@ def test_a_compact_field(trained):
         *(
             (
                 ["cornell_box", "--ply", "a.ply", "--exposure", value],
-                rf"--exposure {value}: is no exposure\. Give one above zero",
+                rf"--exposure {value}: is no exposure\. Give a number above zero",
             )
             for value in ("0.0", "-1.0", "nan", "inf")
         ),

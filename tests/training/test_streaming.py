@@ -40,7 +40,7 @@ def make_stream(settings: PassSettings = SETTINGS) -> PhotonStream:
     points.reflectance = mi.Color3f(0.5)
     dr.make_opaque(points)
     points.valid &= dr.arange(mi.UInt32, 300) % 3 != 0  # those in between are of no use
-    return PhotonStream(scene, settings, {0: points}, seed=3)
+    return PhotonStream(scene, settings, {"view": points}, seed=3)
 
 
 @pytest.mark.parametrize(("passes", "first"), [(250, 8), (20, 8), (5, 8), (1, 1)])

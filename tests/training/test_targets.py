@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gpf.core.errors import UserError
-from gpf.training.targets import SURFACE, Targets
+from gpf.training.targets import SURFACES, Targets, source_numbers
 
 HEIGHT, WIDTH = 6, 8
 
@@ -48,7 +48,9 @@ def test_a_view_gives_its_valid_pixels_in_image_order():
 
 def test_sources_are_told_apart():
     targets = make_targets()
-    assert [np.count_nonzero(targets.source == s) for s in (0, 1, SURFACE)] == [46, 46, 5]
+    numbers = source_numbers(["left", "right", SURFACES])
+    assert numbers.tolist() == [0, 1, -1] and numbers.dtype == targets.source.dtype
+    assert [np.count_nonzero(targets.source == s) for s in numbers] == [46, 46, 5]
     assert len(targets.select("views").position) == 92
     surface = targets.select("surface")
     np.testing.assert_array_equal(surface.position, targets.position[92:])
