@@ -9,7 +9,7 @@ photons; between groups nothing is shared, or noise that the field learned would
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import drjit as dr
@@ -47,6 +47,7 @@ class Job:
     plan: EmissionPlan
     settings: PassSettings
     costs: CostMeter
+    drawn: dict[Any, dict[str, VisiblePoints]] = field(default_factory=dict)
 
     @classmethod
     def open(cls, work: Workspace) -> Job:
@@ -60,12 +61,19 @@ class Job:
             settings = work.params.reference.measure(scene, sensor, plan)
         return cls(work, scene, plan, settings, costs)
 
-    def target_points(
-        self, views: Sequence[View], share: float, surfaces: int, seed: int
-    ) -> dict[str, VisiblePoints]:
-        """Fixed points of a share of the views' pixels, and at most so many samples of surfaces."""
-        sensors = {view.name: self.work.sensor(view) for view in views}
-        return target_points(self.scene, sensors, self.plan, self.settings, share, surfaces, seed)
+    def target_points(self, views: Sequence[View], surfaces: int) -> dict[str, VisiblePoints]:
+        """Fixed points of a share of the views' pixels, and at most so many samples of surfaces;
+        drawn once."""
+        key = tuple(view.name for view in views), surfaces
+        if key not in self.drawn:
+            sensors = {view.name: self.work.sensor(view) for view in views}
+            share, seed = share_of_view_points(self.work), _group_seed(self, "train")
+            self.costs.parts.pop("points", None)
+            with self.costs.measure("points"):
+                self.drawn[key] = target_points(
+                    self.scene, sensors, self.plan, self.settings, share, surfaces, seed
+                )
+        return self.drawn[key]
 
 
 @dataclass(frozen=True)
@@ -85,7 +93,7 @@ def open_group(job: Job, request: GroupRequest) -> LongSum:
     points = {}
     if group == "train":
         surfaces = work.params.reference.surface_points if request.surfaces else 0
-        points = job.target_points(views, record["share"], surfaces, seed)
+        points = job.target_points(views, surfaces)
     sensors = {view.name: work.sensor(view) for view in views if view.name in record["imaged"]}
     source = job.plan.source
     renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, seed, source)

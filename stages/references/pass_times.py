@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from gpf.sppm.reference import ReferenceRenderer
-from stages.references.groups import Job, share_of_view_points
+from stages.references.groups import Job
 
-SAMPLES = 8
-"""Passes that are timed of each kind."""
+SAMPLES, ONE_IN = 8, 16
+"""Timed passes of each kind: at most so many, and one in so many of all passes."""
 
 
 def time_kinds_of_passes(job: Job, passes: int) -> dict[str, float]:
@@ -21,11 +21,8 @@ def time_kinds_of_passes(job: Job, passes: int) -> dict[str, float]:
     views, each on its own; shared: all of them at once, divided by their number.
     """
     section, source = job.work.params.reference, job.plan.source
-    for part in ("points", "probe"):
-        job.costs.parts.pop(part, None)
-    with job.costs.measure("points"):
-        views, share = job.work.views.train, share_of_view_points(job.work)
-        points = job.target_points(views, share, section.surface_points, section.seed)
+    job.costs.parts.pop("probe", None)
+    points = job.target_points(job.work.views.train, section.surface_points)
     singles = single_views(job)
     sensors = {name: s for renderer in singles for name, s in renderer.sensors.items()}
     shared = ReferenceRenderer(job.scene, sensors, {}, job.settings, section.seed, source)
@@ -33,7 +30,8 @@ def time_kinds_of_passes(job: Job, passes: int) -> dict[str, float]:
     every = [*singles, shared, targets]
     with job.costs.measure("probe"):
         compile_passes(every)
-        seconds = time_passes(every, range(1, passes + 1), SAMPLES)
+        samples = min(SAMPLES, -(-passes // ONE_IN))
+        seconds = time_passes(every, range(1, passes + 1), samples)
     return {
         "seconds_per_single_view_pass": float(seconds[:-2].mean()),
         "seconds_per_shared_view_pass": float(seconds[-2] / len(singles)),
