@@ -1,1 +1,1 @@
-"""Camera rays -> visible points: the only camera walk."""
+"""Camera rays and their visible points."""

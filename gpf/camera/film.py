@@ -1,14 +1,14 @@
-"""The film: one camera ray per pixel and pass, and how what they find becomes an image."""
+"""One camera ray per pixel and pass, and the reconstruction of an image from their radiance."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from gpf.camera.rays import sample_rays_at
 from gpf.camera.visible_points import find_visible_points
 from gpf.core.structs import VisiblePoints, concatenate
 from gpf.scene.materials import is_only_glossy
@@ -16,17 +16,17 @@ from gpf.scene.materials import is_only_glossy
 
 @dataclass
 class FilmSamples:
-    """What one camera ray per pixel found, and where on the film it belongs.
+    """The visible points of one camera ray per pixel, and the rays' places on the film.
 
-    A ray that meets a glossy surface first is followed on several walks, for it may go anywhere.
+    A ray that hits a glossy surface first has K walks, because it may be reflected anywhere.
 
     Attributes
     ----------
-    points: visible points, (N + (K - 1) G,): of N rays, pixel by pixel, x fastest; then the further
-        walks of the G rays that have K.
+    points: visible points, (N + (K - 1) G,): the first walk of all N rays in the order of pixels,
+        x fastest; then the second walk of the G rays with K walks, and so on.
     weight: importance of the rays, (N, 3).
-    position: film position of the rays, pixels, (N, 2).
-    split: which rays have K walks, (G,).
+    position: positions of the rays on the film, pixels, (N, 2).
+    split: indices of the rays with K walks, (G,).
     walks: K.
     """
 
@@ -37,11 +37,11 @@ class FilmSamples:
     walks: int
 
     def merge(self, radiance: mi.Color3f) -> mi.Color3f:
-        """Mean radiance of each ray's walks, (N, 3), from that of all walks."""
+        """Mean radiance of the walks of each ray, (N, 3), from that of all ``points``."""
         rays, extra = dr.width(self.position), dr.width(self.split)
         if extra == 0 or self.walks == 1:
             return radiance
-        # A gather evaluates what it reads, one channel at a time: three searches instead of one.
+        # Without this, each gather evaluates its channel alone: three searches instead of one.
         dr.eval(radiance)
         lanes = dr.arange(mi.UInt32, extra)
         total = dr.gather(mi.Color3f, radiance, self.split)
@@ -54,7 +54,7 @@ class FilmSamples:
 
 
 def sample_grid(film: mi.Film) -> tuple[int, int]:
-    """Width and height of the film in samples: its pixels, and a border if it asks for one."""
+    """Width and height of the grid of samples, pixels: the crop window and, if asked, a border."""
     border = film.rfilter().border_size() if film.sample_border() else 0
     width, height = (int(n) + 2 * border for n in film.crop_size())
     return width, height
@@ -70,79 +70,72 @@ def sample_film(
     walks: int = 1,
     rows: range | None = None,
 ) -> FilmSamples:
-    """Follow one camera ray in each pixel of some rows, or of all, to its visible point.
+    """Follow one camera ray per pixel to its visible point.
 
-    With ``direct``, the points have had their direct light. ``walks`` is K for rays that meet a
-    surface which is only glossy first; a scene without one should have 1.
+    Parameters
+    ----------
+    max_depth, rr_depth, direct: as for :func:`find_visible_points`.
+    walks: walks K of the rays whose first surface is glossy without a diffuse component; give 1 if
+        the scene has no such surface.
+    rows: the rows of the sample grid; all by default.
     """
     width, height = sample_grid(sensor.film())
     rows = rows or range(height)
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(seed, width * len(rows))
-    ray, weight, position = _sample_rays(sensor, sampler, rows)
+    offset = mi.ScalarPoint2f(sensor.film().crop_offset())
+    position = mi.Point2f(_pixels(sensor.film(), rows)) + sampler.next_2d()
+    ray, weight = sample_rays_at(sensor, sampler, position - offset)
     ray = mi.Ray3f(ray)
     options = {"max_depth": max_depth, "rr_depth": rr_depth, "direct": direct}
     points = find_visible_points(scene, sampler, ray, **options)
     samples = FilmSamples(points, weight, position, mi.UInt32(), 1)
     if walks > 1:
         dr.eval(samples, ray)
-        samples.split = find_gloss(scene, ray)
+        samples.split = dr.compress(meets_gloss(scene, ray, mi.Bool(True)))
         samples.walks = walks
         extra = (walks - 1) * dr.width(samples.split)
         if extra > 0:
             lane = dr.arange(mi.UInt32, extra) % dr.opaque(mi.UInt32, dr.width(samples.split))
             again = dr.gather(mi.Ray3f, ray, dr.gather(mi.UInt32, samples.split, lane))
-            # Any seed but that of the first walks.
+            # Not the seed of the first walks.
             sampler.seed((seed + 1) % 2**32, extra)
             further = find_visible_points(scene, sampler, again, **options)
             samples.points = concatenate([points, further])
     return samples
 
 
-def find_gloss(scene: mi.Scene, ray: mi.Ray3f) -> mi.UInt32:
-    """Which rays meet a surface first that is glossy and nothing else."""
-    return dr.compress(meets_gloss(scene, ray, mi.Bool(True)))
-
-
 def meets_gloss(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> mi.Bool:
-    """Whether a ray meets a surface first that is glossy and nothing else, (N,)."""
+    """Whether the first surface of a ray is glossy without a diffuse component, (N,)."""
     si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=True, active=active)
     return active & si.is_valid() & is_only_glossy(si.bsdf())
 
 
-def _sample_rays(sensor: mi.Sensor, sampler: mi.Sampler, rows: range) -> tuple[Any, ...]:
-    """As Mitsuba's ``sample_rays`` does for a whole film: rays, weights and positions."""
-    film = sensor.film()
+def _pixels(film: mi.Film, rows: range) -> mi.Vector2i:
+    """The pixels of some rows of the sample grid, in film coordinates, (N, 2)."""
     width, _ = sample_grid(film)
     border = (width - int(film.crop_size()[0])) // 2
     index = dr.arange(mi.UInt32, width * len(rows))
     y = index // dr.opaque(mi.UInt32, width)
     pixel = mi.Vector2i(index - y * width, y + dr.opaque(mi.UInt32, rows.start))
     pixel += mi.ScalarVector2i(film.crop_offset()) - border
-    position = mi.Point2f(pixel) + sampler.next_2d()
-    scale = 1 / mi.ScalarVector2f(film.crop_size())
-    ray, weight = sensor.sample_ray_differential(
-        time=_sample_time(sensor, sampler),
-        sample1=0,
-        sample2=(position - mi.ScalarPoint2f(film.crop_offset())) * scale,
-        sample3=sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0),
-    )
-    return ray, weight, position
-
-
-def _sample_time(sensor: mi.Sensor, sampler: mi.Sampler) -> Any:
-    duration = sensor.shutter_open_time()
-    return sensor.shutter_open() + (sampler.next_1d() * duration if duration > 0 else 0)
+    return pixel
 
 
 def reconstruct(
     film: mi.Film, position: mi.Point2f, radiance: mi.Color3f, alpha: mi.Float
 ) -> mi.TensorXf:
-    """What the samples of a whole film add to its pixels, (H, W, C): RGB, alpha if asked, weight.
+    """The weighted sums of a film's samples at its pixels, (H, W, C).
 
-    Every pixel gathers the samples that its reconstruction filter reaches, always in the same
-    order. Mitsuba lets samples add themselves to pixels, whenever their threads get to it: sums
-    that are not the same twice.
+    The channels are RGB, alpha if the film has it, and the sum of weights. Each pixel gathers the
+    samples within the radius of the reconstruction filter in a fixed order. Mitsuba adds samples to
+    pixels in the order of threads, so that its sums differ from run to run.
+
+    Parameters
+    ----------
+    position: of the samples of the whole sample grid, pixels, (N, 2).
+    radiance: (N, 3).
+    alpha: (N,).
     """
     filter_, (columns, lines) = film.rfilter(), sample_grid(film)
     width, height = (int(n) for n in film.crop_size())
@@ -154,7 +147,7 @@ def reconstruct(
     sums = [mi.Float(0) for _ in channels] + [mi.Float(0)]
     centre = mi.Point2f(x, y) + 0.5 + mi.ScalarPoint2f(film.crop_offset())
     box = filter_.is_box_filter()
-    # A sample lies anywhere in its own pixel.
+    # A sample may lie anywhere in its pixel, up to half a pixel from the centre.
     reach = 0 if box else math.floor(filter_.radius() + 0.5)
     for dy in range(-reach, reach + 1):
         for dx in range(-reach, reach + 1):

@@ -1,4 +1,4 @@
-"""Direct light by next event estimation, combined with sampling of the BSDF."""
+"""Direct light by next event estimation, combined with BSDF sampling."""
 
 from __future__ import annotations
 
@@ -15,27 +15,26 @@ def direct_light(
     active: mi.Bool,
     shared: bool = True,
 ) -> mi.Color3f:
-    """Radiance towards ``si.wi`` from one point on one emitter, (N, 3).
+    """Radiance towards ``si.wi`` from one sampled point on an emitter, W/(m² sr), (N, 3).
 
         L = w f(wi, wo) |cos θ| L_e / p_e(wo),    w = p_e / (p_e + p_f)
 
-    is the share of next event estimation; the other share, ``1 - w``, belongs to rays that go on
-    by the BSDF's own density ``p_f``, and are weighted by :func:`share_of_bsdf` where they meet an
-    emitter. The two add up to one whatever the probability with which a ray does go on, as long
-    as its throughput makes up for that.
+    The remaining weight ``1 - w`` belongs to rays that are sampled with the BSDF's density ``p_f``:
+    :func:`share_of_bsdf` weights their emission. The weights add up to one. The probability that a
+    ray is continued does not matter if its throughput is divided by it.
 
     Parameters
     ----------
-    context: the components that f consists of.
-    shared: whether the other share is accounted for elsewhere; w is 1 if not.
+    context: enables the components of f.
+    shared: whether such rays contribute the remaining weight; if not, w is 1.
     """
     light, weight = scene.sample_emitter_direction(si, sampler.next_2d(active), True, active)
-    active = active & (light.pdf > 0)  # no &=, which would change the caller's mask
+    active = active & (light.pdf > 0)  # not &=, which would change the caller's mask
     wo = si.to_local(light.d)
     if not shared:
         return dr.select(active, bsdf.eval(context, si, wo, active) * weight, 0)
     value, bsdf_pdf = bsdf.eval_pdf(context, si, wo, active)
-    # A point or a direction of no extent can't be met by chance.
+    # BSDF sampling never finds emitters of zero extent.
     bsdf_pdf = dr.select(light.delta, 0, bsdf_pdf)
     return dr.select(active, value * weight * balance(light.pdf, bsdf_pdf), 0)
 
@@ -43,7 +42,8 @@ def direct_light(
 def samples_every_emitter(scene: mi.Scene) -> bool:
     """Whether next event estimation finds the light of all emitters.
 
-    A surface that shines in one direction alone (``directionalarea``) lights no point by chance.
+    It does not for ``directionalarea``, a surface that emits in a single direction: the sampled
+    point on it almost never emits towards the lit point.
     """
     beams = int(mi.EmitterFlags.Surface), int(mi.EmitterFlags.DeltaDirection)
     return not any(all(int(e.flags()) & flag for flag in beams) for e in scene.emitters())
@@ -56,13 +56,13 @@ def share_of_bsdf(
     bsdf_pdf: mi.Float,
     active: mi.Bool,
 ) -> mi.Float:
-    """Weight ``1 - w`` of what is emitted at ``si`` towards ``origin``, (N,).
+    """Weight ``1 - w`` of the emission at ``si`` towards ``origin``, (N,).
 
     Parameters
     ----------
-    origin: where the ray that met ``si`` was scattered.
+    origin: the point where the ray to ``si`` was scattered, (N, 3).
     bsdf_pdf: density ``p_f`` of its direction, 1/sr.
-    active: whether next event estimation was done at ``origin``; 1 is the answer elsewhere.
+    active: whether next event estimation was done at ``origin``; if not, the weight is 1.
     """
     before = dr.zeros(mi.Interaction3f)
     before.p = origin
@@ -73,6 +73,6 @@ def share_of_bsdf(
 
 
 def balance(mine: mi.Float, other: mi.Float) -> mi.Float:
-    """Weight of a sample among two strategies by the balance heuristic (Veach 1997), (N,)."""
+    """Balance heuristic (Veach 1997): the weight mine / (mine + other) of a sample, (N,)."""
     total = mine + other
     return dr.select(total > 0, mine / total, 0)

@@ -1,4 +1,4 @@
-"""Camera rays in an order that keeps neighbours together."""
+"""Camera rays through places on the film."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-TILE = 4  # pixels; a tile of 4x4 is one packet of a 512-bit vector unit
+TILE = 4  # pixels; a tile of 4×4 is one packet of a 512-bit vector unit
 
 
 def sample_tiled_rays(
     scene: mi.Scene, sensor: mi.Sensor, sampler: mi.Sampler
 ) -> tuple[Any, Any, mi.Vector2f]:
-    """Rays, their weights, and film positions: what Mitsuba's ``sample_rays`` returns, by tiles.
+    """Rays, their weights (N, 3) and film positions (N, 2), like ``sample_rays`` of Mitsuba.
 
-    Mitsuba goes through a film row by row. The lanes of a packet then lie in a line of 16 pixels,
-    and look into many different neighbourhoods; in a tile of 4×4 pixels they share most of them.
-    Films that no whole number of tiles fills, and filters that reach beyond a pixel, are left to
-    Mitsuba.
+    Mitsuba orders pixels row by row: the 16 lanes of a packet are a line of pixels, whose rays end
+    in many different neighbourhoods. The rays of a tile of 4×4 pixels share most of them. Mitsuba's
+    order remains if the film is not a whole number of tiles, or if :func:`keeps_to_pixels` is
+    false.
     """
     film = sensor.film()
     size, spp = film.crop_size(), sampler.sample_count()
@@ -37,12 +37,12 @@ def sample_tiled_rays(
         row * TILE + lane // TILE,
     )
     ray, weight = sample_pixel_rays(sensor, sampler, pixel)
-    # Without the place in the pixel, whose sum may be rounded up into the next one.
+    # Without the random offset: the sum could be rounded up into the next pixel.
     return ray, weight, mi.Vector2f(pixel) + mi.ScalarVector2f(film.crop_offset())
 
 
 def keeps_to_pixels(sensor: mi.Sensor) -> bool:
-    """Whether a sample counts for the pixel that it lies in and no other, at one moment."""
+    """Whether a sample counts only for its own pixel, and the shutter time is zero."""
     film = sensor.film()
     regular = film.rfilter().is_box_filter() and not film.sample_border()
     return bool(regular and sensor.shutter_open_time() == 0)
@@ -51,13 +51,22 @@ def keeps_to_pixels(sensor: mi.Sensor) -> bool:
 def sample_pixel_rays(
     sensor: mi.Sensor, sampler: mi.Sampler, pixel: mi.Vector2u
 ) -> tuple[Any, Any]:
-    """Rays through random places in the given pixels, and their weights."""
-    width, height = (int(n) for n in sensor.film().crop_size())
-    position = mi.Point2f(mi.Vector2f(pixel) + sampler.next_2d())
+    """Rays through random places in pixels of the crop window (N, 2), and their weights (N, 3)."""
+    return sample_rays_at(sensor, sampler, mi.Point2f(mi.Vector2f(pixel) + sampler.next_2d()))
+
+
+def sample_rays_at(
+    sensor: mi.Sensor, sampler: mi.Sampler, place: mi.Point2f
+) -> tuple[Any, mi.Color3f]:
+    """Rays through places in the crop window, pixels (N, 2), and their weights (N, 3).
+
+    The time, and the place on an aperture, are random.
+    """
+    time, duration = sensor.shutter_open(), sensor.shutter_open_time()
     ray, weight = sensor.sample_ray_differential(
-        time=sensor.shutter_open(),
+        time=time + (sampler.next_1d() * duration if duration > 0 else 0),
         sample1=0,
-        sample2=position * mi.ScalarVector2f(1 / width, 1 / height),
+        sample2=place * (1 / mi.ScalarVector2f(sensor.film().crop_size())),
         sample3=sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0),
     )
     return ray, weight

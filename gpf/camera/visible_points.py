@@ -1,4 +1,4 @@
-"""Camera -> visible points: the only camera walk of the project."""
+"""The walk of camera rays to their visible points; the only one of the project."""
 
 from __future__ import annotations
 
@@ -26,21 +26,22 @@ def find_visible_points(
     active: mi.Bool | bool = True,
     direct: bool = False,
 ) -> VisiblePoints:
-    """Follow rays through glossy and specular bounces to their first diffuse hit.
+    """Follow rays through glossy and specular bounces to their first diffuse hit, (N,).
 
-    Where a BSDF has a diffuse component and others, one of the two parts is chosen at random, with
-    probabilities in proportion to what they reflect; the other is made up for in the throughput.
-    Emitters that the ray meets before or at its end are added with the throughput of the path so
-    far, and so is the direct light on glossy lobes: photons account for light that arrives at
-    diffuse surfaces, and for nothing else.
+    If a BSDF has a diffuse and other components, one of the two parts is chosen at random, with
+    probabilities in proportion to their reflectances, and the throughput is divided by the
+    probability. The emission of the points contains the emitters on the way and at the end of the
+    ray, and the direct light on glossy lobes, because photons carry only the light that arrives at
+    diffuse surfaces.
 
     Parameters
     ----------
     ray: one ray per lane of the sampler's wavefront, (N,).
     max_depth: longest path in edges, as in Mitsuba's ``path``; -1 is no limit. The walk ends after
-        ``max_depth`` edges; a visible point needs one more for its light.
+        ``max_depth`` edges; a visible point needs one more edge for its light.
     rr_depth: number of bounces after which Russian roulette may end a ray.
-    direct: whether to add the direct light at the visible points as well.
+    active: lanes that are followed.
+    direct: whether the emission also contains the direct light at the visible points.
     """
     context = specular_context()
     diffusely = diffuse_context()
@@ -56,7 +57,7 @@ def find_visible_points(
     n = mi.Normal3f(0)
     reflectance = mi.Color3f(0)
     valid = mi.Bool(False)
-    # Where the ray was scattered by a glossy lobe that has had its direct light, and how densely.
+    # The last glossy lobe with next event estimation: its point and the density of the direction.
     origin = mi.Point3f(0)
     density = mi.Float(0)
     lit = mi.Bool(False)
@@ -78,14 +79,14 @@ def find_visible_points(
         )
         wo = si.to_world(sample.wo)
 
-        # Which part to follow. The sampled weight stands for the albedo of the other lobes; the
-        # choice may depend on it, for the number that decides is drawn independently.
+        # Choose the part to follow. The sampled weight approximates the albedo of the other lobes;
+        # the choice may depend on it, because it uses an independent random number.
         from_diffuse = dr.max(diffuse_part)
         from_others = dr.max(weight)
         share = dr.select(diffuse, from_diffuse / (from_diffuse + from_others), 0)
         share = dr.select(diffuse & (from_diffuse + from_others <= 0), 1, share)
 
-        # A glossy lobe meets a small lamp too rarely: it gets a sample of the emitters as well.
+        # Rays from a glossy lobe rarely hit a small emitter: sample the emitters as well.
         lit = active & is_glossy(bsdf)
         if lit:
             emission += throughput * direct_light(scene, sampler, context, bsdf, si, lit)

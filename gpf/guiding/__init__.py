@@ -1,1 +1,1 @@
-"""Where photons are needed, and how they are sent there."""
+"""Photons where they are needed: the visible region, guided emission, density control."""

@@ -1,4 +1,4 @@
-"""Photons thinned out where there are more of them than are of use."""
+"""Density control: Russian roulette on photons where there are more than needed."""
 
 from __future__ import annotations
 
@@ -9,31 +9,32 @@ import numpy as np
 from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import Photons, VisiblePoints, take, to_numpy
 
-# A place keeps up to so many times the share of the photons that it has of the cameras' looks:
-# a caustic is worth more Gaussians than the wall around it, the inside of a lamp is not.
+# The share of all photons that a cell keeps is at most this multiple of its share of all visible
+# points: a caustic needs more Gaussians than the wall around it, the inside of a lamp does not.
 MOST_PER_LOOK = 8.0
 
 
 def control_density(
     photons: Photons, looks: Photons | VisiblePoints, width: float, seed: int
 ) -> Photons:
-    """Russian roulette on photons that lie where cameras seldom look.
+    """Russian roulette on photons in cells with few visible points: the survivors.
 
-    A photon survives with probability ``min(1, MOST_PER_LOOK s_looks / s_photons)``, by the shares
-    of all looks and of all photons in its cell of a grid, and its power is divided by it: sums over
-    an area are unbiased. Surfaces that face different ways have cells of their own, for the outside
-    of a lamp gets few photons, and needs them.
+    A photon survives with the probability ``min(1, MOST_PER_LOOK s_looks / s_photons)``, where
+    s_looks and s_photons are the shares of all visible points and of all photons that lie in its
+    cell. Its power is divided by the probability, so that sums over an area are unbiased. Surfaces
+    with different orientations have different cells: the outside of a lamp has few photons and
+    keeps them.
 
     Parameters
     ----------
     looks: visible points of cameras, (L,).
-    width: of the grid's cells, world units.
+    width: edge length of the cells, world units.
     """
     p = oriented_places(to_numpy(photons.p), to_numpy(photons.n), width)
     seen = oriented_places(to_numpy(looks.p), to_numpy(looks.n), width)
     photon, look = count_in_cells(p, width, p, seen)
     ratio = (look / len(seen)) / (photon / len(p))
-    # Where no look fell into the cell, half of one might have.
+    # A cell without visible points counts as if it had half of one.
     least = 0.5 / len(seen) * len(p) / photon
     survival = np.minimum(1, MOST_PER_LOOK * np.maximum(ratio, least))
     rng = np.random.default_rng(pass_seed(seed, 0, Stream.DENSITY_CONTROL))
@@ -45,15 +46,21 @@ def control_density(
 
 
 def oriented_places(p: np.ndarray, n: np.ndarray, width: float) -> np.ndarray:
-    """Positions (N, 3), and as a fourth coordinate which of the six axes their normals (N, 3) are
-    nearest to: cells of ``width`` are then of one surface each, (N, 4)."""
+    """Positions with the nearest axis of their normals as a fourth coordinate, (N, 4).
+
+    A grid with cells of ``width`` then separates surfaces with different orientations.
+
+    Parameters
+    ----------
+    p, n: positions and normals, (N, 3).
+    """
     axis = np.abs(n).argmax(axis=1)
     side = np.take_along_axis(n, axis[:, None], axis=1)[:, 0] > 0
     return np.column_stack([p, (2 * axis + side + 0.5) * width])
 
 
 def count_in_cells(at: np.ndarray, width: float, *sets: np.ndarray) -> list[np.ndarray]:
-    """How many points of each set (N, D) lie in the grid cell of each point of ``at`` (M, D)."""
+    """The number of points of each set (N, D) in the grid cell of each point of ``at`` (M, D)."""
     cells = [np.floor(points / width).astype(np.int64) for points in (at, *sets)]
     lowest = np.min([c.min(axis=0) for c in cells if len(c)], axis=0)
     size = np.max([c.max(axis=0) for c in cells if len(c)], axis=0) - lowest + 1

@@ -1,4 +1,4 @@
-"""The emission plan of a scene: where photons are needed, how they are emitted, and how many."""
+"""The emission plan of a scene: its visible region, its emission, and numbers of paths."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from gpf.guiding.visible_region import VisibleRegion
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.tracing import PathSettings
 
-# Emission is guided where fewer than this share of the paths would do if all were of use, and if
-# a guide makes that share so many times larger.
+# Emission is guided if the efficiency of the paths is below GUIDED_BELOW, and if guiding improves
+# it by the factor LEAST_GAIN.
 GUIDED_BELOW = 0.3
 LEAST_GAIN = 1.2
 
@@ -31,14 +31,15 @@ log = logging.getLogger(__name__)
 
 
 class VisibleRegionSettings(Settings):
-    """Where photons and supervision are needed, and whether emission is guided there.
+    """The visible region, and guided emission towards it.
 
     Attributes
     ----------
-    use: whether they are needed in the visible region alone; else everywhere.
-    rays: that look for the visible region.
-    guide: whether emission is guided where most photons would miss the region.
-    pilot_paths: photon paths that measure how many do.
+    use: whether Gaussians and targets are restricted to the visible region; else everywhere.
+    rays: number of rays that sample the visible region.
+    guide: whether emission may be guided, if most photons miss the region.
+    pilot_paths: number of photon paths that measure how many miss it.
+    seed: of the rays and the pilot paths.
     """
 
     use: bool = True
@@ -50,13 +51,13 @@ class VisibleRegionSettings(Settings):
 
 @dataclass(frozen=True)
 class EmissionPlan:
-    """Where photons are needed, how they are emitted, and what a path then brings there.
+    """The region where photons are needed, their emission, and the yield of a path.
 
     Attributes
     ----------
-    region: where photons are needed; None: everywhere.
-    source: of the photons.
-    pilot: of paths from that source.
+    region: where photons are needed; None means everywhere.
+    source: emits the photons.
+    pilot: measurement of paths from that source.
     """
 
     region: VisibleRegion | None
@@ -71,11 +72,10 @@ class EmissionPlan:
         settings: VisibleRegionSettings,
         rr_depth: int = 5,
     ) -> EmissionPlan:
-        """Find the region that can be seen from where the sensors look, and guide the emission
-        there if that pays.
+        """Sample the visible region of the sensors, and guide the emission if that is efficient.
 
-        The plan depends on the number of pixels of the sensors: give them one size, whatever the
-        size of the images is to be.
+        The plan depends on the number of pixels of the sensors: use sensors of a fixed size, not of
+        the size of the images.
         """
         region = None
         if settings.use:
@@ -93,25 +93,27 @@ class EmissionPlan:
         return cls(region, guide.emit, guided)
 
     def collect(self, scene: mi.Scene, paths: int, seed: int, rr_depth: int = 5) -> Photons:
-        """Photons in the visible region, of so many paths, (N,)."""
+        """The photons of so many paths in the visible region, (N,); see :func:`collect_photons`."""
         settings = PathSettings(paths, rr_depth=rr_depth, source=self.source)
         return collect_photons(scene, self.region, settings, seed)
 
     def paths_for_gaussians(self, gaussians: int) -> int:
-        """How many paths leave enough photons in the region to choose so many Gaussians from:
-        whole batches, 1 to 50."""
+        """The number of paths with enough photons in the region for so many Gaussians.
+
+        There are :data:`PHOTONS_PER_GAUSSIAN` photons per Gaussian; 1 to 50 whole batches of paths.
+        """
         photons = PHOTONS_PER_GAUSSIAN * gaussians
         return _batches(photons / max(self.pilot.photons_per_path, 1e-9), most=50)
 
     def paths_for_passes(self, equal_paths: int) -> int:
-        """How many paths bring as much, and as noisily, as ``equal_paths`` that are all alike.
+        """The number of paths with the same noise as ``equal_paths`` paths of equal contribution.
 
-        Whole batches, 1 to 5 of them: passes with more are slow, and there are many passes.
+        1 to 5 whole batches of paths, because longer passes are slow and there are many passes.
         """
         return _batches(equal_paths / max(self.pilot.efficiency, 1e-9), most=5)
 
     def facts(self) -> dict[str, Any]:
-        """What a record of a computation says about the plan."""
+        """The plan's numbers for the record of a computation, JSON values."""
         return {
             "photons_in_region_per_path": self.pilot.photons_per_path,
             "path_efficiency": self.pilot.efficiency,
@@ -120,6 +122,7 @@ class EmissionPlan:
 
 
 def _batches(paths: float, most: int) -> int:
+    """``paths`` as whole batches, at least 1 and at most ``most`` of them."""
     wanted = max(round(paths / BATCH), 1)
     if wanted > most:
         log.warning(

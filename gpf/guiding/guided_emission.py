@@ -1,13 +1,13 @@
-"""Guided emission: more photons start where they are likely to reach what cameras look at.
+"""Guided emission: more photons start with rays that are likely to reach the visible region.
 
-Mitsuba's emitters make a ray from five uniform random numbers: one chooses the emitter, two the
-place, two the direction. Whatever the emitter, there are regions of that unit cube whose rays are
-of use, and others whose rays never are. A histogram over the cube is learned from a pilot; numbers
-are then drawn from it, and the power of a photon is divided by the density of its cell,
+Mitsuba's emitters make a ray from five uniform random numbers u: one for the emitter, two for the
+place, two for the direction. For every emitter, the rays of some parts of this unit cube reach the
+region and those of other parts do not. A histogram p over the cube is learned from a pilot. The
+numbers are drawn from it, and the power of a photon is divided by the density of its cell,
 
     Φ' = Φ / p(u),    p(u) = 1/5 + 4/5 p_learned(u),
 
-so that the expected photon map is the same.
+so that the expected photon map is unchanged.
 """
 
 from __future__ import annotations
@@ -19,42 +19,42 @@ import numpy as np
 from gpf.guiding.pilot import Pilot
 from gpf.photons.emission import EmitterSample, emit_from
 
-# Cells along each of the two numbers for the place and for the direction, finest first; the finest
-# is used that leaves each cell so many paths of the pilot.
+# Number of cells along each number of the place and of the direction, finest first. The first grid
+# with at least _PATHS_PER_CELL paths of the pilot per cell is used.
 _GRIDS = ((4, 16), (4, 8), (2, 8), (2, 4), (1, 4), (1, 2), (1, 1))
 _PATHS_PER_CELL = 64
 _MOST_EMITTERS = 64
-# Part of the photons that are emitted as ever, so that nothing is forgotten.
+# Part of the photons that are emitted without guiding, so that every ray remains possible.
 _UNIFORM = 0.2
 
 
 class EmissionGuide:
-    """A density over the random numbers that an emitter's rays are made of.
+    """A density p over the random numbers that determine emitted rays.
 
     Parameters
     ----------
-    shape: cells along choice, place (2) and direction (2).
-    use: non-negative, one per cell: the density is in proportion to it.
+    shape: number of cells along choice, place (2) and direction (2).
+    use: non-negative value per cell; p_learned is proportional to it.
     """
 
     def __init__(self, shape: tuple[int, ...], use: np.ndarray) -> None:
         self.shape = shape
         self._cells = use.size
         share = _UNIFORM / use.size + (1 - _UNIFORM) * use / use.sum()
-        # Closed at 1: rounding must not let a number fall past the last cell.
+        # At most 1: rounding must not put a number behind the last cell.
         cumulated = np.minimum(np.cumsum(share), 1).astype(np.float32)
         cumulated[-1] = 1
         self._cumulated = mi.Float(cumulated)
-        # What rounding has made of it is what is drawn.
+        # The density after rounding, because the rounded distribution is sampled.
         density = np.diff(cumulated.astype(np.float64), prepend=0) * use.size
         self._density = mi.Float(density.astype(np.float32))
 
     @classmethod
     def learn(cls, scene: mi.Scene, pilot: Pilot) -> EmissionGuide:
-        """The guide to where the paths of a pilot brought their power.
+        """Learn from the power that the paths of a pilot brought into the region.
 
-        The variance of the total is least for a density in proportion to the root of the mean
-        square of what a path brings.
+        The density of a cell is proportional to the root mean square of the power of its paths,
+        which minimises the variance of the total power.
         """
         emitters = min(len(scene.emitters()), _MOST_EMITTERS)
         paths = len(pilot.brought)
@@ -68,7 +68,7 @@ class EmissionGuide:
         return cls(shape, use if use.any() else np.ones(size))
 
     def emit(self, scene: mi.Scene, sampler: mi.Sampler) -> tuple[mi.Ray3f, mi.Color3f]:
-        """Rays from the scene's emitters with their powers, W, (N,) each."""
+        """Guided rays from the emitters of the scene, and their powers, W: (N,) each."""
         u = sampler.next_1d()
         cell, step = mi.UInt32(0), 1 << (self._cells - 1).bit_length()
         while step:
@@ -87,6 +87,7 @@ class EmissionGuide:
 
 
 def _cell(start: EmitterSample, shape: tuple[int, ...]) -> mi.UInt32:
+    """The index of the cell that contains each sample, (N,)."""
     cell = mi.UInt32(0)
     for size, number in zip(shape, start.numbers(), strict=True):
         cell = cell * size + dr.minimum(mi.UInt32(number * size), size - 1)

@@ -1,4 +1,4 @@
-"""Photon maps: the photons of many paths, kept where a visible region needs them."""
+"""Photon maps: the photons of many paths in the visible region."""
 
 from __future__ import annotations
 
@@ -14,12 +14,19 @@ from gpf.guiding.density_control import control_density
 from gpf.guiding.visible_region import VisibleRegion
 from gpf.photons.tracing import PathSettings, record_photons
 
-# Paths that are traced and filtered at a time: it bounds the memory of photons not kept.
+# Paths that are traced and selected at a time; it bounds the memory.
 BATCH = 100_000
 
 
 class PhotonSettings(Settings):
-    """The photons that become Gaussians; ``paths: auto``: enough for 3 of them per Gaussian."""
+    """The photons that become Gaussians.
+
+    Attributes
+    ----------
+    paths: number of emitted paths; ``auto``: enough for 3 photons per Gaussian.
+    rr_depth: number of interactions before Russian roulette.
+    seed: of the paths.
+    """
 
     paths: AutoCount = "auto"
     rr_depth: Count = 5
@@ -29,13 +36,10 @@ class PhotonSettings(Settings):
 def collect_photons(
     scene: mi.Scene, region: VisibleRegion | None, settings: PathSettings, seed: int
 ) -> Photons:
-    """Photons that land in the visible region; without one, all photons: (N,).
+    """The photons in the region, after :func:`control_density`; without a region, all: (N,).
 
-    Where photons are many and looks are few, some are left out
-    (:func:`gpf.guiding.density_control.control_density`).
-
-    Their powers are those of all paths, so that sums over an area are unbiased whatever part of
-    the scene the visible region leaves out.
+    Powers are divided by the number of all paths, so that sums over an area of the region are
+    unbiased.
     """
     kept = []
     for number, first in enumerate(range(0, settings.paths, BATCH)):

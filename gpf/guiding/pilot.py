@@ -1,4 +1,4 @@
-"""A pilot: what some photon paths bring to where cameras look, before many are traced."""
+"""A pilot: it measures with some photon paths how much power reaches the visible region."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from gpf.photons.tracing import PathSettings, trace_photons
 
 @dataclass(frozen=True)
 class Pilot:
-    """What each of N paths brought.
+    """The contribution of each of N paths to the visible region.
 
     Attributes
     ----------
-    brought: power of all its photons in the visible region, W, mean of the colours, (N,).
-    photons: their number, (N,).
+    brought: power of the photons of each path in the region, W, mean of the channels, (N,).
+    photons: number of these photons, (N,).
     seed: of the paths.
     """
 
@@ -31,17 +31,17 @@ class Pilot:
 
     @property
     def photons_per_path(self) -> float:
-        """Mean number of photons in the visible region."""
+        """Mean number of photons of a path in the visible region."""
         return float(self.photons.mean())
 
     @property
     def efficiency(self) -> float:
-        """(Σ Φ)² / (N Σ Φ²): the share of equal paths that would bring as much, as noisily."""
+        """(Σ Φ)² / (N Σ Φ²): this share of N paths has the same noise if all have equal power."""
         total, square = self.brought.sum(), (self.brought**2).sum()
         return float(total**2 / (len(self.brought) * square)) if square > 0 else 0.0
 
     def start(self) -> EmitterSample:
-        """The random numbers that its paths started from, unless a guide changed them."""
+        """The random numbers of the emitted rays, if the emission was not guided."""
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(self.seed, len(self.brought))
         return EmitterSample.draw(sampler)
@@ -50,7 +50,7 @@ class Pilot:
 def trace_pilot(
     scene: mi.Scene, region: VisibleRegion | None, settings: PathSettings, seed: int
 ) -> Pilot:
-    """Trace paths, store none of their photons. Without a visible region, all photons count."""
+    """Trace paths without storing photons. Without a visible region, all photons count."""
     paths = settings.paths
     brought, photons = dr.zeros(mi.Float, paths), dr.zeros(mi.UInt32, paths)
     lane = dr.arange(mi.UInt32, paths)

@@ -1,9 +1,9 @@
-"""What cameras can see: where photons and supervision are needed.
+"""The visible region: the surfaces where photons and targets are needed.
 
-In Veach's room some 4% of the photons get through the door; the others light a room that nobody
-looks into. A field that is to serve any camera in the space that the training views look into
-needs its Gaussians on the surfaces that such a camera can see, also in mirrors and through glass,
-and nowhere else.
+In the scene ``veach_ajar``, about 4% of the photons get through the door; the others light a room
+that no camera sees. The field must serve every camera in the space that the training views look
+into. It needs Gaussians only on the surfaces that such a camera can see, also in mirrors and
+through glass.
 """
 
 from __future__ import annotations
@@ -22,30 +22,31 @@ from gpf.core.structs import Photons, VisiblePoints, concatenate, take
 from gpf.core.surface_tags import pack_tag, same_surface
 from gpf.scene.bounds import scene_bounds
 
-# Fewer visible points do not tell how far apart they are.
+# The minimum number of visible points; the region's radius is estimated from their distances.
 LEAST_POINTS = 8
 
 
 class VisibleRegion:
-    """The diffuse surfaces that can be seen from the space that some views look into.
+    """The diffuse surfaces that are visible from the space that some views look into.
 
-    Half of ``samples`` rays are the views' own; each of the others begins at a random place on
-    such a ray, before its first surface, and goes in a random direction. The visible points of all
-    of them are the visible region.
+    Half of the rays are camera rays of the views. Each of the others starts at a random place on a
+    camera ray, before its first surface, in a random direction. The visible region is the surface
+    within ``radius`` of the visible points of all these rays.
 
     Parameters
     ----------
     sensors: the views.
+    seed: of the rays.
     samples: number of rays.
 
     Raises
     ------
-    UserError: hardly any of the rays ends on a diffuse surface.
+    UserError: fewer than :data:`LEAST_POINTS` rays end on a diffuse surface.
 
     Attributes
     ----------
-    points: the visible points.
-    radius: how far around each visible point the visible region reaches, world units.
+    points: the visible points, (N,).
+    radius: distance from a visible point up to which the region extends, world units.
     """
 
     def __init__(
@@ -64,7 +65,7 @@ class VisibleRegion:
             raise UserError(
                 "training views",
                 "see no diffuse surface",
-                "Point them at one, or set visible_region.use to false.",
+                "Point them at one, or use no visible region (VisibleRegionSettings: use = false).",
             )
         self.points = take(points, lanes)
         p, n = self.points.p, self.points.n
@@ -74,7 +75,7 @@ class VisibleRegion:
         self.hash = SpatialHash(p, cell=2.02 * self.radius, bounds=bounds, tag=pack_tag(n))
 
     def contains(self, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool | bool = True) -> mi.Bool:
-        """Whether surface points (N, 3) with oriented normals (N, 3) are part of it, (N,)."""
+        """Whether surface points (N, 3) with oriented normals (N, 3) lie in the region, (N,)."""
 
         def look(found, index, record, distance2, inside):  # type: ignore[no-untyped-def]
             return found | (inside & same_surface(record, p, n, radius * radius))
@@ -83,18 +84,18 @@ class VisibleRegion:
         return self.hash.visit(p, radius, look, mi.Bool(False), mi.Bool(active))
 
     def select(self, photons: Photons) -> Photons:
-        """The photons that landed on it."""
+        """The photons in the region."""
         return take(photons, dr.compress(self.contains(photons.p, photons.n)))
 
     def reject(self, photons: Photons) -> Photons:
-        """The photons that landed elsewhere."""
+        """The photons outside of the region."""
         return take(photons, dr.compress(~self.contains(photons.p, photons.n)))
 
 
 def sample_visible_points(
     scene: mi.Scene, sensor: mi.Sensor, samples: int, seed: int
 ) -> VisiblePoints:
-    """Visible points of a view's rays and of rays that begin somewhere along them, (samples,)."""
+    """Visible points of camera rays and of rays that start on camera rays, (samples,)."""
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(seed, samples)
     on_film = sampler.next_2d()
@@ -111,7 +112,7 @@ def sample_visible_points(
 
 
 def _reach(p: mi.Point3f, bounds: tuple[mi.Point3f, mi.Point3f]) -> float:
-    """A radius within which nearly every one of the points has another."""
+    """A radius within which 99.9% of the points have at least three neighbours."""
     diagonal = float(dr.norm(bounds[1] - bounds[0]))
     grid = SpatialHash(p, cell=1e-2 * diagonal, bounds=bounds, far=True)
     rng = np.random.default_rng(0)

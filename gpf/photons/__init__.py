@@ -1,1 +1,1 @@
-"""Lights -> photons: the only photon walk."""
+"""Photons from the emitters: emission, tracing, and sums over many passes."""

@@ -1,9 +1,9 @@
-"""Photons of any number of passes in bounded memory: added up in small cells while they fly.
+"""The photons of any number of passes in bounded memory: summed in small cells during tracing.
 
-A density estimate does not need single photons where many land: those in a cell that is much
-smaller than the kernel may as well be one photon, in their mean place and with the sum of their
-powers. So a pass costs its photon walk and little more, however many points want to know what it
-brought, and the kernel's radius can be chosen after the fact, for all photons alike.
+A density estimate does not need single photons: the photons in a cell that is much smaller than the
+kernel count as one photon at their mean position, with the sum of their powers. The cost of a pass
+is little more than its photon walk, for any number of points, and the kernel's radius can be chosen
+after the tracing.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ import numpy as np
 from gpf.core.structs import Photons
 from gpf.photons.tracing import PathSettings, record_photons, trace_photons
 
-# Normals are told apart by their coordinates in thirds, at most 17° from what they stand for.
+# Coordinates of normals are rounded to thirds: a direction is at most 17° from its rounded one.
 _NORMAL_STEPS = 3
 
-# Places within a cell, in 1024ths of its edge: sums of four million have room in 32 bits.
+# Positions in a cell are in 1024ths of its edge: sums of four million photons fit into 32 bits.
 _PLACES = 1024
 
-# Powers, in parts of a typical one.
+# A typical photon's power is this number of steps.
 _POWER_STEPS = 2.0**24
 
-# Paths that tell how much a photon brings, and how many land.
+# Paths that measure the typical power of a photon and the number of photons per path.
 PILOT = 1024
 
-# Room for a cell's sums, in 64-bit numbers. A key is never zero: no normal is.
+# 64-bit numbers per cell for its sums. A key is never zero, because no normal is.
 _LINE = 8
 
 
 class PhotonSums:
-    """Sums of photons by cell: a cube of space and a direction of normals.
+    """Sums of photons by cell; a cell is a cube of space and a rounded direction of normals.
 
-    Sums are of whole numbers, so that they are the same in whatever order photons land.
+    The sums are of whole numbers, so that the order of the photons does not change them.
 
     Parameters
     ----------
-    cell: edge length of the cubes, world units; a quarter of the kernel's radius or less.
+    cell: edge length of the cubes, world units; at most a quarter of the kernel's radius.
     bounds: corners of the scene's bounding box.
-    settings: of the paths of each pass.
-    capacity: cells for which there is room at first; it grows.
+    settings: the photon paths of each pass.
+    capacity: initial number of slots in the table of cells, a power of two; the table grows.
     """
 
     def __init__(
@@ -68,8 +68,8 @@ class PhotonSums:
         self._mask = dr.opaque(mi.UInt32, capacity - 1)
         self._cells = dr.zeros(mi.UInt32, 1)
         self._keys = dr.zeros(mi.UInt64, capacity)
-        # A cell's sums lie in one line of a processor's cache: three of power; then those of x and
-        # y, and of z and the number of photons, two of 32 bits in one of 64.
+        # The sums of a cell fill one cache line: three of power; x and y as two sums of 32 bits in
+        # one number of 64 bits; z and the number of photons in another one.
         self._sums = dr.zeros(mi.UInt64, _LINE * capacity)
         dr.eval(self._keys, self._sums)
 
@@ -82,17 +82,17 @@ class PhotonSums:
             power = np.asarray(few.power.numpy()).max(axis=0) if dr.width(few.p) else np.ones(1)
             self._unit = float(np.mean(power)) * PILOT / _POWER_STEPS
             self._landings = (dr.width(few.p) + 1) / PILOT
-        # Each photon may open a cell of its own, and half of the table is to stay empty.
+        # Each photon may need a new cell, and half of the table stays empty.
         wanted = 2 * (int(self._cells[0]) + 1.5 * self._landings * paths)
         if wanted > self.capacity:
             self._grow(1 << math.ceil(math.log2(wanted)))
-        # A photon's power is that of one of `paths`; sums are of paths of power one.
+        # Photons have the power of one of `paths` paths; the sums are for a single path.
         self._scale = dr.opaque(mi.Float, paths / self._unit)
         trace_photons(scene, self._add, self._settings, seed)
         dr.eval(self._cells, self._lost, self._keys, self._sums)
         self.paths += paths
         if int(self._lost[0]) > 0:
-            raise RuntimeError(f"{self._lost[0]} photons found no room in {self.capacity} cells")
+            raise RuntimeError(f"{self._lost[0]} photons did not fit into {self.capacity} cells")
 
     def _add(self, photons: Photons, active: mi.Bool) -> None:
         offset = (photons.p - self._lower) / self._cell
@@ -109,7 +109,7 @@ class PhotonSums:
 
     @dr.syntax
     def _find(self, key: mi.UInt64, active: mi.Bool):  # type: ignore[no-untyped-def]
-        """The cell's slot in an open-addressing table; a new one where the cell has none."""
+        """The slot of a cell in the table (open addressing), new if the cell has none."""
         low, high = mi.sample_tea_32(mi.UInt32(key), mi.UInt32(key >> 32), 4)
         slot = (low ^ high) & self._mask
         looking, probes = mi.Bool(active), mi.UInt32(0)
@@ -128,7 +128,7 @@ class PhotonSums:
         return slot
 
     def photons(self) -> Photons:
-        """One photon for each cell, in the order of cells: the powers are of all paths so far."""
+        """One photon per cell, sorted by cell; powers are divided by the number of paths so far."""
         taken = dr.compress(self._keys != 0)
         if dr.width(taken) == 0:
             return dr.zeros(Photons, 0)
@@ -168,7 +168,7 @@ class PhotonSums:
 
 
 def _pack(corner: mi.Vector3u, thirds: mi.Vector3u) -> mi.UInt64:
-    """A cell's number: 16 bits for each coordinate of its corner, 3 for each of its normal's."""
+    """The key of a cell: 16 bits per coordinate of its corner, 3 per coordinate of its normal."""
     key = mi.UInt64(0)
     for k in range(3):
         key |= (mi.UInt64(corner[k]) << (16 * k)) | (mi.UInt64(thirds[k]) << (48 + 3 * k))

@@ -1,7 +1,6 @@
-"""Lights -> photons: the only photon walk of the project.
+"""The walk of photons through the scene; the only one of the project.
 
-What happens where a photon meets a diffuse surface is up to the caller's ``deposit``:
-:func:`record_photons` keeps it.
+The caller's ``deposit`` gets the photons at diffuse surfaces; :func:`record_photons` stores them.
 """
 
 from __future__ import annotations
@@ -16,10 +15,10 @@ from gpf.core.structs import Photons
 from gpf.photons.emission import Source, emit_light
 from gpf.scene.materials import diffuse_transfer, has_diffuse
 
-# A photon never has more than so many times the power that it set out with. The adjoint of shading
-# normals has infinite variance, and is at work at every bounce within a glass teapot: of 10^8
-# photons, one is a thousand times as bright as others, and a disc of light remains where it landed.
-# Where shading and geometric normals are 25° apart, this takes away 0.3 % of the light.
+# Upper limit of a photon's power, relative to its initial power. The adjoint of shading normals
+# has infinite variance. In a glass teapot it applies at every bounce: of 10^8 photons, one is 1000
+# times as bright as the others and leaves a bright disc. The limit removes 0.3 % of the light where
+# shading and geometric normals differ by 25°.
 _BRIGHTER = 16
 
 Deposit = Callable[[Photons, "mi.Bool"], None]
@@ -27,17 +26,16 @@ Deposit = Callable[[Photons, "mi.Bool"], None]
 
 @dataclass(frozen=True)
 class PathSettings:
-    """Photon paths: how many, how long, and where they start.
+    """The number, the length and the emission of photon paths.
 
     Attributes
     ----------
     paths: number of emitted paths, the width of the wavefront.
-    max_depth: the longest path from emitter to camera that a photon may be part of, counted in
-        edges as Mitsuba's ``path`` does; -1 is no limit. A photon's last edge to the camera is
-        not its own, so it interacts at most ``max_depth - 1`` times.
+    max_depth: longest path from emitter to camera in edges, as in Mitsuba's ``path``; -1 is no
+        limit. The camera has the last edge, so a photon has at most ``max_depth - 1`` interactions.
     rr_depth: number of interactions after which Russian roulette may end a path.
-    source: gives the first rays with their powers; an emission guide has one of its own.
-    indirect: whether photons straight from the emitters are left out.
+    source: makes the first rays and their powers, e.g. :func:`emit_light` or a guided emission.
+    indirect: whether direct photons (depth 0) are left out.
     """
 
     paths: int
@@ -48,8 +46,10 @@ class PathSettings:
 
     @property
     def usual_capacity(self) -> int:
-        """How many photons to expect at most in a closed white room: ``rr_depth`` interactions,
-        then some 20 until Russian roulette ends a path."""
+        """The number of photons in a closed white room, an upper limit for most scenes.
+
+        A path has ``rr_depth`` interactions, then about 20 until Russian roulette ends it.
+        """
         return (min(self.rr_depth, 16) + 21) * self.paths
 
 
@@ -57,13 +57,13 @@ class PathSettings:
 def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, seed: int) -> None:
     """Trace photon paths from the emitters and deposit photons on diffuse surfaces.
 
+    The expected sum of the powers at depth 0 is the part of the emitters' power that hits a diffuse
+    surface first, W.
+
     Parameters
     ----------
-    deposit: called inside a traced loop as ``deposit(photons, active)`` for each surface
-        interaction; it acts by side effects masked with ``active``.
-
-    Flux is conserved: the expected sum of deposited power at depth 0 is the part of the emitters'
-    power that falls on diffuse surfaces first.
+    deposit: called in a recorded loop as ``deposit(photons, active)`` at each surface interaction;
+        it has side effects, masked with ``active``.
     """
     paths, max_depth = settings.paths, settings.max_depth
     sampler = mi.load_dict({"type": "independent"})
@@ -84,8 +84,8 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
         active &= si.is_valid()
         bsdf = si.bsdf(ray)
 
-        # Mitsuba's adjoint of shading normals (Veach 1997, 5.3): flux arrives at the geometric
-        # surface, the BSDF sees the shading frame.
+        # Adjoint of shading normals as in Mitsuba (Veach 1997, 5.3): flux arrives at the geometric
+        # surface, but the BSDF uses the shading frame.
         wi = si.to_world(si.wi)
         wi_dot_ng = dr.dot(si.n, wi)
         active &= wi_dot_ng * si.wi.z > 0
@@ -122,7 +122,7 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
 
 
 def _limited(power: mi.Color3f, limit: mi.Float) -> mi.Color3f:
-    """A power whose greatest channel is at most ``limit``."""
+    """The power, scaled so that its largest channel is at most ``limit``."""
     greatest = dr.max(power)
     return power * dr.select(greatest > limit, limit / greatest, 1)
 
@@ -130,10 +130,12 @@ def _limited(power: mi.Color3f, limit: mi.Float) -> mi.Color3f:
 def record_photons(
     scene: mi.Scene, settings: PathSettings, seed: int, capacity: int | None = None
 ) -> Photons:
-    """Trace photons and keep them, path by path: (N,) with N the number of deposits.
+    """Trace photons and store all N deposits in the order of paths, (N,).
 
-    ``capacity`` is how many there is room for at first; if there are more, they are traced once
-    more. The default is :attr:`PathSettings.usual_capacity`.
+    Parameters
+    ----------
+    capacity: number of photons that memory is reserved for. If there are more, they are traced a
+        second time. The default is :attr:`PathSettings.usual_capacity`.
     """
     capacity = capacity or settings.usual_capacity
     while True:
@@ -147,12 +149,12 @@ def record_photons(
 
 
 class _Recorder:
-    """Appends photons to preallocated packets from inside a traced loop."""
+    """Appends photons to preallocated packets in a recorded loop."""
 
     def __init__(self, capacity: int, paths: int) -> None:
         self.capacity, self.paths = capacity, paths
-        # The rest of 32 bits is for the depth; photons of one path that are deeper than that keep
-        # the order in which they came.
+        # The sort key has the path and, in the remaining bits of 32, the depth. Photons of a path
+        # that are deeper than these bits allow keep the order of their deposits.
         self.depth_bits = 32 - max(paths - 1, 1).bit_length()
         self.count = dr.zeros(mi.UInt32, 1)
         self.place = dr.empty(mi.Float, 4 * capacity)
@@ -173,12 +175,12 @@ class _Recorder:
         dr.scatter(self.normal, mi.Vector4f(*photons.n, 0), slot, active)
 
     def landed(self) -> int:
-        """How many photons were deposited, with those for which there was no room."""
+        """The number of deposits, including those beyond the capacity."""
         dr.eval(self.count, self.place, self.power, self.normal)
         return int(self.count[0])
 
     def photons(self, count: int) -> Photons:
-        # Slots are handed out in the order in which threads arrive.
+        # Slots are in the order of threads, which differs from run to run: sort.
         slots = dr.arange(mi.UInt32, count)
         keys = dr.gather(mi.Vector4f, self.power, slots).w
         order = dr.argsort(dr.reinterpret_array(mi.UInt32, keys))
