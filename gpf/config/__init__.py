@@ -1,1 +1,1 @@
-"""params.yaml: gathers the settings that stand in the packages."""
+"""params.yaml: the settings of all packages and of the pipeline."""

@@ -1,4 +1,4 @@
-"""params.yaml as a whole: its sections, what has to agree between them, and variants of them."""
+"""The whole params.yaml: its sections, checks between them, and its variants."""
 
 from __future__ import annotations
 
@@ -59,15 +59,15 @@ class Params(Settings):
 
     @property
     def recipe(self) -> Recipe:
-        """How the field is made of photons and targets."""
+        """The settings that make a field from photons and targets."""
         return Recipe(self.field, self.train)
 
     def vary(self, overrides: Mapping[str, Any]) -> Params:
-        """The same with other values of some dotted keys, and without ablations.
+        """These parameters with other values for some dotted keys, and without ablations.
 
         Raises
         ------
-        pydantic.ValidationError: a key that no section has, or a bad value.
+        pydantic.ValidationError: an unknown key or a bad value.
         """
         data: dict[str, Any] = {name: getattr(self, name) for name in Params.model_fields}
         del data["ablations"]
@@ -77,7 +77,7 @@ class Params(Settings):
             for part in path:
                 if isinstance(place.get(part), BaseModel):
                     place[part] = place[part].model_dump()
-                # What is no section is objected to as what it then is: a value or an unknown key.
+                # If this is not a section, the check below rejects the value or the key.
                 if not isinstance(place.get(part), dict):
                     place[part] = {}
                 place = place[part]
@@ -85,7 +85,10 @@ class Params(Settings):
         return Params.model_validate(data)
 
     def variant(self, name: str, also: Mapping[str, Any] | None = None) -> Params:
-        """The parameters of a variant of the ablations; ``also``: values that it may override."""
+        """The parameters of an ablation's variant.
+
+        ``also``: further dotted keys and values; those of the variant have priority.
+        """
         return self.vary({**(also or {}), **self.ablations.variants[name].set})
 
     @model_validator(mode="after")
@@ -93,22 +96,22 @@ class Params(Settings):
         known, listed = list(self.baselines), self.methods.all
         for name in (*known, *listed):
             if name in OWN_METHODS:
-                todo = "To have both, call the row otherwise."
-                raise _objection(f"{name} is what the pipeline itself renders", todo)
+                raise _objection(
+                    f"{name} is the name of a result of the pipeline itself",
+                    "Give the row another name.",
+                )
         for name in listed:
             if name not in known:
                 todo = suggest(name, known, "The rows of baselines are")
                 raise _objection(f"methods has {name}, which baselines does not have", todo)
             if listed.count(name) > 1:
-                raise _objection(f"methods has {name} more than once", "Leave one out.")
+                raise _objection(f"methods has {name} more than once", "Remove one.")
         for group in Methods.model_fields:
             for name in getattr(self.methods, group):
                 fitting = self.baselines[name].lists
                 if group not in fitting:
                     todo = f"List it under {' or '.join(f'methods.{g}' for g in fitting)}."
-                    raise _objection(
-                        f"methods.{group} has {name}, which waits for something else", todo
-                    )
+                    raise _objection(f"methods.{group} has {name}, which does not fit there", todo)
         return self
 
     @model_validator(mode="after")
@@ -119,7 +122,7 @@ class Params(Settings):
             for key in variant.set:
                 if key.split(".")[0] not in VARIED or "." not in key:
                     todo = f"Keys begin with one of: {', '.join(f'{v}.' for v in VARIED)}"
-                    raise _objection(f"{where}: {key} is not for a variant", todo)
+                    raise _objection(f"{where}: a variant cannot set {key}", todo)
             try:
                 self.variant(name)
             except ValidationError as error:
@@ -130,39 +133,39 @@ class Params(Settings):
                 todo = suggest(name, list(rows), "The rows of ablations.variants are")
                 raise _objection(f"ablations.run: {name} is not among the variants", todo)
             if self.ablations.run.count(name) > 1:
-                raise _objection(f"ablations.run: has {name} more than once", "Leave one out.")
+                raise _objection(f"ablations.run: has {name} more than once", "Remove one.")
         return self
 
     @model_validator(mode="after")
-    def _what_has_scenes_of_its_own_has_known_ones(self) -> Self:
+    def _scenes_and_methods_are_known(self) -> Self:
         for section in ("ablations", "animation"):
             for scene in getattr(self, section).scenes:
                 if scene not in self.scenes:
-                    todo = suggest(scene, self.scenes, "Leave it out; scenes are")
+                    todo = suggest(scene, self.scenes, "Remove it; the scenes are")
                     raise _objection(f"{section}.scenes: {scene} is not among the scenes", todo)
         known = ["gpf", *self.baselines]
         for method in self.animation.methods:
             if method not in known:
-                todo = suggest(method, known, "There are")
+                todo = suggest(method, known, "The methods are")
                 raise _objection(f"animation.methods: {method} is no method", todo)
         return self
 
     @model_validator(mode="after")
-    def _targets_tell_direct_light_apart(self) -> Self:
+    def _targets_separate_direct_light(self) -> Self:
         if self.field.direct == "emitters" and self.reference.direct != "emitters":
             raise _objection(
-                "field.direct is emitters, but reference.direct is photons, which do not tell "
+                "field.direct is emitters, but reference.direct is photons, which do not separate "
                 "direct light from other light",
-                "Either set both to emitters, or field.direct to field.",
+                "Set both to emitters, or field.direct to field.",
             )
         return self
 
 
 def _objection(what: str, todo: str) -> PydanticCustomError:
-    """What is wrong between places of params.yaml, and what to do about it."""
+    """An error that concerns several keys of params.yaml, and what the user can do."""
     return PydanticCustomError("params", "{what}", {"what": what, "todo": todo})
 
 
 def read_params(file: Path = Path("params.yaml")) -> Params:
-    """Read and check params.yaml; a :class:`gpf.core.errors.UserError` says what is wrong with it."""
+    """Read and check params.yaml; errors are raised as :class:`gpf.core.errors.UserError`."""
     return read_yaml(file, Params, "Run `gpf` in the project's folder, which has a params.yaml.")

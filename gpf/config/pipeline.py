@@ -1,4 +1,4 @@
-"""Sections of params.yaml that configure the pipeline; those of the library stand in its packages."""
+"""Sections of params.yaml for the pipeline; those for the library are in its packages."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from gpf.core.settings import Count, Positive, Settings
 
 
 class Runtime(Settings):
-    """Where kernels run."""
+    """The Mitsuba variant; see :func:`gpf.core.runtime.choose_variant`."""
 
     variant: Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb"] = "auto"
 
 
 class Cluster(Settings):
-    """Where ``executor: ray`` finds its workers (:mod:`stages.references.cluster`)."""
+    """The workers of ``executor: ray`` (:mod:`stages.references.cluster`)."""
 
     address: str = ""
     workers: Count = 2
@@ -26,20 +26,26 @@ class Cluster(Settings):
 
 
 class Film(Settings):
-    """Size of all images; the width follows from the scene's aspect."""
+    """Height of all images, pixels; the width follows from the scene's aspect."""
 
     height: Annotated[int, Field(ge=4, le=8192)] = 256
 
 
 MethodName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_]*$")]
 
-# What the pipeline renders itself, by the names that it has in tables.
+# Names of the results that are not rows of `baselines`: the field and the second reference.
 OWN_METHODS = ("gpf", "second_reference")
 
 
 class Methods(Settings):
-    """Which rows of ``baselines`` the pipeline runs, by what they wait for: the scene, the time
-    of a view from the field, or references of training views."""
+    """The rows of ``baselines`` that the pipeline runs, by what they need first.
+
+    Attributes
+    ----------
+    classical: need only the scene.
+    equal_time: need the render time of the field.
+    learned: need references of training views.
+    """
 
     classical: tuple[MethodName, ...] = ()
     equal_time: tuple[MethodName, ...] = ()
@@ -47,16 +53,16 @@ class Methods(Settings):
 
     @property
     def all(self) -> tuple[str, ...]:
-        """All of them, in the order that tables have."""
+        """All rows, in the order of tables."""
         return (*self.classical, *self.equal_time, *self.learned)
 
 
-# Sections that a variant of an ablation may change: scene and references stay as they are.
+# Sections that a variant may change; all variants share the scene and the references.
 VARIED = ("field", "train", "stream", "render")
 
 
 class Variant(Settings):
-    """The field made otherwise: dotted keys of params.yaml and what they are there."""
+    """A variant of the field: dotted keys of params.yaml and their values."""
 
     group: MethodName
     title: str = ""
@@ -64,19 +70,19 @@ class Variant(Settings):
 
 
 class Ablations(Settings):
-    """Variants of the field, those that run, and the scenes that they run in."""
+    """Variants of the field, the names of those that run, and the scenes that they run in."""
 
     scenes: tuple[str, ...] = ()
     run: tuple[MethodName, ...] = ()
     variants: dict[MethodName, Variant] = Field(default_factory=dict)
 
     def asks_for(self, scene: str, variant: str) -> bool:
-        """Whether the pipeline makes a variant in a scene, and keeps it up to date."""
+        """Whether the pipeline runs a variant in a scene."""
         return scene in self.scenes and variant in self.run
 
 
 class Animation(Settings):
-    """The camera path of water scenes, by several methods side by side."""
+    """Films of the camera path of scenes, several methods side by side."""
 
     scenes: tuple[str, ...] = ()
     methods: tuple[MethodName, ...] = ("gpf",)
@@ -84,7 +90,7 @@ class Animation(Settings):
 
 
 class Metrics(Settings):
-    """What images are compared by (:mod:`metrics.image`)."""
+    """Settings of the image metrics (:mod:`metrics.image`)."""
 
     relmse_epsilon: Positive = 0.01
 

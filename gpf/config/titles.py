@@ -1,4 +1,4 @@
-"""What people are shown for methods, references and variants."""
+"""Titles of methods, references and variants in tables and figures."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from gpf.sppm.reference import ReferenceSettings
 
 
 def method_titles(params: Params) -> dict[str, str]:
-    """Of the field, of a second reference, and of every row of `baselines`; rows that differ in
-    what titles do not tell have their names there, too."""
+    """Method -> title: the field, the second reference, and each row of ``baselines``.
+
+    Rows with the same title also show their names.
+    """
     rows: Mapping[str, BaselineOptions] = params.baselines
     own = (f"GPF, {params.render.spp} spp", f"SPPM, {passes_title(params.reference)} passes")
     titles = {name: row.title for name, row in rows.items()}
@@ -23,11 +25,11 @@ def method_titles(params: Params) -> dict[str, str]:
 
 
 def passes_title(section: ReferenceSettings) -> str:
-    """How many passes references have."""
+    """The number of passes of references."""
     return f"at most {section.passes}" if section.target_psnr else str(section.passes)
 
 
 def variant_title(variant: Variant) -> str:
-    """Its own title, or else what it sets."""
+    """The title of a variant; without one, its settings."""
     settings = ", ".join(f"{key}: {value}" for key, value in variant.set.items())
     return variant.title or settings or "default"

@@ -62,7 +62,7 @@ def test_rows_are_named_as_the_file_has_them(tmp_path, more, words):
 def test_methods_are_listed_where_the_pipeline_waits_for_what_they_need(
     tmp_path, row, group, fitting
 ):
-    words = f"methods.{group} has mine, which waits for something else. List it under methods."
+    words = f"methods.{group} has mine, which does not fit there. List it under methods."
     with pytest.raises(UserError, match=re.escape(words + fitting)):
         read(tmp_path, f"{GOOD}baselines: {{mine: {row}}}\nmethods: {{{group}: [mine]}}\n")
 
@@ -228,12 +228,12 @@ def test_variants_change_what_they_name_and_nothing_else(tmp_path):
         (
             "field.k: 5",
             "field: 5",
-            r"k_5\.set: field is not for a variant\. Keys begin with one of",
+            r"k_5\.set: a variant cannot set field\. Keys begin with one of",
         ),
         (
             "field.k: 5",
             "film.height: 5",
-            r"film\.height is not for a variant\. .*: field\., train\.",
+            r"a variant cannot set film\.height\. .*: field\., train\.",
         ),
         ("rates.means: 0", "rate.means: 0", r"fast\.set: train\.rate: is an unknown key\. Did you"),
         (
