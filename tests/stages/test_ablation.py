@@ -15,7 +15,10 @@ ROWS = {
     "all": {"group": "components", "title": "all", "set": {}},
     "alike": {"group": "k", "set": {"field.k": 3}},
     "few": {"group": "gaussians", "set": {"field.gaussians": 30, "train.steps": 5}},
-    "streaming": {"group": "switches", "set": {"train.supervision": "streaming"}},
+    "streaming": {
+        "group": "switches",
+        "set": {"train.supervision": "streaming", "stream.passes": 12},
+    },
     "lost": {"group": "switches", "title": "none", "set": {"train.points": "surface"}},
 }
 

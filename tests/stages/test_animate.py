@@ -90,9 +90,7 @@ def test_frames_films_and_flicker(walked):
     noise = 255 * (high - low) / 2
     assert told["path_10"]["directly"]["noise"] == pytest.approx(noise, rel=0.1)
     assert 0.1 < told["gpf"]["directly"]["share"] < 1 and "refracted" not in told["gpf"]
-    assert read_json(walked.results / "costs/animate.json")["facts"] == {
-        "frames": FRAMES
-    }
+    assert read_json(walked.results / "costs/animate.json")["facts"] == {"frames": FRAMES}
 
 
 def test_a_run_that_was_killed_goes_on(walked, monkeypatch):

@@ -131,7 +131,7 @@ def test_artifact_of_another_schema_version(finished, stage, file, maker):
 
 @pytest.mark.parametrize("file", ["reference/left.exr", "reference/surfaces.safetensors"])
 @pytest.mark.parametrize("damage", ["version", "half"])
-def test_damaged_references_are_made_again_or_refused(finished, built, file, damage):
+def test_damaged_references_are_made_again_or_refused(finished, built, no_probe, file, damage):
     path = finished.results / file
     if damage == "version":
         change_version(path)

@@ -214,7 +214,7 @@ def test_views_without_training_views(finished):
     )
 
 
-def test_training_views_that_see_nothing_diffuse(finished):
+def test_training_views_that_see_nothing_diffuse(finished, no_probe):
     text = (finished.folder / VIEWS).read_text()
     views = re.findall(r"- {name: (?:front|left|right), .*}", text)
     assert len(views) == 3

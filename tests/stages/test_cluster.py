@@ -36,15 +36,21 @@ def test_without_ray(fresh, monkeypatch):
     assert "executor: is ray, but the package ray is not installed. Install it" in outcome.text
 
 
-def workers() -> list:
-    """Processes that are rendering passes."""
+def workers(driver: int) -> list:
+    """Processes that are rendering passes, of the cluster that a process has started."""
     import psutil
 
-    return [p for p in psutil.process_iter(["cmdline"]) if "ray::render_part" in _title(p)]
+    descendants = psutil.Process(driver).children(recursive=True)
+    return [p for p in descendants if "ray::render_part" in _title(p)]
 
 
 def _title(process) -> str:
-    return " ".join(process.info["cmdline"] or [])
+    import psutil
+
+    try:
+        return " ".join(process.cmdline())
+    except psutil.NoSuchProcess:
+        return ""
 
 
 @pytest.mark.slow
@@ -61,7 +67,7 @@ def test_two_workers_one_of_which_is_killed(fresh, environment):
         kept = fresh.results / "checkpoints"
         deadline = time.monotonic() + 120
         while process.poll() is None and not killed and time.monotonic() < deadline:
-            if any(kept.rglob("[0-9]*.safetensors")) and (busy := workers()):
+            if any(kept.rglob("[0-9]*.safetensors")) and (busy := workers(process.pid)):
                 busy[0].kill()
                 killed = True
             time.sleep(0.01)
@@ -74,6 +80,7 @@ def test_two_workers_one_of_which_is_killed(fresh, environment):
     assert not kept.exists()
 
 
+@pytest.mark.slow
 def test_a_cluster_that_is_not_there(fresh):
     pytest.importorskip("ray")
     fresh.edit("params.yaml", executor="ray", cluster__address="127.0.0.1:1")

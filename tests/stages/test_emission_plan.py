@@ -30,7 +30,7 @@ def test_without_a_visible_region_photons_are_kept_everywhere(finished):
     assert facts["stored"] > within
 
 
-def test_another_training_view_moves_the_samples_of_the_surfaces(finished):
+def test_another_training_view_moves_the_samples_of_the_surfaces(finished, no_probe):
     def samples() -> np.ndarray:
         path = finished.results / "reference/surfaces.safetensors"
         return read_tensors(path, "surfaces")[0]["position"]
