@@ -1,1 +1,1 @@
-"""The Mitsuba plugins `sppm` and `gpf`, adaptive samples, recording."""
+"""The Mitsuba plugins `sppm` and `gpf`, adaptive sampling, and recorded frames."""

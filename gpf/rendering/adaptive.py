@@ -1,17 +1,17 @@
-"""Camera samples where they are needed: pixels that a few samples leave noisy get more of them.
+"""Adaptive sampling: noisy pixels get more camera samples, others fewer.
 
-Most of an image is known after a few samples per pixel: the field has no noise. What is left is in
-few pixels, behind glass and along edges. A pilot of half of the samples finds them; the rest is
-given to pixels in proportion to their noise (Neyman's allocation), in sets as large as the pilot's,
-so that all samples are one kernel's. Within a set they are as evenly spread as the sampler can,
-which is why sets are large: a fine texture is worth more of that than of the allocation.
+The field has no noise, so most pixels are exact after a few samples. Noise remains in a few pixels,
+behind glass and along edges. A pilot with half of the samples finds these pixels; the other half is
+distributed in proportion to the noise (Neyman's allocation). Samples are taken in sets as large as
+the pilot's, so that one kernel serves all of them. The sampler spreads the samples of a set evenly
+over the pixel. Sets are large because fine textures gain more from that than from the allocation.
 
-How many sets a pixel gets is decided by the pilot's samples in the pixels *around* it, never by
-its own. A pixel whose pilot missed something bright would otherwise get few more samples, one that
-found it many, and the mean over all of them would be too dark. What is left of that is a pixel's
-share in the noise of the whole image, by which all numbers are scaled.
+The number of sets of a pixel depends on the pilot's samples in the pixels *around* it, never on its
+own. Otherwise a pixel whose pilot missed something bright would get few further samples and one
+whose pilot found it would get many, which would make the mean too dark. A small dependence remains:
+the allocation is scaled by the noise of the whole image, which includes the pixel's own.
 
-The samples of a set are kept apart in blocks of a few, which tells fireflies from what is bright
+The samples of a set are summed in small blocks, which tell fireflies from really bright pixels
 (:mod:`gpf.rendering.fireflies`).
 """
 
@@ -29,74 +29,75 @@ from scipy.ndimage import convolve
 
 from gpf.camera.rays import TILE
 from gpf.core.random import Stream, pass_seed
-from gpf.rendering.fireflies import BrightestBlocks, choose_block
+from gpf.rendering.fireflies import BrightestBlocks, choose_block_size
 
-LEAST_SPP = 16
-"""With fewer samples per pixel, a pilot tells too little."""
+MIN_SPP = 16
+"""With fewer samples per pixel, the pilot is too small."""
 
-# Samples of one launch, of which each is kept for a moment.
+# Largest number of samples in one launch; all of them are in memory for a moment.
 LARGEST_LAUNCH = 1 << 23
 
-# A pixel gets at most so many times the samples that pixels have on average.
-MOST = 16
+# Largest number of further sets of a pixel, in units of the mean over all pixels.
+MAX_RATIO = 16
 
-# Pixels around one whose samples tell of its noise: a square of so many, without its centre.
-AROUND = 5
+# A pixel's noise is estimated from a square of this many pixels a side, without its centre.
+NEIGHBOURHOOD = 5
 
-Samples = Callable[["mi.Sampler", "mi.Vector2u"], "list[mi.Float]"]
-"""From a seeded sampler and the pixel of each lane to the channels of each lane's sample, of which
-the first three are its radiance."""
+SampleFunction = Callable[["mi.Sampler", "mi.Vector2u"], "list[mi.Float]"]
+"""From a seeded sampler and the pixel of each lane to the channels of each lane's sample; the first
+three channels are the radiance."""
 
 
 def sample_adaptively(
-    sample: Samples,
+    sample: SampleFunction,
     sampler: mi.Sampler,
     size: tuple[int, int],
     spp: int,
     seed: int,
     suppress_fireflies: bool = False,
 ) -> mi.TensorXf:
-    """Means of all channels of an image, (H, W, C); up to ``spp`` samples per pixel on average.
+    """Means of all channels of an image, (H, W, C), from at most ``spp`` samples per pixel on
+    average.
 
     Parameters
     ----------
-    sampler: whose kind of samples is taken.
+    sampler: a fork of it draws the samples.
     size: width and height, pixels.
-    spp: not below :data:`LEAST_SPP`.
-    suppress_fireflies: whether single samples of great radiance count less, which has a bias
+    spp: at least :data:`MIN_SPP`.
+    suppress_fireflies: whether single samples of great radiance count less; this has a bias
         (:mod:`gpf.rendering.fireflies`).
     """
     width, height = size
     order = tile_order(width, height)
     sampler = sampler.fork()
-    in_set = _choose_set(sampler, spp)
+    set_size = _choose_set_size(sampler, spp)
     brightest = BrightestBlocks(size) if suppress_fireflies else None
-    taker = _SetTaker(sample, sampler, size, in_set, brightest)
-    sums, squares = taker.take(order, pass_seed(seed, 0, Stream.ADAPTIVE_SAMPLES))
-    noise = pixel_noise(sums[:, :3] / in_set, squares / in_set, (height, width))
-    sets = allocate(noise, max(spp // in_set - 1, 0))
-    again = np.repeat(order, sets[order])
+    sets = _Sets(sample, sampler, size, set_size, brightest)
+    sums, squares = sets.take(order, pass_seed(seed, 0, Stream.ADAPTIVE_SAMPLES))
+    noise = pixel_noise(sums[:, :3] / set_size, squares / set_size, (height, width))
+    counts = allocate(noise, max(spp // set_size - 1, 0))
+    again = np.repeat(order, counts[order])
     if len(again):
-        sums += taker.take(again, pass_seed(seed, 1, Stream.ADAPTIVE_SAMPLES))[0]
+        sums += sets.take(again, pass_seed(seed, 1, Stream.ADAPTIVE_SAMPLES))[0]
     if brightest is not None:
         sums[:, :3] -= brightest.excess()
-    means = sums / (in_set * (1 + sets))[:, None]
+    means = sums / (set_size * (1 + counts))[:, None]
     return mi.TensorXf(means.astype(np.float32).reshape(height, width, -1))
 
 
-def _choose_set(sampler: mi.Sampler, spp: int) -> int:
-    """How many samples a set has, which the sampler divides evenly in both dimensions.
+def _choose_set_size(sampler: mi.Sampler, spp: int) -> int:
+    """The number of samples in a set, of which the sampler can make an even grid.
 
-    No more than half of all, and the largest of which whole multiples leave no more than a
-    sixteenth of the samples unused. The sampler may make another number of it.
+    At most half of all samples, and the largest whose multiples leave at most a sixteenth of the
+    samples unused. Mitsuba's sampler may round it.
     """
-    sizes = [n for n in range(4, spp // 2 + 1) if _is_even(sampler, n)]
+    sizes = [n for n in range(4, spp // 2 + 1) if _has_grid(sampler, n)]
     sampler.set_sample_count(max(n for n in sizes if n == 4 or 16 * (spp % n) <= spp))
     return int(sampler.sample_count())
 
 
-def _is_even(sampler: mi.Sampler, n: int) -> bool:
-    """Whether a sampler has grids of ``n`` cells: most have squares alone."""
+def _has_grid(sampler: mi.Sampler, n: int) -> bool:
+    """Whether a sampler has grids of ``n`` cells; most samplers have square grids only."""
     side = math.isqrt(n)
     match sampler.class_name():
         case "MultijitterSampler":
@@ -108,82 +109,86 @@ def _is_even(sampler: mi.Sampler, n: int) -> bool:
 
 
 def tile_order(width: int, height: int) -> np.ndarray:
-    """Numbers of all pixels, such that those of a small square follow each other, (H W,)."""
+    """Numbers of all pixels, (H W,), sorted so that the pixels of a small square are together."""
     y, x = (i.ravel() for i in np.indices((height, width)))
     return np.lexsort((x % TILE, y % TILE, x // TILE, y // TILE))
 
 
 @dataclass(frozen=True)
-class _SetTaker:
-    """Takes sets of ``in_set`` samples in pixels of an image of a width and height, ``size``.
+class _Sets:
+    """Takes sets of samples, and adds their blocks to ``brightest`` if it is given."""
 
-    Where ``brightest`` is given, it is told of all blocks.
-    """
-
-    sample: Samples
+    sample: SampleFunction
     sampler: mi.Sampler
     size: tuple[int, int]
-    in_set: int
+    set_size: int
     brightest: BrightestBlocks | None
 
     def take(self, pixels: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        """A set in each of some pixels, which may come more than once.
+        """Take one set for each entry of ``pixels``, in which a pixel may occur several times.
 
-        Returns sums over the samples of all pixels, (N, C), and of their squared radiance, (N,).
+        Returns, for all N pixels of the image, the sums of the samples, (N, C), and the sums of
+        their squared radiance, (N,).
         """
         total: Any = 0
-        step = max(LARGEST_LAUNCH // self.in_set, 1)
+        step = max(LARGEST_LAUNCH // self.set_size, 1)
         for number, start in enumerate(range(0, len(pixels), step)):
             part = pixels[start : start + step]
             total = total + self._launch(part, pass_seed(seed, number, Stream.ADAPTIVE_SAMPLES))
         return total[:, :-1], total[:, -1]
 
     def _launch(self, pixels: np.ndarray, seed: int) -> np.ndarray:
-        """What fits into one launch; the sum of the squared radiance is the last column."""
-        lanes = len(pixels) * self.in_set
+        """One launch; the last column is the sum of the squared radiance, (N, C + 1)."""
+        lanes = len(pixels) * self.set_size
         sampler = self.sampler.fork()
-        sampler.set_sample_count(self.in_set)
-        sampler.set_samples_per_wavefront(self.in_set)
+        sampler.set_sample_count(self.set_size)
+        sampler.set_samples_per_wavefront(self.set_size)
         sampler.seed(seed, lanes)
-        place = dr.arange(mi.UInt32, lanes) // dr.opaque(mi.UInt32, self.in_set)
+        place = dr.arange(mi.UInt32, lanes) // dr.opaque(mi.UInt32, self.set_size)
         number = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), place)
         width = dr.opaque(mi.UInt32, self.size[0])
         row = number // width
         channels = self.sample(sampler, mi.Vector2u(number - row * width, row))
         square = sum((c * c for c in channels[:3]), mi.Float(0)) / 3
-        each = dr.zeros(mi.Float, lanes)  # a channel may be the same for all lanes
+        each = dr.zeros(mi.Float, lanes)  # a channel may hold a single value for all lanes
         values = [value + each for value in (*channels, square)]
-        dr.eval(values)  # each sum is a kernel of its own, and would trace them anew
-        block = choose_block(self.in_set)
-        blocks = [dr.block_sum(value, block) for value in values]
+        dr.eval(values)  # otherwise the kernel of each sum would trace them again
+        block_size = choose_block_size(self.set_size)
+        blocks = [dr.block_sum(value, block_size) for value in values]
         if self.brightest is not None:
             self.brightest.add(pixels, mi.Color3f(blocks[:3]))
-        count, in_row = self.size[0] * self.size[1], self.in_set // block
-        # In double precision, of the very blocks of which some are taken away again.
+        count, in_row = self.size[0] * self.size[1], self.set_size // block_size
+        # Double-precision sums of these same blocks, because `excess` subtracts some of them later.
         rows = [values.numpy().astype(np.float64).reshape(-1, in_row) for values in blocks]
         sums = [np.bincount(pixels, row @ np.ones(in_row), count) for row in rows]
         return np.stack(sums, axis=1)
 
 
 def pixel_noise(mean: np.ndarray, square: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Standard deviation of one sample of each pixel as it shows on a display, (N,).
+    """Standard deviation of one sample of each pixel, as visible on a display, (N,).
 
         σ² = (⟨L²⟩ - ⟨L⟩²) / ((⟨L⟩ + m/100) (1 + (⟨L⟩/4m)²)),
 
-    the mean over the pixels around each, m the median of the image: a display shows the square
-    root of what is dim, and nothing of what is far brighter than the rest.
+    averaged over the pixels around each; m is the median of the image. A display shows about the
+    square root of dim radiance, and saturates far above the median.
+
+    Parameters
+    ----------
+    mean: mean radiance of the pilot's samples, (N, 3).
+    square: mean squared radiance of the pilot's samples, (N,).
+    shape: height and width of the image.
     """
     level = mean.mean(axis=1)
     level = np.where(np.isfinite(level), np.maximum(level, 0), 0)
     lit = level[level > 0]
     median = float(np.median(lit)) if len(lit) else 1.0
     variance = np.maximum(square - (mean**2).mean(axis=1), 0)
-    # What is not finite is for the caller to find in the image.
+    # Values that are not finite also show in the image, where the caller finds them.
     variance[~np.isfinite(variance)] = 0
     visible = variance / ((level + 0.01 * median) * (1 + (level / (4 * median)) ** 2))
-    ring = np.ones((AROUND, AROUND))
-    ring[AROUND // 2, AROUND // 2] = 0
-    # Nothing is made up beyond the border: it would come from the pixel itself.
+    ring = np.ones((NEIGHBOURHOOD, NEIGHBOURHOOD))
+    ring[NEIGHBOURHOOD // 2, NEIGHBOURHOOD // 2] = 0
+    # No padding at the border, because its values would come from the pixel itself.
     total, count = (
         convolve(grid, ring, mode="constant") for grid in (visible.reshape(shape), np.ones(shape))
     )
@@ -191,9 +196,9 @@ def pixel_noise(mean: np.ndarray, square: np.ndarray, shape: tuple[int, int]) ->
 
 
 def allocate(noise: np.ndarray, mean: int) -> np.ndarray:
-    """Numbers of sets in proportion to the noise, rounded, (N,).
+    """Numbers of further sets in proportion to the noise, rounded, (N,).
 
-    Their mean comes as close to ``mean`` from below as numbers that are all scaled alike can.
+    A common scale makes their mean as large as possible without exceeding ``mean``.
     """
     if mean == 0 or not noise.any():
         return np.full(len(noise), mean)
@@ -206,4 +211,4 @@ def allocate(noise: np.ndarray, mean: int) -> np.ndarray:
 
 
 def _rounded(noise: np.ndarray, scale: float, mean: int) -> np.ndarray:
-    return np.minimum(np.rint(scale * noise), MOST * mean).astype(np.int64)
+    return np.minimum(np.rint(scale * noise), MAX_RATIO * mean).astype(np.int64)

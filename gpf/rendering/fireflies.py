@@ -1,17 +1,17 @@
-"""Fireflies: single samples of great radiance that no other sample around has found.
+"""Fireflies: single samples of great radiance that no nearby sample confirms.
 
-A walk behind glass or off brushed metal meets, once in some ten thousand samples, what is a
-thousand times brighter than its pixel. Its share is right on average, and wrong in every image: a
-white dot here, nothing elsewhere. What is really bright is bright in several samples of a pixel or
-its neighbours. Samples are therefore taken in blocks of a few, and a block b counts no more than
-:data:`TOLERANCE` times the :data:`RIVALS`-th brightest block of the 3 × 3 pixels around it,
+Behind glass or on brushed metal, about one camera walk in ten thousand finds radiance a thousand
+times that of its pixel. The mean over many images is right, but each single image is wrong: it has
+white dots. A really bright pixel is bright in several of its samples, or in those of its
+neighbours. Samples are therefore summed in small blocks. A block b counts at most :data:`TOLERANCE`
+times the :data:`RIVALS`-th brightest block of the 3 × 3 pixels around it:
 
-    L_b' = L_b min(1, κ l / l_b),
+    L_b' = L_b min(1, κ l / l_b)
 
-l_b the mean over the channels of its radiance L_b, l that of the rival, and κ the tolerance, which
-leaves ordinary noise as it is: a simple form of the reweighting of Zirr, Hanika and Dachsbacher,
-"Reweighting Firefly Samples for Improved Finite-Sample Monte Carlo Estimates" (2018). The image
-loses energy, the less the more samples it has.
+l_b is the mean over the channels of its radiance L_b, l that of the rival, and κ the tolerance,
+which is large enough for ordinary noise. This is a simple form of the reweighting of Zirr, Hanika
+and Dachsbacher, "Reweighting Firefly Samples for Improved Finite-Sample Monte Carlo Estimates"
+(2018). The image loses some energy; the loss falls with the number of samples.
 """
 
 from __future__ import annotations
@@ -20,32 +20,33 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-LEAST_IN_BLOCK = 4
-"""Samples of a block, where sets are large enough: fewer, and noise would look like fireflies."""
+MIN_BLOCK_SIZE = 4
+"""Samples of a block, if sets are large enough. Noise in smaller blocks looks like fireflies."""
 
 RIVALS = 3
-"""A block is believed where so many blocks, itself among them, are about as bright."""
+"""A block counts in full if at least this many blocks, itself included, are about as bright."""
 
 TOLERANCE = 2.0
-"""κ: how many times as bright as its rivals a block may be."""
+"""κ: a block may be this many times as bright as the rival."""
 
 
-def choose_block(in_set: int) -> int:
-    """How many samples a block has where sets of ``in_set`` are to be divided evenly.
+def choose_block_size(set_size: int) -> int:
+    """The number of samples in a block; it divides ``set_size``.
 
-    A set has :data:`RIVALS` blocks at least: what a pixel sees in all its samples it has confirmed.
+    A set has at least :data:`RIVALS` blocks, so that a pixel that is bright in all its samples
+    confirms itself.
     """
-    sizes = [n for n in range(1, in_set // RIVALS + 1) if in_set % n == 0]
-    return next((n for n in sizes if n >= LEAST_IN_BLOCK), sizes[-1])
+    sizes = [n for n in range(1, set_size // RIVALS + 1) if set_size % n == 0]
+    return next((n for n in sizes if n >= MIN_BLOCK_SIZE), sizes[-1])
 
 
 class BrightestBlocks:
-    """The :data:`RIVALS` brightest blocks of each pixel: no other can be too bright.
+    """The :data:`RIVALS` brightest blocks of each pixel; only these can exceed the limit.
 
     Attributes
     ----------
     size: width and height of the image, pixels.
-    kept: the blocks, brightest first, -inf where a pixel had fewer; (H W,) each.
+    kept: the blocks, brightest first, (H W,) each; -inf for pixels with fewer blocks.
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
@@ -53,9 +54,9 @@ class BrightestBlocks:
         self.kept = [dr.full(mi.Color3f, -dr.inf, size[0] * size[1]) for _ in range(RIVALS)]
 
     def add(self, pixels: np.ndarray, blocks: mi.Color3f) -> None:
-        """Equally many blocks of each of ``pixels`` (N,), of which equal ones follow each other.
+        """Add blocks; ``pixels`` (N,) is grouped, and each entry adds the same number of blocks.
 
-        A block is the radiance of its samples, all added up.
+        A block is the sum of the radiance of its samples.
         """
         each = dr.width(blocks) // len(pixels)
         starts = np.flatnonzero(np.r_[True, pixels[1:] != pixels[:-1]])
@@ -81,7 +82,7 @@ class BrightestBlocks:
             for values in self.kept:
                 block = dr.gather(mi.Color3f, values, there.y * width + there.x, inside)
                 _insert(rivals, dr.select(inside, block, -dr.inf))
-        # In double precision: what is left is that much less than what is taken away.
+        # In double precision, because the difference is much smaller than its terms.
         limit = TOLERANCE * dr.mean(rivals[-1]).numpy().astype(np.float64)
         total = np.zeros((len(limit), 3))
         for values in self.kept:
@@ -94,17 +95,17 @@ class BrightestBlocks:
 
 @dr.syntax
 def _brightest(kept, blocks, at, end):  # type: ignore[no-untyped-def]
-    """The brightest of those that are kept and of the blocks from ``at`` to ``end``."""
+    """The brightest blocks among ``kept`` and the blocks from ``at`` to ``end``."""
     while at < end:
         block = dr.gather(mi.Color3f, blocks, at)
-        # What is not finite is for others to complain of.
+        # Blocks that are not finite are left out here; they still show in the image.
         _insert(kept, dr.select(dr.all(dr.isfinite(block)), block, -dr.inf))
         at += 1
     return kept
 
 
 def _insert(kept: list[mi.Color3f], new: mi.Color3f) -> None:
-    """Put a block where it belongs among the brightest; the last one goes."""
+    """Insert a block into the sorted list ``kept`` and drop the darkest."""
     for k, old in enumerate(kept):
         brighter = dr.mean(new) > dr.mean(old)
         kept[k], new = dr.select(brighter, new, old), dr.select(brighter, old, new)

@@ -1,4 +1,4 @@
-"""``<integrator type="gpf">``: render from a fitted Gaussian photon field."""
+"""``<integrator type="gpf">``: renders from a fitted Gaussian photon field."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gpf.camera.film import meets_gloss
 from gpf.camera.rays import keeps_to_pixels, sample_pixel_rays, sample_tiled_rays
 from gpf.camera.visible_points import find_visible_points
 from gpf.field.io import load_field
-from gpf.rendering.adaptive import LEAST_SPP, sample_adaptively
+from gpf.rendering.adaptive import MIN_SPP, sample_adaptively
 from gpf.rendering.properties import read_depths, whole_number
 from gpf.rendering.recording import Recording
 from gpf.rendering.scene_check import warn_of_another_scene
@@ -26,53 +26,52 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
 
      * - field
        - |string|
-       - Path of a ``field.safetensors``. From Python, a
-         :class:`gpf.field.field.GaussianPhotonField` may be assigned to the attribute ``field``
-         instead.
+       - Path of a ``field.safetensors``, relative to the scene file or to the current folder.
+         Python code may assign a :class:`gpf.field.field.GaussianPhotonField` to the attribute
+         ``field`` instead.
      * - max_depth
        - |int|
-       - Longest camera walk in edges; the light that the field stores has no limit. -1 is no
-         limit. (Default: -1)
+       - Longest camera walk in edges; -1 is no limit. The light that the field stores is not
+         limited. (Default: -1)
      * - rr_depth
        - |int|
        - Bounces before Russian roulette starts. (Default: 5)
      * - glossy_walks
        - |int|
-       - Camera walks of a sample that meets a glossy surface first, for it may be reflected
-         anywhere. (Default: 4)
+       - Number of camera walks of a sample that meets a glossy surface first, because the
+         surface may reflect in many directions. (Default: 4)
      * - coverage
        - |bool|
-       - Also output, as channel ``coverage``, how far the answer's neighbours lie in units of
-         the search radius: 1 in supported regions, more where the field had to reach, 0 where
-         no query was made. (Default: false)
+       - Also output the channel ``coverage``: the distance of the farthest Gaussian that was
+         used, in search radii. 1 in well covered regions, more where the nearest Gaussians lie
+         farther away, 0 without a query. (Default: false)
      * - adaptive
        - |bool|
-       - Give noisy pixels, behind glass and along edges, more samples and others fewer: on
-         average as many as asked for. Needs a box filter and 16 samples per pixel. (Default:
-         false)
+       - Give more samples to noisy pixels, behind glass and along edges, and fewer to others;
+         the mean number is as requested. Needs a box filter and at least 16 samples per pixel.
+         (Default: false)
      * - suppress_fireflies
        - |bool|
-       - With adaptive samples: single samples of great radiance, which no other around has
-         found, count less. Images lose a little of their energy. (Default: false)
+       - With adaptive samples: single samples of great radiance that no nearby sample confirms
+         count less. Images lose a little energy. (Default: false)
      * - record
        - |bool|
-       - Record the first frames and replay them, with other seeds, cameras and fields:
-         for viewers and animations, where tracing Python for every frame would cost more than
-         a third of the time. Not every plugin of Mitsuba can be recorded, nor can adaptive
-         samples. (Default: false)
+       - Record the first frames and replay them with other seeds, cameras and fields. This is
+         for viewers and animations, where tracing the Python code for each frame takes more
+         than a third of the time. Some plugins of Mitsuba, and adaptive samples, cannot be
+         recorded. (Default: false)
 
-    Camera rays go through glossy and specular bounces; at the first diffuse hit the field
-    answers with the irradiance and the ray ends. A field that was made without direct light
-    has it added there, from a sample of the emitters. In a scene whose bounding box is not
-    that of the scene that the field was made for, rendering goes on after a warning.
+    Camera rays follow glossy and specular bounces and end at the first diffuse hit, where the
+    field gives the irradiance. For a field without direct light, direct light is added there
+    from a sample of the emitters. A warning is given if the scene's bounding box differs from
+    that of the scene for which the field was made.
 
-    Left out on purpose: participating media, polarisation, derivatives, and spectral
-    variants.
+    Not supported: participating media, polarisation, derivatives, and spectral variants.
 
     .. code-block:: xml
 
         <integrator type="gpf">
-            <string name="field" value="results/cornell_box/field.safetensors"/>
+            <string name="field" value="field.safetensors"/>
         </integrator>
     """
 
@@ -85,13 +84,12 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         self.suppress_fireflies = props.get("suppress_fireflies", False)
         super().__init__(props)
         # Shapes of the last checked scene, held so that their ids are not reused. Not the scene: it
-        # may hold this integrator, and a circle of references would never be freed.
+        # may hold this integrator, and circular references are never freed.
         self._checked: list[mi.Shape] | None = None
         self._compared: Any = None
         self._walks = 1
         self.record = props.get("record", False)
         self.recording: Recording | None = None
-        # As for meshes and textures: relative to the scene file, or to the current folder.
         found = mi.file_resolver().resolve(path) if path else ""
         self.field: Any = load_field(Path(str(found))) if path else None
 
@@ -104,16 +102,15 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         develop: bool = True,
         evaluate: bool = True,
     ) -> Any:
-        """An image, as of any integrator of Mitsuba."""
+        """Render an image; parameters as for every Mitsuba integrator."""
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         self._compare(scene)
-        if self.adaptive and develop and (spp or sensor.sampler().sample_count()) >= LEAST_SPP:
+        if self.adaptive and develop and (spp or sensor.sampler().sample_count()) >= MIN_SPP:
             if not keeps_to_pixels(sensor):
                 raise RuntimeError(
-                    "Adaptive samples need a film whose filter is a box, and a shutter that is "
-                    'open for a moment only. Add <rfilter type="box"/> to the film, or set '
-                    '"adaptive" to false.'
+                    "Adaptive samples need a film with a box filter and a shutter time of zero. "
+                    'Add <rfilter type="box"/> to the film, or set "adaptive" to false.'
                 )
             return self._render_adaptively(scene, sensor, seed, spp)
         if not self.record or self.field is None or not develop:
@@ -147,7 +144,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
             return film.develop()
 
     def _compare(self, scene: mi.Scene) -> None:
-        """Once for each pair of scene and field: whether they belong together."""
+        """Warn, once for each pair of scene and field, if they do not belong together."""
         if self.field is not None:
             bounds = [[float(v) for v in corner] for corner in self.field.bounds]
             if self._compared != (scene.shapes(), bounds):
@@ -167,7 +164,8 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
     def sample(  # type: ignore[no-untyped-def]
         self, mode, scene, sampler, ray, depth=None, active=True, **kwargs
     ) -> tuple[Any, ...]:
-        """Radiance of camera rays, whether they end on a diffuse surface, and the coverage."""
+        """Radiance of camera rays, (N, 3), whether they end on a diffuse surface, (N,), and the
+        coverage, (N,), if it is requested."""
         if mode != dr.ADMode.Primal:
             raise RuntimeError("The gpf integrator has no derivatives.")
         if self.field is None:
@@ -184,14 +182,15 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         if self._walks > 1:
             found = self._walk_again(scene, sampler, ray, active, found)
         radiance, valid, reach = found
-        # Finite: the film takes infinite values for zero.
+        # Limited, because the film treats infinite values as zero.
         aovs = [dr.select(valid, dr.minimum(reach, 1e6), 0)] if self.coverage else []
         return radiance, valid, aovs, None
 
     def _walk(
         self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool | bool
     ) -> tuple[mi.Color3f, mi.Bool, mi.Float]:
-        """Radiance at the end of one camera walk, whether it has one, and its reach."""
+        """Radiance from one camera walk, whether it ends on a diffuse surface, and the reach of the
+        query there."""
         direct = self.field.settings.direct == "emitters"
         points = find_visible_points(
             scene, sampler, ray, self.depth_limit, self.rr_depth, active, direct
@@ -201,7 +200,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
 
     @dr.syntax
     def _walk_again(self, scene, sampler, ray, active, found):  # type: ignore[no-untyped-def]
-        """The mean over several walks where the first surface is glossy."""
+        """The mean over several walks for rays whose first surface is glossy."""
         radiance, valid, reach = found
         again = meets_gloss(scene, ray, mi.Bool(active))
         walks = dr.opaque(mi.UInt32, self._walks)
@@ -218,15 +217,15 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
     def sample_rays(
         self, scene: mi.Scene, sensor: mi.Sensor, sampler: mi.Sampler
     ) -> tuple[Any, ...]:
-        """Camera rays, tile by tile."""
+        """Camera rays, in small tiles of pixels."""
         return sample_tiled_rays(scene, sensor, sampler)
 
     def aov_names(self) -> list[str]:
-        """The channel `coverage`, where it is asked for."""
+        """The channel ``coverage``, if it is requested."""
         return ["coverage"] if self.coverage else []
 
     def to_string(self) -> str:
-        """For people."""
+        """A description, for print."""
         return f"GPF[field={self.field}, max_depth={self.depth_limit}]"
 
 

@@ -12,7 +12,7 @@ _MODULES = ("gpf.rendering.sppm", "gpf.rendering.gpf")
 def register_integrators() -> None:
     """Register the plugins for the active variant and for every one that is set later."""
     if importlib.util.find_spec("mitsuba") is None:
-        return  # `gpf doctor` has to start in a broken installation, to say so
+        return  # `gpf doctor` must also start in a broken installation, to report it
     import mitsuba as mi
 
     mi.detail.add_variant_callback(_on_variant_change)
@@ -20,10 +20,11 @@ def register_integrators() -> None:
 
 
 def _on_variant_change(old: str | None, new: str | None) -> None:
-    """Import the modules of the plugins, or again: their base classes belong to the variant.
+    """Import or reload the modules of the plugins, because their base classes depend on the
+    variant.
 
-    Mitsuba reloads its own Python integrators in the same way. Scalar variants are left out: the
-    plugins need a wavefront.
+    Mitsuba reloads its own Python integrators in the same way. Scalar variants are skipped: the
+    plugins need wavefronts.
     """
     if new is None or new == old or not new.startswith(("llvm", "cuda")):
         return

@@ -1,4 +1,4 @@
-"""Checks of plugin properties that both integrators share."""
+"""Checks of plugin properties, shared by both integrators."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from gpf.core.runtime import check_llvm
 
 
 def check_variant(plugin: str) -> None:
-    """Raise for a variant that the plugin is not made for, or that would end the process."""
+    """Raise an error for a variant that the plugin does not support, or whose LLVM is missing,
+    which would end the process."""
     if mi.is_spectral or mi.is_monochromatic or mi.is_polarized:
         raise ValueError(f"{plugin} needs an RGB variant; this one is {mi.variant()}.")
     if str(mi.variant()).startswith("llvm"):
@@ -18,22 +19,22 @@ def check_variant(plugin: str) -> None:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a property is a number; Python counts truth values among them."""
+    """Whether a property is a number; in Python, truth values are integers too."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def whole_number(value: Any, name: str, least: int) -> int:
-    """The value of an integer property, or a ``ValueError`` in words."""
+    """The value of an integer property; a ``ValueError`` if it is not an integer >= ``least``."""
     if not (is_number(value) and isinstance(value, int) and value >= least):
         raise ValueError(f'"{name}" is {value!r}; give a whole number of {least} or more.')
     return value
 
 
 def read_depths(props: mi.Properties, plugin: str) -> int:
-    """Check the variant and the properties that both plugins have; the depth limit, -1 for none.
+    """Check the variant and the properties that both plugins have; return the depth limit, -1 for
+    none.
 
-    Mitsuba's base class reads ``max_depth`` and ``rr_depth`` next; its own default of the former
-    is replaced by -1.
+    Sets the default of ``max_depth`` to -1 before Mitsuba's base class reads it.
     """
     check_variant(plugin)
     if "max_depth" not in props:

@@ -1,8 +1,8 @@
-"""Frames that are recorded once and replayed: a plugin written in Python without Python's cost.
+"""Recorded frames: kernels are recorded once and launched again without running Python code.
 
-Tracing an integrator that is written in Python takes some milliseconds a frame, more than a third
-of the time that a small image takes. Dr.Jit can record what a function launches and launch it again
-with other arguments; what a recording has taken for granted has to stay the same, though.
+Tracing an integrator that is written in Python takes some milliseconds per frame, more than a third
+of the time for a small image. Dr.Jit can record the kernels that a function launches and launch
+them again with other arguments. Everything that is not an argument must stay the same.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ import mitsuba as mi
 
 @dataclass
 class Recording:
-    """A recorded ``render(scene, sensor, seed, spp, arrays)`` and what it takes for granted.
+    """A recorded ``render(scene, sensor, seed, spp, arrays)``, and the facts that it depends on.
 
-    Arrays of the scene, the sensor and ``arrays`` are arguments: their values may change, a moved
-    camera included. Objects and plain values are not.
+    The values of arrays may change: those of the scene, of the sensor (a moved camera) and of
+    ``arrays``. Objects and plain values may not.
     """
 
     scene: mi.Scene
@@ -34,9 +34,9 @@ class Recording:
         self.frames = 0
 
     def frame(self, seed: mi.UInt32, spp: int, arrays: Any) -> Any:
-        """One frame; the first two calls record."""
-        # A scene that happened to be collected as garbage while Dr.Jit records would leave its
-        # registry in between, and the process aborts.
+        """Render one frame; the first two calls record."""
+        # If another scene were garbage-collected during the recording, it would change Dr.Jit's
+        # registry, and the process would abort.
         collects = gc.isenabled()
         if not self.frames:
             gc.collect()
@@ -46,13 +46,13 @@ class Recording:
             return self._frozen(self.scene, self.sensor, seed, spp, arrays)
         except RuntimeError as error:
             raise RuntimeError(
-                "This scene cannot be recorded: one of its plugins (an orthographic camera, to "
-                'name one) does not show Dr.Jit all that it holds. Set "record" to false.'
+                "This scene cannot be recorded: one of its plugins, such as an orthographic "
+                'camera, does not expose all its data to Dr.Jit. Set "record" to false.'
             ) from error
         finally:
             if collects:
                 gc.enable()
 
     def serves(self, scene: mi.Scene, sensor: mi.Sensor, facts: Hashable) -> bool:
-        """Whether the recording is one of the same objects and plain values."""
+        """Whether the recording was made with these objects and plain values."""
         return self.scene is scene and self.sensor is sensor and self.facts == facts

@@ -1,4 +1,4 @@
-"""How views are rendered from a field."""
+"""Settings of rendering from a field."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gpf.core.settings import Count, Seed, Settings
 
 
 class RenderSettings(Settings):
-    """How views are rendered from a field; the plugin ``gpf`` explains the switches."""
+    """How views are rendered from a field; see the parameters of the plugin ``gpf``."""
 
     spp: Count = 64
     glossy_walks: Count = 4

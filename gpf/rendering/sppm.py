@@ -18,13 +18,13 @@ from gpf.scene.bounds import require_bounds
 from gpf.scene.materials import require_separable
 from gpf.sppm.passes import PassSettings, PhotonPasses, propose_radius
 
-# So many visible points are gathered at a time; of larger films, bands of rows: they take some
-# 300 bytes each.
+# Largest number of visible points in memory, about 300 bytes each. Larger films are rendered in
+# bands of rows.
 MOST_POINTS = 1 << 20
 
 
 def split_rows(film: mi.Film) -> Iterator[range]:
-    """Rows of a film's samples in bands of at most :data:`MOST_POINTS` samples."""
+    """The rows of a film's sample grid, in bands of at most :data:`MOST_POINTS` samples."""
     width, height = sample_grid(film)
     rows = max(1, MOST_POINTS // width)
     for first in range(0, height, rows):
@@ -39,47 +39,45 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
      * - passes
        - |int|
        - Passes to average, each with one sample per pixel. The ``spp`` argument of
-         ``mi.render`` takes precedence where it is given. (Default: 64)
+         ``mi.render`` takes precedence. (Default: 64)
      * - photons_per_pass
        - |int|
        - Photon paths emitted in each pass. (Default: 100000)
      * - initial_radius
        - |float|
-       - Kernel radius of the first pass in world units; 0 measures the photon density in a
-         pilot pass and chooses. (Default: 0)
+       - Kernel radius of the first pass in world units; 0 chooses it from the photon density,
+         which a pilot pass measures. (Default: 0)
      * - alpha
        - |float|
-       - How much of the photons' number each pass keeps, in (0, 1). Radii shrink by
+       - Radius reduction, in (0, 1): radii shrink by
          :math:`r_{t+1} = r_t \sqrt{(t + \alpha) / (t + 1)}`. (Default: 0.7)
      * - max_depth
        - |int|
-       - Longest path in edges, with the meaning that it has in ``path``; -1 is no limit.
-         (Default: -1)
+       - Longest path in edges, as in ``path``; -1 is no limit. (Default: -1)
      * - rr_depth
        - |int|
        - Interactions before Russian roulette starts. (Default: 5)
      * - glossy_walks
        - |int|
-       - Camera walks of a sample that meets a glossy surface first, for it may be reflected
-         anywhere. (Default: 8)
+       - Number of camera walks of a sample that meets a glossy surface first, because the
+         surface may reflect in many directions. (Default: 8)
      * - edge_correction
        - |bool|
-       - Whether to make up for the part of the kernel's disc that reaches beyond the edge of a
-         surface, where no photon can land. Without it, edges are dark lines that fade as the
+       - Whether to correct for the part of the kernel's disc beyond the edge of a surface, where
+         no photon can land. Without the correction, edges have dark lines that fade as the
          radius shrinks. (Default: true)
      * - direct
        - |string|
-       - Where light straight from the emitters comes from: ``photons``, like all other light,
-         or a sample of the ``emitters`` at each visible point, which has less noise and sharp
-         shadows. Caustics are made of photons either way, and all light where an emitter
-         cannot be sampled (``directionalarea``). (Default: photons)
+       - Source of direct light: ``photons``, like all other light, or a sample of the
+         ``emitters`` at each visible point, which gives less noise and sharp shadows. Photons
+         always carry caustics; they carry all light if an emitter cannot be sampled
+         (``directionalarea``). (Default: photons)
 
-    Camera rays go through glossy and specular bounces and end at the first diffuse hit. The
-    estimate is consistent: its bias vanishes with the radius as passes accumulate. One seed
-    gives one image, bit for bit, on any number of threads.
+    Camera rays follow glossy and specular bounces and end at the first diffuse hit. The
+    estimate is consistent: its bias vanishes as the radius shrinks with the number of passes.
+    The same seed gives the same image, bit for bit, on any number of threads.
 
-    Left out on purpose: participating media, polarisation, derivatives, and spectral
-    variants.
+    Not supported: participating media, polarisation, derivatives, and spectral variants.
 
     .. code-block:: xml
 
@@ -119,7 +117,7 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
         develop: bool = True,
         evaluate: bool = True,
     ) -> Any:
-        """An image of several passes; ``spp`` is their number, where it is given."""
+        """Render an image; a positive ``spp`` is the number of passes."""
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         require_separable(scene)
@@ -132,14 +130,14 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
             total: Any = 0
             for t in range(1, (spp or self.passes) + 1):
                 total += self._render_pass(sensor, passes, t)
-                # One launch per pass: memory stays that of one pass.
+                # One launch per pass limits the memory to that of one pass.
                 dr.eval(total)
             offset = mi.ScalarPoint2i(film.crop_offset())
             film.put_block(mi.ImageBlock(total, offset, border=False))
             return film.develop() if develop else None
 
     def settings(self, scene: mi.Scene, sensor: mi.Sensor, seed: int) -> PassSettings:
-        """Settings of all passes, with the automatic radius measured where it is asked for."""
+        """Settings of all passes; a radius of 0 is replaced by a measured one."""
         radius = self.initial_radius
         if radius == 0:
             rows = next(split_rows(sensor.film()))
@@ -157,7 +155,7 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
         )
 
     def _render_pass(self, sensor: mi.Sensor, passes: PhotonPasses, t: int) -> mi.TensorXf:
-        """What pass ``t`` adds to the film's pixels, (H, W, C)."""
+        """The contribution of pass ``t`` to the film, (H, W, C)."""
         parts, photons = [], passes.trace(t)
         for number, rows in enumerate(split_rows(sensor.film())):
             seed = pass_seed(passes.seed, t, Stream.CAMERA, number)
@@ -181,7 +179,7 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
         walks: int = 1,
         direct: bool = False,
     ) -> FilmSamples:
-        """Visible points of one ray per pixel of some rows."""
+        """Visible points of one ray per pixel of the given rows."""
         samples = sample_film(
             scene,
             sensor,
@@ -192,12 +190,12 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
             walks=walks,
             rows=rows,
         )
-        # Or every kernel that needs the points would walk to them again.
+        # Otherwise each kernel that needs the points would trace the walks again.
         dr.eval(samples)
         return samples
 
     def to_string(self) -> str:
-        """For people."""
+        """A description, for print."""
         return (
             f"SPPM[passes={self.passes}, photons_per_pass={self.photons_per_pass}, "
             f"initial_radius={self.initial_radius}, alpha={self.alpha}, "

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gpf.rendering.adaptive import (
-    MOST,
+    MAX_RATIO,
     allocate,
     pixel_noise,
     sample_adaptively,
@@ -78,9 +78,9 @@ def test_allocation_keeps_to_the_budget(mean):
     noise = np.random.default_rng(5).lognormal(0, 1.5, 5000)
     sets = allocate(noise, mean)
     assert 0.95 * mean < sets.mean() <= mean
-    assert sets.min() >= 0 and sets.max() <= MOST * mean
+    assert sets.min() >= 0 and sets.max() <= MAX_RATIO * mean
     assert (np.diff(sets[np.argsort(noise)]) >= 0).all()
-    typical = (sets > 0) & (sets < MOST * mean)
+    typical = (sets > 0) & (sets < MAX_RATIO * mean)
     ratio = sets[typical] / noise[typical]
     assert np.median(np.abs(ratio / np.median(ratio) - 1)) < 0.5
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gpf.rendering.adaptive import sample_adaptively
-from gpf.rendering.fireflies import RIVALS, TOLERANCE, BrightestBlocks, choose_block
+from gpf.rendering.fireflies import RIVALS, TOLERANCE, BrightestBlocks, choose_block_size
 
 SIZE = WIDTH, HEIGHT = 7, 5
 
@@ -93,10 +93,10 @@ def test_what_is_not_finite_is_left_to_others(bad):
 
 
 @pytest.mark.parametrize(
-    ("in_set", "block"), [(4, 1), (7, 1), (8, 2), (9, 3), (12, 4), (25, 5), (30, 5), (128, 4)]
+    ("set_size", "block"), [(4, 1), (7, 1), (8, 2), (9, 3), (12, 4), (25, 5), (30, 5), (128, 4)]
 )
-def test_blocks_divide_sets_evenly(in_set, block):
-    assert choose_block(in_set) == block
+def test_blocks_divide_sets_evenly(set_size, block):
+    assert choose_block_size(set_size) == block
 
 
 def test_ordinary_noise_keeps_its_mean():

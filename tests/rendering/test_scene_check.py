@@ -76,7 +76,7 @@ def test_the_integrator_warns_once_for_each_scene_and_goes_on(record):
     integrator = mi.load_dict({"type": "gpf", "record": record})
     integrator.field = field(upper=[4.0, 3.0, 3.5])
     words = (
-        r"This field was made for another scene: that one reaches from \(-4, -3, 0\) to "
+        r"This field was made for another scene: that scene reaches from \(-4, -3, 0\) to "
         r"\(4, 3, 3\.5\), this one from \(-4, -3, 0\) to \(4, 3, 2\)\."
     )
     with pytest.warns(UserWarning, match=words) as caught:
