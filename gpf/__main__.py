@@ -1,6 +1,6 @@
-"""`python -m gpf scene.xml`: render any Mitsuba scene, with the plugins `sppm` and `gpf` present.
+"""`python -m gpf scene.xml`: render a Mitsuba scene; it may use the plugins `sppm` and `gpf`.
 
-The native `mitsuba` command does not see plugins that are written in Python.
+The native `mitsuba` command does not find plugins written in Python.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 
 @app.command()
 def render(
-    scene: Annotated[Path, typer.Argument(help="A Mitsuba 3 scene, XML.")],
+    scene: Annotated[Path, typer.Argument(help="Mitsuba 3 scene, XML.")],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Default: the scene's name with .exr.")
     ] = None,
     variant: Annotated[str, typer.Option("-m", "--mode", help="Mitsuba variant.")] = "auto",
     define: Annotated[
-        list[str] | None, typer.Option("-D", "--define", help="A parameter, name=value.")
+        list[str] | None, typer.Option("-D", "--define", help="Parameter of the scene, name=value.")
     ] = None,
     sensor: Annotated[int, typer.Option("-s", "--sensor", help="Index of the sensor.")] = 0,
-    spp: Annotated[int, typer.Option(help="Samples per pixel; 0 is the scene's own.")] = 0,
+    spp: Annotated[int, typer.Option(help="Samples per pixel; 0: as in the scene.")] = 0,
     seed: Annotated[int, typer.Option(help="Seed.")] = 0,
 ) -> None:
-    """Render a scene to an image file, whose suffix chooses its format."""
+    """Render a scene to an image file; the suffix chooses the format."""
     import mitsuba as mi
 
     choose_variant(variant)
@@ -52,7 +52,7 @@ def render(
         raise UserError(str(scene), f"does not load: {what}", "Correct the scene.") from error
     count = len(loaded.sensors())
     if sensor not in range(count):
-        raise UserError(f"-s {sensor}", f"the scene has {count} sensors", "Count them from 0.")
+        raise UserError(f"-s {sensor}", f"the scene has {count} sensors", "The first has index 0.")
     start = time.perf_counter()
     target = output or scene.with_suffix(".exr")
     try:
@@ -60,12 +60,12 @@ def render(
         mi.util.write_bitmap(str(target), image, write_async=False)
     except (RuntimeError, ValueError) as error:
         what = " ".join(str(error.__cause__ or error).split())
-        raise UserError(str(scene), f"does not render: {what}", "See the message.") from error
+        raise UserError(str(scene), f"does not render: {what}", "Correct the scene.") from error
     typer.echo(f"{target}: {time.perf_counter() - start:.1f} s")
 
 
 def main() -> None:
-    """Run the command; what the user can mend ends in a message and exit code 2."""
+    """Run the command; a :class:`UserError` is printed as a message with exit code 2."""
     try:
         app()
     except UserError as error:

@@ -1,14 +1,13 @@
-"""Digests of what the pipeline makes: a change of the code's shape must not change a bit of them.
+"""Digests of the pipeline's results: refactoring must not change a bit.
 
     python tools/digests.py --write     # before a change: writes tools/digests.json
-    python tools/digests.py             # after it: says what differs, exit code 1
+    python tools/digests.py             # after it: lists what differs, exit code 1
 
-Each scene runs in a process with one thread, for the order of threads changes sums of floats:
-gradients of the training, and what Mitsuba's particle tracer adds to a film.
-
-References, targets, photons, field, renders and classical baselines of all five scenes, at sizes
-that take some minutes; one scene with everything that is ``auto``, and one with the other switches.
-Bits depend on the processor, on LLVM and on Mitsuba: write the file anew on another machine.
+The digests cover references, targets, photons, fields, renders and classical baselines of all five
+scenes at small sizes, a few minutes of work. One scene uses all ``auto`` settings, others switch
+most options. Each scene runs in a process with one thread, because the order of threads changes
+sums of floats: gradients of the training, and the film of Mitsuba's particle tracer. The bits
+depend on the processor, LLVM and Mitsuba: write the file again on another machine.
 """
 
 from __future__ import annotations
@@ -55,7 +54,7 @@ SIZES: Mapping[str, Any] = {
 }
 VISIBLE_REGION = {"rays": 20_000, "pilot_paths": 40_000}
 
-# What one scene has otherwise: between them, most switches are thrown.
+# Other settings of single scenes; together they cover most options.
 OTHERWISE: Mapping[str, Mapping[str, Any]] = {
     "cornell_box": {
         "reference.photons_per_pass": "auto",
@@ -77,11 +76,11 @@ STAGES = ("scene", "reference", "photons", "train", "render")
 
 
 def run_stages(folder: Path, scene: str) -> None:
-    """Run the stages of a scene in a folder of its own, all in this process."""
+    """Run the stages of a scene in its own folder, in this process."""
     sys.path.insert(0, str(PROJECT))
     from gpf.cli import main
 
-    drjit = importlib.import_module("drjit")  # not before gpf, which finds its libLLVM
+    drjit = importlib.import_module("drjit")  # after gpf, which finds libLLVM
     drjit.set_thread_count(1)
     yaml = YAML()
     document = yaml.load((PROJECT / "params.yaml").read_text(encoding="utf-8"))
@@ -106,7 +105,7 @@ def run_stages(folder: Path, scene: str) -> None:
 
 
 def digest_arrays(folder: Path) -> dict[str, str]:
-    """File and layer -> digest of the values, whatever the file says beside them."""
+    """File and layer -> digest of the values; metadata does not count."""
     found = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
@@ -125,17 +124,17 @@ def digest_arrays(folder: Path) -> dict[str, str]:
 
 
 def digest_scene(scene: str) -> dict[str, str]:
-    """Digests of all that is made of a scene."""
+    """Digests of all results of a scene."""
     with tempfile.TemporaryDirectory(prefix="gpf-digests-") as folder:
         run_stages(Path(folder) / scene, scene)
         return digest_arrays(Path(folder) / scene / "results" / scene)
 
 
 def main() -> int:
-    """Write or compare; 1 where something differs."""
+    """Write or compare the digests; 1 if something differs."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--write", action="store_true", help="keep what is found")
-    parser.add_argument("scenes", nargs="*", help="these alone")
+    parser.add_argument("--write", action="store_true", help="store the digests")
+    parser.add_argument("scenes", nargs="*", help="only these scenes")
     options = parser.parse_args()
     scenes = options.scenes or sorted(p.parent.name for p in PROJECT.glob("scenes/*/views.yaml"))
     known = json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
