@@ -7,8 +7,8 @@
 STAMP := .venv/installed
 VENV := .venv/bin/python
 PIP := $(VENV) -m pip --disable-pip-version-check
-# Two processes; tests of one group (xdist_group) run in the same process.
-PYTEST := $(VENV) -m pytest -n 2 --dist loadgroup
+# Two processes with one thread each; tests of one group (xdist_group) run in the same process.
+PYTEST := OMP_NUM_THREADS=1 $(VENV) -m pytest -n 2 --dist loadgroup
 
 # The stages that DVC starts are found by name; with this, in .venv first.
 export PATH := $(CURDIR)/.venv/bin:$(PATH)

@@ -193,3 +193,9 @@ def no_probe(monkeypatch):
     monkeypatch.setattr(
         "stages.references.pass_times.time_passes", lambda renderers, *_: np.ones(len(renderers))
     )
+
+
+@pytest.fixture
+def small_batches(monkeypatch):
+    """Automatic numbers of photon paths are multiples of 10,000, not of 100,000."""
+    monkeypatch.setattr("gpf.guiding.emission_plan.BATCH", 10_000)

@@ -15,10 +15,7 @@ ROWS = {
     "all": {"group": "components", "title": "all", "set": {}},
     "alike": {"group": "k", "set": {"field.k": 3}},
     "few": {"group": "gaussians", "set": {"field.gaussians": 30, "train.steps": 5}},
-    "streaming": {
-        "group": "switches",
-        "set": {"train.supervision": "streaming", "stream.passes": 12},
-    },
+    "streaming": {"group": "switches", "set": {"train.supervision": "streaming"}},
     "lost": {"group": "switches", "title": "none", "set": {"train.points": "surface"}},
 }
 
@@ -126,7 +123,7 @@ def test_what_was_left_by_another_task_is_not_used(project, monkeypatch):
         ablate(project, "few")
 
 
-def test_streaming_has_the_parts_of_its_own(project):
+def test_streaming_has_the_parts_of_its_own(project, small_batches):
     assert ablate(project, "streaming").code == 0
     found = result(project, "streaming")
     parts = read_json(project.results / "costs/ablations/streaming.json")["parts"]

@@ -87,4 +87,4 @@ def test_a_cluster_that_is_not_there(fresh):
     assert fresh.stage("scene").code == 0
     outcome = fresh.stage("reference")
     assert outcome.code == 2 and "Traceback" not in outcome.text
-    assert "cluster.address: '127.0.0.1:1': cannot be connected to" in outcome.text
+    assert "cluster.address: '127.0.0.1:1': cannot be reached" in outcome.text

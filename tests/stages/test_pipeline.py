@@ -10,10 +10,11 @@ import pandas as pd
 import pytest
 
 from gpf.core.files import read_tensors
-from gpf.core.images import read_exr
+from gpf.core.images import read_exr, write_png
 from gpf.field.io import load_field
+from gpf.scene.views import read_views
 from stages.commands.benchmark import STAGES
-from stages.references.long_sums import CHECK_EVERY
+from stages.references.group_passes import CHECK_EVERY
 from tests.stages.results import NOVEL, TRAIN, assert_whole, files_below
 
 HEIGHT, WIDTH = 16, 20
@@ -175,7 +176,7 @@ def test_costs_are_counted_once_for_each_part(built):
 )
 def test_enough_is_enough(fresh, no_probe, monkeypatch, every, snapshots):
     """With a modest target for the noise, few passes do: as many as are between two checks."""
-    monkeypatch.setattr("stages.references.long_sums.CHECK_EVERY", every)
+    monkeypatch.setattr("stages.references.group_passes.CHECK_EVERY", every)
     monkeypatch.setattr("stages.report.draw_figures", lambda *_: [])  # of no use here
     fresh.edit("params.yaml", reference__passes=200, reference__target_psnr=3.0)
     fresh.run("scene", "reference")
@@ -205,6 +206,27 @@ def test_pictures_of_what_is_being_rendered(fresh, no_probe):
     }
     image = mi.Bitmap(str(fresh.results / f"preview/novel-{NOVEL[0]}.png"))
     assert np.std(np.array(image)) > 5
+
+
+def test_pictures_of_groups_that_take_no_time(fresh, no_probe, tmp_path):
+    """At the end of each group with images; the first one is announced, once for the scene."""
+    fresh.edit("params.yaml", reference__preview_seconds=1000, reference__images=0)
+    assert fresh.stage("scene").code == 0
+    outcome = fresh.stage("reference")
+    assert outcome.code == 0
+    pictures = {p.name for p in (fresh.results / "preview").iterdir()}
+    assert pictures == {f"{g}-{v}.png" for g in ("novel", "second_reference") for v in NOVEL}
+    first = f"cornell_box: first picture: results/cornell_box/preview/novel-{NOVEL[0]}.png"
+    assert first in outcome.text and outcome.text.count("first picture") == 1
+    layers, _ = read_exr(fresh.results / f"reference/{NOVEL[0]}.exr")
+    write_png(
+        tmp_path / "a.png", layers["radiance"], read_views(fresh.results / "views.yaml").exposure
+    )
+    names = (tmp_path / "a.png", fresh.results / f"preview/novel-{NOVEL[0]}.png")
+    expected, shown = (np.array(mi.Bitmap(str(name)), dtype=int) for name in names)
+    assert np.abs(expected - shown).max() <= 1  # float32 in the file, float64 in the preview
+    (fresh.results / f"reference/{NOVEL[0]}.exr").unlink()
+    assert "first picture" not in fresh.stage("reference").text
 
 
 # --- what it redoes ---------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import os
 import pytest
 
 from gpf.core.errors import UserError
-from stages.common.publishing import make_ready, settle
+from stages.common.publishing import prepare_files, publish_files
 
 
 def write(folder):
@@ -30,9 +30,9 @@ def test_all_files_find_their_places(tmp_path):
     (target / "images").mkdir(parents=True)
     (target / "images/b").write_text("old")
     (target / "other").write_text("other")
-    make_ready(tmp_path / "parts" / "work", write)
+    prepare_files(tmp_path / "parts" / "work", write)
     assert files(target) == {"images/b": "old", "other": "other"}
-    settle(tmp_path / "parts" / "work", target)
+    publish_files(tmp_path / "parts" / "work", target)
     assert files(target) == ALL | {"other": "other"}
     assert not (tmp_path / "parts").exists()
 
@@ -43,15 +43,15 @@ def test_nothing_appears_of_what_could_not_be_written(tmp_path):
         raise OSError("full")
 
     with pytest.raises(OSError, match="full"):
-        make_ready(tmp_path / "work", fail)
-    settle(tmp_path / "work", tmp_path / "results")
+        prepare_files(tmp_path / "work", fail)
+    publish_files(tmp_path / "work", tmp_path / "results")
     assert files(tmp_path) == {}
 
 
 @pytest.mark.parametrize("moves", [0, 1, 2])
 def test_a_kill_while_files_are_moved(tmp_path, monkeypatch, moves):
     target, done = tmp_path / "results", []
-    make_ready(tmp_path / "work", write)
+    prepare_files(tmp_path / "work", write)
     replace = os.replace
 
     def killed(source, place):
@@ -63,9 +63,9 @@ def test_a_kill_while_files_are_moved(tmp_path, monkeypatch, moves):
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", killed)
         with pytest.raises(KeyboardInterrupt):
-            settle(tmp_path / "work", target)
+            publish_files(tmp_path / "work", target)
     assert len(files(target)) == moves if target.exists() else moves == 0
-    settle(tmp_path / "work", target)
+    publish_files(tmp_path / "work", target)
     assert files(target) == ALL and not (tmp_path / "work").exists()
 
 
@@ -73,14 +73,14 @@ def test_what_a_kill_left_half_written_is_forgotten(tmp_path):
     begun = tmp_path / "work" / "begun"
     begun.mkdir(parents=True)
     (begun / "half").write_text("half")
-    settle(tmp_path / "work", tmp_path / "results")
-    make_ready(tmp_path / "work", write)
-    settle(tmp_path / "work", tmp_path / "results")
+    publish_files(tmp_path / "work", tmp_path / "results")
+    prepare_files(tmp_path / "work", write)
+    publish_files(tmp_path / "work", tmp_path / "results")
     assert files(tmp_path / "results") == ALL
 
 
 def test_a_folder_that_cannot_be_made_is_said_in_words(tmp_path):
     (tmp_path / "work").write_text("a file in its place")
     with pytest.raises(UserError, match=r"work/begun: could not be made .*Free some disk space"):
-        make_ready(tmp_path / "work", write)
+        prepare_files(tmp_path / "work", write)
     assert files(tmp_path) == {"work": "a file in its place"}

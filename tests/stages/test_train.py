@@ -17,7 +17,7 @@ def render_and_compare(project):
     return read_json(project.results / "metrics" / "gpf.json")["mean"]["psnr"]
 
 
-def test_streaming_needs_no_targets(finished):
+def test_streaming_needs_no_targets(finished, small_batches):
     """Passes of its own teach the field what the references teach it."""
     for file in ("targets.safetensors", "photons.safetensors"):
         (finished.results / file).unlink()
@@ -56,7 +56,7 @@ def test_direct_light_has_to_be_told_apart(finished):
     finished.edit("params.yaml", field__direct="emitters", reference__direct="photons")
     outcome = finished.stage("train")
     assert outcome.code == 2
-    assert "set both to emitters" in outcome.text
+    assert "Set both to emitters" in outcome.text
 
 
 def test_the_number_of_gaussians_is_the_best_of_a_trial(finished, monkeypatch):
@@ -103,4 +103,4 @@ def test_splats_without_direct_light_are_said_to_be_so(finished, tmp_path):
     assert finished.stage("train").code == 0
     outcome = finished.gpf("export", "cornell_box", "--ply", str(tmp_path / "a.ply"))
     assert outcome.code == 0
-    assert "has indirect light alone" in outcome.text
+    assert "stores indirect light only" in outcome.text
