@@ -20,7 +20,7 @@ from gpf.training.targets import Targets
 from metrics.stage_costs import learning_seconds, seconds_per_view
 from stages.common.code import digest_of
 from stages.common.costs import CostMeter
-from stages.common.resuming import open_state
+from stages.common.resuming import open_task_folder
 from stages.common.subprocesses import run_each
 from stages.common.workspace import Workspace
 from stages.metrics import Judge, summarize
@@ -94,7 +94,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
         "views": work.digest(work.views_file),
         "params": {section: getattr(params, section).model_dump() for section in SECTIONS},
     }
-    state = open_state(_state(work, name), task)
+    state = open_task_folder(_state(work, name), task)
     variant = work.variant(params, state)
     say(f"{work.scene}, {name}: {row['overrides']}")
     # Each writes its costs last.

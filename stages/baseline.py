@@ -20,9 +20,9 @@ from gpf.core.images import check_finite, read_exr, write_exr, write_png
 from gpf.core.progress import Bar, progress_bar, say
 from gpf.core.yaml import suggest
 from metrics import stage_costs
-from stages.common import resuming
 from stages.common.code import digest_of
 from stages.common.costs import CostMeter
+from stages.common.resuming import open_task_folder
 from stages.common.subprocesses import run_each
 from stages.common.timing_baseline import time_path
 from stages.common.workspace import Workspace
@@ -206,7 +206,7 @@ def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
             work.digest(work.reference(view.name)) for view in (*work.views.train, *work.views.more)
         ],
     }
-    return resuming.open_state(state_folder(work, method), task)
+    return open_task_folder(state_folder(work, method), task)
 
 
 def forget_state(work: Workspace, method: str) -> None:

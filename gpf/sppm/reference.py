@@ -51,7 +51,7 @@ class ReferenceSettings(PassSettings):
     images: Annotated[int, Field(ge=0)] | Literal["auto"] = "auto"
     seed: Seed = 1
     checkpoint_seconds: Positive = 30.0
-    preview_seconds: NotNegative = 10.0
+    preview_seconds: NotNegative = 10
     target_psnr: NotNegative = 0.0
 
     def measure(self, scene: mi.Scene, sensor: mi.Sensor, plan: EmissionPlan) -> PassSettings:

@@ -1,4 +1,4 @@
-"""Files that belong together: all of them appear, whenever the program is killed, or none."""
+"""Files that belong together: all of them appear, or none, also if the program is killed."""
 
 from __future__ import annotations
 
@@ -9,12 +9,17 @@ from pathlib import Path
 
 from gpf.core.errors import UserError
 
-# Names of the folders in which files wait: while they are written, and once all are.
+# Folders of files that are being written, and of files that are complete.
 _BEGUN, _READY = "begun", "ready"
 
 
-def make_ready(workshop: Path, write: Callable[[Path], None]) -> None:
-    """Let ``write`` fill a folder with files, all of which :func:`settle` will move or none."""
+def prepare_files(workshop: Path, write: Callable[[Path], None]) -> None:
+    """Let ``write`` fill a folder below ``workshop``; :func:`publish_files` moves its files.
+
+    Raises
+    ------
+    UserError: the folder could not be made. If ``write`` raises an error, nothing is kept.
+    """
     begun = workshop / _BEGUN
     shutil.rmtree(begun, ignore_errors=True)
     try:
@@ -33,8 +38,8 @@ def make_ready(workshop: Path, write: Callable[[Path], None]) -> None:
     os.replace(begun, workshop / _READY)
 
 
-def settle(workshop: Path, target: Path) -> None:
-    """Move files that are ready, of a run that was killed before it could, below ``target``."""
+def publish_files(workshop: Path, target: Path) -> None:
+    """Move prepared files below ``target``; if a kill interrupts this, the next call continues."""
     ready = workshop / _READY
     if not ready.is_dir():
         return

@@ -1,4 +1,4 @@
-"""Where a killed run left what it had, for the next one with the same task."""
+"""Folders in which a killed run leaves its state for the next run of the same task."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from typing import Any
 from gpf.core.files import write_text
 
 
-def open_state(folder: Path, task: Mapping[str, Any]) -> Path:
-    """The folder as it was left, if that was by the same task; else an empty one."""
+def open_task_folder(folder: Path, task: Mapping[str, Any]) -> Path:
+    """The folder with the state of an earlier run of the same task; otherwise an empty folder.
+
+    ``task``: everything that the state depends on, as JSON values.
+    """
     text = json.dumps(task, indent=2, sort_keys=True) + "\n"
     file = folder / "task.json"
     if not file.exists() or file.read_text(encoding="utf-8") != text:

@@ -129,9 +129,9 @@ class Workspace:
         """Where a stage keeps what it would lose if it were stopped."""
         return self.field_folder / "checkpoints" / f"{stage}.safetensors"
 
-    def parts(self, stage: str, group: str) -> Path:
+    def pass_parts(self, group: str) -> Path:
         """Where a stage keeps sums over parts of its passes."""
-        return self.folder / "checkpoints" / f"{stage}-{group}"
+        return self.folder / "checkpoints" / f"reference-{group}"
 
     def forget_checkpoints(self) -> None:
         """Remove the folder of checkpoints once it is empty."""

@@ -1,1 +1,1 @@
-"""Long sums of passes: groups of views, records, pass times, clusters."""
+"""Rendering the references: groups of views, their passes, previews, pass times, a cluster."""

@@ -1,8 +1,8 @@
-"""Passes on many machines: ranges of them are tasks of a Ray cluster.
+"""Passes on many machines: a task of a Ray cluster renders a range of passes.
 
-A pass is a function of its index, and sums over ranges add up exactly: a cluster gives the same
-bits as one machine, whoever renders what and however often. What a task needs travels with it; a
-worker needs nothing but this package in the same version.
+A pass depends on its index alone, and sums over ranges add up exactly. A cluster therefore gives
+the same bits as one machine, also if a task is repeated. A task brings all the data that it needs;
+a worker needs only the same version of this package.
 """
 
 from __future__ import annotations
@@ -25,30 +25,28 @@ import numpy as np
 from gpf.core.errors import UserError
 from gpf.core.progress import progress_bar
 from stages.common.workspace import Workspace
-from stages.references.groups import GroupRequest, Job, open_group
-from stages.references.long_sums import LongSum, Watch
+from stages.references.group_passes import GroupPasses
+from stages.references.groups import Group, GroupRequest, Job
 
 
-def render_on_cluster(passes: LongSum, request: GroupRequest, wanted: range) -> None:
-    """Render what is missing of a range of passes (0-based); parts are kept as they arrive."""
-    todo = list(_tasks(passes, wanted))
+def render_on_cluster(passes: GroupPasses, request: GroupRequest, wanted: range) -> None:
+    """Render the missing passes of a range (0-based), and save every part when it arrives."""
+    todo = _tasks(passes, wanted)
     if not todo:
         return
     ray, settings = _connect(passes.work), passes.work.params.cluster
-    needed = ray.put(pack(passes.work))
-    cores = settings.threads or _cores_of_a_machine(ray)
+    project = ray.put(pack(passes.work))
+    cores = settings.threads or _cores_of_smallest_machine(ray)
     task = ray.remote(num_cpus=cores, max_retries=settings.retries)(render_part)
     facts = passes.work.scene, request, passes.parts.digest, settings.threads
-    running = {task.remote(needed, *facts, part.start, part.stop): part for part in todo}
+    running = {task.remote(project, *facts, part.start, part.stop): part for part in todo}
     done = len(wanted) - sum(map(len, todo))
-    title = f"{passes.work.scene}: {passes.group} references, Ray"
     try:
-        with progress_bar(title, len(wanted)) as bar:
+        with progress_bar(f"{passes.title}, Ray", len(wanted)) as bar:
             bar(done)
             total = passes.merge()
-            # Tasks end in any order; the total has what is there without a gap.
+            # Tasks end in any order; the total grows by parts that follow without a gap.
             waiting = {part.start: part for part in passes.parts.done()}
-            watch = Watch(passes, total, bar.describe)
             while running and not passes.is_good_enough(total):
                 ready, _ = ray.wait(list(running), timeout=1.0)
                 for reference in ready:
@@ -56,13 +54,13 @@ def render_on_cluster(passes: LongSum, request: GroupRequest, wanted: range) -> 
                     tensors, costs = _result(ray, reference, part)
                     sums = passes.renderer.empty_sums()
                     sums.add_tensors(tensors, len(part))
-                    passes.keep(part, sums, costs)
+                    passes.save(part, sums, costs)
                     waiting[part.start] = part
                     while total.passes in waiting and not passes.is_good_enough(total):
                         passes.parts.add_to(total, waiting[total.passes])
                     done += len(part)
                     bar(done)
-                    watch.look(passes.renderer.empty_sums())
+                    passes.update_previews(bar, total)
     finally:
         for reference in running:
             ray.cancel(reference, force=True)
@@ -70,7 +68,7 @@ def render_on_cluster(passes: LongSum, request: GroupRequest, wanted: range) -> 
 
 
 def render_part(
-    needed: bytes,
+    project: bytes,
     scene: str,
     request: GroupRequest,
     digest: str,
@@ -78,11 +76,11 @@ def render_part(
     first: int,
     last: int,
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """On a worker: sums over passes ``first`` + 1 to ``last`` as tensors, and what they cost."""
+    """On a worker: sums over passes ``first`` + 1 to ``last`` as tensors, and their cost."""
     import drjit as dr
 
     dr.set_thread_count(threads or os.cpu_count() or 1)
-    with chdir(_unpack(needed)):
+    with chdir(_unpack(project)):
         passes = _open(scene, request, digest)
         renderer, costs = passes.renderer, passes.costs
         costs.parts.pop(request.group, None)
@@ -94,11 +92,11 @@ def render_part(
 
 
 def pack(work: Workspace) -> bytes:
-    """What a worker needs of a project: the parameters, the scene and its views."""
+    """A zip archive of the files that a worker needs: parameters, scene and views."""
     data = io.BytesIO()
     with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.write("params.yaml")
-        # That there is such a scene is all that is asked of this folder.
+        # Only the existence of this file is checked.
         archive.writestr(zipfile.ZipInfo(f"scenes/{work.scene}/scene.xml"), "")
         archive.write(work.views_file, f"scenes/{work.scene}/views.yaml")
         archive.write(work.views_file)
@@ -107,15 +105,16 @@ def pack(work: Workspace) -> bytes:
     return data.getvalue()
 
 
-def _tasks(passes: LongSum, wanted: range) -> list[range]:
-    """The missing passes in ranges of a task's size."""
+def _tasks(passes: GroupPasses, wanted: range) -> list[range]:
+    """The missing passes as ranges, one for each task."""
     size = passes.work.params.cluster.passes_per_task
     cuts = sorted({*passes.cuts(), *range(0, passes.passes, size)})
     return passes.parts.missing(wanted, cuts)
 
 
 def _connect(work: Workspace) -> Any:
-    """Ray, connected to the cluster of params.yaml or to one that is started here."""
+    """The module ``ray``, connected to the cluster of params.yaml, or to a new one on this
+    machine."""
     try:
         import ray
     except ImportError as error:
@@ -127,8 +126,8 @@ def _connect(work: Workspace) -> Any:
     if ray.is_initialized():
         return ray
     settings = work.params.cluster
-    # Nothing is told to anybody, and workers find this package where this process found it.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    # New workers import this package from the same place as this process.
     root = str(Path(__file__).resolve().parents[2])
     paths = [root, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
     options: dict[str, Any] = {"log_to_driver": False, "configure_logging": False}
@@ -148,14 +147,14 @@ def _connect(work: Workspace) -> Any:
     return ray
 
 
-def _cores_of_a_machine(ray: Any) -> float:
-    """What a task takes that uses all cores of its machine: those of the smallest."""
+def _cores_of_smallest_machine(ray: Any) -> float:
+    """Cores that a task reserves so that it has a machine for itself; every machine has them."""
     cores = [node["Resources"].get("CPU", 1) for node in ray.nodes() if node["Alive"]]
     return float(min(cores))
 
 
 def _require_listener(address: str) -> None:
-    """Ray itself would try for minutes."""
+    """Check that something listens at the address; Ray itself would try for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if host and port.isdecimal():
         try:
@@ -167,7 +166,7 @@ def _require_listener(address: str) -> None:
 def _unreachable(address: str, error: Exception) -> UserError:
     return UserError(
         f"params.yaml: cluster.address: {address!r}",
-        f"cannot be connected to ({str(error).splitlines()[0]})",
+        f"cannot be reached ({str(error).splitlines()[0]})",
         "Start a cluster with `ray start --head`, or leave the address empty.",
     )
 
@@ -184,29 +183,29 @@ def _result(ray: Any, reference: Any, part: range) -> tuple[Mapping[str, np.ndar
     except (ray.exceptions.WorkerCrashedError, ray.exceptions.RaySystemError) as error:
         raise UserError(
             where,
-            "were lost, and so were all attempts to render them again",
-            "Look at the workers' memory; what other tasks have done is kept.",
+            "were lost, also in all retries",
+            "Check the memory of the workers; the parts of other tasks are saved.",
         ) from error
 
 
 @cache
-def _unpack(needed: bytes) -> Path:
-    """A folder with the contents of an archive, made once in a process."""
+def _unpack(project: bytes) -> Path:
+    """A folder with the contents of the archive, made once per process."""
     folder = Path(tempfile.mkdtemp(prefix="gpf-worker-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    with zipfile.ZipFile(io.BytesIO(needed)) as archive:
+    with zipfile.ZipFile(io.BytesIO(project)) as archive:
         archive.extractall(folder)
     return folder
 
 
 @cache
-def _open(scene: str, request: GroupRequest, digest: str) -> LongSum:
-    """The passes of a group, loaded once in a process."""
-    passes = open_group(Job.open(Workspace.open(scene)), request)
+def _open(scene: str, request: GroupRequest, digest: str) -> GroupPasses:
+    """The passes of a group, loaded once per process."""
+    passes = Group(Job.open(Workspace.open(scene)), request.group).open(request)
     if passes.parts.digest != digest:
         raise UserError(
             "a worker of the cluster",
-            "has another version of this package, of Mitsuba, or another kind of device",
-            "Install the same versions everywhere, and set runtime.variant.",
+            "has another version of this package or of Mitsuba, or another kind of device",
+            "Install the same versions on all machines, and set runtime.variant.",
         )
     return passes

@@ -1,20 +1,33 @@
-"""The groups of a scene's references: what each renders, and with what seeds.
+"""Groups of a scene's reference views: what each renders, with which seed, into which files.
 
-Training views (their fixed visible points and samples of the scene's surfaces become targets),
-novel views (the judges), novel views once more (the second reference: how well does SPPM agree with itself),
-and more training views for systems that learn from pictures. Within a group the views share their
-photons; between groups nothing is shared, or noise that the field learned would count as quality.
+========================  ====================================================================
+``train``                 the training views: targets at their visible points and on surfaces
+``novel``                 the novel views: the references
+``second_reference``      the novel views again, independently: how well does SPPM agree with
+                          itself
+``more``                  further training views, for systems that learn from images
+========================  ====================================================================
+
+Training views have images only if systems learn from them. The views of a group share their
+photons. Groups share nothing: otherwise the field would learn the noise of the references, and that
+would count as quality.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 
+from gpf.core.errors import UserError
+from gpf.core.files import read_tensors
+from gpf.core.images import read_record
 from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import VisiblePoints
 from gpf.guiding.emission_plan import EmissionPlan
@@ -23,11 +36,11 @@ from gpf.sppm.pass_files import PassParts
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import ReferenceRenderer
 from gpf.training.surface_points import share_of_pixels, target_points
+from stages.common.code import digest_of
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
-from stages.references.long_sums import LongSum
-from stages.references.records import group_record
-from stages.references.views_with_images import images_of
+from stages.references.group_passes import GroupPasses
+from stages.references.views_with_images import count_views_with_images
 
 GROUPS = {
     "train": Stream.TRAIN_GROUP,
@@ -35,12 +48,19 @@ GROUPS = {
     "second_reference": Stream.SECOND_REFERENCE_GROUP,
     "more": Stream.MORE_GROUP,
 }
-"""Groups, and the random numbers of each."""
+"""The groups in the order in which they are rendered, and the random numbers of each."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """What all groups of one run have in common."""
+    """What all groups of one run share.
+
+    Attributes
+    ----------
+    plan: where photons are needed.
+    settings: settings of the passes.
+    drawn: results of :meth:`target_points`.
+    """
 
     work: Workspace
     scene: Any
@@ -51,7 +71,7 @@ class Job:
 
     @classmethod
     def open(cls, work: Workspace) -> Job:
-        """Load the scene, and measure what is automatic."""
+        """Load the scene, and measure the settings that are ``auto``."""
         scene = work.load_scene()
         costs = CostMeter.load(work.cost("reference"))
         costs.parts.pop("radius", None)
@@ -62,12 +82,12 @@ class Job:
         return cls(work, scene, plan, settings, costs)
 
     def target_points(self, views: Sequence[View], surfaces: int) -> dict[str, VisiblePoints]:
-        """Fixed points of a share of the views' pixels, and at most so many samples of surfaces;
-        drawn once."""
+        """Supervised points: visible points of training views, and at most ``surfaces`` samples of
+        surfaces. They are drawn once; later calls return the same points."""
         key = tuple(view.name for view in views), surfaces
         if key not in self.drawn:
             sensors = {view.name: self.work.sensor(view) for view in views}
-            share, seed = share_of_view_points(self.work), _group_seed(self, "train")
+            share, seed = share_of_view_points(self.work), Group(self, "train").seed
             self.costs.parts.pop("points", None)
             with self.costs.measure("points"):
                 self.drawn[key] = target_points(
@@ -76,62 +96,142 @@ class Job:
         return self.drawn[key]
 
 
+def share_of_view_points(work: Workspace) -> float:
+    """The share of the training views' pixels whose visible points are targets."""
+    pixels = len(work.views.train) * int(np.prod(work.film_size))
+    return share_of_pixels(work.params.reference.view_points, pixels)
+
+
 @dataclass(frozen=True)
 class GroupRequest:
-    """What is to be rendered of a group: the views with these names, and surface samples or not."""
+    """What to render of a group: the views with these names, and whether to render the samples of
+    surfaces."""
 
     group: str
     views: tuple[str, ...]
     surfaces: bool
 
-
-def open_group(job: Job, request: GroupRequest) -> LongSum:
-    """The passes of a group: what renders them, and the parts that are done."""
-    work, group = job.work, request.group
-    record, seed = record_of(job, group), _group_seed(job, group)
-    views = [view for view in views_of(work, group) if view.name in request.views]
-    points = {}
-    if group == "train":
-        surfaces = work.params.reference.surface_points if request.surfaces else 0
-        points = job.target_points(views, surfaces)
-    sensors = {view.name: work.sensor(view) for view in views if view.name in record["imaged"]}
-    source = job.plan.source
-    renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, seed, source)
-    fingerprint = {
-        **{k: v for k, v in record.items() if k != "passes"},
-        "views": [view.model_dump(mode="json") for view in views],
-        "points": {name: dr.width(points.p) for name, points in renderer.points.items()},
-        "training": [view.model_dump(mode="json") for view in work.views.train],
-    }
-    folder, passes = work.parts("reference", group), work.params.reference.passes
-    parts = PassParts(folder, fingerprint, passes)
-    return LongSum(work, group, renderer, parts, job.costs)
+    def __bool__(self) -> bool:
+        return bool(self.views) or self.surfaces
 
 
-def views_of(work: Workspace, group: str) -> tuple[View, ...]:
-    """The views of a group."""
-    if group == "more":
-        return work.views.more[: max(images_of(work) - len(work.views.train), 0)]
-    return work.views.train if group == "train" else work.views.novel
+@dataclass(frozen=True)
+class Group:
+    """One of :data:`GROUPS`, and its files."""
 
+    job: Job
+    name: str
 
-def record_of(job: Job, group: str) -> dict[str, Any]:
-    """What all views of a group have in common."""
-    work = job.work
-    share, imaged = 1.0, [view.name for view in views_of(work, group)]
-    if group == "train":
-        share, imaged = (
-            share_of_view_points(work),
-            imaged[: images_of(work)],
-        )
-    return group_record(work, group, job.settings, _group_seed(job, group), share, imaged)
+    @property
+    def work(self) -> Workspace:
+        """The files of the scene."""
+        return self.job.work
 
+    @cached_property
+    def views(self) -> tuple[View, ...]:
+        """All views of the group."""
+        views = self.work.views
+        if self.name == "more":
+            return views.more[: max(count_views_with_images(self.work) - len(views.train), 0)]
+        return views.train if self.name == "train" else views.novel
 
-def _group_seed(job: Job, group: str) -> int:
-    return pass_seed(job.work.params.reference.seed, 0, GROUPS[group])
+    @property
+    def surface_points(self) -> int:
+        """Largest number of samples of surfaces."""
+        return self.work.params.reference.surface_points if self.name == "train" else 0
 
+    @property
+    def seed(self) -> int:
+        """The seed of the group's random numbers."""
+        return pass_seed(self.work.params.reference.seed, 0, GROUPS[self.name])
 
-def share_of_view_points(work: Workspace) -> float:
-    """The share of the training views' pixels whose points are targets."""
-    pixels = len(work.views.train) * int(np.prod(work.film_size))
-    return share_of_pixels(work.params.reference.view_points, pixels)
+    def file(self, view: str) -> Path:
+        """The file of a view."""
+        work = self.work
+        second = self.name == "second_reference"
+        return work.second_reference(view) if second else work.reference(view)
+
+    def open(self, request: GroupRequest) -> GroupPasses:
+        """The passes of the requested views and points."""
+        job, work = self.job, self.work
+        views = [view for view in self.views if view.name in request.views]
+        points = {}
+        if self.name == "train":
+            surfaces = self.surface_points if request.surfaces else 0
+            points = job.target_points(views, surfaces)
+        imaged = self.record["imaged"]
+        sensors = {view.name: work.sensor(view) for view in views if view.name in imaged}
+        source = job.plan.source
+        renderer = ReferenceRenderer(job.scene, sensors, points, job.settings, self.seed, source)
+        fingerprint = {
+            **{k: v for k, v in self.record.items() if k != "passes"},
+            "views": [view.model_dump(mode="json") for view in views],
+            "points": {name: dr.width(points.p) for name, points in renderer.points.items()},
+            "training": [view.model_dump(mode="json") for view in work.views.train],
+        }
+        passes = work.params.reference.passes
+        parts = PassParts(work.pass_parts(self.name), fingerprint, passes)
+        return GroupPasses(work, self.name, renderer, parts, job.costs)
+
+    # --- records: the facts in each file that tell whether it is current ----------------------
+
+    @cached_property
+    def record(self) -> dict[str, Any]:
+        """The facts that the files of the group share, as JSON values."""
+        work, section = self.work, self.work.params.reference
+        imaged = [view.name for view in self.views]
+        training = self.name == "train"
+        return {
+            "group": self.name,
+            "passes": section.passes,
+            "target_psnr": section.target_psnr,
+            "code": digest_of("reference"),
+            "made_with": [mi.variant(), mi.__version__, dr.__version__],
+            "scene": work.scene_digest,
+            "size": list(work.film_size),
+            "visible_region": work.params.visible_region.model_dump(),
+            "share": share_of_view_points(work) if training else 1.0,
+            "imaged": imaged[: count_views_with_images(work)] if training else imaged,
+            **self.job.settings.model_dump(),
+            "seed": self.seed,
+        }
+
+    def view_record(self, view: View) -> dict[str, Any]:
+        """The facts of a view's file; they do not depend on which other views have images."""
+        imaged = view.name in self.record["imaged"]
+        return {**self.record, "imaged": imaged, "view": view.model_dump(mode="json")}
+
+    def surface_record(self) -> dict[str, Any]:
+        """The facts of the samples of surfaces, whose places depend on the training views."""
+        shared = {k: v for k, v in self.record.items() if k not in ("share", "imaged")}
+        views = [view.model_dump(mode="json") for view in self.work.views.train]
+        return {**shared, "views": views, "surface_points": self.surface_points}
+
+    def missing(self) -> GroupRequest:
+        """The views, and the samples of surfaces, whose files are missing or out of date."""
+        views = tuple(view.name for view in self.views if not self._is_current(view))
+        surfaces = self.surface_points > 0 and not self._has_surfaces()
+        return GroupRequest(self.name, views, surfaces)
+
+    def _is_current(self, view: View) -> bool:
+        found, needed = read_record(self.file(view.name)), self.view_record(view)
+        if found is None:
+            return False
+        if found.get("imaged") is True:  # an image that nothing needs does no harm
+            needed.pop("imaged")
+        return bool(found.items() >= needed.items())
+
+    def _has_surfaces(self) -> bool:
+        if not self.work.surfaces.exists():
+            return False
+        try:
+            _, metadata = read_tensors(self.work.surfaces, "surfaces")
+        except UserError:
+            return False
+        return metadata == self.surface_record()
+
+    def passes_done(self) -> int:
+        """Number of passes in the files; fewer than requested if ``target_psnr`` was reached."""
+        records = [read_record(self.file(view.name)) or {} for view in self.views]
+        done = [record["passes_done"] for record in records if "passes_done" in record]
+        return min(done, default=self.work.params.reference.passes)

@@ -1,4 +1,4 @@
-"""What a pass of SPPM takes, on average over a long run of them."""
+"""The mean time of an SPPM pass over a long run."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from gpf.sppm.reference import ReferenceRenderer
 from stages.references.groups import Job
 
 SAMPLES, ONE_IN = 8, 16
-"""Timed passes of each kind: at most so many, and one in so many of all passes."""
+"""Timed passes of each kind: one in 16 of all passes, but at most 8."""
 
 
 def time_kinds_of_passes(job: Job, passes: int) -> dict[str, float]:
-    """What one of so many passes costs: for one view, for views that share photons, for targets.
+    """Mean seconds of one of ``passes`` passes: single view, shared views, targets.
 
-    The stage's own passes serve images and targets at once. Single views: mean over the novel
-    views, each on its own; shared: all of them at once, divided by their number.
+    The stage's own passes serve images and targets at once, so each kind is timed separately.
+    Single: mean over the novel views, each rendered on its own. Shared: all novel views at once,
+    divided by their number.
     """
     section, source = job.work.params.reference, job.plan.source
     job.costs.parts.pop("probe", None)
@@ -40,7 +41,8 @@ def time_kinds_of_passes(job: Job, passes: int) -> dict[str, float]:
 
 
 def single_views(job: Job) -> list[ReferenceRenderer]:
-    """SPPM for each of the novel views on its own; without any, for the first training view."""
+    """A renderer for each novel view on its own; without novel views, for the first training
+    view."""
     work, source, seed = job.work, job.plan.source, job.work.params.reference.seed
     return [
         ReferenceRenderer(job.scene, {v.name: work.sensor(v)}, {}, job.settings, seed, source)
@@ -49,18 +51,18 @@ def single_views(job: Job) -> list[ReferenceRenderer]:
 
 
 def compile_passes(renderers: Sequence[ReferenceRenderer]) -> None:
-    """Run what a first pass needs and a later one finds made."""
+    """Run passes so that all kernels are compiled before any is timed."""
     for renderer in renderers:
         for _ in range(2):
             renderer.run_pass(1, renderer.empty_sums())
 
 
 def time_passes(renderers: Sequence[ReferenceRenderer], passes: range, samples: int) -> np.ndarray:
-    """Seconds that a pass takes, mean over a range of passes, (R,).
+    """Mean seconds of a pass over a range of passes, for each of the R renderers, (R,).
 
-    Passes get cheaper as radii shrink, as t^-0.3, so samples are the middles of equal parts: the
-    mean with both ends is a quarter too large for 1000 passes. The renderers take turns, so that
-    other load on the machine meets all of them.
+    The time of a pass falls with the radius, as t^-0.3. The timed passes are therefore the middles
+    of equal parts of the range; with both ends among them, the mean over 1000 passes would be a
+    quarter too large. The renderers take turns, so that other load affects all of them.
     """
     seconds = np.empty((samples, len(renderers)))
     sums = [renderer.empty_sums() for renderer in renderers]

@@ -10,7 +10,7 @@ from ruamel.yaml import YAML
 from gpf.config.params import Params, read_params
 from gpf.config.titles import variant_title
 from gpf.core.errors import UserError
-from stages.references.views_with_images import images_to_learn_from
+from stages.references.views_with_images import count_needed_images
 
 PROJECT = Path(__file__).parents[2]
 GOOD = """\
@@ -181,9 +181,9 @@ baselines:
 animation: {scenes: [b], methods: [gpf, walking, path_50]}
 """
     params = read(tmp_path, text)
-    assert [images_to_learn_from(params, scene) for scene in "abc"] == [3, 10, 2]
+    assert [count_needed_images(params, scene) for scene in "abc"] == [3, 10, 2]
     alone = read(tmp_path, text.replace(", everywhere]", "]").replace("[b]", "[]"))
-    assert [images_to_learn_from(alone, scene) for scene in "abc"] == [3, 0, 0]
+    assert [count_needed_images(alone, scene) for scene in "abc"] == [3, 0, 0]
 
 
 VARIED = """\
