@@ -37,6 +37,7 @@ SIZES: Mapping[str, Any] = {
     "film.height": 24,
     "reference.passes": 6,
     "reference.photons_per_pass": 8000,
+    "reference.glossy_walks": 8,
     "reference.view_points": 2000,
     "reference.surface_points": 1500,
     "reference.preview_seconds": 0,
