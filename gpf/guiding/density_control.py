@@ -11,32 +11,32 @@ from gpf.core.structs import Photons, VisiblePoints, take, to_numpy
 
 # The share of all photons that a cell keeps is at most this multiple of its share of all visible
 # points: a caustic needs more Gaussians than the wall around it, the inside of a lamp does not.
-MOST_PER_LOOK = 8.0
+MAX_RATIO = 8.0
 
 
 def control_density(
-    photons: Photons, looks: Photons | VisiblePoints, width: float, seed: int
+    photons: Photons, points: Photons | VisiblePoints, width: float, seed: int
 ) -> Photons:
     """Russian roulette on photons in cells with few visible points: the survivors.
 
-    A photon survives with the probability ``min(1, MOST_PER_LOOK s_looks / s_photons)``, where
-    s_looks and s_photons are the shares of all visible points and of all photons that lie in its
+    A photon survives with the probability ``min(1, MAX_RATIO s_points / s_photons)``, where
+    s_points and s_photons are the shares of all visible points and of all photons that lie in its
     cell. Its power is divided by the probability, so that sums over an area are unbiased. Surfaces
     with different orientations have different cells: the outside of a lamp has few photons and
     keeps them.
 
     Parameters
     ----------
-    looks: visible points of cameras, (L,).
+    points: visible points of cameras, (L,).
     width: edge length of the cells, world units.
     """
     p = oriented_places(to_numpy(photons.p), to_numpy(photons.n), width)
-    seen = oriented_places(to_numpy(looks.p), to_numpy(looks.n), width)
-    photon, look = count_in_cells(p, width, p, seen)
-    ratio = (look / len(seen)) / (photon / len(p))
+    seen = oriented_places(to_numpy(points.p), to_numpy(points.n), width)
+    photon, point = count_in_cells(p, width, p, seen)
+    ratio = (point / len(seen)) / (photon / len(p))
     # A cell without visible points counts as if it had half of one.
     least = 0.5 / len(seen) * len(p) / photon
-    survival = np.minimum(1, MOST_PER_LOOK * np.maximum(ratio, least))
+    survival = np.minimum(1, MAX_RATIO * np.maximum(ratio, least))
     rng = np.random.default_rng(pass_seed(seed, 0, Stream.DENSITY_CONTROL))
     lives = np.flatnonzero(rng.random(len(p)) < survival)
     kept = take(photons, mi.UInt32(lives.astype(np.uint32)))

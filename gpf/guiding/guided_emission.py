@@ -51,19 +51,19 @@ class EmissionGuide:
 
     @classmethod
     def learn(cls, scene: mi.Scene, pilot: Pilot) -> EmissionGuide:
-        """Learn from the power that the paths of a pilot brought into the region.
+        """Learn from the power that the paths of a pilot bring into the region.
 
         The density of a cell is proportional to the root mean square of the power of its paths,
         which minimises the variance of the total power.
         """
         emitters = min(len(scene.emitters()), _MOST_EMITTERS)
-        paths = len(pilot.brought)
+        paths = len(pilot.power)
         shapes = [(emitters, p, p, d, d) for p, d in _GRIDS]
         shape = next((s for s in shapes if np.prod(s) * _PATHS_PER_CELL <= paths), shapes[-1])
         cell = np.asarray(_cell(pilot.start(), shape).numpy())
         size = int(np.prod(shape))
         count = np.bincount(cell, minlength=size)
-        square = np.bincount(cell, pilot.brought**2, minlength=size)
+        square = np.bincount(cell, pilot.power**2, minlength=size)
         use = np.sqrt(square / np.maximum(count, 1))
         return cls(shape, use if use.any() else np.ones(size))
 

@@ -1,4 +1,4 @@
-"""A pilot: it measures with some photon paths how much power reaches the visible region."""
+"""A pilot: some photon paths that measure how much power reaches the visible region."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class Pilot:
 
     Attributes
     ----------
-    brought: power of the photons of each path in the region, W, mean of the channels, (N,).
+    power: sum over the photons of each path in the region, W, mean of the channels, (N,).
     photons: number of these photons, (N,).
     seed: of the paths.
     """
 
-    brought: np.ndarray
+    power: np.ndarray
     photons: np.ndarray
     seed: int
 
@@ -37,13 +37,13 @@ class Pilot:
     @property
     def efficiency(self) -> float:
         """(Σ Φ)² / (N Σ Φ²): this share of N paths has the same noise if all have equal power."""
-        total, square = self.brought.sum(), (self.brought**2).sum()
-        return float(total**2 / (len(self.brought) * square)) if square > 0 else 0.0
+        total, square = self.power.sum(), (self.power**2).sum()
+        return float(total**2 / (len(self.power) * square)) if square > 0 else 0.0
 
     def start(self) -> EmitterSample:
         """The random numbers of the emitted rays, if the emission was not guided."""
         sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(self.seed, len(self.brought))
+        sampler.seed(self.seed, len(self.power))
         return EmitterSample.draw(sampler)
 
 
@@ -52,18 +52,18 @@ def trace_pilot(
 ) -> Pilot:
     """Trace paths without storing photons. Without a visible region, all photons count."""
     paths = settings.paths
-    brought, photons = dr.zeros(mi.Float, paths), dr.zeros(mi.UInt32, paths)
+    power, photons = dr.zeros(mi.Float, paths), dr.zeros(mi.UInt32, paths)
     lane = dr.arange(mi.UInt32, paths)
 
     def deposit(found: Photons, active: mi.Bool) -> None:
         if region is not None:
             active = active & region.contains(found.p, found.n, active)
-        dr.scatter_reduce(dr.ReduceOp.Add, brought, dr.mean(found.power), lane, active)
+        dr.scatter_reduce(dr.ReduceOp.Add, power, dr.mean(found.power), lane, active)
         dr.scatter_reduce(dr.ReduceOp.Add, photons, mi.UInt32(1), lane, active)
 
     trace_photons(scene, deposit, settings, seed)
     return Pilot(
-        brought=np.asarray(brought.numpy(), dtype=np.float64),
+        power=np.asarray(power.numpy(), dtype=np.float64),
         photons=np.asarray(photons.numpy(), dtype=np.int64),
         seed=seed,
     )

@@ -19,7 +19,7 @@ from gpf.scene.materials import diffuse_transfer, has_diffuse
 # has infinite variance. In a glass teapot it applies at every bounce: of 10^8 photons, one is 1000
 # times as bright as the others and leaves a bright disc. The limit removes 0.3 % of the light where
 # shading and geometric normals differ by 25°.
-_BRIGHTER = 16
+_MAX_GAIN = 16
 
 Deposit = Callable[[Photons, "mi.Bool"], None]
 
@@ -96,7 +96,7 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
         photons = Photons(
             p=si.p,
             n=mi.Normal3f(dr.mulsign(si.n, wi_dot_ng)),
-            power=_limited(landing, _BRIGHTER * brightest),
+            power=_limited(landing, _MAX_GAIN * brightest),
             depth=depth,
         )
         deposit(photons, stored)
@@ -109,7 +109,7 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
         leaks = wo_dot_ng * sample.wo.z <= 0
         correction = dr.abs((si.wi.z * wo_dot_ng) / (sample.wo.z * wi_dot_ng))
         power *= dr.select(leaks, 0, weight * correction)
-        power = _limited(power, _BRIGHTER * brightest)
+        power = _limited(power, _MAX_GAIN * brightest)
         ray = si.spawn_ray(wo)
         depth += 1
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import Photons, to_numpy
-from gpf.guiding.density_control import MOST_PER_LOOK, control_density, count_in_cells
+from gpf.guiding.density_control import MAX_RATIO, control_density, count_in_cells
 
 
 def test_counts_are_those_of_a_histogram():
@@ -44,7 +44,7 @@ def test_a_lamps_inside_is_thinned_and_the_rest_is_not():
     kept = control_density(photons, make_photons(looks), width=1.0, seed=3)
     p, power = to_numpy(kept.p), to_numpy(kept.power)
     inside = p[:, 0] < 2
-    share = MOST_PER_LOOK * 0.01 / 0.9
+    share = MAX_RATIO * 0.01 / 0.9
     assert inside.sum() == pytest.approx(90_000 * share, rel=0.05)
     assert (~inside).sum() == 10_000
     np.testing.assert_allclose(power[~inside], 0.5)
@@ -62,4 +62,4 @@ def test_the_few_photons_outside_a_lamp_are_not_thinned_with_those_inside():
     kept = control_density(photons, looks, width=2.0, seed=3)
     up = to_numpy(kept.n)[:, 2] > 0
     assert (~up).sum() == 50
-    assert up.sum() == pytest.approx(50_000 * min(1, MOST_PER_LOOK * 0.1), rel=0.05)
+    assert up.sum() == pytest.approx(50_000 * min(1, MAX_RATIO * 0.1), rel=0.05)

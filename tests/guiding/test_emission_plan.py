@@ -18,10 +18,10 @@ from tests.guiding.rooms import RIGHT_ROOM, two_rooms
 def plan(efficiency: float, photons_per_path: float) -> EmissionPlan:
     """As after a pilot in which that share of the paths brought anything, all of them alike."""
     paths = 100_000
-    brought = np.zeros(paths)
-    brought[: round(efficiency * paths)] = 1
+    power = np.zeros(paths)
+    power[: round(efficiency * paths)] = 1
     photons = np.full(paths, photons_per_path)
-    return EmissionPlan(region=None, source=emit_light, pilot=Pilot(brought, photons, seed=0))
+    return EmissionPlan(region=None, source=emit_light, pilot=Pilot(power, photons, seed=0))
 
 
 @pytest.mark.parametrize(
