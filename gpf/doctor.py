@@ -122,7 +122,11 @@ def install_command(package: str) -> str:
     """
     if LOCK is not None:
         return LOCK_INSTALL
-    for requirement in metadata.requires("gaussian-photon-fields") or ():
+    try:
+        requirements = metadata.requires("gaussian-photon-fields") or []
+    except metadata.PackageNotFoundError:  # not installed, but imported from a folder
+        requirements = []
+    for requirement in requirements:
         if re.match(rf"{re.escape(package)}(?![\w.-])", requirement, re.IGNORECASE):
             return f"pip install {shlex.quote(requirement)}"
     return f"pip install {package}"
