@@ -1,1 +1,1 @@
-"""The pipeline: one thin command per stage, which `dvc.yaml` strings together."""
+"""The pipeline: one command per stage; `dvc.yaml` connects them."""

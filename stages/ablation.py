@@ -1,4 +1,4 @@
-"""Stage `ablation`: the field made otherwise, by the same steps, and measured like the field."""
+"""Stage `ablation`: variants of the field, made and measured by the same steps as the field."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from stages.photons import load_photons
 from stages.render import render_novel_views
 from stages.train import fit
 
-# What a variant's field depends on.
+# Sections of params.yaml that a variant's field depends on.
 SECTIONS = ("film", "visible_region", "reference", "field", "train", "stream", "render")
 
 
 def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = False) -> None:
-    """Run a row of `ablations.variants`, or all that `run` lists, each in a process of its own.
+    """Run one row of `ablations.variants`, or all rows in `run`, each in a separate process.
 
-    ``go_on``: a variant that cannot be made of the scene is no error; its reason is kept either
-    way. A variant that is the field as it is refers to the field's numbers.
+    If a variant cannot be made in the scene, the reason is saved; with ``go_on`` that is no error.
+    A variant with the parameters of the field gets the numbers of the field.
     """
     work = Workspace.open(scene_name)
     ablations = work.params.ablations
@@ -53,14 +53,14 @@ def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = Fal
         "group": rows[variant].group,
         "overrides": rows[variant].set,
     }
-    alike = gaussians_of_all(work)
-    params = work.params.variant(variant, alike)
-    if params == work.params.vary(alike):
+    common = common_count(work)
+    params = work.params.variant(variant, common)
+    if params == work.params.vary(common):
         found = numbers(work, read_json(work.metrics("gpf")))
-        keep(work, row, {"same_as": "gpf", **found}, {})
-        say(f"{scene_name}: {variant} is the field as it is")
+        save(work, row, {"same_as": "gpf", **found}, {})
+        say(f"{scene_name}: {variant} has the parameters of the field")
         return
-    # What is missing of the stages before is no fault of the variant.
+    # Files of earlier stages are read first: if one is missing, that is not the variant's fault.
     judge = Judge.open(work)
     Targets.load(work.targets)
     load_photons(work)
@@ -69,22 +69,22 @@ def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = Fal
     except UserError as refusal:
         reason = f"{refusal.where}: {refusal.what}"
         shutil.rmtree(_state(work, variant), ignore_errors=True)
-        keep(work, row, {"reason": reason, "todo": refusal.todo}, {})
+        save(work, row, {"reason": reason, "todo": refusal.todo}, {})
         if not go_on:
             raise
         say(f"{scene_name}, {variant}: {refusal}")
 
 
-def gaussians_of_all(work: Workspace) -> dict[str, Any]:
-    """With `field.gaussians: auto`, what the field has: variants are to differ in what they name
-    alone."""
+def common_count(work: Workspace) -> dict[str, Any]:
+    """With `field.gaussians: auto`, the field's number of Gaussians for all variants, so that they
+    differ only in the settings that they name."""
     if work.params.field.gaussians != "auto":
         return {}
     return {"field.gaussians": len(read_field(work.field).tensors["means"])}
 
 
 def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) -> None:
-    """Train, render and measure; a run that was killed goes on where it was."""
+    """Train, render and measure; continues a run that was killed."""
     name = row["variant"]
     task = {
         "code": digest_of("train", "render"),
@@ -97,7 +97,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
     state = open_task_folder(_state(work, name), task)
     variant = work.variant(params, state)
     say(f"{work.scene}, {name}: {row['overrides']}")
-    # Each writes its costs last.
+    # Each stage writes its costs last, so that the file shows that it is complete.
     if not variant.cost("train").exists():
         fit(variant)
     if not variant.cost("render").exists():
@@ -112,11 +112,11 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
     found = numbers(variant, measured)
     shutil.rmtree(state / "checkpoints", ignore_errors=True)
     (state / "task.json").unlink()
-    keep(work, row, found, parts, state)
+    save(work, row, found, parts, state)
 
 
 def numbers(work: Workspace, measured: Mapping[str, Any]) -> dict[str, Any]:
-    """What is known of a field, the search for its number of Gaussians not counted."""
+    """Quality, times and sizes of a field; without the search for its number of Gaussians."""
     train, render = (read_json(work.cost(stage)) for stage in ("train", "render"))
     path_seconds = render["facts"].get("path_seconds")
     return {
@@ -129,20 +129,23 @@ def numbers(work: Workspace, measured: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def keep(
+def save(
     work: Workspace,
     row: Mapping[str, Any],
     found: Mapping[str, Any],
     parts: Mapping[str, Mapping[str, float]],
-    made: Path | None = None,
+    state: Path | None = None,
 ) -> None:
-    """Write what was found, and put what was made in its place; without it, an empty folder."""
+    """Write the numbers and costs of a variant, and move its ``state`` to the variant's folder.
+
+    Without a state the folder is empty.
+    """
     name = row["variant"]
     folder = work.folder / "ablations" / name
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    if made is not None:
-        os.replace(made, folder)
+    if state is not None:
+        os.replace(state, folder)
     work.forget_checkpoints()
     costs = CostMeter(parts)
     costs.facts |= {key: found[key] for key in ("same_as", "reason", "gaussians") if key in found}

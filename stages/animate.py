@@ -1,10 +1,10 @@
-"""Stage `animate`: the camera path by several methods side by side, and how much each flickers.
+"""Stage `animate`: the camera path by several methods side by side, and their flicker.
 
-Every method renders with what it has: its own samples, and the state that `gpf stage baseline`
-left of what it learned. Frames are kept one by one, so that a run that was killed goes on. What the
-path looks like in a reference is not rendered: it would cost as much as all novel views many times
-over. Flicker needs none (:mod:`metrics.flicker`); by how much the noise of a reference would
-flicker is told from the standard errors of the novel views.
+Each method renders with its usual settings, and with the state that `gpf stage baseline` saved if
+it learns. Frames are saved one by one, so that a killed run can continue. References of the frames
+are not rendered, because they would cost many times as much as those of the novel views. Flicker is
+measured without references (:mod:`metrics.flicker`). The flicker from the noise of references is
+computed from the standard errors of the novel views.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from stages.animation.filmstrip import (
     Reel,
     compose,
     film_panel,
-    picture_panel,
+    webp_panel,
     write_film,
-    write_moving_picture,
+    write_webp,
 )
 from stages.animation.frame_flicker import compare_frames
 from stages.baseline import forget_state, open_state, prepare, refuse_other_scenes
@@ -46,14 +46,14 @@ Draw = Callable[[View, int], np.ndarray]
 
 
 def animate(scene_name: str) -> None:
-    """Render the frames of the path that are missing, and write film, picture and flicker.
+    """Render the missing frames of the path; write the films and the flicker.
 
-    Of a scene that `animation.scenes` does not list, nothing is made.
+    Does nothing for a scene that is not in `animation.scenes`.
     """
     work = Workspace.open(scene_name)
     section = work.params.animation
     if scene_name not in section.scenes:
-        say(f"{scene_name}: not asked for; animation.scenes in params.yaml does not list it")
+        say(f"{scene_name}: skipped, because animation.scenes in params.yaml does not list it")
         return
     views = work.views.frames()
     if not views:
@@ -96,10 +96,10 @@ def frame(work: Workspace, method: str, number: int) -> Path:
 
 
 def render_frames(work: Workspace, method: str, views: Sequence[View], costs: CostMeter) -> None:
-    """Render the frames of a method that are not there, or not as they should be."""
+    """Render the frames of a method that are missing or out of date."""
     task, open_method = plan(work, method)
     records = [{**task, "view": view.model_dump(mode="json")} for view in views]
-    missing = [k for k, record in enumerate(records) if not is_kept(work, method, k, record)]
+    missing = [k for k, record in enumerate(records) if not is_current(work, method, k, record)]
     if not missing:
         return
     with progress_bar(f"{work.scene}: {method}, frames", len(views)) as bar:
@@ -115,15 +115,21 @@ def render_frames(work: Workspace, method: str, views: Sequence[View], costs: Co
         bar(len(views), len(views))
 
 
-def is_kept(work: Workspace, method: str, number: int, record: dict[str, Any]) -> bool:
-    """Whether an earlier run has left a frame with just this record."""
+def is_current(work: Workspace, method: str, number: int, record: dict[str, Any]) -> bool:
+    """Whether the file of a frame has this record."""
     found = read_record(frame(work, method, number)) or {}
     found.pop("schema_version", None)
     return bool(found == json.loads(json.dumps(record)))
 
 
 def plan(work: Workspace, method: str) -> tuple[dict[str, Any], Callable[[Bar], Draw]]:
-    """What a method's frames depend on, and what makes it ready to render them."""
+    """The facts that a method's frames depend on, and a function that prepares the method.
+
+    Raises
+    ------
+    CannotServe: the method is not meant for the scene.
+    UserError: there is no such method.
+    """
     params = work.params
     if method == FIELD:
         task = {
@@ -156,14 +162,14 @@ def plan(work: Workspace, method: str) -> tuple[dict[str, Any], Callable[[Bar], 
 
 
 def forget_state_of(work: Workspace, method: str) -> None:
-    """Remove the state of a system that learns nothing; of others it spares a further run much."""
+    """Remove the state of a method that does not learn; learned states save time in later runs."""
     options = work.params.baselines.get(method)
     if options and not options.learns:
         forget_state(work, method)
 
 
 def forget_others(work: Workspace, methods: Sequence[str], frames: int) -> None:
-    """Remove frames of methods that params.yaml does not list any more, and of a longer path."""
+    """Remove frames of methods that are no longer in params.yaml, and of a longer path."""
     for folder in (work.folder / "animation").glob("*/"):
         if folder.name not in methods:
             shutil.rmtree(folder)
@@ -174,7 +180,7 @@ def forget_others(work: Workspace, methods: Sequence[str], frames: int) -> None:
 
 
 def write_films(work: Workspace, refusals: dict[str, str], count: int) -> None:
-    """All methods side by side: as an MP4, and as a picture that moves."""
+    """Write all methods side by side, as an MP4 and as an animated WebP."""
     reels = []
     for method in work.params.animation.methods:
         frames = []
@@ -191,6 +197,6 @@ def write_films(work: Workspace, refusals: dict[str, str], count: int) -> None:
             f"none of them can serve {work.scene}",
             "List one that can.",
         )
-    picture = compose(reels, picture_panel(work.film_size, len(reels)))
-    write_moving_picture(folder / "animation.webp", picture, fps)
+    webp = compose(reels, webp_panel(work.film_size, len(reels)))
+    write_webp(folder / "animation.webp", webp, fps)
     write_film(folder / "animation.mp4", compose(reels, film_panel(work.film_size)), fps)

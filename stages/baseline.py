@@ -1,4 +1,4 @@
-"""Stage `baseline`: novel views by a system that the field is compared with."""
+"""Stage `baseline`: novel views by a system with which the field is compared."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from stages.common.workspace import Workspace
 
 
 def run_baselines(scene_name: str, method: str | None = None, go_on: bool = False) -> None:
-    """Run a row of `baselines`, or all that `methods` lists, each in a process of its own.
+    """Run one row of `baselines`, or all rows in `methods`, each in a separate process.
 
-    ``go_on``: a method that cannot serve the scene is no error; its reason is kept either way.
+    If a method cannot serve the scene, the reason is saved; with ``go_on`` that is no error.
     """
     work = Workspace.open(scene_name)
     if method is None:
@@ -51,25 +51,25 @@ def run_baselines(scene_name: str, method: str | None = None, go_on: bool = Fals
 
 
 def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
-    """Prepare a system and render all novel views, as EXR and as previews."""
+    """Prepare a system and render all novel views, as EXR and PNG.
+
+    Raises
+    ------
+    CannotServe: the system cannot render the scene.
+    """
     refuse_other_scenes(work, method, options)
-    if not work.views.novel:
-        raise UserError(
-            str(work.views_file), "has no novel views", "Add some: they are what is rendered."
-        )
-    title = f"{work.scene}: {method}"
+    views, title = work.novel_views(), f"{work.scene}: {method}"
     with progress_bar(f"{title}, preparing", 1) as bar:
         prepared, costs = prepare(work, method, options, bar)
-    folder = work.render(method, "").parent
-    shutil.rmtree(folder, ignore_errors=True)
-    with progress_bar(f"{title}, rendering", len(work.views.novel)) as bar:
+    shutil.rmtree(work.renders(method), ignore_errors=True)
+    with progress_bar(f"{title}, rendering", len(views)) as bar:
         render_all(work, method, prepared, costs, bar)
-    costs.facts |= {"views": len(work.views.novel), **prepared.facts}
+    costs.facts |= {"views": len(views), **prepared.facts}
     costs.facts["storage_megabytes"] = prepared.storage_bytes / 1e6
     costs.note_peak_memory()
-    costs.facts["path_seconds"] = time_path(work.load_scene(), work.views.novel[0], work.film_size)
+    costs.facts["path_seconds"] = time_path(work.load_scene(), views[0], work.film_size)
     costs.write(work.cost(f"baselines/{method}"))
-    # What it learned stays: the stage `animate` need not learn it again.
+    # Learned states stay for the stage `animate`.
     if not options.learns:
         forget_state(work, method)
 
@@ -77,7 +77,7 @@ def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
 def prepare(
     work: Workspace, method: str, options: BaselineOptions, bar: Bar
 ) -> tuple[Prepared, CostMeter]:
-    """What a system renders with, and what it has cost, earlier runs of the same task included."""
+    """The prepared system, and its costs; both include earlier runs of the same task."""
     state = open_state(work, method, options)
     costs = CostMeter.load(state / "costs.json")
     report = Reporter(bar, costs, state / "costs.json")
@@ -89,7 +89,7 @@ def prepare(
 
 
 def refuse_other_scenes(work: Workspace, method: str, options: BaselineOptions) -> None:
-    """Raise the refusal of a method that is not meant for the scene."""
+    """Raise :class:`CannotServe` if the method is not meant for the scene."""
     if options.scenes and work.scene not in options.scenes:
         raise CannotServe(
             f"params.yaml: baselines.{method}.scenes",
@@ -100,7 +100,7 @@ def refuse_other_scenes(work: Workspace, method: str, options: BaselineOptions) 
 
 @dataclass
 class Reporter:
-    """Shows how far a preparation is, and keeps what it has cost for a run that goes on."""
+    """Shows the progress of a preparation, and saves its costs for a run that continues it."""
 
     bar: Bar
     costs: CostMeter
@@ -108,7 +108,7 @@ class Reporter:
     kept: float = field(default_factory=time.monotonic)
 
     def __call__(self, done: int, total: int) -> None:
-        """So much of the preparation is done."""
+        """Report that ``done`` of ``total`` steps of the preparation are done."""
         self.bar(done, total)
         if time.monotonic() - self.kept > 10:
             self.costs.so_far("prepare")
@@ -138,7 +138,7 @@ def render_all(
 def make_task(
     work: Workspace, options: BaselineOptions, state: Path, report: Callable[[int, int], None]
 ) -> Task:
-    """What the system is given."""
+    """Everything that the system is given."""
     return Task(
         name=work.scene,
         scene=work.load_scene(),
@@ -157,14 +157,19 @@ def make_task(
 
 
 def effort(work: Workspace, options: BaselineOptions) -> dict[str, Any]:
-    """How the field is trained and rendered, for systems that are to have as much."""
-    if not options.learns_from_targets:  # no other system depends on it
+    """Settings of the field's training and rendering, for systems that use the same effort."""
+    if not options.learns_from_targets:  # other systems do not depend on them
         return {}
     return {"train": work.params.train, "render": work.params.render}
 
 
 def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
-    """So many training views with their references, those that the field learns from first."""
+    """``count`` training views with their references; the field's training views come first.
+
+    Raises
+    ------
+    CannotServe: there are fewer.
+    """
     found: list[TrainingView] = []
     for view in (*work.views.train, *work.views.more):
         path = work.reference(view.name)
@@ -177,20 +182,19 @@ def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
         raise CannotServe(
             str(work.folder / "reference"),
             f"{count} training views with images are needed, there are {len(found)}",
-            "Set reference.images in params.yaml to auto, or to so many; list more views under "
-            f"`more` in scenes/{work.scene}/views.yaml, and run the stages scene and "
-            "reference.",
+            f"Set reference.images in params.yaml to auto or to {count}, list more views under "
+            f"`more` in scenes/{work.scene}/views.yaml, and run the stages scene and reference.",
         )
     return tuple(found)
 
 
 def seconds_per_view(work: Workspace) -> float:
-    """What a view from the field costs, without compilation."""
+    """Seconds that a view from the field takes, without compilation."""
     return stage_costs.seconds_per_view(read_json(work.cost("render")))
 
 
 def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
-    """The folder where a killed preparation left what it had, if that was the same task."""
+    """The folder with the state of an earlier preparation, if it had the same task."""
     task = {
         "code": digest_of(*options.lists[:1]),
         "scene": work.scene_digest,
@@ -210,18 +214,18 @@ def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
 
 
 def forget_state(work: Workspace, method: str) -> None:
-    """Remove what a method's preparation has left for another run."""
+    """Remove the state of a method's preparation."""
     shutil.rmtree(state_folder(work, method), ignore_errors=True)
     work.forget_checkpoints()
 
 
 def state_folder(work: Workspace, method: str) -> Path:
-    """Where a method's preparation keeps what a killed run would lose."""
+    """The folder for the state of a method's preparation."""
     return work.folder / "checkpoints" / f"baseline-{method}"
 
 
 def refuse(work: Workspace, method: str, refusal: CannotServe) -> None:
-    """Keep the reason in place of images."""
+    """Save the reason in place of images."""
     file = work.refusal(method)
     shutil.rmtree(file.parent, ignore_errors=True)
     write_json(file, {"reason": refusal.what, "where": refusal.where, "todo": refusal.todo})

@@ -14,7 +14,7 @@ from stages.common.workspace import Workspace
 
 
 def trace(scene_name: str) -> None:
-    """Trace photons and keep those that met diffuse surfaces in the visible region."""
+    """Trace photons; save those that land on diffuse surfaces in the visible region."""
     work = Workspace.open(scene_name)
     section = work.params.photons
     scene = work.load_scene()
@@ -43,7 +43,7 @@ def trace(scene_name: str) -> None:
 
 
 def load_photons(work: Workspace) -> Photons:
-    """The photons that this stage kept."""
+    """The photons that this stage saved."""
     tensors, _ = read_tensors(work.photons, "photons")
 
     def columns(name: str) -> np.ndarray:

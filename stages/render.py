@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.errors import UserError
 from gpf.core.images import check_finite, write_exr, write_png
 from gpf.core.progress import progress_bar, say
 from gpf.field.io import load_field
@@ -20,7 +20,7 @@ from stages.common.costs import CostMeter
 from stages.common.timing_baseline import time_path
 from stages.common.workspace import Workspace
 
-# A pixel is weakly covered where the field had to reach so many search radii for its neighbours.
+# A pixel is weakly covered if the farthest Gaussian of its query is this many search radii away.
 WEAK_REACH = 1.5
 
 
@@ -30,27 +30,13 @@ def render_views(scene_name: str) -> None:
 
 
 def render_novel_views(work: Workspace) -> None:
-    """Render every novel view, as EXR and as a preview."""
-    section, views = work.params.render, work.views.novel
-    if not views:
-        raise UserError(
-            str(work.views_file), "has no novel views", "Add some: they are what is rendered."
-        )
-    renderer = FieldRenderer.open(work, work.params.film.height, section.spp)
-    costs, shares = CostMeter(), {}
-    with progress_bar(f"{work.scene}: rendering", len(views)) as advance:
-        for k, view in enumerate(views):
-            with costs.measure("render"):
-                picture = renderer.render(view, section.seed + k)
-            record = {"method": "gpf", "spp": section.spp, "view": view.model_dump(mode="json")}
-            path = work.render("gpf", view.name)
-            layers = {"radiance": picture.radiance, "coverage": picture.coverage}
-            write_exr(path, layers, record)
-            write_png(path.with_suffix(".png"), picture.radiance, work.views.exposure)
-            shares[view.name] = picture.weakly_covered
-            advance(k + 1)
-    tell_of_coverage(work.scene, shares)
-    costs.facts |= {"views": len(views), "spp": section.spp}
+    """Render every novel view, as EXR and PNG, and write the costs."""
+    views, spp = work.novel_views(), work.params.render.spp
+    renderer = FieldRenderer.open(work, work.params.film.height, spp)
+    costs = CostMeter()
+    shares = renderer.write(views, work.renders("gpf"), costs)
+    report_coverage(work.scene, shares)
+    costs.facts |= {"views": len(views), "spp": spp}
     costs.facts["weakly_covered"] = list(shares.values())
     costs.facts["field_megabytes"] = work.field.stat().st_size / 1e6
     costs.note_peak_memory()
@@ -65,7 +51,8 @@ class Picture:
     Attributes
     ----------
     radiance: W/(m² sr), (H, W, 3).
-    coverage: how far the field had to reach, in search radii; 0 where it was not asked, (H, W).
+    coverage: distance of the farthest Gaussian of the queries, in search radii, (H, W); 0 without
+        a query.
     """
 
     radiance: np.ndarray
@@ -73,13 +60,14 @@ class Picture:
 
     @property
     def weakly_covered(self) -> float:
-        """The share of the pixels where the field has little to go by."""
+        """The share of weakly covered pixels."""
         return float(np.mean(self.coverage > WEAK_REACH))
 
 
 @dataclass(frozen=True)
 class FieldRenderer:
-    """A scene with its field, ready for any view, ``height`` pixels high, ``spp`` samples each."""
+    """A scene with its field; renders any view at ``height`` rows with ``spp`` samples per
+    pixel."""
 
     work: Workspace
     scene: Any
@@ -89,7 +77,7 @@ class FieldRenderer:
 
     @classmethod
     def open(cls, work: Workspace, height: int, spp: int) -> FieldRenderer:
-        """Load the scene and its field, and say so if the one is not made for the other."""
+        """Load the scene and its field; print a message if the field is for another scene."""
         section, scene = work.params.render, work.load_scene()
         integrator = mi.load_dict(
             {
@@ -102,34 +90,52 @@ class FieldRenderer:
             }
         )
         integrator.field = load_field(work.field)
-        tell_of_another_scene(work, integrator.field.record)
+        report_other_scene(work, integrator.field.record)
         return cls(work, scene, integrator, height, spp)
 
     def render(self, view: View, seed: int) -> Picture:
-        """One view."""
+        """Render one view."""
         size, sampler = self.work.views.size(self.height), self.work.params.render.sampler
         sensor = make_sensor(view, *size, spp=self.spp, sampler=sampler)
         image = render_in_batches(self.scene, self.integrator, sensor, self.spp, seed)
         check_finite(image[..., :3], f"{self.work.scene}, view {view.name}")
         return Picture(image[..., :3], image[..., 3])
 
+    def write(self, views: Sequence[View], folder: Path, costs: CostMeter) -> dict[str, float]:
+        """Render views as ``NAME.exr`` and ``NAME.png``; the share of weakly covered pixels by
+        view. ``costs`` gets the part ``render``."""
+        shares = {}
+        with progress_bar(f"{self.work.scene}: rendering", len(views)) as advance:
+            for k, view in enumerate(views):
+                with costs.measure("render"):
+                    picture = self.render(view, self.work.params.render.seed + k)
+                record = {"method": "gpf", "spp": self.spp, "view": view.model_dump(mode="json")}
+                layers = {"radiance": picture.radiance, "coverage": picture.coverage}
+                write_exr(folder / f"{view.name}.exr", layers, record)
+                exposure = self.work.views.exposure
+                write_png(folder / f"{view.name}.png", picture.radiance, exposure)
+                shares[view.name] = picture.weakly_covered
+                advance(k + 1)
+        return shares
 
-def tell_of_coverage(scene: str, shares: Mapping[str, float]) -> None:
-    """Say how much of the pictures the field knows little about."""
+
+def report_coverage(scene: str, shares: Mapping[str, float]) -> None:
+    """Print the share of weakly covered pixels."""
     worst = max(shares, key=shares.__getitem__)
     mean = sum(shares.values()) / len(shares)
     say(
-        f"{scene}: {mean:.2%} of the pixels look where the field has little to go by (channel "
-        f"coverage above {WEAK_REACH:g}); in the view {worst}, {shares[worst]:.2%}"
+        f"{scene}: {mean:.2%} of the pixels are weakly covered by Gaussians (channel coverage "
+        f"above {WEAK_REACH:g}); in the view {worst}, {shares[worst]:.2%}"
     )
 
 
-def tell_of_another_scene(work: Workspace, record: Mapping[str, Any]) -> None:
-    """Say so where the field was not trained in the scene as it is; a field may not know."""
+def report_other_scene(work: Workspace, record: Mapping[str, Any]) -> None:
+    """Print a message if the field was not trained in the current scene; older fields do not
+    record it."""
     trained_in = record.get("scene", work.scene_digest)
     if trained_in != work.scene_digest:
         say(
-            f"{work.field} was trained in another scene, or before this one was changed (scene "
-            f"{trained_in}, here {work.scene_digest}): the images have the light of that one. "
+            f"{work.field} was trained in another scene, or before this scene was changed (scene "
+            f"{trained_in}, here {work.scene_digest}): the images show the light of that scene. "
             f"`gpf stage train --scene {work.scene}` makes a new field."
         )

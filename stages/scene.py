@@ -1,4 +1,4 @@
-"""Stage `scene`: freeze a scene into results/, with everything that its builder generates."""
+"""Stage `scene`: copy a scene into results/, with everything that its builder generates."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from stages.common.workspace import Workspace
 
 
 def prepare_scene(scene_name: str) -> None:
-    """Build and copy the scene, load it once, and write down what it consists of."""
+    """Build and copy the scene, load it once, and write a list of its contents."""
     work = Workspace.open(scene_name)
     if not load_views(scene_name).novel:
         raise UserError(
             f"{scene_folder(scene_name) / 'views.yaml'}: views.novel",
-            "is empty, so there is nothing to judge a field by",
-            "Add a view that no training sees.",
+            "is empty, so the field cannot be compared with references",
+            "Add a view that is not a training view.",
         )
     costs = CostMeter()
     with costs.measure("scene"):

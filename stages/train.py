@@ -1,4 +1,4 @@
-"""Stage `train`: photons and targets -> fitted field."""
+"""Stage `train`: fit the field to the targets."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def train_field(scene_name: str) -> None:
 
 
 def fit(work: Workspace) -> None:
-    """Fit a field, keep its best state, and record the curves."""
+    """Fit a field; save its best state, the training curves and the costs."""
     section, recipe = work.params.train, work.params.recipe
     costs, stream = CostMeter(), None
     if section.supervision == "streaming":
@@ -46,8 +46,15 @@ def fit(work: Workspace) -> None:
         field = recipe.initial_field(count, photons, targets, bounds)
     with costs.measure("training"):
         trainer = recipe.trainer(field, points)
+    fingerprint = {
+        "code": digest_of("train"),
+        "gaussians": count,
+        "targets": work.digest(work.targets),
+        "photons": work.digest(work.photons),
+        "params": _params(work),
+    }
     if stream is None:
-        spent = restore_trainer(trainer, work.checkpoint("train"), _fingerprint(work, count))
+        spent = restore_trainer(trainer, work.checkpoint("train"), fingerprint)
         if spent:
             costs.parts["training"] = spent
     curves = str(work.field_folder / "training")
@@ -59,11 +66,11 @@ def fit(work: Workspace) -> None:
             live.log_metric("held_out_error", progress.held_out_error)
             live.next_step()
 
-        # The curve of an interrupted run is in its checkpoint.
+        # A checkpoint contains the curve so far.
         for progress in trainer.history:
             report(progress)
         if stream is None:
-            _train_on_references(work, trainer, count, costs, report)
+            _train_on_references(work, trainer, fingerprint, costs, report)
         else:
             _train_on_stream(work, trainer, stream, costs, report)
     trained = trainer.finish()
@@ -82,7 +89,7 @@ def fit(work: Workspace) -> None:
 
 
 def stream_of(work: Workspace) -> tuple[PhotonStream, Photons]:
-    """The first passes at the points of the training, and photons for Gaussians."""
+    """A stream that has done its first passes, and photons for the Gaussians."""
     scene = work.load_scene()
     plan = work.emission_plan(scene)
     sensors = {view.name: work.sensor(view) for view in work.views.train}
@@ -91,41 +98,30 @@ def stream_of(work: Workspace) -> tuple[PhotonStream, Photons]:
 
 
 def _params(work: Workspace) -> dict[str, Any]:
+    """The sections of params.yaml that the training depends on."""
     names = ["train", "field"]
     if work.params.train.supervision == "streaming":
         names += ["stream", "reference"]
     return {name: getattr(work.params, name).model_dump() for name in names}
 
 
-def _fingerprint(work: Workspace, count: int) -> dict[str, Any]:
-    """What a checkpoint belongs to."""
-    return {
-        "code": digest_of("train"),
-        "gaussians": count,
-        "targets": work.digest(work.targets),
-        "photons": work.digest(work.photons),
-        "params": _params(work),
-    }
-
-
 def _train_on_references(
     work: Workspace,
     trainer: Trainer,
-    count: int,
+    fingerprint: dict[str, Any],
     costs: CostMeter,
     report: Callable[[Progress], None],
 ) -> None:
-    """All steps that are left, on targets that do not change."""
-    section = work.params.train
-    checkpoint, fingerprint = work.checkpoint("train"), _fingerprint(work, count)
-    saved = time.monotonic()
+    """Take all remaining steps, on constant targets; ``fingerprint``: of the checkpoints."""
+    section, saved = work.params.train, time.monotonic()
     with progress_bar(f"{work.scene}: training", section.steps) as advance:
 
         def tick(step: int) -> None:
             nonlocal saved
             advance(step)
             if time.monotonic() - saved > section.checkpoint_seconds:
-                save_trainer(trainer, checkpoint, fingerprint, costs.so_far("training"))
+                cost = costs.so_far("training")
+                save_trainer(trainer, work.checkpoint("train"), fingerprint, cost)
                 saved = time.monotonic()
 
         with costs.measure("training"):
@@ -139,7 +135,7 @@ def _train_on_stream(
     costs: CostMeter,
     report: Callable[[Progress], None],
 ) -> None:
-    """All steps, while passes come in."""
+    """Take all steps, alternating with passes."""
     total = work.params.stream.passes + work.params.train.steps
     with (
         progress_bar(f"{work.scene}: photons and training", total) as advance,

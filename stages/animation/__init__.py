@@ -1,1 +1,1 @@
-"""Films of the camera path, and how much they flicker."""
+"""Films of the camera path, and their flicker."""

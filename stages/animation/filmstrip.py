@@ -1,4 +1,4 @@
-"""Frames of several methods side by side, as a film and as a picture that moves."""
+"""Frames of several methods side by side, as an MP4 and as an animated WebP."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ GAP = 8
 PAPER, INK, BLANK = (255, 255, 255), (0, 0, 0), (222, 222, 222)
 
 FILM_HEIGHTS = 256, 384
-"""Panels of the film are at least and at most so high, pixels."""
+"""Smallest and largest height of a panel in the MP4, pixels."""
 
-PICTURE_WIDTH, PICTURE_BYTES = 960, 3_000_000
-"""Of the picture that moves: made for a README."""
+WEBP_WIDTH, WEBP_BYTES = 960, 3_000_000
+"""Largest width, pixels, and size of the WebP; it is made for a README."""
 
 _REINSTALL = (
-    "See that the disk has room; `pip install --force-reinstall imageio-ffmpeg` brings the encoder "
-    "anew."
+    "Check that the disk has room; `pip install --force-reinstall imageio-ffmpeg` installs the "
+    "encoder again."
 )
 
 
 @dataclass(frozen=True)
 class Reel:
-    """What one panel shows.
+    """The content of one panel.
 
     Attributes
     ----------
-    title: above it.
-    frames: sRGB, 8 bits, each (H, W, 3); none where the method has none.
-    reason: shown in their place.
+    title: text above the panel.
+    frames: sRGB, 8 bits, each (H, W, 3); empty if the method has no frames.
+    reason: shown in place of frames.
     """
 
     title: str
@@ -47,14 +47,14 @@ class Reel:
 
 
 def compose(reels: Sequence[Reel], panel: tuple[int, int]) -> list[Image.Image]:
-    """All frames with the panels side by side, each of ``panel`` width and height in pixels."""
+    """All frames with the panels side by side; ``panel``: width and height of each, pixels."""
     width, height = panel
     font = _font(max(11, round(width / 15)), bold=True)
     small = _font(max(10, round(width / 17)))
     headings = [_wrap(reel.title.replace(", ", ",\n"), font, width) for reel in reels]
     line = font.getbbox("Ag")[3] + 3
     head = round(max(heading.count("\n") + 1 for heading in headings) * line) + 2 * GAP
-    # Encoders want even sizes.
+    # H.264 with 4:2:0 needs even sizes.
     total = (len(reels) * (width + GAP) + GAP) // 2 * 2, (head + height + GAP) // 2 * 2
     sheet = Image.new("RGB", total, PAPER)
     draw = ImageDraw.Draw(sheet)
@@ -81,29 +81,29 @@ def compose(reels: Sequence[Reel], panel: tuple[int, int]) -> list[Image.Image]:
 
 
 def film_panel(size: tuple[int, int]) -> tuple[int, int]:
-    """Size of a panel in the film, for images of a size."""
+    """Width and height of a panel in the MP4, for images of the given width and height."""
     height = min(max(size[1], FILM_HEIGHTS[0]), FILM_HEIGHTS[1])
     return max(1, round(size[0] * height / size[1])), height
 
 
-def picture_panel(size: tuple[int, int], count: int) -> tuple[int, int]:
-    """Size of a panel in the picture, for so many images of a size side by side."""
-    width = min((PICTURE_WIDTH - GAP) // count - GAP, 320)
+def webp_panel(size: tuple[int, int], count: int) -> tuple[int, int]:
+    """Width and height of a panel in the WebP, for ``count`` images of the given size."""
+    width = min((WEBP_WIDTH - GAP) // count - GAP, 320)
     return width, max(1, round(width * size[1] / size[0]))
 
 
 def write_film(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
-    """Write an MP4 that any browser plays: H.264, 8 bits, 4:2:0. Equal frames give equal files.
+    """Write an MP4 for all browsers: H.264, 8 bits, 4:2:0. The same frames give the same bytes.
 
     Raises
     ------
-    UserError: the package that brings the encoder is missing, or it failed.
+    UserError: the package with the encoder is missing, or the encoder failed.
     """
     width, height = frames[0].size
     command = [_find_encoder(), "-y", "-loglevel", "error"]
     command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps}"]
     command += ["-i", "-", "-c:v", "libx264", "-preset", "slow", "-crf", "20"]
-    # One thread and no dates: what is written depends on the frames alone.
+    # One thread and no dates, so that the file depends on the frames alone.
     command += ["-pix_fmt", "yuv420p", "-threads", "1", "-map_metadata", "-1"]
     command += ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-movflags", "+faststart"]
 
@@ -118,7 +118,7 @@ def write_film(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
 
 
 def _find_encoder() -> str:
-    """The program of the package imageio-ffmpeg."""
+    """The path of the encoder in the package imageio-ffmpeg."""
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
 
@@ -128,11 +128,11 @@ def _find_encoder() -> str:
             "imageio_ffmpeg", "is not installed, so no MP4", "pip install imageio-ffmpeg"
         ) from error
     except RuntimeError as error:
-        raise UserError("imageio_ffmpeg", f"brings no encoder: {error}", _REINSTALL) from error
+        raise UserError("imageio_ffmpeg", f"has no encoder: {error}", _REINSTALL) from error
 
 
-def write_moving_picture(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
-    """Write an animated WebP that repeats, as good as fits into :data:`PICTURE_BYTES`."""
+def write_webp(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
+    """Write a looping animated WebP, with the best quality that fits into :data:`WEBP_BYTES`."""
     for quality in (85, 75, 65, 50, 35, 20, 5):
         buffer = BytesIO()
         frames[0].save(
@@ -145,25 +145,20 @@ def write_moving_picture(path: Path, frames: Sequence[Image.Image], fps: int) ->
             quality=quality,
             method=4,
         )
-        if buffer.tell() <= PICTURE_BYTES:
+        if buffer.tell() <= WEBP_BYTES:
             break
-    content = buffer.getvalue()
-
-    def write(file: Path) -> None:
-        file.write_bytes(content)
-
-    write_atomically(path, write)
+    write_atomically(path, lambda file: file.write_bytes(buffer.getvalue()))
 
 
 def _wrap(text: str, font: ImageFont.FreeTypeFont, width: float) -> str:
-    """Text in lines that are no longer than ``width`` pixels."""
+    """Text in lines of about ``width`` pixels at most."""
     letters = max(4, int(width / font.getlength("abcdefghij") * 10))
     lines = (textwrap.wrap(line, letters) for line in text.split("\n"))
     return "\n".join(part for parts in lines for part in parts)
 
 
 def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """The font of the figures, which comes with matplotlib."""
+    """The font of the figures, which is part of matplotlib."""
     from matplotlib.font_manager import FontProperties, findfont
 
     weight = "bold" if bold else "normal"

@@ -1,4 +1,4 @@
-"""How much the frames of an animation flicker, and by how much a reference's noise would."""
+"""The flicker of the frames of an animation, and the flicker from the noise of references."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from stages.animation.frame_points import see_points
 from stages.common.workspace import Workspace
 
 WAYS = ("directly", "refracted")
-"""How surfaces are seen whose flicker is told; named as in :class:`SeenPoints`."""
+"""Kinds of visible surfaces, named as in :class:`SeenPoints`; flicker is measured for each."""
 
 
 def compare_frames(
     work: Workspace, frames: Mapping[str, Sequence[Path]], views: Sequence[View]
 ) -> dict[str, Any]:
-    """Flicker of each method on surfaces that are seen directly, and through water or glass.
+    """Flicker of each method on surfaces that are visible directly, and through water or glass.
 
     Parameters
     ----------
-    frames: method -> the images of the views.
+    frames: method -> the image files of the views.
     """
     scene, closed = work.load_scene(), bool(work.views.path and work.views.path.closed)
     seen = [see_ways(scene, view, work) for view in views]
@@ -44,32 +44,32 @@ def compare_frames(
         found = [link_frames(a, b) for a, b in (steps if closed else steps[:-1])]
         if any(len(link.later) for link in found):
             links[way] = found
-    told: dict[str, dict[str, Any]] = {}
+    methods: dict[str, dict[str, Any]] = {}
     for method, files in frames.items():
         images = [read_exr(file)[0]["radiance"] for file in files]
-        told[method] = {}
+        methods[method] = {}
         for way, found in links.items():
             flicker = measure_flicker(images, found, work.views.exposure)
-            told[method][way] = {**asdict(flicker), "noise": flicker.noise}
+            methods[method][way] = {**asdict(flicker), "noise": flicker.noise}
     return {
         "unit": "levels of 255",
         "frames": len(views),
-        "methods": told,
+        "methods": methods,
         "noise_of_references": noise_of_references(work, scene),
     }
 
 
 def see_ways(scene: mi.Scene, view: View, work: Workspace) -> dict[str, FramePoints]:
-    """What a view's pixels see in each of :data:`WAYS`."""
+    """The points that a view's pixels see, for each of :data:`WAYS`."""
     seen = see_points(scene, view, work.film_size)
     return {way: FramePoints(seen.points, getattr(seen, way)) for way in WAYS}
 
 
 def noise_of_references(work: Workspace, scene: mi.Scene) -> dict[str, dict[str, float]]:
-    """What references of the path would change by, from their noise alone.
+    """The change between frames that references of the path would have from their noise alone.
 
-    It is told in the novel views, in pixels of the kinds in which methods are measured; ``share``
-    is that of these pixels.
+    It is computed in the novel views, in the kinds of pixels in which methods are measured;
+    ``share`` is the share of these pixels.
     """
     found: dict[str, list[np.ndarray]] = {way: [] for way in WAYS}
     noise: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {way: [] for way in WAYS}
@@ -81,10 +81,10 @@ def noise_of_references(work: Workspace, scene: mi.Scene) -> dict[str, dict[str,
                 kept = smooth_pixels(points)
                 found[way].append(kept)
                 noise[way].append((layers["radiance"][kept], layers["standard_error"][kept]))
-    told = {}
+    result = {}
     for way in WAYS:
         if np.any(found[way]):
             radiance, error = (np.concatenate(part) for part in zip(*noise[way], strict=True))
             change = change_of_noise(radiance, error, work.views.exposure)
-            told[way] = {"change": change, "share": float(np.mean(found[way]))}
-    return told
+            result[way] = {"change": change, "share": float(np.mean(found[way]))}
+    return result

@@ -1,4 +1,4 @@
-"""What the pixels of a view see, as far as it can be found again in another view."""
+"""The points that the pixels of a view see, if they can be found again in another view."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gpf.scene.materials import has_diffuse
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 
-# Surfaces of water and glass that a ray goes through, at most.
+# Largest number of water and glass surfaces that a ray passes.
 MOST_SURFACES = 16
 
 
@@ -23,8 +23,8 @@ class SeenPoints:
     Attributes
     ----------
     points: positions, world units, (H, W, 3).
-    directly: where nothing but air lies between, (H, W), bool.
-    refracted: where smooth water or glass does, (H, W), bool.
+    directly: pixels that see a point through air alone, (H, W), bool.
+    refracted: pixels that see a point through smooth water or glass, (H, W), bool.
     """
 
     points: np.ndarray
@@ -34,10 +34,10 @@ class SeenPoints:
 
 @dr.syntax
 def see_points(scene: mi.Scene, view: View, size: tuple[int, int]) -> SeenPoints:
-    """Follow a ray through the middle of each pixel, straight or refracted, to a diffuse surface.
+    """Follow a ray through the centre of each pixel, straight or refracted, to a diffuse surface.
 
-    Rays that meet a mirror, a glossy surface, a lamp or nothing, or are reflected back inside the
-    water, see no point that would look the same from elsewhere.
+    A ray finds no point if it meets a mirror, a glossy surface, a lamp or nothing, or is totally
+    reflected: such pixels look different from other places.
     """
     width, height = size
     sensor = make_sensor(view, width, height)
@@ -58,13 +58,13 @@ def see_points(scene: mi.Scene, view: View, size: tuple[int, int]) -> SeenPoints
         bsdf = si.bsdf(ray)
         flags = bsdf.flags()
         ends = active & has_diffuse(bsdf, si)
-        # A lobe beside the diffuse one looks different from elsewhere.
+        # Surfaces with further lobes look different from other places.
         others = mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta)
         if ends & ~others & ~(si.shape.is_emitter()):
             p = mi.Point3f(si.p)
             found = mi.Bool(True)
         active &= ~ends & mi.has_flag(flags, mi.BSDFFlags.DeltaTransmission)
-        # Of a smooth dielectric this is the refracted direction, unless all light is reflected.
+        # For a smooth dielectric, this is the refracted direction, if there is one.
         sample, _ = bsdf.sample(mi.BSDFContext(), si, 1 - 1e-6, mi.Point2f(0.5), active)
         active &= mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaTransmission)
         ray = si.spawn_ray(si.to_world(sample.wo))

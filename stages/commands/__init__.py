@@ -1,1 +1,1 @@
-"""The commands of `gpf` that need the project around them."""
+"""The commands of `gpf` that need a checkout of the project."""

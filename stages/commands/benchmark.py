@@ -1,4 +1,4 @@
-"""The commands of `gpf` that need the project around them: `gpf stage NAME` and what goes with it."""
+"""The commands of `gpf` that need a checkout of the project: `gpf stage NAME` and others."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from stages.common.makers import naming_commands
 
 scene_app = typer.Typer(help="The scenes of the project.", no_args_is_help=True)
 
-# Stage -> module and function. Imported when called: a stage pays for its own imports alone.
+# Stage -> module and function; imported when called, so that each stage imports only what it needs.
 STAGES = {
     "scene": ("stages.scene", "prepare_scene"),
     "reference": ("stages.reference", "render_references"),
@@ -37,29 +37,33 @@ def stage(
     name: Annotated[StageName, typer.Argument(help="The stage to run.")],
     scene: Annotated[
         str | None,
-        typer.Option(help="The scene to run it for; all but `report` need one."),
+        typer.Option(help="The scene; every stage except `report` needs one."),
     ] = None,
     passes: Annotated[
         str | None,
-        typer.Option(metavar="FIRST:LAST", help="Of `reference`: FIRST to LAST-1 alone, from 0."),
+        typer.Option(
+            metavar="FIRST:LAST",
+            help="For `reference`: only passes FIRST to LAST-1, counted from 0.",
+        ),
     ] = None,
     method: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Of `baseline`: this row of params.yaml alone."),
+        typer.Option(metavar="NAME", help="For `baseline`: only this row of params.yaml."),
     ] = None,
     variant: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Of `ablation`: this variant of params.yaml alone."),
+        typer.Option(metavar="NAME", help="For `ablation`: only this variant of params.yaml."),
     ] = None,
     go_on: Annotated[
         bool,
         typer.Option(
             "--go-on",
-            help="Of `baseline` and `ablation`: note why one cannot serve the scene; no error.",
+            help="For `baseline` and `ablation`: if one cannot run in the scene, save the reason; "
+            "no error.",
         ),
     ] = False,
 ) -> None:
-    """Run one stage of the pipeline for one scene, from what the stages before it left."""
+    """Run one stage of the pipeline for one scene; it reads the files of earlier stages."""
     given = {
         "scene": (tuple(s for s in STAGES if s not in OF_ALL_SCENES), scene),
         "passes": (("reference",), passes),
@@ -73,44 +77,45 @@ def stage(
             flag = "--go-on" if option == "go_on" else f"--{option} {options[option]}"
             raise UserError(flag, f"is not for {name.value}", "Leave it out.")
     if name.value not in OF_ALL_SCENES and "scene" not in options:
-        raise UserError(f"stage {name.value}", "is run for a scene", "Name it with --scene.")
+        raise UserError(f"stage {name.value}", "needs a scene", "Name it with --scene.")
     module, function = STAGES[name.value]
     arguments = [options.pop("scene")] if "scene" in options else []
     try:
         getattr(importlib.import_module(module), function)(*arguments, **options)
-    except BaseException as error:  # here and not in main: typer would not let it through
+    except BaseException as error:  # not in main, because typer catches interrupts itself
         if not _is_interrupt(error):
             raise
-        typer.echo("\nstopped; run it again to go on", err=True)
+        typer.echo("\nstopped; run it again to continue", err=True)
         raise typer.Exit(130) from None
 
 
 def profile(
-    name: Annotated[str, typer.Argument(help="smoke, desk, full or paper.")],
+    name: Annotated[str, typer.Argument(help="quick, desk, full, paper or smoke.")],
 ) -> None:
-    """Rewrite params.yaml with the sizes of a profile, and say what changed."""
+    """Write the sizes of a profile into params.yaml, and print what changed."""
     from stages.commands.profiles import apply_profile
 
     apply_profile(name)
 
 
 def render(
-    scene: Annotated[str, typer.Argument(help="A scene that has been trained.")],
+    scene: Annotated[str, typer.Argument(help="A trained scene.")],
     view: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME", help="A view of its views.yaml, or several; by default the novel ones."
+            metavar="NAME",
+            help="A view in its views.yaml; may be given several times. Default: novel views.",
         ),
     ] = None,
     frames: Annotated[bool, typer.Option("--frames", help="All of its camera path.")] = False,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FOLDER", help="By default results/SCENE/pictures."),
+        typer.Option("--out", "-o", metavar="FOLDER", help="Default: results/SCENE/pictures."),
     ] = None,
     height: Annotated[int | None, typer.Option(min=4, max=8192, help="Pixels.")] = None,
     spp: Annotated[int | None, typer.Option(min=1, help="Camera samples per pixel.")] = None,
 ) -> None:
-    """Render views from a field that has been trained."""
+    """Render views from the field of a trained scene."""
     from stages.commands.pictures import render_pictures
 
     render_pictures(scene, view or [], frames, out, height, spp)
@@ -118,7 +123,7 @@ def render(
 
 @scene_app.command("list")
 def list_all() -> None:
-    """List the scenes, with their views and whether params.yaml has them."""
+    """List the scenes, with their numbers of views, and whether params.yaml lists them."""
     from stages.commands.scene_list import print_scenes
 
     print_scenes()
@@ -128,15 +133,15 @@ def list_all() -> None:
 def preview(
     name: Annotated[str, typer.Argument(help="The scene.")],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="PNG; by default in results/NAME.")
+        Path | None, typer.Option("--out", "-o", help="A PNG; default: in results/NAME.")
     ] = None,
     height: Annotated[int, typer.Option(min=16, max=1024, help="Rows of each picture.")] = 96,
     passes: Annotated[int, typer.Option(min=1, help="SPPM passes.")] = 8,
     everything: Annotated[
-        bool, typer.Option("--all", help="All training views and all frames, however many.")
+        bool, typer.Option("--all", help="All training views and all frames of the path.")
     ] = False,
 ) -> None:
-    """Render views small, path tracer and SPPM side by side, and say what is wrong with them."""
+    """Render small pictures of the views, path tracer and SPPM side by side, and list faults."""
     from stages.commands.preview import preview_scene
 
     preview_scene(name, out, height, passes, everything)
@@ -144,24 +149,26 @@ def preview(
 
 @scene_app.command("import")
 def import_foreign(
-    path: Annotated[Path, typer.Argument(help="A folder, an XML file, or a zip with one.")],
-    name: Annotated[str, typer.Option(help="What the scene is to be called here.")],
+    path: Annotated[
+        Path, typer.Argument(help="An XML file, or a folder or zip archive that contains one.")
+    ],
+    name: Annotated[str, typer.Option(help="The scene's name in the project.")],
 ) -> None:
-    """Copy a Mitsuba 3 scene into the project, report on it, and place views in it."""
+    """Copy a Mitsuba 3 scene into the project, print a report, and place views in the scene."""
     from stages.commands.scene_import import import_into_project
 
     import_into_project(path, name)
 
 
 def add_to(app: typer.Typer) -> None:
-    """Add these commands to the others of `gpf`."""
+    """Add these commands to `gpf`."""
     for command in (stage, profile, render):
         app.command()(naming_commands(command))
     app.add_typer(scene_app, name="scene")
 
 
 def _is_interrupt(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is what ended a stage: inside a loop, Dr.Jit makes another error of it."""
+    """Whether Ctrl-C caused an error: inside a loop, Dr.Jit raises another error from it."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None

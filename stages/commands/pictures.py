@@ -1,4 +1,4 @@
-"""`gpf render`: pictures of any view, or of a camera path, from a field that has been trained."""
+"""`gpf render`: pictures of any view, or of the camera path, from the field of a trained scene."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gpf.core.errors import UserError
-from gpf.core.images import write_exr, write_png
-from gpf.core.progress import progress_bar, say
+from gpf.core.progress import say
 from gpf.scene.views import View
+from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
-from stages.render import FieldRenderer, tell_of_coverage
+from stages.render import FieldRenderer, report_coverage
 
 
 def render_pictures(
@@ -26,27 +26,17 @@ def render_pictures(
     work = Workspace.open(scene)
     views = _choose(work, names, frames)
     folder = out or work.folder / "pictures"
-    section = work.params.render
-    height, spp = height or work.params.film.height, spp or section.spp
-    renderer = FieldRenderer.open(work, height, spp)
-    shares, start = {}, time.perf_counter()
-    with progress_bar(f"{scene}: pictures", len(views)) as advance:
-        for k, view in enumerate(views):
-            picture = renderer.render(view, section.seed + k)
-            layers = {"radiance": picture.radiance, "coverage": picture.coverage}
-            record = {"method": "gpf", "spp": spp, "view": view.model_dump(mode="json")}
-            write_exr(folder / f"{view.name}.exr", layers, record)
-            write_png(folder / f"{view.name}.png", picture.radiance, work.views.exposure)
-            shares[view.name] = picture.weakly_covered
-            advance(k + 1)
+    height, spp = height or work.params.film.height, spp or work.params.render.spp
+    renderer, start = FieldRenderer.open(work, height, spp), time.perf_counter()
+    shares = renderer.write(views, folder, CostMeter())
     seconds = (time.perf_counter() - start) / len(views)
-    tell_of_coverage(scene, shares)
+    report_coverage(scene, shares)
     what = f"{len(views)} picture{'s' if len(views) > 1 else ''}"
     say(f"{folder}: {what}, {seconds:.2f} s each")
 
 
 def _choose(work: Workspace, names: Sequence[str], frames: bool) -> list[View]:
-    """Novel views, if nothing is named."""
+    """The named views and the frames; without either, the novel views."""
     path = list(work.views.frames())
     if frames and not path:
         raise UserError(

@@ -1,4 +1,4 @@
-"""`gpf scene preview`: what the views of a scene see, before anything long is started."""
+"""`gpf scene preview`: small pictures of a scene's views, to check them before the pipeline."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gpf.scene.snapshot import snapshot_scene
 
 
 def preview_scene(name: str, out: Path | None, height: int, passes: int, whole: bool) -> None:
-    """Write a contact sheet of a scene's views and print what they see."""
+    """Write a contact sheet of a scene's views, and print what they see and their faults."""
     if out is not None and out.suffix.lower() != ".png":
         raise UserError(f"--out {out}", "is no PNG", "Give it a name that ends in .png.")
     project = scenes_root().parent
@@ -29,10 +29,10 @@ def preview_scene(name: str, out: Path | None, height: int, passes: int, whole: 
     chosen = choose_views(views, whole)
     out = out or project / "results" / name / "preview.png"
     with tempfile.TemporaryDirectory(prefix="gpf-preview-") as folder:
-        # As the pipeline does it: complete, whatever has been built in the scene's folder.
-        frozen = Path(folder) / name
-        snapshot_scene(name, frozen)
-        scene = load_scene_file(frozen / "scene.xml", *views.size(height))
+        # As in the pipeline: a complete copy, independent of files built in the scene's folder.
+        snapshot = Path(folder) / name
+        snapshot_scene(name, snapshot)
+        scene = load_scene_file(snapshot / "scene.xml", *views.size(height))
     with progress_bar(f"{name}: preview", passes + len(chosen)) as advance:
         done = 0
 
@@ -49,7 +49,7 @@ def preview_scene(name: str, out: Path | None, height: int, passes: int, whole: 
     total = len(views.train) + len(views.novel)
     shown = sum(use != "path" for _, use in chosen)
     rest = f"; --all shows all {total} views" if shown < total else ""
-    console.print(f"{out} has the pictures{rest}")
+    console.print(f"{out} shows the pictures{rest}")
 
 
 def _table(previews: list[Preview]) -> Table:

@@ -1,4 +1,4 @@
-"""Profiles: sets of sizes that are written into params.yaml, comments and all else left alone."""
+"""Profiles: sets of sizes that are written into params.yaml; comments and other keys stay."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from gpf.core.files import write_text
 from gpf.core.progress import say
 from gpf.core.yaml import explain, suggest
 
-# Of `ablations.run`: all rows of `ablations.variants`, whichever the project has.
+# Value of `ablations.run` that stands for all rows of `ablations.variants`.
 EVERY = "all"
 
 
 def read_profiles() -> Mapping[str, Mapping[str, Any]]:
-    """Profile name -> dotted key of params.yaml -> value, for every key that some profile has; what
-    a profile does not say is the default of the settings."""
+    """Profile name -> dotted key of params.yaml -> value, for each key of any profile; a key that a
+    profile lacks gets the default of the settings."""
     text = Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8")
     differing: Mapping[str, Mapping[str, Any]] = YAML(typ="safe").load(text)
     defaults = {key: _default(key) for profile in differing.values() for key in profile}
@@ -31,14 +31,19 @@ def read_profiles() -> Mapping[str, Mapping[str, Any]]:
 
 
 def _default(key: str) -> Any:
-    """The default of a dotted key of params.yaml, as YAML has it."""
+    """The default of a dotted key of params.yaml, as a YAML value."""
     section, _, leaf = key.partition(".")
     value = getattr(Params.model_fields[section].default, leaf)
     return list(value) if isinstance(value, tuple) else value
 
 
 def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
-    """Write a profile's values into ``file`` and print each that changed."""
+    """Write a profile's values into ``file``, and print each value that changed.
+
+    Raises
+    ------
+    UserError: there is no such profile, or the result is not valid.
+    """
     profiles = read_profiles()
     if name not in profiles:
         raise UserError(
@@ -51,7 +56,7 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
         section, _, leaf = key.partition(".")
         if value == EVERY:
             value = list(document.get(section, {}).get("variants", {}))
-        # Of the project's own scenes and methods.
+        # Only scenes and methods that this params.yaml has.
         if leaf == "scenes":
             value = [scene for scene in value if scene in document["scenes"]]
         if key in ("methods.learned", "animation.methods"):
@@ -72,7 +77,7 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
 
 
 def in_one_line(value: Any) -> Any:
-    """A value as params.yaml has it: a list between brackets."""
+    """The value, a list in the style [a, b]."""
     if isinstance(value, list):
         value = CommentedSeq(value)
         value.fa.set_flow_style()
@@ -80,7 +85,7 @@ def in_one_line(value: Any) -> Any:
 
 
 def open_yaml(text: str) -> tuple[YAML, Any]:
-    """A document whose comments survive :func:`dump_yaml`, and what writes it."""
+    """A document that keeps its comments, and the YAML object for :func:`dump_yaml`."""
     yaml = YAML()
     yaml.preserve_quotes = True
     yaml.width = 200  # a list stays in one line

@@ -1,4 +1,4 @@
-"""`gpf scene import`: a scene from elsewhere, into scenes/ and into params.yaml."""
+"""`gpf scene import`: adds a foreign scene to scenes/ and to params.yaml."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from stages.commands.profiles import dump_yaml, open_yaml
 
 
 def import_into_project(path: Path, name: str) -> None:
-    """Import a scene, say what was found, and list it in the project's params.yaml, if any."""
+    """Import a scene, print a report, and add the scene to the project's params.yaml, if any."""
     root = scenes_root()
     file = root.parent / "params.yaml"
     if file.is_relative_to(Path.cwd()):
@@ -34,13 +34,14 @@ def import_into_project(path: Path, name: str) -> None:
     if params is not None and add_scene(name, file):
         out.print(f"{file}: {name} added to scenes")
     out.print(
-        f"Next: `gpf scene preview {name}` shows its views; `dvc repro` runs the whole pipeline, "
-        f"`gpf stage scene --scene {name}` its first stage."
+        f"Next: `gpf scene preview {name}` shows its views; `dvc repro` runs the whole pipeline; "
+        f"`gpf stage scene --scene {name}` runs its first stage."
     )
 
 
 def add_scene(name: str, file: Path) -> bool:
-    """List a scene in params.yaml, comments and all else left alone; whether it was not yet."""
+    """Add a scene to params.yaml, and keep comments and other lines; False if it is listed
+    already."""
     text = file.read_text(encoding="utf-8")
     yaml, document = open_yaml(text)
     scenes = document["scenes"]
@@ -49,11 +50,11 @@ def add_scene(name: str, file: Path) -> bool:
     lines = text.splitlines(keepends=True)
     last = scenes.lc.item(len(scenes) - 1)[0]
     item = re.match(r"(\s*-\s+)\S", lines[last])
-    if item:  # a line of its own, so that comments behind the list stay behind it
+    if item:  # insert a line, so that comments after the list stay after it
         lines[last] = lines[last].rstrip("\n") + "\n"
         lines.insert(last + 1, f"{item[1]}{name}\n")
         text = "".join(lines)
-    else:  # [a, b]
+    else:  # a list in the style [a, b]
         scenes.append(name)
         text = dump_yaml(yaml, document)
     Params.model_validate(YAML(typ="safe").load(text))

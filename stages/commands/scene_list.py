@@ -1,4 +1,4 @@
-"""`gpf scene list`."""
+"""`gpf scene list`: a table of the scenes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gpf.scene.folders import list_scenes, load_views, scenes_root
 
 
 def print_scenes() -> None:
-    """Print the scenes: name, views, whether params.yaml lists them, and a line about each."""
+    """Print the scenes: name, numbers of views, whether params.yaml lists them, a description."""
     root = scenes_root()
     file = root.parent / "params.yaml"
     listed = read_params(file).scenes if file.exists() else ()
@@ -34,7 +34,7 @@ def print_scenes() -> None:
 
 
 def _about(folder: Path) -> str:
-    """The beginning of a scene's README, without its heading and Markdown."""
+    """The first paragraph of a scene's README, shortened and without Markdown."""
     readme = folder / "README.md"
     text = readme.read_text(encoding="utf-8", errors="replace") if readme.exists() else ""
     paragraphs = text.split("\n\n")

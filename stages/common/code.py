@@ -1,4 +1,4 @@
-"""What code a result was made with: the files that dvc.yaml lists for a stage, and no other list."""
+"""Hashes of the code that makes a result: the files that dvc.yaml lists for a stage."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ PROJECT = Path(__file__).resolve().parents[2]
 
 @cache
 def digest_of(*stages: str) -> str:
-    """A hash of the code that some stages of dvc.yaml depend on.
+    """A hash of the code that the given stages of dvc.yaml depend on.
 
-    As it was when this process first asked, whatever becomes of the files while it runs.
+    It is computed once per process; later changes of the files do not count.
     """
     digest = hashlib.sha256()
     for file in sorted({file for stage in stages for file in code_of(stage)}):
@@ -25,7 +25,7 @@ def digest_of(*stages: str) -> str:
 
 @cache
 def code_of(stage: str) -> tuple[Path, ...]:
-    """The Python files among a stage's dependencies, and those in the folders that it lists."""
+    """The Python files among a stage's dependencies, and those in the folders among them."""
     pipeline = YAML(typ="safe").load((PROJECT / "dvc.yaml").read_text(encoding="utf-8"))
     entry = pipeline["stages"][stage]
     listed = [PROJECT / name for name in entry.get("do", entry)["deps"] if "$" not in name]

@@ -1,4 +1,4 @@
-"""What a stage cost: wall and CPU seconds, with the compilation of kernels apart."""
+"""The costs of a stage: wall-clock and CPU seconds, and separately the compilation of kernels."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ KINDS = ("wall_seconds", "cpu_seconds", "compile_seconds")
 class CostMeter:
     """Measures named parts of a stage.
 
-    A part's ``wall_seconds`` and ``cpu_seconds`` do not include the time that Dr.Jit spent on
-    compiling kernels; ``compile_seconds`` has it. Dr.Jit keeps compiled kernels on disk, so that
-    it is near zero from the second run on.
+    A part's ``wall_seconds`` and ``cpu_seconds`` do not include the time in which Dr.Jit compiled
+    kernels; that is ``compile_seconds``. Dr.Jit caches compiled kernels on disk, so it is near zero
+    from the second run on.
     """
 
     def __init__(self, parts: Mapping[str, Mapping[str, float]] | None = None) -> None:
@@ -31,7 +31,7 @@ class CostMeter:
 
     @classmethod
     def load(cls, path: Path) -> CostMeter:
-        """Start from an earlier run's costs, for a stage that redoes only what changed."""
+        """Start from the costs of an earlier run, for stages that redo only what changed."""
         found = read_json(path) if path.exists() else {"parts": {}, "facts": {}}
         meter = cls(found["parts"])
         meter.facts |= found["facts"]
@@ -39,7 +39,7 @@ class CostMeter:
 
     @contextmanager
     def measure(self, part: str) -> Iterator[None]:
-        """Add the time until the block ends, device work included, to ``part``."""
+        """Add the time of the block, including work on the device, to ``part``."""
         dr.sync_thread()
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
@@ -51,7 +51,7 @@ class CostMeter:
                 del self._started
 
     def so_far(self, part: str) -> dict[str, float]:
-        """What ``part``, which is being measured, has cost up to now."""
+        """The cost until now of ``part``, which is being measured."""
         dr.sync_thread()
         now = time.perf_counter(), time.process_time()
         compiled = _compile_seconds()
@@ -59,7 +59,6 @@ class CostMeter:
         entry["wall_seconds"] += now[0] - self._started[0] - compiled
         entry["cpu_seconds"] += now[1] - self._started[1] - compiled
         entry["compile_seconds"] += compiled
-        # What follows is counted from here.
         self._started = now
         self.parts[part] = entry
         return entry
@@ -71,7 +70,7 @@ class CostMeter:
             self.parts[f"{part}/{name}"] = {k: v / len(names) for k, v in whole.items()}
 
     def note_peak_memory(self) -> None:
-        """Keep the most memory that this process and those that it started had at a time, MB."""
+        """Save the peak memory of this process plus that of its child processes, MB."""
         kilobytes = sum(
             resource.getrusage(who).ru_maxrss
             for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
@@ -79,13 +78,13 @@ class CostMeter:
         self.facts["peak_memory_megabytes"] = kilobytes * 1024 / 1e6
 
     def write(self, path: Path) -> None:
-        """Write the parts, further facts and a description of the machine."""
+        """Write the parts, the facts and a description of the machine."""
         machine = device_description()
         write_json(path, {"parts": self.parts, "facts": self.facts, "machine": machine})
 
 
 def _compile_seconds() -> float:
-    """Seconds of code generation and compilation in the kernel history, which is emptied."""
+    """Seconds of code generation and compilation in the kernel history; empties the history."""
     entries = dr.kernel_history([dr.KernelType.JIT])
     misses = (e for e in entries if not e.get("cache_hit", True))
     return sum(e.get("backend_time", 0.0) + e.get("codegen_time", 0.0) for e in misses) / 1e3

@@ -1,4 +1,4 @@
-"""What makes each file below `results/`: errors about files name the command."""
+"""The command that makes each file below `results/`; errors about files name it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gpf.core.errors import FileError, UserError
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Place below results/SCENE -> the stage, with its option.
+# Path below results/SCENE -> the stage, with its option.
 _MAKERS = (
     (r"scene(/.*|\.json)?|views\.yaml", "scene"),
     (r"(reference|second_reference)/.*|targets\.safetensors", "reference"),
@@ -33,7 +33,8 @@ _MAKERS = (
 
 
 def command_for(path: Path) -> str | None:
-    """The command that makes a file: `gpf stage train --scene cornell_box`; None if none does."""
+    """The command that makes a file, e.g. `gpf stage train --scene cornell_box`; None if there is
+    none."""
     parts = Path(path).parts
     for i, (above, scene) in enumerate(pairwise(parts)):
         below = "/".join(parts[i + 2 :])
@@ -45,7 +46,7 @@ def command_for(path: Path) -> str | None:
 
 
 def with_command(error: FileError) -> UserError:
-    """The error with the command that makes the file, if there is one."""
+    """The error, with the command that makes the file if there is one."""
     command = command_for(error.path)
     if command is None:
         return error
@@ -54,7 +55,7 @@ def with_command(error: FileError) -> UserError:
 
 
 def naming_commands(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, whose errors about files name the commands that make these."""
+    """The function; its errors about files name the commands that make these files."""
 
     @wraps(function)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:

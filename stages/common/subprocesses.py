@@ -1,4 +1,4 @@
-"""Rows of params.yaml, one after another, each in a process of its own."""
+"""Rows of params.yaml, one after another, each in a separate process."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from gpf.core.errors import UserError
 
 
 def run_each(stage: str, scene: str, option: str, names: Sequence[str]) -> None:
-    """``gpf stage STAGE --scene SCENE --OPTION NAME --go-on`` for each name.
+    """Run ``gpf stage STAGE --scene SCENE --OPTION NAME --go-on`` for each name.
 
-    One that fails has said why; the others go on, and a :class:`UserError` names it at the end.
+    Raises
+    ------
+    UserError: at the end, if some of them failed; each has printed its reason.
     """
-    # Also where the project is not installed, but imported from a folder.
+    # The project may be imported from a folder without being installed.
     places = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))}
     failed = []
@@ -30,5 +32,5 @@ def run_each(stage: str, scene: str, option: str, names: Sequence[str]) -> None:
         raise UserError(
             f"stage {stage}, {scene}",
             f"{len(failed)} of {len(names)} failed: {', '.join(failed)}",
-            f"What each said stands above; `{again}` says it again.",
+            f"Their messages are above; `{again}` repeats the first.",
         )

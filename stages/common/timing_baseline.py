@@ -1,4 +1,4 @@
-"""The unit that times are told in beside seconds: a simple image by Mitsuba, in the same run."""
+"""The timing baseline: a simple image by Mitsuba in the same run, with which times are compared."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 
 ROUNDS = 5
-"""Images whose median time is taken, after one that may compile kernels."""
+"""Number of timed images; one more before them may compile kernels."""
 
 
 def time_path(scene: Any, view: View, size: tuple[int, int]) -> float:
-    """Seconds that a view by ``path`` with max_depth 2 and one sample per pixel takes.
+    """Median seconds of a view by ``path`` with max_depth 2 and one sample per pixel.
 
-    A machine that is busy or slow is that for this image and for a method's alike: their ratio
-    says more about the method than seconds do.
+    A busy or slow machine affects this image and a method's image alike, so the ratio of their
+    times says more about the method than seconds.
 
     Parameters
     ----------
-    size: width and height.
+    size: width and height, pixels.
     """
     integrator = mi.load_dict({"type": "path", "max_depth": 2})
     sensor = make_sensor(view, *size)
@@ -32,7 +32,7 @@ def time_path(scene: Any, view: View, size: tuple[int, int]) -> float:
     for _ in range(1 + ROUNDS):
         dr.sync_thread()
         start = time.perf_counter()
-        # One seed: another would be another kernel to some samplers.
+        # Always the same seed: for some samplers, another seed needs another kernel.
         dr.eval(mi.render(scene, integrator=integrator, sensor=sensor, spp=1, seed=0))
         dr.sync_thread()
         seconds.append(time.perf_counter() - start)

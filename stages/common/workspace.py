@@ -1,4 +1,4 @@
-"""Where the pipeline's files lie, and what every stage starts with."""
+"""The paths of the pipeline's files, and the data that every stage starts with."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gpf.config.params import Params, read_params
-from gpf.core.errors import FileError
+from gpf.core.errors import FileError, UserError
 from gpf.core.runtime import choose_variant
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.scene.folders import scene_folder
@@ -24,46 +24,46 @@ class Workspace:
 
     Attributes
     ----------
-    params: those of params.yaml, or of a variant.
+    params: of params.yaml, or of a variant.
     root: ``results/``.
-    apart: where a variant's field and all that is made of it lie; None for the field itself.
+    variant_folder: folder of a variant's field and of the files made from it; None for the field.
     """
 
     params: Params
     scene: str
     root: Path = Path("results")
-    apart: Path | None = None
+    variant_folder: Path | None = None
 
     @classmethod
     def open(cls, scene: str) -> Workspace:
-        """Read params.yaml, check that the scene exists, and choose the variant."""
+        """Read params.yaml, check that the scene exists, and choose the Mitsuba variant."""
         params = read_params()
         scene_folder(scene)
         choose_variant(params.runtime.variant)
         return cls(params, scene)
 
     def variant(self, params: Params, folder: Path) -> Workspace:
-        """The same scene and references, with a field of other parameters in a folder apart."""
-        return replace(self, params=params, apart=folder)
+        """The same scene and references, with a field of other parameters in another folder."""
+        return replace(self, params=params, variant_folder=folder)
 
     @property
     def folder(self) -> Path:
-        """All that belongs to the scene."""
+        """All files of the scene."""
         return self.root / self.scene
 
     @property
     def field_folder(self) -> Path:
-        """The field, and all that is made of it."""
-        return self.apart or self.folder
+        """The field, and the files made from it."""
+        return self.variant_folder or self.folder
 
     @property
     def scene_snapshot(self) -> Path:
-        """The scene as the stage ``scene`` built it."""
+        """The copy of the scene that the stage ``scene`` made."""
         return self.folder / "scene"
 
     @property
     def views_file(self) -> Path:
-        """The scene's cameras; beside the frozen scene, for a new view changes no photons."""
+        """The cameras; not in the snapshot, because a new view does not change the photons."""
         return self.folder / "views.yaml"
 
     @property
@@ -91,19 +91,23 @@ class Workspace:
         return self.folder / "reference" / f"{view}.exr"
 
     def second_reference(self, view: str) -> Path:
-        """A second, independent reference of a novel view, at several numbers of passes."""
+        """A second, independent reference of a novel view, after several numbers of passes."""
         return self.folder / "second_reference" / f"{view}.exr"
+
+    def renders(self, method: str) -> Path:
+        """The folder of a method's images."""
+        return self.field_folder / "renders" / method
 
     def render(self, method: str, view: str) -> Path:
         """A method's image of a view."""
-        return self.field_folder / "renders" / method / f"{view}.exr"
+        return self.renders(method) / f"{view}.exr"
 
     def refusal(self, method: str) -> Path:
-        """Why a method has no images."""
-        return self.folder / "renders" / method / "cannot_serve.json"
+        """The reason why a method has no images."""
+        return self.renders(method) / "cannot_serve.json"
 
     def metrics(self, method: str) -> Path:
-        """How a method's images compare with the references."""
+        """The comparison of a method's images with the references."""
         return self.folder / "metrics" / f"{method}.json"
 
     @property
@@ -118,37 +122,53 @@ class Workspace:
 
     @property
     def all_costs(self) -> Path:
-        """What all stages cost; beside those of other scenes, for what is made of them all."""
+        """The costs of all stages; in one folder for all scenes, for results that need them all."""
         return self.root / "costs" / f"{self.scene}.csv"
 
     def cost(self, stage: str) -> Path:
-        """What a stage cost."""
+        """The costs of a stage."""
         return self.field_folder / "costs" / f"{stage}.json"
 
     def checkpoint(self, stage: str) -> Path:
-        """Where a stage keeps what it would lose if it were stopped."""
+        """The checkpoint of a stage."""
         return self.field_folder / "checkpoints" / f"{stage}.safetensors"
 
     def pass_parts(self, group: str) -> Path:
-        """Where a stage keeps sums over parts of its passes."""
+        """The folder with the parts of a reference group's passes."""
         return self.folder / "checkpoints" / f"reference-{group}"
 
     def forget_checkpoints(self) -> None:
-        """Remove the folder of checkpoints once it is empty."""
+        """Remove the folder of checkpoints if it is empty."""
         folder = self.folder / "checkpoints"
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
 
     @cached_property
     def views(self) -> SceneViews:
-        """The cameras of the scene, as the stage ``scene`` copied them."""
+        """The cameras of the scene.
+
+        Raises
+        ------
+        UserError: the file is missing or not valid.
+        """
         if not self.views_file.exists():
             raise FileError(self.views_file, "is missing", missing=True)
         return read_views(self.views_file)
 
+    def novel_views(self) -> tuple[View, ...]:
+        """The novel views.
+
+        Raises
+        ------
+        UserError: there are none.
+        """
+        if not self.views.novel:
+            raise UserError(str(self.views_file), "has no novel views", "Add some to render.")
+        return self.views.novel
+
     @cached_property
     def scene_digest(self) -> str:
-        """A hash of all that the scene consists of."""
+        """A hash of all files of the scene."""
         digest = hashlib.sha256()
         for path in sorted(self.scene_snapshot.rglob("*")):
             if path.is_file():
@@ -158,11 +178,16 @@ class Workspace:
 
     @staticmethod
     def digest(path: Path) -> str:
-        """A hash of a file's content; empty if there is none."""
+        """A hash of a file's content; an empty string if the file does not exist."""
         return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.exists() else ""
 
     def load_scene(self) -> Any:
-        """The Mitsuba scene, checked."""
+        """The Mitsuba scene, checked.
+
+        Raises
+        ------
+        UserError: the scene is missing or not valid.
+        """
         file = self.scene_snapshot / "scene.xml"
         if not file.exists():
             raise FileError(self.scene_snapshot, "is missing", missing=True)
@@ -170,7 +195,7 @@ class Workspace:
 
     def emission_plan(self, scene: Any) -> EmissionPlan:
         """Where photons are needed, and how they are emitted."""
-        # Of one size whatever params.yaml says: photons do not depend on the film.
+        # Always the same size, so that photons do not depend on the size of the film.
         sensors = [make_sensor(view, *self.views.size(256)) for view in self.views.train]
         return EmissionPlan.make(
             scene, sensors, self.params.visible_region, self.params.reference.rr_depth
@@ -178,9 +203,9 @@ class Workspace:
 
     @property
     def film_size(self) -> tuple[int, int]:
-        """Width and height of all images."""
+        """Width and height of all images, pixels."""
         return self.views.size(self.params.film.height)
 
     def sensor(self, view: View, spp: int = 1, sampler: str = "independent") -> Any:
-        """A Mitsuba sensor for a view, at the size that params.yaml asks for."""
+        """A Mitsuba sensor for a view, with the size of params.yaml."""
         return make_sensor(view, *self.film_size, spp=spp, sampler=sampler)

@@ -81,7 +81,7 @@ def test_the_field_as_it_is_is_not_made_again(project, variant, monkeypatch):
     never(monkeypatch, "fit")
     never(monkeypatch, "render_novel_views")
     outcome = ablate(project, variant)
-    assert outcome.code == 0 and f"{variant} is the field as it is" in outcome.text
+    assert outcome.code == 0 and f"{variant} has the parameters of the field" in outcome.text
     found = result(project, variant)
     field = read_json(project.results / "metrics" / "gpf.json")
     assert found["same_as"] == "gpf"
@@ -194,7 +194,7 @@ def test_an_unknown_variant_is_said_in_words(project):
     ("stage", "arguments", "words"),
     [
         ("train", ("--scene", "a", "--variant", "few"), "--variant few: is not for train"),
-        ("train", (), "stage train: is run for a scene. Name it with --scene"),
+        ("train", (), "stage train: needs a scene. Name it with --scene"),
         ("report", ("--scene", "a"), "--scene a: is not for report"),
     ],
 )

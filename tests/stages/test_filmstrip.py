@@ -12,7 +12,7 @@ from PIL import Image
 
 from gpf.core.errors import UserError
 from stages.animation import filmstrip
-from stages.animation.filmstrip import BLANK, GAP, Reel, compose, film_panel, picture_panel
+from stages.animation.filmstrip import BLANK, GAP, Reel, compose, film_panel, webp_panel
 
 RED, BLUE = (200, 30, 30), (20, 40, 220)
 PANEL = 120, 80
@@ -67,7 +67,7 @@ def test_what_is_missing_says_why(frames):
 
 def test_a_picture_that_moves_repeats_and_fits(frames, tmp_path, monkeypatch):
     path = tmp_path / "moving.webp"
-    filmstrip.write_moving_picture(path, frames, 10)
+    filmstrip.write_webp(path, frames, 10)
     with Image.open(path) as picture:
         assert picture.n_frames == 3 and picture.info["loop"] == 0
         picture.seek(1)
@@ -75,14 +75,14 @@ def test_a_picture_that_moves_repeats_and_fits(frames, tmp_path, monkeypatch):
         assert picture.info["duration"] == 100
         shown = panel(picture.convert("RGB"), 0)
     assert np.abs(shown.astype(int) - BLUE).max() < 25
-    filmstrip.write_moving_picture(tmp_path / "again.webp", frames, 10)
+    filmstrip.write_webp(tmp_path / "again.webp", frames, 10)
     assert (tmp_path / "again.webp").read_bytes() == path.read_bytes()
     noise = np.random.default_rng(1).integers(0, 256, (3, 100, 200, 3), dtype=np.uint8)
     noisy = [Image.fromarray(image) for image in noise]
-    filmstrip.write_moving_picture(path, noisy, 10)
+    filmstrip.write_webp(path, noisy, 10)
     best = path.stat().st_size
-    monkeypatch.setattr(filmstrip, "PICTURE_BYTES", best // 2)
-    filmstrip.write_moving_picture(path, noisy, 10)
+    monkeypatch.setattr(filmstrip, "WEBP_BYTES", best // 2)
+    filmstrip.write_webp(path, noisy, 10)
     assert path.stat().st_size <= best // 2
 
 
@@ -122,11 +122,11 @@ def test_an_encoder_that_fails_is_told_in_its_own_words(frames, tmp_path, monkey
         raise RuntimeError("No ffmpeg exe could be found")
 
     monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", find_none)
-    with pytest.raises(UserError, match="brings no encoder: No ffmpeg exe"):
+    with pytest.raises(UserError, match="has no encoder: No ffmpeg exe"):
         filmstrip.write_film(tmp_path / "film.mp4", frames, 12)
 
 
 def test_sizes_of_panels():
     assert film_panel((20, 16)) == (320, 256) and film_panel((1280, 720)) == (683, 384)
-    width, height = picture_panel((256, 256), 5)
-    assert width == height and 5 * (width + GAP) + GAP <= filmstrip.PICTURE_WIDTH
+    width, height = webp_panel((256, 256), 5)
+    assert width == height and 5 * (width + GAP) + GAP <= filmstrip.WEBP_WIDTH

@@ -23,8 +23,8 @@ def test_a_field_of_another_scene_is_rendered_with_a_word(finished):
     outcome = finished.stage("render")
     assert outcome.code == 0
     assert (
-        f"{FIELD} was trained in another scene, or before this one was changed (scene {trained_in},"
-        in outcome.text
+        f"{FIELD} was trained in another scene, or before this scene was changed "
+        f"(scene {trained_in}," in outcome.text
     )
     assert "`gpf stage train --scene cornell_box` makes a new field." in outcome.text
 
@@ -67,7 +67,7 @@ def test_costs_have_memory_and_the_unit_of_time(built):
 def test_how_much_of_the_pictures_has_little_support_is_said(finished):
     outcome = finished.stage("render")
     assert outcome.code == 0
-    assert re.search(r"cornell_box: \d+\.\d\d% of the pixels look where the field", outcome.text)
+    assert re.search(r"cornell_box: \d+\.\d\d% of the pixels are weakly covered", outcome.text)
     shares = read_json(finished.results / "costs" / "render.json")["facts"]
     views = sorted((finished.results / "renders" / "gpf").glob("*.exr"))
     measured = [(read_exr(view)[0]["coverage"] > 1.5).mean() for view in views]

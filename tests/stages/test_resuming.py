@@ -43,7 +43,7 @@ def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monk
         interrupt_after(patch, ReferenceRenderer, "run_pass", 4 + 2)  # in the novel views
         outcome = fresh.stage("reference")
     assert outcome.code == 130
-    assert "stopped; run it again to go on" in outcome.text
+    assert "stopped; run it again to continue" in outcome.text
     assert "Traceback" not in outcome.text
     assert_whole(fresh.folder / "results")
     done = files_below(fresh.results)
@@ -249,7 +249,7 @@ def test_ctrl_c_in_a_process_of_its_own(fresh, environment):
         finally:
             process.kill()  # otherwise it would go on for hours
     assert process.returncode == 130, output
-    assert "stopped; run it again to go on" in output
+    assert "stopped; run it again to continue" in output
     assert "Traceback" not in output
     assert passes_kept(kept)
     assert_whole(fresh.folder / "results")
