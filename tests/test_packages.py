@@ -14,10 +14,10 @@ MODULES = {
     for top in ("gpf", "metrics", "report", "stages")
     for path in (PROJECT / top).rglob("*.py")
 }
-ORDER = (
-    "core scene photons camera guiding sppm field training rendering importing modelling baselines "
-    "config"
-).split()
+ORDER = [
+    *("core", "scene", "photons", "camera", "guiding", "sppm", "field", "training", "rendering"),
+    *("importing", "modelling", "baselines", "config"),
+]
 # `gpf` is what stands above its packages: the command line, which loads stages by name.
 ALLOWED = {place: {*ORDER[: k + 1]} for k, place in enumerate(ORDER)}
 ALLOWED |= {"metrics": {"metrics"}, "gpf": {*ORDER, "gpf"}, "report": {*ORDER, "metrics", "report"}}

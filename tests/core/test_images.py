@@ -5,6 +5,7 @@ import resource
 import time
 from contextlib import contextmanager
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import OpenEXR
@@ -60,7 +61,16 @@ def test_infinite_values_come_back(tmp_path):
     np.testing.assert_array_equal(read_exr(tmp_path / "a.exr")[0]["coverage"], coverage)
 
 
-def test_other_programs_read_the_radiance(file):
+@pytest.fixture
+def two_threads():
+    """Mitsuba reads and writes EXR in a second thread, and waits forever if there is none."""
+    before = dr.thread_count()
+    dr.set_thread_count(2)
+    yield
+    dr.set_thread_count(before)
+
+
+def test_other_programs_read_the_radiance(file, two_threads):
     image = np.array(mi.Bitmap(str(file)).split()[0][1].convert(mi.Bitmap.PixelFormat.RGB))
     assert image.shape == (HEIGHT, WIDTH, 3)
     np.testing.assert_array_equal(image, make_layers()["radiance"].astype(np.float32))
@@ -107,7 +117,7 @@ def test_another_schema_version(tmp_path):
         read_exr(path)
 
 
-def test_an_image_of_another_program(tmp_path):
+def test_an_image_of_another_program(tmp_path, two_threads):
     path = tmp_path / "a.exr"
     mi.Bitmap(np.zeros((2, 3, 3), np.float32)).write(str(path))
     with pytest.raises(FileError, match="has schema version none; this program reads"):

@@ -27,6 +27,11 @@ def to_points(array: np.ndarray) -> mi.Point3f:
     return mi.Point3f(np.ascontiguousarray(array.T, dtype=np.float32))
 
 
+def opaque(value: float) -> mi.Float:
+    """A number that is no part of the kernel: the next one needs no other kernel."""
+    return dr.opaque(mi.Float, value)
+
+
 def snap(array: np.ndarray) -> np.ndarray:
     return np.clip(np.round(array / STEP) * STEP, -4, 4 - STEP)
 
@@ -69,7 +74,8 @@ def visit(grid: SpatialHash, x: np.ndarray, radius: float, active: Any = True) -
         return [count + one, total + one * original, squares + one * original * original]
 
     zeros = [mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)]
-    state = grid.visit(to_points(x), mi.Float(radius), body, zeros, mi.Bool(active))
+    state = grid.visit(to_points(x), opaque(radius), body, zeros, mi.Bool(active))
+    dr.eval(state)  # or each sum is a kernel of its own
     return np.stack([np.broadcast_to(s.numpy(), len(x)) for s in state], axis=1)
 
 
@@ -183,7 +189,8 @@ def nearest(
     grid: SpatialHash, x: np.ndarray, k: int, start: float, limit: float, **more: Any
 ) -> tuple[np.ndarray, np.ndarray]:
     """Original indices (-1: none) and squared distances, both (N, k)."""
-    index, distance2 = grid.nearest(to_points(x), k, mi.Float(start), mi.Float(limit), **more)
+    index, distance2 = grid.nearest(to_points(x), k, opaque(start), opaque(limit), **more)
+    dr.eval(index, distance2)  # or each rank is a kernel of its own
     index = np.stack([np.broadcast_to(i.numpy(), len(x)) for i in index], axis=1)
     distance2 = np.stack([np.broadcast_to(d.numpy(), len(x)) for d in distance2], axis=1)
     missing = index == NOT_FOUND

@@ -24,6 +24,7 @@ from tests.furnace import (
     room,
     sppm,
 )
+from tests.tiers import tiers
 
 PATH = {"type": "path", "max_depth": -1}
 
@@ -112,13 +113,14 @@ def test_seeds():
 @pytest.mark.parametrize("photons", [10_000, 160_000])
 def test_the_automatic_radius_finds_16_photons(photons):
     """In the furnace the density of photons is the same all over."""
-    scene = mi.load_dict(furnace("point") | {"integrator": sppm(photons, 0)})
+    scene = mi.load_dict(furnace("point", size=(48, 36)) | {"integrator": sppm(photons, 0)})
     settings = scene.integrator().settings(scene, scene.sensors()[0], seed=0)
     # Every path lands five times before roulette starts; then it keeps 1/32, a half, a half, …
     per_path = 5 + 0.5**5 * 2
     found = photons * per_path / (4 * np.pi) * np.pi * settings.initial_radius**2
     assert found == pytest.approx(16, rel=0.15)
-    assert mi.render(scene, spp=8).numpy().mean() == pytest.approx(1, abs=0.02)
+    passes = max(2, 80_000 // photons)  # the mean has a standard error of 0.6 %
+    assert mi.render(scene, spp=passes).numpy().mean() == pytest.approx(1, abs=0.02)
 
 
 def test_the_automatic_radius_in_a_white_room():
@@ -168,13 +170,14 @@ def test_crop_windows():
     np.testing.assert_allclose(image, whole[1:4, 2:7], rtol=1e-4)
 
 
+@tiers(quick=1 / 4)
 @pytest.mark.parametrize("border", [False, True])
-def test_reconstruction_filters(border):
+def test_reconstruction_filters(border, tier):
     """The samples are weighted with the film's own filter, at the film's edge too."""
     film = {"rfilter": {"type": "gaussian", "stddev": 0.7}, "sample_border": border}
     scene, expected = emissive_picture(**film)
-    image = mi.render(scene, integrator=mi.load_dict(sppm(100)), spp=128).numpy()
-    np.testing.assert_allclose(image, expected, atol=0.08)
+    image = mi.render(scene, integrator=mi.load_dict(sppm(100)), spp=tier.samples(128)).numpy()
+    np.testing.assert_allclose(image, expected, atol=tier.noise(0.08))
     plain = emissive_picture()[1]
     assert np.abs(expected - plain).max() > 0.2, "the filter makes no difference"
 

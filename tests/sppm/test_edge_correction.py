@@ -11,6 +11,7 @@ from gpf.core.structs import Photons
 from gpf.sppm.density import PhotonDensity
 from gpf.sppm.edge_correction import area_correction
 from tests.furnace import camera, diffuse, floor, point_light, rectangle, render, room, sppm
+from tests.tiers import tiers
 
 RADIUS = 0.2
 PLATE = floor(diffuse(0.5), size=2)  # -1 … 1 in x and y
@@ -78,7 +79,8 @@ def test_on_a_sphere():
 def test_beside_a_crease(degrees):
     """Uniform light, density times correction: whatever the kernel takes of the other facet."""
     rng = np.random.default_rng(5)
-    count, angle = 400_000, np.radians(degrees)
+    # Some 36,000 photons lie within a radius of the line: a standard error of 0.5 %.
+    count, angle = 100_000, np.radians(degrees)
     flat = np.stack([rng.uniform(-1, 0, count), rng.uniform(-1, 1, count), np.zeros(count)], axis=1)
     along = rng.uniform(0, 1, (count, 1))
     rising = along * [np.cos(angle), 0, np.sin(angle)] + rng.uniform(-1, 1, (count, 1)) * [0, 1, 0]
@@ -120,8 +122,12 @@ def test_a_point_draws_the_same_numbers_in_any_company():
     ).any()
 
 
-def test_sppm_has_no_dark_edges():
-    """A closed room, every pixel of it: with the correction as `path` has it, darker without."""
+@tiers(quick=1 / 4)
+def test_sppm_has_no_dark_edges(tier):
+    """A closed room, every pixel of it: with the correction as `path` has it, darker without.
+
+    The corrected mean has a standard error of 0.07 %, or 0.16 % in the quick tier.
+    """
     scene = {
         "type": "scene",
         "sensor": camera((-1.3, -0.8, 0.6), (0.7, 0.5, -0.3), 70, (24, 18)),
@@ -130,9 +136,10 @@ def test_sppm_has_no_dark_edges():
     }
     truth = render(scene, {"type": "path", "max_depth": 4}, 4096, 1)[0]
     settings = sppm(60_000, radius=0.2, max_depth=4)
-    corrected = render(scene, settings, 48, 4).mean(0)
-    dark = render(scene, settings | {"edge_correction": False}, 48, 4).mean(0)
-    assert corrected.mean() / truth.mean() == pytest.approx(1, abs=5e-3)
+    passes = tier.samples(48)
+    corrected = render(scene, settings, passes, 4).mean(0)
+    dark = render(scene, settings | {"edge_correction": False}, passes, 4).mean(0)
+    assert corrected.mean() / truth.mean() == pytest.approx(1, abs=tier.noise(5e-3))
     assert dark.mean() / truth.mean() < 0.98
     wrong = [np.sqrt(np.mean((image / truth - 1) ** 2)) for image in (corrected, dark)]
     assert wrong[0] < wrong[1] / 2

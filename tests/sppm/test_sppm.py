@@ -30,11 +30,16 @@ from tests.furnace import (
     two_sided,
     z_scores,
 )
+from tests.tiers import Tier, tiers
 
 PATH = {"type": "path", "max_depth": -1}
 
 
+TIERS = tiers(quick=1 / 10)
+
+
 def compare(
+    tier: Tier,
     scene: Scene,
     passes: int = 12,
     spp: int = 1024,
@@ -48,18 +53,22 @@ def compare(
 
     The mean over all such pixels has to agree within ``mean``, blocks of pixels within noise; of
     ``bias``, relative, we take no notice there, for the kernel blurs shadows.
+
+    ``passes``, ``spp`` and ``mean`` are those of the precise tier. The standard error of the ratio
+    of means is at most 0.6 ``mean``, a quarter to a half of it in most tests.
     """
     depth = {"max_depth": truth["max_depth"]}
-    ours = render(scene, sppm(**options) | depth, passes, 8)
-    theirs = render(scene, truth, spp, 8, first=100)
+    ours = render(scene, sppm(**options) | depth, tier.samples(passes), 8)
+    theirs = render(scene, truth, tier.samples(spp), 8, first=100)
     mask = interior(scene)
     a, b = ours[:, mask].mean(1), theirs[:, mask].mean(1)
     error = np.sqrt((a.var(0, ddof=1) + b.var(0, ddof=1)) / 8) / b.mean(0)
     ratio = a.mean(0) / b.mean(0)
-    # `pytest -s tests/test_sppm.py` prints them all.
+    # `pytest -s tests/sppm/test_sppm.py` prints them all.
     name = os.environ["PYTEST_CURRENT_TEST"].partition("::")[2].removesuffix(" (call)")
     print(f"\n{name}: {ratio.round(4)} ± {error.round(4)}", end=" ")
     z = z_scores(block_means(ours, block, mask), block_means(theirs, block, mask), bias)
+    mean = tier.noise(mean)
     assert (error < 0.6 * mean).all(), f"too noisy to tell: {error}"
     np.testing.assert_allclose(ratio, 1, atol=mean)
     assert np.sqrt(np.mean(z**2)) < 1.4 and z.max() < 6
@@ -72,7 +81,7 @@ def compare(
 @pytest.mark.parametrize("glass", [False, True], ids=["diffuse", "glass sphere"])
 def test_cornell_box(glass):
     scene = cornell_box((48, 40), glass)
-    compare(scene, passes=10, spp=256, block=8, photons=250_000, radius=0.02)
+    compare(Tier(1), scene, passes=10, spp=256, block=8, photons=250_000, radius=0.02)
 
 
 SKY = np.full((6, 12, 3), 0.2, dtype=np.float32)
@@ -107,19 +116,20 @@ LIGHTS = {
 DIRECT = pytest.mark.parametrize("direct", ["photons", "emitters"])
 
 
+@TIERS
 @DIRECT
 @pytest.mark.parametrize("kind", LIGHTS)
-def test_a_wall_lit_by_each_kind_of_emitter(kind, direct):
+def test_a_wall_lit_by_each_kind_of_emitter(tier, kind, direct):
     light = LIGHTS[kind]
     if kind == "envmap":
         light = light | {"bitmap": mi.Bitmap(SKY)}
     # Photons have nothing to do here where direct light does not come from them; as many samples
     # take less time in few passes of many pixels.
     if direct == "photons":
-        compare(lit_floor(light), 32, radius=0.07, direct=direct)
+        compare(tier, lit_floor(light), 32, radius=0.07, direct=direct)
     else:
         fine = lit_floor(light, size=(48, 32))
-        compare(fine, 15, spp=64, block=16, radius=0.07, photons=1000, direct=direct)
+        compare(tier, fine, 15, spp=64, block=16, radius=0.07, photons=1000, direct=direct)
 
 
 def lit_floor(light: Scene, size: tuple[int, int] = (12, 8)) -> Scene:
@@ -181,15 +191,17 @@ SHEETS = {
 }
 
 
+@TIERS
 @DIRECT
 @pytest.mark.parametrize("kind", FLOORS)
-def test_floors_of_every_material(kind, direct):
+def test_floors_of_every_material(tier, kind, direct):
     # What a normal map reflects onwards is a matter of its own, see below.
     truth = PATH | {"max_depth": 2} if kind in ("normal map", "bump map") else PATH
     glossy = kind in ("rough conductor", "blend")  # one direction per sample: noise of its own
     passes, photons = (12, 100_000) if direct == "photons" else (48, 25_000)
     mean = 0.01 if glossy else 5e-3
     compare(
+        tier,
         studio(FLOORS[kind]),
         passes,
         radius=0.05,
@@ -200,8 +212,9 @@ def test_floors_of_every_material(kind, direct):
     )
 
 
+@TIERS
 @DIRECT
-def test_several_emitters_of_different_powers(direct):
+def test_several_emitters_of_different_powers(tier, direct):
     """A choice among them that is not made up for would show in the colours."""
     kinds = ("area", "point", "spot", "constant")
     colours = [rgb(1, 0.2, 0.2), rgb(0.1, 3, 0.1), rgb(0.3, 0.3, 9), rgb(0.2, 0.1, 0.1)]
@@ -213,13 +226,14 @@ def test_several_emitters_of_different_powers(direct):
     area = lights.pop("area")
     if direct == "photons":
         coarse = lit_floor(area, size=(36, 24)) | lights
-        compare(coarse, 32, spp=2048, radius=0.07, direct=direct)
+        compare(tier, coarse, 32, spp=2048, radius=0.07, direct=direct)
     else:
         fine = lit_floor(area, size=(144, 96)) | lights
-        compare(fine, 10, spp=128, block=16, radius=0.07, photons=1000, direct=direct)
+        compare(tier, fine, 10, spp=128, block=16, radius=0.07, photons=1000, direct=direct)
 
 
-def test_instances():
+@TIERS
+def test_instances(tier):
     """Two turned copies of a heap: photons and camera rays land on shapes of a group."""
     turn = mi.ScalarTransform4f
     heap = {
@@ -239,7 +253,7 @@ def test_instances():
         }
         for k, (x, angle) in enumerate([(-0.6, 20), (0.6, -35)])
     }
-    compare(studio(WHITE, heap=heap, **copies), 48, spp=2048, radius=0.03, bias=0.02)
+    compare(tier, studio(WHITE, heap=heap, **copies), 48, spp=2048, radius=0.03, bias=0.02)
 
 
 def smooth_floor(bsdf: Scene) -> mi.Mesh:
@@ -257,19 +271,22 @@ def smooth_floor(bsdf: Scene) -> mi.Mesh:
     return mesh
 
 
-def test_shading_normals():
+@TIERS
+def test_shading_normals(tier):
     """Flux arrives at the geometric surface, the BSDF sees the shading frame."""
-    compare(studio(WHITE, floor=smooth_floor(WHITE)), radius=0.05)
+    compare(tier, studio(WHITE, floor=smooth_floor(WHITE)), radius=0.05)
 
 
+@TIERS
 @pytest.mark.xfail(reason="Mitsuba samples normal maps without their adjoint, in `ptracer` as well")
-def test_light_that_a_normal_map_reflects_onwards():
-    compare(studio(FLOORS["normal map"]), radius=0.05)
+def test_light_that_a_normal_map_reflects_onwards(tier):
+    compare(tier, studio(FLOORS["normal map"]), radius=0.05)
 
 
+@TIERS
 @DIRECT
 @pytest.mark.parametrize("kind", SHEETS)
-def test_sheets_that_let_light_through(kind, direct):
+def test_sheets_that_let_light_through(tier, kind, direct):
     """A sheet over half of the floor: seen through it, lit through it, in its shadow.
 
     For masks, Mitsuba's ``path`` (3.9) counts the opacity twice, ``prb`` once.
@@ -277,7 +294,7 @@ def test_sheets_that_let_light_through(kind, direct):
     sheet = rectangle((0.4, 0.2, 0.4), (0.4, 0.2, 0), 1.0, 1.2, SHEETS[kind])
     truth = PATH | {"type": "prb"} if kind == "mask" else PATH
     passes = 40 if direct == "photons" else 64
-    compare(studio(WHITE, sheet=sheet), passes, radius=0.05, truth=truth, direct=direct)
+    compare(tier, studio(WHITE, sheet=sheet), passes, radius=0.05, truth=truth, direct=direct)
 
 
 def test_principled_materials_are_right_or_refused():
@@ -310,9 +327,10 @@ def seen_in_a_mirror(scene: Scene) -> Scene:
     }
 
 
+@TIERS
 @pytest.mark.parametrize("max_depth", [3, 4])
 @pytest.mark.parametrize("by", ["mirror", "glass"])
-def test_max_depth_means_what_it_means_in_path(max_depth, by):
+def test_max_depth_means_what_it_means_in_path(tier, max_depth, by):
     """An edge more on the camera's side is one less on the light's."""
     if by == "mirror":
         scene = seen_in_a_mirror(studio(WHITE))
@@ -320,7 +338,7 @@ def test_max_depth_means_what_it_means_in_path(max_depth, by):
         ball = {"type": "sphere", "center": [0.4, 0, 0.36], "radius": 0.35}
         scene = studio(WHITE, glass=ball | {"bsdf": {"type": "dielectric", "int_ior": 1.5}})
     truth = {"type": "path", "max_depth": max_depth}
-    compare(scene, mean=0.01, radius=0.05, truth=truth)
+    compare(tier, scene, mean=0.01, radius=0.05, truth=truth)
 
 
 def test_two_edges_do_not_show_a_lit_floor_in_a_mirror():
