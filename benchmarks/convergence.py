@@ -1,7 +1,7 @@
-"""`python -m benchmarks.convergence`: how far SPPM is from a path tracer after n passes.
+"""`python -m benchmarks.convergence [FOLDER]`: the error of SPPM after n passes.
 
-The Cornell box with a glass sphere at 256², against a path-traced image that is made once and kept
-in the folder of the first argument. Pixels that see the lamp directly do not count.
+The Cornell box with a glass sphere at 256², compared with a path-traced image that is rendered once
+and saved in FOLDER. Pixels that see the lamp directly do not count.
 """
 
 from __future__ import annotations
@@ -11,19 +11,15 @@ import time
 from pathlib import Path
 from typing import Any
 
-import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
+import mitsuba as mi
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.glass_sphere import PHOTONS, load_scene
 from gpf.core.runtime import choose_variant
-
-choose_variant("auto")
-
-import mitsuba as mi  # noqa: E402
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
-
-from benchmarks.glass_sphere import PHOTONS, load_scene  # noqa: E402
-from gpf.sppm.passes import PassSettings  # noqa: E402
-from gpf.sppm.reference import ReferenceRenderer  # noqa: E402
+from gpf.sppm.passes import PassSettings
+from gpf.sppm.reference import ReferenceRenderer
 
 SIZE, RADIUS, EPSILON = 256, 0.03, 0.01
 COUNTS = (1, 4, 16, 64, 256, 1000)
@@ -31,10 +27,11 @@ TRUTH_SPP, TRUTH_STEP = 16_384, 512
 
 
 def path_traced(scene: Any, file: Path) -> np.ndarray:
-    """The truth, (H, W, 3), from a file or rendered into it."""
+    """The path-traced image, (H, W, 3); rendered into the file if that does not exist."""
     if file.exists():
         return np.asarray(np.load(file))
-    integrator, total = mi.load_dict({"type": "path", "max_depth": -1}), 0.0
+    integrator = mi.load_dict({"type": "path", "max_depth": -1})
+    total: Any = 0.0
     for k in range(TRUTH_SPP // TRUTH_STEP):
         image = mi.render(scene, integrator=integrator, spp=TRUTH_STEP, seed=1000 + k)
         total = total + np.array(image, dtype=np.float64)
@@ -51,7 +48,8 @@ def relative_error(image: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> fl
 
 
 def main() -> None:
-    """Print relMSE and mean after each number of passes, and the slope of the error."""
+    """Print the relMSE after each number of passes, its slope, and the mean over the truth's."""
+    choose_variant("auto")
     console = Console(width=140)
     scene = load_scene(SIZE, SIZE)
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("results/benchmarks")

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.equal_quality SCENE …`: what SPPM takes for images as good as the field's.
+"""`python -m benchmarks.equal_quality SCENE …`: the time of SPPM for images as good as the field's.
 
-After `dvc repro`. Every novel view comes from the field at several numbers of samples; SPPM's
-convergence on the same views says how many passes are as good; and both are timed in turns, in this
-process, so that other load on the machine meets both.
+Needs the results of `dvc repro`. The novel views are rendered from the field with several numbers
+of samples. SPPM's convergence on the same views gives the number of passes of equal quality. Both
+are timed in turns, so that other load affects both.
 """
 
 from __future__ import annotations
@@ -10,22 +10,17 @@ from __future__ import annotations
 import sys
 import time
 
-import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
-from gpf.core.runtime import choose_variant
+import numpy as np
+from rich.console import Console
+from rich.table import Table
 
-choose_variant("auto")
-
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
-
-from benchmarks.single_passes import SinglePasses  # noqa: E402
-from gpf.core.images import read_exr  # noqa: E402
-from metrics.equivalent_passes import equivalent_passes  # noqa: E402
-from metrics.image import psnr  # noqa: E402
-from stages.amortize import mean_convergence  # noqa: E402
-from stages.common.workspace import Workspace  # noqa: E402
-from stages.render import FieldRenderer  # noqa: E402
+from benchmarks.single_passes import SinglePasses
+from metrics.equivalent_passes import equivalent_passes
+from metrics.image import psnr
+from stages.amortize import mean_convergence
+from stages.common.workspace import Workspace
+from stages.metrics import Judge
+from stages.render import FieldRenderer
 
 SAMPLES = (4, 16, 32, 64)
 
@@ -35,7 +30,7 @@ def main() -> None:
     console = Console(width=120)
     for name in sys.argv[1:]:
         work = Workspace.open(name)
-        table = Table("spp", "PSNR", "s per view", "SPPM passes as good", "s per pass", "ratio")
+        table = Table("spp", "PSNR", "s per view", "equivalent passes", "s per pass", "ratio")
         table.title = name
         for row in compare(work):
             table.add_row(*row)
@@ -44,8 +39,8 @@ def main() -> None:
 
 def compare(work: Workspace) -> list[list[str]]:
     """A row for each number of samples."""
-    passes, curve = SinglePasses(work), mean_convergence(work)
-    rows = []
+    passes, curve, rows = SinglePasses(work), mean_convergence(work), []
+    references = Judge.open(work).references
     for spp in SAMPLES:
         renderer = FieldRenderer.open(work, work.params.film.height, spp)
         renderer.render(work.views.novel[0], 0)  # compiles
@@ -55,18 +50,17 @@ def compare(work: Workspace) -> list[list[str]]:
             image = renderer.render(view, work.params.render.seed + k).radiance
             seconds.append(time.perf_counter() - start)
             per_pass.append(passes.seconds(len(work.views.novel), k))
-            reference = read_exr(work.reference(view.name))[0]["radiance"]
-            quality.append(psnr(image, reference, work.views.exposure))
-        worth = equivalent_passes(float(np.mean(quality)), curve)
+            quality.append(psnr(image, references[view.name], work.views.exposure))
+        equal = equivalent_passes(float(np.mean(quality)), curve)
         mine, theirs = float(np.mean(seconds)), float(np.mean(per_pass))
         rows.append(
             [
                 str(spp),
                 f"{np.mean(quality):.2f}",
                 f"{mine:.2f}",
-                str(worth),
+                str(equal),
                 f"{theirs:.4f}",
-                f"{worth.bound}{worth.passes * theirs / mine:.0f}",
+                f"{equal.bound}{equal.passes * theirs / mine:.0f}",
             ]
         )
     return rows

@@ -1,4 +1,4 @@
-"""The Cornell box with a glass sphere: SPPM passes and field renders over Mitsuba's own floors."""
+"""The Cornell box with a glass sphere: times of SPPM passes, of the field, and of Mitsuba."""
 
 from __future__ import annotations
 
@@ -9,8 +9,12 @@ import drjit as dr
 import mitsuba as mi
 
 from benchmarks.timing import Timings, time_in_turn
-from gpf.field.field import FieldSettings, GaussianPhotonField
-from gpf.field.initialization import InitializationSettings, initialize_gaussians
+from gpf.field.field import GaussianPhotonField
+from gpf.field.initialization import (
+    TYPICAL_SCALE,
+    InitialFieldSettings,
+    initialize_gaussians,
+)
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 
@@ -37,15 +41,15 @@ METHODS = ("path", "ptracer", "sppm", "gpf", "gpf, recorded")
 def measure(
     size: int, radius: float, rounds: int = 15, methods: Sequence[str] = METHODS
 ) -> Timings:
-    """Time one SPPM pass, one sample per pixel from a field, `path` and `ptracer`, in turn."""
+    """Time one SPPM pass, one sample per pixel from a field, `path` and `ptracer`, in turns."""
     scene = load_scene(size, size)
-    # ptracer takes samples per pixel: a film of 400x250 makes exactly 100,000 paths.
+    # The number of ptracer's paths is that of the pixels: 400 x 250 = 100,000.
     particles = load_scene(400, 250)
     path = mi.load_dict({"type": "path", "max_depth": 2})
     ptracer = mi.load_dict({"type": "ptracer"})
     field, recorded = (mi.load_dict({"type": "gpf", "record": r}) for r in (False, True))
     field.field = recorded.field = _untrained_field(scene, radius)
-    # Rendered anew each round, so that every pass is a first one and has the full radius.
+    # One pass per render: every pass is a first pass and has the full radius.
     sppm = mi.load_dict(
         {"type": "sppm", "photons_per_pass": PHOTONS, "initial_radius": radius, "max_depth": -1}
     )
@@ -64,9 +68,14 @@ def measure(
 
 
 def _untrained_field(scene: Any, radius: float) -> GaussianPhotonField:
-    # What a query costs depends on where the Gaussians are, and training hardly moves them.
+    # The cost of a query depends on the places of the Gaussians, and training hardly moves them.
     bounds = scene_bounds(scene)
     photons = record_photons(scene, PathSettings(PHOTONS), seed=1)
-    settings = InitializationSettings(gaussians=100_000, density_radius=radius)
+    settings = InitialFieldSettings(
+        gaussians=100_000,
+        initial_colour="density",
+        initial_scale=TYPICAL_SCALE * radius,
+        search_radius=radius,
+    )
     gaussians = initialize_gaussians(photons, settings, bounds, seed=1)
-    return GaussianPhotonField(gaussians, FieldSettings(search_radius=radius), bounds)
+    return GaussianPhotonField(gaussians, settings.query(radius), bounds)

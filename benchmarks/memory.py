@@ -1,35 +1,32 @@
-"""`python -m benchmarks.memory SIZE`: the most memory that `sppm` takes for a film of SIZE²."""
+"""`python -m benchmarks.memory [SIZE]`: the peak memory of `sppm` for a film of SIZE² pixels."""
 
 from __future__ import annotations
 
 import resource
 import sys
 
-import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
+import drjit as dr
+import mitsuba as mi
+
+from benchmarks.glass_sphere import PHOTONS, load_scene
 from gpf.core.runtime import choose_variant
-
-choose_variant("auto")
-
-import drjit as dr  # noqa: E402
-import mitsuba as mi  # noqa: E402
-
-from benchmarks.glass_sphere import PHOTONS, load_scene  # noqa: E402
 
 
 def peak() -> float:
-    """GB that this process had at most so far."""
+    """The peak memory of this process so far, GB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
 
 
 def main() -> None:
-    """Render three passes, and print what they took on top of the scene."""
+    """Render three passes; print the peak memory, and that before rendering."""
+    choose_variant("auto")
     size = int(sys.argv[1]) if len(sys.argv) > 1 else 1024
     scene = load_scene(size, size)
     before = peak()
     sppm = {"type": "sppm", "photons_per_pass": PHOTONS, "initial_radius": 0.02}
     dr.eval(mi.render(scene, integrator=mi.load_dict(sppm), spp=3))
     dr.sync_thread()
-    print(f"{size}², {PHOTONS} paths a pass: {peak():.2f} GB, {before:.2f} GB before rendering")
+    print(f"{size}², {PHOTONS} paths per pass: {peak():.2f} GB, {before:.2f} GB before rendering")
 
 
 if __name__ == "__main__":

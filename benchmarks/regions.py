@@ -1,10 +1,10 @@
-"""`python -m benchmarks.regions SCENE …`: where the field's error sits, after the stage `metrics`.
+"""`python -m benchmarks.regions SCENE …`: the field's error by region, after the stage `metrics`.
 
-Every pixel of every novel view belongs to the first of these regions that it fits:
+Every pixel of every novel view belongs to the first region whose condition it meets:
 
 - glass: most camera rays of the pixel are refracted or reflected before they end;
-- edge: rays of one pixel end on different surfaces;
-- unseen: no training view has a point within two search radii of what the pixel shows;
+- edge: rays of the pixel end on different surfaces;
+- unseen: no training view has a point within two search radii of the visible point;
 - caustic: light changes by more than a fifth over two pixels;
 - rest.
 """
@@ -14,25 +14,20 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 
-import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
-from gpf.core.runtime import choose_variant
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy.ndimage import median_filter
+from scipy.spatial import cKDTree
 
-choose_variant("auto")
-
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
-from scipy.ndimage import median_filter  # noqa: E402
-from scipy.spatial import cKDTree  # noqa: E402
-
-from gpf.camera.film import sample_film  # noqa: E402
-from gpf.core.images import read_exr, tone_map  # noqa: E402
-from gpf.core.structs import to_numpy  # noqa: E402
-from gpf.field.io import read_field  # noqa: E402
-from gpf.scene.views import View  # noqa: E402
-from gpf.training.targets import SURFACE, Targets  # noqa: E402
-from report.figures.places import arriving_light  # noqa: E402
-from stages.common.workspace import Workspace  # noqa: E402
+from gpf.camera.film import sample_film
+from gpf.core.images import read_exr, tone_map
+from gpf.core.structs import to_numpy
+from gpf.field.io import read_field
+from gpf.scene.views import View
+from gpf.training.targets import Targets
+from report.figures.places import arriving_light
+from stages.common.workspace import Workspace
 
 REGIONS = ("glass", "edge", "unseen", "caustic", "rest")
 RAYS = 16
@@ -58,18 +53,19 @@ def main() -> None:
 
 
 def view_errors(work: Workspace) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
-    """For each novel view the pixels' regions, (H W,), and squared errors by method, (H W,)."""
+    """For each novel view: the regions of its pixels, (H W,), and their squared errors by method,
+    (H W,) each."""
     scene, field = work.load_scene(), read_field(work.field)
-    targets = Targets.load(work.targets)
-    seen = cKDTree(targets.position[targets.source != SURFACE])
+    seen = cKDTree(Targets.load(work.targets).select("views").position)
     exposure = work.views.exposure
     for view in work.views.novel:
-        layers = read_exr(work.reference(view.name))[0]
-        layers = read_exr(work.second_reference(view.name))[0]
-        last = max(layers, key=lambda name: int(name.split("_")[1]))
+        layers, snapshots = (
+            read_exr(file(view.name))[0] for file in (work.reference, work.second_reference)
+        )
+        passes = max(int(name.removeprefix("sppm_")) for name in snapshots)
         images = {
             "GPF": read_exr(work.render("gpf", view.name))[0]["radiance"],
-            f"SPPM, {last.split('_')[1]} passes": layers[last],
+            f"SPPM, {passes} passes": snapshots[f"sppm_{passes}"],
         }
         truth = tone_map(layers["radiance"], exposure)
         errors = {
@@ -94,14 +90,21 @@ def find_regions(
     seen: cKDTree,
     r: float,
 ) -> np.ndarray:
-    """The number of the region of every pixel of a view, (H W,)."""
+    """The number of each pixel's region, (H W,).
+
+    Parameters
+    ----------
+    layers: of the view's reference.
+    seen: points of the training views.
+    r: search radius of the field, world units.
+    """
     films = [sample_film(scene, work.sensor(view), seed) for seed in range(RAYS)]
     points = [film.points for film in films]
     valid = np.stack([to_numpy(p.valid) for p in points])
     through = np.mean([to_numpy(p.depth) > 0 for p in points], axis=0) > 0.5
     normals = np.stack([to_numpy(p.n) for p in points])
     positions = np.stack([to_numpy(p.p) for p in points])
-    # On one plane, offsets are perpendicular to the normal, whatever the angle of view.
+    # Points on one plane have offsets perpendicular to the normal, at any viewing angle.
     offset = positions - positions[0]
     off_plane = np.abs((offset * normals[0]).sum(axis=2)).max(axis=0)
     along = np.linalg.norm(offset, axis=2).max(axis=0)

@@ -1,4 +1,4 @@
-"""What a pass of SPPM takes, for measurements that time it in turns with something else."""
+"""The time of an SPPM pass, for measurements that time it in turns with something else."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from stages.references.pass_times import compile_passes, single_views, time_pass
 
 
 class SinglePasses:
-    """SPPM for one view, a pass at a time: for each of the novel views."""
+    """Passes of SPPM for a single view, for each of the novel views."""
 
     def __init__(self, work: Workspace) -> None:
         self.passes = work.params.reference.passes
@@ -16,6 +16,6 @@ class SinglePasses:
         compile_passes(self.renderers)
 
     def seconds(self, parts: int, k: int, samples: int = 4) -> float:
-        """Mean over views, and over passes of the ``k``-th of so many parts."""
+        """Mean seconds of a pass over views, and over passes of the ``k``-th of ``parts`` parts."""
         passes = range(1 + self.passes * k // parts, 1 + self.passes * (k + 1) // parts)
         return float(time_passes(self.renderers, passes, samples).mean())

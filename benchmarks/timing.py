@@ -1,4 +1,4 @@
-"""Timing of alternatives in turn, so that a noisy machine is noisy for all of them alike."""
+"""Timing of alternatives in turns, so that other load on the machine affects all of them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Timings:
         return 1e3 * float(np.median(self.rounds[name]))
 
     def ratio(self, name: str, *floor: str) -> float:
-        """Median over rounds of a time over the sum of others of the same round."""
+        """Median over rounds of a time divided by the sum of others of the same round."""
         total = sum(self.rounds[f] for f in floor)
         return float(np.median(self.rounds[name] / total))
 
@@ -29,9 +29,9 @@ class Timings:
 def time_in_turn(
     work: Mapping[str, Callable[[int], None]], rounds: int = 15, warm_up: int = 3
 ) -> Timings:
-    """Run each piece of work once per round, in turn; each is called with the round's number.
+    """Call each function once per round with the number of the round.
 
-    Every call is followed by a sync, so that what it launched is in its own time.
+    A sync after each call adds the time of its kernels to its own time.
     """
     seconds: dict[str, list[float]] = {name: [] for name in work}
     for number in range(warm_up + rounds):

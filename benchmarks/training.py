@@ -1,37 +1,33 @@
-"""Training: steps per second, and seconds to within 0.3 dB of the final PSNR."""
+"""Training: points per second, and seconds to within 0.3 dB of the final PSNR."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 import drjit as dr
-import mitsuba as mi
-import numpy as np
-from stages.training.inputs import initial_field, load_photons, photons_for_field, supervise
-from stages.training.settings import training_settings
 
+from benchmarks.novel_views import mean_psnr
 from gpf.config.params import read_params
 from gpf.core.errors import UserError
-from gpf.core.images import read_exr
 from gpf.field.io import read_field
 from gpf.scene.bounds import scene_bounds
 from gpf.training.targets import Targets
-from gpf.training.trainer import Trainer
-from metrics.image import psnr
 from stages.common.workspace import Workspace
+from stages.metrics import Judge
+from stages.photons import load_photons
+from stages.render import FieldRenderer
 
 CHECK_EVERY = 50
 
 
 def training_rows() -> list[tuple[str, str, str, str, str]]:
-    """One row per scene of params.yaml that has targets and references."""
+    """One row for each scene of params.yaml; without results, a row says what is missing."""
     rows = []
     for scene in read_params().scenes:
         try:
             seconds, final, rate = time_training(scene)
         except UserError as error:
-            rows.append((f"training, {scene}", "not measured", str(error.todo), "", "8 s"))
+            rows.append((f"training, {scene}", "not measured", str(error), "", "8 s"))
             continue
         rows.append(
             (
@@ -46,52 +42,27 @@ def training_rows() -> list[tuple[str, str, str, str, str]]:
 
 
 def time_training(scene_name: str) -> tuple[float, float, float]:
-    """Seconds to 0.3 dB below the final PSNR, that PSNR, and supervised points per second."""
+    """Seconds to 0.3 dB below the final PSNR, that PSNR in dB, and supervised points per second."""
     work = Workspace.open(scene_name)
-    scene = work.load_scene()
-    targets = Targets.load(work.targets)
-    section, views = work.params.train, work.views.novel
-    references = {v.name: read_exr(work.reference(v.name))[0] for v in views}
-    photons = photons_for_field(work, load_photons(work))
+    recipe, bounds = work.params.recipe, scene_bounds(work.load_scene())
+    targets, photons = Targets.load(work.targets), recipe.select_photons(load_photons(work))
     count = len(read_field(work.field).tensors["means"])
-    integrator = mi.load_dict({"type": "gpf"})
-    settings = training_settings(work)
+    references = Judge.open(work).references
+    renderer = FieldRenderer.open(work, work.params.film.height, work.params.render.spp)
     curve: list[tuple[float, float]] = []
-
-    # Twice: the first run compiles (once per kernel, not per step).
-    for _ in range(2):
+    for _ in range(2):  # the first run compiles the kernels
         curve.clear()
-        start = time.perf_counter()
-        field = initial_field(work, count, photons, targets, scene_bounds(scene))
-        trainer = Trainer(field, supervise(work, targets), replace(settings, steps=section.steps))
-        checking = 0.0
-        while trainer.step_count < section.steps:
-            trainer.advance(CHECK_EVERY)
+        start, paused = time.perf_counter(), 0.0
+        field = recipe.initial_field(count, photons, targets, bounds)
+        trainer = recipe.trainer(field, recipe.supervise(targets))
+        while trainer.step_count < recipe.train.steps:
+            trainer.advance(min(CHECK_EVERY, recipe.train.steps - trainer.step_count))
             dr.sync_thread()
-            spent = time.perf_counter() - start - checking
-            paused = time.perf_counter()
-            integrator.field = trainer.current_field()
-            quality = [
-                psnr(
-                    np.array(
-                        mi.render(
-                            scene,
-                            integrator=integrator,
-                            sensor=work.sensor(
-                                view, work.params.render.spp, work.params.render.sampler
-                            ),
-                            spp=work.params.render.spp,
-                            seed=work.params.render.seed + k,
-                        )
-                    ),
-                    references[view.name]["radiance"],
-                    work.views.exposure,
-                )
-                for k, view in enumerate(views)
-            ]
-            curve.append((spent, float(np.mean(quality))))
-            checking += time.perf_counter() - paused
-    final = curve[-1][1]
+            now = time.perf_counter()
+            renderer.integrator.field = trainer.current_field()
+            curve.append((now - start - paused, mean_psnr(renderer, references)))
+            paused += time.perf_counter() - now
+    total, final = curve[-1]
     seconds = next(s for s, quality in curve if quality >= final - 0.3)
-    rate = section.steps * min(section.batch, dr.width(trainer.training.p)) / curve[-1][0]
-    return seconds, final, rate
+    batch = min(recipe.train.batch, dr.width(trainer.training.p))
+    return seconds, final, recipe.train.steps * batch / total

@@ -1,28 +1,25 @@
-"""`python -m benchmarks.truth SCENE VIEW …`: field and SPPM against a patient path tracer.
+"""`python -m benchmarks.truth SCENE [VIEW …]`: field and SPPM against a path tracer.
 
-After `dvc repro`, in scenes whose light a path tracer finds. References have noise of their own,
-which counts against whoever does not share it; here the judge is independent of both, and has less.
+Needs the results of `dvc repro`, and a scene whose light a path tracer can find. The noise of the
+references counts as an error of other methods. The path-traced image is independent of the field
+and of SPPM, and has less noise.
 """
 
 from __future__ import annotations
 
 import sys
+from typing import Any
 
-import gpf  # noqa: F401  (first: it tells Dr.Jit where libLLVM is)
-from gpf.core.runtime import choose_variant
+import mitsuba as mi
+import numpy as np
+from rich.console import Console
+from rich.table import Table
 
-choose_variant("auto")
-
-import mitsuba as mi  # noqa: E402
-import numpy as np  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
-
-from gpf.core.images import read_exr  # noqa: E402
-from gpf.core.progress import progress_bar  # noqa: E402
-from metrics.image import compare, flip_exposures  # noqa: E402
-from stages.common.workspace import Workspace  # noqa: E402
-from stages.metrics import Judge  # noqa: E402
+from gpf.core.images import read_exr
+from gpf.core.progress import progress_bar
+from metrics.image import flip_exposures
+from stages.common.workspace import Workspace
+from stages.metrics import Judge
 
 SAMPLES, AT_ONCE = 8192, 256
 SHOWN = ("psnr", "ssim", "lpips", "flip")
@@ -35,27 +32,27 @@ def main() -> None:
     judge = Judge.open(work)
     for view in views or list(judge.references):
         truth = trace(work, view)
+        path_judge = Judge(work, {view: truth}, flip_exposures([truth]))
         layers, _ = read_exr(work.second_reference(view))
-        passes = max(int(layer.removeprefix("sppm_")) for layer in layers if "sppm_" in layer)
+        passes = max(int(layer.removeprefix("sppm_")) for layer in layers)
         images = {
             "the reference": judge.references[view],
             f"a second SPPM, {passes} passes": layers[f"sppm_{passes}"],
             "GPF": read_exr(work.render("gpf", view))[0]["radiance"],
         }
         table = Table("", *SHOWN, title=f"{name}, {view}: against `path`, {SAMPLES} spp")
-        first, last = flip_exposures([truth])
-        epsilon = work.params.metrics.relmse_epsilon
         for title, image in images.items():
-            found = compare(image, truth, work.views.exposure, first, last, epsilon)
+            found = path_judge.compare(view, image)
             table.add_row(title, *(f"{found[key]:.3f}" for key in SHOWN))
         Console(width=120).print(table)
 
 
 def trace(work: Workspace, view: str) -> np.ndarray:
-    """Radiance of a view, (H, W, 3)."""
+    """The path-traced radiance of a view, W/(m² sr), (H, W, 3)."""
     scene, sensor = work.load_scene(), work.sensor(work.views.find(view))
     integrator = mi.load_dict({"type": "path", "max_depth": -1, "rr_depth": 8})
-    total, rounds = 0.0, SAMPLES // AT_ONCE
+    rounds = SAMPLES // AT_ONCE
+    total: Any = 0.0
     with progress_bar(f"{work.scene}: {view} by path", rounds) as bar:
         for k in range(rounds):
             image = mi.render(scene, sensor=sensor, integrator=integrator, spp=AT_ONCE, seed=k)

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.workers`: how many workers of a cluster help to render references.
+"""`python -m benchmarks.workers`: the speed-up from workers of a cluster for the references.
 
-The stage `reference` of the Cornell box runs on this machine as it is, and on Ray with one and two
-workers of one thread each. For more workers, the time is predicted from what tasks were measured to
-take: groups of views come one after the other, and the tasks of each are shared out.
+The stage `reference` of the Cornell box runs locally, and on Ray with one and two workers of one
+thread each. For more workers, the time is predicted from the measured time of the tasks: groups of
+views follow one after the other, and the tasks of each group are distributed over the workers.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PROJECT = Path(__file__).resolve().parent.parent
 
 @dataclass(frozen=True)
 class Run:
-    """One run of the stage: seconds as a whole, and of all passes of each group."""
+    """One run of the stage: seconds of the whole stage, and of the passes of each group."""
 
     seconds: float
     groups: list[float]
@@ -54,31 +54,29 @@ def run_stage(folder: Path, executor: str, workers: int) -> Run:
         subprocess.run(command, cwd=project, env=environment, check=True, capture_output=True)
     seconds = time.perf_counter() - start
     costs = project / "results" / SCENE / "costs" / "reference.json"
-    spent = {"train": 0.0, "novel": 0.0, "second_reference": 0.0}
-    apart = 0.0
+    spent = {"train": 0.0, "novel": 0.0, "second_reference": 0.0, "probe": 0.0}
     for name, cost in read_json(costs)["parts"].items():
         group = name.partition("/")[0]
         if group in spent:
             spent[group] += cost["wall_seconds"] + cost["compile_seconds"]
-        elif group == "probe":  # what a pass costs is measured afterwards, by one machine
-            apart += cost["wall_seconds"] + cost["compile_seconds"]
-    return Run(seconds - apart, list(spent.values()))
+    # The probe times single passes afterwards, always on one machine.
+    return Run(seconds - spent.pop("probe"), list(spent.values()))
 
 
 def predict(run: Run, workers: int) -> float:
-    """Seconds with so many workers, from a run with one: what is not passes stays."""
+    """Seconds with ``workers`` workers, from a run with one; only the passes get faster."""
     tasks = math.ceil(PASSES / PASSES_PER_TASK)
     rounds = math.ceil(tasks / workers)
     return run.seconds - sum(run.groups) + sum(group / tasks * rounds for group in run.groups)
 
 
 def main() -> None:
-    """Run, predict, and print one table."""
+    """Measure, predict, and print one table."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         local = run_stage(folder, "local", 1)
         runs = {n: run_stage(folder, "ray", n) for n in (1, 2)}
-    table = Table("workers", "measured", "predicted", "times as fast as one")
+    table = Table("workers", "measured", "predicted", "speed-up over one")
     table.add_row("none (local, all cores)", f"{local.seconds:.0f} s", "", "")
     for n in PREDICTED:
         expected = predict(runs[1], n)
