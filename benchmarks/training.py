@@ -21,7 +21,7 @@ CHECK_EVERY = 50
 
 
 def training_rows() -> list[tuple[str, str, str, str, str]]:
-    """One row for each scene of params.yaml; without results, a row says what is missing."""
+    """One row for each scene of params.yaml; without results, the row names the missing file."""
     rows = []
     for scene in read_params().scenes:
         try:

@@ -83,11 +83,11 @@ def animate(scene_name: str) -> None:
     costs.facts["frames"] = len(views)
     costs.write(work.cost("animate"))
     for method in shown:
-        told = ", ".join(
+        changes = ", ".join(
             f"{numbers['change']:.2f} of 255 ({where})"
             for where, numbers in flicker["methods"][method].items()
         )
-        say(f"{scene_name}, {method}: flicker {told or 'not measured'}")
+        say(f"{scene_name}, {method}: flicker {changes or 'not measured'}")
 
 
 def frame(work: Workspace, method: str, number: int) -> Path:

@@ -32,7 +32,7 @@ from stages.references.pass_times import time_kinds_of_passes
 
 
 def render_references(scene_name: str, passes: str | None = None) -> None:
-    """Render what is missing of the references, the second reference and the targets.
+    """Render the missing references, second references and targets.
 
     ``passes``, written ``FIRST:LAST``, limits this to a range of passes; other runs or other
     machines complete them. Files are written once all passes are done.

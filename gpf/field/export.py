@@ -53,7 +53,7 @@ def check_options(ply: Path | None, compact: Path | None, exposure: float | None
     if ply is None and compact is None:
         raise UserError(
             "gpf export",
-            "was not told what to write",
+            "has nothing to write",
             "Add --ply OUT.ply or --compact OUT.safetensors.",
         )
     for option, target, suffix in (("ply", ply, ".ply"), ("compact", compact, ".safetensors")):

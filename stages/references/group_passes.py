@@ -42,7 +42,7 @@ class GroupPasses:
     costs: CostMeter
 
     def __post_init__(self) -> None:
-        self.title = f"{self.work.scene}: {self.group} references"
+        self.title = f"{self.work.scene}: references ({self.group})"
         self.previews = Previews(self.work, self.group, self.renderer)
 
     @property
