@@ -87,7 +87,10 @@ def test_a_compact_field(trained):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["cornell_box"], r"gpf export: has nothing to write\. Add --ply OUT\.ply or --compact OUT"),
+        (
+            ["cornell_box"],
+            r"gpf export: has nothing to write\. Add --ply OUT\.ply or --compact OUT",
+        ),
         (["gone.safetensors", "--ply", "a.ply"], r"gone\.safetensors: does not exist\. Check the"),
         (["a/b", "--ply", "a.ply"], r"error: a/b: does not exist\. Check the path"),
         (
