@@ -88,7 +88,7 @@ class GroupPasses:
     def update_previews(self, bar: Bar, *sums: PassSums) -> None:
         """Update the previews if it is time, and the expected PSNR beside the progress bar."""
         psnr = self.previews.update_if_due(*sums)
-        if psnr is not None:
+        if psnr is not None and np.isfinite(psnr):  # infinite after one pass, or without noise
             bar.describe(f"{self.title}, {psnr:.1f} dB")
 
     def save(self, part: range, sums: PassSums, costs: Mapping[str, float]) -> None:
