@@ -1,8 +1,9 @@
-"""With CI=true, a test that is skipped fails, unless it is on a list with the reason."""
+"""Skipped tests: one line for each reason; with CI=true a failure, unless a list has the reason."""
 
 from __future__ import annotations
 
 import os
+from collections import Counter
 
 import pytest
 
@@ -15,11 +16,17 @@ ALLOWED = {
 }
 
 
+def reason_of(report: pytest.TestReport | pytest.CollectReport) -> str:
+    """Why a test was skipped."""
+    told = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+    return told.removeprefix("Skipped: ")
+
+
 def check(report: pytest.TestReport | pytest.CollectReport) -> None:
     """Make a skip that is not allowed a failure. One that is expected to fail is no skip."""
     if os.environ.get("CI") != "true" or not report.skipped or hasattr(report, "wasxfail"):
         return
-    reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+    reason = reason_of(report)
     allowed = ALLOWED.get(report.nodeid.partition("::")[0])
     if allowed is None or allowed not in reason:
         report.outcome = "failed"
@@ -40,3 +47,10 @@ def pytest_make_collect_report(collector):
     report = yield
     check(report)
     return report
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Print how many tests were skipped for each reason."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    for reason, count in Counter(map(reason_of, skipped)).items():
+        terminalreporter.write_line(f"SKIPPED [{count}] {reason}", yellow=True)

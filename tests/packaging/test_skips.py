@@ -50,4 +50,6 @@ def test_a_skip_fails_in_ci_unless_it_is_on_the_list(tmp_path, ci, workers, outc
     )
     assert outcome in done.stdout.splitlines()[-1], done.stdout + done.stderr
     assert ("In CI nothing is skipped" in done.stdout) == bool(ci)
+    assert "SKIPPED [1] half precision on CUDA" in done.stdout
+    assert ("SKIPPED [1] not today" in done.stdout) == (not ci)
     assert done.returncode == (1 if ci else 0)

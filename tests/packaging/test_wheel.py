@@ -168,4 +168,4 @@ def test_its_commands(installed, tmp_path):
     assert "All that is required works" in text and "(no lock file to compare with)" in text
     assert not any(word in text for word in ("dvc", "torch", "LPIPS", "disk"))
     text = run([str(installed / "python"), "-m", "gpf", "--help"], tmp_path)
-    assert "A Mitsuba 3 scene, XML" in text
+    assert "python -m gpf" in text and "--sensor" in text
