@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from gpf.core.random import step_random
 
 
 def step_numbers(seed: int, step: int) -> np.ndarray:
-    return step_random(2000, mi.UInt32(seed), mi.UInt32(step)).next_float32().numpy()
+    numbers = (dr.opaque(mi.UInt32, n) for n in (seed, step))  # one kernel for all
+    return step_random(2000, *numbers).next_float32().numpy()
 
 
 def test_no_step_draws_what_another_one_did():

@@ -18,6 +18,7 @@ def run_adam(gradients: np.ndarray, start: np.ndarray, rate: float) -> np.ndarra
     history = []
     for t, rows in enumerate(gradients, start=1):
         values = adam.step(values, [mi.Float(row.astype(np.float32)) for row in rows], rates, t)
+        dr.eval(values, adam.first, adam.second)
         history.append([np.array(v) for v in values])
     return np.array(history)
 
