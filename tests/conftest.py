@@ -7,6 +7,8 @@ import os
 
 import pytest
 
+pytest_plugins = ["tests.skips"]
+
 
 def pytest_configure() -> None:
     from gpf.core.errors import UserError
