@@ -24,7 +24,6 @@ from tests.furnace import (
     room,
     sppm,
 )
-from tests.tiers import tiers
 
 PATH = {"type": "path", "max_depth": -1}
 
@@ -170,14 +169,16 @@ def test_crop_windows():
     np.testing.assert_allclose(image, whole[1:4, 2:7], rtol=1e-4)
 
 
-@tiers(quick=1 / 4)
 @pytest.mark.parametrize("border", [False, True])
-def test_reconstruction_filters(border, tier):
-    """The samples are weighted with the film's own filter, at the film's edge too."""
+def test_reconstruction_filters(border):
+    """The samples are weighted with the film's own filter, at the film's edge too.
+
+    A pixel has a standard error of 0.008.
+    """
     film = {"rfilter": {"type": "gaussian", "stddev": 0.7}, "sample_border": border}
     scene, expected = emissive_picture(**film)
-    image = mi.render(scene, integrator=mi.load_dict(sppm(100)), spp=tier.samples(128)).numpy()
-    np.testing.assert_allclose(image, expected, atol=tier.noise(0.08))
+    image = mi.render(scene, integrator=mi.load_dict(sppm(100)), spp=32).numpy()
+    np.testing.assert_allclose(image, expected, atol=0.06)
     plain = emissive_picture()[1]
     assert np.abs(expected - plain).max() > 0.2, "the filter makes no difference"
 

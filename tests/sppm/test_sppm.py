@@ -271,9 +271,12 @@ def smooth_floor(bsdf: Scene) -> mi.Mesh:
     return mesh
 
 
-@TIERS
+@tiers(quick=1 / 3)
 def test_shading_normals(tier):
-    """Flux arrives at the geometric surface, the BSDF sees the shading frame."""
+    """Flux arrives at the geometric surface, the BSDF sees the shading frame.
+
+    Without the adjoint of the normals, 1.5 % of the light is missing.
+    """
     compare(tier, studio(WHITE, floor=smooth_floor(WHITE)), radius=0.05)
 
 
