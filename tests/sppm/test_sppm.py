@@ -271,7 +271,7 @@ def smooth_floor(bsdf: Scene) -> mi.Mesh:
     return mesh
 
 
-@tiers(quick=1 / 3)
+@tiers(quick=1 / 2)
 def test_shading_normals(tier):
     """Flux arrives at the geometric surface, the BSDF sees the shading frame.
 
