@@ -34,7 +34,7 @@ def make_photons(p: np.ndarray, up: np.ndarray | bool = True) -> Photons:
     )
 
 
-def test_a_lamps_inside_is_thinned_and_the_rest_is_not():
+def test_photons_inside_a_lamp_are_fewer_and_the_others_all_stay():
     """Nine tenths of the photons in a corner that gets a hundredth of the looks."""
     rng = np.random.default_rng(1)
     aside = np.array([5.0, 0, 0])
@@ -52,7 +52,7 @@ def test_a_lamps_inside_is_thinned_and_the_rest_is_not():
     assert power[inside].sum() == pytest.approx(3 * 0.5 * 90_000, rel=0.05)
 
 
-def test_the_few_photons_outside_a_lamp_are_not_thinned_with_those_inside():
+def test_the_few_photons_outside_a_lamp_all_stay():
     """In the same place, but on the other side of a thin wall."""
     rng = np.random.default_rng(2)
     inside, outside = np.full(50_000, True), np.full(50, False)

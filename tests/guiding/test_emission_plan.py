@@ -33,14 +33,14 @@ def plan(efficiency: float, photons_per_path: float) -> EmissionPlan:
     ],
 )
 def test_automatic_numbers_of_paths(efficiency, photons_per_path, for_passes, for_photons):
-    looking = plan(efficiency, photons_per_path)
-    assert looking.paths_for_passes(50_000) == for_passes
-    assert looking.paths_for_gaussians(100_000) == for_photons
+    emission = plan(efficiency, photons_per_path)
+    assert emission.paths_for_passes(50_000) == for_passes
+    assert emission.paths_for_gaussians(100_000) == for_photons
 
 
 def test_a_cap_that_bites_is_said(caplog):
-    looking = plan(0.01, 0.001)
-    assert looking.paths_for_passes(50_000) == 500_000
+    emission = plan(0.01, 0.001)
+    assert emission.paths_for_passes(50_000) == 500_000
     assert "5,000,000 photon paths would be needed; auto takes at most 500,000" in caplog.text
 
 
@@ -68,6 +68,6 @@ def test_a_box_that_is_seen_whole_needs_no_guide():
     box = cornell_box()
     del box["sensor"]
     front = View(name="front", origin=(0, 0, 3.6), target=(0, 0, 0), fov=45)
-    looking = make_plan(mi.load_dict(box, optimize=False), front)
-    assert looking.region is not None and looking.source is emit_light
-    assert 0.5 < looking.pilot.efficiency <= 1
+    emission = make_plan(mi.load_dict(box, optimize=False), front)
+    assert emission.region is not None and emission.source is emit_light
+    assert 0.5 < emission.pilot.efficiency <= 1
