@@ -7,6 +7,8 @@
 STAMP := .venv/installed
 VENV := .venv/bin/python
 PIP := $(VENV) -m pip --disable-pip-version-check
+# Python compiles a module when it is first imported; compiling all of them takes half a minute.
+INSTALL := $(PIP) install --no-compile
 # Two processes with one thread each; tests of one group (xdist_group) run in the same process.
 PYTEST := OMP_NUM_THREADS=1 $(VENV) -m pytest -n 2 --dist loadgroup
 
@@ -47,12 +49,12 @@ venv: $(STAMP) ## only the environment
 
 $(STAMP): requirements.lock requirements-nodeps.lock pyproject.toml
 	@$(PIP) --version >/dev/null 2>&1 || sh tools/make_venv.sh
-	$(PIP) install -r requirements.lock
-	@$(PIP) install --no-deps --no-build-isolation --use-pep517 -r requirements-nodeps.lock \
+	$(INSTALL) -r requirements.lock
+	@$(INSTALL) --no-deps --no-build-isolation --use-pep517 -r requirements-nodeps.lock \
 	  || echo "Warning: the packages of requirements-nodeps.lock could not be installed; LPIPS," \
 	     "FLIP and 3D Gaussian splatting will be missing in the tables. \`make doctor\` names the" \
 	     "commands that add them." >&2
-	$(PIP) install --no-deps --no-build-isolation -e .
+	$(INSTALL) --no-deps --no-build-isolation -e .
 	@touch $(STAMP)
 
 lock: ## resolve requirements.in anew into requirements.lock (CONTRIBUTING.md)

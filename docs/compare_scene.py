@@ -160,9 +160,9 @@ def main() -> None:
     width, height = (int(n) for n in arguments.size.split("x"))
     choose_variant("auto")
     with tempfile.TemporaryDirectory() as folder:
-        frozen = Path(folder) / arguments.own
-        snapshot_scene(arguments.own, frozen)
-        files = (arguments.original, frozen / "scene.xml")
+        snapshot = Path(folder) / arguments.own
+        snapshot_scene(arguments.own, snapshot)
+        files = (arguments.original, snapshot / "scene.xml")
         scenes = [mi.load_file(str(file), optimize=False) for file in files]
     sensor, integrator = camera_of(scenes[0], width, height), scenes[0].integrator()
     original, own = (

@@ -6,23 +6,17 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from statistics import fmean
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
-
+from gpf.core.settings import Positive, Settings
 from gpf.core.yaml import read_yaml
 
 FILE = Path(__file__).with_suffix(".yaml")
 
-Positive = Annotated[float, Field(gt=0)]
 Group = Literal["components", "gaussians", "k"]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Numbers(_Model):
+class Numbers(Settings):
     """Metrics of a method's images (PSNR in dB), its storage in MB and its seconds per view."""
 
     psnr: Positive
@@ -47,7 +41,7 @@ class Variant(Numbers):
     field: dict[str, Any]
 
 
-class Ablations(_Model):
+class Ablations(Settings):
     """Tables 3, S1 and S2, all of one scene."""
 
     scene: str
@@ -60,14 +54,14 @@ class Ablations(_Model):
         return getattr(self, group) if group in Group.__args__ else ()  # type: ignore[attr-defined]
 
 
-class Cost(_Model):
+class Cost(Settings):
     """Hours of preparation, and the number of views at which they pay off."""
 
     total_hours: Positive
     break_even_views: int
 
 
-class Paper(_Model):
+class Paper(Settings):
     """All numbers of the paper: scene -> method -> numbers.
 
     Scenes have this project's names. :meth:`name_of` finds the paper's name of a method.

@@ -94,8 +94,8 @@ class Judge:
 
     @classmethod
     def open(cls, work: Workspace) -> Judge:
-        """Read the references."""
-        names = [view.name for view in work.views.novel]
+        """Read the references; raises a :class:`UserError` without novel views."""
+        names = [view.name for view in work.novel_views()]
         references = {name: _read_reference(work, name) for name in names}
         exposures: tuple[float, float] | tuple[None, None] = (None, None)
         # If all are black, `compare` stores the reason in place of HDR-FLIP.

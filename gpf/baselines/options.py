@@ -8,19 +8,16 @@ from __future__ import annotations
 from abc import abstractmethod
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-Count = Annotated[int, Field(ge=1)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+from gpf.core.settings import Count, Positive, Settings
 
 
-class _Options(BaseModel):
+class _Options(Settings):
     """Options of all systems.
 
     ``scenes``: the scenes that the method is run for; empty means all scenes.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     scenes: tuple[str, ...] = ()
 

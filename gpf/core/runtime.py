@@ -141,6 +141,8 @@ def choose_variant(variant: str = "auto") -> str:
             "Set it to auto or llvm_ad_rgb; `gpf doctor` shows what is there.",
         )
     mi.set_variant(variant)
+    # With one thread, Mitsuba waits forever when it reads or writes an EXR file.
+    dr.set_thread_count(max(2, dr.thread_count()))
     return variant
 
 

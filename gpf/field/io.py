@@ -26,7 +26,7 @@ from typing import Any, Literal
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.errors import FileError
+from gpf.core.errors import FileError, UserError
 from gpf.core.files import read_tensors, write_tensors
 from gpf.core.structs import to_numpy
 from gpf.field.field import FieldSettings, GaussianPhotonField
@@ -92,10 +92,14 @@ def write_field(stored: StoredField, path: Path, precision: Precision = "float32
 
     Raises
     ------
-    FileError: a value is NaN or infinite.
-    UserError: the file cannot be written.
+    UserError: a value is NaN or infinite, or the file cannot be written.
     """
-    _check_finite(path, stored.tensors)
+    if name := _name_not_finite(stored.tensors):
+        raise UserError(
+            str(path),
+            f"was not written, because {name} of the field has NaN or infinite values",
+            "Look at the targets of the training, or use lower learning rates.",
+        )
     tensors = stored.tensors
     encoding: dict[str, Any] = {}
     if precision == "compact":
@@ -128,15 +132,15 @@ def read_field(path: Path) -> StoredField:
             path,
             f"has the precision {precision}; this program reads float32 and compact",
         )
-    _check_finite(path, tensors)
+    if name := _name_not_finite(tensors):
+        raise FileError(path, f"has NaN or infinite values in {name}")
     settings = FieldSettings(**metadata["settings"])
     return StoredField(tensors, settings, metadata["bounds"], metadata["record"])
 
 
-def _check_finite(path: Path, tensors: Mapping[str, np.ndarray]) -> None:
-    for name, value in tensors.items():
-        if not np.isfinite(value).all():
-            raise FileError(path, f"has NaN or infinite values in {name}")
+def _name_not_finite(tensors: Mapping[str, np.ndarray]) -> str | None:
+    """The first tensor with a value that is NaN or infinite."""
+    return next((name for name, value in tensors.items() if not np.isfinite(value).all()), None)
 
 
 # --- the compact precision --------------------------------------------------------------------

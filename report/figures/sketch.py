@@ -62,6 +62,9 @@ def save(sketch: Sketch, name: str, title: str, folder: Path, scene: str = "") -
     with rc_context(RC):
         for path, metadata in ((svg, {"Date": None, **words}), (png, words)):
             write_atomically(path, partial(sketch.canvas.savefig, metadata=metadata))
+            # The PNG takes the positions of the SVG: arranging everything anew takes as long as
+            # drawing it.
+            sketch.canvas.set_layout_engine("none")
     return Figure(name, title, sketch.alt, sketch.caption, svg, png, scene=scene)
 
 

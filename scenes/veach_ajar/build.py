@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gpf.core.images import tone_map, undo_tone_map
 from gpf.modelling.landscape import landscape
 from gpf.modelling.meshes import Mesh, box, join, lathe, quad, write_ply
 from gpf.modelling.teapot import teapot_body, teapot_lid
@@ -165,7 +166,7 @@ def legs() -> Mesh:
 def wood(
     shape: tuple[int, int], boards: int, rings: float, colours: Stops, seed: int
 ) -> np.ndarray:
-    """Planks glued side by side, sRGB (H, W, 3); the grain runs from the bottom to the top.
+    """Planks glued side by side, linear reflectances (H, W, 3); the grain runs upwards.
 
     Each plank is a cut through a trunk at a distance from its pith. The distance varies along the
     grain, which makes arches of year rings.
@@ -185,7 +186,7 @@ def wood(
     line += 0.25 * np.sin(np.pi * np.maximum(year - late, 0) / (1 - late))
     fibre = fractal_noise(shape, (12, width // 3), 2, seed + 40)
     value = 0.62 * line + 0.5 * (fibre - 0.5) + 0.35 * (golden - 0.5) + 0.5 * slow + 0.15
-    return ramp(value, colours)
+    return undo_tone_map(np.maximum(ramp(value, colours), 0.05))
 
 
 def with_mean(linear: np.ndarray, mean: tuple[float, float, float]) -> np.ndarray:
@@ -193,7 +194,7 @@ def with_mean(linear: np.ndarray, mean: tuple[float, float, float]) -> np.ndarra
     scaled = linear
     for _ in range(8):  # repeated, because values are clamped to 0.95
         scaled = np.minimum(scaled * (mean / scaled.mean(axis=(0, 1))), 0.95)
-    return np.where(scaled <= 0.0031308, 12.92 * scaled, 1.055 * scaled ** (1 / 2.4) - 0.055)
+    return tone_map(scaled, exposure=1)
 
 
 def spread(tones: Sequence[tuple[float, ...]], shape: tuple[int, int]) -> np.ndarray:
@@ -203,11 +204,6 @@ def spread(tones: Sequence[tuple[float, ...]], shape: tuple[int, int]) -> np.nda
         place = (np.arange(size) + 0.5) / size * len(value) - 0.5
         value = np.array([np.interp(place, np.arange(len(value)), line) for line in value.T])
     return value[..., None]
-
-
-def to_linear(srgb: np.ndarray) -> np.ndarray:
-    """Linear reflectances of sRGB values, which are clamped to at least 0.05."""
-    return ((np.clip(srgb, 0.05, 1) + 0.055) / 1.055) ** 2.4
 
 
 def build(folder: Path) -> list[Path]:
@@ -224,11 +220,11 @@ def build(folder: Path) -> list[Path]:
         "teapot_lid": teapot_lid(),
     }
     half = (1024, 576)
-    front = to_linear(wood(half, 3, 11, CHERRY, seed=3)) * spread(FRONT_TONES, half)
+    front = wood(half, 3, 11, CHERRY, seed=3) * spread(FRONT_TONES, half)
     # As seen from behind, the hinges are on the right.
-    back = to_linear(wood(half, 3, 11, CHERRY, seed=5)) * spread(BACK_TONES, half)[:, ::-1]
+    back = wood(half, 3, 11, CHERRY, seed=5) * spread(BACK_TONES, half)[:, ::-1]
     sides = [with_mean(front, DOOR_FRONT), with_mean(back, DOOR_BACK)]
-    board = to_linear(wood((1024, 640), 3, 26, MAPLE, seed=8))
+    board = wood((1024, 640), 3, 26, MAPLE, seed=8)
     boards = [with_mean(board, TABLE), with_mean(board[::-1], UNDERSIDE)]
     pictures = {
         "door": np.concatenate(sides, axis=1),

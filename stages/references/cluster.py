@@ -79,7 +79,8 @@ def render_part(
     """On a worker: sums over passes ``first`` + 1 to ``last`` as tensors, and their cost."""
     import drjit as dr
 
-    dr.set_thread_count(threads or os.cpu_count() or 1)
+    # At least two: with one, Mitsuba waits forever when it reads an EXR file.
+    dr.set_thread_count(max(2, threads or os.cpu_count() or 1))
     with chdir(_unpack(project)):
         passes = _open(scene, request, digest)
         renderer, costs = passes.renderer, passes.costs

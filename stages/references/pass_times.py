@@ -30,7 +30,7 @@ def time_kinds_of_passes(job: Job, passes: int) -> dict[str, float]:
     targets = ReferenceRenderer(job.scene, {}, points, job.settings, section.seed, source)
     every = [*singles, shared, targets]
     with job.costs.measure("probe"):
-        compile_passes(every)
+        compile_passes((singles[0], shared, targets))  # all single views have the same kernels
         samples = min(SAMPLES, -(-passes // ONE_IN))
         seconds = time_passes(every, range(1, passes + 1), samples)
     return {

@@ -213,9 +213,7 @@ def test_a_collapsed_scale_does_not_cost_the_others_their_digits(tmp_path):
 def test_nan_is_not_written(tmp_path, name, precision):
     field = stored(surface_gaussians(4))
     field.tensors[name][2, 1] = np.nan
-    with pytest.raises(
-        UserError, match=rf"field\.safetensors: has NaN or infinite values in {name}\."
-    ):
+    with pytest.raises(UserError, match=rf"field\.safetensors: was not written, because {name} "):
         write_field(field, tmp_path / "field.safetensors", precision)
     assert list(tmp_path.iterdir()) == []
 

@@ -130,6 +130,7 @@ def test_a_scene_without_novel_views(finished):
     head, _, rest = views.read_text(encoding="utf-8").partition("novel:")
     _, _, path = rest.partition("path:")
     views.write_text(f"{head}novel: []\npath:{path}", encoding="utf-8")
-    for call in (("stage", "render", "--scene", "cornell_box"), ("render", "cornell_box")):
+    stages = (("stage", name, "--scene", "cornell_box") for name in ("render", "metrics"))
+    for call in (*stages, ("render", "cornell_box")):
         outcome = finished.gpf(*call)
         assert outcome.code == 2 and "has no novel views" in outcome.text, outcome.text
