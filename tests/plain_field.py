@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from gpf.core.structs import SurfacePoints
 from gpf.field.field import (
+    LARGEST_REACH,
     SUPPLEMENT_REACH,
     SUPPLEMENT_SLACK,
     SURFACE_HEIGHT,
@@ -150,7 +151,7 @@ def neighbours_of(
     if settings.neighbours == "radius" or enough:
         return ball, settings.search_radius
     nearest = np.argsort(distance, kind="stable")[: settings.k + 1]
-    nearest = nearest[distance[nearest] < np.inf]
+    nearest = nearest[distance[nearest] <= LARGEST_REACH * settings.search_radius]
     if len(nearest) > settings.k:
         return nearest[:-1], np.sqrt(SUPPLEMENT_SLACK) * distance[nearest[-1]]
     return nearest, SUPPLEMENT_REACH * distance[nearest].max(initial=0)

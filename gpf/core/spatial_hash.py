@@ -153,18 +153,25 @@ class SpatialHash:
         return (index & grid.mask) + grid.first_bucket
 
     def visit(
-        self, x: mi.Point3f, radius: mi.Float, body: Body, state: Any, active: mi.Bool
+        self,
+        x: mi.Point3f,
+        radius: mi.Float,
+        body: Body,
+        state: Any,
+        active: mi.Bool,
+        enough: Callable[[Any], mi.Bool] | None = None,
     ) -> Any:
         """Call ``body`` for every point that may lie within ``radius`` of ``x``; return the state.
 
         ``body(state, index, record, distance², inside)`` returns the new state. ``index`` is the
         position of the point in the sorted order, ``record`` its x, y, z and tag, and ``inside``
-        tells whether ``distance <= radius``: ``body`` must mask its side effects with it.
+        tells whether ``distance <= radius``: ``body`` must mask its side effects with it. The
+        search of a point ends when ``enough(state)`` is true.
         """
-        return self._scan(self._first, x, radius, body, state, active)
+        return self._scan(self._first, x, radius, body, state, active, enough)
 
     @dr.syntax
-    def _scan(self, grid: _Grid, x: mi.Point3f, radius: mi.Float, body: Body, state, active):  # type: ignore[no-untyped-def]
+    def _scan(self, grid: _Grid, x, radius, body: Body, state, active, enough=None):  # type: ignore[no-untyped-def]
         reach = radius + self._slack
         first = self._cell_of(grid, x - reach)
         last = self._cell_of(grid, x + reach)
@@ -185,6 +192,8 @@ class SpatialHash:
                         c = self._cell_of(grid, p)
                         inside &= (c.y == y) & (c.z == z)
                     state = body(state, index, record, distance2, inside)
+                    if dr.hint(enough is not None, mode="scalar"):
+                        active &= ~enough(state)
                     index += 1
                 y += 1
             z += 1
@@ -203,8 +212,8 @@ class SpatialHash:
         """The ``k`` nearest points of each query, nearest first. Needs ``far=True``.
 
         Balls of radius ``start``, 2 ``start``, … are searched until one contains ``k`` points that
-        ``accept(record)`` admits, or until the radius reaches ``limit``. The result is exact within
-        the last ball.
+        ``accept(record)`` admits. The last ball has the radius ``limit``. The result is exact
+        within the last ball that is searched.
 
         Returns
         -------
@@ -222,7 +231,7 @@ class SpatialHash:
                 grid, x, radius, _insert(accept), _nothing_found(k), mi.Bool(searching)
             )
             searching &= (distance2[k - 1] == dr.inf) & (radius < limit)
-            radius *= 2
+            radius = dr.minimum(2 * radius, limit)
         return index, distance2
 
     def _level_for(self, radius: mi.Float, active: mi.Bool) -> _Grid:

@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 from pydantic import Field
 
+from gpf.core.facing_cells import FacingCells
 from gpf.core.settings import Positive, Settings
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import VisiblePoints
@@ -33,8 +34,11 @@ SURFACE_HEIGHT = 0.35
 SUPPLEMENT_SLACK = 1.0002
 SUPPLEMENT_REACH = 1.5
 
-# Radius of the supplement's first search, in search radii: twice the area of the ball.
+# Radii of the supplement's first and largest search, in search radii: the first has twice the area
+# of the ball. Where no Gaussian is within the largest, the field is black. Gaps that cameras see
+# are filled before training (gpf.field.initialization.find_gaps).
 FIRST_REACH = 1.4
+LARGEST_REACH = 4.0
 
 
 class FieldSettings(Settings):
@@ -139,6 +143,8 @@ class GaussianPhotonField:
             tag=pack_tag(gaussians.normals),
             far=True,
         )
+        reach = LARGEST_REACH * self.settings.search_radius
+        self.facing = FacingCells(gaussians.means, gaussians.normals, reach, self.bounds)
         order = self.hash.order
         rows = whitening_rows(gaussians.log_scales, gaussians.quats)
         self._packets = []
@@ -148,15 +154,14 @@ class GaussianPhotonField:
             self._packets.append(dr.ravel(mi.Vector4f(row.x, row.y, row.z, colour)))
         dr.eval(self._packets)
         self._radius = dr.opaque(mi.Float, self.settings.search_radius)
-        self._limit = dr.opaque(mi.Float, self.hash.extent)
 
     def arrays(self) -> dict[str, Any]:
         """The arrays that queries read, as a PyTree; see :meth:`with_arrays`."""
         return {
             "hash": self.hash.arrays(),
             "packets": self._packets,
+            "facing": self.facing.arrays(),
             "radius": self._radius,
-            "limit": self._limit,
         }
 
     def with_arrays(self, arrays: Mapping[str, Any]) -> GaussianPhotonField:
@@ -164,8 +169,8 @@ class GaussianPhotonField:
         arguments."""
         other = copy.copy(self)
         other.hash = self.hash.with_arrays(arrays["hash"])
-        other._packets = arrays["packets"]
-        other._radius, other._limit = arrays["radius"], arrays["limit"]
+        other.facing = self.facing.with_arrays(arrays["facing"])
+        other._packets, other._radius = arrays["packets"], arrays["radius"]
         return other
 
     def accepts(self, record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f) -> mi.Bool:
@@ -187,6 +192,22 @@ class GaussianPhotonField:
         rows = tuple(mi.Vector3f(p.x, p.y, p.z) for p in packets)
         weight = dr.select(active, blend_weight(x - mean, rows, support2), 0)  # type: ignore[arg-type]
         return weight, weight * mi.Color3f(*(p.w for p in packets))
+
+    def supplement(
+        self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool
+    ) -> tuple[list[mi.UInt32], list[mi.Float]]:
+        """The k + 1 nearest Gaussians, as :meth:`SpatialHash.nearest` returns them; none that are
+        farther than :data:`LARGEST_REACH`."""
+        if self.settings.normal_test:
+            active = self.facing.may_contain(x, n, active)
+        return self.hash.nearest(
+            x,
+            self.settings.k + 1,
+            FIRST_REACH * self._radius,
+            LARGEST_REACH * self._radius,
+            lambda record: self.accepts(record, x, n),
+            active,
+        )
 
     @dr.syntax
     def query(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> tuple[mi.Color3f, mi.Float]:
@@ -224,14 +245,7 @@ class GaussianPhotonField:
 
         if dr.hint(settings.neighbours != "radius", mode="scalar"):
             sparse = active & (count <= settings.k)
-            index, distance2 = self.hash.nearest(
-                x,
-                settings.k + 1,
-                FIRST_REACH * self._radius,
-                self._limit,
-                lambda record: self.accepts(record, x, n),
-                sparse,
-            )
+            index, distance2 = self.supplement(x, n, sparse)
             farthest2, support2 = supplement_support(distance2)
             total = dr.select(sparse, 0, total)
             colour = dr.select(sparse, 0, colour)

@@ -19,7 +19,7 @@ from gpf.core.errors import UserError
 from gpf.core.random import Stream, pass_seed
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import Photons, VisiblePoints, concatenate, take
-from gpf.core.surface_tags import pack_tag, same_surface
+from gpf.guiding.surface_patch import SurfacePatch
 from gpf.scene.bounds import scene_bounds
 
 # The minimum number of visible points; the region's radius is estimated from their distances.
@@ -71,17 +71,11 @@ class VisibleRegion:
         p, n = self.points.p, self.points.n
         bounds = scene_bounds(scene)
         self.radius = _reach(p, bounds)
-        self._radius = dr.opaque(mi.Float, self.radius)
-        self.hash = SpatialHash(p, cell=2.02 * self.radius, bounds=bounds, tag=pack_tag(n))
+        self._patch = SurfacePatch(p, n, self.radius, bounds)
 
     def contains(self, p: mi.Point3f, n: mi.Normal3f, active: mi.Bool | bool = True) -> mi.Bool:
         """Whether surface points (N, 3) with oriented normals (N, 3) lie in the region, (N,)."""
-
-        def look(found, index, record, distance2, inside):  # type: ignore[no-untyped-def]
-            return found | (inside & same_surface(record, p, n, radius * radius))
-
-        radius = self._radius
-        return self.hash.visit(p, radius, look, mi.Bool(False), mi.Bool(active))
+        return self._patch.contains(p, n, active)
 
     def select(self, photons: Photons) -> Photons:
         """The photons in the region."""

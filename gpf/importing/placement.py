@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 from scipy.stats import qmc
@@ -37,6 +36,15 @@ _DISTANCES = (0.55, 0.8, 1.05)
 # They look past the pivot by up to this share of the distance, each in another direction.
 _ASIDE = 0.15
 
+# If too few of these candidates are of use, others are tried that are nearer to the own camera:
+# angles and changes of distance are multiplied by these factors.
+_SPREADS = (1, 0.6, 0.35, 0.2)
+
+# The share of a candidate's pixels that show light: at least this, or nearly as much as in the
+# best of the own views, if that shows less. Around an open room, many cameras would see the dark
+# backs of its walls.
+_SHOWS_LIGHT, _NEARLY = 0.82, 0.95
+
 # The share of a novel view's points that training views see should be between these two.
 _COVERED = (0.6, 0.97)
 
@@ -51,14 +59,14 @@ def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneVie
     UserError: too few views without faults are found.
     """
     orbit = Orbit.around(scene, own[0], aspect)
-    poses = [(a, e, d) for d in _DISTANCES for e in _ELEVATIONS for a in _AZIMUTHS if a or e]
-    asides = _ASIDE * (2 * qmc.Halton(2, scramble=False).random(len(poses) + 1)[1:] - 1)
-    candidates = [
-        orbit.view(scene, *pose, aside) for pose, aside in zip(poses, asides, strict=True)
-    ]
-    reports = report_views(scene, [*own, *candidates], aspect)
-    views = [*own, *candidates]
-    fit = _fit(reports, len(own))
+    views, reports = list(own), report_views(scene, own, aspect)
+    for spread in _SPREADS:
+        candidates = _candidates(scene, orbit, spread)
+        views += candidates
+        reports += report_views(scene, candidates, aspect)
+        fit = _fit(reports, len(own))
+        if len(fit) >= len(own) + 4 * (TRAINING + NOVEL):
+            break
     if len(fit) < TRAINING + LEAST_NOVEL:
         home = reports[0].inside
         reasons = Counter(fault for report in reports for fault in report.faults(home))
@@ -93,24 +101,27 @@ def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneVie
         aspect=round(aspect, 6),
         fov_axis="x",
         views=ViewSets(train=named(training, "train"), novel=named(novel, "novel")),
-        path=_place_path(scene, orbit, aspect, reports[0].inside),
+        path=_place_path(scene, orbit, aspect, reports[0]),
     )
 
 
-def _fit(reports: Sequence[ViewReport], own: int) -> list[int]:
-    """Numbers of the own views without faults, and of candidates that show as much lit surface.
+def _candidates(scene: mi.Scene, orbit: Orbit, spread: float) -> list[View]:
+    """Cameras on the orbit; ``spread`` multiplies their distance from the own camera."""
+    poses = [(a, e, d) for d in _DISTANCES for e in _ELEVATIONS for a in _AZIMUTHS if a or e]
+    asides = _ASIDE * (2 * qmc.Halton(2, scramble=False).random(len(poses) + 1)[1:] - 1)
+    nearer = [(spread * a, spread * e, 1 + spread * (d - 1)) for a, e, d in poses]
+    return orbit.views(scene, nearer, asides)
 
-    "As much" is at least 0.9 of what the best own view shows. If that gives few candidates, the
-    limit is lowered: around an open room, many cameras see the dark backs of its walls.
-    """
+
+def _fit(reports: Sequence[ViewReport], own: int) -> list[int]:
+    """Numbers of the own views without faults, and of candidates that also show enough light."""
     home = reports[0].inside
-    useful = np.array([0 if r.faults(home) else r.diffuse_share * r.lit_share for r in reports])
-    best = useful[:own].max() or useful.max()
-    for share in (0.9, 0.75, 0.5, 0.0):
-        fit = [k for k, u in enumerate(useful) if u > 0 and (k < own or u >= share * best)]
-        if len(fit) >= own + 4 * (TRAINING + NOVEL):
-            break
-    return fit
+    enough = min(_SHOWS_LIGHT, _NEARLY * max(report.light_share for report in reports[:own]))
+    return [
+        k
+        for k, report in enumerate(reports)
+        if not report.faults(home) and (k < own or report.light_share >= enough)
+    ]
 
 
 @dataclass(frozen=True)
@@ -154,44 +165,53 @@ class Orbit:
             up = np.array(view.up, dtype=float)
         return cls(view, origin + distance * forward, distance, up)
 
-    def view(
+    def views(
         self,
         scene: mi.Scene,
-        azimuth: float,
-        elevation: float,
-        distance: float,
-        aside: Sequence[float] | np.ndarray = (0.0, 0.0),
-    ) -> View:
-        """A camera on the orbit that stays in the free space around the start.
+        poses: Sequence[tuple[float, float, float]],
+        asides: np.ndarray | None = None,
+    ) -> list[View]:
+        """Cameras on the orbit that stay in the free space around the start.
 
-        If a surface lies between the start and the camera's place, the camera stands at four fifths
+        If a surface lies between the start and a camera's place, the camera stands at four fifths
         of the way to that surface.
 
         Parameters
         ----------
-        azimuth, elevation: degrees.
-        distance: from the pivot, in units of the start's distance.
-        aside: how far the camera looks past the pivot, to the right and upwards; same unit.
+        poses: for each camera its azimuth and elevation, degrees, and its distance from the pivot,
+            in units of the start's distance.
+        asides: how far each camera looks past the pivot, to the right and upwards, same unit,
+            (V, 2); 0 by default.
         """
-        origin = np.array(self.start.origin)
-        back = _unit(origin - self.pivot)
+        start = np.array(self.start.origin)
+        back = _unit(start - self.pivot)
         right = _unit(np.cross(self.up, back))
-        back = _rotate(_rotate(back, right, -np.radians(elevation)), self.up, np.radians(azimuth))
-        way = self.pivot + distance * self.distance * back - origin
-        length = float(np.linalg.norm(way))
-        if length > 0:
-            ray = mi.Ray3f(mi.Point3f(origin.tolist()), mi.Vector3f((way / length).tolist()))
-            dr.make_opaque(ray)
-            free = float(scene.ray_intersect_preliminary(ray).t[0])
-            origin = origin + way * min(1.0, 0.8 * free / length)
-        return View(
-            name="candidate",
-            origin=_rounded(origin),
-            target=_rounded(self.pivot + self.distance * (aside[0] * right + aside[1] * self.up)),
-            up=_rounded(self.up),
-            fov=self.start.fov,
-            fov_axis=self.start.fov_axis,
+        ways = []
+        for azimuth, elevation, distance in poses:
+            raised = _rotate(back, right, -np.radians(elevation))
+            turned = _rotate(raised, self.up, np.radians(azimuth))
+            ways.append(self.pivot + distance * self.distance * turned - start)
+        way = np.array(ways)
+        length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+        ray = mi.Ray3f(
+            mi.Point3f(np.repeat(start[:, None], len(way), axis=1).astype(np.float32)),
+            mi.Vector3f(np.ascontiguousarray((way.T / length).astype(np.float32))),
         )
+        free = np.asarray(scene.ray_intersect_preliminary(ray).t.numpy(), dtype=float)
+        origins = start + way * np.minimum(1.0, 0.8 * free / length)[:, None]
+        sides = np.zeros((len(way), 2)) if asides is None else asides
+        targets = self.pivot + self.distance * (sides @ np.stack([right, self.up]))
+        return [
+            View(
+                name="candidate",
+                origin=_rounded(origin),
+                target=_rounded(target),
+                up=_rounded(self.up),
+                fov=self.start.fov,
+                fov_axis=self.start.fov_axis,
+            )
+            for origin, target in zip(origins, targets, strict=True)
+        ]
 
 
 def propose_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8) -> float:
@@ -258,25 +278,30 @@ def _pose(view: View, unit: float) -> np.ndarray:
 
 
 def _place_path(
-    scene: mi.Scene, orbit: Orbit, aspect: float, home_inside: bool
+    scene: mi.Scene, orbit: Orbit, aspect: float, home: ViewReport
 ) -> CameraPath | None:
-    """The widest closed loop through the own camera whose frames have no faults; None if none."""
+    """The widest closed loop through the own camera whose frames are of use; None if none is.
+
+    ``home``: the report of the own camera.
+    """
+    enough = min(_SHOWS_LIGHT, _NEARLY * home.light_share)
+    turns = np.radians([0, 60, 120, 180, 240, 300])
     for width in (20, 14, 10, 7, 5, 3):
-        turns = np.radians([0, 60, 120, 180, 240, 300])
-        keys = [
-            orbit.view(
-                scene, width * np.sin(t), 0.4 * width * (1 - np.cos(t)), 1 - 0.1 * (1 - np.cos(t))
-            )
+        poses = [
+            (width * np.sin(t), 0.4 * width * (1 - np.cos(t)), 1 - 0.1 * (1 - np.cos(t)))
             for t in turns
         ]
         path = CameraPath(
             frames=FRAMES,
             closed=True,
-            keyframes=tuple(Keyframe(**k.model_dump(exclude={"name", "fov_axis"})) for k in keys),
+            keyframes=tuple(
+                Keyframe(**key.model_dump(exclude={"name", "fov_axis"}))
+                for key in orbit.views(scene, poses)
+            ),
         )
         frames = SceneViews(aspect=aspect, views=ViewSets(train=()), path=path).frames()
         reports = report_views(scene, frames, aspect)
-        if not any(report.faults(home_inside) for report in reports):
+        if all(not r.faults(home.inside) and r.light_share >= enough for r in reports):
             return path
     return None
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gpf.camera.film import sample_film
-from gpf.core.structs import VisiblePoints, concatenate, to_numpy
-from gpf.scene.sensors import make_sensor
+from gpf.camera.visible_points import find_visible_points
+from gpf.core.structs import OrientedPoints, VisiblePoints, concatenate, take, to_numpy
+from gpf.guiding.surface_patch import SurfacePatch
+from gpf.photons.tracing import PathSettings, record_photons
+from gpf.scene.bounds import scene_bounds
+from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
-from gpf.sppm.passes import PassSettings, PhotonPasses
 
 # Least share of the pixels that end on diffuse surfaces.
 LEAST_DIFFUSE = 0.5
@@ -28,6 +31,7 @@ COVERED_WITHIN = 2.5
 
 _ROWS = 48
 _DIRECTIONS = 1024
+_EMITTER_SAMPLES = 8
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,9 @@ class ViewReport:
     ----------
     name: of the view.
     diffuse_share: share of the pixels whose path ends on a diffuse surface.
-    lit_share: share of those pixels where photons or a path tracer find light.
+    lit_share: share of those pixels that show a lit point.
+    light_share: share of all pixels that show a lit surface, a lamp or the sky, directly or through
+        what is specular.
     clearance: distance from the camera to the nearest surface, in units of the median distance
         from the cameras to their visible points.
     inside: whether the camera is inside a refracting object: most of the refracting surfaces
@@ -49,6 +55,7 @@ class ViewReport:
     name: str
     diffuse_share: float
     lit_share: float
+    light_share: float
     clearance: float
     inside: bool
     points: VisiblePoints
@@ -80,52 +87,69 @@ def report_views(
 ) -> list[ViewReport]:
     """Examine views by images of 48 rows of pixels, and by rays in all directions of the camera.
 
-    One photon pass with a wide kernel tells which points are lit. If it lights fewer than
-    ``LEAST_LIT`` of a view's points, a path tracer with 16 samples per pixel is tried too.
+    A point is lit if one of some samples of the emitters reaches it, or if a photon lands near it.
     """
-    width = max(1, round(_ROWS * aspect))
-    points = []
-    for number, view in enumerate(views):
-        sensor = make_sensor(view, width, _ROWS)
-        points.append(sample_film(scene, sensor, seed + number).points)
-        dr.eval(points[-1])
-    valid = [np.asarray(seen.valid.numpy()) for seen in points]
+    size = max(1, round(_ROWS * aspect)), _ROWS
+    lanes = size[0] * size[1]
+    rays = concatenate([_camera_rays(view, size) for view in views])
+    sampler = mi.load_dict({"type": "independent", "sample_count": 1})
+    sampler.seed(seed, lanes * len(views))
+    points = find_visible_points(scene, sampler, mi.Ray3f(rays.p, mi.Vector3f(rays.n)))
+    dr.eval(points)
+    valid = np.asarray(points.valid.numpy()).reshape(len(views), lanes)
+    place = to_numpy(points.p).reshape(len(views), lanes, 3)
     distances = [
-        float(np.median(np.linalg.norm(to_numpy(seen.p)[ok] - view.origin, axis=1)))
-        for seen, ok, view in zip(points, valid, views, strict=True)
+        float(np.median(np.linalg.norm(p[ok] - view.origin, axis=1)))
+        for p, ok, view in zip(place, valid, views, strict=True)
         if ok.any()
     ]
     typical = float(np.median(distances)) if distances else 1.0
-    settings = PassSettings(
-        photons_per_pass=200_000, initial_radius=0.03 * typical, direct="photons"
-    )
-    irradiance = PhotonPasses(scene, settings, seed).trace(1).irradiance(concatenate(points))
-    lit = np.asarray((dr.max(irradiance) > 0).numpy()).reshape(len(views), -1)
-    reports = []
-    for view, seen, ok, bright in zip(views, points, valid, lit, strict=True):
-        lit_share = float(bright[ok].mean()) if ok.any() else 0.0
-        if ok.any() and lit_share < LEAST_LIT:
-            lit_share = max(lit_share, _share_found_by_paths(scene, view, width, ok))
-        clearance, inside = look_around(scene, view.origin)
-        reports.append(
-            ViewReport(
-                name=view.name,
-                diffuse_share=float(ok.mean()),
-                lit_share=lit_share,
-                clearance=clearance / typical,
-                inside=inside,
-                points=seen,
-            )
+    lit = np.asarray(_is_lit(scene, points, 0.03 * typical, seed).numpy()).reshape(valid.shape)
+    shines = np.asarray((dr.max(points.emission) > 0).numpy()).reshape(valid.shape)
+    clearances, inside = look_around(scene, [view.origin for view in views])
+    every = dr.arange(mi.UInt32, lanes)
+    return [
+        ViewReport(
+            name=view.name,
+            diffuse_share=float(valid[k].mean()),
+            lit_share=float(lit[k].sum() / max(valid[k].sum(), 1)),
+            light_share=float((lit[k] | shines[k]).mean()),
+            clearance=float(clearances[k]) / typical,
+            inside=bool(inside[k]),
+            points=take(points, every + k * lanes),
         )
-    return reports
+        for k, view in enumerate(views)
+    ]
 
 
-def _share_found_by_paths(scene: mi.Scene, view: View, width: int, valid: np.ndarray) -> float:
-    """The share of the valid pixels where a path tracer finds light."""
-    tracer = mi.load_dict({"type": "path", "max_depth": 12})
-    image = mi.render(scene, sensor=make_sensor(view, width, _ROWS), integrator=tracer, spp=16)
-    found = np.array(image).reshape(-1, 3).max(axis=1) > 0
-    return float(found[valid].mean())
+@dr.syntax
+def _is_lit(scene, points, radius, seed):  # type: ignore[no-untyped-def]
+    """Whether light reaches points directly, or photons land within ``radius``, (N,)."""
+    photons = record_photons(scene, PathSettings(200_000), seed)
+    patch = SurfacePatch(photons.p, photons.n, radius, scene_bounds(scene))
+    lit = patch.contains(points.p, points.n, points.valid)
+    here = dr.zeros(mi.SurfaceInteraction3f, dr.width(points.p))
+    here.p, here.n = points.p, points.n
+    rng = mi.PCG32(dr.width(points.p), seed)
+    k = mi.UInt32(0)
+    while points.valid & ~lit & (k < _EMITTER_SAMPLES):
+        sample = mi.Point2f(rng.next_float32(), rng.next_float32())
+        light, weight = scene.sample_emitter_direction(here, sample, True)
+        lit |= (light.pdf > 0) & (dr.dot(light.d, points.n) > 0) & (dr.max(weight) > 0)
+        k += 1
+    return lit
+
+
+def _camera_rays(view: View, size: tuple[int, int]) -> OrientedPoints:
+    """Origins and directions of the rays through the middles of a view's pixels, row by row."""
+    camera = make_pinhole(view, size)
+    x, y = np.meshgrid(*(np.arange(n) + 0.5 - n / 2 for n in size))
+    across = np.stack([x.ravel(), y.ravel(), np.full(x.size, camera.focal)])
+    directions = camera.rotation @ (across / np.linalg.norm(across, axis=0))
+    origins = np.repeat(camera.origin[:, None], x.size, axis=1)
+    return OrientedPoints(
+        p=mi.Point3f(origins.astype(np.float32)), n=mi.Normal3f(directions.astype(np.float32))
+    )
 
 
 def spacing(points: np.ndarray) -> float:
@@ -140,24 +164,29 @@ def covered(points: np.ndarray, by: np.ndarray, within: float) -> np.ndarray:
     return np.asarray(np.isfinite(distance))
 
 
-def look_around(scene: mi.Scene, origin: Sequence[float]) -> tuple[float, bool]:
-    """Distance from a position to the nearest surface, world units, and whether it is inside.
+def look_around(
+    scene: mi.Scene, origins: Sequence[Sequence[float]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distances from V positions to the nearest surface, world units, and which are inside, (V,).
 
-    1024 rays are sent in evenly spread directions. The position is inside if more than half of the
+    1024 rays are sent in evenly spread directions. A position is inside if more than half of the
     rays that meet a refracting surface first meet it from its inner side.
     """
     index = np.arange(_DIRECTIONS) + 0.5
     height, angle = 1 - 2 * index / _DIRECTIONS, np.pi * (1 + 5**0.5) * index
     ring = np.sqrt(1 - height**2)
     directions = np.stack([ring * np.cos(angle), height, ring * np.sin(angle)])
-    d = mi.Vector3f(directions.astype(np.float32))
-    o = mi.Point3f(*origin)
-    dr.make_opaque(o)
-    si = scene.ray_intersect(mi.Ray3f(o, d))
+    d = mi.Vector3f(np.tile(directions, len(origins)).astype(np.float32))
+    starts = np.repeat(np.asarray(origins, dtype=np.float32), _DIRECTIONS, axis=0)
+    si = scene.ray_intersect(mi.Ray3f(mi.Point3f(np.ascontiguousarray(starts.T)), d))
     refracts = si.is_valid() & _refracts(si, si.is_valid())
     within = refracts & (dr.dot(si.n, d) > 0)
-    counts = (float(dr.count(within)[0]), float(dr.count(refracts)[0]))
-    return float(dr.min(si.t)[0]), 2 * counts[0] > counts[1]
+
+    def by_origin(value: Any) -> np.ndarray:
+        return np.asarray(value.numpy()).reshape(len(origins), _DIRECTIONS)
+
+    counts = [by_origin(found).sum(axis=1) for found in (within, refracts)]
+    return by_origin(si.t).min(axis=1), 2 * counts[0] > counts[1]
 
 
 def _refracts(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from gpf.core.structs import SurfacePoints, to_numpy
-from gpf.field.field import FIRST_REACH, GaussianPhotonField, supplement_support
+from gpf.field.field import GaussianPhotonField, supplement_support
 from gpf.field.gaussians import Gaussians
 
 # Radius of the lists, in search radii: Gaussians move a little until the next rebuild, and the
@@ -68,14 +68,7 @@ def _list_neighbours(field, points, fill, indices, offset, dense):  # type: igno
     sparse = mi.Bool(False)
     if dr.hint(settings.neighbours != "radius", mode="scalar"):
         sparse = within <= settings.k
-        index, distance2 = field.hash.nearest(
-            points.p,
-            settings.k + 1,
-            FIRST_REACH * radius,
-            dr.opaque(mi.Float, field.hash.extent),
-            lambda record: field.accepts(record, points.p, points.n),
-            sparse,
-        )
+        index, distance2 = field.supplement(points.p, points.n, sparse)
         _, reach2 = supplement_support(distance2)
         found = mi.UInt32(0)
         for j in range(settings.k):

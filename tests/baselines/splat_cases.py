@@ -6,8 +6,8 @@ import mitsuba as mi
 import numpy as np
 import torch
 
-from gpf.baselines.pinhole import Pinhole, make_pinhole
 from gpf.baselines.protocol import Task, TrainingView
+from gpf.scene.pinhole import Pinhole, make_pinhole
 from gpf.scene.views import View
 from tests.baselines.adapters import make_task
 

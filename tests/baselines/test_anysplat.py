@@ -16,9 +16,9 @@ from gpf.baselines.anysplat.baseline import CODE, Anysplat, make_picture
 from gpf.baselines.anysplat.predicted_splats import Prediction, draw, make_splats
 from gpf.baselines.anysplat.sim3 import Similarity
 from gpf.baselines.options import AnySplatOptions
-from gpf.baselines.pinhole import make_pinhole
 from gpf.baselines.protocol import CannotServe, TrainingView
 from gpf.core.images import tone_map, undo_tone_map
+from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
 from tests.baselines.adapters import STAND_INS, make_task, write_weights
 

@@ -15,7 +15,7 @@ from gpf.baselines.instant_ngp.ray_marching import (
     take_samples,
 )
 from gpf.baselines.neural.hash_encoding import Cube
-from gpf.baselines.pinhole import make_pinhole
+from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
 
 SIDE, STEP = 6, 0.013

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gpf.baselines.pinhole import make_pinhole
 from gpf.baselines.protocol import CannotServe
 from gpf.baselines.renderformer.files import (
     IRRADIANCE,
@@ -18,6 +17,7 @@ from gpf.baselines.renderformer.files import (
     write_scene,
 )
 from gpf.baselines.renderformer.triangle_scene import Triangles
+from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gpf.baselines.anysplat.sim3 import Similarity, align_cameras, align_points
-from gpf.baselines.pinhole import make_pinhole
+from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
 
 TRUE = Similarity(

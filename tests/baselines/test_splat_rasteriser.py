@@ -9,7 +9,6 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from gpf.baselines.pinhole import Pinhole
 from gpf.baselines.splatting.compositing import DENSEST, Compositor
 from gpf.baselines.splatting.projection import (
     BLUR,
@@ -21,6 +20,7 @@ from gpf.baselines.splatting.projection import (
 )
 from gpf.baselines.splatting.rasteriser import NAMES, Rasteriser
 from gpf.baselines.splatting.tiles import TILE, sort_into_tiles
+from gpf.scene.pinhole import Pinhole
 from tests.baselines.splat_cases import SIZE, place_camera, random_splats
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from gpf.baselines.pinhole import make_pinhole
 from gpf.baselines.protocol import Task
 from gpf.baselines.splatting.seeds import SKY, Seeds, find_seeds
 from gpf.baselines.splatting.training import Picture
 from gpf.core.images import tone_map
+from gpf.scene.pinhole import make_pinhole
 from tests.baselines.splat_cases import INDEX, PICTURE_SIZE, wall_task
 
 PLACES = [(-0.8, 0.1), (0.1, -0.5), (0.9, 0.2), (0.2, 0.8)]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import VisiblePoints
-from gpf.field.field import FieldSettings, blend_weight
+from gpf.field.field import LARGEST_REACH, FieldSettings, blend_weight
 from tests.plain_field import (
     LOWER,
     UPPER,
@@ -92,24 +92,23 @@ def test_fewer_gaussians_than_k():
     np.testing.assert_allclose(reach, expected_reach, rtol=1e-5)
 
 
-def test_far_from_everything_the_nearest_answers():
+def test_the_nearest_answers_up_to_the_largest_reach_and_beyond_it_is_black():
     g = flat_gaussians([[0, 0.5, 0], [1, 0.5, 0.0]], [[1, 2, 3], [9, 9, 9]], size=0.01)
-    x = np.array([[-1, 2, -0.5], [0.4, 0, 0.3]])  # as far as it gets, not far above
-    value, reach = ask(make_field(g, FieldSettings(search_radius=0.05, k=1)), x, np.array([UP, UP]))
-    np.testing.assert_allclose(value, [[1, 2, 3], [1, 2, 3]], rtol=1e-5)
-    distance = np.linalg.norm(x - g.means[0], axis=1)
-    np.testing.assert_allclose(reach, distance / 0.05, rtol=1e-5)
-    assert (reach > 1).all()
+    distance = LARGEST_REACH * 0.1 * np.array([0.3, 0.99, 1.01, 3])
+    x = np.stack([-distance, np.full(4, 0.5), np.zeros(4)], axis=1)
+    value, reach = ask(make_field(g, FieldSettings(search_radius=0.1, k=1)), x, np.array([UP] * 4))
+    np.testing.assert_allclose(value, [[1, 2, 3], [1, 2, 3], [0, 0, 0], [0, 0, 0]], rtol=1e-5)
+    np.testing.assert_allclose(reach, [*distance[:2] / 0.1, np.inf, np.inf], rtol=1e-5)
 
 
 def test_too_narrow_gaussians_give_their_mean_and_never_black():
     colours = [[1, 2, 3], [2, 4, 1], [4, 1, 2]]
     g = flat_gaussians([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], colours, size=1e-3)
     value, reach = ask(
-        make_field(g, FieldSettings(search_radius=0.01, k=3)), np.array([[0.6, 0.6, 0]]), [UP]
+        make_field(g, FieldSettings(search_radius=0.25, k=3)), np.array([[0.6, 0.6, 0]]), [UP]
     )
     assert (value[0] > np.min(colours, axis=0)).all() and (value[0] < np.max(colours, axis=0)).all()
-    assert reach[0] == pytest.approx(np.hypot(0.6, 0.6) / 0.01, rel=1e-4)
+    assert reach[0] == pytest.approx(np.hypot(0.6, 0.6) / 0.25, rel=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,6 @@ from tests.guiding.rooms import RIGHT_ROOM, two_rooms
 from tests.tiers import tiers
 
 T = mi.ScalarTransform4f
-pytestmark = pytest.mark.xdist_group("two rooms")  # they share a region and a pilot
 
 
 @pytest.fixture(scope="module")

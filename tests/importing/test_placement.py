@@ -54,7 +54,7 @@ def test_an_orbit_stays_in_the_room(scene):
     inside = View(name="a", origin=(0, 0, 0.9), target=(0, 0, 0), fov=60)
     orbit = Orbit.around(scene, inside, 1)
     for azimuth in (-60, 60):
-        x, y, _ = orbit.view(scene, azimuth, 50, 2).origin
+        x, y, _ = orbit.views(scene, [(azimuth, 50, 2)])[0].origin
         assert abs(x) < 1 and abs(y) < 1
 
 
@@ -62,11 +62,10 @@ def test_orbit_geometry(scene):
     orbit = Orbit.around(scene, OWN, 1)
     assert orbit.pivot[:2] == pytest.approx([0, 0], abs=1e-6)
     assert orbit.distance == pytest.approx(3.9 - orbit.pivot[2])
-    turned = orbit.view(scene, 90, 0, 0.1)
+    turned, higher = orbit.views(scene, [(90, 0, 0.1), (0, 30, 1)])
     np.testing.assert_allclose(
         np.subtract(turned.origin, orbit.pivot), [0.1 * orbit.distance, 0, 0], atol=1e-4
     )
-    higher = orbit.view(scene, 0, 30, 1)
     assert higher.origin[1] == pytest.approx(orbit.distance / 2, rel=1e-4)
 
 

@@ -70,12 +70,12 @@ def test_a_bad_view_is_told_why(scene, origin, target, fault):
 
 
 def test_without_water_the_same_camera_is_in_the_air():
-    assert look_around(basin(), (0, -0.4, 0.8))[1]
-    assert not look_around(basin(water=False), (0, -0.4, 0.8))[1]
+    assert look_around(basin(), [(0, -0.4, 0.8)])[1][0]
+    assert not look_around(basin(water=False), [(0, -0.4, 0.8)])[1][0]
 
 
 def test_behind_opaque_walls_a_camera_is_in_the_air_below_the_water_level():
-    assert not look_around(basin(), (1.5, -0.5, 0))[1]
+    assert not look_around(basin(), [(1.5, -0.5, 0)])[1][0]
 
 
 def test_a_scene_may_be_meant_to_be_seen_from_inside(scene):
@@ -99,8 +99,8 @@ def test_a_small_thing_on_a_large_plane_can_be_looked_at():
 
 
 def test_distance_is_to_the_nearest_surface_in_any_direction(scene):
-    distance, _ = look_around(scene, (0.5, 0.5, 0.7))
-    assert distance == pytest.approx(0.3, rel=0.01)
+    distance, _ = look_around(scene, [(0.5, 0.5, 0.7)])
+    assert distance[0] == pytest.approx(0.3, rel=0.01)
 
 
 def test_several_views_have_reports_of_their_own(scene):

@@ -12,8 +12,6 @@ import pytest
 from gpf.core.errors import UserError
 from stages.common.costs import KINDS, CostMeter
 
-pytestmark = pytest.mark.xdist_group("serial")  # they read clocks
-
 
 def busy(seconds: float) -> None:
     end = time.process_time() + seconds

@@ -8,8 +8,6 @@ import pytest
 from gpf.scene.views import View
 from stages.common import timing_baseline
 
-pytestmark = pytest.mark.xdist_group("serial")  # they read clocks
-
 VIEW = View(name="v", origin=(0, 0, 3.9), target=(0, 0, 0), fov=39.3)
 
 

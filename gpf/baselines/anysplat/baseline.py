@@ -25,9 +25,9 @@ from gpf.baselines.anysplat.predicted_splats import Prediction, draw, make_splat
 from gpf.baselines.anysplat.sim3 import Similarity, align_cameras
 from gpf.baselines.official import OfficialCode, Program
 from gpf.baselines.options import AnySplatOptions
-from gpf.baselines.pinhole import Pinhole, make_pinhole
 from gpf.baselines.protocol import CannotServe, Task, TrainingView
 from gpf.core.images import tone_map, undo_tone_map
+from gpf.scene.pinhole import Pinhole, make_pinhole
 from gpf.scene.views import View
 
 CODE = OfficialCode(

@@ -12,11 +12,11 @@ import mitsuba as mi
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gpf.baselines.pinhole import Pinhole
 from gpf.baselines.protocol import CannotServe
 from gpf.baselines.splatting.compositing import Compositor
 from gpf.baselines.splatting.projection import Projector, SplatArrays, project
 from gpf.baselines.splatting.tiles import sort_into_tiles
+from gpf.scene.pinhole import Pinhole
 
 DEGREE = 3
 """Highest degree of the spherical harmonics that are rendered."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpf.baselines.pinhole import Pinhole
+from gpf.scene.pinhole import Pinhole
 
 
 @dataclass(frozen=True)

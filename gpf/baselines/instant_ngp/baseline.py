@@ -35,12 +35,12 @@ from gpf.baselines.instant_ngp.volume_training import (
 from gpf.baselines.neural.fitting import digest
 from gpf.baselines.neural.hash_encoding import Cube, GridShape
 from gpf.baselines.options import InstantNgpOptions
-from gpf.baselines.pinhole import make_pinhole
 from gpf.baselines.protocol import CannotServe, Task, TrainingView
 from gpf.core.images import tone_map
 from gpf.core.random import Stream, pass_seed
 from gpf.rendering.adaptive import tile_order
 from gpf.scene.bounds import bounding_box
+from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
 
 SHAPE = VolumeShape(GridShape(8, 2, log2_entries=17, coarsest=16, finest=512))

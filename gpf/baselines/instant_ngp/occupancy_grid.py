@@ -9,8 +9,8 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.baselines.neural.hash_encoding import Cube
-from gpf.baselines.pinhole import Pinhole
 from gpf.core.random import step_random
+from gpf.scene.pinhole import Pinhole
 
 # A cell is empty if the opacity of one ray step in it is below this, or below that of the mean
 # density if that is less: at the beginning all densities are low.

@@ -23,8 +23,8 @@ from gpf.baselines.instant_ngp.ray_marching import (
 )
 from gpf.baselines.neural.fitting import Fit, Recorded, given, run_steps
 from gpf.baselines.neural.hash_encoding import Cube
-from gpf.baselines.pinhole import Pinhole
 from gpf.core.random import step_random
+from gpf.scene.pinhole import Pinhole
 from gpf.training.settings import cosine_decay
 
 # ε in the denominator of the loss, in units of display white. RawNeRF uses 1e-3, for photographs at

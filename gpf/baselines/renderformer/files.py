@@ -30,9 +30,9 @@ from typing import Any
 import numpy as np
 
 from gpf.baselines.optional import import_optional
-from gpf.baselines.pinhole import Pinhole
 from gpf.baselines.protocol import CannotServe
 from gpf.baselines.renderformer.triangle_scene import Triangles
+from gpf.scene.pinhole import Pinhole
 
 TEXTURE = 32
 # Longest edge of the facets in the authors' walls, in a scene of size 1.

@@ -18,7 +18,6 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.baselines.options import SplattingOptions
-from gpf.baselines.pinhole import Pinhole, make_pinhole
 from gpf.baselines.protocol import CannotServe, Task
 from gpf.baselines.splatting.gsplat import make_rasteriser
 from gpf.baselines.splatting.model import SplatModel, grow_from
@@ -26,6 +25,7 @@ from gpf.baselines.splatting.seeds import find_seeds
 from gpf.baselines.splatting.training import Picture, Plan, SplatTrainer
 from gpf.core.images import tone_map, undo_tone_map
 from gpf.scene.bounds import bounding_box
+from gpf.scene.pinhole import Pinhole, make_pinhole
 from gpf.scene.views import View
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 
 from gpf.baselines.optional import import_optional
-from gpf.baselines.pinhole import Pinhole
 from gpf.baselines.splatting.projection import BLUR, NEAR
 from gpf.baselines.splatting.rasteriser import NAMES, Drawing, Rasteriser
+from gpf.scene.pinhole import Pinhole
 
 
 class GsplatRasteriser(Rasteriser):

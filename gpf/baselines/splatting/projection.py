@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.baselines.pinhole import Pinhole
+from gpf.scene.pinhole import Pinhole
 
 # Added to the variance of every footprint, pixels², so that none is missed between pixels.
 BLUR = 0.3

@@ -10,10 +10,10 @@ import drjit as dr
 import mitsuba as mi
 import torch
 
-from gpf.baselines.pinhole import Pinhole
 from gpf.baselines.splatting.compositing import Compositor
 from gpf.baselines.splatting.projection import Projector, SplatArrays, project
 from gpf.baselines.splatting.tiles import sort_into_tiles
+from gpf.scene.pinhole import Pinhole
 
 # gsplat's names for the arrays of SplatArrays, in their order.
 NAMES = ("means", "scales", "quats", "opacities", "sh0", "shN")

@@ -16,13 +16,13 @@ import mitsuba as mi
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from gpf.baselines.pinhole import Pinhole
 from gpf.baselines.splatting.model import Seeds
 from gpf.baselines.splatting.training import Picture
 from gpf.camera.visible_points import find_visible_points
 from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import to_numpy
 from gpf.scene.bounds import bounding_box
+from gpf.scene.pinhole import Pinhole
 
 # Distances that are tried for each point, evenly spaced in their inverses.
 DISTANCES = 96

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from gpf.baselines.pinhole import Pinhole
 from gpf.baselines.splatting.gsplat import import_gsplat
 from gpf.baselines.splatting.image_loss import ImageLoss
 from gpf.baselines.splatting.model import SplatModel
@@ -20,6 +19,7 @@ from gpf.baselines.splatting.rasteriser import Rasteriser
 from gpf.core.errors import UserError
 from gpf.core.files import read_tensors, write_tensors
 from gpf.core.random import Stream, pass_seed
+from gpf.scene.pinhole import Pinhole
 
 # A training is divided into this many parts. After each part from the second on, until the share
 # LAST_REFINEMENT of the training, the strategy splits, doubles and removes Gaussians.

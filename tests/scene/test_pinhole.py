@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.pinhole import make_pinhole
+from gpf.scene.pinhole import make_pinhole
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 
