@@ -17,6 +17,7 @@ The packages; each imports only from those above it:
 :mod:`gpf.training`     Gaussians and target irradiance -> fitted Gaussians
 :mod:`gpf.rendering`    the integrators ``sppm`` and ``gpf``
 :mod:`gpf.importing`    Mitsuba scenes of others -> scenes with views
+:mod:`gpf.fitting`      a scene and cameras -> a field and an estimate of its quality
 :mod:`gpf.modelling`    meshes and textures for scenes that are generated
 :mod:`gpf.baselines`    other methods, for comparison
 :mod:`gpf.config`       params.yaml: the settings of all packages
@@ -59,6 +60,7 @@ _MODULES = {
     "VisibleRegionSettings": "gpf.guiding.emission_plan",
     "choose_count": "gpf.training.gaussian_count",
     "choose_variant": "gpf.core.runtime",
+    "fit": "gpf.fitting.fit",
     "load_field": "gpf.field.io",
     "load_scene_file": "gpf.scene.load",
     "make_sensor": "gpf.scene.sensors",
@@ -79,6 +81,7 @@ if TYPE_CHECKING:
     from gpf.field.initialization import InitialFieldSettings as InitialFieldSettings
     from gpf.field.io import load_field as load_field
     from gpf.field.io import save_field as save_field
+    from gpf.fitting.fit import fit as fit
     from gpf.guiding.emission_plan import EmissionPlan as EmissionPlan
     from gpf.guiding.emission_plan import VisibleRegionSettings as VisibleRegionSettings
     from gpf.photons.tracing import PathSettings as PathSettings

@@ -44,6 +44,36 @@ def export(
 
 
 @app.command()
+def fit(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE.xml", help="A Mitsuba 3 scene file.")],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="OUT.safetensors", help="The field's file.")
+    ] = Path("field.safetensors"),
+    seconds: Annotated[float | None, typer.Option(help="Time for the fit.")] = None,
+    target_psnr: Annotated[
+        float | None,
+        typer.Option(metavar="DB", help="Stop at this estimated PSNR of the images."),
+    ] = None,
+    passes: Annotated[
+        int | None, typer.Option(help="Photon passes. Default, without other goals: 300.")
+    ] = None,
+    views: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="VIEWS",
+            help="views.yaml or transforms.json with the cameras that the field is for; by "
+            "default cameras are placed in the scene.",
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of all random numbers.")] = 0,
+) -> None:
+    """Fit a field to a scene; it ends at the first goal. OUT.png shows how far it is."""
+    from gpf.fitting.command import fit_scene_file
+
+    fit_scene_file(scene, out, seconds, target_psnr, passes, views, seed)
+
+
+@app.command()
 def doctor() -> None:
     """Tell what works on this machine, what is missing, and how to repair it."""
     from gpf.doctor import diagnose, print_report

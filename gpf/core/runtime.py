@@ -141,8 +141,8 @@ def choose_variant(variant: str = "auto") -> str:
             "Set it to auto or llvm_ad_rgb; `gpf doctor` shows what is there.",
         )
     mi.set_variant(variant)
-    # With one thread, Mitsuba waits forever when it reads or writes an EXR file.
-    dr.set_thread_count(max(2, dr.thread_count()))
+    if count_cores() == 1:  # with one thread, Mitsuba waits forever when it reads an EXR file
+        dr.set_thread_count(2)
     return variant
 
 

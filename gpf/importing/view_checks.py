@@ -91,7 +91,8 @@ def report_views(
     """
     size = max(1, round(_ROWS * aspect)), _ROWS
     lanes = size[0] * size[1]
-    rays = concatenate([_camera_rays(view, size) for view in views])
+    rng = np.random.default_rng(seed)
+    rays = concatenate([_camera_rays(view, size, rng) for view in views])
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(seed, lanes * len(views))
     points = find_visible_points(scene, sampler, mi.Ray3f(rays.p, mi.Vector3f(rays.n)))
@@ -140,11 +141,12 @@ def _is_lit(scene, points, radius, seed):  # type: ignore[no-untyped-def]
     return lit
 
 
-def _camera_rays(view: View, size: tuple[int, int]) -> OrientedPoints:
-    """Origins and directions of the rays through the middles of a view's pixels, row by row."""
+def _camera_rays(view: View, size: tuple[int, int], rng: np.random.Generator) -> OrientedPoints:
+    """Origins and directions of a ray through a random place in each pixel, row by row."""
     camera = make_pinhole(view, size)
-    x, y = np.meshgrid(*(np.arange(n) + 0.5 - n / 2 for n in size))
-    across = np.stack([x.ravel(), y.ravel(), np.full(x.size, camera.focal)])
+    x, y = np.meshgrid(*(np.arange(n) - n / 2 for n in size))
+    place = np.stack([x.ravel(), y.ravel()]) + rng.random((2, x.size))
+    across = np.vstack([place, np.full(x.size, camera.focal)])
     directions = camera.rotation @ (across / np.linalg.norm(across, axis=0))
     origins = np.repeat(camera.origin[:, None], x.size, axis=1)
     return OrientedPoints(

@@ -97,12 +97,12 @@ class PhotonPasses:
         # Number of photons that the buffer must hold, from the passes so far.
         self._room: int | None = None
 
-    def trace(self, t: int) -> PhotonPass:
-        """Trace the photons of pass ``t`` (from 1)."""
+    def trace(self, t: int, photon_seed: int | None = None) -> PhotonPass:
+        """Trace the photons of pass ``t`` (from 1); ``photon_seed`` replaces the seed of ``t``."""
         settings = self.settings
-        photons = record_photons(
-            self.scene, self.paths, pass_seed(self.seed, t, Stream.PHOTONS), self._room
-        )
+        if photon_seed is None:
+            photon_seed = pass_seed(self.seed, t, Stream.PHOTONS)
+        photons = record_photons(self.scene, self.paths, photon_seed, self._room)
         found = dr.width(photons.p)
         if self._room is None or found > self._room:
             # With an eighth in reserve, because later passes may have a few more photons.

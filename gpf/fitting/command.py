@@ -1,0 +1,104 @@
+"""`gpf fit`: a field for a scene file, with a progress bar and a picture that gets better."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.errors import UserError
+from gpf.core.images import write_png
+from gpf.core.progress import Bar, progress_bar, say
+from gpf.core.runtime import choose_variant
+from gpf.field.field import GaussianPhotonField
+from gpf.field.io import save_field
+from gpf.fitting.fit import FitProgress, default_sensors, fit
+from gpf.scene.load import load_scene_file
+from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
+from gpf.scene.transforms import read_cameras
+
+PREVIEW_ROWS, PREVIEW_SPP = 256, 16
+
+
+def fit_scene_file(
+    path: Path,
+    out: Path,
+    seconds: float | None,
+    target_psnr: float | None,
+    passes: int | None,
+    views: Path | None,
+    seed: int,
+) -> None:
+    """Fit a field to the scene and write it to ``out``; the picture beside it is a preview.
+
+    Parameters
+    ----------
+    seconds, target_psnr, passes, seed: as for :func:`gpf.fitting.fit.fit`.
+    views: a ``views.yaml`` or ``transforms.json`` with the views that the field is for; by default
+        cameras are placed around the scene's own.
+    """
+    if out.suffix != ".safetensors":
+        raise UserError(f"--out {out}", "is no field", "Give it a name that ends in .safetensors.")
+    choose_variant("auto")
+    scene = load_scene_file(path)
+    if views is None:
+        sensors = default_sensors(scene)
+    else:
+        read = read_cameras(views)
+        size = read.size(PREVIEW_ROWS)
+        sensors = [make_sensor(view, *size) for view in (*read.views.train, *read.views.novel)]
+    preview = out.with_suffix(".png")
+    with progress_bar(f"{path.stem}: looking around", 1) as bar:
+        field = fit(
+            scene,
+            sensors,
+            seconds=seconds,
+            target_psnr=target_psnr,
+            passes=passes,
+            seed=seed,
+            callback=_Display(bar, path.stem, scene, _preview_sensor(scene, sensors), preview),
+        )
+    save_field(field, out)
+    record = field.record
+    say(
+        f"{out}: {record['passes']} passes, estimated PSNR {record['estimated_psnr']:.1f} dB; "
+        f"a picture from it: {preview}"
+    )
+
+
+def _preview_sensor(scene: mi.Scene, sensors: list[mi.Sensor]) -> mi.Sensor:
+    """The scene's own camera with a small film; without one, the first of the sensors."""
+    own = views_of_sensors(scene)
+    if not own:
+        return sensors[0]
+    aspect = film_aspect(scene_cameras(scene)[0])
+    return make_sensor(own[0], max(1, round(PREVIEW_ROWS * aspect)), PREVIEW_ROWS)
+
+
+class _Display:
+    """Shows the progress of a fit in the bar, and writes the preview after each evaluation."""
+
+    def __init__(
+        self, bar: Bar, title: str, scene: mi.Scene, sensor: mi.Sensor, preview: Path
+    ) -> None:
+        self.bar, self.title, self.preview = bar, title, preview
+        self.scene, self.sensor = scene, sensor
+        self.integrator = mi.load_dict({"type": "gpf"})
+
+    def __call__(self, progress: FitProgress) -> None:
+        """Show one state."""
+        quality = "" if progress.psnr is None else f", {progress.psnr:.1f} dB"
+        self.bar.describe(f"{self.title}: passes and steps{quality}")
+        self.bar(progress.passes + progress.steps, progress.all_passes + progress.all_steps)
+        if progress.field is not None:
+            self._write_preview(progress.field)
+
+    def _write_preview(self, field: GaussianPhotonField) -> None:
+        self.integrator.field = field
+        image = mi.render(
+            self.scene, sensor=self.sensor, integrator=self.integrator, spp=PREVIEW_SPP
+        )
+        radiance = np.array(image)[..., :3]
+        bright = float(np.quantile(radiance @ [0.2126, 0.7152, 0.0722], 0.9))
+        write_png(self.preview, radiance, 0.8 / bright if bright > 0 else 1.0)

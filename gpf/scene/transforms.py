@@ -1,0 +1,166 @@
+"""Views as ``transforms.json``, the format of cameras for NeRF, nerfstudio and gsplat.
+
+``transform_matrix`` maps from the camera to the world; the camera looks along its -z, and y is up.
+Focal lengths and image sizes are in pixels. Written files have them once for all frames; files
+that are read may have them in each frame, or ``camera_angle_x`` (radians) instead.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from gpf.core.errors import UserError
+from gpf.core.files import write_text
+from gpf.scene.pinhole import make_pinhole
+from gpf.scene.views import SceneViews, View, ViewSets, read_views
+
+# From the camera of computer vision (y down, z ahead) to the one of OpenGL (y up, z backwards).
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+
+_DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")
+
+
+def write_transforms(
+    path: Path,
+    views: Sequence[View],
+    size: tuple[int, int],
+    files: Mapping[str, Mapping[str, str]] | None = None,
+) -> None:
+    """Write the cameras of views.
+
+    Parameters
+    ----------
+    size: width and height of the images, pixels.
+    files: by name of a view, further keys of its frame, such as ``file_path``.
+    """
+    width, height = size
+    cameras = [make_pinhole(view, size) for view in views]
+    if len({camera.focal for camera in cameras}) == 1:
+        shared = _focal(cameras[0].focal)
+        own: list[dict[str, float]] = [{} for _ in cameras]
+    else:
+        shared, own = {}, [_focal(camera.focal) for camera in cameras]
+    content = {
+        "camera_model": "OPENCV",
+        "w": width,
+        "h": height,
+        "cx": width / 2,
+        "cy": height / 2,
+        **shared,
+        "frames": [
+            {
+                "name": view.name,
+                **(files or {}).get(view.name, {}),
+                **extra,
+                "transform_matrix": (camera.pose @ _FLIP).tolist(),
+            }
+            for view, camera, extra in zip(views, cameras, own, strict=True)
+        ],
+    }
+    write_text(path, json.dumps(content, indent=2) + "\n")
+
+
+def _focal(length: float) -> dict[str, float]:
+    return {"fl_x": length, "fl_y": length}
+
+
+def read_transforms(path: Path) -> SceneViews:
+    """The frames as training views.
+
+    A view's name is the frame's ``name``, or the name of its image file.
+
+    Raises
+    ------
+    UserError: the file is missing or has no frames; or a camera is no pinhole camera with square
+        pixels and its axis through the middle of the image; or the images differ in aspect.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UserError(str(path), "does not exist", "Check the path.") from None
+    except (OSError, ValueError) as error:
+        raise UserError(str(path), f"is no JSON file ({error})", "Check the file.") from error
+    frames = content.get("frames") if isinstance(content, dict) else None
+    if not isinstance(frames, list) or not frames:
+        raise UserError(str(path), "has no frames", "Give it a list `frames` of cameras.")
+    names: set[str] = set()
+    views, aspects = [], []
+    for number, frame in enumerate(frames):
+        where = f"{path}: frames[{number}]"
+        view, aspect = _read_frame(where, {**content, **frame}, names)
+        names.add(view.name)
+        views.append(view)
+        aspects.append(aspect)
+    if max(aspects) > 1.001 * min(aspects):
+        raise UserError(str(path), "has images of different aspects", "Use one file for each.")
+    return SceneViews(aspect=round(aspects[0], 6), views=ViewSets(train=tuple(views)))
+
+
+def read_cameras(path: Path) -> SceneViews:
+    """The views of a ``transforms.json`` or of a ``views.yaml``, by the suffix of the file."""
+    return read_transforms(path) if path.suffix == ".json" else read_views(path)
+
+
+def _read_frame(where: str, frame: Mapping[str, Any], taken: set[str]) -> tuple[View, float]:
+    """The view of a frame, and its width divided by its height."""
+    matrix = np.array(frame.get("transform_matrix", ()), dtype=float)
+    if matrix.shape not in ((4, 4), (3, 4)) or not np.isfinite(matrix).all():
+        raise UserError(where, "has no transform_matrix of 4 rows", "Give camera to world, 4×4.")
+    rotation = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
+    if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
+        raise UserError(where, "has a transform_matrix that is no rotation", "Correct the matrix.")
+    if bent := [key for key in _DISTORTIONS if frame.get(key)]:
+        raise UserError(
+            where, f"has lens distortion ({', '.join(bent)})", "Undistort the images first."
+        )
+    width, height = float(frame.get("w", 0)), float(frame.get("h", 0))
+    if not (width > 0 and height > 0):
+        raise UserError(where, "has no size of the image", "Give `w` and `h` in pixels.")
+    centre = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
+    if abs(centre[0] - width / 2) > 1 or abs(centre[1] - height / 2) > 1:
+        raise UserError(
+            where,
+            f"has its principal point at {centre[0]:g}, {centre[1]:g}, not in the middle",
+            "Crop the images so that it is in the middle.",
+        )
+    if "fl_x" in frame:
+        focal = float(frame["fl_x"])
+        if abs(float(frame.get("fl_y", focal)) / focal - 1) > 1e-3:
+            raise UserError(where, "has pixels that are not square", "Resample the images.")
+        fov = 2 * math.atan(width / 2 / focal)
+    elif "camera_angle_x" in frame:
+        fov = float(frame["camera_angle_x"])
+    else:
+        raise UserError(where, "has no focal length", "Give `fl_x`, or `camera_angle_x`.")
+    origin, back, up = matrix[:3, 3], rotation[:, 2], rotation[:, 1]
+    try:
+        view = View(
+            name=_name(frame, taken),
+            origin=tuple(origin.tolist()),
+            target=tuple((origin - back).tolist()),
+            up=tuple(up.tolist()),
+            fov=math.degrees(fov),
+        )
+    except ValidationError as error:
+        raise UserError(where, error.errors()[0]["msg"], "Correct the frame.") from error
+    return view, width / height
+
+
+def _name(frame: Mapping[str, Any], taken: set[str]) -> str:
+    """A name for the view, different from those that are taken."""
+    text = str(frame.get("name") or Path(str(frame.get("file_path", "view"))).stem)
+    name = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or "view"
+    name = f"view_{name}" if name.startswith("frame_") else name
+    free, number = name, 1
+    while free in taken:
+        number += 1
+        free = f"{name}_{number}"
+    return free
