@@ -12,6 +12,7 @@ import mitsuba as mi
 from gpf.core.errors import UserError
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
+from gpf.field.initialization import InitialFieldSettings
 from gpf.fitting.quality import QualityEstimate
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.importing.placement import place_views
@@ -31,7 +32,7 @@ DEFAULT_PASSES = 300
 # field, and the factor by which the number of passes then grows.
 FIRST_PASSES, STEPS, GROWTH = 64, 300, 2
 
-# A PSNR is out of reach if GROWTH times as many passes gain less than this, dB.
+# A PSNR is out of reach if GROWTH times as many passes gain less than this, dB, twice in turn.
 LEAST_GAIN = 0.1
 
 # One pass for the estimate of the PSNR comes with so many passes for the field.
@@ -39,6 +40,9 @@ PASSES_PER_ESTIMATE = 8
 
 # Rows of the images of cameras that are placed because none are given.
 ROWS = 256
+
+FIELD = InitialFieldSettings()
+REGION = VisibleRegionSettings(rays=131_072, pilot_paths=262_144)
 
 log = logging.getLogger(__name__)
 
@@ -159,7 +163,7 @@ class _Fit:
         self.field: GaussianPhotonField
         self.best: Gaussians | None = None
         self.psnr: float | None = None
-        self.gain = float("inf")
+        self.in_vain = 0
         self.all_passes = 0
         self.error: float | None = None
         self.pass_seconds, self.step_seconds = 0.0, 0.0
@@ -168,21 +172,16 @@ class _Fit:
         """Look around, choose the points and the Gaussians, and fit the first complete field."""
         self.all_passes = passes or FIRST_PASSES
         training = TrainingSettings(steps=STEPS, seed=self.seed)
-        self.recipe = Recipe(train=training)
-        plan = EmissionPlan.make(
-            self.scene,
-            self.sensors,
-            VisibleRegionSettings(rays=131_072, pilot_paths=262_144, seed=self.seed),
-        )
+        self.recipe = Recipe(FIELD, training)
+        region = REGION.model_copy(update={"seed": self.seed})
+        plan = EmissionPlan.make(self.scene, self.sensors, region)
         settings = ReferenceSettings(seed=self.seed).measure(self.scene, self.sensors[0], plan)
         self.quality = QualityEstimate(self.scene, self.sensors, settings, self.seed, plan.source)
         self.settings = StreamSettings(passes=self.all_passes, seed=self.seed)
         named = {f"{k}": sensor for k, sensor in enumerate(self.sensors)}
-        start = time.perf_counter()
         self.stream, photons = open_stream(
             self.scene, named, plan, settings, self.settings, self.recipe
         )
-        self.pass_seconds = (time.perf_counter() - start) / self.stream.count
         targets = self.stream.targets()
         photons = self.recipe.select_photons(photons)
         bounds = scene_bounds(self.scene)
@@ -198,7 +197,7 @@ class _Fit:
         if target_psnr is not None:
             if self.psnr is not None and self.psnr >= target_psnr:
                 return True
-            if self.gain < LEAST_GAIN:
+            if self.in_vain >= 2:
                 log.warning(
                     "More passes do not raise the estimated PSNR of %.1f dB to %.1f dB.",
                     self.psnr,
@@ -231,8 +230,8 @@ class _Fit:
             before = self.quality.psnr(self.field)
             self.field.update(state)
         self.psnr = self.quality.psnr(self.field)
-        self.gain = self.psnr - before
-        if self.gain < 0:
+        self.in_vain = self.in_vain + 1 if self.psnr - before < LEAST_GAIN else 0
+        if self.psnr < before:
             self.psnr = before
         else:
             self.best = self.field.gaussians
@@ -259,7 +258,8 @@ class _Fit:
             nonlocal last, passes
             now = time.perf_counter()
             if count > passes:
-                passes, self.pass_seconds = count, 0.8 * self.pass_seconds + 0.2 * (now - last)
+                passes, before = count, self.pass_seconds or now - last
+                self.pass_seconds = 0.8 * before + 0.2 * (now - last)
                 if self.quality.passes < count / PASSES_PER_ESTIMATE:
                     self.quality.add_pass()
             else:
