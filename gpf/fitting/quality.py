@@ -35,9 +35,10 @@ class QualityEstimate:
 
         mean((f - A) (f - B)) + n/N mean((A - B)²) / 2.
 
-    The noise of A and B has no influence on the expected value of the first term; the second term
-    is the noise of the reference. The passes have the kernel radii of passes 1 to N in equal parts,
-    so that A and B are as blurred as the reference.
+    The noise of A and B has no influence on the expected value of the first term, once the mean
+    effect of the tone curve is taken out; the second term is the noise of the reference. The passes
+    have the kernel radii of passes 1 to N in equal parts, so that A and B are as blurred as the
+    reference.
 
     Parameters
     ----------
@@ -94,7 +95,10 @@ class QualityEstimate:
         shown = tone_map(self._render(field), self.exposure)
         a, b = (tone_map(image, self.exposure) for image in (first, second))
         noise = float(np.mean((a - b) ** 2)) * self.passes / 4 / REFERENCE_PASSES
-        error = float(np.mean((shown - a) * (shown - b))) + noise
+        # The tone curve is concave: noise makes a and b too dark on average, and the tone-mapped
+        # mean of both images by half as much.
+        dark = (a + b) - 2 * tone_map(self._sums.sum(axis=0) / self.passes, self.exposure)
+        error = float(np.mean((shown - a + dark) * (shown - b + dark))) + noise
         return float(-10 * np.log10(max(error, noise, 1e-10)))
 
     def _render(self, field: GaussianPhotonField) -> np.ndarray:

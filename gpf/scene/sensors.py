@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.scene.views import View
+from gpf.scene.views import View, name_view
 
 
 def make_sensor(
@@ -74,7 +73,7 @@ def views_of_sensors(scene: mi.Scene) -> list[View]:
         ahead = origin + _unit(matrix[:3, 2])
         views.append(
             View(
-                name=_free_name(sensor.id(), taken),
+                name=name_view(sensor.id(), taken, otherwise="camera"),
                 origin=_vector(origin),
                 target=_vector(ahead.round(6) + 0.0),
                 up=_vector(_unit(matrix[:3, 1]).round(6) + 0.0),
@@ -160,14 +159,3 @@ def _shortest(value: float) -> float:
 def _vector(values: Any) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in values)
     return x, y, z
-
-
-def _free_name(text: str, taken: set[str]) -> str:
-    """A name for a view from the id of a sensor, different from the ``taken`` names."""
-    name = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or "camera"
-    name = f"camera_{name}" if name.startswith("frame_") else name
-    free, number = name, 1
-    while free in taken:
-        number += 1
-        free = f"{name}_{number}"
-    return free

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from pydantic import ValidationError
 from gpf.core.errors import UserError
 from gpf.core.files import write_text
 from gpf.scene.pinhole import make_pinhole
-from gpf.scene.views import SceneViews, View, ViewSets, read_views
+from gpf.scene.views import SceneViews, View, ViewSets, name_view, read_views
 
 # From the camera of computer vision (y down, z ahead) to the one of OpenGL (y up, z backwards).
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -140,10 +139,11 @@ def _read_frame(where: str, frame: Mapping[str, Any], taken: set[str]) -> tuple[
         fov = float(frame["camera_angle_x"])
     else:
         raise UserError(where, "has no focal length", "Give `fl_x`, or `camera_angle_x`.")
+    text = str(frame.get("name") or Path(str(frame.get("file_path", ""))).stem)
     origin, back, up = matrix[:3, 3], rotation[:, 2], rotation[:, 1]
     try:
         view = View(
-            name=_name(frame, taken),
+            name=name_view(text, taken, otherwise="view"),
             origin=tuple(origin.tolist()),
             target=tuple((origin - back).tolist()),
             up=tuple(up.tolist()),
@@ -152,15 +152,3 @@ def _read_frame(where: str, frame: Mapping[str, Any], taken: set[str]) -> tuple[
     except ValidationError as error:
         raise UserError(where, error.errors()[0]["msg"], "Correct the frame.") from error
     return view, width / height
-
-
-def _name(frame: Mapping[str, Any], taken: set[str]) -> str:
-    """A name for the view, different from those that are taken."""
-    text = str(frame.get("name") or Path(str(frame.get("file_path", "view"))).stem)
-    name = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or "view"
-    name = f"view_{name}" if name.startswith("frame_") else name
-    free, number = name, 1
-    while free in taken:
-        number += 1
-        free = f"{name}_{number}"
-    return free

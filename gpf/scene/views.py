@@ -22,6 +22,8 @@ Lengths are in scene units, ``fov`` in degrees, ``up`` is +y by default. Other k
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -73,6 +75,20 @@ class View(Keyframe):
                 "name", "begins with frame_", {"todo": "Only frames of the path are called so."}
             )
         return name
+
+
+def name_view(text: str, taken: Collection[str], otherwise: str) -> str:
+    """A name for a view from any text, different from the ``taken`` names.
+
+    ``otherwise`` is the name if the text has no letter or digit.
+    """
+    name = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or otherwise
+    name = f"{otherwise}_{name}" if name.startswith("frame_") else name
+    free, number = name, 1
+    while free in taken:
+        number += 1
+        free = f"{name}_{number}"
+    return free
 
 
 class CameraPath(Settings):
