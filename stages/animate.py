@@ -77,7 +77,7 @@ def animate(scene_name: str) -> None:
         files = {m: [frame(work, m, k) for k in range(len(views))] for m in shown}
         flicker = compare_frames(work, files, views)
     flicker["methods"] |= {m: {"cannot_serve": why} for m, why in refusals.items()}
-    write_json(work.folder / "animation" / "flicker.json", flicker)
+    write_json(work.folder / "flicker.json", flicker)
     with costs.measure("film"):
         write_films(work, refusals, len(views))
     costs.facts["frames"] = len(views)

@@ -126,7 +126,7 @@ def _open(results: Results, scene: SceneResults) -> Film:
             f"Run `gpf stage animate --scene {scene.name}` again.",
         ) from error
     asked = results.params.animation.methods
-    numbers = scene.read("animation", "flicker.json").get("methods") or {m: {} for m in asked}
+    numbers = scene.read("flicker.json").get("methods") or {m: {} for m in asked}
     order = [*(m for m in asked if m in numbers), *(m for m in numbers if m not in asked)]
     reasons = {m: numbers[m].get("cannot_serve") for m in order}
     return Film(

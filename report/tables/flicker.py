@@ -22,7 +22,7 @@ def flicker_table(results: Results) -> Table:
     ignored, because no stage keeps them up to date."""
     asked = results.params.animation
     scenes = [s for s in asked.scenes if results.is_current(s)]
-    found = {s: results.scene(s).read("animation", "flicker.json") for s in scenes}
+    found = {s: results.scene(s).read("flicker.json") for s in scenes}
     found = {scene: file for scene, file in found.items() if file}
     rows = [_row(results, method, found) for method in asked.methods]
     if found:

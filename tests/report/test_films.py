@@ -33,7 +33,7 @@ def add_film(root, scene=WATER) -> Results:
     known = {"directly": {"change": 2.5, "share": 0.5, "noise": 2.2}}
     methods = {"gpf": known, "path_50": known, "splatting_3": {"cannot_serve": "no views"}}
     told = {"methods": methods, "noise_of_references": {}}
-    write_json(file.with_name("flicker.json"), told)
+    write_json(root / scene / "flicker.json", told)
     animation = {"scenes": [scene], "methods": ["path_50", "splatting_3", "gpf"]}
     return Results(made_up_params(animation=animation), root)
 

@@ -40,7 +40,7 @@ def results(tmp_path):
         "veach_bidir": {"methods": {"gpf": {"directly": told(7, 0.9)}}, "noise_of_references": {}},
     }
     for scene, file in files.items():
-        write_json(tmp_path / scene / "animation" / "flicker.json", file)
+        write_json(tmp_path / scene / "flicker.json", file)
     return Results(made_up_params(animation=animation), tmp_path)
 
 

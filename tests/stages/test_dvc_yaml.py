@@ -226,15 +226,6 @@ def test_all_that_the_pipeline_writes_is_an_output(built):
     assert idle == ["results/cornell_box/ablations/all"] and (built.folder / idle[0]).is_dir()
 
 
-def test_flicker_is_a_metric_of_each_scene_that_is_animated():
-    """In any profile: DVC has no loop over such entries."""
-    scenes = in_any_profile("animation.scenes")
-    listed = [f"results/{scene}/animation/flicker.json" for scene in scenes]
-    assert pipeline()["metrics"] == listed
-    # Within an output of the stage, that is, and of no stage's metrics.
-    assert "results/${item}/animation" in outs("animate")
-
-
 def test_expensive_outputs_survive_a_rerun():
     """DVC deletes outputs before a stage runs, unless they say that they persist."""
     do = definition("reference")
