@@ -9,8 +9,8 @@ VENV := .venv/bin/python
 PIP := $(VENV) -m pip --disable-pip-version-check
 # Python compiles a module when it is first imported; compiling all of them takes half a minute.
 INSTALL := $(PIP) install --no-compile
-# Two processes with one thread each; tests that share fixtures run in the same one (conftest.py).
-PYTEST := OMP_NUM_THREADS=1 $(VENV) -m pytest -n 2 --dist loadgroup
+# Two processes with one thread each; tests of a file share fixtures and run in the same one.
+PYTEST := OMP_NUM_THREADS=1 $(VENV) -m pytest -n 2 --dist loadfile
 
 # The stages that DVC starts are found by name; with this, in .venv first.
 export PATH := $(CURDIR)/.venv/bin:$(PATH)

@@ -4,13 +4,8 @@ A test that needs another one, or none, starts a process of its own.
 """
 
 import os
-from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parent
-# Folders whose tests share fixtures that take many seconds.
-SHARING = ("scenes", "stages")
 
 pytest_plugins = ["tests.skips"]
 
@@ -27,15 +22,6 @@ def pytest_configure() -> None:
         import drjit as dr
 
         dr.set_thread_count(1)
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run tests that share fixtures in one process: those of a file, or of a folder."""
-    for item in items:
-        file = item.path.relative_to(ROOT)
-        group = file.parts[0] if file.parts[0] in SHARING else str(file)
-        item.add_marker(pytest.mark.xdist_group(group))
 
 
 @pytest.fixture
