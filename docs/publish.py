@@ -20,7 +20,7 @@ from stages.commands.profiles import EVERY, read_profiles
 from stages.common.makers import naming_commands
 
 PROFILE = "full"
-TODO = f"Run `gpf profile {PROFILE} && dvc repro` to its end."
+ADVICE = f"Run `gpf profile {PROFILE} && dvc repro` to its end."
 
 FIGURES = Path("results/figures")
 IMAGES = Path("docs/images")
@@ -54,7 +54,7 @@ def publish(results: Results) -> None:
         raise UserError(
             str(results.root),
             f"has no numbers of {join(results.unmeasured)} with {results.passes} passes",
-            TODO,
+            ADVICE,
         )
     copies = {FIGURES / f"{name}.png": IMAGES / f"{name}.png" for name in PICTURES}
     copies |= {
@@ -63,7 +63,7 @@ def publish(results: Results) -> None:
     }
     for source in copies:
         if not source.exists():
-            raise UserError(str(source), "is missing", TODO)
+            raise UserError(str(source), "is missing", ADVICE)
     pages = {}
     for page in (Path("README.md"), *sorted(Path("docs").glob("*.md"))):
         text = page.read_text(encoding="utf-8")
@@ -83,7 +83,7 @@ def check_profile(results: Results) -> None:
         found = getattr(getattr(results.params, section), leaf)
         found = list(found) if isinstance(found, tuple) else found
         if wanted != EVERY and found != wanted:
-            raise UserError(f"params.yaml: {key}", f"is {found}, not {wanted}", TODO)
+            raise UserError(f"params.yaml: {key}", f"is {found}, not {wanted}", ADVICE)
 
 
 def fill(name: str, results: Results) -> str:
@@ -93,11 +93,11 @@ def fill(name: str, results: Results) -> str:
     else:
         file = results.root / "tables" / f"{name}.md"
         if not file.exists():
-            raise UserError(str(file), "is missing", TODO)
+            raise UserError(str(file), "is missing", ADVICE)
         # Without the title: the page has its own heading.
         body = file.read_text(encoding="utf-8").split("\n", 2)[2].strip()
         if _UNFINISHED.search(body):
-            raise UserError(str(file), "is not complete: some methods were not run", TODO)
+            raise UserError(str(file), "is not complete: some methods were not run", ADVICE)
     return f"<!-- {name} -->\n{body}\n<!-- /{name} -->"
 
 

@@ -49,3 +49,10 @@ class FileError(UserError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.path, self.what, self.missing)
+
+
+def is_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C caused an error: inside a loop, Dr.Jit raises another error from it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None

@@ -51,7 +51,7 @@ class FacingCells:
 
     def arrays(self) -> dict[str, Any]:
         """The arrays that queries read, as a PyTree; see :meth:`with_arrays`."""
-        return {name: value for name, value in vars(self).items()}
+        return dict(vars(self))
 
     def with_arrays(self, arrays: Mapping[str, Any]) -> FacingCells:
         """A copy that reads these arrays, e.g. arguments of a recorded function."""

@@ -106,6 +106,12 @@ def check_finite(image: np.ndarray, where: str) -> None:
         )
 
 
+def propose_exposure(radiance: np.ndarray) -> float:
+    """The exposure at which nine tenths of the pixels (..., 3) are below 0.8 of display white."""
+    bright = float(np.quantile(np.asarray(radiance) @ [0.2126, 0.7152, 0.0722], 0.9))
+    return 0.8 / bright if bright > 0 else 1.0
+
+
 def tone_map(radiance: np.ndarray, exposure: float) -> np.ndarray:
     """Linear radiance to sRGB values in [0, 1]: exposure, clipping to [0, 1], sRGB curve."""
     linear = np.clip(np.asarray(radiance, dtype=np.float64) * exposure, 0, 1)

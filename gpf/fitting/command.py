@@ -8,12 +8,12 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
-from gpf.core.images import write_png
+from gpf.core.images import propose_exposure, write_png
 from gpf.core.progress import Bar, progress_bar, say
 from gpf.core.runtime import choose_variant
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import save_field
-from gpf.fitting.fit import FitProgress, default_sensors, fit
+from gpf.fitting.fit import FitProgress, fit
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
 from gpf.scene.transforms import read_cameras
@@ -42,9 +42,8 @@ def fit_scene_file(
         raise UserError(f"--out {out}", "is no field", "Give it a name that ends in .safetensors.")
     choose_variant("auto")
     scene = load_scene_file(path)
-    if views is None:
-        sensors = default_sensors(scene)
-    else:
+    sensors = None
+    if views is not None:
         read = read_cameras(views)
         size = read.size(PREVIEW_ROWS)
         sensors = [make_sensor(view, *size) for view in (*read.views.train, *read.views.novel)]
@@ -67,11 +66,11 @@ def fit_scene_file(
     )
 
 
-def _preview_sensor(scene: mi.Scene, sensors: list[mi.Sensor]) -> mi.Sensor:
-    """The scene's own camera with a small film; without one, the first of the sensors."""
+def _preview_sensor(scene: mi.Scene, sensors: list[mi.Sensor] | None) -> mi.Sensor | None:
+    """The scene's own camera with a small film; without one, the first of the sensors, if any."""
     own = views_of_sensors(scene)
     if not own:
-        return sensors[0]
+        return sensors[0] if sensors else None
     aspect = film_aspect(scene_cameras(scene)[0])
     return make_sensor(own[0], max(1, round(PREVIEW_ROWS * aspect)), PREVIEW_ROWS)
 
@@ -80,7 +79,7 @@ class _Display:
     """Shows the progress of a fit in the bar, and writes the preview after each evaluation."""
 
     def __init__(
-        self, bar: Bar, title: str, scene: mi.Scene, sensor: mi.Sensor, preview: Path
+        self, bar: Bar, title: str, scene: mi.Scene, sensor: mi.Sensor | None, preview: Path
     ) -> None:
         self.bar, self.title, self.preview = bar, title, preview
         self.scene, self.sensor = scene, sensor
@@ -100,5 +99,4 @@ class _Display:
             self.scene, sensor=self.sensor, integrator=self.integrator, spp=PREVIEW_SPP
         )
         radiance = np.array(image)[..., :3]
-        bright = float(np.quantile(radiance @ [0.2126, 0.7152, 0.0722], 0.9))
-        write_png(self.preview, radiance, 0.8 / bright if bright > 0 else 1.0)
+        write_png(self.preview, radiance, propose_exposure(radiance))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import mitsuba as mi
 
-from gpf.core.errors import UserError
+from gpf.core.errors import UserError, is_interrupt
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
 from gpf.field.initialization import InitialFieldSettings
@@ -115,8 +115,8 @@ def fit(
     except _OutOfTime:
         run.trainer.judge()
         run.evaluate()
-    except KeyboardInterrupt:
-        if run.best is None:
+    except BaseException as error:
+        if run.best is None or not is_interrupt(error):
             raise
         log.warning("Interrupted: this is the field after %s passes.", run.stream.count)
     return run.result()
@@ -166,7 +166,9 @@ class _Fit:
         self.in_vain = 0
         self.all_passes = 0
         self.error: float | None = None
+        self.steps = 0
         self.pass_seconds, self.step_seconds = 0.0, 0.0
+        self._last, self._counted = self.begin, 0
 
     def start(self, passes: int | None) -> None:
         """Look around, choose the points and the Gaussians, and fit the first complete field."""
@@ -214,8 +216,12 @@ class _Fit:
         self.all_passes = int(min(wanted, self._passes_that_fit(), passes or float("inf")))
         first = min(GROWTH * self.stream.count, self.all_passes)
         self.settings = self.settings.model_copy(update={"passes": self.all_passes, "first": first})
+        # Before the trainer is made, so that its targets are those of the first round.
+        self._last, self._counted = time.perf_counter(), self.stream.count
+        self.stream.advance(first, lambda passes: self._tick(passes, 0))
         points = self.recipe.supervise(self.stream.targets())
-        self.trainer = Trainer(self.field, points, self.recipe.train)
+        anisotropic = self.recipe.field.anisotropic
+        self.trainer = Trainer(self.field, points, self.recipe.train, anisotropic=anisotropic)
         self._train()
 
     def evaluate(self) -> None:
@@ -251,32 +257,35 @@ class _Fit:
         return self.field
 
     def _train(self) -> None:
-        last = time.perf_counter()
-        passes = self.stream.count
-
-        def tick(count: int, steps: int) -> None:
-            nonlocal last, passes
-            now = time.perf_counter()
-            if count > passes:
-                passes, before = count, self.pass_seconds or now - last
-                self.pass_seconds = 0.8 * before + 0.2 * (now - last)
-                if self.quality.passes < count / PASSES_PER_ESTIMATE:
-                    self.quality.add_pass()
-            else:
-                self.step_seconds = 0.9 * self.step_seconds + 0.1 * (now - last)
-            self._tell(None)
-            if time.perf_counter() > self.deadline and self.trainer.step_count > 0:
-                raise _OutOfTime
-            last = time.perf_counter()
-
-        def report(progress: Progress) -> None:
-            self.error = progress.held_out_error
-            self._tell(self.trainer.current_field())
-
+        self._last, self._counted = time.perf_counter(), self.stream.count
         train_on_stream(
-            self.trainer, self.stream, self.settings, self.recipe.supervise, report, tick
+            self.trainer,
+            self.stream,
+            self.settings,
+            self.recipe.supervise,
+            self._report,
+            self._tick,
         )
         self.evaluate()
+
+    def _report(self, progress: Progress) -> None:
+        self.error = progress.held_out_error
+        self._tell(self.trainer.current_field())
+
+    def _tick(self, passes: int, steps: int) -> None:
+        """After a pass or a step: measure its time, and end the fit if its time is over."""
+        self.steps, spent = steps, time.perf_counter() - self._last
+        if passes > self._counted:
+            self._counted = passes
+            self.pass_seconds = 0.8 * (self.pass_seconds or spent) + 0.2 * spent
+            if self.quality.passes < passes / PASSES_PER_ESTIMATE:
+                self.quality.add_pass()
+        else:
+            self.step_seconds = 0.9 * self.step_seconds + 0.1 * spent
+        self._tell(None)
+        if time.perf_counter() > self.deadline and self.trainer.step_count > 0:
+            raise _OutOfTime
+        self._last = time.perf_counter()
 
     def _passes_that_fit(self) -> float:
         """The number of passes, with those so far, whose field is complete before the deadline."""
@@ -289,7 +298,7 @@ class _Fit:
             FitProgress(
                 passes=self.stream.count,
                 all_passes=self.all_passes,
-                steps=self.trainer.step_count,
+                steps=self.steps,
                 all_steps=STEPS,
                 held_out_error=self.error,
                 psnr=self.psnr,

@@ -10,9 +10,9 @@ import numpy as np
 
 from gpf.camera.rays import sample_rays_at
 from gpf.camera.visible_points import find_visible_points
-from gpf.core.images import tone_map
+from gpf.core.images import propose_exposure, tone_map
 from gpf.core.random import Stream, pass_seed
-from gpf.core.structs import to_numpy
+from gpf.core.structs import VisiblePoints, concatenate, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.photons.emission import Source, emit_light
 from gpf.sppm.passes import PassSettings, PhotonPasses
@@ -22,9 +22,6 @@ REFERENCE_PASSES = 1000
 
 # Samples of the field per pixel: as many as an image usually has.
 FIELD_SAMPLES = 64
-
-# The exposure brings this share of the pixels below this part of display white.
-_SHARE, _WHITE = 0.9, 0.8
 
 
 class QualityEstimate:
@@ -45,7 +42,7 @@ class QualityEstimate:
     sensors: the views.
     settings: of the passes.
     pixels: number of pixels in all.
-    exposure: of the tone mapping; by default, nine tenths of the pixels are below 0.8 of white.
+    exposure: of the tone mapping; by default :func:`gpf.core.images.propose_exposure`.
     """
 
     def __init__(
@@ -89,9 +86,7 @@ class QualityEstimate:
         counts = np.array([(self.passes + 1) // 2, self.passes // 2])
         first, second = self._sums / counts[:, None, None]
         if self.exposure is None:
-            luminance = (first + second) / 2 @ [0.2126, 0.7152, 0.0722]
-            bright = float(np.quantile(luminance, _SHARE))
-            self.exposure = _WHITE / bright if bright > 0 else 1.0
+            self.exposure = propose_exposure((first + second) / 2)
         shown = tone_map(self._render(field), self.exposure)
         a, b = (tone_map(image, self.exposure) for image in (first, second))
         noise = float(np.mean((a - b) ** 2)) * self.passes / 4 / REFERENCE_PASSES
@@ -109,7 +104,7 @@ class QualityEstimate:
         radiance, _ = field.radiance(points)
         return to_numpy(radiance).reshape(-1, FIELD_SAMPLES, 3).mean(axis=1)
 
-    def _visible_points(self, samples: int, number: int, direct: bool):  # type: ignore[no-untyped-def]
+    def _visible_points(self, samples: int, number: int, direct: bool) -> VisiblePoints:
         """Visible points of ``samples`` camera rays for each pixel, (samples P,)."""
         count = samples * sum(map(len, self._pixels))
         sampler = mi.load_dict({"type": "independent", "sample_count": 1})
@@ -120,14 +115,8 @@ class QualityEstimate:
             )
             place = mi.Point2f(np.repeat(pixels, samples, axis=0).T.astype(np.float32))
             rays.append(mi.Ray3f(sample_rays_at(sensor, sampler, place + sampler.next_2d())[0]))
-        ray = mi.Ray3f(
-            _join([r.o for r in rays], mi.Point3f), _join([r.d for r in rays], mi.Vector3f)
-        )
+        ray = mi.Ray3f(concatenate([r.o for r in rays]), concatenate([r.d for r in rays]))
         sampler.seed(pass_seed(self.seed, number, Stream.QUALITY_CAMERA), count)
         points = find_visible_points(self.scene, sampler, ray, direct=direct)
         dr.eval(points)
         return points
-
-
-def _join(parts, kind):  # type: ignore[no-untyped-def]
-    return kind(*(dr.concat([part[k] for part in parts]) for k in range(3)))

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from gpf.core.errors import UserError
+from gpf.core.images import propose_exposure
 from gpf.importing.report import PHOTONS
 from gpf.importing.view_checks import COVERED_WITHIN, ViewReport, covered, report_views, spacing
 from gpf.photons.tracing import PathSettings
@@ -97,7 +98,7 @@ def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneVie
         return tuple(chosen)
 
     return SceneViews(
-        exposure=propose_exposure(scene, views[fit[training[0]]], aspect),
+        exposure=measure_exposure(scene, views[fit[training[0]]], aspect),
         aspect=round(aspect, 6),
         fov_axis="x",
         views=ViewSets(train=named(training, "train"), novel=named(novel, "novel")),
@@ -116,12 +117,17 @@ def _candidates(scene: mi.Scene, orbit: Orbit, spread: float) -> list[View]:
 def _fit(reports: Sequence[ViewReport], own: int) -> list[int]:
     """Numbers of the own views without faults, and of candidates that also show enough light."""
     home = reports[0].inside
-    enough = min(_SHOWS_LIGHT, _NEARLY * max(report.light_share for report in reports[:own]))
+    enough = _enough_light(reports[:own])
     return [
         k
         for k, report in enumerate(reports)
         if not report.faults(home) and (k < own or report.light_share >= enough)
     ]
+
+
+def _enough_light(own: Sequence[ViewReport]) -> float:
+    """The share of its pixels that a view has to show lit."""
+    return min(_SHOWS_LIGHT, _NEARLY * max(report.light_share for report in own))
 
 
 @dataclass(frozen=True)
@@ -214,8 +220,8 @@ class Orbit:
         ]
 
 
-def propose_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8) -> float:
-    """The exposure at which nine tenths of a view's pixels are below 0.8 of display white."""
+def measure_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8) -> float:
+    """An exposure for a view, from a small image; see :func:`gpf.core.images.propose_exposure`."""
     height = 48
     sensor = make_sensor(view, max(1, round(height * aspect)), height)
     points = report_views(scene, [view], aspect)[0].points
@@ -223,9 +229,7 @@ def propose_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8
     settings = PassSettings(photons_per_pass=PHOTONS, initial_radius=radius, direct="photons")
     renderer = ReferenceRenderer(scene, {view.name: sensor}, {}, settings, seed=0)
     sums = renderer.run(passes)
-    luminance = renderer.image(view.name, sums) @ [0.2126, 0.7152, 0.0722]
-    bright = float(np.percentile(luminance, 90))
-    return float(f"{0.8 / bright:.2g}") if bright > 0 else 1.0
+    return float(f"{propose_exposure(renderer.image(view.name, sums)):.2g}")
 
 
 def _cover(
@@ -284,7 +288,7 @@ def _place_path(
 
     ``home``: the report of the own camera.
     """
-    enough = min(_SHOWS_LIGHT, _NEARLY * home.light_share)
+    enough = _enough_light([home])
     turns = np.radians([0, 60, 120, 180, 240, 300])
     for width in (20, 14, 10, 7, 5, 3):
         poses = [

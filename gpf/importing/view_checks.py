@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from gpf.camera.visible_points import find_visible_points
-from gpf.core.structs import OrientedPoints, VisiblePoints, concatenate, take, to_numpy
+from gpf.core.structs import VisiblePoints, take, to_numpy
 from gpf.guiding.surface_patch import SurfacePatch
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
@@ -92,10 +92,11 @@ def report_views(
     size = max(1, round(_ROWS * aspect)), _ROWS
     lanes = size[0] * size[1]
     rng = np.random.default_rng(seed)
-    rays = concatenate([_camera_rays(view, size, rng) for view in views])
+    rays = [_camera_rays(view, size, rng) for view in views]
+    o, d = (np.concatenate(parts, axis=1) for parts in zip(*rays, strict=True))
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(seed, lanes * len(views))
-    points = find_visible_points(scene, sampler, mi.Ray3f(rays.p, mi.Vector3f(rays.n)))
+    points = find_visible_points(scene, sampler, mi.Ray3f(mi.Point3f(o), mi.Vector3f(d)))
     dr.eval(points)
     valid = np.asarray(points.valid.numpy()).reshape(len(views), lanes)
     place = to_numpy(points.p).reshape(len(views), lanes, 3)
@@ -105,7 +106,9 @@ def report_views(
         if ok.any()
     ]
     typical = float(np.median(distances)) if distances else 1.0
-    lit = np.asarray(_is_lit(scene, points, 0.03 * typical, seed).numpy()).reshape(valid.shape)
+    lit = np.asarray(_is_lit(scene, points, 0.03 * typical, sampler, seed).numpy()).reshape(
+        valid.shape
+    )
     shines = np.asarray((dr.max(points.emission) > 0).numpy()).reshape(valid.shape)
     clearances, inside = look_around(scene, [view.origin for view in views])
     every = dr.arange(mi.UInt32, lanes)
@@ -124,34 +127,32 @@ def report_views(
 
 
 @dr.syntax
-def _is_lit(scene, points, radius, seed):  # type: ignore[no-untyped-def]
+def _is_lit(scene, points, radius, sampler, seed):  # type: ignore[no-untyped-def]
     """Whether light reaches points directly, or photons land within ``radius``, (N,)."""
     photons = record_photons(scene, PathSettings(200_000), seed)
     patch = SurfacePatch(photons.p, photons.n, radius, scene_bounds(scene))
     lit = patch.contains(points.p, points.n, points.valid)
     here = dr.zeros(mi.SurfaceInteraction3f, dr.width(points.p))
     here.p, here.n = points.p, points.n
-    rng = mi.PCG32(dr.width(points.p), seed)
     k = mi.UInt32(0)
     while points.valid & ~lit & (k < _EMITTER_SAMPLES):
-        sample = mi.Point2f(rng.next_float32(), rng.next_float32())
-        light, weight = scene.sample_emitter_direction(here, sample, True)
+        light, weight = scene.sample_emitter_direction(here, sampler.next_2d(), True)
         lit |= (light.pdf > 0) & (dr.dot(light.d, points.n) > 0) & (dr.max(weight) > 0)
         k += 1
     return lit
 
 
-def _camera_rays(view: View, size: tuple[int, int], rng: np.random.Generator) -> OrientedPoints:
-    """Origins and directions of a ray through a random place in each pixel, row by row."""
+def _camera_rays(
+    view: View, size: tuple[int, int], rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Origins and directions (3, N) of a ray through a random place in each pixel, row by row."""
     camera = make_pinhole(view, size)
     x, y = np.meshgrid(*(np.arange(n) - n / 2 for n in size))
     place = np.stack([x.ravel(), y.ravel()]) + rng.random((2, x.size))
     across = np.vstack([place, np.full(x.size, camera.focal)])
     directions = camera.rotation @ (across / np.linalg.norm(across, axis=0))
     origins = np.repeat(camera.origin[:, None], x.size, axis=1)
-    return OrientedPoints(
-        p=mi.Point3f(origins.astype(np.float32)), n=mi.Normal3f(directions.astype(np.float32))
-    )
+    return origins.astype(np.float32), directions.astype(np.float32)
 
 
 def spacing(points: np.ndarray) -> float:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from gpf.core.errors import UserError
+from gpf.core.errors import UserError, is_interrupt
 from stages.common.makers import naming_commands
 
 scene_app = typer.Typer(help="The scenes of the project.", no_args_is_help=True)
@@ -83,7 +83,7 @@ def stage(
     try:
         getattr(importlib.import_module(module), function)(*arguments, **options)
     except BaseException as error:  # not in main, because typer catches interrupts itself
-        if not _is_interrupt(error):
+        if not is_interrupt(error):
             raise
         typer.echo("\nstopped; run it again to continue", err=True)
         raise typer.Exit(130) from None
@@ -165,10 +165,3 @@ def add_to(app: typer.Typer) -> None:
     for command in (stage, profile, render):
         app.command()(naming_commands(command))
     app.add_typer(scene_app, name="scene")
-
-
-def _is_interrupt(error: BaseException | None) -> bool:
-    """Whether Ctrl-C caused an error: inside a loop, Dr.Jit raises another error from it."""
-    while error is not None and not isinstance(error, KeyboardInterrupt):
-        error = error.__cause__ or error.__context__
-    return error is not None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -26,32 +28,7 @@ VIEWS = [
 ]
 
 
-BOX = """<scene version="3.0.0">
-    <sensor type="perspective">
-        <float name="fov" value="45"/>
-        <transform name="to_world">
-            <lookat origin="0, 0.4, 1.9" target="0, -0.3, 0" up="0, 1, 0"/>
-        </transform>
-        <film type="hdrfilm">
-            <integer name="width" value="64"/>
-            <integer name="height" value="48"/>
-        </film>
-    </sensor>
-    <shape type="cube">
-        <boolean name="flip_normals" value="true"/>
-        <transform name="to_world"><scale x="1" y="1" z="2"/></transform>
-    </shape>
-    <shape type="sphere">
-        <point name="center" x="0" y="-0.6" z="0"/>
-        <float name="radius" value="0.4"/>
-    </shape>
-    <shape type="sphere">
-        <point name="center" x="0" y="0.7" z="0"/>
-        <float name="radius" value="0.1"/>
-        <emitter type="area"><rgb name="radiance" value="20"/></emitter>
-    </shape>
-</scene>
-"""
+SOURCE = Path(__file__).parents[2] / "scenes" / "cornell_box" / "scene.xml"
 
 
 @pytest.fixture(scope="module")
@@ -169,15 +146,13 @@ def pixels_of(renderer, estimate, passes: int) -> np.ndarray:
 def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch):
     from gpf.cli import main
 
-    source = tmp_path / "box.xml"
-    source.write_text(BOX, encoding="utf-8")
     monkeypatch.setattr("gpf.fitting.command.PREVIEW_ROWS", 32)
     monkeypatch.setattr(module, "ROWS", 32)
     with pytest.raises(SystemExit) as ended:
-        main(["fit", str(source), "-o", str(tmp_path / "box.safetensors"), "--passes", "24"])
+        main(["fit", str(SOURCE), "-o", str(tmp_path / "box.safetensors"), "--passes", "24"])
     assert not ended.value.code
     assert read_field(tmp_path / "box.safetensors").record["passes"] == 24
-    assert tuple(mi.Bitmap(str(tmp_path / "box.png")).size()) == (43, 32)
+    assert tuple(mi.Bitmap(str(tmp_path / "box.png")).size()) == (32, 32)
     with pytest.raises(SystemExit) as ended:
-        main(["fit", str(source), "-o", str(tmp_path / "box.exr")])
+        main(["fit", str(SOURCE), "-o", str(tmp_path / "box.exr")])
     assert ended.value.code == 2

@@ -4,9 +4,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from benchmarks.check_scenes import SCENES, load
 from gpf.core.errors import UserError
-from gpf.importing.placement import Orbit, place_views, propose_exposure
+from gpf.importing.placement import Orbit, measure_exposure, place_views
 from gpf.importing.view_checks import report_views
+from gpf.scene.sensors import film_aspect, views_of_sensors
 from gpf.scene.views import View
 
 T = mi.ScalarTransform4f
@@ -34,6 +36,19 @@ def test_all_views_and_frames_are_fit_for_use(scene, placed):
     views = [*placed.train, *placed.novel, *placed.frames()]
     assert len(placed.frames()) == 24
     assert [r.faults() for r in report_views(scene, views, 1.25, seed=99)] == [[]] * len(views)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_views_show_lit_surfaces_in_any_scene(name):
+    """Four fifths of their pixels, if the scene's own camera does."""
+    scene = load(name)
+    own, aspect = views_of_sensors(scene)[0], film_aspect(scene.sensors()[0])
+    placed = place_views(scene, [own], aspect)
+    views = [own, *placed.train, *placed.novel, *placed.frames()]
+    shares = [r.light_share for r in report_views(scene, views, aspect, seed=77)]
+    assert shares[0] > 0.8 and len(placed.novel) == 5 and len(placed.frames()) == 24
+    assert min(shares) > 0.8
 
 
 def test_views_differ(placed):
@@ -80,10 +95,10 @@ def test_under_water_candidates_stay_under_water():
 
 
 def test_exposure_brings_a_picture_into_range(scene):
-    exposure = propose_exposure(scene, OWN, 1)
+    exposure = measure_exposure(scene, OWN, 1)
     brighter = mi.cornell_box()
     brighter["light"]["emitter"]["radiance"]["value"] = [184, 155, 80]
-    ten_times = propose_exposure(mi.load_dict(brighter, optimize=False), OWN, 1)
+    ten_times = measure_exposure(mi.load_dict(brighter, optimize=False), OWN, 1)
     assert 0.5 < exposure < 5
     assert exposure / ten_times == pytest.approx(10, rel=0.15)
 
