@@ -20,7 +20,7 @@ from metrics.image import psnr
 from stages.amortize import mean_convergence
 from stages.common.workspace import Workspace
 from stages.metrics import Judge
-from stages.render import FieldRenderer
+from stages.render import open_renderer
 
 SAMPLES = (4, 16, 32, 64)
 
@@ -42,12 +42,13 @@ def compare(work: Workspace) -> list[list[str]]:
     passes, curve, rows = SinglePasses(work), mean_convergence(work), []
     references = Judge.open(work).references
     for spp in SAMPLES:
-        renderer = FieldRenderer.open(work, work.params.film.height, spp)
-        renderer.render(work.views.novel[0], 0)  # compiles
+        renderer = open_renderer(work, spp)
+        renderer.render(work.views.novel[0], work.film_size, 0)  # compiles
         quality, seconds, per_pass = [], [], []
         for k, view in enumerate(work.views.novel):
             start = time.perf_counter()
-            image = renderer.render(view, work.params.render.seed + k).radiance
+            seed = work.params.render.seed + k
+            image = renderer.render(view, work.film_size, seed)["radiance"]
             seconds.append(time.perf_counter() - start)
             per_pass.append(passes.seconds(len(work.views.novel), k))
             quality.append(psnr(image, references[view.name], work.views.exposure))

@@ -6,14 +6,18 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from gpf.rendering.field_renderer import FieldRenderer
 from metrics.image import psnr
-from stages.render import FieldRenderer
+from stages.common.workspace import Workspace
 
 
-def mean_psnr(renderer: FieldRenderer, references: Mapping[str, np.ndarray]) -> float:
+def mean_psnr(
+    work: Workspace, renderer: FieldRenderer, references: Mapping[str, np.ndarray]
+) -> float:
     """Mean PSNR of the novel views against their references, dB."""
-    work, qualities = renderer.work, []
+    qualities = []
     for k, view in enumerate(work.views.novel):
-        image = renderer.render(view, work.params.render.seed + k).radiance
+        seed = work.params.render.seed + k
+        image = renderer.render(view, work.film_size, seed)["radiance"]
         qualities.append(psnr(image, references[view.name], work.views.exposure))
     return float(np.mean(qualities))

@@ -27,7 +27,7 @@ from gpf.training.streaming import train_on_stream
 from gpf.training.trainer import Progress
 from stages.common.workspace import Workspace
 from stages.metrics import Judge
-from stages.render import FieldRenderer
+from stages.render import open_renderer
 from stages.train import stream_of
 
 # Timed passes of SPPM for each novel view, before the training and after it.
@@ -86,7 +86,7 @@ def train(work: Workspace) -> list[Moment]:
     count = choose_count(recipe, photons, targets, bounds, stream)
     field = recipe.initial_field(count, photons, targets, bounds)
     trainer = recipe.trainer(field, recipe.supervise(targets))
-    renderer = FieldRenderer.open(work, work.params.film.height, work.params.render.spp)
+    renderer = open_renderer(work, work.params.render.spp)
     references, moments = Judge.open(work).references, []
 
     def report(progress: Progress) -> None:
@@ -94,7 +94,7 @@ def train(work: Workspace) -> list[Moment]:
         dr.sync_thread()
         now = time.perf_counter()
         renderer.integrator.field = trainer.current_field()
-        quality = mean_psnr(renderer, references)
+        quality = mean_psnr(work, renderer, references)
         moments.append(Moment(stream.count, now - start - paused, quality))
         paused += time.perf_counter() - now
 

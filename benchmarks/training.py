@@ -15,7 +15,7 @@ from gpf.training.targets import Targets
 from stages.common.workspace import Workspace
 from stages.metrics import Judge
 from stages.photons import load_photons
-from stages.render import FieldRenderer
+from stages.render import open_renderer
 
 CHECK_EVERY = 50
 
@@ -48,7 +48,7 @@ def time_training(scene_name: str) -> tuple[float, float, float]:
     targets, photons = Targets.load(work.targets), recipe.select_photons(load_photons(work))
     count = len(read_field(work.field).tensors["means"])
     references = Judge.open(work).references
-    renderer = FieldRenderer.open(work, work.params.film.height, work.params.render.spp)
+    renderer = open_renderer(work, work.params.render.spp)
     curve: list[tuple[float, float]] = []
     for _ in range(2):  # the first run compiles the kernels
         curve.clear()
@@ -60,7 +60,7 @@ def time_training(scene_name: str) -> tuple[float, float, float]:
             dr.sync_thread()
             now = time.perf_counter()
             renderer.integrator.field = trainer.current_field()
-            curve.append((now - start - paused, mean_psnr(renderer, references)))
+            curve.append((now - start - paused, mean_psnr(work, renderer, references)))
             paused += time.perf_counter() - now
     total, final = curve[-1]
     seconds = next(s for s, quality in curve if quality >= final - 0.3)

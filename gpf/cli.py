@@ -68,9 +68,82 @@ def fit(
     seed: Annotated[int, typer.Option(min=0, help="Of all random numbers.")] = 0,
 ) -> None:
     """Fit a field to a scene; it ends at the first goal. OUT.png shows how far it is."""
-    from gpf.fitting.command import fit_scene_file
+    from gpf.commands.fit import fit_scene_file
 
     fit_scene_file(scene, out, seconds, target_psnr, passes, views, seed)
+
+
+@app.command()
+def render(
+    scene: Annotated[
+        str, typer.Argument(metavar="SCENE.xml", help="A scene file, or a scene that was trained.")
+    ],
+    field: Annotated[
+        Path | None,
+        typer.Option(help="The field's file. Default: field.safetensors."),
+    ] = None,
+    view: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="A camera by name; may be given several times."),
+    ] = None,
+    views: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="VIEWS",
+            help="views.yaml or transforms.json with the cameras; by default views.yaml beside the "
+            "scene or, without it, the scene's own cameras.",
+        ),
+    ] = None,
+    frames: Annotated[
+        bool, typer.Option("--frames", help="All frames of the camera path in views.yaml.")
+    ] = False,
+    orbit: Annotated[
+        int,
+        typer.Option(metavar="N", min=0, help="N cameras around what the scene's camera sees."),
+    ] = 0,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FOLDER", help="Default: pictures.")
+    ] = None,
+    size: Annotated[
+        str | None, typer.Option(metavar="WxH", help="Such as 512x512; or rows alone.")
+    ] = None,
+    spp: Annotated[
+        int | None, typer.Option(min=1, help="Camera samples per pixel. Default: 64.")
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Time for a picture, in place of --spp.")
+    ] = None,
+    aovs: Annotated[
+        str,
+        typer.Option(
+            metavar="LIST",
+            help="Further layers: depth, position, normal, albedo, visible_normal, irradiance, "
+            "coverage; with commas.",
+        ),
+    ] = "",
+    exposure: Annotated[float | None, typer.Option(help="Of the PNG files.")] = None,
+    mp4: Annotated[bool, typer.Option("--mp4", help="A film of all pictures, too.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of all random numbers.")] = 0,
+    changed_scene: Annotated[
+        bool, typer.Option("--changed-scene", help="Accept the field of another scene.")
+    ] = False,
+) -> None:
+    """Render views of a scene from a field; pictures that exist are kept."""
+    from gpf.commands.cameras import CameraChoice
+    from gpf.commands.render import PictureOptions, render_pictures
+
+    choice = CameraChoice(tuple(view or ()), views, frames, orbit)
+    options = PictureOptions(
+        size=size,
+        spp=spp,
+        seconds=seconds,
+        aovs=aovs,
+        exposure=exposure,
+        film=mp4,
+        seed=seed,
+        changed_scene=changed_scene,
+    )
+    render_pictures(scene, field, choice, out, options)
 
 
 @app.command()

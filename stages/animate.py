@@ -21,6 +21,7 @@ from gpf.baselines.protocol import CannotServe
 from gpf.config.titles import method_titles
 from gpf.core.errors import UserError
 from gpf.core.files import write_json
+from gpf.core.films import write_film
 from gpf.core.images import check_finite, read_exr, read_record, tone_map, write_exr
 from gpf.core.progress import Bar, progress_bar, say
 from gpf.core.yaml import suggest
@@ -30,7 +31,6 @@ from stages.animation.filmstrip import (
     compose,
     film_panel,
     webp_panel,
-    write_film,
     write_webp,
 )
 from stages.animation.frame_flicker import compare_frames
@@ -38,7 +38,7 @@ from stages.baseline import forget_state, open_state, prepare, refuse_other_scen
 from stages.common.code import digest_of
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
-from stages.render import FieldRenderer
+from stages.render import open_renderer
 
 FIELD = "gpf"
 
@@ -139,8 +139,8 @@ def plan(work: Workspace, method: str) -> tuple[dict[str, Any], Callable[[Bar], 
         }
 
         def open_field(bar: Bar) -> Draw:
-            renderer = FieldRenderer.open(work, params.film.height, params.render.spp)
-            return lambda view, seed: renderer.render(view, seed).radiance
+            renderer = open_renderer(work, params.render.spp)
+            return lambda view, seed: renderer.render(view, work.film_size, seed)["radiance"]
 
         open_method = open_field
     elif method in params.baselines:
@@ -199,4 +199,5 @@ def write_films(work: Workspace, refusals: dict[str, str], count: int) -> None:
         )
     webp = compose(reels, webp_panel(work.film_size, len(reels)))
     write_webp(folder / "animation.webp", webp, fps)
-    write_film(folder / "animation.mp4", compose(reels, film_panel(work.film_size)), fps)
+    film = [np.asarray(sheet) for sheet in compose(reels, film_panel(work.film_size))]
+    write_film(folder / "animation.mp4", film, fps)

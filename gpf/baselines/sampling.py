@@ -3,18 +3,81 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 import mitsuba as mi
 import numpy as np
 
 from gpf.baselines.protocol import CannotServe, Task
-from gpf.baselines.timed_sampling import Samples
+from gpf.core.random import Stream, pass_seed
 from gpf.rendering.batches import render_in_batches
+from gpf.rendering.timed_sampling import sample_for
 from gpf.scene.sensors import make_sensor, views_of_sensors
 from gpf.scene.views import View
+
+
+@dataclass
+class Samples:
+    """The number of samples per pixel of a view.
+
+    Attributes
+    ----------
+    number: samples per pixel; None for as many as fit into ``seconds``, which is not the same
+        number in every run.
+    seconds: time for a whole view.
+    alike: whether all parts have one sample (:func:`sample_for`).
+    taken: the numbers of the views so far, where the clock decides.
+    """
+
+    number: int | None
+    seconds: float = 0.0
+    alike: bool = False
+    taken: list[int] = field(default_factory=list)
+
+    @classmethod
+    def plan(cls, spp: int | Literal["equal_time"], task: Task) -> Samples:
+        """The samples that options ask for.
+
+        Raises
+        ------
+        CannotServe: ``spp`` is ``equal_time``, and ``task.seconds_per_view`` is None.
+        """
+        if spp != "equal_time":
+            return cls(int(spp))
+        if task.seconds_per_view is None:
+            raise CannotServe(
+                f"scene {task.name}",
+                "the time of a view of the field is not given, so there is no equal time",
+                "Set `seconds_per_view`, or give a number of samples.",
+            )
+        return cls(None, task.seconds_per_view)
+
+    @property
+    def spp(self) -> float:
+        """Samples per pixel; where the clock decides, the mean over the views so far."""
+        return self.number if self.number is not None else float(np.mean(self.taken or [0]))
+
+    def trace(
+        self, trace: Callable[[int, int], np.ndarray], seed: int, spent: float = 0.0
+    ) -> np.ndarray:
+        """An image.
+
+        Parameters
+        ----------
+        trace: called as ``trace(spp, seed)``; returns an image.
+        spent: seconds of the view that other work takes.
+        """
+        if self.number is not None:
+            return trace(self.number, seed)
+        image, spp = sample_for(
+            self.seconds - spent,
+            lambda spp, part: trace(spp, pass_seed(seed, part, Stream.TIMED_SAMPLES)),
+            alike=self.alike,
+        )
+        self.taken.append(spp)
+        return image
 
 
 @dataclass(frozen=True)

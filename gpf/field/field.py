@@ -267,12 +267,15 @@ class GaussianPhotonField:
     def radiance(self, points: VisiblePoints) -> tuple[mi.Color3f, mi.Float]:
         """L at visible points, W/(m² sr), (N, 3), and the reach (see :meth:`query`), (N,)."""
         value, reach = self.query(points.p, points.n, points.valid)
+        return self.reflect(points, value), reach
+
+    def reflect(self, points: VisiblePoints, value: mi.Color3f) -> mi.Color3f:
+        """L at visible points, W/(m² sr), (N, 3), from the stored quantity there, (N, 3)."""
         # Training may make a dark Gaussian slightly negative.
         value = dr.maximum(value, 0)
         if self.settings.stores == "irradiance":
-            return points.radiance(value), reach
-        reflected = dr.select(points.valid, points.throughput * value, 0)
-        return points.emission + reflected, reach
+            return points.radiance(value)
+        return points.emission + dr.select(points.valid, points.throughput * value, 0)
 
     def __repr__(self) -> str:
         count = dr.width(self.gaussians.means)

@@ -17,6 +17,7 @@ from gpf.fitting.quality import QualityEstimate
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.importing.placement import place_views
 from gpf.scene.bounds import scene_bounds
+from gpf.scene.fingerprint import fingerprint
 from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
 from gpf.sppm.reference import ReferenceSettings
 from gpf.training.gaussian_count import choose_count
@@ -253,6 +254,7 @@ class _Fit:
             "exposure": self.quality.exposure,
             "seconds": time.perf_counter() - self.begin,
             "seed": self.seed,
+            "fingerprint": fingerprint(self.scene),
         }
         return self.field
 

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import count
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 from scipy.stats import qmc
@@ -45,6 +46,9 @@ _SPREADS = (1, 0.6, 0.35, 0.2)
 # best of the own views, if that shows less. Around an open room, many cameras would see the dark
 # backs of its walls.
 _SHOWS_LIGHT, _NEARLY = 0.82, 0.95
+
+# An orbit is examined at this many cameras at least.
+_LEAST_CIRCLE = 24
 
 # The share of a novel view's points that training views see should be between these two.
 _COVERED = (0.6, 0.97)
@@ -208,16 +212,77 @@ class Orbit:
         sides = np.zeros((len(way), 2)) if asides is None else asides
         targets = self.pivot + self.distance * (sides @ np.stack([right, self.up]))
         return [
-            View(
-                name="candidate",
-                origin=_rounded(origin),
-                target=_rounded(target),
-                up=_rounded(self.up),
-                fov=self.start.fov,
-                fov_axis=self.start.fov_axis,
-            )
-            for origin, target in zip(origins, targets, strict=True)
+            self._camera(origin, target) for origin, target in zip(origins, targets, strict=True)
         ]
+
+    def circle(self, count: int) -> list[View]:
+        """Cameras at equal angles on a full circle around the axis ``up`` through the pivot, from
+        the start on; surfaces in the way are not considered."""
+        back = np.array(self.start.origin) - self.pivot
+        turns = 2 * np.pi * np.arange(count) / count
+        return [
+            self._camera(self.pivot + _rotate(back, self.up, turn), self.pivot) for turn in turns
+        ]
+
+    def _camera(self, origin: np.ndarray, target: np.ndarray) -> View:
+        return View(
+            name="candidate",
+            origin=_rounded(origin),
+            target=_rounded(target),
+            up=_rounded(self.up),
+            fov=self.start.fov,
+            fov_axis=self.start.fov_axis,
+        )
+
+
+def place_orbit(scene: mi.Scene, own: View, aspect: float, count: int) -> tuple[View, ...]:
+    """``count`` views on a circle around what the view ``own`` looks at, at equal angles.
+
+    If surfaces are in the way, or some of the views are of no use, they are on the widest closed
+    loop through the own camera instead.
+
+    Raises
+    ------
+    UserError: the view sees no diffuse surface, or there is no room for a loop either.
+    """
+    orbit, home = Orbit.around(scene, own, aspect), report_views(scene, [own], aspect)[0]
+    fine = orbit.circle(max(count, _LEAST_CIRCLE))
+    enough = _enough_light([home])
+    if _is_free(scene, fine) and _are_of_use(scene, fine, aspect, home, enough):
+        found = orbit.circle(count)
+    else:
+        path = _place_path(scene, orbit, aspect, home)
+        if path is None:
+            raise UserError(
+                f"view {own.name!r}",
+                "has no free space around it for an orbit",
+                "Give cameras with --views, or move the scene's sensor.",
+            )
+        longer = path.model_copy(update={"frames": max(count, 2)})
+        found = list(SceneViews(aspect=aspect, path=longer).frames())[:count]
+    return tuple(view.model_copy(update={"name": f"orbit_{k:03d}"}) for k, view in enumerate(found))
+
+
+def _is_free(scene: mi.Scene, circle: Sequence[View]) -> bool:
+    """Whether no surface lies between neighbours on a circle of cameras."""
+    start = np.array([view.origin for view in circle])
+    way = np.roll(start, -1, axis=0) - start
+    ray = mi.Ray3f(
+        mi.Point3f(np.ascontiguousarray(start.T, dtype=np.float32)),
+        mi.Vector3f(np.ascontiguousarray(way.T, dtype=np.float32)),
+        maxt=mi.Float(1),
+        time=mi.Float(0),
+        wavelengths=mi.Color0f(),
+    )
+    return not bool(dr.any(scene.ray_test(ray)))
+
+
+def _are_of_use(
+    scene: mi.Scene, views: Sequence[View], aspect: float, home: ViewReport, enough: float
+) -> bool:
+    """Whether all views are without faults and show enough light."""
+    reports = report_views(scene, views, aspect)
+    return all(not r.faults(home.inside) and r.light_share >= enough for r in reports)
 
 
 def measure_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8) -> float:
@@ -303,9 +368,8 @@ def _place_path(
                 for key in orbit.views(scene, poses)
             ),
         )
-        frames = SceneViews(aspect=aspect, views=ViewSets(train=()), path=path).frames()
-        reports = report_views(scene, frames, aspect)
-        if all(not r.faults(home.inside) and r.light_share >= enough for r in reports):
+        frames = SceneViews(aspect=aspect, path=path).frames()
+        if _are_of_use(scene, frames, aspect, home, enough):
             return path
     return None
 

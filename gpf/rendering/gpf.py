@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,29 @@ from gpf.camera.rays import keeps_to_pixels, sample_pixel_rays, sample_tiled_ray
 from gpf.camera.visible_points import find_visible_points
 from gpf.field.io import load_field
 from gpf.rendering.adaptive import MIN_SPP, sample_adaptively
+from gpf.rendering.aovs import (
+    at_first_surface,
+    at_visible_point,
+    channel_names,
+    channels,
+    parse_aovs,
+)
 from gpf.rendering.properties import read_depths, whole_number
 from gpf.rendering.recording import Recording
 from gpf.rendering.scene_check import warn_of_another_scene
 from gpf.scene.materials import has_gloss, require_separable
+
+# How the values of further walks join those of the first; all others are added.
+_JOIN = {"valid": operator.or_, "coverage": dr.maximum}
+
+
+def _join(found: dict[str, Any], further: dict[str, Any]) -> dict[str, Any]:
+    return {key: _JOIN.get(key, operator.add)(found[key], further[key]) for key in found}
+
+
+def _mean(found: dict[str, Any], walks: mi.UInt32) -> dict[str, Any]:
+    number = mi.Float(walks)
+    return {key: value if key in _JOIN else value / number for key, value in found.items()}
 
 
 class GPF(mi.ad.integrators.common.ADIntegrator):
@@ -40,11 +60,12 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
        - |int|
        - Number of camera walks of a sample that meets a glossy surface first, because the
          surface may reflect in many directions. (Default: 4)
-     * - coverage
-       - |bool|
-       - Also output the channel ``coverage``: the distance of the farthest Gaussian that was
-         used, in search radii. 1 in well covered regions, more where the nearest Gaussians lie
-         farther away, 0 without a query. (Default: false)
+     * - aovs
+       - |string|
+       - Further channels, a list of names with commas, such as ``depth, albedo``. They are
+         ``depth``, ``position`` and ``normal`` of the first surface; ``albedo``,
+         ``visible_normal``, ``irradiance`` and ``coverage`` of the visible point
+         (:mod:`gpf.rendering.aovs`). (Default: none)
      * - adaptive
        - |bool|
        - Give more samples to noisy pixels, behind glass and along edges, and fewer to others;
@@ -79,7 +100,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         self.depth_limit = read_depths(props, "gpf")
         path = props.get("field", "")
         self.glossy_walks = whole_number(props.get("glossy_walks", 4), "glossy_walks", 1)
-        self.coverage = props.get("coverage", False)
+        self.aovs = parse_aovs(props.get("aovs", ""))
         self.adaptive = props.get("adaptive", False)
         self.suppress_fireflies = props.get("suppress_fireflies", False)
         super().__init__(props)
@@ -116,7 +137,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         if not self.record or self.field is None or not develop:
             return super().render(scene, sensor, seed, spp, develop, evaluate)
         size = tuple(int(v) for v in sensor.film().crop_size())
-        facts = (size, spp, self.coverage, self.field.settings)
+        facts = (size, spp, self.aovs, self.field.settings)
         if self.recording is None or not self.recording.serves(scene, sensor, facts):
             self.recording = Recording(scene, sensor, facts, self._render_with)
         return self.recording.frame(mi.UInt32(seed), spp, self.field.arrays())
@@ -165,7 +186,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         self, mode, scene, sampler, ray, depth=None, active=True, **kwargs
     ) -> tuple[Any, ...]:
         """Radiance of camera rays, (N, 3), whether they end on a diffuse surface, (N,), and the
-        coverage, (N,), if it is requested."""
+        channels of the AOVs, (N,) each."""
         if mode != dr.ADMode.Primal:
             raise RuntimeError("The gpf integrator has no derivatives.")
         if self.field is None:
@@ -181,38 +202,34 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         found = self._walk(scene, sampler, ray, active)
         if self._walks > 1:
             found = self._walk_again(scene, sampler, ray, active, found)
-        radiance, valid, reach = found
-        # Limited, because the film treats infinite values as zero.
-        aovs = [dr.select(valid, dr.minimum(reach, 1e6), 0)] if self.coverage else []
-        return radiance, valid, aovs, None
+        found |= at_first_surface(scene, ray, self.aovs, mi.Bool(active))
+        return found["radiance"], found["valid"], channels(self.aovs, found), None
 
     def _walk(
         self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool | bool
-    ) -> tuple[mi.Color3f, mi.Bool, mi.Float]:
-        """Radiance from one camera walk, whether it ends on a diffuse surface, and the reach of the
-        query there."""
+    ) -> dict[str, Any]:
+        """What one camera walk finds: ``radiance``, (N, 3), whether it ends on a diffuse surface,
+        ``valid``, (N,), and the AOVs of its visible point."""
         direct = self.field.settings.direct == "emitters"
         points = find_visible_points(
             scene, sampler, ray, self.depth_limit, self.rr_depth, active, direct
         )
-        radiance, reach = self.field.radiance(points)
-        return radiance, points.valid, reach
+        value, reach = self.field.query(points.p, points.n, points.valid)
+        found = {"radiance": self.field.reflect(points, value), "valid": points.valid}
+        return found | at_visible_point(points, value, reach, self.aovs)
 
     @dr.syntax
     def _walk_again(self, scene, sampler, ray, active, found):  # type: ignore[no-untyped-def]
-        """The mean over several walks for rays whose first surface is glossy."""
-        radiance, valid, reach = found
+        """The mean over several walks for rays whose first surface is glossy; of ``coverage``, the
+        largest value."""
         again = meets_gloss(scene, ray, mi.Bool(active))
         walks = dr.opaque(mi.UInt32, self._walks)
         n = mi.UInt32(1)
         while again & (n < walks):
-            further, ends, at = self._walk(scene, sampler, ray, again)
-            radiance += further
-            reach = dr.select(ends & ~valid, at, reach)
-            reach = dr.select(ends & valid, dr.maximum(reach, at), reach)
-            valid |= ends
+            further = self._walk(scene, sampler, ray, again)
+            found = _join(found, further)
             n += 1
-        return radiance / mi.Float(n), valid, reach
+        return _mean(found, n)
 
     def sample_rays(
         self, scene: mi.Scene, sensor: mi.Sensor, sampler: mi.Sampler
@@ -221,8 +238,8 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         return sample_tiled_rays(scene, sensor, sampler)
 
     def aov_names(self) -> list[str]:
-        """The channel ``coverage``, if it is requested."""
-        return ["coverage"] if self.coverage else []
+        """The names of the channels beside radiance."""
+        return channel_names(self.aovs)
 
     def to_string(self) -> str:
         """A description, for print."""

@@ -32,6 +32,7 @@ def write_transforms(
     views: Sequence[View],
     size: tuple[int, int],
     files: Mapping[str, Mapping[str, str]] | None = None,
+    more: Mapping[str, str] | None = None,
 ) -> None:
     """Write the cameras of views.
 
@@ -39,6 +40,7 @@ def write_transforms(
     ----------
     size: width and height of the images, pixels.
     files: by name of a view, further keys of its frame, such as ``file_path``.
+    more: further keys of the whole, such as ``ply_file_path``.
     """
     width, height = size
     cameras = [make_pinhole(view, size) for view in views]
@@ -54,6 +56,7 @@ def write_transforms(
         "cx": width / 2,
         "cy": height / 2,
         **shared,
+        **(more or {}),
         "frames": [
             {
                 "name": view.name,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from gpf.core.errors import UserError
 from gpf.core.files import write_atomically
 
 GAP = 8
@@ -23,11 +21,6 @@ FILM_HEIGHTS = 256, 384
 
 WEBP_WIDTH, WEBP_BYTES = 960, 3_000_000
 """Largest width, pixels, and size of the WebP; it is made for a README."""
-
-_REINSTALL = (
-    "Check that the disk has room; `pip install --force-reinstall imageio-ffmpeg` installs the "
-    "encoder again."
-)
 
 
 @dataclass(frozen=True)
@@ -90,45 +83,6 @@ def webp_panel(size: tuple[int, int], count: int) -> tuple[int, int]:
     """Width and height of a panel in the WebP, for ``count`` images of the given size."""
     width = min((WEBP_WIDTH - GAP) // count - GAP, 320)
     return width, max(1, round(width * size[1] / size[0]))
-
-
-def write_film(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
-    """Write an MP4 for all browsers: H.264, 8 bits, 4:2:0. The same frames give the same bytes.
-
-    Raises
-    ------
-    UserError: the package with the encoder is missing, or the encoder failed.
-    """
-    width, height = frames[0].size
-    command = [_find_encoder(), "-y", "-loglevel", "error"]
-    command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps}"]
-    command += ["-i", "-", "-c:v", "libx264", "-preset", "slow", "-crf", "20"]
-    # One thread and no dates, so that the file depends on the frames alone.
-    command += ["-pix_fmt", "yuv420p", "-threads", "1", "-map_metadata", "-1"]
-    command += ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-movflags", "+faststart"]
-
-    def encode(file: Path) -> None:
-        raw = b"".join(frame.tobytes() for frame in frames)
-        run = subprocess.run([*command, str(file)], input=raw, capture_output=True, check=False)
-        if run.returncode:
-            said = run.stderr.decode(errors="replace").strip()[-300:] or f"status {run.returncode}"
-            raise UserError(str(path), f"could not be encoded: {said}", _REINSTALL)
-
-    write_atomically(path, encode)
-
-
-def _find_encoder() -> str:
-    """The path of the encoder in the package imageio-ffmpeg."""
-    try:
-        from imageio_ffmpeg import get_ffmpeg_exe
-
-        return str(get_ffmpeg_exe())
-    except ImportError as error:
-        raise UserError(
-            "imageio_ffmpeg", "is not installed, so no MP4", "pip install imageio-ffmpeg"
-        ) from error
-    except RuntimeError as error:
-        raise UserError("imageio_ffmpeg", f"has no encoder: {error}", _REINSTALL) from error
 
 
 def write_webp(path: Path, frames: Sequence[Image.Image], fps: int) -> None:

@@ -98,29 +98,6 @@ def profile(
     apply_profile(name)
 
 
-def render(
-    scene: Annotated[str, typer.Argument(help="A trained scene.")],
-    view: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="A view in its views.yaml; may be given several times. Default: novel views.",
-        ),
-    ] = None,
-    frames: Annotated[bool, typer.Option("--frames", help="All of its camera path.")] = False,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="FOLDER", help="Default: results/SCENE/pictures."),
-    ] = None,
-    height: Annotated[int | None, typer.Option(min=4, max=8192, help="Pixels.")] = None,
-    spp: Annotated[int | None, typer.Option(min=1, help="Camera samples per pixel.")] = None,
-) -> None:
-    """Render views from the field of a trained scene."""
-    from stages.commands.pictures import render_pictures
-
-    render_pictures(scene, view or [], frames, out, height, spp)
-
-
 @scene_app.command("list")
 def list_all() -> None:
     """List the scenes, with their numbers of views, and whether params.yaml lists them."""
@@ -162,6 +139,6 @@ def import_foreign(
 
 def add_to(app: typer.Typer) -> None:
     """Add these commands to `gpf`."""
-    for command in (stage, profile, render):
+    for command in (stage, profile):
         app.command()(naming_commands(command))
     app.add_typer(scene_app, name="scene")

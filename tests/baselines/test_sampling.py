@@ -1,13 +1,16 @@
-"""Images in parts, and the scene's own camera."""
+"""Images in parts or for a time, and the scene's own camera."""
 
 from __future__ import annotations
 
 import mitsuba as mi
 import numpy as np
 import pytest
+from pydantic import TypeAdapter, ValidationError
 
+from gpf.baselines import sampling
+from gpf.baselines.options import BaselineOptions
 from gpf.baselines.protocol import CannotServe
-from gpf.baselines.sampling import own_camera
+from gpf.baselines.sampling import Samples, own_camera
 from gpf.rendering.batches import render_in_batches, split_samples
 from gpf.scene.sensors import make_sensor
 from tests.baselines.classical import INSIDE, SIZE, lit_floor, task_for
@@ -68,3 +71,30 @@ def test_the_own_camera_is_that_of_the_scene_with_another_film():
 def test_a_scene_without_a_camera_is_refused_in_words():
     with pytest.raises(CannotServe, match="analytic: has no perspective camera .* Add a <sensor>"):
         own_camera(task_for(lit_floor()))
+
+
+def test_what_else_a_view_takes_is_off_its_time(monkeypatch):
+    asked = []
+    known = np.zeros((2, 3, 3)), 7
+    monkeypatch.setattr(
+        sampling,
+        "sample_for",
+        lambda seconds, trace, alike: (asked.append(seconds), known)[1],
+    )
+    samples = Samples(None, 3.0)
+    assert samples.spp == 0
+    samples.trace(lambda spp, seed: known[0], 1, spent=0.5)
+    assert asked == [2.5] and samples.spp == 7
+    fixed = Samples(4)
+    np.testing.assert_array_equal(fixed.trace(lambda spp, seed: np.array([spp, seed]), 9), [4, 9])
+    assert fixed.spp == 4 and not fixed.taken
+
+
+@pytest.mark.parametrize("system", ["path_tracer", "particle_tracer", "denoised"])
+def test_rows_of_params_may_ask_for_equal_time(system):
+    row = {"system": system, "spp": "equal_time"}
+    options = TypeAdapter(BaselineOptions).validate_python(row)
+    assert options.waits_for_field and options.title.endswith(", equal time")
+    assert not options.model_copy(update={"spp": 8}).waits_for_field
+    with pytest.raises(ValidationError, match="equal_time"):
+        TypeAdapter(BaselineOptions).validate_python(row | {"spp": "as long"})

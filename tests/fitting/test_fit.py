@@ -146,7 +146,7 @@ def pixels_of(renderer, estimate, passes: int) -> np.ndarray:
 def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch):
     from gpf.cli import main
 
-    monkeypatch.setattr("gpf.fitting.command.PREVIEW_ROWS", 32)
+    monkeypatch.setattr("gpf.commands.fit.PREVIEW_ROWS", 32)
     monkeypatch.setattr(module, "ROWS", 32)
     with pytest.raises(SystemExit) as ended:
         main(["fit", str(SOURCE), "-o", str(tmp_path / "box.safetensors"), "--passes", "24"])

@@ -111,7 +111,7 @@ def test_a_constant_field_shows_the_texture_and_the_lamp(stores):
 
 def test_coverage_tells_where_the_field_had_to_reach():
     scene = make_scene()
-    integrator = integrator_with(constant_field(), coverage=True)
+    integrator = integrator_with(constant_field(), aovs="coverage")
     image = np.array(mi.render(scene, integrator=integrator, spp=64))
     assert image.shape == (HEIGHT, WIDTH, 4)
     coverage = image[..., 3]
@@ -129,9 +129,9 @@ def test_coverage_tells_where_the_field_had_to_reach():
 def test_adaptive_samples_make_the_same_picture(pixels, suppress_fireflies):
     scene = make_scene()
     sensor = make_scene(pixels).sensors()[0]
-    plain = integrator_with(constant_field(), coverage=True)
+    plain = integrator_with(constant_field(), aovs="coverage")
     adaptive = integrator_with(
-        constant_field(), coverage=True, adaptive=True, suppress_fireflies=suppress_fireflies
+        constant_field(), aovs="coverage", adaptive=True, suppress_fireflies=suppress_fireflies
     )
     a, b = (
         np.array(mi.render(scene, sensor=sensor, integrator=i, spp=64)) for i in (plain, adaptive)
@@ -163,7 +163,7 @@ def test_where_the_field_knows_nothing_coverage_does_not_look_like_support():
     field = GaussianPhotonField(
         field.gaussians, FieldSettings(search_radius=0.8, neighbours="radius"), field.bounds
     )
-    image = np.array(mi.render(scene, integrator=integrator_with(field, coverage=True), spp=16))
+    image = np.array(mi.render(scene, integrator=integrator_with(field, aovs="coverage"), spp=16))
     ends = image[:, 0], image[:, -1]
     unknown = ends[0] if ends[0][:, :3].sum() < ends[1][:, :3].sum() else ends[1]
     np.testing.assert_array_equal(unknown[:, :3], 0)  # nothing within 0.8 of these pixels
@@ -173,7 +173,7 @@ def test_where_the_field_knows_nothing_coverage_does_not_look_like_support():
 def test_the_plugin_loads_its_field_from_the_path_in_the_scene(saved):
     integrator = mi.load_string(
         f'<integrator version="3.0.0" type="gpf"><string name="field" value="{saved}"/>'
-        '<integer name="max_depth" value="6"/><boolean name="coverage" value="true"/></integrator>'
+        '<integer name="max_depth" value="6"/><string name="aovs" value="coverage"/></integrator>'
     )
     text = str(integrator)
     assert "169 Gaussians" in text and "max_depth=6" in text and "search_radius=0.8" in text

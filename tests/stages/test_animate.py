@@ -46,21 +46,18 @@ class Grey:
 class StillField:
     """In place of the field: the same colour in every frame."""
 
-    @classmethod
-    def open(cls, work, height, spp):
-        cls.size = work.film_size
-        return cls()
+    def __init__(self, work, spp):
+        pass
 
-    def render(self, view, seed):
-        self.radiance = np.full((self.size[1], self.size[0], 3), 0.3)
-        return self
+    def render(self, view, size, seed):
+        return {"radiance": np.full((size[1], size[0], 3), 0.3)}
 
 
 @pytest.fixture
 def walked(fresh, monkeypatch):
     """A scene with a short path, and systems that take no time."""
     monkeypatch.setattr("stages.baseline.make_baseline", Grey)
-    monkeypatch.setattr("stages.animate.FieldRenderer", StillField)
+    monkeypatch.setattr("stages.animate.open_renderer", StillField)
     monkeypatch.setattr(Grey, "asked", [])
     fresh.replace("scenes/cornell_box/views.yaml", "frames: 24", f"frames: {FRAMES}")
     fresh.edit(

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
-from imageio_ffmpeg import get_ffmpeg_exe
 from PIL import Image
 
-from gpf.core.errors import UserError
 from stages.animation import filmstrip
 from stages.animation.filmstrip import BLANK, GAP, Reel, compose, film_panel, webp_panel
 
@@ -84,46 +79,6 @@ def test_a_picture_that_moves_repeats_and_fits(frames, tmp_path, monkeypatch):
     monkeypatch.setattr(filmstrip, "WEBP_BYTES", best // 2)
     filmstrip.write_webp(path, noisy, 10)
     assert path.stat().st_size <= best // 2
-
-
-def test_a_film_shows_the_frames_and_has_no_date(frames, tmp_path):
-    path = tmp_path / "film.mp4"
-    filmstrip.write_film(path, frames, 12)
-    command = [get_ffmpeg_exe(), "-loglevel", "error", "-i", str(path), "-f", "rawvideo"]
-    raw = subprocess.run([*command, "-pix_fmt", "rgb24", "-"], capture_output=True, check=True)
-    width, height = frames[0].size
-    shown = np.frombuffer(raw.stdout, np.uint8).reshape(3, height, width, 3)
-    for k, frame in enumerate(frames):
-        middle = panel(Image.fromarray(shown[k]), 0)[20:60, 20:100].astype(int)
-        assert np.abs(middle - panel(frame, 0)[0, 0]).max() < 30
-    filmstrip.write_film(tmp_path / "again.mp4", frames, 12)
-    assert (tmp_path / "again.mp4").read_bytes() == path.read_bytes()
-
-
-def test_without_the_encoder_it_is_said_what_brings_it(frames, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(UserError, match="pip install imageio-ffmpeg"):
-        filmstrip.write_film(tmp_path / "film.mp4", frames, 12)
-    assert not (tmp_path / "film.mp4").exists()
-
-
-def test_an_encoder_that_fails_is_told_in_its_own_words(frames, tmp_path, monkeypatch):
-    program = tmp_path / "encoder"
-    program.write_text("#!/bin/sh\ncat > /dev/null\necho 'no room for x264' >&2\nexit 3\n")
-    program.chmod(0o755)
-    monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", lambda: str(program))
-    with pytest.raises(
-        UserError, match=r"film\.mp4: could not be encoded: no room for x264\. .*pip"
-    ):
-        filmstrip.write_film(tmp_path / "film.mp4", frames, 12)
-    assert [path.name for path in tmp_path.iterdir()] == ["encoder"]
-
-    def find_none():
-        raise RuntimeError("No ffmpeg exe could be found")
-
-    monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", find_none)
-    with pytest.raises(UserError, match="has no encoder: No ffmpeg exe"):
-        filmstrip.write_film(tmp_path / "film.mp4", frames, 12)
 
 
 def test_sizes_of_panels():

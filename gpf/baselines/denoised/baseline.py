@@ -10,13 +10,14 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.baselines.denoised.guides import are_noisy, render_guides
-from gpf.baselines.denoised.oidn import ImageDenoiser
 from gpf.baselines.options import DenoisedOptions
 from gpf.baselines.path_tracer import make_path_integrator
 from gpf.baselines.protocol import CannotServe, Task
-from gpf.baselines.sampling import own_camera
-from gpf.baselines.timed_sampling import Samples, time_of
+from gpf.baselines.sampling import Samples, own_camera
+from gpf.core.errors import UserError
 from gpf.rendering.batches import render_in_batches
+from gpf.rendering.denoiser import ImageDenoiser
+from gpf.rendering.timed_sampling import time_of
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 
@@ -43,7 +44,10 @@ class Denoised:
         """
         samples = Samples.plan(self.options.spp, task)
         noisy = are_noisy(task.scene)
-        denoiser = ImageDenoiser(task.size, prefilter=noisy, cuda="cuda" in str(mi.variant()))
+        try:
+            denoiser = ImageDenoiser(task.size, prefilter=noisy, cuda="cuda" in str(mi.variant()))
+        except UserError as error:
+            raise CannotServe(error.where, error.what, error.todo) from error
         integrator = make_path_integrator(task.rr_depth)
         prepared = PreparedDenoised(task, integrator, denoiser, noisy, samples)
         if samples.number is None:

@@ -1,41 +1,48 @@
-"""Intel's Open Image Denoise, through the package ``pyoidn``."""
+"""A denoiser: Intel's Open Image Denoise, through the package ``pyoidn``."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from gpf.baselines.optional import import_optional
-from gpf.baselines.protocol import CannotServe
+from gpf.core.errors import UserError
 
 PACKAGE = "pyoidn==2.5.1"
+
+Quality = Literal["fast", "balanced", "high"]
 
 
 class ImageDenoiser:
     """Denoises images of one size; its networks are built once.
 
-    The filter is ``RT`` in HDR mode, with the highest quality and with ``cleanAux``: guides count
-    as free of noise. Noisy guides are denoised first, each by itself, as the library's manual
-    recommends for final images.
+    The filter is ``RT`` in HDR mode with ``cleanAux``: guides count as free of noise. Noisy guides
+    are denoised first, each by itself, as the library's manual recommends for final images.
 
     Parameters
     ----------
     size: width and height, pixels.
     prefilter: whether the guides have noise.
     cuda: whether to use a GPU if the library finds one.
+    quality: of all filters.
 
     Raises
     ------
-    CannotServe: the package is missing, or the library does not run on this machine.
+    UserError: the package is missing, or the library does not run on this machine.
     """
 
-    def __init__(self, size: tuple[int, int], prefilter: bool, cuda: bool = False) -> None:
-        self._oidn = oidn = import_optional("pyoidn", PACKAGE)
+    def __init__(
+        self,
+        size: tuple[int, int],
+        prefilter: bool,
+        cuda: bool = False,
+        quality: Quality = "high",
+    ) -> None:
+        self._oidn = oidn = _import()
         try:
             gpu = cuda and bool(oidn.Device.is_cuda_available())
         except OSError as error:  # the package loads the library at its first use
-            raise CannotServe(
+            raise UserError(
                 "Open Image Denoise", f"does not load: {error}", f"pip install {PACKAGE}"
             ) from error
         kind = oidn.OIDN_DEVICE_TYPE_CUDA if gpu else oidn.OIDN_DEVICE_TYPE_CPU
@@ -45,7 +52,7 @@ class ImageDenoiser:
         self.description = (
             f"Open Image Denoise {oidn.version.oidn_version}, {'CUDA' if gpu else 'CPU'}"
         )
-        self._size = size
+        self._size, self._quality = size, getattr(oidn, f"OIDN_QUALITY_{quality.upper()}")
         self._images = {
             name: oidn.Buffer(self._device, size[0] * size[1] * 12)
             for name in ("color", "albedo", "normal", "output")
@@ -83,13 +90,23 @@ class ImageDenoiser:
             made.set_image(role, self._images[name], oidn.OIDN_FORMAT_FLOAT3, *self._size)
         for name, value in switches.items():
             made.set_bool(name, value)
-        made.set_quality(oidn.OIDN_QUALITY_HIGH)
+        made.set_quality(self._quality)
         made.commit()
         self._check()
         return made
 
     def _check(self) -> None:
         if message := self._device.get_error():
-            raise CannotServe(
-                "Open Image Denoise", message, "Leave the method out, or try another machine."
+            raise UserError(
+                "Open Image Denoise", message, "Leave denoising out, or try another machine."
             )
+
+
+def _import() -> Any:
+    try:
+        import pyoidn
+    except ImportError as error:
+        raise UserError(
+            "pyoidn", f"package not installed: {PACKAGE} ({error})", f"pip install {PACKAGE}"
+        ) from error
+    return pyoidn

@@ -7,11 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from pydantic import TypeAdapter, ValidationError
 
-from gpf.baselines import timed_sampling
-from gpf.baselines.options import BaselineOptions
-from gpf.baselines.timed_sampling import Samples, sample_for, time_of
+from gpf.rendering.timed_sampling import sample_for, time_of
 
 
 @dataclass
@@ -71,30 +68,3 @@ def test_the_first_time_is_not_counted():
     naps = [0.5, 0.2, 0.02]
     assert 0.02 <= time_of(lambda: time.sleep(naps.pop(0))) < 0.2
     assert not naps
-
-
-def test_what_else_a_view_takes_is_off_its_time(monkeypatch):
-    asked = []
-    known = np.zeros((2, 3, 3)), 7
-    monkeypatch.setattr(
-        timed_sampling,
-        "sample_for",
-        lambda seconds, trace, alike: (asked.append(seconds), known)[1],
-    )
-    samples = Samples(None, 3.0)
-    assert samples.spp == 0
-    samples.trace(lambda spp, seed: known[0], 1, spent=0.5)
-    assert asked == [2.5] and samples.spp == 7
-    fixed = Samples(4)
-    np.testing.assert_array_equal(fixed.trace(lambda spp, seed: np.array([spp, seed]), 9), [4, 9])
-    assert fixed.spp == 4 and not fixed.taken
-
-
-@pytest.mark.parametrize("system", ["path_tracer", "particle_tracer", "denoised"])
-def test_rows_of_params_may_ask_for_equal_time(system):
-    row = {"system": system, "spp": "equal_time"}
-    options = TypeAdapter(BaselineOptions).validate_python(row)
-    assert options.waits_for_field and options.title.endswith(", equal time")
-    assert not options.model_copy(update={"spp": 8}).waits_for_field
-    with pytest.raises(ValidationError, match="equal_time"):
-        TypeAdapter(BaselineOptions).validate_python(row | {"spp": "as long"})

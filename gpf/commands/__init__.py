@@ -1,0 +1,1 @@
+"""The commands of the library: `gpf fit`, `gpf render`, `gpf demo`."""

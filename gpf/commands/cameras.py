@@ -1,0 +1,86 @@
+"""The cameras that `gpf render` is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mitsuba as mi
+
+from gpf.core.errors import UserError
+from gpf.importing.placement import place_orbit
+from gpf.scene.sensors import film_aspect, scene_cameras, views_of_sensors
+from gpf.scene.transforms import read_cameras
+from gpf.scene.views import SceneViews, View, ViewSets
+
+
+@dataclass(frozen=True)
+class CameraChoice:
+    """Which cameras; without any of these, the scene's own.
+
+    Attributes
+    ----------
+    names: of views.
+    file: ``views.yaml`` or ``transforms.json``; None for the one beside the scene, if there is one.
+    frames: whether to take all frames of the file's camera path.
+    orbit: number of cameras around what the scene's own camera looks at; 0 for none.
+    """
+
+    names: tuple[str, ...] = ()
+    file: Path | None = None
+    frames: bool = False
+    orbit: int = 0
+
+
+@dataclass(frozen=True)
+class Cameras:
+    """Views, the width of their images divided by the height, and an exposure if one is known."""
+
+    views: tuple[View, ...]
+    aspect: float
+    exposure: float | None = field(default=None)
+
+
+def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> Cameras:
+    """The cameras for pictures of a scene.
+
+    Raises
+    ------
+    UserError: there is no such view, file, path or camera, or two ways to choose are given at once.
+    """
+    ways = [
+        name for name, given in (("--frames", choice.frames), ("--orbit", choice.orbit)) if given
+    ]
+    ways += ["--view"] if choice.names else []
+    if len(ways) > 1:
+        raise UserError(" and ".join(ways), "exclude each other", "Give one of them.")
+    beside = scene_file.parent / "views.yaml"
+    file = choice.file or (beside if beside.exists() else None)
+    known = _own_cameras(scene, scene_file) if file is None else read_cameras(file)
+    where = str(file or scene_file)
+    exposure = known.exposure if "exposure" in known.model_fields_set else None
+    named = (*known.train, *known.novel, *known.more)
+    if choice.orbit:
+        own = views_of_sensors(scene) or list(known.train)
+        views = place_orbit(scene, own[0], known.aspect, choice.orbit)
+    elif choice.frames:
+        views = known.frames()
+        if not views:
+            raise UserError(where, "has no camera path", "Add a path, or leave out --frames.")
+    elif choice.names:
+        views = tuple(known.find(name) for name in choice.names)
+    elif choice.file is not None:
+        views = named
+    else:
+        views = known.novel or named
+    return Cameras(views, known.aspect, exposure)
+
+
+def _own_cameras(scene: mi.Scene, scene_file: Path) -> SceneViews:
+    own = views_of_sensors(scene)
+    if not own:
+        raise UserError(
+            str(scene_file), "has no perspective camera", "Add a <sensor>, or give --views FILE."
+        )
+    aspect = round(film_aspect(scene_cameras(scene)[0]), 6)
+    return SceneViews(aspect=aspect, views=ViewSets(train=tuple(own)))

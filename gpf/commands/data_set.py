@@ -1,0 +1,142 @@
+"""Pictures as a data set for view synthesis: cameras, depth, normals and points on the surfaces.
+
+A folder with ``transforms.json`` is read by nerfstudio and by what follows its conventions:
+
+- ``file_path``: the picture, PNG;
+- ``depth_file_path``: ``.npy``, (H, W) float32, thousandths of a world unit along the camera's
+  axis; 0 where there is no surface;
+- ``normal_file_path``: PNG with (n + 1) / 2, n the shading normal in world space; black where there
+  is no surface;
+- ``ply_file_path``: points on the surfaces with the colours of the pictures, from which
+  optimisation of Gaussian splats may start.
+
+Depth and normals belong to the surface in the middle of each pixel. Means over pixels would lie
+beside all surfaces at their edges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from PIL import Image
+
+from gpf.core.files import write_atomically
+from gpf.core.structs import to_numpy
+from gpf.scene.pinhole import make_pinhole
+from gpf.scene.sensors import make_sensor
+from gpf.scene.transforms import write_transforms
+from gpf.scene.views import View
+
+POINTS = 100_000
+"""Largest number of points in the PLY file."""
+
+DEPTH_UNIT = 1e-3
+"""World units per unit of a depth file; the default of nerfstudio."""
+
+
+def write_data_set(
+    folder: Path,
+    scene: mi.Scene,
+    views: Sequence[View],
+    size: tuple[int, int],
+    layers: Sequence[str],
+) -> None:
+    """Write ``transforms.json`` for the pictures ``NAME.png`` of a folder, and what belongs to it.
+
+    Parameters
+    ----------
+    size: width and height of the pictures, pixels.
+    layers: of ``depth`` and ``normal``, what is wanted; the points come with ``depth``. Files that
+        exist are kept.
+    """
+    files: dict[str, dict[str, str]] = {
+        view.name: {"file_path": f"{view.name}.png"} for view in views
+    }
+    for view in views:
+        wanted = {
+            "depth": folder / f"{view.name}_depth.npy",
+            "normal": folder / f"{view.name}_normal.png",
+        }
+        wanted = {name: file for name, file in wanted.items() if name in layers}
+        files[view.name] |= {f"{name}_file_path": file.name for name, file in wanted.items()}
+        if all(file.exists() for file in wanted.values()):
+            continue
+        depth, normal = pixel_centres(scene, view, size)
+        if "depth" in wanted:
+            units = (depth / DEPTH_UNIT).astype(np.float32)
+            write_atomically(wanted["depth"], partial(np.save, arr=units))
+        if "normal" in wanted:
+            shown = np.where(depth[..., None] > 0, 127.5 * (normal + 1), 0).round().astype(np.uint8)
+            write_atomically(wanted["normal"], Image.fromarray(shown).save)
+    shared = {}
+    if "depth" in layers:
+        write_points(folder / "points.ply", *_collect_points(folder, views, size))
+        shared["ply_file_path"] = "points.ply"
+    write_transforms(folder / "transforms.json", views, size, files, shared)
+
+
+def pixel_centres(
+    scene: mi.Scene, view: View, size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The first surface in the middle of each pixel: its depth along the camera's axis, world
+    units, (H, W), and its shading normal, (H, W, 3); 0 without a surface."""
+    width, height = size
+    index = dr.arange(mi.UInt32, width * height)
+    place = (mi.Point2f(index % width, index // width) + 0.5) / mi.Point2f(width, height)
+    ray, _ = make_sensor(view, width, height).sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
+    si = scene.ray_intersect(mi.Ray3f(ray))
+    camera = make_pinhole(view, size)
+    ahead = mi.Vector3f(*(float(x) for x in camera.rotation[:, 2]))
+    origin = mi.Point3f(*(float(x) for x in camera.origin))
+    depth = dr.select(si.is_valid(), dr.dot(si.p - origin, ahead), 0)
+    normal = dr.select(si.is_valid(), mi.Vector3f(si.sh_frame.n), 0)
+    return to_numpy(depth).reshape(height, width), to_numpy(normal).reshape(height, width, 3)
+
+
+def _collect_points(
+    folder: Path, views: Sequence[View], size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of all views, world units, (N, 3), and their colours, (N, 3) uint8."""
+    each = max(1, POINTS // len(views))
+    rng = np.random.default_rng(0)
+    points, colours = [], []
+    for view in views:
+        depth = np.load(folder / f"{view.name}_depth.npy") * DEPTH_UNIT
+        with Image.open(folder / f"{view.name}.png") as picture:
+            shown = np.asarray(picture.convert("RGB"))
+        rows, columns = np.nonzero(depth)
+        chosen = rng.permutation(len(rows))[:each]
+        rows, columns = rows[chosen], columns[chosen]
+        camera = make_pinhole(view, size)
+        ahead = np.stack(
+            [
+                (columns + 0.5 - size[0] / 2) / camera.focal,
+                (rows + 0.5 - size[1] / 2) / camera.focal,
+                np.ones(len(rows)),
+            ],
+            axis=1,
+        )
+        points.append(camera.origin + depth[rows, columns, None] * (ahead @ camera.rotation.T))
+        colours.append(shown[rows, columns])
+    return np.concatenate(points), np.concatenate(colours)
+
+
+def write_points(path: Path, points: np.ndarray, colours: np.ndarray) -> None:
+    """Write a PLY file with points, (N, 3), and colours, (N, 3) uint8."""
+    kinds = [(name, "<f4") for name in "xyz"] + [(n, "u1") for n in ("red", "green", "blue")]
+    rows = np.empty(len(points), dtype=kinds)
+    for k, name in enumerate("xyz"):
+        rows[name] = points[:, k]
+    for k, name in enumerate(("red", "green", "blue")):
+        rows[name] = colours[:, k]
+    types = {"<f4": "float", "u1": "uchar"}
+    properties = "".join(f"property {types[kind]} {name}\n" for name, kind in kinds)
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{properties}end_header\n"
+    write_atomically(
+        path, lambda p: p.write_bytes(f"{header}end_header\n".encode() + rows.tobytes())
+    )

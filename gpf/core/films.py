@@ -1,0 +1,62 @@
+"""Films: H.264 in an MP4 file, for all browsers."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gpf.core.errors import UserError
+from gpf.core.files import write_atomically
+
+_REINSTALL = (
+    "Check that the disk has room; `pip install --force-reinstall imageio-ffmpeg` installs the "
+    "encoder again."
+)
+
+
+def write_film(path: Path, frames: Sequence[np.ndarray], fps: int) -> None:
+    """Write an MP4 with 4:2:0 colour; the same frames give the same bytes.
+
+    Parameters
+    ----------
+    frames: sRGB, 8 bits, (H, W, 3) each; if H or W is odd, a black line is added.
+
+    Raises
+    ------
+    UserError: the package with the encoder is missing, or the encoder failed.
+    """
+    height, width = frames[0].shape[:2]
+    command = [_find_encoder(), "-y", "-loglevel", "error"]
+    command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps}"]
+    command += ["-i", "-", "-c:v", "libx264", "-preset", "slow", "-crf", "20"]
+    if width % 2 or height % 2:
+        command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"]
+    # One thread and no dates, so that the file depends on the frames alone.
+    command += ["-pix_fmt", "yuv420p", "-threads", "1", "-map_metadata", "-1"]
+    command += ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-movflags", "+faststart"]
+
+    def encode(file: Path) -> None:
+        raw = b"".join(np.ascontiguousarray(frame, np.uint8).tobytes() for frame in frames)
+        run = subprocess.run([*command, str(file)], input=raw, capture_output=True, check=False)
+        if run.returncode:
+            said = run.stderr.decode(errors="replace").strip()[-300:] or f"status {run.returncode}"
+            raise UserError(str(path), f"could not be encoded: {said}", _REINSTALL)
+
+    write_atomically(path, encode)
+
+
+def _find_encoder() -> str:
+    """The path of the encoder in the package imageio-ffmpeg."""
+    try:
+        from imageio_ffmpeg import get_ffmpeg_exe
+
+        return str(get_ffmpeg_exe())
+    except ImportError as error:
+        raise UserError(
+            "imageio_ffmpeg", "is not installed, so no MP4", "pip install imageio-ffmpeg"
+        ) from error
+    except RuntimeError as error:
+        raise UserError("imageio_ffmpeg", f"has no encoder: {error}", _REINSTALL) from error

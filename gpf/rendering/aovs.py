@@ -1,0 +1,122 @@
+"""AOVs (arbitrary output variables): what an image from a field can show beside radiance.
+
+===================  ============================================================================
+``depth``            distance from the camera to the first surface, world units
+``position``         of the first surface, world units
+``normal``           shading normal of the first surface, in world space
+``albedo``           diffuse reflectance at the visible point, times the throughput of the walk to
+                     it: glass and mirrors show the albedo of what is seen in them; where the walk
+                     meets nothing diffuse, the light that it finds, at most 1
+``visible_normal``   geometric normal at the visible point, in world space
+``irradiance``       the field's answer at the visible point, W/m²
+``coverage``         distance of the farthest Gaussian that was used, in search radii: 1 in well
+                     covered regions, more where the nearest Gaussians lie farther away
+===================  ============================================================================
+
+Values are means over the samples of a pixel, and 0 for samples without a surface. The first three
+are those of Mitsuba's integrator ``aov``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.structs import VisiblePoints
+
+_SUFFIXES = {
+    "depth": "",
+    "position": "XYZ",
+    "normal": "XYZ",
+    "albedo": "RGB",
+    "visible_normal": "XYZ",
+    "irradiance": "RGB",
+    "coverage": "",
+}
+
+AOVS = tuple(_SUFFIXES)
+"""All names."""
+
+_FIRST_SURFACE = ("depth", "position", "normal")
+
+# The film treats infinite values as zero, so larger values of `coverage` become this one.
+_MOST_COVERAGE = 1e6
+
+
+def parse_aovs(text: str) -> tuple[str, ...]:
+    """The names in a list with commas, without repetitions; a ``ValueError`` for another name."""
+    names = tuple(dict.fromkeys(name for part in text.split(",") if (name := part.strip())))
+    for name in names:
+        if name not in AOVS:
+            raise ValueError(f'"aovs": there is no {name!r}; there are {", ".join(AOVS)}.')
+    return names
+
+
+def channel_names(aovs: Sequence[str]) -> list[str]:
+    """The names of the channels of some AOVs, in order."""
+    return [
+        channel
+        for name in aovs
+        for channel in ([f"{name}.{letter}" for letter in _SUFFIXES[name]] or [name])
+    ]
+
+
+def channels(aovs: Sequence[str], values: Mapping[str, Any]) -> list[mi.Float]:
+    """The channels of some AOVs, in order, (N,) each."""
+    return [
+        channel
+        for name in aovs
+        for channel in (values[name] if _SUFFIXES[name] else [values[name]])
+    ]
+
+
+def split_layers(image: np.ndarray, aovs: Sequence[str]) -> dict[str, np.ndarray]:
+    """An image with the channels R, G, B and those of some AOVs, (H, W, C), as layers: its
+    ``radiance``, (H, W, 3), and each AOV, (H, W, 3) or (H, W)."""
+    layers, first = {"radiance": image[..., :3]}, 3
+    for name in aovs:
+        count = len(_SUFFIXES[name]) or 1
+        part = image[..., first : first + count]
+        layers[name] = part if count > 1 else part[..., 0]
+        first += count
+    return layers
+
+
+def at_first_surface(
+    scene: mi.Scene, ray: mi.Ray3f, aovs: Sequence[str], active: mi.Bool
+) -> dict[str, Any]:
+    """Those of some AOVs that belong to the first surface."""
+    wanted = [name for name in aovs if name in _FIRST_SURFACE]
+    if not wanted:
+        return {}
+    si = scene.ray_intersect(ray, active=active)
+    hit = active & si.is_valid()
+    values = {"depth": si.t, "position": si.p, "normal": mi.Vector3f(si.sh_frame.n)}
+    return {name: dr.select(hit, values[name], 0) for name in wanted}
+
+
+def at_visible_point(
+    points: VisiblePoints, irradiance: mi.Color3f, reach: mi.Float, aovs: Sequence[str]
+) -> dict[str, Any]:
+    """Those of some AOVs that belong to the visible point.
+
+    Parameters
+    ----------
+    irradiance, reach: the field's answer at the points; see
+        :meth:`gpf.field.field.GaussianPhotonField.query`.
+    """
+    values = {
+        "albedo": dr.select(
+            points.valid,
+            points.throughput * points.reflectance,
+            dr.clip(points.emission, 0, 1),
+        ),
+        "visible_normal": dr.select(points.valid, mi.Vector3f(points.n), 0),
+        "irradiance": dr.select(points.valid, irradiance, 0),
+        "coverage": dr.select(points.valid, dr.minimum(reach, _MOST_COVERAGE), 0),
+    }
+    return {name: values[name] for name in aovs if name in values}

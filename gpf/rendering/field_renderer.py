@@ -1,0 +1,96 @@
+"""Renders views from a field."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.images import check_finite
+from gpf.core.random import Stream, pass_seed
+from gpf.field.field import GaussianPhotonField
+from gpf.rendering.aovs import split_layers
+from gpf.rendering.batches import render_in_batches
+from gpf.rendering.settings import RenderSettings
+from gpf.rendering.timed_sampling import sample_for
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
+
+# A pixel is weakly covered if the farthest Gaussian of its query is this many search radii away.
+WEAK_COVERAGE = 1.5
+
+
+@dataclass(frozen=True)
+class FieldRenderer:
+    """A scene with its field; renders any view.
+
+    Attributes
+    ----------
+    integrator: the plugin ``gpf``.
+    aovs: names of the layers beside radiance (:mod:`gpf.rendering.aovs`).
+    """
+
+    scene: mi.Scene
+    integrator: Any
+    settings: RenderSettings
+    aovs: tuple[str, ...] = ()
+
+    @classmethod
+    def make(
+        cls,
+        scene: mi.Scene,
+        field: GaussianPhotonField,
+        settings: RenderSettings,
+        aovs: Sequence[str] = (),
+    ) -> FieldRenderer:
+        """Make the integrator for a field."""
+        integrator = mi.load_dict(
+            {
+                "type": "gpf",
+                "rr_depth": settings.rr_depth,
+                "glossy_walks": settings.glossy_walks,
+                "adaptive": settings.adaptive,
+                "suppress_fireflies": settings.suppress_fireflies,
+                "aovs": ",".join(aovs),
+            }
+        )
+        integrator.field = field
+        return cls(scene, integrator, settings, tuple(aovs))
+
+    def render(
+        self, view: View, size: tuple[int, int], seed: int, seconds: float | None = None
+    ) -> dict[str, np.ndarray]:
+        """The layers of a view: ``radiance``, W/(m² sr), (H, W, 3), and the AOVs.
+
+        Parameters
+        ----------
+        size: width and height, pixels.
+        seconds: time for as many samples as fit into it; None for the samples of the settings.
+
+        Raises
+        ------
+        UserError: a pixel is not finite.
+        """
+        settings = self.settings
+        sensor = make_sensor(view, *size, spp=settings.spp, sampler=settings.sampler)
+
+        def sample(spp: int, seed: int) -> np.ndarray:
+            return render_in_batches(self.scene, self.integrator, sensor, spp, seed)
+
+        if seconds is None:
+            image = sample(settings.spp, seed)
+        else:
+            image, _ = sample_for(
+                seconds, lambda spp, part: sample(spp, pass_seed(seed, part, Stream.TIMED_SAMPLES))
+            )
+        layers = split_layers(image, self.aovs)
+        check_finite(layers["radiance"], f"view {view.name}")
+        return layers
+
+
+def weakly_covered(coverage: np.ndarray) -> float:
+    """The share of weakly covered pixels, from the AOV ``coverage``."""
+    return float(np.mean(coverage > WEAK_COVERAGE))

@@ -1,0 +1,220 @@
+"""`gpf render`: pictures, what is kept, cameras, data sets, and fields of other scenes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from imageio_ffmpeg import get_ffmpeg_exe
+from PIL import Image
+
+from gpf.cli import main
+from gpf.core.images import read_exr
+from gpf.field.io import load_field, save_field
+from gpf.scene.fingerprint import fingerprint
+from gpf.scene.load import load_scene_file
+from gpf.scene.transforms import read_transforms
+from tests.commands.box import box_field
+
+SOURCE = Path(__file__).parents[2] / "scenes" / "cornell_box"
+CHEAP = ("--size", "20x16", "--spp", "4")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    """A folder with the Cornell Box, and a field that has E = 1 on all of its surfaces."""
+    folder = tmp_path_factory.mktemp("box")
+    shutil.copyfile(SOURCE / "scene.xml", folder / "box.xml")
+    scene = load_scene_file(folder / "box.xml")
+    field = box_field(scene)
+    field.record = {"fingerprint": fingerprint(scene), "exposure": 1.5}
+    save_field(field, folder / "field.safetensors")
+    return folder
+
+
+@pytest.fixture
+def box(made, tmp_path, monkeypatch) -> Path:
+    folder = tmp_path / "box"
+    shutil.copytree(made, folder)
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def render(*words: str) -> None:
+    assert run(*CHEAP, *words) == 0
+
+
+def run(*words: str) -> int:
+    with pytest.raises(SystemExit) as outcome:
+        main(["render", "box.xml", *words])
+    return outcome.value.code
+
+
+def refused(capsys, *words: str) -> str:
+    assert run(*CHEAP, *words) == 2
+    return " ".join(capsys.readouterr().err.split())
+
+
+def test_without_options_the_scenes_own_camera(box, capsys):
+    render()
+    files = sorted(path.name for path in (box / "pictures").iterdir())
+    assert files == ["sensor.exr", "sensor.png", "transforms.json"]
+    layers, record = read_exr(box / "pictures" / "sensor.exr")
+    assert layers["radiance"].shape == (16, 20, 3) and record["render"]["spp"] == 4
+    with Image.open(box / "pictures" / "sensor.png") as picture:
+        assert picture.size == (20, 16) and np.asarray(picture).mean() > 20
+    assert "pictures: 1 picture, " in capsys.readouterr().err
+
+
+def test_pictures_that_exist_are_kept(box, capsys):
+    render("--orbit", "3", "-o", "a")
+    files = {path: path.stat().st_mtime_ns for path in (box / "a").glob("*.exr")}
+    assert len(files) == 3
+    (box / "a" / "orbit_001.exr").unlink()
+    (box / "a" / "orbit_002.png").unlink()
+    capsys.readouterr()
+    render("--orbit", "3", "-o", "a")
+    assert "2 pictures, " in (said := capsys.readouterr().err) and "1 were there" in said
+    assert (box / "a" / "orbit_000.exr").stat().st_mtime_ns == files[box / "a" / "orbit_000.exr"]
+    for changed in (("--seed", "1"), ("--exposure", "2"), ("--aovs", "depth"), ("--spp", "2")):
+        render("--orbit", "3", "-o", "a", *changed)
+        assert "3 pictures, " in capsys.readouterr().err, changed
+
+
+def test_a_picture_does_not_depend_on_those_beside_it(box):
+    render("--orbit", "4", "-o", "four")
+    render("--views", "four/transforms.json", "--view", "orbit_002", "-o", "one")
+    # The camera went through a file with rounded angles: equal rays, but for the last digits.
+    four, one = (read_exr(box / f / "orbit_002.exr")[0]["radiance"] for f in ("four", "one"))
+    assert np.median(np.abs(one - four)) < 1e-3
+
+
+def test_an_orbit_goes_around_what_the_camera_sees(box):
+    """The box is open to one side only: the cameras stay on that side."""
+    render("--orbit", "6", "--size", "8", "-o", "a")
+    views = read_transforms(box / "a" / "transforms.json").train
+    assert [view.name for view in views] == [f"orbit_{k:03d}" for k in range(6)]
+    places = np.array([view.origin for view in views])
+    assert len(np.unique(places.round(3), axis=0)) == 6
+    for file in (box / "a").glob("*.exr"):
+        assert (read_exr(file)[0]["radiance"] > 0).all(-1).mean() > 0.8, file
+
+
+def test_a_film_of_all_pictures(box):
+    render("--orbit", "4", "--mp4", "-o", "a")
+    command = [get_ffmpeg_exe(), "-loglevel", "error", "-i", "a/film.mp4", "-f", "rawvideo"]
+    raw = subprocess.run([*command, "-pix_fmt", "rgb24", "-"], capture_output=True, check=True)
+    shown = np.frombuffer(raw.stdout, np.uint8).reshape(4, 16, 20, 3)
+    with Image.open("a/orbit_002.png") as picture:
+        assert np.abs(shown[2].astype(int) - np.asarray(picture)).mean() < 12
+
+
+def test_a_time_in_place_of_a_number_of_samples(box):
+    assert run("--size", "20x16", "--seconds", "0.3") == 0
+    layers, record = read_exr(box / "pictures" / "sensor.exr")
+    assert record["seconds"] == 0.3 and np.isfinite(layers["radiance"]).all()
+
+
+def test_a_data_set_with_depth_normals_and_points(box):
+    """Read as its readers do: the points of one view, seen by another, lie where it says."""
+    render("--orbit", "3", "--aovs", "depth,normal", "-o", "a")
+    data = json.loads((box / "a" / "transforms.json").read_text())
+    width, height, focal = data["w"], data["h"], data["fl_x"]
+    assert (width, height) == (20, 16) and data["camera_model"] == "OPENCV"
+    assert len(data["frames"]) == 3
+    scene = load_scene_file(box / "box.xml")
+    for frame in data["frames"]:
+        with Image.open(box / "a" / frame["file_path"]) as picture:
+            assert picture.size == (width, height)
+        depth = np.load(box / "a" / frame["depth_file_path"]) * 1e-3
+        with Image.open(box / "a" / frame["normal_file_path"]) as picture:
+            normal = np.asarray(picture) / 127.5 - 1
+        # OpenGL's camera: x to the right, y up, looking along -z.
+        y, x = np.indices((height, width)) + 0.5
+        camera = np.stack(
+            [(x - data["cx"]) / focal, -(y - data["cy"]) / focal, -np.ones((height, width))], -1
+        )
+        pose = np.array(frame["transform_matrix"])
+        way = (camera @ pose[:3, :3].T).reshape(-1, 3)
+        ray = mi.Ray3f(mi.Point3f(*pose[:3, 3]), mi.Vector3f(way.T))
+        si = scene.ray_intersect(ray)
+        hit = np.array(si.is_valid())
+        np.testing.assert_allclose(np.array(si.t)[hit], depth.ravel()[hit], rtol=1e-4)
+        assert (depth.ravel()[~hit] == 0).all()
+        np.testing.assert_allclose(
+            np.array(si.sh_frame.n).T[hit], normal.reshape(-1, 3)[hit], atol=0.01
+        )
+    lines = (box / "a" / data["ply_file_path"]).read_bytes()
+    head, _, body = lines.partition(b"end_header\n")
+    count = int(head.split(b"element vertex ")[1].split()[0])
+    kinds = [(c, "<f4") for c in "xyz"] + [(c, "u1") for c in ("red", "green", "blue")]
+    rows = np.frombuffer(body, dtype=kinds)
+    assert len(rows) == count > 500
+    points = np.stack([rows[c] for c in "xyz"], axis=1)
+    bounds = scene.bbox()
+    assert (points > np.array(bounds.min) - 1e-3).all()
+    assert (points < np.array(bounds.max) + 1e-3).all()
+    assert np.stack([rows[c] for c in ("red", "green", "blue")]).max() > 100
+
+
+@pytest.mark.parametrize("part", ["materials", "lights", "geometry"])
+def test_what_has_changed_since_the_fit_is_named(box, capsys, part):
+    change(box / "box.xml", part)
+    said = refused(capsys)
+    assert "field.safetensors: was fitted to another scene, or before box.xml was changed" in said
+    assert f"other {part}." in said and "--changed-scene" in said
+    assert not (box / "pictures").exists()
+    render("--changed-scene")
+    assert (box / "pictures" / "sensor.png").exists()
+
+
+def change(file: Path, part: str) -> None:
+    """Change one part of the Cornell Box."""
+    text = file.read_text(encoding="utf-8")
+    if part == "lights":
+        new = text.replace("18.387, 13.9873, 6.75357", "8.387, 13.9873, 6.75357")
+    elif part == "materials":
+        new = text.replace("0.105421, 0.37798, 0.076425", "0.4, 0.37798, 0.076425")
+    else:
+        new = text.replace('<scale value="0.3"/>', '<scale value="0.29"/>')
+    assert new != text
+    file.write_text(new, encoding="utf-8")
+
+
+def test_fields_that_do_not_know_their_scene_are_taken(box):
+    field = load_field(box / "field.safetensors")
+    field.record = {}
+    save_field(field, box / "field.safetensors")
+    change(box / "box.xml", "lights")
+    render()
+    assert (box / "pictures" / "sensor.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--size", "wide"), "--size wide: is no size. Give WIDTHxHEIGHT"),
+        (("--aovs", "dept"), "--aovs dept: there is no 'dept'. There are depth, position"),
+        (("--view", "sensr"), "view 'sensr': does not exist. Did you mean 'sensor'?"),
+        (("--frames",), "box.xml: has no camera path"),
+        (("--orbit", "3", "--view", "sensor"), "--orbit and --view: exclude each other"),
+        (("--field", "none.safetensors"), "none.safetensors: is missing"),
+        (("--views", "none.json"), "none.json: does not exist"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_written(box, capsys, words, says):
+    assert says in refused(capsys, *words)
+    assert not (box / "pictures").exists()
+
+
+def test_views_beside_the_scene(box):
+    shutil.copyfile(SOURCE / "views.yaml", box / "views.yaml")
+    render("--view", "front", "-o", "a")
+    assert [path.name for path in (box / "a").glob("*.png")] == ["front.png"]
+    render("-o", "novel")  # those that no method trains with
+    assert len(list((box / "novel").glob("*.png"))) >= 4
