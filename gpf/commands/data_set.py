@@ -136,7 +136,8 @@ def write_points(path: Path, points: np.ndarray, colours: np.ndarray) -> None:
         rows[name] = colours[:, k]
     types = {"<f4": "float", "u1": "uchar"}
     properties = "".join(f"property {types[kind]} {name}\n" for name, kind in kinds)
-    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{properties}end_header\n"
-    write_atomically(
-        path, lambda p: p.write_bytes(f"{header}end_header\n".encode() + rows.tobytes())
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n"
+        f"{properties}end_header\n"
     )
+    write_atomically(path, lambda p: p.write_bytes(header.encode() + rows.tobytes()))

@@ -141,7 +141,7 @@ def test_a_data_set_with_depth_normals_and_points(box):
         )
         pose = np.array(frame["transform_matrix"])
         way = (camera @ pose[:3, :3].T).reshape(-1, 3)
-        ray = mi.Ray3f(mi.Point3f(*pose[:3, 3]), mi.Vector3f(way.T))
+        ray = mi.Ray3f(mi.Point3f(pose[:3, 3]), mi.Vector3f(way.T.copy()))
         si = scene.ray_intersect(ray)
         hit = np.array(si.is_valid())
         np.testing.assert_allclose(np.array(si.t)[hit], depth.ravel()[hit], rtol=1e-4)
