@@ -15,7 +15,7 @@ from gpf.field.gaussians import Gaussians
 from gpf.field.initialization import InitialFieldSettings
 from gpf.fitting.quality import QualityEstimate
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
-from gpf.importing.placement import place_views
+from gpf.importing.placement import place_cameras
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.fingerprint import fingerprint
 from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
@@ -135,9 +135,10 @@ def default_sensors(scene: mi.Scene) -> list[mi.Sensor]:
         raise UserError(
             "scene", "has no perspective camera", "Add one to the scene, or give sensors."
         )
-    placed = place_views(scene, own, film_aspect(scene_cameras(scene)[0]))
-    size = placed.size(ROWS)
-    return [make_sensor(view, *size) for view in (*placed.train, *placed.novel)]
+    aspect = film_aspect(scene_cameras(scene)[0])
+    placed = place_cameras(scene, own, aspect)
+    width = max(1, round(ROWS * aspect))
+    return [make_sensor(view, width, ROWS) for view in (*placed.train, *placed.novel)]
 
 
 class _OutOfTime(Exception):

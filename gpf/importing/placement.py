@@ -16,7 +16,6 @@ from itertools import count
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.stats import qmc
 
 from gpf.core.errors import UserError
 from gpf.core.images import propose_exposure
@@ -55,7 +54,24 @@ _COVERED = (0.6, 0.97)
 
 
 def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneViews:
-    """Training and novel views and a camera path, placed around the first of the ``own`` cameras.
+    """Training and novel views, a camera path and an exposure; see :func:`place_cameras`."""
+    cameras = place_cameras(scene, own, aspect)
+    return SceneViews(
+        exposure=measure_exposure(scene, cameras.train[0], aspect),
+        aspect=round(aspect, 6),
+        fov_axis="x",
+        views=cameras,
+        path=_place_path(
+            scene,
+            Orbit.around(scene, own[0], aspect),
+            aspect,
+            report_views(scene, own[:1], aspect)[0],
+        ),
+    )
+
+
+def place_cameras(scene: mi.Scene, own: Sequence[View], aspect: float) -> ViewSets:
+    """Training and novel views, placed around the first of the ``own`` cameras.
 
     Own views without faults are the first training views.
 
@@ -101,19 +117,14 @@ def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneVie
             chosen.append(view)
         return tuple(chosen)
 
-    return SceneViews(
-        exposure=measure_exposure(scene, views[fit[training[0]]], aspect),
-        aspect=round(aspect, 6),
-        fov_axis="x",
-        views=ViewSets(train=named(training, "train"), novel=named(novel, "novel")),
-        path=_place_path(scene, orbit, aspect, reports[0]),
-    )
+    return ViewSets(train=named(training, "train"), novel=named(novel, "novel"))
 
 
 def _candidates(scene: mi.Scene, orbit: Orbit, spread: float) -> list[View]:
     """Cameras on the orbit; ``spread`` multiplies their distance from the own camera."""
     poses = [(a, e, d) for d in _DISTANCES for e in _ELEVATIONS for a in _AZIMUTHS if a or e]
-    asides = _ASIDE * (2 * qmc.Halton(2, scramble=False).random(len(poses) + 1)[1:] - 1)
+    # Multiples of the plastic number's powers modulo 1: evenly spread in the square.
+    asides = _ASIDE * (2 * (np.outer(np.arange(1, len(poses) + 1), [0.7548777, 0.5698403]) % 1) - 1)
     nearer = [(spread * a, spread * e, 1 + spread * (d - 1)) for a, e, d in poses]
     return orbit.views(scene, nearer, asides)
 

@@ -13,11 +13,11 @@ import numpy as np
 from gpf.core.errors import UserError
 from gpf.core.morton import order_in_space
 from gpf.core.random import Stream, pass_seed
-from gpf.core.structs import OrientedPoints, Photons, VisiblePoints, concatenate, to_numpy
+from gpf.core.structs import Photons, VisiblePoints, to_numpy
+from gpf.guiding.density_control import count_in_cells, oriented_places
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
-from gpf.sppm.density import PhotonDensity
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import fixed_points
 from gpf.training.targets import SURFACES
@@ -26,8 +26,10 @@ from gpf.training.targets import SURFACES
 # photons at them. Without this limit they could cost most: a room next door may be the brightest.
 BEYOND = 0.1
 
-# Largest number of paths whose photons show what is lit beyond the visible region. The cost of the
-# density estimate below grows with the square of this number.
+# Edge of a cell in which points are counted, in kernel radii: its area is that of the kernel.
+CELL = 1.77
+
+# Largest number of paths whose photons show what is lit beyond the visible region.
 ARRIVAL_PATHS = 100_000
 
 
@@ -110,10 +112,13 @@ def sample_surface_points(
 
     One half are photons with equal probability, so that bright regions have many points. The other
     half are photons and visible points, with probabilities in inverse proportion to their density
-    on the surface (within ``radius``, world units). This half is nearly uniform over lit and
-    visible surfaces and twice as dense along edges: too few photons land in corners and shadows to
-    learn their light from photons alone. A share of at most :data:`BEYOND` is spread in the same
-    way beyond the visible region.
+    on the surface. This half is nearly uniform over lit and visible surfaces and twice as dense
+    along edges: too few photons land in corners and shadows to learn their light from photons
+    alone. A share of at most :data:`BEYOND` is spread in the same way beyond the visible region.
+
+    Parameters
+    ----------
+    radius: of a kernel, world units; densities are those of cells of its size.
 
     Raises
     ------
@@ -126,13 +131,13 @@ def sample_surface_points(
         )
     beyond = 0 if places.beyond is None else dr.width(places.beyond.p)
     sets = [places.lit, places.seen, places.beyond if beyond else None]
-    p = concatenate([s.p for s in sets if s is not None])
-    n = concatenate([s.n for s in sets if s is not None])
-    every = dr.width(p)
+    p = np.concatenate([to_numpy(s.p) for s in sets if s is not None])
+    n = np.concatenate([to_numpy(s.n) for s in sets if s is not None])
+    every = len(p)
     known = every - beyond
-    sparse = 1 / _at(
-        PhotonDensity.of_points(OrientedPoints(p, n), radius, bounds), p, n, np.arange(every)
-    )
+    width = CELL * radius
+    cells = oriented_places(p, n, width)
+    sparse = 1 / count_in_cells(cells, width, cells)[0]
     rng = np.random.default_rng(pass_seed(seed, 0, Stream.SURFACE_POINTS))
 
     def spread(start: int, stop: int, number: int) -> np.ndarray:
@@ -150,26 +155,20 @@ def sample_surface_points(
     second = spread(0, known, near - len(first))
     here = np.concatenate([first, second])
     if len(third) and places.arrivals is not None:
-        landed = OrientedPoints(places.arrivals.p, places.arrivals.n)
-        arrivals = PhotonDensity.of_points(landed, radius, bounds)
-        work = [_at(arrivals, p, n, points).mean() for points in (here, third)]
+        arrivals = oriented_places(to_numpy(places.arrivals.p), to_numpy(places.arrivals.n), width)
+        work = [
+            count_in_cells(cells[points], width, arrivals)[0].mean() for points in (here, third)
+        ]
         third = rng.permutation(third)[: round(min(1, work[0] / work[1]) * len(third))]
     points = np.sort(np.concatenate([here, third]))
-    points = points[order_in_space(to_numpy(p)[points], radius / 2)]
-    chosen = mi.UInt32(points.astype(np.uint32))
+    points = points[order_in_space(p[points], radius / 2)]
+    count = len(points)
     return VisiblePoints(
-        p=dr.gather(mi.Point3f, p, chosen),
-        n=dr.gather(mi.Normal3f, n, chosen),
+        p=mi.Point3f(np.ascontiguousarray(p[points].T)),
+        n=mi.Normal3f(np.ascontiguousarray(n[points].T)),
         reflectance=mi.Color3f(1),
         throughput=mi.Color3f(1),
         emission=mi.Color3f(0),
         depth=mi.UInt32(0),
-        valid=dr.full(mi.Bool, True, dr.width(chosen)),
+        valid=dr.full(mi.Bool, True, count),
     )
-
-
-def _at(density: PhotonDensity, p: mi.Point3f, n: mi.Normal3f, chosen: np.ndarray) -> np.ndarray:
-    """A density at the points with numbers ``chosen``, 1/m², (len(chosen),)."""
-    lanes = mi.UInt32(chosen.astype(np.uint32))
-    found = density.irradiance(dr.gather(mi.Point3f, p, lanes), dr.gather(mi.Normal3f, n, lanes))
-    return np.asarray(found.x.numpy(), dtype=np.float64)
