@@ -22,6 +22,16 @@ app = typer.Typer(
 
 
 @app.command()
+def demo(
+    folder: Annotated[Path, typer.Argument(help="A new folder.")] = Path("gpf-demo"),
+) -> None:
+    """Fit a field to a pool of water in some 20 seconds, and render pictures from it."""
+    from gpf.commands.demo import run_demo
+
+    run_demo(folder)
+
+
+@app.command()
 def export(
     field: Annotated[str, typer.Argument(help="A field's file, or a scene that was trained.")],
     ply: Annotated[
