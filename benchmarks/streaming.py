@@ -21,14 +21,10 @@ from benchmarks.single_passes import SinglePasses
 from gpf.core.errors import UserError
 from gpf.core.files import read_json
 from gpf.field.io import read_field
-from gpf.scene.bounds import scene_bounds
-from gpf.training.gaussian_count import choose_count
-from gpf.training.streaming import train_on_stream
-from gpf.training.trainer import Progress
+from gpf.fitting.fit import FitProgress, fit
 from stages.common.workspace import Workspace
 from stages.metrics import Judge
 from stages.render import open_renderer
-from stages.train import stream_of
 
 # Timed passes of SPPM for each novel view, before the training and after it.
 PASSES = 16
@@ -74,31 +70,29 @@ def main() -> None:
 
 
 def train(work: Workspace) -> list[Moment]:
-    """Train on a stream, and measure the novel views after each round of steps.
+    """Fit a field, and measure the novel views with each complete field on the way.
 
     The time for these measurements does not count.
     """
     start, paused = time.perf_counter(), 0.0
-    recipe = work.params.recipe
-    stream, photons = stream_of(work)
-    targets, photons = stream.targets(), recipe.select_photons(photons)
-    bounds = scene_bounds(stream.scene)
-    count = choose_count(recipe, photons, targets, bounds, stream)
-    field = recipe.initial_field(count, photons, targets, bounds)
-    trainer = recipe.trainer(field, recipe.supervise(targets))
+    scene, sensors = work.load_scene(), [work.sensor(view) for view in work.views.train]
     renderer = open_renderer(work, work.params.render.spp)
     references, moments = Judge.open(work).references, []
 
-    def report(progress: Progress) -> None:
+    def report(progress: FitProgress) -> None:
         nonlocal paused
+        if progress.field is None or progress.steps < progress.all_steps:
+            return
         dr.sync_thread()
         now = time.perf_counter()
-        renderer.integrator.field = trainer.current_field()
+        if moments and moments[-1].passes == progress.passes:
+            return
+        renderer.integrator.field = progress.field
         quality = mean_psnr(work, renderer, references)
-        moments.append(Moment(stream.count, now - start - paused, quality))
+        moments.append(Moment(progress.passes, now - start - paused, quality))
         paused += time.perf_counter() - now
 
-    train_on_stream(trainer, stream, work.params.stream, recipe.supervise, report)
+    fit(scene, sensors, passes=work.params.stream.passes, callback=report)
     return moments
 
 

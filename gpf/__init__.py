@@ -67,7 +67,6 @@ _MODULES = {
     "open_stream": "gpf.training.recipe",
     "read_views": "gpf.scene.views",
     "save_field": "gpf.field.io",
-    "train_on_stream": "gpf.training.streaming",
 }
 __all__ = list(_MODULES)
 
@@ -99,7 +98,6 @@ if TYPE_CHECKING:
     from gpf.training.recipe import open_stream as open_stream
     from gpf.training.settings import TrainingSettings as TrainingSettings
     from gpf.training.streaming import StreamSettings as StreamSettings
-    from gpf.training.streaming import train_on_stream as train_on_stream
 else:
 
     def __getattr__(name: str) -> Any:

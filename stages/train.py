@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import drjit as dr
 from dvclive import Live
 
 from gpf.core.progress import progress_bar
@@ -15,7 +16,7 @@ from gpf.scene.bounds import scene_bounds
 from gpf.training.checkpoint import restore_trainer, save_trainer
 from gpf.training.gaussian_count import choose_count
 from gpf.training.recipe import open_stream
-from gpf.training.streaming import PhotonStream, train_on_stream
+from gpf.training.streaming import PhotonStream
 from gpf.training.targets import Targets
 from gpf.training.trainer import Progress, Trainer
 from stages.common.code import digest_of
@@ -31,21 +32,11 @@ def train_field(scene_name: str) -> None:
 
 def fit(work: Workspace) -> None:
     """Fit a field; save its best state, the training curves and the costs."""
-    section, recipe = work.params.train, work.params.recipe
-    costs, stream = CostMeter(), None
-    if section.supervision == "streaming":
-        with costs.measure("stream"):
-            stream, photons = stream_of(work)
-            targets = stream.targets()
-    else:
-        photons, targets = load_photons(work), Targets.load(work.targets)
-    photons, points = recipe.select_photons(photons), recipe.supervise(targets)
+    costs = CostMeter()
     bounds = scene_bounds(work.load_scene())
-    with costs.measure("initialization"):
-        count = choose_count(recipe, photons, targets, bounds, stream)
-        field = recipe.initial_field(count, photons, targets, bounds)
-    with costs.measure("training"):
-        trainer = recipe.trainer(field, points)
+    streams = work.params.train.supervision == "streaming"
+    trainer = _on_stream(work, costs, bounds) if streams else _on_references(work, costs, bounds)
+    count = dr.width(trainer.gaussians.means)
     fingerprint = {
         "code": digest_of("train"),
         "gaussians": count,
@@ -53,7 +44,7 @@ def fit(work: Workspace) -> None:
         "photons": work.digest(work.photons),
         "params": _params(work),
     }
-    if stream is None:
+    if not streams:
         spent = restore_trainer(trainer, work.checkpoint("train"), fingerprint)
         if spent:
             costs.parts["training"] = spent
@@ -69,10 +60,7 @@ def fit(work: Workspace) -> None:
         # A checkpoint contains the curve so far.
         for progress in trainer.history:
             report(progress)
-        if stream is None:
-            _train_on_references(work, trainer, fingerprint, costs, report)
-        else:
-            _train_on_stream(work, trainer, stream, costs, report)
+        _train(work, trainer, None if streams else fingerprint, costs, report)
     trained = trainer.finish()
     trained.record = {
         "scene": work.scene_digest,
@@ -88,8 +76,30 @@ def fit(work: Workspace) -> None:
     costs.write(work.cost("train"))
 
 
+def _on_references(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
+    """The trainer of a new field, on targets of the stage `reference`."""
+    recipe = work.params.recipe
+    photons, targets = recipe.select_photons(load_photons(work)), Targets.load(work.targets)
+    with costs.measure("initialization"):
+        count = choose_count(recipe, photons, targets, bounds)
+        field = recipe.initial_field(count, photons, targets, bounds)
+    with costs.measure("training"):
+        return recipe.trainer(field, recipe.supervise(targets))
+
+
+def _on_stream(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
+    """The trainer of a new field, on targets of passes that are traced here."""
+    passes = work.params.stream.passes
+    with costs.measure("stream"):
+        stream, photons = stream_of(work)
+        with progress_bar(f"{work.scene}: photons", passes) as bar:
+            stream.advance(passes, bar)
+    with costs.measure("initialization"):
+        return work.params.recipe.fit_stream(stream, photons, bounds)
+
+
 def stream_of(work: Workspace) -> tuple[PhotonStream, Photons]:
-    """A stream that has done its first passes, and photons for the Gaussians."""
+    """A stream without passes yet, and photons for the Gaussians."""
     scene = work.load_scene()
     plan = work.emission_plan(scene)
     sensors = {view.name: work.sensor(view) for view in work.views.train}
@@ -105,47 +115,24 @@ def _params(work: Workspace) -> dict[str, Any]:
     return {name: getattr(work.params, name).model_dump() for name in names}
 
 
-def _train_on_references(
+def _train(
     work: Workspace,
     trainer: Trainer,
-    fingerprint: dict[str, Any],
+    fingerprint: dict[str, Any] | None,
     costs: CostMeter,
     report: Callable[[Progress], None],
 ) -> None:
-    """Take all remaining steps, on constant targets; ``fingerprint``: of the checkpoints."""
+    """Take all remaining steps; ``fingerprint``: of the checkpoints, None for no checkpoints."""
     section, saved = work.params.train, time.monotonic()
     with progress_bar(f"{work.scene}: training", section.steps) as advance:
 
         def tick(step: int) -> None:
             nonlocal saved
             advance(step)
-            if time.monotonic() - saved > section.checkpoint_seconds:
+            if fingerprint and time.monotonic() - saved > section.checkpoint_seconds:
                 cost = costs.so_far("training")
                 save_trainer(trainer, work.checkpoint("train"), fingerprint, cost)
                 saved = time.monotonic()
 
         with costs.measure("training"):
             trainer.run(report, tick)
-
-
-def _train_on_stream(
-    work: Workspace,
-    trainer: Trainer,
-    stream: PhotonStream,
-    costs: CostMeter,
-    report: Callable[[Progress], None],
-) -> None:
-    """Take all steps, alternating with passes."""
-    total = work.params.stream.passes + work.params.train.steps
-    with (
-        progress_bar(f"{work.scene}: photons and training", total) as advance,
-        costs.measure("training"),
-    ):
-        train_on_stream(
-            trainer,
-            stream,
-            work.params.stream,
-            work.params.recipe.supervise,
-            report,
-            lambda passes, steps: advance(passes + steps),
-        )

@@ -119,6 +119,14 @@ def tone_map(radiance: np.ndarray, exposure: float) -> np.ndarray:
     return np.where(linear <= 0.0031308, 12.92 * linear, curved)
 
 
+def tone_slope(radiance: np.ndarray, exposure: float) -> np.ndarray:
+    """The derivative of :func:`tone_map` by the radiance; 0 where it clips."""
+    linear = np.asarray(radiance, dtype=np.float64) * exposure
+    curved = 1.055 / 2.4 * np.power(np.clip(linear, 0.0031308, 1), 1 / 2.4 - 1)
+    slope = np.where(linear <= 0.0031308, 12.92, curved)
+    return np.where((linear >= 0) & (linear < 1), exposure * slope, 0)
+
+
 def undo_tone_map(srgb: np.ndarray) -> np.ndarray:
     """Linear radiance times exposure, from sRGB values, which are clipped to [0, 1]."""
     value = np.clip(np.asarray(srgb, dtype=np.float64), 0, 1)

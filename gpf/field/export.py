@@ -39,10 +39,10 @@ def export_field(
     if ply is not None:
         if exposure is None:
             exposure = known_exposure(source, stored)
-        write_splats(ply, stored, exposure)
+        count = write_splats(ply, stored, exposure)
         if stored.settings.direct == "emitters":
             say(f"{source} stores indirect light only (direct: emitters); so do the splats")
-        report(ply, f"{len(stored.tensors['means'])} splats, exposure {exposure:.4g}")
+        report(ply, f"{count} splats, exposure {exposure:.4g}")
     if compact is not None:
         write_field(stored, compact, "compact")
         report(compact, f"{compact.stat().st_size / source.stat().st_size:.0%} of {source}")

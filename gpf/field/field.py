@@ -15,6 +15,7 @@ from gpf.core.settings import Positive, Settings
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import VisiblePoints
 from gpf.core.surface_tags import SAME_SURFACE_HEIGHT, pack_tag, same_orientation
+from gpf.field.detail import Detail
 from gpf.field.gaussians import Gaussians, whitening_rows
 
 # Keeps the sum of weights above zero: if all Gaussians of a neighbourhood are too narrow to reach
@@ -118,6 +119,8 @@ class GaussianPhotonField:
     settings: settings of the query.
     bounds: corners of the scene's bounding box.
     record: facts about the making of the field, as JSON values; saved with it.
+    detail: the levels of a field that is not equally fine everywhere. Positions and sizes of its
+        Gaussians are those of the unfolded space (:mod:`gpf.field.detail`).
     """
 
     def __init__(
@@ -126,25 +129,28 @@ class GaussianPhotonField:
         settings: FieldSettings,
         bounds: tuple[Any, Any],
         record: Mapping[str, Any] | None = None,
+        detail: Detail | None = None,
     ) -> None:
         self.settings = settings
         self.bounds = bounds
+        self.detail = detail
         self.record = dict(record or {})
         self.update(gaussians)
 
     def update(self, gaussians: Gaussians) -> None:
         """Take new Gaussians and rebuild the neighbour search."""
         self.gaussians = gaussians
+        bounds = self.bounds if self.detail is None else self.detail.bounds
         self.hash = SpatialHash(
             gaussians.means,
             # Smaller cells than for photons: a candidate costs more here than a row of cells.
             cell=1.01 * self.settings.search_radius,
-            bounds=self.bounds,
+            bounds=bounds,
             tag=pack_tag(gaussians.normals),
             far=True,
         )
         reach = LARGEST_REACH * self.settings.search_radius
-        self.facing = FacingCells(gaussians.means, gaussians.normals, reach, self.bounds)
+        self.facing = FacingCells(gaussians.means, gaussians.normals, reach, bounds)
         order = self.hash.order
         rows = whitening_rows(gaussians.log_scales, gaussians.quats)
         self._packets = []
@@ -162,6 +168,7 @@ class GaussianPhotonField:
             "packets": self._packets,
             "facing": self.facing.arrays(),
             "radius": self._radius,
+            "detail": None if self.detail is None else self.detail.arrays(),
         }
 
     def with_arrays(self, arrays: Mapping[str, Any]) -> GaussianPhotonField:
@@ -171,7 +178,13 @@ class GaussianPhotonField:
         other.hash = self.hash.with_arrays(arrays["hash"])
         other.facing = self.facing.with_arrays(arrays["facing"])
         other._packets, other._radius = arrays["packets"], arrays["radius"]
+        if self.detail is not None:
+            other.detail = self.detail.with_arrays(arrays["detail"])
         return other
+
+    def unfold(self, x: mi.Point3f) -> mi.Point3f:
+        """Where queries at points look for Gaussians, (N, 3): see :mod:`gpf.field.detail`."""
+        return x if self.detail is None else self.detail.unfold(x)
 
     def accepts(self, record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f) -> mi.Bool:
         """Whether the Gaussian of a record belongs to the surface with normal ``n`` at ``p``."""
@@ -225,6 +238,7 @@ class GaussianPhotonField:
             neighbour.
         """
         settings = self.settings
+        x = self.unfold(x)
         radius2 = self._radius * self._radius
         count = mi.UInt32(0)
         total = mi.Float(0)

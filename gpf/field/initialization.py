@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Literal
 
 import drjit as dr
@@ -11,11 +12,15 @@ import numpy as np
 from gpf.core.settings import AutoCount, Length
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import OrientedPoints, Photons, concatenate, take
+from gpf.field.detail import Detail
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.gaussians import Gaussians
 from gpf.field.io import Precision
-from gpf.guiding.density_control import oriented_places
+from gpf.guiding.density_control import cell_keys, oriented_places
 from gpf.sppm.density import PhotonDensity
+
+# Distance between Gaussians, in search radii: 16 of them in the area of a search.
+DISTANCE = math.sqrt(math.pi / 16)
 
 # Initial standard deviation with ``initial_scale: auto``, in search radii.
 TYPICAL_SCALE = 0.6
@@ -127,6 +132,43 @@ def propose_search_radius(
     k = min(neighbours, dr.width(means))
     _, distance2 = grid.nearest(x, k, mi.Float(5e-3 * diagonal), mi.Float(grid.extent))
     return float(np.sqrt(np.median(distance2[k - 1].numpy())))
+
+
+def place_by_detail(
+    detail: Detail, position: np.ndarray, normal: np.ndarray, seed: int
+) -> Gaussians:
+    """Gaussians at some of the points where a field is needed, as many as its levels ask for.
+
+    At each level, a grid has cells of :data:`DISTANCE` radii; each cell with points that queries of
+    the level may reach gets a Gaussian at one of them. Irradiance is 0.
+
+    Parameters
+    ----------
+    position, normal: world units and unit vectors, (P, 3).
+    """
+    rng = np.random.default_rng(seed)
+    means, normals = [], []
+    for level in range(detail.count):
+        near = np.flatnonzero(detail.reaches(position, level))
+        if len(near) == 0:
+            continue
+        rng.shuffle(near)
+        width = DISTANCE * detail.radius / 2**level
+        _, first = np.unique(cell_keys(position[near], normal[near], width), return_index=True)
+        chosen = near[np.sort(first)]
+        means.append(detail.unfold_all(position[chosen], level))
+        normals.append(normal[chosen])
+    p, n = np.concatenate(means), np.concatenate(normals)
+    count = len(p)
+    gaussians = Gaussians(
+        means=mi.Point3f(np.ascontiguousarray(p.T, dtype=np.float32)),
+        log_scales=dr.full(mi.Vector3f, math.log(TYPICAL_SCALE * detail.radius), count),
+        quats=mi.Quaternion4f(*(mi.Float(q) for q in rng.normal(size=(4, count)).astype("f4"))),
+        irradiance=dr.zeros(mi.Color3f, count),
+        normals=mi.Normal3f(np.ascontiguousarray(n.T, dtype=np.float32)),
+    )
+    dr.eval(gaussians)
+    return gaussians
 
 
 # Distance between the Gaussians in a gap, in search radii: about twelve within one search radius.

@@ -18,6 +18,8 @@ bytes when it is written again.
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,13 +31,14 @@ import numpy as np
 from gpf.core.errors import FileError, UserError
 from gpf.core.files import read_tensors, write_tensors
 from gpf.core.structs import to_numpy
+from gpf.field.detail import Detail
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.gaussians import Gaussians
 
 Precision = Literal["float32", "compact"]
 
-# Range of standard deviations in a compact file, in search radii. A query uses distances up to
-# about one radius: to it, smaller Gaussians are points and larger ones are constant.
+# Range of standard deviations in a compact file, in search radii of their level. A query uses
+# distances up to about one radius: to it, smaller Gaussians are points, larger ones are constant.
 SCALES = (0.0025, 50.0)
 
 _NAMES = ("means", "log_scales", "quats", "irradiance", "normals")
@@ -48,43 +51,72 @@ class StoredField:
     Attributes
     ----------
     tensors: the arrays of :class:`gpf.field.gaussians.Gaussians` by name, float32, (N, 3); quats
-        (N, 4).
+        (N, 4). Positions and sizes are in world units. A field with levels
+        (:mod:`gpf.field.detail`) also has ``levels``, those of the Gaussians, (N,) uint8, and
+        ``detail``, its table, (X, Y, Z) uint8.
     settings: settings of the query.
     bounds: two corners of the scene's bounding box, world units.
     record: facts about the making of the field.
+    grid: of the table of levels: its ``width`` and ``corner``; empty without levels.
     """
 
     tensors: dict[str, np.ndarray]
     settings: FieldSettings
     bounds: list[list[float]]
     record: dict[str, Any]
+    grid: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    def detail(self) -> Detail | None:
+        """The levels; None for a field that is equally fine everywhere."""
+        if not self.grid:
+            return None
+        return Detail(
+            self.tensors["detail"],
+            self.grid["width"],
+            np.array(self.grid["corner"]),
+            self.settings.search_radius,
+        )
 
 
 def save_field(field: GaussianPhotonField, path: Path, precision: Precision = "float32") -> None:
     """Write a field; errors as in :func:`write_field`."""
-    g = field.gaussians
+    g, detail = field.gaussians, field.detail
     quats = mi.Vector4f(g.quats.x, g.quats.y, g.quats.z, g.quats.w)
     arrays = (g.means, g.log_scales, quats, g.irradiance, g.normals)
     tensors = {name: to_numpy(array) for name, array in zip(_NAMES, arrays, strict=True)}
+    grid = {}
+    if detail is not None:
+        levels = detail.levels_of(tensors["means"])
+        tensors["means"] = detail.fold(tensors["means"]).astype(np.float32)
+        tensors["log_scales"] -= levels[:, None] * np.float32(math.log(2))
+        tensors |= {"levels": levels, "detail": detail.table}
+        grid = {"width": detail.width, "corner": detail.corner.tolist()}
     bounds = [[float(corner[i]) for i in range(3)] for corner in field.bounds]
-    write_field(StoredField(tensors, field.settings, bounds, field.record), path, precision)
+    stored = StoredField(tensors, field.settings, bounds, field.record, grid)
+    write_field(stored, path, precision)
 
 
 def load_field(path: Path) -> GaussianPhotonField:
     """Read a field; errors as in :func:`read_field`."""
     stored = read_field(path)
+    detail = stored.detail()
     means, log_scales, quats, irradiance, normals = (
         np.ascontiguousarray(stored.tensors[name].T) for name in _NAMES
     )
+    places, sizes = mi.Point3f(means), mi.Vector3f(log_scales)
+    if detail is not None:
+        levels = mi.UInt32(stored.tensors["levels"].astype(np.uint32))
+        places = detail.unfold_to(places, levels)
+        sizes += mi.Float(levels) * math.log(2)
     gaussians = Gaussians(
-        means=mi.Point3f(means),
-        log_scales=mi.Vector3f(log_scales),
+        means=places,
+        log_scales=sizes,
         quats=mi.Quaternion4f(*(mi.Float(q) for q in quats)),
         irradiance=mi.Color3f(irradiance),
         normals=mi.Normal3f(normals),
     )
     lower, upper = (mi.ScalarPoint3f(corner) for corner in stored.bounds)
-    return GaussianPhotonField(gaussians, stored.settings, (lower, upper), stored.record)
+    return GaussianPhotonField(gaussians, stored.settings, (lower, upper), stored.record, detail)
 
 
 def write_field(stored: StoredField, path: Path, precision: Precision = "float32") -> None:
@@ -110,6 +142,7 @@ def write_field(stored: StoredField, path: Path, precision: Precision = "float32
         "settings": stored.settings.model_dump(),
         "bounds": stored.bounds,
         "record": stored.record,
+        "grid": stored.grid,
     }
     write_tensors(path, "field", tensors, metadata)
 
@@ -135,7 +168,9 @@ def read_field(path: Path) -> StoredField:
     if name := _name_not_finite(tensors):
         raise FileError(path, f"has NaN or infinite values in {name}")
     settings = FieldSettings(**metadata["settings"])
-    return StoredField(tensors, settings, metadata["bounds"], metadata["record"])
+    return StoredField(
+        tensors, settings, metadata["bounds"], metadata["record"], metadata.get("grid", {})
+    )
 
 
 def _name_not_finite(tensors: Mapping[str, np.ndarray]) -> str | None:
@@ -150,7 +185,10 @@ def _pack(
     tensors: Mapping[str, np.ndarray], radius: float
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """The tensors of a compact file, and the ranges and units that are needed to read them."""
-    limits = np.log(np.multiply(SCALES, radius)).astype(np.float32)
+    exact = {name: tensors[name] for name in ("levels", "detail") if name in tensors}
+    finest = int(exact["levels"].max()) if exact else 0
+    least, most = SCALES
+    limits = np.log([least * radius / 2**finest, most * radius]).astype(np.float32)
     means, of_means = _to_steps(tensors["means"], np.uint16)
     scales, of_scales = _to_steps(np.clip(tensors["log_scales"], *limits), np.uint8)
     irradiance, unit = _to_halves(tensors["irradiance"])
@@ -160,6 +198,7 @@ def _pack(
         "quats": _to_bytes(tensors["quats"]),
         "irradiance": irradiance,
         "normals": _to_bytes(tensors["normals"]),
+        **exact,
     }
     return packed, {"means": of_means, "log_scales": of_scales, "irradiance": unit}
 
@@ -173,6 +212,7 @@ def _unpack(
         "quats": _from_bytes(tensors["quats"]),
         "irradiance": (tensors["irradiance"] * np.float64(encoding["irradiance"])).astype("f4"),
         "normals": _from_bytes(tensors["normals"]),
+        **{name: tensors[name] for name in ("levels", "detail") if name in tensors},
     }
 
 

@@ -45,8 +45,8 @@ THICKNESS = 0.1
 MIDDLE_GREY = 0.18
 
 
-def write_splats(path: Path, stored: StoredField, exposure: float) -> None:
-    """Write one splat for each Gaussian.
+def write_splats(path: Path, stored: StoredField, exposure: float) -> int:
+    """Write one splat for each Gaussian in a cell of its own level; return their number.
 
     Vertices are little-endian float32 in the order of :data:`PROPERTIES`: position, normal, colour
     as (c - 1/2) / Y_00 with c = sRGB of ``exposure`` times :func:`white_radiance`, opacity as its
@@ -56,13 +56,16 @@ def write_splats(path: Path, stored: StoredField, exposure: float) -> None:
     ------
     UserError: the file cannot be written.
     """
-    t = stored.tensors
+    t, detail = stored.tensors, stored.detail()
     colour = tone_map(white_radiance(stored), exposure)
     log_scales, rotations = flatten(t["log_scales"], t["quats"], t["normals"])
     log_scales = log_scales + np.log([NARROWING, NARROWING, NARROWING * THICKNESS])
     opacity = np.full((len(colour), 1), np.log(OPACITY / (1 - OPACITY)))
     columns = (t["means"], t["normals"], (colour - 0.5) / HARMONIC, opacity, log_scales, rotations)
     table = np.concatenate(columns, axis=1).astype("<f4")
+    if detail is not None:
+        # Gaussians beside the cells of their level only serve queries within those cells.
+        table = table[t["levels"] == detail.levels_at(t["means"])]
     header = [
         "ply",
         "format binary_little_endian 1.0",
@@ -76,6 +79,7 @@ def write_splats(path: Path, stored: StoredField, exposure: float) -> None:
         temporary.write_bytes(data)
 
     write_atomically(path, write)
+    return len(table)
 
 
 def white_radiance(stored: StoredField) -> np.ndarray:

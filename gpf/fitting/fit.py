@@ -11,7 +11,6 @@ import mitsuba as mi
 
 from gpf.core.errors import UserError, is_interrupt
 from gpf.field.field import GaussianPhotonField
-from gpf.field.gaussians import Gaussians
 from gpf.field.initialization import InitialFieldSettings
 from gpf.fitting.quality import QualityEstimate
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
@@ -20,18 +19,19 @@ from gpf.scene.bounds import scene_bounds
 from gpf.scene.fingerprint import fingerprint
 from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
 from gpf.sppm.reference import ReferenceSettings
-from gpf.training.gaussian_count import choose_count
 from gpf.training.recipe import Recipe, open_stream
 from gpf.training.settings import TrainingSettings
-from gpf.training.streaming import PhotonStream, StreamSettings, train_on_stream
+from gpf.training.streaming import PhotonStream, StreamSettings
 from gpf.training.trainer import Progress, Trainer
 
 DEFAULT_PASSES = 300
 """Photon passes if neither a time, a PSNR nor a number of passes is asked for."""
 
-# With a time or a PSNR as the goal: passes until the first complete field, optimiser steps of each
-# field, and the factor by which the number of passes then grows.
-FIRST_PASSES, STEPS, GROWTH = 64, 300, 2
+# Passes until the first complete field, and the factor by which their number then grows.
+FIRST_PASSES, GROWTH = 24, 2.5
+
+# Optimiser steps of a field: so many for each pass, up to a limit.
+STEPS_PER_PASS, MOST_STEPS = 3, 300
 
 # A PSNR is out of reach if GROWTH times as many passes gain less than this, dB, twice in turn.
 LEAST_GAIN = 0.1
@@ -55,7 +55,7 @@ class FitProgress:
     Attributes
     ----------
     passes, all_passes: photon passes so far, and those that are planned.
-    steps, all_steps: optimiser steps since the last complete field, and until the next.
+    steps, all_steps: optimiser steps of the field in training, so far and in all.
     held_out_error: error at points that the training does not use, in units of the mean target;
         None before the first evaluation.
     psnr: estimated PSNR of the field's images against an SPPM reference with 1000 passes, dB; None
@@ -108,18 +108,18 @@ def fit(
             raise UserError(name, f"is {value}", "Give a number above 0, or leave it out.")
     if seconds is None and target_psnr is None and passes is None:
         passes = DEFAULT_PASSES
+    if passes is not None:
+        passes = max(passes, 2)  # two halves of photons are compared
     run = _Fit(scene, sensors, seed, callback, seconds)
     try:
-        run.start(passes)
+        run.open()
         while not run.is_done(target_psnr, passes):
             run.go_on(target_psnr, passes)
-    except _OutOfTime:
-        run.trainer.judge()
-        run.evaluate()
     except BaseException as error:
-        if run.best is None or not is_interrupt(error):
+        if run.best is None or not (isinstance(error, _OutOfTime) or is_interrupt(error)):
             raise
-        log.warning("Interrupted: this is the field after %s passes.", run.stream.count)
+        if not isinstance(error, _OutOfTime):
+            log.warning("Interrupted: this is the field after %s passes.", run.passes)
     return run.result()
 
 
@@ -160,46 +160,36 @@ class _Fit:
         self.scene, self.seed, self.callback = scene, seed, callback
         self.deadline = float("inf") if seconds is None else self.begin + seconds
         self.sensors = list(default_sensors(scene) if sensors is None else sensors)
+        self.bounds = scene_bounds(scene)
         self.stream: PhotonStream
-        self.trainer: Trainer
-        self.field: GaussianPhotonField
-        self.best: Gaussians | None = None
+        self.best: GaussianPhotonField | None = None
+        self.passes, self.all_passes = 0, 0
         self.psnr: float | None = None
         self.in_vain = 0
-        self.all_passes = 0
         self.error: float | None = None
-        self.steps = 0
-        self.pass_seconds, self.step_seconds = 0.0, 0.0
-        self._last, self._counted = self.begin, 0
+        self.steps, self.all_steps = 0, 0
+        self.pass_seconds, self.field_seconds = 0.0, 0.0
+        self._last = self.begin
 
-    def start(self, passes: int | None) -> None:
-        """Look around, choose the points and the Gaussians, and fit the first complete field."""
-        self.all_passes = passes or FIRST_PASSES
-        training = TrainingSettings(steps=STEPS, seed=self.seed)
-        self.recipe = Recipe(FIELD, training)
+    def open(self) -> None:
+        """Look around, and choose the points."""
         region = REGION.model_copy(update={"seed": self.seed})
         plan = EmissionPlan.make(self.scene, self.sensors, region)
         settings = ReferenceSettings(seed=self.seed).measure(self.scene, self.sensors[0], plan)
         self.quality = QualityEstimate(self.scene, self.sensors, settings, self.seed, plan.source)
-        self.settings = StreamSettings(passes=self.all_passes, seed=self.seed)
         named = {f"{k}": sensor for k, sensor in enumerate(self.sensors)}
-        self.stream, photons = open_stream(
-            self.scene, named, plan, settings, self.settings, self.recipe
+        self.stream, self.photons = open_stream(
+            self.scene, named, plan, settings, StreamSettings(seed=self.seed), Recipe(FIELD)
         )
-        targets = self.stream.targets()
-        photons = self.recipe.select_photons(photons)
-        bounds = scene_bounds(self.scene)
-        count = choose_count(self.recipe, photons, targets, bounds, self.stream)
-        field = self.recipe.initial_field(count, photons, targets, bounds)
-        self.trainer = self.recipe.trainer(field, self.recipe.supervise(targets))
-        self._train()
 
     def is_done(self, target_psnr: float | None, passes: int | None) -> bool:
         """Whether a goal is reached, or can no longer be reached."""
+        if self.best is None:
+            return False
         if passes is not None and self.stream.count >= passes:
             return True
-        if target_psnr is not None:
-            if self.psnr is not None and self.psnr >= target_psnr:
+        if target_psnr is not None and self.psnr is not None:
+            if self.psnr >= target_psnr:
                 return True
             if self.in_vain >= 2:
                 log.warning(
@@ -208,91 +198,82 @@ class _Fit:
                     target_psnr,
                 )
                 return True
-        if self.deadline < float("inf"):
-            return self._passes_that_fit() < 1.25 * self.stream.count
-        return False
+        return self._passes_that_fit() < 1.25 * self.stream.count
 
     def go_on(self, target_psnr: float | None, passes: int | None) -> None:
         """Fit the next complete field, from more passes."""
-        wanted = float("inf") if target_psnr is None else GROWTH * self.stream.count
-        self.all_passes = int(min(wanted, self._passes_that_fit(), passes or float("inf")))
-        first = min(GROWTH * self.stream.count, self.all_passes)
-        self.settings = self.settings.model_copy(update={"passes": self.all_passes, "first": first})
-        # Before the trainer is made, so that its targets are those of the first round.
-        self._last, self._counted = time.perf_counter(), self.stream.count
-        self.stream.advance(first, lambda passes: self._tick(passes, 0))
-        points = self.recipe.supervise(self.stream.targets())
-        anisotropic = self.recipe.field.anisotropic
-        self.trainer = Trainer(self.field, points, self.recipe.train, anisotropic=anisotropic)
-        self._train()
+        count = round(GROWTH * self.stream.count) if self.stream.count else FIRST_PASSES
+        limit = min(self._passes_that_fit(), passes or float("inf"))
+        # A last field from few more passes than the one before would be a waste.
+        self.all_passes = int(limit if limit < 1.25 * count else count)
+        self.stream.advance(self.all_passes, self._count_pass)
+        begin = time.perf_counter()
+        self.all_steps = min(MOST_STEPS, STEPS_PER_PASS * self.stream.count)
+        recipe = Recipe(FIELD, TrainingSettings(seed=self.seed, steps=self.all_steps))
+        trainer = recipe.fit_stream(self.stream, self.photons, self.bounds)
+        trainer.run(lambda progress: self._report(trainer, progress), self._count_step)
+        self.evaluate(trainer.finish())
+        self.field_seconds = time.perf_counter() - begin
 
-    def evaluate(self) -> None:
-        """Estimate the PSNR of the field, and keep it if it is the best so far."""
-        self.field = self.trainer.finish()
+    def evaluate(self, field: GaussianPhotonField) -> None:
+        """Estimate the PSNR of a field, and keep it if it is the best so far."""
         while self.quality.passes < 2:
             self.quality.add_pass()
+        psnr = self.quality.psnr(field)
         before = float("-inf")
         if self.best is not None:  # compared with the same passes as the new field
-            state = self.field.gaussians
-            self.field.update(self.best)
-            before = self.quality.psnr(self.field)
-            self.field.update(state)
-        self.psnr = self.quality.psnr(self.field)
-        self.in_vain = self.in_vain + 1 if self.psnr - before < LEAST_GAIN else 0
-        if self.psnr < before:
-            self.psnr = before
-        else:
-            self.best = self.field.gaussians
-        self._tell(self.field)
+            before = self.quality.psnr(self.best)
+        self.in_vain = self.in_vain + 1 if psnr - before < LEAST_GAIN else 0
+        if psnr >= before:
+            self.best, self.passes = field, self.stream.count
+        self.psnr = max(psnr, before)
+        self._tell(self.best)
 
     def result(self) -> GaussianPhotonField:
         """The field with its record."""
-        if self.best is not None:
-            self.field.update(self.best)
-        self.field.record = {
-            "passes": self.stream.count,
+        assert self.best is not None
+        self.best.record = {
+            "passes": self.passes,
             "estimated_psnr": self.psnr,
             "exposure": self.quality.exposure,
             "seconds": time.perf_counter() - self.begin,
             "seed": self.seed,
             "fingerprint": fingerprint(self.scene),
         }
-        return self.field
+        return self.best
 
-    def _train(self) -> None:
-        self._last, self._counted = time.perf_counter(), self.stream.count
-        train_on_stream(
-            self.trainer,
-            self.stream,
-            self.settings,
-            self.recipe.supervise,
-            self._report,
-            self._tick,
-        )
-        self.evaluate()
-
-    def _report(self, progress: Progress) -> None:
+    def _report(self, trainer: Trainer, progress: Progress) -> None:
         self.error = progress.held_out_error
-        self._tell(self.trainer.current_field())
+        self._tell(trainer.current_field())
 
-    def _tick(self, passes: int, steps: int) -> None:
-        """After a pass or a step: measure its time, and end the fit if its time is over."""
-        self.steps, spent = steps, time.perf_counter() - self._last
-        if passes > self._counted:
-            self._counted = passes
+    def _count_pass(self, passes: int) -> None:
+        """After a pass: measure its time, and add to the estimate of the PSNR."""
+        now = time.perf_counter()
+        if passes > 1:  # the first compiles the kernels
+            spent = now - self._last
             self.pass_seconds = 0.8 * (self.pass_seconds or spent) + 0.2 * spent
-            if self.quality.passes < passes / PASSES_PER_ESTIMATE:
-                self.quality.add_pass()
-        else:
-            self.step_seconds = 0.9 * self.step_seconds + 0.1 * spent
-        self._tell(None)
-        if time.perf_counter() > self.deadline and self.trainer.step_count > 0:
-            raise _OutOfTime
+        if self.quality.passes < passes / PASSES_PER_ESTIMATE:
+            self.quality.add_pass()
         self._last = time.perf_counter()
+        self._end_in_time()
+
+    def _count_step(self, steps: int) -> None:
+        self.steps = steps
+        self._end_in_time()
+
+    def _end_in_time(self) -> None:
+        """Show the progress; end the fit if its time is over and there is a field."""
+        self._tell(None)
+        if self.best is not None and time.perf_counter() > self.deadline:
+            raise _OutOfTime
 
     def _passes_that_fit(self) -> float:
         """The number of passes, with those so far, whose field is complete before the deadline."""
-        rest = self.deadline - time.perf_counter() - STEPS * self.step_seconds
+        if self.best is None:
+            return float("inf")
+        # Later fields have more steps, up to the limit.
+        share = MOST_STEPS / max(self.all_steps, 1)
+        rest = self.deadline - time.perf_counter() - self.field_seconds * min(share, GROWTH)
         each = self.pass_seconds * (1 + 1 / PASSES_PER_ESTIMATE)
         return self.stream.count + 0.9 * rest / max(each, 1e-6)
 
@@ -302,7 +283,7 @@ class _Fit:
                 passes=self.stream.count,
                 all_passes=self.all_passes,
                 steps=self.steps,
-                all_steps=STEPS,
+                all_steps=self.all_steps,
                 held_out_error=self.error,
                 psnr=self.psnr,
                 seconds=time.perf_counter() - self.begin,

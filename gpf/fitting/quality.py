@@ -10,7 +10,7 @@ import numpy as np
 
 from gpf.camera.rays import sample_rays_at
 from gpf.camera.visible_points import find_visible_points
-from gpf.core.images import propose_exposure, tone_map
+from gpf.core.images import propose_exposure, tone_slope
 from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import VisiblePoints, concatenate, to_numpy
 from gpf.field.field import GaussianPhotonField
@@ -20,6 +20,9 @@ from gpf.sppm.passes import PassSettings, PhotonPasses
 REFERENCE_PASSES = 1000
 """The estimate is the PSNR against an SPPM reference with this many passes."""
 
+# Radiance of an image of the estimate that counts at most, in units of display white.
+BRIGHTEST = 4.0
+
 # Samples of the field per pixel: as many as an image usually has.
 FIELD_SAMPLES = 64
 
@@ -27,15 +30,14 @@ FIELD_SAMPLES = 64
 class QualityEstimate:
     """Images by SPPM at some random pixels of some views, with which fields are compared.
 
-    With the tone-mapped field f and two independent images A and B of n passes each, the mean
-    squared error against a reference with N passes is estimated as
+    With the field's image f, the slope s of the tone curve there, and two independent images A and
+    B of n/2 passes each, the mean squared error against a reference with N passes is estimated as
 
-        mean((f - A) (f - B)) + n/N mean((A - B)²) / 2.
+        mean(s² (f - A) (f - B)) + mean(s² (A - B)²) n / 4N.
 
-    The noise of A and B has no influence on the expected value of the first term, once the mean
-    effect of the tone curve is taken out; the second term is the noise of the reference. The passes
-    have the kernel radii of passes 1 to N in equal parts, so that A and B are as blurred as the
-    reference.
+    The noise of A and B has no influence on the expected value of the first term; the second term
+    is the noise of the reference. The passes have the kernel radii of passes 1 to N in equal parts,
+    so that A and B are as blurred as the reference.
 
     Parameters
     ----------
@@ -87,13 +89,12 @@ class QualityEstimate:
         first, second = self._sums / counts[:, None, None]
         if self.exposure is None:
             self.exposure = propose_exposure((first + second) / 2)
-        shown = tone_map(self._render(field), self.exposure)
-        a, b = (tone_map(image, self.exposure) for image in (first, second))
-        noise = float(np.mean((a - b) ** 2)) * self.passes / 4 / REFERENCE_PASSES
-        # The tone curve is concave: noise makes a and b too dark on average, and the tone-mapped
-        # mean of both images by half as much.
-        dark = (a + b) - 2 * tone_map(self._sums.sum(axis=0) / self.passes, self.exposure)
-        error = float(np.mean((shown - a + dark) * (shown - b + dark))) + noise
+        shown = self._render(field)
+        slope2 = tone_slope(shown, self.exposure) ** 2
+        # Single samples that are very bright would decide alone.
+        a, b = (np.minimum(image, BRIGHTEST / self.exposure) for image in (first, second))
+        noise = float(np.mean(slope2 * (a - b) ** 2)) * self.passes / 4 / REFERENCE_PASSES
+        error = float(np.mean(slope2 * (shown - a) * (shown - b))) + noise
         return float(-10 * np.log10(max(error, noise, 1e-10)))
 
     def _render(self, field: GaussianPhotonField) -> np.ndarray:

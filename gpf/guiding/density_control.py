@@ -59,6 +59,13 @@ def oriented_places(p: np.ndarray, n: np.ndarray, width: float) -> np.ndarray:
     return np.column_stack([p, (2 * axis + side + 0.5) * width])
 
 
+def cell_keys(p: np.ndarray, n: np.ndarray, width: float) -> np.ndarray:
+    """A number for the grid cell of each oriented point, (N,); see :func:`oriented_places`."""
+    cells = np.floor(oriented_places(p, n, width) / width).astype(np.int64)
+    cells -= cells.min(axis=0)
+    return np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
+
+
 def count_in_cells(at: np.ndarray, width: float, *sets: np.ndarray) -> list[np.ndarray]:
     """The number of points of each set (N, D) in the grid cell of each point of ``at`` (M, D)."""
     cells = [np.floor(points / width).astype(np.int64) for points in (at, *sets)]

@@ -12,17 +12,19 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
-from gpf.core.structs import Photons, SurfacePoints, take
+from gpf.core.structs import Photons, SurfacePoints, take, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import (
     TYPICAL_SCALE,
     InitialFieldSettings,
     find_gaps,
     initialize_gaussians,
+    place_by_detail,
     propose_search_radius,
 )
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.sppm.passes import PassSettings
+from gpf.training.detail_choice import choose_detail
 from gpf.training.settings import TrainingSettings
 from gpf.training.streaming import PhotonStream, StreamSettings
 from gpf.training.surface_points import share_of_pixels, target_points
@@ -109,6 +111,48 @@ class Recipe:
             gaussians.irradiance *= mi.Color3f(*(float(c) for c in mean))
         return GaussianPhotonField(gaussians, settings, bounds)
 
+    def field_by_place(
+        self,
+        points: SurfacePoints,
+        halves: tuple[SurfacePoints, SurfacePoints],
+        kernel: float,
+        bounds: tuple[Any, Any],
+    ) -> GaussianPhotonField:
+        """The field before training, with as many Gaussians at each place as its light asks for.
+
+        Parameters
+        ----------
+        points: the field will be trained on these.
+        halves: the same points, with targets from two independent halves of the photons.
+        kernel: radius of the targets' kernel, world units.
+        bounds: corners of the scene's bounding box.
+        """
+        detail = choose_detail(points, halves, kernel, bounds)
+        gaussians = place_by_detail(detail, to_numpy(points.p), to_numpy(points.n), self.train.seed)
+        settings = self.field.query(detail.radius)
+        return GaussianPhotonField(gaussians, settings, bounds, detail=detail)
+
+    def fit_stream(
+        self, stream: PhotonStream, photons: Photons, bounds: tuple[Any, Any]
+    ) -> Trainer:
+        """The trainer of a new field, on the targets of all passes so far.
+
+        Parameters
+        ----------
+        photons: with a given number of Gaussians, they start at some of these.
+        bounds: corners of the scene's bounding box.
+        """
+        halves = stream.halves()
+        targets = stream.mean(halves)
+        points = self.supervise(targets)
+        if self.field.gaussians == "auto":
+            split = self.supervise(halves[0]), self.supervise(halves[1])
+            field = self.field_by_place(points, split, stream.radius, bounds)
+        else:
+            photons = self.select_photons(photons)
+            field = self.initial_field(self.field.gaussians, photons, targets, bounds)
+        return self.trainer(field, points)
+
     def trainer(
         self,
         field: GaussianPhotonField,
@@ -133,7 +177,7 @@ def open_stream(
     stream: StreamSettings,
     recipe: Recipe,
 ) -> tuple[PhotonStream, Photons]:
-    """A stream that has done its first passes, and photons for the Gaussians.
+    """A stream without passes yet, and photons for the Gaussians.
 
     Parameters
     ----------
@@ -145,8 +189,9 @@ def open_stream(
     settings = passes.model_copy(update={"alpha": stream.alpha, "initial_radius": radius})
     pixels = sum(int(np.prod(sensor.film().crop_size())) for sensor in sensors.values())
     wanted = "views" if recipe.field.stores == "radiance" else recipe.train.points
-    paths = plan.paths_for_gaussians(recipe.max_gaussians)
-    paths = max(paths, 2 * settings.photons_per_pass)
+    paths = settings.photons_per_pass
+    if recipe.field.gaussians != "auto":
+        paths = max(paths, plan.paths_for_gaussians(recipe.field.gaussians))
     photons = plan.collect(scene, paths, stream.seed, settings.rr_depth)
     points = target_points(
         scene,
@@ -158,6 +203,4 @@ def open_stream(
         stream.seed,
         photons,
     )
-    opened = PhotonStream(scene, settings, points, stream.seed, plan.source)
-    opened.advance(stream.rounds()[0])
-    return opened, photons
+    return PhotonStream(scene, settings, points, stream.seed, plan.source), photons

@@ -75,6 +75,7 @@ class Trainer:
         anisotropic: bool = True,
     ) -> None:
         self.field, self.settings, self.anisotropic = field, settings, anisotropic
+        points = replace(points, p=field.unfold(points.p))
         count = dr.width(points.p)
         rng = np.random.default_rng(settings.seed)
         split = rng.random(count) < settings.held_out

@@ -39,7 +39,7 @@ def scene():
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A fit of a second."""
-    monkeypatch.setattr(module, "STEPS", 60)
+    monkeypatch.setattr(module, "MOST_STEPS", 60)
     monkeypatch.setattr(module, "FIRST_PASSES", 30)
     region = VisibleRegionSettings(rays=20_000, pilot_paths=20_000)
     monkeypatch.setattr(module, "REGION", region)

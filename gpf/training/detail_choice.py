@@ -1,0 +1,121 @@
+"""How fine a field should be at each place, from two independent halves of the photons.
+
+At each level, the light is smoothed as a field of that level would smooth it: a linear function is
+fitted to the targets in each cell of a grid. With f_a and f_b fitted to targets a and b of two
+independent halves, the squared error of the mean of both fits is, up to the noise of the targets,
+
+    mean((f_a - b)² + (f_b - a)²) / 2 - mean((f_a - f_b)²) / 4.
+
+It is added up over each cell of the field's grid, and the level with the least error is taken.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import uniform_filter
+
+from gpf.core.structs import SurfacePoints, to_numpy
+from gpf.field.detail import Detail
+from gpf.field.initialization import DISTANCE
+from gpf.guiding.density_control import cell_keys
+
+LEVELS = 5
+
+# Search radius of the finest level, in kernel radii of the targets: its Gaussians are as far apart
+# as the kernel is wide.
+FINEST = 2.2
+
+# Edge of a cell of the field's grid, in search radii of level 2; level 2 because smaller cells
+# hold too few points to decide.
+CELL = 1.0
+_MOST_CELLS = 1 << 19
+
+# Cells in which linear functions are fitted have as many numbers per area as Gaussians.
+_FIT = math.sqrt(3)
+
+# Keeps slopes small in cells with few points.
+_RIDGE = 0.5
+
+
+def choose_detail(
+    points: SurfacePoints,
+    halves: tuple[SurfacePoints, SurfacePoints],
+    kernel: float,
+    bounds: tuple[Any, Any],
+) -> Detail:
+    """The levels of a field.
+
+    Parameters
+    ----------
+    points: with targets from all photons, (P).
+    halves: the same points, with targets from two independent halves of the photons.
+    kernel: radius of the targets' kernel, world units.
+    bounds: corners of the scene's bounding box.
+    """
+    position, normal = to_numpy(points.p), to_numpy(points.n)
+    weight = np.asarray(points.weight.numpy())
+    radius = FINEST * kernel * 2 ** (LEVELS - 1)
+    corner = np.array([float(bounds[0][i]) for i in range(3)])
+    extent = np.array([float(bounds[1][i]) for i in range(3)]) - corner
+    width = CELL * radius / 4
+    while np.prod(np.floor(extent / width) + 1) > _MOST_CELLS:
+        width *= 1.1
+    shape = tuple(int(n) for n in np.floor(extent / width) + 1)
+    cells = np.clip(np.floor((position - corner) / width).astype(np.int64), 0, np.array(shape) - 1)
+    cell = np.ravel_multi_index(cells.T, shape)
+    a, b = (to_numpy(half.target) for half in halves)
+    both = np.concatenate([a, b], axis=1)
+    errors = []
+    for level in range(LEVELS):
+        fit = fit_linear(position, normal, both, _FIT * DISTANCE * radius / 2**level)
+        fit_a, fit_b = fit[:, :3], fit[:, 3:]
+        error = ((fit_a - b) ** 2 + (fit_b - a) ** 2) / 2 - (fit_a - fit_b) ** 2 / 4
+        total = np.bincount(cell, weight * error.sum(axis=1), math.prod(shape)).reshape(shape)
+        errors.append(uniform_filter(total, 3, mode="constant"))
+    table = np.argmin(errors, axis=0).astype(np.uint8)
+    return Detail(table, width, corner, radius)
+
+
+def fit_linear(
+    position: np.ndarray, normal: np.ndarray, values: np.ndarray, width: float
+) -> np.ndarray:
+    """Linear functions of the position, fitted to values (P, K) in each cell of a grid, at the
+    points, (P, K).
+
+    Surfaces with different orientations have different cells.
+
+    Parameters
+    ----------
+    width: edge length of a cell, world units.
+    """
+    key = cell_keys(position, normal, width)
+    order = np.argsort(key, kind="stable")
+    ordered = key[order]
+    starts = np.flatnonzero(np.r_[True, ordered[1:] != ordered[:-1]])
+    count = np.diff(np.r_[starts, len(key)])
+    index = np.repeat(np.arange(len(starts)), count)
+
+    def mean(rows: np.ndarray) -> np.ndarray:
+        """Mean over each cell, from rows in the order of cells."""
+        return np.add.reduceat(rows, starts, axis=0) / count[:, None].astype(rows.dtype)
+
+    # Offsets in units of the cell: single precision is enough from here on.
+    place = position[order] / width
+    offset = (place - mean(place)[index]).astype(np.float32)
+    value = values[order].astype(np.float32)
+    level = mean(value)
+    rest = value - level[index]
+    products = mean(offset[:, [0, 0, 0, 1, 1, 2]] * offset[:, [0, 1, 2, 1, 2, 2]])
+    ridge = (_RIDGE / count)[:, None, None] * np.eye(3)
+    left = products[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3) + ridge
+    right = np.stack([mean(offset[:, [i]] * rest) for i in range(3)], axis=1)
+    slopes = np.linalg.solve(left, right).astype(np.float32)[index]
+    fitted = level[index]
+    for i in range(3):
+        fitted += offset[:, [i]] * slopes[:, i]
+    result = np.empty_like(fitted)
+    result[order] = fitted
+    return result
