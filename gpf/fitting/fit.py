@@ -12,7 +12,7 @@ import mitsuba as mi
 from gpf.core.errors import UserError, is_interrupt
 from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import InitialFieldSettings
-from gpf.fitting.quality import QualityEstimate
+from gpf.fitting.quality import LEAST_PASSES, QualityEstimate
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.importing.placement import place_cameras
 from gpf.scene.bounds import scene_bounds
@@ -217,7 +217,7 @@ class _Fit:
 
     def evaluate(self, field: GaussianPhotonField) -> None:
         """Estimate the PSNR of a field, and keep it if it is the best so far."""
-        while self.quality.passes < 2:
+        while self.quality.passes < LEAST_PASSES:
             self.quality.add_pass()
         psnr = self.quality.psnr(field)
         before = float("-inf")

@@ -11,39 +11,48 @@ import numpy as np
 from gpf.camera.rays import sample_rays_at
 from gpf.camera.visible_points import find_visible_points
 from gpf.core.images import propose_exposure, tone_slope
-from gpf.core.random import Stream, pass_seed
-from gpf.core.structs import VisiblePoints, concatenate, to_numpy
+from gpf.core.random import Stream, pass_seed, random_start
+from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.photons.emission import Source, emit_light
+from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, PhotonPasses
 
 REFERENCE_PASSES = 1000
 """The estimate is the PSNR against an SPPM reference with this many passes."""
 
-# Radiance of an image of the estimate that counts at most, in units of display white.
-BRIGHTEST = 4.0
+LEAST_PASSES = 8
+"""With fewer passes, the estimate is too uncertain."""
 
-# Samples of the field per pixel: as many as an image usually has.
+# Camera samples of each pixel.
+SAMPLES = 4
+
+# Samples per pixel of the field's images, F: as many as an image usually has.
 FIELD_SAMPLES = 64
 
 
 class QualityEstimate:
-    """Images by SPPM at some random pixels of some views, with which fields are compared.
+    """Irradiance by SPPM at visible points of some pixels, with which fields are compared.
 
-    With the field's image f, the slope s of the tone curve there, and two independent images A and
-    B of n/2 passes each, the mean squared error against a reference with N passes is estimated as
+    With the field's image f, the slope s of the tone curve there, and two images A and B by SPPM
+    with n/2 independent passes each, the mean squared error against a reference with N passes is
+    estimated as
 
-        mean(s² (f - A) (f - B)) + mean(s² (A - B)²) n / 4N.
+        mean(s² (f - A) (f - B)) + mean(s² ((A - B)² n/4 + v)) / N + mean'(s² v) / F,
 
-    The noise of A and B has no influence on the expected value of the first term; the second term
-    is the noise of the reference. The passes have the kernel radii of passes 1 to N in equal parts,
-    so that A and B are as blurred as the reference.
+    plus the standard error of the first term. The noise of A and B has no influence on the expected
+    value of that term, because all three images have the same camera samples and only the
+    irradiance differs. The second term is the noise of the reference, from its photons and from its
+    camera samples, whose variance in a pixel is v. The third term is the noise of F camera samples
+    in the field's image; it counts pixels that look through glass or into mirrors, since samples
+    are spread too evenly for noise at others. The passes have the kernel radii of passes 1 to N in
+    equal parts, so that A and B are as blurred as the reference.
 
     Parameters
     ----------
     sensors: the views.
     settings: of the passes.
-    pixels: number of pixels in all.
+    pixels: number of pixels in all, at random places.
     exposure: of the tone mapping; by default :func:`gpf.core.images.propose_exposure`.
     """
 
@@ -57,67 +66,77 @@ class QualityEstimate:
         pixels: int = 8192,
         exposure: float | None = None,
     ) -> None:
-        self.scene, self.sensors, self.seed, self.exposure = scene, list(sensors), seed, exposure
+        self.seed, self.exposure, self.passes = seed, exposure, 0
         self._photons = PhotonPasses(scene, settings, seed, source)
-        rng = np.random.default_rng(pass_seed(seed, 0, Stream.QUALITY_PIXELS))
-        each = max(1, pixels // len(self.sensors))
-        self._pixels = [
-            rng.integers(0, [int(n) for n in sensor.film().crop_size()], (each, 2))
-            for sensor in self.sensors
+        self._pixels = max(1, pixels // len(sensors)) * len(sensors)
+        points = self._find_points(scene, sensors)
+        self._emission = to_numpy(points.emission)
+        self._through = np.asarray((points.depth > 0).numpy()).reshape(-1, SAMPLES, 1).any(axis=1)
+        valid = dr.compress(points.valid)
+        self._lanes = np.asarray(valid.numpy())
+        points = take(points, valid)
+        self._share = to_numpy(points.throughput * points.reflectance) / np.pi
+        self._points = FixedPoints(scene, points)
+        self._starts = [
+            random_start(pass_seed(seed, half, Stream.QUALITY_DIRECT), len(self._lanes))
+            for half in range(2)
         ]
-        self._sums = np.zeros((2, each * len(self.sensors), 3))
-        self.passes = 0
+        self._sums = np.zeros((2, len(self._lanes), 3))
 
     def add_pass(self) -> None:
         """Trace one more pass; passes add to A and B in turn."""
+        half, pair = self.passes % 2, self.passes // 2
         # Multiples of the golden ratio modulo 1: evenly spread, for any number of passes.
-        place = (self.passes // 2 + 0.5) * (5**0.5 - 1) / 2 % 1
-        number = 1 + int(place * REFERENCE_PASSES)
-        # The radius is that of pass `number`; twins for A and B have other photons.
+        place = (pair + 0.5) * (5**0.5 - 1) / 2 % 1
+        # The radius is that of this pass of a reference. Passes of A and B share no random number.
+        number = 1 + half + int(place * REFERENCE_PASSES)
         traced = self._photons.trace(
             number, pass_seed(self.seed, self.passes, Stream.QUALITY_PHOTONS)
         )
-        direct = self._photons.settings.direct == "emitters"
-        points = self._visible_points(1, self.passes, direct)
-        self._sums[self.passes % 2] += to_numpy(points.radiance(traced.irradiance(points)))
+        irradiance, _ = traced.all_irradiance(self._points, self._starts[half], pair + 1)
+        self._sums[half] += to_numpy(irradiance)
         self.passes += 1
 
     def psnr(self, field: GaussianPhotonField) -> float:
-        """The estimated PSNR of the field's images, dB. Needs at least two passes."""
-        assert self.passes >= 2
-        counts = np.array([(self.passes + 1) // 2, self.passes // 2])
-        first, second = self._sums / counts[:, None, None]
+        """The estimated PSNR of the field's images, dB; needs :data:`LEAST_PASSES` passes."""
+        assert self.passes >= LEAST_PASSES
+        counts = (self.passes + 1) // 2, self.passes // 2
+        a, b = (self._samples(s / n).mean(axis=1) for s, n in zip(self._sums, counts, strict=True))
         if self.exposure is None:
-            self.exposure = propose_exposure((first + second) / 2)
-        shown = self._render(field)
-        slope2 = tone_slope(shown, self.exposure) ** 2
-        # Single samples that are very bright would decide alone.
-        a, b = (np.minimum(image, BRIGHTEST / self.exposure) for image in (first, second))
-        noise = float(np.mean(slope2 * (a - b) ** 2)) * self.passes / 4 / REFERENCE_PASSES
-        error = float(np.mean(slope2 * (shown - a) * (shown - b))) + noise
-        return float(-10 * np.log10(max(error, noise, 1e-10)))
+            self.exposure = propose_exposure((a + b) / 2)
+        points = self._points.points
+        value, _ = field.query(points.p, points.n, dr.full(mi.Bool, True, len(self._lanes)))
+        samples = self._samples(np.maximum(to_numpy(value), 0))
+        f, variance = samples.mean(axis=1), samples.var(axis=1, ddof=1)
+        slope2 = tone_slope(f, self.exposure) ** 2
+        reference = (a - b) ** 2 * self.passes / 4 + variance
+        noise = reference / REFERENCE_PASSES + self._through * variance / FIELD_SAMPLES
+        error = (slope2 * (f - a) * (f - b)).mean(axis=1)
+        # With few passes the estimate is uncertain; then it is rather too low.
+        uncertain = error.std() / np.sqrt(len(error))
+        least = float(np.mean(slope2 * noise))
+        total = max(float(error.mean()), 0.0) + float(uncertain) + least
+        return float(-10 * np.log10(max(total, 1e-10)))
 
-    def _render(self, field: GaussianPhotonField) -> np.ndarray:
-        """The field's radiance at the pixels, (P, 3)."""
-        number = 10**6 + self.passes  # no number of a pass
-        direct = field.settings.direct == "emitters"
-        points = self._visible_points(FIELD_SAMPLES, number, direct)
-        radiance, _ = field.radiance(points)
-        return to_numpy(radiance).reshape(-1, FIELD_SAMPLES, 3).mean(axis=1)
+    def _samples(self, irradiance: np.ndarray) -> np.ndarray:
+        """Radiance of all camera samples, (P, SAMPLES, 3), from the irradiance at the points."""
+        radiance = self._emission.copy()
+        radiance[self._lanes] += self._share * irradiance
+        return radiance.reshape(-1, SAMPLES, 3)
 
-    def _visible_points(self, samples: int, number: int, direct: bool) -> VisiblePoints:
-        """Visible points of ``samples`` camera rays for each pixel, (samples P,)."""
-        count = samples * sum(map(len, self._pixels))
+    def _find_points(self, scene: mi.Scene, sensors: Sequence[mi.Sensor]) -> VisiblePoints:
+        """Visible points of :data:`SAMPLES` camera rays for each pixel, (SAMPLES P,)."""
+        each = self._pixels // len(sensors)
+        rng = np.random.default_rng(pass_seed(self.seed, 0, Stream.QUALITY_PIXELS))
         sampler = mi.load_dict({"type": "independent", "sample_count": 1})
         rays = []
-        for k, (sensor, pixels) in enumerate(zip(self.sensors, self._pixels, strict=True)):
-            sampler.seed(
-                pass_seed(self.seed, number, Stream.QUALITY_CAMERA, k), samples * len(pixels)
-            )
-            place = mi.Point2f(np.repeat(pixels, samples, axis=0).T.astype(np.float32))
+        for k, sensor in enumerate(sensors):
+            pixels = rng.integers(0, [int(n) for n in sensor.film().crop_size()], (each, 2))
+            sampler.seed(pass_seed(self.seed, 0, Stream.QUALITY_CAMERA, k), SAMPLES * each)
+            place = mi.Point2f(np.repeat(pixels, SAMPLES, axis=0).T.astype(np.float32))
             rays.append(mi.Ray3f(sample_rays_at(sensor, sampler, place + sampler.next_2d())[0]))
         ray = mi.Ray3f(concatenate([r.o for r in rays]), concatenate([r.d for r in rays]))
-        sampler.seed(pass_seed(self.seed, number, Stream.QUALITY_CAMERA), count)
-        points = find_visible_points(self.scene, sampler, ray, direct=direct)
+        sampler.seed(pass_seed(self.seed, 0, Stream.QUALITY_CAMERA), SAMPLES * self._pixels)
+        points = find_visible_points(scene, sampler, ray)
         dr.eval(points)
         return points
