@@ -80,11 +80,12 @@ def _on_references(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
     """The trainer of a new field, on targets of the stage `reference`."""
     recipe = work.params.recipe
     photons, targets = recipe.select_photons(load_photons(work)), Targets.load(work.targets)
+    points = recipe.supervise(targets)
     with costs.measure("initialization"):
         count = choose_count(recipe, photons, targets, bounds)
         field = recipe.initial_field(count, photons, targets, bounds)
     with costs.measure("training"):
-        return recipe.trainer(field, recipe.supervise(targets))
+        return recipe.trainer(field, points)
 
 
 def _on_stream(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:

@@ -278,11 +278,6 @@ class GaussianPhotonField:
             value = colour / total
         return dr.select(known, value, 0), dr.select(known, reach, dr.inf)
 
-    def radiance(self, points: VisiblePoints) -> tuple[mi.Color3f, mi.Float]:
-        """L at visible points, W/(m² sr), (N, 3), and the reach (see :meth:`query`), (N,)."""
-        value, reach = self.query(points.p, points.n, points.valid)
-        return self.reflect(points, value), reach
-
     def reflect(self, points: VisiblePoints, value: mi.Color3f) -> mi.Color3f:
         """L at visible points, W/(m² sr), (N, 3), from the stored quantity there, (N, 3)."""
         # Training may make a dark Gaussian slightly negative.

@@ -184,7 +184,7 @@ def test_radiance_of_visible_points(stores):
         depth=mi.UInt32(0),
         valid=mi.Bool([True, False]),
     )
-    radiance, _ = field.radiance(points)
+    radiance = field.reflect(points, field.query(points.p, points.n, points.valid)[0])
     reflected = np.array([0.5, 2, 2.25])  # β E
     if stores == "irradiance":
         reflected *= np.array([0.5, 0.25, 0.125]) / np.pi

@@ -125,8 +125,9 @@ def test_the_wheel_has_the_library_and_nothing_else(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     tops = {name.split("/")[0] for name in names}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"gpf"}
-    in_tree = {path.relative_to(PROJECT).as_posix() for path in PROJECT.glob("gpf/**/*.py")}
-    assert {name for name in names if name.startswith("gpf/")} == in_tree
+    code = {path.relative_to(PROJECT).as_posix() for path in PROJECT.glob("gpf/**/*.py")}
+    demo = {f"gpf/commands/demo_scene/{file}" for file in ("scene.xml", "views.yaml", "build.py")}
+    assert {name for name in names if name.startswith("gpf/")} == code | demo
 
 
 def test_it_requires_nothing_that_only_the_benchmark_needs(installed):
@@ -136,6 +137,21 @@ def test_it_requires_nothing_that_only_the_benchmark_needs(installed):
     unwanted = {"torch", "dvc", "dvclive", "pandas", "tabulate", "matplotlib", "skimage", "jinja2"}
     unwanted |= {"imageio_ffmpeg", "h5py", "pyoidn", "ray", "stages", "metrics", "report", "tests"}
     assert there & unwanted == set()
+
+
+def test_the_demo_has_its_scene(installed, tmp_path):
+    output = run(
+        [
+            str(installed / "python"),
+            "-c",
+            "from pathlib import Path; from gpf.commands.demo import run_demo; "
+            "run_demo(Path('demo'), seconds=1)",
+        ],
+        tmp_path,
+    )
+    assert output is not None
+    pictures = sorted(path.name for path in (tmp_path / "demo" / "pictures").glob("*.png"))
+    assert len(pictures) == 5 and (tmp_path / "demo" / "field.safetensors").exists()
 
 
 def test_it_renders_a_field(installed, tmp_path):

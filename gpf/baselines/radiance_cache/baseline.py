@@ -87,9 +87,13 @@ class CacheAsField:
     settings: FieldSettings
     bounds: tuple[Any, Any]
 
-    def radiance(self, points: VisiblePoints) -> tuple[mi.Color3f, mi.Float]:
-        """Radiance of camera rays, (N, 3), and 0 for the reach, which a network does not have."""
-        return points.radiance(self.model.irradiance(points.p, points.n)), mi.Float(0)
+    def query(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> tuple[mi.Color3f, mi.Float]:
+        """Irradiance, (N, 3), and 0 for the reach, which a network does not have."""
+        return self.model.irradiance(x, n), mi.Float(0)
+
+    def reflect(self, points: VisiblePoints, value: mi.Color3f) -> mi.Color3f:
+        """Radiance of camera rays, (N, 3), from the irradiance at their visible points."""
+        return points.radiance(value)
 
 
 class PreparedCache:
