@@ -132,6 +132,13 @@ def render(
         ),
     ] = "",
     exposure: Annotated[float | None, typer.Option(help="Of the PNG files.")] = None,
+    denoise: Annotated[
+        bool | None,
+        typer.Option(
+            "--denoise/--no-denoise",
+            help="With Open Image Denoise; by default up to 16 samples, if pyoidn is installed.",
+        ),
+    ] = None,
     mp4: Annotated[bool, typer.Option("--mp4", help="A film of all pictures, too.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of all random numbers.")] = 0,
     changed_scene: Annotated[
@@ -149,6 +156,7 @@ def render(
         seconds=seconds,
         aovs=aovs,
         exposure=exposure,
+        denoise=denoise,
         film=mp4,
         seed=seed,
         changed_scene=changed_scene,

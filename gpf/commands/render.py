@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import importlib.util
 import json
 import time
 from collections.abc import Sequence
@@ -26,6 +27,7 @@ from gpf.core.runtime import choose_variant
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
 from gpf.rendering.aovs import parse_aovs
+from gpf.rendering.denoiser import PACKAGE
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.fingerprint import changed_parts, fingerprint
@@ -36,6 +38,10 @@ ROWS = 256
 """Rows of a picture, if no size is given."""
 
 FILM, FPS = "film.mp4", 24
+
+DENOISED_UP_TO = 16
+"""Samples per pixel up to which pictures are denoised, if the package for it is installed. With
+more samples, the denoiser may add larger errors than it removes."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,8 @@ def render_pictures(
     UserError: a file, a view or an option is wrong, or the field is for another scene.
     """
     aovs = _read_aovs(options.aovs)
+    if options.denoise and options.seconds is not None:
+        raise UserError("--denoise and --seconds", "exclude each other", "Give --spp instead.")
     scene_file, trained = _find_scene(scene_name)
     field_file = field_file or (
         trained / "field.safetensors" if trained else Path("field.safetensors")
@@ -187,9 +195,13 @@ class Pictures:
     ) -> Pictures:
         """Decide what is not given."""
         size = _read_size(options.size, cameras.aspect)
-        settings = RenderSettings()
-        if options.spp is not None:
-            settings = settings.model_copy(update={"spp": options.spp})
+        spp = options.spp or RenderSettings().spp
+        denoise, available = options.denoise, importlib.util.find_spec("pyoidn") is not None
+        if denoise is None:
+            denoise = available and options.seconds is None and spp <= DENOISED_UP_TO
+        if denoise and not available:
+            raise UserError("--denoise", "needs the package pyoidn", f"pip install {PACKAGE}")
+        settings = RenderSettings(spp=spp, denoise=denoise)
         renderer = FieldRenderer.make(scene, field, settings, aovs)
         exposure = options.exposure or cameras.exposure or field.record.get("exposure")
         if exposure is None:

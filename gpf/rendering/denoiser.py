@@ -10,6 +10,9 @@ from gpf.core.errors import UserError
 
 PACKAGE = "pyoidn==2.5.1"
 
+GUIDES = ("albedo", "visible_normal")
+"""The AOVs that guide the denoiser."""
+
 Quality = Literal["fast", "balanced", "high"]
 
 

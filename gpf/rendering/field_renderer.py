@@ -54,6 +54,7 @@ class FieldRenderer:
                 "glossy_walks": settings.glossy_walks,
                 "adaptive": settings.adaptive,
                 "suppress_fireflies": settings.suppress_fireflies,
+                "denoise": settings.denoise,
                 "aovs": ",".join(aovs),
             }
         )

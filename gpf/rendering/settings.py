@@ -14,6 +14,7 @@ class RenderSettings(Settings):
     glossy_walks: Count = 4
     adaptive: bool = True
     suppress_fireflies: bool = True
+    denoise: bool = False
     sampler: Literal["independent", "stratified", "multijitter", "ldsampler"] = "multijitter"
     rr_depth: Count = 5
     seed: Seed = 4

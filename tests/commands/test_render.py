@@ -201,6 +201,7 @@ def test_fields_that_do_not_know_their_scene_are_taken(box):
         (("--size", "wide"), "--size wide: is no size. Give WIDTHxHEIGHT"),
         (("--aovs", "dept"), "--aovs dept: there is no 'dept'. There are depth, position"),
         (("--view", "sensr"), "view 'sensr': does not exist. Did you mean 'sensor'?"),
+        (("--denoise", "--seconds", "1"), "--denoise and --seconds: exclude each other"),
         (("--frames",), "box.xml: has no camera path"),
         (("--orbit", "3", "--view", "sensor"), "--orbit and --view: exclude each other"),
         (("--field", "none.safetensors"), "none.safetensors: is missing"),

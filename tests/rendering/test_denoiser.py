@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+
+import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.errors import UserError
 from gpf.rendering.denoiser import ImageDenoiser
+from tests.rendering.test_aovs import GLASS, constant_field, make_scene
 
 SIZE = (48, 40)
 
@@ -38,3 +43,29 @@ def test_an_image_of_another_size_is_refused():
     wrong = np.zeros((48, 40, 3), np.float32)
     with pytest.raises(ValueError, match=r"color has the shape \(48, 40, 3\)"):
         ImageDenoiser(SIZE, prefilter=False).denoise(wrong, wrong, wrong)
+
+
+def rendered(spp: int, **options) -> np.ndarray:
+    scene = make_scene(GLASS)
+    integrator = mi.load_dict({"type": "gpf", **options})
+    integrator.field = constant_field(scene)
+    return np.array(mi.render(scene, integrator=integrator, spp=spp, seed=1))
+
+
+def test_the_plugin_denoises_and_keeps_the_channels():
+    pytest.importorskip("pyoidn")
+    plain, clean = (rendered(4, aovs="depth,albedo", denoise=d) for d in (False, True))
+    assert clean.shape == plain.shape and clean.shape[2] == 7
+    np.testing.assert_allclose(clean[..., 3:], plain[..., 3:], rtol=1e-5, atol=1e-6)
+    assert np.abs(clean[..., :3] - plain[..., :3]).max() > 0.01
+    truth = rendered(1024)
+    inner = truth.max(-1) < 5  # without the lamp's edges
+    assert clean[..., :3][inner].mean() == pytest.approx(truth[inner].mean(), rel=0.05)
+
+
+def test_without_the_package_the_plugin_says_what_brings_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyoidn", None)
+    scene, integrator = make_scene(GLASS), mi.load_dict({"type": "gpf", "denoise": True})
+    integrator.field = constant_field(scene)
+    with pytest.raises(UserError, match="pip install pyoidn"):
+        integrator.render(scene, spp=1)
