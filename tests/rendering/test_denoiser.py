@@ -60,7 +60,7 @@ def test_the_plugin_denoises_and_keeps_the_channels():
     assert np.abs(clean[..., :3] - plain[..., :3]).max() > 0.01
     truth = rendered(1024)
     inner = truth.max(-1) < 5  # without the lamp's edges
-    assert clean[..., :3][inner].mean() == pytest.approx(truth[inner].mean(), rel=0.05)
+    assert clean[..., :3][inner].mean() == pytest.approx(truth[inner].mean(), rel=0.1)
 
 
 def test_without_the_package_the_plugin_says_what_brings_it(monkeypatch):
