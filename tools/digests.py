@@ -48,7 +48,6 @@ SIZES: Mapping[str, Any] = {
     "train.rebuild_every": 10,
     "train.evaluate_every": 10,
     "stream.passes": 12,
-    "stream.first": 4,
     "stream.view_points": 2000,
     "stream.surface_points": 1500,
     "render.spp": 16,
