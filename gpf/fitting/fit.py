@@ -36,6 +36,10 @@ STEPS_PER_PASS, MOST_STEPS = 3, 300
 # A PSNR is out of reach if GROWTH times as many passes gain less than this, dB, twice in turn.
 LEAST_GAIN = 0.1
 
+# A new field replaces the one before it unless its estimated PSNR is lower by more than this, dB.
+# The estimate is uncertain, and a field from more photons is better unless its training failed.
+TOLERATED = 3.0
+
 # One pass for the estimate of the PSNR comes with so many passes for the field.
 PASSES_PER_ESTIMATE = 8
 
@@ -216,7 +220,7 @@ class _Fit:
         self.field_seconds = time.perf_counter() - begin
 
     def evaluate(self, field: GaussianPhotonField) -> None:
-        """Estimate the PSNR of a field, and keep it if it is the best so far."""
+        """Estimate the PSNR of a field, and keep it unless its training failed."""
         while self.quality.passes < LEAST_PASSES:
             self.quality.add_pass()
         psnr = self.quality.psnr(field)
@@ -224,9 +228,10 @@ class _Fit:
         if self.best is not None:  # compared with the same passes as the new field
             before = self.quality.psnr(self.best)
         self.in_vain = self.in_vain + 1 if psnr - before < LEAST_GAIN else 0
-        if psnr >= before:
-            self.best, self.passes = field, self.stream.count
-        self.psnr = max(psnr, before)
+        if psnr >= before - TOLERATED:
+            self.best, self.passes, self.psnr = field, self.stream.count, psnr
+        else:
+            self.psnr = before
         self._tell(self.best)
 
     def result(self) -> GaussianPhotonField:
