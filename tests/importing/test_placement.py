@@ -6,7 +6,8 @@ import pytest
 
 from benchmarks.check_scenes import SCENES, load
 from gpf.core.errors import UserError
-from gpf.importing.placement import Orbit, measure_exposure, place_views
+from gpf.importing.orbit import Orbit
+from gpf.importing.placement import measure_exposure, place_views
 from gpf.importing.view_checks import report_views
 from gpf.scene.sensors import film_aspect, views_of_sensors
 from gpf.scene.views import View
