@@ -5,6 +5,7 @@
 #   ARGS='...'                   more arguments for test, test-all, bench and repro
 
 STAMP := .venv/installed
+DOCS_STAMP := .venv/installed-docs
 VENV := .venv/bin/python
 PIP := $(VENV) -m pip --disable-pip-version-check
 # Python compiles a module when it is first imported; compiling all of them takes half a minute.
@@ -16,7 +17,7 @@ PYTEST := OMP_NUM_THREADS=1 $(VENV) -m pytest -n 2 --dist loadfile
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help repro test test-all lint bench doctor venv lock clean
+.PHONY: help repro test test-all lint docs bench doctor venv lock clean
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 10
@@ -39,6 +40,10 @@ lint: $(STAMP) ## ruff (rules and format) and mypy: what pre-commit runs too
 	$(VENV) -m ruff format --check .
 	$(VENV) -m mypy
 
+docs: $(DOCS_STAMP) ## the pages of docs/ and the API as HTML: build/docs/index.html
+	@rm -rf docs/api
+	@$(VENV) -m sphinx -q -W --keep-going docs build/docs
+
 bench: $(STAMP) ## the speed figures, as ratios measured side by side in one process
 	@$(VENV) -m benchmarks $(ARGS)
 
@@ -57,9 +62,13 @@ $(STAMP): requirements.lock requirements-nodeps.lock pyproject.toml
 	$(INSTALL) --no-deps --no-build-isolation -e .
 	@touch $(STAMP)
 
+$(DOCS_STAMP): requirements-docs.lock $(STAMP)
+	$(INSTALL) -c requirements.lock -r requirements-docs.lock
+	@touch $(DOCS_STAMP)
+
 lock: ## resolve requirements.in anew into requirements.lock (CONTRIBUTING.md)
 	@sh tools/make_lock.sh
 
 clean: ## remove .venv, caches and build leftovers; results and DVC's cache stay
-	rm -rf .venv build *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf .venv build docs/api *.egg-info .pytest_cache .mypy_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -14,6 +14,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 
+import mitsuba as mi
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -24,7 +25,6 @@ from gpf.camera.film import sample_film
 from gpf.core.images import read_exr, tone_map
 from gpf.core.structs import to_numpy
 from gpf.field.io import read_field
-from gpf.scene.views import View
 from gpf.training.targets import Targets
 from report.figures.places import arriving_light
 from stages.common.workspace import Workspace
@@ -72,7 +72,9 @@ def view_errors(work: Workspace) -> Iterator[tuple[np.ndarray, dict[str, np.ndar
             name: ((tone_map(image, exposure) - truth) ** 2).mean(axis=2).ravel()
             for name, image in images.items()
         }
-        yield find_regions(work, scene, view, layers, seen, field.settings.search_radius), errors
+        far = 2 * field.settings.search_radius
+        unseen = seen.query(layers["position"].reshape(-1, 3))[0] > far
+        yield find_regions(scene, work.sensor(view), layers, unseen), errors
 
 
 def _cell(error: np.ndarray, chosen: np.ndarray) -> str:
@@ -83,22 +85,19 @@ def _cell(error: np.ndarray, chosen: np.ndarray) -> str:
 
 
 def find_regions(
-    work: Workspace,
-    scene: object,
-    view: View,
+    scene: mi.Scene,
+    sensor: mi.Sensor,
     layers: dict[str, np.ndarray],
-    seen: cKDTree,
-    r: float,
+    unseen: np.ndarray | bool = False,
 ) -> np.ndarray:
     """The number of each pixel's region, (H W,).
 
     Parameters
     ----------
     layers: of the view's reference.
-    seen: points of the training views.
-    r: search radius of the field, world units.
+    unseen: pixels whose visible point no training view has near it, (H W,).
     """
-    films = [sample_film(scene, work.sensor(view), seed) for seed in range(RAYS)]
+    films = [sample_film(scene, sensor, seed) for seed in range(RAYS)]
     points = [film.points for film in films]
     valid = np.stack([to_numpy(p.valid) for p in points])
     through = np.mean([to_numpy(p.depth) > 0 for p in points], axis=0) > 0.5
@@ -110,14 +109,18 @@ def find_regions(
     along = np.linalg.norm(offset, axis=2).max(axis=0)
     turned = ((normals * normals[0]).sum(axis=2).min(axis=0) < 0.9) & valid.any(axis=0)
     edge = turned | (off_plane > 0.2 * along + 1e-6) | (valid != valid[0]).any(axis=0)
-    place = layers["position"].reshape(-1, 3)
     lit = layers["valid"].ravel() > 0.5
-    unseen = lit & (seen.query(place)[0] > 2 * r)
+    unseen = lit & unseen
     level = arriving_light(layers["radiance"], layers["reflectance"]).mean(axis=2)
     around = median_filter(level, 5)
     steep = (np.abs(level - around) > CHANGE * np.maximum(around, 1e-6)).ravel() & lit
-    region = np.full(len(place), REGIONS.index("rest"))
-    for name, mask in (("caustic", steep), ("unseen", unseen), ("edge", edge), ("glass", through)):
+    region = np.full(lit.size, REGIONS.index("rest"))
+    for name, mask in (
+        ("caustic", steep),
+        ("unseen", unseen),
+        ("edge", edge),
+        ("glass", through),
+    ):
         region[mask] = REGIONS.index(name)
     return region
 

@@ -18,6 +18,7 @@ The packages; each imports only from those above it:
 :mod:`gpf.rendering`    the integrators ``sppm`` and ``gpf``
 :mod:`gpf.importing`    Mitsuba scenes of others -> scenes with views
 :mod:`gpf.fitting`      a scene and cameras -> a field and an estimate of its quality
+:mod:`gpf.commands`     the commands ``gpf fit``, ``gpf render`` and ``gpf demo``
 :mod:`gpf.modelling`    meshes and textures for scenes that are generated
 :mod:`gpf.baselines`    other methods, for comparison
 :mod:`gpf.config`       params.yaml: the settings of all packages
@@ -32,9 +33,9 @@ from gpf.core.runtime import ensure_llvm
 # Dr.Jit reads the path of libLLVM once, when it is imported: this must run before.
 ensure_llvm()
 
-from gpf.rendering.plugins import register_integrators  # noqa: E402
+from gpf.rendering.plugins import register_plugins  # noqa: E402
 
-register_integrators()
+register_plugins()
 
 __version__ = "0.1.0"
 

@@ -6,7 +6,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -76,11 +76,31 @@ def fit(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of all random numbers.")] = 0,
+    go_on: Annotated[
+        Path | None,
+        typer.Option(
+            "--continue",
+            metavar="FIELD.safetensors",
+            help="Go on with a fit that ended, with more photons; the field is replaced.",
+        ),
+    ] = None,
+    groups: Annotated[
+        str,
+        typer.Option(
+            metavar="auto|FILE",
+            help="Keep the light of emitters apart, to dim and colour it later: of each one, or of "
+            "the groups in a YAML file such as `window: [sky]`.",
+        ),
+    ] = "",
 ) -> None:
-    """Fit a field to a scene; it ends at the first goal. OUT.png shows how far it is."""
+    """Fit a field to a scene; it ends at the first goal. OUT.png shows how far it is.
+
+    A fit that was killed goes on when the same command runs again.
+    """
     from gpf.commands.fit import fit_scene_file
 
-    fit_scene_file(scene, out, seconds, target_psnr, passes, views, seed)
+    out = go_on or out
+    fit_scene_file(scene, out, seconds, target_psnr, passes, views, seed, go_on is not None, groups)
 
 
 @app.command()
@@ -144,6 +164,23 @@ def render(
     changed_scene: Annotated[
         bool, typer.Option("--changed-scene", help="Accept the field of another scene.")
     ] = False,
+    executor: Annotated[
+        Literal["local", "ray"],
+        typer.Option(help="`ray` spreads the pictures over the machines of a cluster."),
+    ] = "local",
+    cluster: Annotated[
+        str,
+        typer.Option(
+            metavar="HOST:PORT", help="Of a Ray cluster; by default one starts on this machine."
+        ),
+    ] = "",
+    lights: Annotated[
+        str,
+        typer.Option(
+            metavar="LEVELS",
+            help="Of a field with groups of lights: `window=0.2,lamp=1.5,#ffd0a0`.",
+        ),
+    ] = "",
 ) -> None:
     """Render views of a scene from a field; pictures that exist are kept."""
     from gpf.commands.cameras import CameraChoice
@@ -160,8 +197,57 @@ def render(
         film=mp4,
         seed=seed,
         changed_scene=changed_scene,
+        executor=executor,
+        cluster=cluster,
+        lights=lights,
     )
     render_pictures(scene, field, choice, out, options)
+
+
+@app.command()
+def lights(
+    field: Annotated[str, typer.Argument(help="A field's file, or a scene that was trained.")],
+) -> None:
+    """List the groups of lights that a field keeps apart."""
+    from gpf.commands.lights import list_lights
+
+    list_lights(field)
+
+
+@app.command()
+def view(
+    scene: Annotated[
+        str, typer.Argument(metavar="SCENE.xml", help="A scene file, or a scene that was trained.")
+    ],
+    field: Annotated[
+        Path | None, typer.Option(help="The field's file. Default: fit one while you look.")
+    ] = None,
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", metavar="OUT.safetensors", help="Where such a field is kept."),
+    ] = Path("field.safetensors"),
+    views: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Cameras to jump to, and where cameras are saved. Default: views.yaml.",
+        ),
+    ] = None,
+    host: Annotated[
+        str, typer.Option(help="Address to serve on; only this machine can reach the default.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Default: any free one.")] = 0,
+    opens: Annotated[
+        bool, typer.Option("--open/--no-open", help="Open the page in a browser.")
+    ] = True,
+    changed_scene: Annotated[
+        bool, typer.Option("--changed-scene", help="Accept the field of another scene.")
+    ] = False,
+) -> None:
+    """Fly through a scene in the browser, and watch it get better while photons come in."""
+    from gpf.commands.view import ServerOptions, view_scene
+
+    view_scene(scene, field, out, views, ServerOptions(host, port, opens), changed_scene)
 
 
 @app.command()

@@ -214,10 +214,11 @@ class SceneResults:
         if facts.get("views"):
             known["seconds_per_view"] = seconds_per_view(found)
         if method == FIELD:
-            known["prepare_seconds"] = self.read("amortize.json").get("preparation_seconds")
             trained = self.read("costs", "train.json").get("facts", {})
             memory = [f.get("peak_memory_megabytes") for f in (facts, trained)]
             known["memory_mb"] = max((m for m in memory if m is not None), default=None)
+        if method == FIELD or params.baselines[method].renders_field:
+            known["prepare_seconds"] = self.read("amortize.json").get("preparation_seconds")
         elif "prepare" in parts:
             inputs = self.inputs_seconds(params.baselines[method], params.reference.passes)
             if inputs is not None:

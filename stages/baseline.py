@@ -151,6 +151,7 @@ def make_task(
         seed=work.params.render.seed,
         state=state,
         **effort(work, options),
+        field=work.field if options.renders_field else None,
         seconds_per_view=seconds_per_view(work) if options.waits_for_field else None,
         report=report,
     )
@@ -158,9 +159,12 @@ def make_task(
 
 def effort(work: Workspace, options: BaselineOptions) -> dict[str, Any]:
     """Settings of the field's training and rendering, for systems that use the same effort."""
-    if not options.learns_from_targets:  # other systems do not depend on them
-        return {}
-    return {"train": work.params.train, "render": work.params.render}
+    settings: dict[str, Any] = {}  # other systems do not depend on them
+    if options.learns_from_targets:
+        settings["train"] = work.params.train
+    if options.learns_from_targets or options.renders_field:
+        settings["render"] = work.params.render
+    return settings
 
 
 def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
@@ -205,6 +209,7 @@ def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
         "seconds_per_view": seconds_per_view(work) if options.waits_for_field else None,
         "size": list(work.film_size),
         "seed": work.params.render.seed,
+        "field": work.digest(work.field) if options.renders_field else None,
         "targets": work.digest(work.targets),
         "views": [
             work.digest(work.reference(view.name)) for view in (*work.views.train, *work.views.more)

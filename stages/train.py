@@ -7,15 +7,18 @@ from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 from dvclive import Live
 
 from gpf.core.progress import progress_bar
 from gpf.core.structs import Photons
 from gpf.field.io import save_field
+from gpf.guiding.emission_plan import EmissionPlan
 from gpf.scene.bounds import scene_bounds
+from gpf.sppm.passes import PassSettings
 from gpf.training.checkpoint import restore_trainer, save_trainer
 from gpf.training.gaussian_count import choose_count
-from gpf.training.recipe import open_stream
+from gpf.training.recipe import Recipe, open_stream
 from gpf.training.streaming import PhotonStream
 from gpf.training.targets import Targets
 from gpf.training.trainer import Progress, Trainer
@@ -78,8 +81,15 @@ def fit(work: Workspace) -> None:
 
 def _on_references(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
     """The trainer of a new field, on targets of the stage `reference`."""
-    recipe = work.params.recipe
-    photons, targets = recipe.select_photons(load_photons(work)), Targets.load(work.targets)
+    recipe, targets = work.params.recipe, Targets.load(work.targets)
+    if recipe.field.direct == "auto":
+        scene = work.load_scene()
+        passes = passes_of(work, scene, work.emission_plan(scene))
+        recipe = recipe.suit(scene, passes)
+        if isinstance(recipe.field.direct, tuple):
+            lamps = recipe.field.sampled_lamps(scene)
+            targets = targets.without(scene, lamps, work.params.train.seed)
+    photons = recipe.select_photons(load_photons(work))
     points = recipe.supervise(targets)
     with costs.measure("initialization"):
         count = choose_count(recipe, photons, targets, bounds)
@@ -92,20 +102,27 @@ def _on_stream(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
     """The trainer of a new field, on targets of passes that are traced here."""
     passes = work.params.stream.passes
     with costs.measure("stream"):
-        stream, photons = stream_of(work)
+        recipe, stream, photons = open_stream_of(work)
         with progress_bar(f"{work.scene}: photons", passes) as bar:
             stream.advance(passes, bar)
     with costs.measure("initialization"):
-        return work.params.recipe.fit_stream(stream, photons, bounds)
+        return recipe.fit_stream(stream, photons, bounds)
 
 
-def stream_of(work: Workspace) -> tuple[PhotonStream, Photons]:
-    """A stream without passes yet, and photons for the Gaussians."""
+def open_stream_of(work: Workspace) -> tuple[Recipe, PhotonStream, Photons]:
+    """The recipe for the scene, a stream without passes yet, and photons for the Gaussians."""
     scene = work.load_scene()
     plan = work.emission_plan(scene)
+    passes = passes_of(work, scene, plan)
     sensors = {view.name: work.sensor(view) for view in work.views.train}
-    passes = work.params.reference.measure(scene, next(iter(sensors.values())), plan)
-    return open_stream(scene, sensors, plan, passes, work.params.stream, work.params.recipe)
+    recipe = work.params.recipe.suit(scene, passes)
+    return recipe, *open_stream(scene, sensors, plan, passes, work.params.stream, recipe)
+
+
+def passes_of(work: Workspace, scene: mi.Scene, plan: EmissionPlan) -> PassSettings:
+    """The settings of the references' passes, measured at the first training view."""
+    sensor = work.sensor(work.views.train[0])
+    return work.params.reference.measure(scene, sensor, plan)
 
 
 def _params(work: Workspace) -> dict[str, Any]:

@@ -16,7 +16,7 @@ MODULES = {
 }
 ORDER = [
     *("core", "scene", "photons", "camera", "guiding", "sppm", "field", "training", "rendering"),
-    *("importing", "fitting", "commands", "modelling", "baselines", "config"),
+    *("importing", "fitting", "viewing", "commands", "modelling", "baselines", "config"),
 ]
 # `gpf` is what stands above its packages: the command line, which loads stages by name.
 ALLOWED = {place: {*ORDER[: k + 1]} for k, place in enumerate(ORDER)}

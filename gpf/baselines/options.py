@@ -43,7 +43,12 @@ class _Options(Settings):
 
     @property
     def waits_for_field(self) -> bool:
-        """Whether the system needs the time that the field takes for a view."""
+        """Whether the system needs the time that the field takes for a view, or the field."""
+        return self.renders_field
+
+    @property
+    def renders_field(self) -> bool:
+        """Whether the system renders the trained field."""
         return False
 
     @property
@@ -135,6 +140,24 @@ class DenoisedOptions(_Sampled):
     def title(self) -> str:
         """The method's name in tables and figures."""
         return f"Path tracer + OIDN, {self.samples}"
+
+
+class FewSamplesOptions(_Options):
+    """The field with few samples per pixel, with or without a denoiser."""
+
+    system: Literal["few_samples"]
+    spp: Count = 4
+    denoise: bool = True
+
+    @property
+    def renders_field(self) -> bool:
+        """Whether the system renders the trained field."""
+        return True
+
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        return f"GPF{' + OIDN' if self.denoise else ''}, {self.spp} spp"
 
 
 class EmGmmOptions(_Options):
@@ -259,6 +282,7 @@ BaselineOptions = Annotated[
     | ParticleTracerOptions
     | SppmOptions
     | DenoisedOptions
+    | FewSamplesOptions
     | EmGmmOptions
     | InstantNgpOptions
     | SplattingOptions

@@ -65,6 +65,7 @@ class Task:
     state: an existing folder for checkpoints of the preparation. It is emptied after the views are
         rendered, unless the system learns something that further views need.
     train, render: the field's settings, for systems that use the same.
+    field: the trained field, a file, for systems that render it.
     seconds_per_view: time that the field takes for a view, for systems with ``equal_time``.
     report: called as ``report(done, total)`` during the preparation.
     """
@@ -81,6 +82,7 @@ class Task:
     state: Path
     train: TrainingSettings = TrainingSettings()
     render: RenderSettings = RenderSettings()
+    field: Path | None = None
     seconds_per_view: float | None = None
     report: Callable[[int, int], None] = lambda done, total: None
 

@@ -11,6 +11,7 @@ import mitsuba as mi
 from gpf.camera.rays import sample_rays_at
 from gpf.camera.visible_points import find_visible_points
 from gpf.core.structs import VisiblePoints, concatenate
+from gpf.scene.lamps import Lamps
 from gpf.scene.materials import is_only_glossy
 
 
@@ -66,7 +67,7 @@ def sample_film(
     seed: int,
     max_depth: int = -1,
     rr_depth: int = 5,
-    direct: bool = False,
+    lamps: Lamps | None = None,
     walks: int = 1,
     rows: range | None = None,
 ) -> FilmSamples:
@@ -74,7 +75,7 @@ def sample_film(
 
     Parameters
     ----------
-    max_depth, rr_depth, direct: as for :func:`find_visible_points`.
+    max_depth, rr_depth, lamps: as for :func:`find_visible_points`.
     walks: walks K of the rays whose first surface is glossy without a diffuse component; give 1 if
         the scene has no such surface.
     rows: the rows of the sample grid; all by default.
@@ -87,7 +88,7 @@ def sample_film(
     position = mi.Point2f(_pixels(sensor.film(), rows)) + sampler.next_2d()
     ray, weight = sample_rays_at(sensor, sampler, position - offset)
     ray = mi.Ray3f(ray)
-    options = {"max_depth": max_depth, "rr_depth": rr_depth, "direct": direct}
+    options = {"max_depth": max_depth, "rr_depth": rr_depth, "lamps": lamps}
     points = find_visible_points(scene, sampler, ray, **options)
     samples = FilmSamples(points, weight, position, mi.UInt32(), 1)
     if walks > 1:

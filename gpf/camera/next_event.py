@@ -5,6 +5,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from gpf.scene.lamps import Lamps
+
 
 def direct_light(
     scene: mi.Scene,
@@ -13,7 +15,7 @@ def direct_light(
     bsdf: mi.BSDFPtr,
     si: mi.SurfaceInteraction3f,
     active: mi.Bool,
-    shared: bool = True,
+    lamps: Lamps | None = None,
 ) -> mi.Color3f:
     """Radiance towards ``si.wi`` from one sampled point on an emitter, W/(m² sr), (N, 3).
 
@@ -26,12 +28,14 @@ def direct_light(
     Parameters
     ----------
     context: enables the components of f.
-    shared: whether such rays contribute the remaining weight; if not, w is 1.
+    lamps: sampled are these alone, and no rays contribute the remaining weight: w is 1. By default,
+        all emitters are sampled.
     """
-    light, weight = scene.sample_emitter_direction(si, sampler.next_2d(active), True, active)
+    sampled = Lamps(scene) if lamps is None else lamps
+    light, weight = sampled.sample(si, sampler.next_2d(active), active)
     active = active & (light.pdf > 0)  # not &=, which would change the caller's mask
     wo = si.to_local(light.d)
-    if not shared:
+    if lamps is not None:
         return dr.select(active, bsdf.eval(context, si, wo, active) * weight, 0)
     value, bsdf_pdf = bsdf.eval_pdf(context, si, wo, active)
     # BSDF sampling never finds emitters of zero extent.

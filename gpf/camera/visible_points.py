@@ -7,6 +7,7 @@ import mitsuba as mi
 
 from gpf.camera.next_event import direct_light, share_of_bsdf
 from gpf.core.structs import VisiblePoints
+from gpf.scene.lamps import Lamps
 from gpf.scene.materials import (
     diffuse_context,
     diffuse_reflectance,
@@ -24,7 +25,7 @@ def find_visible_points(
     max_depth: int = -1,
     rr_depth: int = 5,
     active: mi.Bool | bool = True,
-    direct: bool = False,
+    lamps: Lamps | None = None,
 ) -> VisiblePoints:
     """Follow rays through glossy and specular bounces to their first diffuse hit, (N,).
 
@@ -41,12 +42,13 @@ def find_visible_points(
         ``max_depth`` edges; a visible point needs one more edge for its light.
     rr_depth: number of bounces after which Russian roulette may end a ray.
     active: lanes that are followed.
-    direct: whether the emission also contains the direct light at the visible points.
+    lamps: emitters whose direct light at the visible points the emission also contains.
     """
     context = specular_context()
     diffusely = diffuse_context()
     deepest = dr.opaque(mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF)
     roulette_from = dr.opaque(mi.UInt32, rr_depth)
+    sampled = bool(lamps)
 
     ray = mi.Ray3f(ray)
     throughput = mi.Color3f(1)
@@ -93,11 +95,9 @@ def find_visible_points(
         ends = diffuse & (sampler.next_1d(active) < share)
         throughput /= dr.select(ends, share, 1 - share)
 
-        lights = ends & mi.Bool(direct)
+        lights = ends & mi.Bool(sampled)
         if lights:
-            emission += throughput * direct_light(
-                scene, sampler, diffusely, bsdf, si, lights, shared=False
-            )
+            emission += throughput * _light_of(lamps, sampler, diffusely, bsdf, si, lights)
         if ends:
             p = mi.Point3f(si.p)
             n = mi.Normal3f(dr.mulsign(si.n, -dr.dot(si.n, ray.d)))
@@ -128,3 +128,13 @@ def find_visible_points(
         depth=depth,
         valid=valid,
     )
+
+
+def _light_of(  # type: ignore[no-untyped-def]
+    lamps: Lamps | None, sampler, context, bsdf, si, active
+) -> mi.Color3f:
+    """The direct light of lamps, W/(m² sr), (N, 3)."""
+    total = mi.Color3f(0)
+    for group in lamps.groups() if lamps else ():
+        total += direct_light(group.scene, sampler, context, bsdf, si, active, group)
+    return total

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import mitsuba as mi
@@ -14,6 +15,8 @@ from gpf.core.runtime import choose_variant
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import save_field
 from gpf.fitting.fit import FitProgress, fit
+from gpf.fitting.state import PHOTONS
+from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
 from gpf.scene.transforms import read_cameras
@@ -29,6 +32,8 @@ def fit_scene_file(
     passes: int | None,
     views: Path | None,
     seed: int,
+    go_on: bool = False,
+    groups: str = "",
 ) -> None:
     """Fit a field to the scene and write it to ``out``; the picture beside it is a preview.
 
@@ -37,17 +42,32 @@ def fit_scene_file(
     seconds, target_psnr, passes, seed: as for :func:`gpf.fitting.fit.fit`.
     views: a ``views.yaml`` or ``transforms.json`` with the views that the field is for; by default
         cameras are placed around the scene's own.
+    go_on: continue the finished fit of ``out`` with more photons.
+    groups: groups of emitters whose light is kept apart: ``auto`` for one per emitter, or a file
+        (:meth:`LightGroups.read`); empty for none.
     """
     if out.suffix != ".safetensors":
         raise UserError(f"--out {out}", "is no field", "Give it a name that ends in .safetensors.")
     choose_variant("auto")
     scene = load_scene_file(path)
+    apart = None
+    if groups:
+        auto = groups == "auto"
+        apart = LightGroups.each(scene) if auto else LightGroups.read(Path(groups), scene)
     sensors = None
     if views is not None:
         read = read_cameras(views)
         size = read.size(PREVIEW_ROWS)
         sensors = [make_sensor(view, *size) for view in (*read.views.train, *read.views.novel)]
-    preview = out.with_suffix(".png")
+    preview, state = out.with_suffix(".png"), out.with_suffix(".fit")
+    if go_on and not state.exists():
+        raise UserError(
+            str(state),
+            "is missing: the photons of the fit are not there",
+            "Fit anew, without --continue.",
+        )
+    if not go_on and is_finished(state, out):
+        shutil.rmtree(state)
     with progress_bar(f"{path.stem}: looking around", 1) as bar:
         field = fit(
             scene,
@@ -57,6 +77,8 @@ def fit_scene_file(
             passes=passes,
             seed=seed,
             callback=_Display(bar, path.stem, scene, _preview_sensor(scene, sensors), preview),
+            state=state,
+            groups=apart,
         )
     save_field(field, out)
     record = field.record
@@ -64,6 +86,14 @@ def fit_scene_file(
         f"{out}: {record['passes']} passes, estimated PSNR {record['estimated_psnr']:.1f} dB; "
         f"a picture from it: {preview}"
     )
+    used = sum(file.stat().st_size for file in state.iterdir())
+    say(f"{state}: {used / 1e6:.0f} MB, for more photons later (--continue); else delete it.")
+
+
+def is_finished(state: Path, out: Path) -> bool:
+    """Whether the fit with this state has written its field; False without a state."""
+    photons = state / PHOTONS
+    return photons.exists() and out.exists() and out.stat().st_mtime >= photons.stat().st_mtime
 
 
 def _preview_sensor(scene: mi.Scene, sensors: list[mi.Sensor] | None) -> mi.Sensor | None:
@@ -84,9 +114,13 @@ class _Display:
         self.bar, self.title, self.preview = bar, title, preview
         self.scene, self.sensor = scene, sensor
         self.integrator = mi.load_dict({"type": "gpf"})
+        self.called = False
 
     def __call__(self, progress: FitProgress) -> None:
         """Show one state."""
+        if not self.called and progress.passes > 1:
+            say(f"{self.title}: continues after {progress.passes - 1} passes")
+        self.called = True
         quality = "" if progress.psnr is None else f", {progress.psnr:.1f} dB"
         self.bar.describe(f"{self.title}: passes and steps{quality}")
         self.bar(progress.passes + progress.steps, progress.all_passes + progress.all_steps)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
-import importlib.util
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy as np
 
 from gpf.commands.cameras import CameraChoice, Cameras, choose_cameras
 from gpf.commands.data_set import write_data_set
-from gpf.core.checkout import CHECKOUT
+from gpf.commands.scenes import find_scene, require_same_scene
 from gpf.core.errors import UserError
 from gpf.core.films import write_film
 from gpf.core.images import propose_exposure, read_exr, read_record, tone_map, write_exr, write_png
@@ -28,9 +27,11 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
 from gpf.rendering.aovs import parse_aovs
 from gpf.rendering.denoiser import PACKAGE
+from gpf.rendering.denoiser import available as has_denoiser
 from gpf.rendering.field_renderer import FieldRenderer
+from gpf.rendering.lights import set_lights
 from gpf.rendering.settings import RenderSettings
-from gpf.scene.fingerprint import changed_parts, fingerprint
+from gpf.scene.fingerprint import fingerprint
 from gpf.scene.load import load_scene_file
 from gpf.scene.views import View
 
@@ -42,6 +43,10 @@ FILM, FPS = "film.mp4", 24
 DENOISED_UP_TO = 16
 """Samples per pixel up to which pictures are denoised, if the package for it is installed. With
 more samples, the denoiser may add larger errors than it removes."""
+
+
+Rendering = tuple[View, dict[str, np.ndarray]]
+"""A view and its layers."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,9 @@ class PictureOptions:
     film: whether to write an MP4.
     seed: of all random numbers.
     changed_scene: whether to render with a field of another scene.
+    executor: ``local``, or ``ray`` to spread the pictures over a cluster.
+    cluster: address of the cluster; empty to start one on this machine.
+    lights: levels of groups of emitters (:func:`gpf.scene.light_groups.parse_levels`).
     """
 
     size: str | None = None
@@ -70,6 +78,9 @@ class PictureOptions:
     film: bool = False
     seed: int = 0
     changed_scene: bool = False
+    executor: str = "local"
+    cluster: str = ""
+    lights: str = ""
 
 
 def render_pictures(
@@ -96,7 +107,9 @@ def render_pictures(
     aovs = _read_aovs(options.aovs)
     if options.denoise and options.seconds is not None:
         raise UserError("--denoise and --seconds", "exclude each other", "Give --spp instead.")
-    scene_file, trained = _find_scene(scene_name)
+    if options.cluster and options.executor != "ray":
+        raise UserError("--cluster", "is for `--executor ray`", "Give both, or leave it out.")
+    scene_file, trained = find_scene(scene_name)
     field_file = field_file or (
         trained / "field.safetensors" if trained else Path("field.safetensors")
     )
@@ -106,12 +119,20 @@ def render_pictures(
     scene = load_scene_file(scene_file)
     if not options.changed_scene:
         require_same_scene(scene, scene_file, field, field_file)
+    if options.lights:
+        set_lights(scene, field, options.lights)
     views_beside = trained / "views.yaml" if trained else None
     if choice.file is None and views_beside is not None and views_beside.exists():
         choice = CameraChoice(choice.names, views_beside, choice.frames, choice.orbit)
     cameras = choose_cameras(scene, scene_file, choice)
     pictures = Pictures.plan(scene, field, field_file, cameras, folder, aovs, options)
-    start, made = time.perf_counter(), pictures.render()
+    start = time.perf_counter()
+    if options.executor == "ray":
+        made = pictures.render(
+            partial(pictures.on_cluster, scene_file, field_file, options.cluster, options.lights)
+        )
+    else:
+        made = pictures.render(pictures.on_this_machine)
     if options.film:
         pictures.write_film()
     write_data_set(folder, scene, cameras.views, pictures.size, aovs)
@@ -120,30 +141,6 @@ def render_pictures(
     notes = [f"{made} picture{'s' if made != 1 else ''}, {seconds:.2f} s each"] if made else []
     notes += [f"{kept} were there already"] if kept else []
     say(f"{folder}: {'; '.join(notes)}")
-
-
-def require_same_scene(
-    scene: mi.Scene, scene_file: Path, field: GaussianPhotonField, field_file: Path
-) -> None:
-    """Raise a :class:`UserError` if a field was fitted to another scene, or to this one before it
-    was changed; fields that do not say so are taken as they are."""
-    known = field.record.get("fingerprint")
-    if changed := changed_parts(known, fingerprint(scene)) if known else []:
-        parts = " and ".join(", ".join(changed).rsplit(", ", 1))
-        raise UserError(
-            str(field_file),
-            f"was fitted to another scene, or before {scene_file} was changed: other {parts}",
-            "Run `gpf fit` again, or add --changed-scene to see the light of the other scene.",
-        )
-
-
-def _find_scene(name: str) -> tuple[Path, Path | None]:
-    """The file of a scene, and, for the name of a trained scene, the folder of its results."""
-    path = Path(name)
-    if path.suffix or len(path.parts) > 1 or path.is_file() or CHECKOUT is None:
-        return path, None
-    field = Path(importlib.import_module("stages.commands.trained").find_field(name))
-    return field.parent / "scene" / "scene.xml", field.parent
 
 
 def _read_aovs(text: str) -> tuple[str, ...]:
@@ -196,10 +193,10 @@ class Pictures:
         """Decide what is not given."""
         size = _read_size(options.size, cameras.aspect)
         spp = options.spp or RenderSettings().spp
-        denoise, available = options.denoise, importlib.util.find_spec("pyoidn") is not None
+        denoise = options.denoise
         if denoise is None:
-            denoise = available and options.seconds is None and spp <= DENOISED_UP_TO
-        if denoise and not available:
+            denoise = has_denoiser() and options.seconds is None and spp <= DENOISED_UP_TO
+        if denoise and not has_denoiser():
             raise UserError("--denoise", "needs the package pyoidn", f"pip install {PACKAGE}")
         settings = RenderSettings(spp=spp, denoise=denoise)
         renderer = FieldRenderer.make(scene, field, settings, aovs)
@@ -214,24 +211,52 @@ class Pictures:
             "seconds": options.seconds,
             "seed": options.seed,
             "aovs": list(aovs),
+            "lights": options.lights,
             "render": settings.model_dump(mode="json"),
         }
         return cls(
             renderer, cameras.views, size, folder, exposure, options.seconds, options.seed, facts
         )
 
-    def render(self) -> int:
+    def render(self, renderings: Callable[[list[View]], Iterable[Rendering]]) -> int:
         """Render the pictures that are missing or out of date; their number."""
         missing = [view for view in self.views if not self.is_current(view)]
+        done = len(self.views) - len(missing)
         with progress_bar(f"{self.folder.name}: rendering", len(self.views)) as bar:
-            for done, view in enumerate(missing, start=len(self.views) - len(missing)):
-                bar(done)
-                seed = pass_seed(self.seed, 0, stream_of(f"picture {view.name}"))
-                layers = self.renderer.render(view, self.size, seed, self.seconds)
+            bar(done)
+            for view, layers in renderings(missing) if missing else ():
                 write_png(self.png(view), layers["radiance"], self.exposure)
                 write_exr(self.exr(view), layers, self.record(view))
-            bar(len(self.views))
+                done += 1
+                bar(done)
         return len(missing)
+
+    def on_this_machine(self, views: list[View]) -> Iterator[Rendering]:
+        """Render views one after the other."""
+        for view in views:
+            yield view, self.renderer.render(view, self.size, self.seed_of(view), self.seconds)
+
+    def on_cluster(
+        self, scene_file: Path, field_file: Path, address: str, lights: str, views: list[View]
+    ) -> Iterator[Rendering]:
+        """Render views on a Ray cluster."""
+        from gpf.commands.cluster import RenderJob, pack_scene, render_on_cluster
+
+        job = RenderJob(
+            *pack_scene(scene_file),
+            field_file.read_bytes(),
+            self.renderer.settings,
+            self.renderer.aovs,
+            self.size,
+            self.seconds,
+            lights,
+        )
+        seeds = {view.name: self.seed_of(view) for view in views}
+        return render_on_cluster(job, seeds, views, address)
+
+    def seed_of(self, view: View) -> int:
+        """The seed of a view's samples."""
+        return pass_seed(self.seed, 0, stream_of(f"picture {view.name}"))
 
     def png(self, view: View) -> Path:
         """The picture of a view."""

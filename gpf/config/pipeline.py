@@ -43,7 +43,7 @@ class Methods(Settings):
     Attributes
     ----------
     classical: need only the scene.
-    equal_time: need the render time of the field.
+    equal_time: need the field, or its render time.
     learned: need references of training views.
     """
 

@@ -46,6 +46,7 @@ class Stream(IntEnum):
     MORE_GROUP = 103
     STREAM_EMITTERS = 1000
     STREAM_JUDGES = 1001
+    GROUP_EMITTERS = 1002
 
 
 def pass_seed(seed: int, t: int, stream: int, *more: int) -> int:

@@ -47,7 +47,7 @@ def same_surface(record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f, radius2: mi
     """Whether a record lies on the surface that has the normal ``n`` at ``p``, (N,).
 
     Two conditions: the normals are similar (:func:`same_orientation`), and with the offset d from
-    ``p`` to the record the distance to the tangent plane is small, |n · d| ≤ 0.5 max(r, |d|).
+    ``p`` to the record the distance to the tangent plane is small, ``|n · d| ≤ 0.5 max(r, |d|)``.
 
     Parameters
     ----------

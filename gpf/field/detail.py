@@ -21,7 +21,6 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.ndimage import maximum_filter
 
 # A query takes the level of a place near it, at most this far away on each axis, in cells. Over
 # this distance one level fades into the next; otherwise the edges of cells would show.
@@ -94,6 +93,8 @@ class Detail:
 
     def reaches(self, x: np.ndarray, level: int) -> np.ndarray:
         """Which points (P, 3) queries of a level may reach, (P,) bool."""
+        from scipy.ndimage import maximum_filter  # slow to import
+
         reach = self.radius / 2**level + FADE * self.width
         whole = maximum_filter(self.table == level, 2 * int(reach / self.width) + 1)
         found = self._at(whole, x)

@@ -40,8 +40,8 @@ def export_field(
         if exposure is None:
             exposure = known_exposure(source, stored)
         count = write_splats(ply, stored, exposure)
-        if stored.settings.direct == "emitters":
-            say(f"{source} stores indirect light only (direct: emitters); so do the splats")
+        if stored.settings.direct != "field":
+            say(f"{source} does not store the direct light of all emitters; nor do the splats")
         report(ply, f"{count} splats, exposure {exposure:.4g}")
     if compact is not None:
         write_field(stored, compact, "compact")

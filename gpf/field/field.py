@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 from pydantic import Field
 
 from gpf.core.facing_cells import FacingCells
@@ -17,6 +19,8 @@ from gpf.core.structs import VisiblePoints
 from gpf.core.surface_tags import SAME_SURFACE_HEIGHT, pack_tag, same_orientation
 from gpf.field.detail import Detail
 from gpf.field.gaussians import Gaussians, whitening_rows
+from gpf.field.lights import FieldLights
+from gpf.scene.lamps import Lamps
 
 # Keeps the sum of weights above zero: if all Gaussians of a neighbourhood are too narrow to reach
 # the query point, the blend becomes their plain mean instead of black.
@@ -53,8 +57,9 @@ class FieldSettings(Settings):
         alone.
     blend: ``divided`` by the sum of weights, or the plain ``sum``.
     stores: ``irradiance`` (multiplied by the reflectance / π at the hit) or ``radiance``.
-    direct: source of direct light: the ``field``, like all other light, or a sample of the
-        ``emitters`` at the visible point; the field then stores indirect light only.
+    direct: source of direct light: the ``field``, like all other light; a sample of the
+        ``emitters`` at the visible point, and the field stores indirect light only; or such a
+        sample for some of the emitters alone, by their places in ``scene.emitters()``.
     normal_test: whether to ignore Gaussians of another surface: normals more than 45° apart, or
         farther from the plane than :data:`SURFACE_HEIGHT`.
     """
@@ -64,8 +69,21 @@ class FieldSettings(Settings):
     neighbours: Literal["both", "radius", "knn"] = "both"
     blend: Literal["divided", "sum"] = "divided"
     stores: Literal["irradiance", "radiance"] = "irradiance"
-    direct: Literal["field", "emitters"] = "field"
+    direct: Literal["field", "emitters"] | tuple[int, ...] = "field"
     normal_test: bool = True
+
+    def sampled_lamps(self, scene: mi.Scene) -> Lamps:
+        """The emitters whose direct light is sampled when a view is rendered."""
+        if self.direct == "emitters":
+            return Lamps(scene)
+        return Lamps(scene, () if self.direct == "field" else self.direct)
+
+    def stored_lamps(self, scene: mi.Scene) -> Lamps:
+        """The emitters whose direct light the field stores."""
+        if self.direct == "field":
+            return Lamps(scene)
+        every = () if self.direct == "emitters" else range(len(scene.emitters()))
+        return Lamps(scene, [k for k in every if k not in self.direct])
 
 
 def blend_weight(
@@ -73,7 +91,7 @@ def blend_weight(
     rows: tuple[mi.Vector3f, mi.Vector3f, mi.Vector3f],
     support2: mi.Float,
 ) -> mi.Float:
-    """w = ψ(|d|) (exp(-|M d|²/2) + ε) with ψ(t) = (1 - t²/R²)², which is zero at the distance R.
+    """``w = ψ(|d|) (exp(-|M d|²/2) + ε)`` with ψ(t) = (1 - t²/R²)², zero at the distance R.
 
     ψ is zero where a Gaussian enters or leaves the neighbourhood, so that the blend is continuous.
 
@@ -121,6 +139,7 @@ class GaussianPhotonField:
     record: facts about the making of the field, as JSON values; saved with it.
     detail: the levels of a field that is not equally fine everywhere. Positions and sizes of its
         Gaussians are those of the unfolded space (:mod:`gpf.field.detail`).
+    lights: the irradiance by groups of emitters; None if they are not kept apart.
     """
 
     def __init__(
@@ -130,8 +149,10 @@ class GaussianPhotonField:
         bounds: tuple[Any, Any],
         record: Mapping[str, Any] | None = None,
         detail: Detail | None = None,
+        lights: FieldLights | None = None,
     ) -> None:
         self.settings = settings
+        self.lights = lights
         self.bounds = bounds
         self.detail = detail
         self.record = dict(record or {})
@@ -151,7 +172,18 @@ class GaussianPhotonField:
         )
         reach = LARGEST_REACH * self.settings.search_radius
         self.facing = FacingCells(gaussians.means, gaussians.normals, reach, bounds)
-        order = self.hash.order
+        self._pack()
+        self._radius = dr.opaque(mi.Float, self.settings.search_radius)
+
+    def recolour(self, irradiance: np.ndarray) -> None:
+        """Take other colours for the same Gaussians, (N, 3); quick, for sliders."""
+        colour = mi.Color3f(np.ascontiguousarray(irradiance.T, dtype=np.float32))
+        self.gaussians = dataclasses.replace(self.gaussians, irradiance=colour)
+        self._pack()
+
+    def _pack(self) -> None:
+        """Put rows and colours next to each other, in the order of the search."""
+        gaussians, order = self.gaussians, self.hash.order
         rows = whitening_rows(gaussians.log_scales, gaussians.quats)
         self._packets = []
         for k in range(3):
@@ -159,7 +191,6 @@ class GaussianPhotonField:
             colour = dr.gather(mi.Float, gaussians.irradiance[k], order)
             self._packets.append(dr.ravel(mi.Vector4f(row.x, row.y, row.z, colour)))
         dr.eval(self._packets)
-        self._radius = dr.opaque(mi.Float, self.settings.search_radius)
 
     def arrays(self) -> dict[str, Any]:
         """The arrays that queries read, as a PyTree; see :meth:`with_arrays`."""

@@ -1,6 +1,6 @@
 """Geometry of the Gaussians: from quaternion and scales to the matrix of a query, and its adjoint.
 
-At the offset d = x - μ a Gaussian is exp(-m/2) with m = |M d|². The rows of M are the columns of
+At the offset d = x - μ a Gaussian is exp(-m/2), ``m = |M d|²``. The rows of M are the columns of
 the rotation R(q), divided by the scales: M = diag(1/s) Rᵀ, so that MᵀM = Σ⁻¹.
 """
 

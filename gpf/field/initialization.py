@@ -38,6 +38,8 @@ class InitialFieldSettings(FieldSettings):
     initial_colour: ``targets``: the mean of the targets around the Gaussian; ``density``: kernel
         estimate of E at the Gaussian; ``flux``: the photon's own power Φ.
     initial_scale: standard deviation of all axes, world units; ``auto``: :data:`TYPICAL_SCALE`.
+    direct: as for the field; ``auto``: direct light of lamps without a size, or with a small one,
+        is sampled when a view is rendered (:func:`gpf.scene.lamps.small_lamps`).
     search_radius: world units; ``auto``: about 16 Gaussians around a typical point.
     anisotropic: whether the three scales of a Gaussian may differ.
     precision: precision of the field's file.
@@ -49,6 +51,7 @@ class InitialFieldSettings(FieldSettings):
     initial_colour: Literal["targets", "density", "flux"] = "targets"
     initial_scale: Length = "auto"
     search_radius: Length = "auto"  # type: ignore[assignment]
+    direct: Literal["auto", "field", "emitters"] | tuple[int, ...] = "field"  # type: ignore[assignment]
     anisotropic: bool = True
     precision: Precision = "float32"
 

@@ -9,6 +9,7 @@ means         uint16 steps between minimum and maximum, per axis          1/131,
 log_scales    uint8 steps likewise, limited to :data:`SCALES` radii       2% of a scale
 quats         int8 steps of 1/127 of the longest component; unit length   half a degree
 irradiance    float16 in a unit that makes the maximum at least 2^14      0.05%, over 8 orders
+lights        as irradiance                                               0.05%, over 8 orders
 normals       as quats                                                    half a degree
 ============  ==========================================================  ====================
 
@@ -34,6 +35,8 @@ from gpf.core.structs import to_numpy
 from gpf.field.detail import Detail
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.gaussians import Gaussians
+from gpf.field.lights import FieldLights
+from gpf.scene.light_groups import LightGroups
 
 Precision = Literal["float32", "compact"]
 
@@ -58,6 +61,8 @@ class StoredField:
     bounds: two corners of the scene's bounding box, world units.
     record: facts about the making of the field.
     grid: of the table of levels: its ``width`` and ``corner``; empty without levels.
+    lights: ``names`` and ``members`` of groups of emitters (:class:`LightGroups`), whose irradiance
+        is the tensor ``lights``, (G, N, 3); empty if they are not kept apart.
     """
 
     tensors: dict[str, np.ndarray]
@@ -65,6 +70,14 @@ class StoredField:
     bounds: list[list[float]]
     record: dict[str, Any]
     grid: dict[str, Any] = dataclasses.field(default_factory=dict)
+    lights: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    def groups(self) -> LightGroups | None:
+        """The groups of emitters; None if their light is not kept apart."""
+        if not self.lights:
+            return None
+        members = tuple(tuple(emitters) for emitters in self.lights["members"])
+        return LightGroups(tuple(self.lights["names"]), members)
 
     def detail(self) -> Detail | None:
         """The levels; None for a field that is equally fine everywhere."""
@@ -91,8 +104,12 @@ def save_field(field: GaussianPhotonField, path: Path, precision: Precision = "f
         tensors["log_scales"] -= levels[:, None] * np.float32(math.log(2))
         tensors |= {"levels": levels, "detail": detail.table}
         grid = {"width": detail.width, "corner": detail.corner.tolist()}
+    lights = {}
+    if field.lights is not None:
+        tensors["lights"] = field.lights.irradiance
+        lights = dataclasses.asdict(field.lights.groups)
     bounds = [[float(corner[i]) for i in range(3)] for corner in field.bounds]
-    stored = StoredField(tensors, field.settings, bounds, field.record, grid)
+    stored = StoredField(tensors, field.settings, bounds, field.record, grid, lights)
     write_field(stored, path, precision)
 
 
@@ -116,7 +133,11 @@ def load_field(path: Path) -> GaussianPhotonField:
         normals=mi.Normal3f(normals),
     )
     lower, upper = (mi.ScalarPoint3f(corner) for corner in stored.bounds)
-    return GaussianPhotonField(gaussians, stored.settings, (lower, upper), stored.record, detail)
+    groups = stored.groups()
+    lights = None if groups is None else FieldLights(groups, stored.tensors["lights"])
+    return GaussianPhotonField(
+        gaussians, stored.settings, (lower, upper), stored.record, detail, lights
+    )
 
 
 def write_field(stored: StoredField, path: Path, precision: Precision = "float32") -> None:
@@ -143,6 +164,7 @@ def write_field(stored: StoredField, path: Path, precision: Precision = "float32
         "bounds": stored.bounds,
         "record": stored.record,
         "grid": stored.grid,
+        "lights": stored.lights,
     }
     write_tensors(path, "field", tensors, metadata)
 
@@ -169,7 +191,12 @@ def read_field(path: Path) -> StoredField:
         raise FileError(path, f"has NaN or infinite values in {name}")
     settings = FieldSettings(**metadata["settings"])
     return StoredField(
-        tensors, settings, metadata["bounds"], metadata["record"], metadata.get("grid", {})
+        tensors,
+        settings,
+        metadata["bounds"],
+        metadata["record"],
+        metadata.get("grid", {}),
+        metadata.get("lights", {}),
     )
 
 
@@ -200,13 +227,20 @@ def _pack(
         "normals": _to_bytes(tensors["normals"]),
         **exact,
     }
-    return packed, {"means": of_means, "log_scales": of_scales, "irradiance": unit}
+    encoding = {"means": of_means, "log_scales": of_scales, "irradiance": unit}
+    if "lights" in tensors:
+        packed["lights"], encoding["lights"] = _to_halves(tensors["lights"])
+    return packed, encoding
 
 
 def _unpack(
     tensors: Mapping[str, np.ndarray], encoding: Mapping[str, Any]
 ) -> dict[str, np.ndarray]:
+    lights = {}
+    if "lights" in tensors:
+        lights["lights"] = (tensors["lights"] * np.float64(encoding["lights"])).astype("f4")
     return {
+        **lights,
         "means": _from_steps(tensors["means"], encoding["means"]),
         "log_scales": _from_steps(tensors["log_scales"], encoding["log_scales"]),
         "quats": _from_bytes(tensors["quats"]),

@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
+import numpy as np
 
 from gpf.core.errors import UserError, is_interrupt
 from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import InitialFieldSettings
+from gpf.field.lights import FieldLights
 from gpf.fitting.quality import LEAST_PASSES, QualityEstimate
+from gpf.fitting.state import FitState, fit_identity
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.importing.placement import place_cameras
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.fingerprint import fingerprint
+from gpf.scene.light_groups import LightGroups
 from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
 from gpf.sppm.reference import ReferenceSettings
+from gpf.training.light_split import split_light
 from gpf.training.recipe import Recipe, open_stream
 from gpf.training.settings import TrainingSettings
 from gpf.training.streaming import PhotonStream, StreamSettings
@@ -29,6 +36,9 @@ DEFAULT_PASSES = 300
 
 # Passes until the first complete field, and the factor by which their number then grows.
 FIRST_PASSES, GROWTH = 24, 2.5
+
+# A field from fewer than this many times the passes of the one before would be a waste.
+LEAST_GROWTH = 1.25
 
 # Optimiser steps of a field: so many for each pass, up to a limit.
 STEPS_PER_PASS, MOST_STEPS = 3, 300
@@ -43,10 +53,14 @@ TOLERATED = 3.0
 # One pass for the estimate of the PSNR comes with so many passes for the field.
 PASSES_PER_ESTIMATE = 8
 
+# Time between saved states while photons are traced.
+SAVE_SECONDS = 60.0
+
 # Rows of the images of cameras that are placed because none are given.
 ROWS = 256
 
-FIELD = InitialFieldSettings()
+FIELD = InitialFieldSettings(direct="auto")
+STREAM = StreamSettings()
 REGION = VisibleRegionSettings(rays=131_072, pilot_paths=262_144)
 
 log = logging.getLogger(__name__)
@@ -87,11 +101,14 @@ def fit(
     passes: int | None = None,
     seed: int = 0,
     callback: Callable[[FitProgress], None] = lambda progress: None,
+    state: Path | None = None,
+    groups: LightGroups | None = None,
 ) -> GaussianPhotonField:
     """Fit a field to a scene.
 
     The fit ends at the first goal that is reached; without any goal, after
-    :data:`DEFAULT_PASSES` passes. Interrupted by Ctrl-C, it returns the best field so far.
+    :data:`DEFAULT_PASSES` passes. Interrupted by Ctrl-C, it returns the best field so far. The same
+    seed and passes give the same bits on the same machine.
 
     Parameters
     ----------
@@ -101,6 +118,10 @@ def fit(
     target_psnr: estimated PSNR of images against an SPPM reference with 1000 passes, dB.
     passes: photon passes.
     callback: called after each pass and each optimiser step.
+    state: a folder in which the fit keeps its photons, some 100 MB. If they are there already, from
+        a fit of the same scene with the same cameras and seed, this one continues from them.
+    groups: groups of emitters whose light the field keeps apart (``field.lights``), so that each
+        can be dimmed later.
 
     Raises
     ------
@@ -114,7 +135,7 @@ def fit(
         passes = DEFAULT_PASSES
     if passes is not None:
         passes = max(passes, 2)  # two halves of photons are compared
-    run = _Fit(scene, sensors, seed, callback, seconds)
+    run = _Fit(scene, sensors, seed, callback, seconds, state, groups)
     try:
         run.open()
         while not run.is_done(target_psnr, passes):
@@ -159,8 +180,12 @@ class _Fit:
         seed: int,
         callback: Callable[[FitProgress], None],
         seconds: float | None,
+        state: Path | None,
+        groups: LightGroups | None,
     ) -> None:
-        self.begin = time.perf_counter()
+        self.begin = self.saved = time.perf_counter()
+        self.folder, self.groups = state, groups
+        self.state: FitState | None = None
         self.scene, self.seed, self.callback = scene, seed, callback
         self.deadline = float("inf") if seconds is None else self.begin + seconds
         self.sensors = list(default_sensors(scene) if sensors is None else sensors)
@@ -168,6 +193,7 @@ class _Fit:
         self.stream: PhotonStream
         self.best: GaussianPhotonField | None = None
         self.passes, self.all_passes = 0, 0
+        self.fitted = 0  # passes of the last complete field
         self.psnr: float | None = None
         self.in_vain = 0
         self.error: float | None = None
@@ -180,17 +206,68 @@ class _Fit:
         region = REGION.model_copy(update={"seed": self.seed})
         plan = EmissionPlan.make(self.scene, self.sensors, region)
         settings = ReferenceSettings(seed=self.seed).measure(self.scene, self.sensors[0], plan)
-        self.quality = QualityEstimate(self.scene, self.sensors, settings, self.seed, plan.source)
+        recipe = Recipe(FIELD).suit(self.scene, settings)
+        self.field_settings = recipe.field
+        self.quality = QualityEstimate(
+            self.scene,
+            self.sensors,
+            settings,
+            self.field_settings,
+            self.seed,
+            plan.source,
+        )
         named = {f"{k}": sensor for k, sensor in enumerate(self.sensors)}
         self.stream, self.photons = open_stream(
-            self.scene, named, plan, settings, StreamSettings(seed=self.seed), Recipe(FIELD)
+            self.scene,
+            named,
+            plan,
+            settings,
+            STREAM.model_copy(update={"seed": self.seed}),
+            recipe,
+            self.groups,
         )
+
+        if self.folder is not None:
+            parts = FIELD, REGION, STREAM, settings
+            values = {"seed": self.seed, "settings": [part.model_dump() for part in parts]}
+            if self.groups is not None:
+                values["groups"] = self.groups.members
+            identity = fit_identity(self.scene, self.sensors, values)
+            self.state = FitState(self.folder, identity)
+            self._restore(*self.state.load())
+
+    def _restore(
+        self,
+        tensors: Mapping[str, np.ndarray],
+        facts: Mapping[str, Any],
+        best: GaussianPhotonField | None,
+    ) -> None:
+        """Continue from what was saved, if anything was."""
+        if tensors:
+            self.stream.restore(tensors)
+            self.quality.restore(tensors)
+            self.best, self.passes, self.psnr = best, facts["passes"], facts["psnr"]
+            self.fitted, self.all_steps = facts["fitted"], facts["steps"]
+            self.pass_seconds, self.field_seconds = facts["seconds"]
+
+    def save(self) -> None:
+        """Write the state, if it is asked for."""
+        if self.state is not None:
+            facts = {
+                "passes": self.passes,
+                "psnr": self.psnr,
+                "fitted": self.fitted,
+                "steps": self.all_steps,
+                "seconds": [self.pass_seconds, self.field_seconds],
+            }
+            self.state.save(self.stream.tensors() | self.quality.tensors(), facts, self.best)
+            self.saved = time.perf_counter()
 
     def is_done(self, target_psnr: float | None, passes: int | None) -> bool:
         """Whether a goal is reached, or can no longer be reached."""
         if self.best is None:
             return False
-        if passes is not None and self.stream.count >= passes:
+        if passes is not None and self.fitted >= passes:
             return True
         if target_psnr is not None and self.psnr is not None:
             if self.psnr >= target_psnr:
@@ -202,20 +279,19 @@ class _Fit:
                     target_psnr,
                 )
                 return True
-        return self._passes_that_fit() < 1.25 * self.stream.count
+        return self._passes_that_fit() < LEAST_GROWTH * self.stream.count
 
     def go_on(self, target_psnr: float | None, passes: int | None) -> None:
         """Fit the next complete field, from more passes."""
-        count = round(GROWTH * self.stream.count) if self.stream.count else FIRST_PASSES
-        limit = min(self._passes_that_fit(), passes or float("inf"))
-        # A last field from few more passes than the one before would be a waste.
-        self.all_passes = int(limit if limit < 1.25 * count else count)
-        self.stream.advance(self.all_passes, self._count_pass)
+        while self.stream.count < self._plan(passes or float("inf")):
+            self.stream.advance(self.stream.count + 1, self._count_pass)
+        self.save()
         begin = time.perf_counter()
         self.all_steps = min(MOST_STEPS, STEPS_PER_PASS * self.stream.count)
-        recipe = Recipe(FIELD, TrainingSettings(seed=self.seed, steps=self.all_steps))
+        recipe = Recipe(self.field_settings, TrainingSettings(seed=self.seed, steps=self.all_steps))
         trainer = recipe.fit_stream(self.stream, self.photons, self.bounds)
         trainer.run(lambda progress: self._report(trainer, progress), self._count_step)
+        self.fitted = self.stream.count
         self.evaluate(trainer.finish())
         self.field_seconds = time.perf_counter() - begin
 
@@ -229,7 +305,7 @@ class _Fit:
             before = self.quality.psnr(self.best)
         self.in_vain = self.in_vain + 1 if psnr - before < LEAST_GAIN else 0
         if psnr >= before - TOLERATED:
-            self.best, self.passes, self.psnr = field, self.stream.count, psnr
+            self.best, self.passes, self.psnr = field, self.fitted, psnr
         else:
             self.psnr = before
         self._tell(self.best)
@@ -237,6 +313,10 @@ class _Fit:
     def result(self) -> GaussianPhotonField:
         """The field with its record."""
         assert self.best is not None
+        if self.groups is not None:
+            points = Recipe(self.field_settings).supervise(self.stream.mean(self.stream.halves()))
+            split = split_light(self.best, points, self.stream.by_group())
+            self.best.lights = FieldLights(self.groups, split)
         self.best.record = {
             "passes": self.passes,
             "estimated_psnr": self.psnr,
@@ -245,6 +325,7 @@ class _Fit:
             "seed": self.seed,
             "fingerprint": fingerprint(self.scene),
         }
+        self.save()
         return self.best
 
     def _report(self, trainer: Trainer, progress: Progress) -> None:
@@ -259,6 +340,8 @@ class _Fit:
             self.pass_seconds = 0.8 * (self.pass_seconds or spent) + 0.2 * spent
         if self.quality.passes < passes / PASSES_PER_ESTIMATE:
             self.quality.add_pass()
+        if time.perf_counter() - self.saved > SAVE_SECONDS:
+            self.save()
         self._last = time.perf_counter()
         self._end_in_time()
 
@@ -272,13 +355,22 @@ class _Fit:
         if self.best is not None and time.perf_counter() > self.deadline:
             raise _OutOfTime
 
-    def _passes_that_fit(self) -> float:
-        """The number of passes, with those so far, whose field is complete before the deadline."""
+    def _plan(self, passes: float) -> int:
+        """The number of passes of the next field, ``passes`` at most."""
+        count = round(GROWTH * self.fitted) if self.fitted else FIRST_PASSES
+        # If no other field could follow, this one takes all the passes that are left.
+        last = min(self._passes_that_fit(fields=2), passes) < LEAST_GROWTH * count
+        self.all_passes = int(min(self._passes_that_fit(), passes)) if last else count
+        return self.all_passes
+
+    def _passes_that_fit(self, fields: int = 1) -> float:
+        """The number of passes, with those so far, after which there is time for more fields."""
         if self.best is None:
             return float("inf")
         # Later fields have more steps, up to the limit.
         share = MOST_STEPS / max(self.all_steps, 1)
-        rest = self.deadline - time.perf_counter() - self.field_seconds * min(share, GROWTH)
+        training = fields * self.field_seconds * min(share, GROWTH)
+        rest = self.deadline - time.perf_counter() - training
         each = self.pass_seconds * (1 + 1 / PASSES_PER_ESTIMATE)
         return self.stream.count + 0.9 * rest / max(each, 1e-6)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import drjit as dr
 import mitsuba as mi
@@ -10,48 +10,54 @@ import numpy as np
 
 from gpf.camera.rays import sample_rays_at
 from gpf.camera.visible_points import find_visible_points
-from gpf.core.images import propose_exposure, tone_slope
-from gpf.core.random import Stream, pass_seed, random_start
+from gpf.core.images import propose_exposure, tone_map, tone_slope
+from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
-from gpf.field.field import GaussianPhotonField
+from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.photons.emission import Source, emit_light
+from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, PhotonPasses
 
 REFERENCE_PASSES = 1000
 """The estimate is the PSNR against an SPPM reference with this many passes."""
 
-LEAST_PASSES = 8
+LEAST_PASSES = 16
 """With fewer passes, the estimate is too uncertain."""
 
 # Camera samples of each pixel.
 SAMPLES = 4
 
-# Samples per pixel of the field's images, F: as many as an image usually has.
-FIELD_SAMPLES = 64
+# Pixels at which the noise of the field's images is measured, and their camera samples: as many as
+# an image usually has.
+NOISE_PIXELS, NOISE_SAMPLES = 1024, 64
+
+# Samples of each lamp whose direct light is not stored in the field.
+DIRECT_SAMPLES = 16
 
 
 class QualityEstimate:
     """Irradiance by SPPM at visible points of some pixels, with which fields are compared.
 
-    With the field's image f, the slope s of the tone curve there, and two images A and B by SPPM
-    with n/2 independent passes each, the mean squared error against a reference with N passes is
-    estimated as
+    With the field's radiance f_i at sample i of a pixel, the radiances a_i and b_i by SPPM with n/2
+    independent passes each, and the slope s of the tone curve, the mean squared error against a
+    reference with N passes is estimated as
 
-        mean(s² (f - A) (f - B)) + mean(s² ((A - B)² n/4 + v)) / N + mean'(s² v) / F,
+        mean(s² (f_i - a_i) (f_j - b_j)) + mean(s² ((a_i - b_i)² n/4 + v)) / N + w,    i ≠ j,
 
-    plus the standard error of the first term. The noise of A and B has no influence on the expected
-    value of that term, because all three images have the same camera samples and only the
-    irradiance differs. The second term is the noise of the reference, from its photons and from its
-    camera samples, whose variance in a pixel is v. The third term is the noise of F camera samples
-    in the field's image; it counts pixels that look through glass or into mirrors, since samples
-    are spread too evenly for noise at others. The passes have the kernel radii of passes 1 to N in
-    equal parts, so that A and B are as blurred as the reference.
+    plus the standard error of the first term. Neither the noise of a and b nor light that changes
+    within the pixel has an influence on its expected value: an image has many samples per pixel,
+    which average out. The second term is the noise of the reference, from its photons and from its
+    camera samples, whose variance in a pixel is v. The third term w is the noise of the field's
+    image, measured with two sets of :data:`NOISE_SAMPLES` samples at other pixels. The passes have
+    the kernel radii of passes 1 to N in equal parts, so that a and b are as blurred as the
+    reference.
 
     Parameters
     ----------
     sensors: the views.
     settings: of the passes.
+    field: how the fields are queried.
     pixels: number of pixels in all, at random places.
     exposure: of the tone mapping; by default :func:`gpf.core.images.propose_exposure`.
     """
@@ -61,27 +67,46 @@ class QualityEstimate:
         scene: mi.Scene,
         sensors: Sequence[mi.Sensor],
         settings: PassSettings,
+        field: FieldSettings,
         seed: int,
         source: Source = emit_light,
         pixels: int = 8192,
         exposure: float | None = None,
     ) -> None:
         self.seed, self.exposure, self.passes = seed, exposure, 0
+        self._scene, self._sensors, self._settings = scene, list(sensors), field
+        self._noise: float | None = None
         self._photons = PhotonPasses(scene, settings, seed, source)
         self._pixels = max(1, pixels // len(sensors)) * len(sensors)
-        points = self._find_points(scene, sensors)
+        points = self._find_points()
         self._emission = to_numpy(points.emission)
-        self._through = np.asarray((points.depth > 0).numpy()).reshape(-1, SAMPLES, 1).any(axis=1)
         valid = dr.compress(points.valid)
         self._lanes = np.asarray(valid.numpy())
         points = take(points, valid)
         self._share = to_numpy(points.throughput * points.reflectance) / np.pi
         self._points = FixedPoints(scene, points)
+        self._stored = field.stored_lamps(scene)
+        self._sampled = self._direct(field.sampled_lamps(scene))
         self._starts = [
             random_start(pass_seed(seed, half, Stream.QUALITY_DIRECT), len(self._lanes))
             for half in range(2)
         ]
         self._sums = np.zeros((2, len(self._lanes), 3))
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """The passes so far, for a file."""
+        facts = np.array([self.passes, self.exposure or np.nan, np.nan])
+        if self._noise is not None:
+            facts[2] = self._noise
+        return {"quality/sums": self._sums, "quality/facts": facts}
+
+    def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
+        """Continue from :meth:`tensors` of an estimate with the same arguments."""
+        self._sums = tensors["quality/sums"].copy()
+        passes, exposure, noise = tensors["quality/facts"]
+        self.passes = int(passes)
+        self.exposure = None if np.isnan(exposure) else float(exposure)
+        self._noise = None if np.isnan(noise) else float(noise)
 
     def add_pass(self) -> None:
         """Trace one more pass; passes add to A and B in turn."""
@@ -93,7 +118,8 @@ class QualityEstimate:
         traced = self._photons.trace(
             number, pass_seed(self.seed, self.passes, Stream.QUALITY_PHOTONS)
         )
-        irradiance, _ = traced.all_irradiance(self._points, self._starts[half], pair + 1)
+        start = self._starts[half]
+        irradiance, _ = traced.all_irradiance(self._points, start, pair + 1, self._stored)
         self._sums[half] += to_numpy(irradiance)
         self.passes += 1
 
@@ -101,42 +127,77 @@ class QualityEstimate:
         """The estimated PSNR of the field's images, dB; needs :data:`LEAST_PASSES` passes."""
         assert self.passes >= LEAST_PASSES
         counts = (self.passes + 1) // 2, self.passes // 2
-        a, b = (self._samples(s / n).mean(axis=1) for s, n in zip(self._sums, counts, strict=True))
+        a, b = (self._samples(s / n) for s, n in zip(self._sums, counts, strict=True))
         if self.exposure is None:
-            self.exposure = propose_exposure((a + b) / 2)
+            self.exposure = propose_exposure((a + b).mean(axis=1) / 2)
         points = self._points.points
         value, _ = field.query(points.p, points.n, dr.full(mi.Bool, True, len(self._lanes)))
-        samples = self._samples(np.maximum(to_numpy(value), 0))
-        f, variance = samples.mean(axis=1), samples.var(axis=1, ddof=1)
-        slope2 = tone_slope(f, self.exposure) ** 2
-        reference = (a - b) ** 2 * self.passes / 4 + variance
-        noise = reference / REFERENCE_PASSES + self._through * variance / FIELD_SAMPLES
-        error = (slope2 * (f - a) * (f - b)).mean(axis=1)
+        f = self._samples(np.maximum(to_numpy(value), 0))
+        slope2 = tone_slope(f.mean(axis=1), self.exposure) ** 2
+        of_a, of_b = f - a, f - b
+        crossed = of_a.sum(axis=1) * of_b.sum(axis=1) - (of_a * of_b).sum(axis=1)
+        error = (slope2 * crossed).mean(axis=1) / (SAMPLES * (SAMPLES - 1))
+        photons = ((a - b) ** 2).mean(axis=1) * self.passes / 4
+        reference = slope2 * (photons + f.var(axis=1, ddof=1)) / REFERENCE_PASSES
+        if self._noise is None:
+            self._noise = self._measure_noise(field)
         # With few passes the estimate is uncertain; then it is rather too low.
         uncertain = error.std() / np.sqrt(len(error))
-        least = float(np.mean(slope2 * noise))
+        least = float(reference.mean()) + self._noise
         total = max(float(error.mean()), 0.0) + float(uncertain) + least
         return float(-10 * np.log10(max(total, 1e-10)))
+
+    def _direct(self, lamps: Lamps) -> np.ndarray:
+        """Direct irradiance at the points from lamps that the field does not store, (N, 3)."""
+        total = dr.zeros(mi.Color3f, len(self._lanes))
+        for number, group in enumerate(lamps.groups()):
+            seed = pass_seed(self.seed, 2 + number, Stream.QUALITY_DIRECT)
+            start = random_start(seed, len(self._lanes))
+            for k in range(DIRECT_SAMPLES):
+                total += self._points.direct_irradiance(spread_sample(start, k + 1), group)
+                dr.eval(total)
+        return to_numpy(total) / DIRECT_SAMPLES
 
     def _samples(self, irradiance: np.ndarray) -> np.ndarray:
         """Radiance of all camera samples, (P, SAMPLES, 3), from the irradiance at the points."""
         radiance = self._emission.copy()
-        radiance[self._lanes] += self._share * irradiance
+        radiance[self._lanes] += self._share * (irradiance + self._sampled)
         return radiance.reshape(-1, SAMPLES, 3)
 
-    def _find_points(self, scene: mi.Scene, sensors: Sequence[mi.Sensor]) -> VisiblePoints:
+    def _find_points(self) -> VisiblePoints:
         """Visible points of :data:`SAMPLES` camera rays for each pixel, (SAMPLES P,)."""
-        each = self._pixels // len(sensors)
-        rng = np.random.default_rng(pass_seed(self.seed, 0, Stream.QUALITY_PIXELS))
-        sampler = mi.load_dict({"type": "independent", "sample_count": 1})
-        rays = []
-        for k, sensor in enumerate(sensors):
-            pixels = rng.integers(0, [int(n) for n in sensor.film().crop_size()], (each, 2))
-            sampler.seed(pass_seed(self.seed, 0, Stream.QUALITY_CAMERA, k), SAMPLES * each)
-            place = mi.Point2f(np.repeat(pixels, SAMPLES, axis=0).T.astype(np.float32))
-            rays.append(mi.Ray3f(sample_rays_at(sensor, sampler, place + sampler.next_2d())[0]))
-        ray = mi.Ray3f(concatenate([r.o for r in rays]), concatenate([r.d for r in rays]))
-        sampler.seed(pass_seed(self.seed, 0, Stream.QUALITY_CAMERA), SAMPLES * self._pixels)
-        points = find_visible_points(scene, sampler, ray)
+        sampler = mi.load_dict({"type": "independent", "sample_count": SAMPLES})
+        rays = self._rays(sampler, self._pixels, seed=0)
+        points = find_visible_points(self._scene, sampler, rays)
         dr.eval(points)
         return points
+
+    def _measure_noise(self, field: GaussianPhotonField) -> float:
+        """Mean squared error of the field's images from their camera samples alone."""
+        sampler = mi.load_dict({"type": "multijitter", "sample_count": NOISE_SAMPLES})
+        sampler.set_samples_per_wavefront(NOISE_SAMPLES)
+        count = max(1, NOISE_PIXELS // len(self._sensors)) * len(self._sensors)
+        lamps, images = self._settings.sampled_lamps(self._scene), []
+        for seed in (1, 2):
+            ray = self._rays(sampler, count, seed)
+            points = find_visible_points(self._scene, sampler, ray, lamps=lamps)
+            value, _ = field.query(points.p, points.n, points.valid)
+            radiance = to_numpy(field.reflect(points, value))
+            images.append(radiance.reshape(count, NOISE_SAMPLES, 3).mean(axis=1))
+        assert self.exposure is not None
+        shown = [tone_map(image, self.exposure) for image in images]
+        return float(np.mean((shown[0] - shown[1]) ** 2)) / 2
+
+    def _rays(self, sampler: mi.Sampler, count: int, seed: int) -> mi.Ray3f:
+        """Camera rays through ``count`` random pixels, one for each sample, pixel by pixel; then
+        the sampler is ready for their walks. The pixels do not depend on ``seed``."""
+        rng = np.random.default_rng(pass_seed(self.seed, 0, Stream.QUALITY_PIXELS))
+        each, samples = count // len(self._sensors), sampler.sample_count()
+        rays = []
+        for k, sensor in enumerate(self._sensors):
+            pixels = rng.integers(0, [int(n) for n in sensor.film().crop_size()], (each, 2))
+            place = mi.Point2f(np.repeat(pixels, samples, axis=0).T.astype(np.float32))
+            sampler.seed(pass_seed(self.seed, seed, Stream.QUALITY_CAMERA, k), samples * each)
+            rays.append(mi.Ray3f(sample_rays_at(sensor, sampler, place + sampler.next_2d())[0]))
+        sampler.seed(pass_seed(self.seed, seed, Stream.QUALITY_CAMERA), samples * count)
+        return mi.Ray3f(concatenate([r.o for r in rays]), concatenate([r.d for r in rays]))

@@ -17,7 +17,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.guiding.pilot import Pilot
-from gpf.photons.emission import EmitterSample, emit_from
+from gpf.photons.emission import Emitted, EmitterSample, emit_from
 
 # Number of cells along each number of the place and of the direction, finest first. The first grid
 # with at least _PATHS_PER_CELL paths of the pilot per cell is used.
@@ -67,8 +67,8 @@ class EmissionGuide:
         use = np.sqrt(square / np.maximum(count, 1))
         return cls(shape, use if use.any() else np.ones(size))
 
-    def emit(self, scene: mi.Scene, sampler: mi.Sampler) -> tuple[mi.Ray3f, mi.Color3f]:
-        """Guided rays from the emitters of the scene, and their powers, W: (N,) each."""
+    def emit(self, scene: mi.Scene, sampler: mi.Sampler) -> Emitted:
+        """Guided rays from the emitters of the scene, their powers, W, and emitters: (N,) each."""
         u = sampler.next_1d()
         cell, step = mi.UInt32(0), 1 << (self._cells - 1).bit_length()
         while step:
@@ -82,8 +82,8 @@ class EmissionGuide:
         for size, number in zip(reversed(self.shape), reversed(start.numbers()), strict=True):
             numbers.append((mi.Float(rest % size) + number) / size)
             rest //= size
-        ray, power = emit_from(scene, EmitterSample.of(numbers[::-1]))
-        return ray, power / dr.gather(mi.Float, self._density, cell)
+        ray, power, emitter = emit_from(scene, EmitterSample.of(numbers[::-1]))
+        return ray, power / dr.gather(mi.Float, self._density, cell), emitter
 
 
 def _cell(start: EmitterSample, shape: tuple[int, ...]) -> mi.UInt32:

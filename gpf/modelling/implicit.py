@@ -19,7 +19,7 @@ Field = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 def union(a: np.ndarray, b: np.ndarray, fillet: float) -> np.ndarray:
     """The union of two solids, with a fillet of this size where they meet.
 
-    A polynomial smooth minimum: min(a, b) - max(f - |a - b|, 0)² / (4 f).
+    A polynomial smooth minimum: ``min(a, b) - max(f - |a - b|, 0)² / (4 f)``.
     """
     return np.minimum(a, b) - np.maximum(fillet - np.abs(a - b), 0) ** 2 / (4 * fillet)
 

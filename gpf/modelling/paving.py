@@ -22,7 +22,7 @@ def shades(count: int, seed: int) -> np.ndarray:
 def tiles(
     rows: int, columns: int, pixels: int, colours: Stops, grout: Colour, seed: int
 ) -> np.ndarray:
-    """Square tiles of ``pixels``² with round corners, (rows · pixels, columns · pixels, 3).
+    """Square tiles of ``pixels²`` with round corners, (rows · pixels, columns · pixels, 3).
 
     Each tile has its own shade of ``colours`` (:func:`gpf.modelling.textures.ramp`). The grout
     lines are 7% of a tile wide, half in each of the two tiles.

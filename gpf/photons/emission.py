@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-# Makes one ray and its power, W, per lane of the sampler's wavefront. The expected power of a ray
-# is that of all emitters together.
-Source = Callable[["mi.Scene", "mi.Sampler"], "tuple[mi.Ray3f, mi.Color3f]"]
+# Makes one ray, its power, W, and its emitter per lane of the sampler's wavefront. The expected
+# power of a ray is that of all emitters together.
+Emitted = tuple["mi.Ray3f", "mi.Color3f", "mi.EmitterPtr"]
+Source = Callable[["mi.Scene", "mi.Sampler"], Emitted]
 
 
 @dataclass
@@ -36,18 +37,18 @@ class EmitterSample:
         return [self.choice, *self.place, *self.direction]
 
 
-def emit_light(scene: mi.Scene, sampler: mi.Sampler) -> tuple[mi.Ray3f, mi.Color3f]:
-    """Rays from the emitters of the scene, and their powers, W: (N,) each."""
+def emit_light(scene: mi.Scene, sampler: mi.Sampler) -> Emitted:
+    """Rays from the emitters of the scene, their powers, W, and their emitters: (N,) each."""
     return emit_from(scene, EmitterSample.draw(sampler))
 
 
-def emit_from(scene: mi.Scene, start: EmitterSample) -> tuple[mi.Ray3f, mi.Color3f]:
-    """The rays that these random numbers determine, and their powers, W: (N,) each."""
+def emit_from(scene: mi.Scene, start: EmitterSample) -> Emitted:
+    """The rays that these random numbers determine, their powers, W, and emitters: (N,) each."""
     ray, power, emitter = scene.sample_emitter_ray(
         mi.Float(0), start.choice, start.place, start.direction, mi.Bool(True)
     )
     ray.o = _spread_over_scene(scene, ray, emitter, start.place)
-    return ray, power
+    return ray, power, emitter
 
 
 def _spread_over_scene(

@@ -9,6 +9,7 @@ after the tracing.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -17,10 +18,15 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.structs import Photons
+from gpf.photons.emission import Emitted
 from gpf.photons.tracing import PathSettings, record_photons, trace_photons
+from gpf.scene.light_groups import group_of
 
 # Coordinates of normals are rounded to thirds: a direction is at most 17° from its rounded one.
 _NORMAL_STEPS = 3
+
+# Place of the number of the group in a cell's key.
+_GROUP_SHIFT = 57
 
 # Positions in a cell are in 1024ths of its edge: sums of four million photons fit into 32 bits.
 _PLACES = 1024
@@ -46,6 +52,7 @@ class PhotonSums:
     bounds: corners of the scene's bounding box.
     settings: the photon paths of each pass.
     capacity: initial number of slots in the table of cells, a power of two; the table grows.
+    groups: to keep the light of groups of emitters apart: :meth:`LightGroups.table`.
     """
 
     def __init__(
@@ -54,11 +61,13 @@ class PhotonSums:
         bounds: tuple[Any, Any],
         settings: PathSettings,
         capacity: int = 1 << 20,
+        groups: mi.UInt32 | None = None,
     ) -> None:
         self._lower = mi.Point3f(*(dr.opaque(mi.Float, float(bounds[0][i])) for i in range(3)))
         self._cell = dr.opaque(mi.Float, cell)
         self._unit, self._landings = 0.0, 0.0
-        self._settings = settings
+        self._settings, self._groups = settings, groups
+        self._group = mi.UInt32(0)
         self._lost = dr.zeros(mi.UInt32, 1)
         self.paths = 0
         self._make_room(capacity)
@@ -88,16 +97,25 @@ class PhotonSums:
             self._grow(1 << math.ceil(math.log2(wanted)))
         # Photons have the power of one of `paths` paths; the sums are for a single path.
         self._scale = dr.opaque(mi.Float, paths / self._unit)
-        trace_photons(scene, self._add, self._settings, seed)
+        trace_photons(scene, self._add, replace(self._settings, source=self._emit), seed)
         dr.eval(self._cells, self._lost, self._keys, self._sums)
         self.paths += paths
         if int(self._lost[0]) > 0:
             raise RuntimeError(f"{self._lost[0]} photons did not fit into {self.capacity} cells")
 
+    def _emit(self, scene: mi.Scene, sampler: mi.Sampler) -> Emitted:
+        """The first rays; notes the group of each path."""
+        ray, power, emitter = self._settings.source(scene, sampler)
+        if self._groups is not None:
+            self._group = group_of(self._groups, emitter)
+        return ray, power, emitter
+
     def _add(self, photons: Photons, active: mi.Bool) -> None:
         offset = (photons.p - self._lower) / self._cell
         corner = dr.clip(dr.floor(offset), 0, 65535)
         key = _pack(mi.Vector3u(corner), mi.Vector3u(dr.round(photons.n * 3) + 3))
+        if self._groups is not None:
+            key |= mi.UInt64(self._group) << _GROUP_SHIFT
         line = _LINE * self._find(key, active)
         inside = mi.Vector3u(dr.clip((offset - corner) * _PLACES, 0, _PLACES - 1))
         power = photons.power * self._scale
@@ -127,9 +145,15 @@ class PhotonSums:
                 looking = mi.Bool(False)
         return slot
 
-    def photons(self) -> Photons:
-        """One photon per cell, sorted by cell; powers are divided by the number of paths so far."""
-        taken = dr.compress(self._keys != 0)
+    def photons(self, group: int | None = None) -> Photons:
+        """One photon per cell, sorted by cell; powers are divided by the number of paths so far.
+
+        ``group``: those of one group of emitters; by default all.
+        """
+        wanted = self._keys != 0
+        if group is not None:
+            wanted &= (self._keys >> _GROUP_SHIFT) == group
+        taken = dr.compress(wanted)
         if dr.width(taken) == 0:
             return dr.zeros(Photons, 0)
         found = np.asarray(dr.gather(mi.UInt64, self._keys, taken).numpy())
@@ -151,6 +175,32 @@ class PhotonSums:
         )
         dr.eval(photons)
         return photons
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """The sums, for a file: ``keys`` of the cells, (C,), and their ``sums``, (C, 5)."""
+        units = np.array([self._unit, self._landings, self.paths])
+        taken = dr.compress(self._keys != 0)
+        if dr.width(taken) == 0:
+            empty = np.zeros((0, 5), np.uint64)
+            return {"keys": empty[:, 0], "sums": empty, "units": units}
+        values = [dr.gather(mi.UInt64, self._sums, _LINE * taken + k).numpy() for k in range(5)]
+        keys = dr.gather(mi.UInt64, self._keys, taken).numpy()
+        return {"keys": keys, "sums": np.stack(values, axis=1), "units": units}
+
+    def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
+        """Take the sums of :meth:`tensors`; there must be none yet."""
+        keys = mi.UInt64(tensors["keys"])
+        self._unit, self._landings = (float(v) for v in tensors["units"][:2])
+        self.paths = int(tensors["units"][2])
+        self._make_room(1 << max(20, math.ceil(math.log2(2 * max(dr.width(keys), 1)))))
+        if len(tensors["keys"]) == 0:
+            return
+        slot = self._find(keys, mi.Bool(True))
+        dr.eval(slot, self._keys, self._cells, self._lost)
+        for k in range(tensors["sums"].shape[1]):
+            value = mi.UInt64(np.ascontiguousarray(tensors["sums"][:, k]))
+            dr.scatter(self._sums, value, _LINE * slot + k)
+        dr.eval(self._sums)
 
     def _grow(self, capacity: int) -> None:
         """Move all cells into a larger table."""

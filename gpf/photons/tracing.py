@@ -73,7 +73,7 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
     roulette_from = dr.opaque(mi.UInt32, settings.rr_depth)
     stored_from = dr.opaque(mi.UInt32, int(settings.indirect))
 
-    ray, power = settings.source(scene, sampler)
+    ray, power, _ = settings.source(scene, sampler)
     power /= dr.opaque(mi.Float, paths)
     brightest = dr.max(power)
     depth = mi.UInt32(0)

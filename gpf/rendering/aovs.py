@@ -44,7 +44,7 @@ AOVS = tuple(_SUFFIXES)
 _FIRST_SURFACE = ("depth", "position", "normal")
 
 # The film treats infinite values as zero, so larger values of `coverage` become this one.
-_MOST_COVERAGE = 1e6
+MOST_COVERAGE = 1e6
 
 
 def parse_aovs(text: str) -> tuple[str, ...]:
@@ -117,6 +117,6 @@ def at_visible_point(
         ),
         "visible_normal": dr.select(points.valid, mi.Vector3f(points.n), 0),
         "irradiance": dr.select(points.valid, irradiance, 0),
-        "coverage": dr.select(points.valid, dr.minimum(reach, _MOST_COVERAGE), 0),
+        "coverage": dr.select(points.valid, dr.minimum(reach, MOST_COVERAGE), 0),
     }
     return {name: values[name] for name in aovs if name in values}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +15,11 @@ GUIDES = ("albedo", "visible_normal")
 """The AOVs that guide the denoiser."""
 
 Quality = Literal["fast", "balanced", "high"]
+
+
+def available() -> bool:
+    """Whether the package is installed."""
+    return importlib.util.find_spec("pyoidn") is not None
 
 
 class ImageDenoiser:

@@ -24,6 +24,7 @@ from gpf.rendering.aovs import (
     split_layers,
 )
 from gpf.rendering.denoiser import GUIDES, ImageDenoiser
+from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths, whole_number
 from gpf.rendering.recording import Recording
 from gpf.rendering.scene_check import warn_of_another_scene
@@ -83,6 +84,11 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
        - Denoise the image with Open Image Denoise (package ``pyoidn``), with the albedo and the
          normals of visible points as guides. Pays for images with few samples: up to 16 per pixel
          where there is glass or water. (Default: false)
+     * - lights
+       - |string|
+       - Levels of groups of emitters, such as ``window=0.2, lamp=1.5, #ffd0a0``: a factor, and a
+         colour (sRGB) for the group before it. Needs a field that keeps groups apart.
+         (Default: none)
      * - record
        - |bool|
        - Record the first frames and replay them with other seeds, cameras and fields. This is
@@ -91,8 +97,8 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
          recorded. (Default: false)
 
     Camera rays follow glossy and specular bounces and end at the first diffuse hit, where the
-    field gives the irradiance. For a field without direct light, direct light is added there
-    from a sample of the emitters. A warning is given if the scene's bounding box differs from
+    field gives the irradiance. Direct light that the field does not store is added there from a
+    sample of the emitters. A warning is given if the scene's bounding box differs from
     that of the scene for which the field was made.
 
     Not supported: participating media, polarisation, derivatives, and spectral variants.
@@ -112,6 +118,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         self.adaptive = props.get("adaptive", False)
         self.suppress_fireflies = props.get("suppress_fireflies", False)
         self.denoise = props.get("denoise", False)
+        self.lights = props.get("lights", "")
         self._denoiser: tuple[tuple[int, int], ImageDenoiser] | None = None
         super().__init__(props)
         # Shapes of the last checked scene, held so that their ids are not reused. Not the scene: it
@@ -137,6 +144,13 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         self._compare(scene)
+        if self.lights and self.field is not None:
+            levels, self.lights = self.lights, ""
+            try:
+                with mixed(scene, self.field, levels):
+                    return self.render(scene, sensor, seed, spp, develop, evaluate)
+            finally:
+                self.lights = levels
         if self.denoise and develop:
             return self._render_denoised(scene, sensor, seed, spp)
         if self.adaptive and develop and (spp or sensor.sampler().sample_count()) >= MIN_SPP:
@@ -244,9 +258,9 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
     ) -> dict[str, Any]:
         """What one camera walk finds: ``radiance``, (N, 3), whether it ends on a diffuse surface,
         ``valid``, (N,), and the AOVs of its visible point."""
-        direct = self.field.settings.direct == "emitters"
+        lamps = self.field.settings.sampled_lamps(scene)
         points = find_visible_points(
-            scene, sampler, ray, self.depth_limit, self.rr_depth, active, direct
+            scene, sampler, ray, self.depth_limit, self.rr_depth, active, lamps
         )
         value, reach = self.field.query(points.p, points.n, points.valid)
         found = {"radiance": self.field.reflect(points, value), "valid": points.valid}

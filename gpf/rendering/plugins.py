@@ -1,4 +1,4 @@
-"""The Mitsuba plugins ``sppm`` and ``gpf``, registered in every variant."""
+"""The project's Mitsuba plugins, registered in every variant."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import importlib
 import importlib.util
 import sys
 
-_MODULES = ("gpf.rendering.sppm", "gpf.rendering.gpf")
+_MODULES = ("gpf.scene.principled", "gpf.rendering.sppm", "gpf.rendering.gpf")
 
 
-def register_integrators() -> None:
+def register_plugins() -> None:
     """Register the plugins for the active variant and for every one that is set later."""
     if importlib.util.find_spec("mitsuba") is None:
         return  # `gpf doctor` must also start in a broken installation, to report it

@@ -15,6 +15,7 @@ from gpf.core.structs import concatenate
 from gpf.photons.tracing import PathSettings
 from gpf.rendering.properties import is_number, read_depths, whole_number
 from gpf.scene.bounds import require_bounds
+from gpf.scene.lamps import Lamps
 from gpf.scene.materials import require_separable
 from gpf.sppm.passes import PassSettings, PhotonPasses, propose_radius
 
@@ -159,8 +160,9 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
         parts, photons = [], passes.trace(t)
         for number, rows in enumerate(split_rows(sensor.film())):
             seed = pass_seed(passes.seed, t, Stream.CAMERA, number)
-            walks, direct = passes.settings.glossy_walks, passes.settings.direct == "emitters"
-            samples = self._sample(passes.scene, sensor, seed, rows, walks, direct)
+            walks = passes.settings.glossy_walks
+            lamps = Lamps(passes.scene) if passes.settings.direct == "emitters" else None
+            samples = self._sample(passes.scene, sensor, seed, rows, walks, lamps)
             irradiance = photons.irradiance(samples.points)
             radiance = samples.merge(samples.points.radiance(irradiance)) * samples.weight
             found = dr.select(samples.points.valid, mi.Color3f(1), 0)
@@ -177,7 +179,7 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
         seed: int,
         rows: range,
         walks: int = 1,
-        direct: bool = False,
+        lamps: Lamps | None = None,
     ) -> FilmSamples:
         """Visible points of one ray per pixel of the given rows."""
         samples = sample_film(
@@ -186,7 +188,7 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
             seed,
             self.depth_limit,
             self.rr_depth,
-            direct=direct,
+            lamps=lamps,
             walks=walks,
             rows=rows,
         )

@@ -24,7 +24,7 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
         raise UserError(
             where,
             f"has materials of type {', '.join(names)}, whose diffuse part cannot be separated",
-            "Use plastic, roughplastic, or a blendbsdf of diffuse and a conductor.",
+            "Load the scene by gpf.load_scene_file, or write separable_ before the type.",
         )
     if not any(bsdf["queried"] for bsdf in info["bsdfs"].values()):
         raise UserError(

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 
 from gpf.core.errors import UserError
 from gpf.scene.folders import scene_folder
 from gpf.scene.inventory import check_scene
+from gpf.scene.materials import INSEPARABLE
 from gpf.scene.xml import read_scene_xml
+
+# Plugins of Mitsuba -> plugins of this project that are loaded in their place.
+REPLACED = {name: f"separable_{name}" for name in INSEPARABLE.values()}
 
 
 def load_scene(
@@ -48,7 +53,7 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
     sizes = {"resx": width, "resy": height}
     sizes = {key: n for key, n in sizes.items() if key in document.parameters}
     try:
-        scene = mi.load_file(str(file), optimize=False, **sizes)
+        scene = _load(file, sizes)
     except RuntimeError as error:
         # Mitsuba's message begins with a line of its own source code.
         what = re.sub(r"^\[[\w.]+:\d+\] ", "", " ".join(str(error).split()))
@@ -59,3 +64,33 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
         )
     check_scene(scene, str(file))
     return scene
+
+
+def _load(file: Path, parameters: dict[str, int]) -> Any:
+    """What ``mi.load_file`` loads, with the project's plugins in place of some of Mitsuba's."""
+    config = mi.parser.ParserConfig(mi.variant())
+    config.merge_equivalent = config.merge_meshes = False
+    values = {key: str(value) for key, value in parameters.items()}
+    before = mi.file_resolver()
+    resolver = mi.FileResolver(before)
+    resolver.prepend(str(file.parent))
+    mi.set_file_resolver(resolver)
+    state = None
+    try:
+        state = mi.parser.parse_file(config, str(file), **values)
+        mi.parser.transform_all(config, state)
+        _use_own_plugins(state)
+        loaded = mi.parser.instantiate(config, state)
+    finally:
+        mi.set_file_resolver(before)
+        # If a shape fails, the others are freed, but `state` keeps their emitters, and the
+        # traceback keeps `state`: the next kernel that calls emitters would end the process.
+        del state
+    return loaded[0] if isinstance(loaded, list) and len(loaded) == 1 else loaded
+
+
+def _use_own_plugins(state: mi.parser.ParserState) -> None:
+    """Put the project's plugins in the place of some of Mitsuba's."""
+    for node in state.nodes:
+        name = node.props.plugin_name()
+        node.props.set_plugin_name(REPLACED.get(name, name))

@@ -3,7 +3,8 @@
 Photons are stored, and camera rays end, at surfaces with a diffuse component, and only that
 component is evaluated there. The diffuse lobes of Mitsuba's BSDFs are separable to a good
 approximation (exactly for ``diffuse``, ``plastic`` and ``roughplastic``, also inside ``twosided``,
-``mask``, ``bumpmap`` and ``normalmap``):
+``mask``, ``bumpmap`` and ``normalmap``, and for this project's ``separable_principled`` and
+``separable_principledthin``):
 
     f_d(wi, wo) = g(wi) ρ(wo) / π    with g(n) = 1.
 
@@ -23,8 +24,14 @@ INSEPARABLE = {"Principled": "principled", "PrincipledThin": "principledthin"}
 
 def inseparable_materials(scene: mi.Scene) -> list[str]:
     """Plugin names of the materials that photon mapping cannot use, also nested ones, sorted."""
-    objects = mi.traverse(scene).hierarchy
-    found = {o.class_name() for o in objects if isinstance(o, mi.BSDF)}
+    objects = mi.traverse(scene).hierarchy.items()
+    # This project's plugins have one of Mitsuba's inside.
+    found = {
+        bsdf.class_name()
+        for bsdf, (parent, _) in objects
+        if isinstance(bsdf, mi.BSDF)
+        and not (parent is not None and parent.class_name().startswith("SeparablePrincipled"))
+    }
     return sorted(INSEPARABLE[name] for name in found & INSEPARABLE.keys())
 
 
@@ -33,7 +40,7 @@ def require_separable(scene: mi.Scene) -> None:
     if names := inseparable_materials(scene):
         raise ValueError(
             f"the scene has materials of type {', '.join(names)}, whose diffuse part cannot be "
-            "separated. Use plastic, roughplastic, or a blendbsdf with a diffuse part."
+            "separated. Load the scene by gpf.load_scene_file, or write separable_ before the type."
         )
 
 

@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.core.structs import VisiblePoints
+from gpf.scene.lamps import Lamps
 from gpf.scene.materials import diffuse_context
 
 
@@ -38,7 +39,7 @@ class FixedPoints:
         dr.eval(si)
         return si
 
-    def direct_irradiance(self, sample: mi.Point2f) -> mi.Color3f:
+    def direct_irradiance(self, sample: mi.Point2f, lamps: Lamps | None = None) -> mi.Color3f:
         """Irradiance from one point on one emitter, W/m², (N, 3).
 
             E = L_e / p_e(ω) |cos θ| g(ω)
@@ -49,11 +50,13 @@ class FixedPoints:
         Parameters
         ----------
         sample: random numbers in [0, 1)², (N, 2).
+        lamps: the emitters that are sampled; by default all.
         """
         p, n, si = self.points.p, self.points.n, self._surface
         here = dr.zeros(mi.SurfaceInteraction3f, dr.width(p))
         here.p, here.n = p, n
-        light, weight = self.scene.sample_emitter_direction(here, sample, True, True)
+        lamps = Lamps(self.scene) if lamps is None else lamps
+        light, weight = lamps.sample(here, sample, mi.Bool(True))
         cosine = dr.dot(light.d, n)
         # As for a photon that lands: the BSDF for light from ω over the BSDF for light from above.
         context, known = diffuse_context(), si.is_valid()

@@ -24,6 +24,7 @@ from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
+from gpf.scene.lamps import Lamps
 from gpf.scene.materials import has_gloss
 from gpf.sppm.density import PhotonDensity, radius_at
 from gpf.sppm.edge_correction import area_correction
@@ -138,7 +139,7 @@ class PhotonPass:
         return irradiance
 
     def all_irradiance(
-        self, fixed: FixedPoints, start: mi.Point2f, number: int
+        self, fixed: FixedPoints, start: mi.Point2f, number: int, lamps: Lamps | None = None
     ) -> tuple[mi.Color3f, mi.Color3f | None]:
         """E at fixed points, W/m², (N, 3), and the part of it from a sample of the emitters; None
         for that part if photons also carry direct light.
@@ -148,10 +149,11 @@ class PhotonPass:
         start: start of each point's sequence of samples, (N, 2); see
             :func:`gpf.core.random.random_start`.
         number: number of passes at these points so far, this one included.
+        lamps: the emitters that are sampled; by default all.
         """
         if self.settings.direct == "photons":
             return self.irradiance(fixed.points), None
-        direct = fixed.direct_irradiance(spread_sample(start, number))
+        direct = fixed.direct_irradiance(spread_sample(start, number), lamps)
         dr.eval(direct)  # otherwise each use of it would trace it again
         return self.irradiance(fixed.points) + direct, direct
 

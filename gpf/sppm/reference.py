@@ -18,6 +18,7 @@ from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.tracing import PathSettings
+from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.pass_sums import ExactSum, PassSums
 from gpf.sppm.passes import PassSettings, PhotonPasses, propose_radius
@@ -260,7 +261,7 @@ def sample_view(
         pass_seed(seed, t, stream_of(name)),
         settings.max_depth,
         settings.rr_depth,
-        direct=settings.direct == "emitters",
+        lamps=Lamps(scene) if settings.direct == "emitters" else None,
         walks=settings.glossy_walks,
     )
 

@@ -15,22 +15,24 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.detail import Detail
 from gpf.field.initialization import DISTANCE
 from gpf.guiding.density_control import cell_keys
 
-LEVELS = 5
+LEVELS = 6
 
-# Search radius of the finest level, in kernel radii of the targets: the distance between its
-# Gaussians is two thirds of the kernel's radius.
+# Search radius of the finest level, in radii of the targets' narrowest kernel: the distance between
+# its Gaussians is two thirds of the kernel's radius.
 FINEST = 1.5
 
-# Edge of a cell of the field's grid, in search radii of level 2. In smaller cells, too few points
+# The finest level is taken if its error is smaller by this share than that of the level before it.
+LEAST_GAIN = 0.2
+
+# Edge of a cell of the field's grid, in search radii of level 3. In smaller cells, too few points
 # would decide.
-CELL = 0.5
+CELL = 1.0
 _MOST_CELLS = 1 << 19
 
 # Standard deviation of the weights with which the cells around a cell count too, in cells.
@@ -58,15 +60,17 @@ def choose_detail(
     ----------
     points: with targets from all photons, (P).
     halves: the same points, with targets from two independent halves of the photons.
-    kernel: radius of the targets' kernel, world units.
+    kernel: radius of the targets' narrowest kernel, world units.
     bounds: corners of the scene's bounding box.
     """
     position, normal = to_numpy(points.p), to_numpy(points.n)
     weight = np.asarray(points.weight.numpy())
+    from scipy.ndimage import gaussian_filter  # slow to import
+
     radius = FINEST * kernel * 2 ** (LEVELS - 1)
     corner = np.array([float(bounds[0][i]) for i in range(3)])
     extent = np.array([float(bounds[1][i]) for i in range(3)]) - corner
-    width = CELL * radius / 4
+    width = CELL * radius / 8
     while np.prod(np.floor(extent / width) + 1) > _MOST_CELLS:
         width *= 1.1
     shape = tuple(int(n) for n in np.floor(extent / width) + 1)
@@ -81,6 +85,8 @@ def choose_detail(
         error = ((fit_a - b) ** 2 + (fit_b - a) ** 2) / 2 - (fit_a - fit_b) ** 2 / 4
         total = np.bincount(cell, weight * error.sum(axis=1), math.prod(shape)).reshape(shape)
         errors.append(gaussian_filter(total, SMOOTHING, mode="constant"))
+    # The finest level is for targets of the narrow kernel; elsewhere it gains nothing.
+    errors[-1] += LEAST_GAIN * np.abs(errors[-2])
     table = np.argmin(errors, axis=0).astype(np.uint8)
     return Detail(table, width, corner, radius)
 

@@ -12,6 +12,9 @@ from gpf.field.field import WEIGHT_FLOOR
 from gpf.field.gaussians import Gaussians, whitening_adjoint, whitening_rows
 from gpf.training.neighbours import NeighbourLists
 
+# Gradients are multiples of this step; the sums may be up to 8192. A typical gradient is 1e-6.
+STEP = 2.0**-50
+
 
 def parameters(g: Gaussians) -> list[mi.Float]:
     """The trained arrays, one per scalar parameter, (N,) each."""
@@ -35,11 +38,12 @@ class Packets:
     """The Gaussians as the batch kernel reads them, and their gradients: groups of 4, (4 N,).
 
     ``means`` holds μ; ``rows[k]`` holds the row M_k and the colour channel k. Gradients have the
-    same layout.
+    same layout; they are whole numbers of :data:`STEP`, so that the order of the points does not
+    change the sums.
     """
 
-    means: mi.Float
-    rows: list[mi.Float]
+    means: mi.Float | mi.Int64
+    rows: list[mi.Float] | list[mi.Int64]
 
 
 def pack(g: Gaussians) -> Packets:
@@ -57,8 +61,7 @@ def pack(g: Gaussians) -> Packets:
 def unpack_gradients(g: Gaussians, gradients: Packets, anisotropic: bool) -> list[mi.Float]:
     """Gradients by :func:`parameters`, from gradients by the packets."""
     index = dr.arange(mi.UInt32, dr.width(g.means))
-    means = dr.gather(mi.Vector4f, gradients.means, index)
-    rows = [dr.gather(mi.Vector4f, r, index) for r in gradients.rows]
+    means, *rows = (_read(sums, index) for sums in (gradients.means, *gradients.rows))
     scales, quats = whitening_adjoint(
         g.log_scales,
         g.quats,
@@ -129,6 +132,21 @@ def accumulate_gradients(
     return importance * dr.squared_norm(error)
 
 
+@dr.syntax
+def pair_weights(points: SurfacePoints, lists: NeighbourLists, packets: Packets) -> mi.Float:
+    """The weights w_i of all pairs of a point and a Gaussian in ``lists``, (pairs,)."""
+    weights = dr.zeros(mi.Float, dr.width(lists.indices))
+    lane = dr.arange(mi.UInt32, dr.width(points.p))
+    i = dr.gather(mi.UInt32, lists.starts, lane)
+    end = dr.gather(mi.UInt32, lists.starts, lane + 1)
+    x, support2 = mi.Point3f(points.p), mi.Float(lists.support2)
+    while i < end:
+        index = dr.gather(mi.UInt32, lists.indices, i)
+        dr.scatter(weights, _Term(x, packets, index, support2).weight, i)
+        i += 1
+    return weights
+
+
 class _Term:
     """One neighbour's term of a blend (:func:`gpf.field.field.blend_weight`), and its adjoint."""
 
@@ -152,8 +170,25 @@ class _Term:
         to_d = sum((to_u[k] * self.rows[k] for k in range(3)), mi.Vector3f(0))
         slope = -4 * self.rest / self.support2
         to_d += (to_weight * (self.bell + WEIGHT_FLOOR) * slope) * self.d
-        dr.scatter_add(gradients.means, mi.Vector4f(-to_d.x, -to_d.y, -to_d.z, 0), index)
+        _add(gradients.means, (-to_d.x, -to_d.y, -to_d.z, mi.Float(0)), index)
         to_colour = adjoint * self.weight
         for k in range(3):
             row = to_u[k] * self.d
-            dr.scatter_add(gradients.rows[k], mi.Vector4f(row.x, row.y, row.z, to_colour[k]), index)
+            _add(gradients.rows[k], (row.x, row.y, row.z, to_colour[k]), index)
+
+
+def zero_gradients(size: int) -> Packets:
+    """Gradients of no points, for so many Gaussians."""
+    means, *rows = (dr.zeros(mi.Int64, 4 * size) for _ in range(4))
+    return Packets(means, rows)
+
+
+def _add(sums, values, index):  # type: ignore[no-untyped-def]
+    """Add four numbers per lane to the sums of a Gaussian, each as a whole number of steps."""
+    steps = [mi.Int64(value / STEP) for value in values]
+    dr.scatter_add(sums, dr.int64_array_t(mi.Vector4f)(*steps), index)
+
+
+def _read(sums: mi.Int64, index: mi.UInt32) -> mi.Vector4f:
+    """The sums of Gaussians, (N, 4)."""
+    return mi.Vector4f(dr.gather(dr.int64_array_t(mi.Vector4f), sums, index)) * STEP

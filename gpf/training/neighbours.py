@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from scipy.spatial import cKDTree
 
 from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.field import GaussianPhotonField, supplement_support
@@ -108,10 +107,17 @@ def local_targets(
     Gaussians on its outside.
     """
 
+    from scipy.spatial import cKDTree  # slow to import
+
     def places(p: mi.Point3f, n: mi.Normal3f) -> np.ndarray:
         return np.hstack([to_numpy(p), radius * to_numpy(n)])
 
     count = min(neighbours, dr.width(points.p))
     tree = cKDTree(places(points.p, points.n))
     _, near = tree.query(places(gaussians.means, gaussians.normals), k=count)
-    return to_numpy(points.target)[near.reshape(-1, count)].mean(axis=1)
+    near = near.reshape(-1, count)
+    # Where points are sparse, those on the other side of a thin wall are among the nearest.
+    facing = np.einsum("nkc,nc->nk", to_numpy(points.n)[near], to_numpy(gaussians.normals)) > 0
+    facing[~facing.any(axis=1)] = True
+    target = np.where(facing[:, :, None], to_numpy(points.target)[near], 0)
+    return target.sum(axis=1) / facing.sum(axis=1, keepdims=True)

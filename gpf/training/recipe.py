@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -23,10 +23,12 @@ from gpf.field.initialization import (
     propose_search_radius,
 )
 from gpf.guiding.emission_plan import EmissionPlan
-from gpf.sppm.passes import PassSettings
+from gpf.scene.lamps import small_lamps
+from gpf.scene.light_groups import LightGroups
+from gpf.sppm.passes import PassSettings, suit_scene
 from gpf.training.detail_choice import choose_detail
 from gpf.training.settings import TrainingSettings
-from gpf.training.streaming import PhotonStream, StreamSettings
+from gpf.training.streaming import NARROW, PhotonStream, StreamSettings
 from gpf.training.surface_points import share_of_pixels, target_points
 from gpf.training.targets import Targets
 from gpf.training.trainer import Trainer
@@ -49,6 +51,19 @@ class Recipe:
         """Upper limit; with ``auto``, the largest number that the search tries."""
         return MAX_GAUSSIANS if self.field.gaussians == "auto" else self.field.gaussians
 
+    def suit(self, scene: mi.Scene, passes: PassSettings) -> Recipe:
+        """The settings for a scene: ``direct: auto`` becomes the list of the small lamps.
+
+        Lamps below the kernel radius of the first pass are small. If photons bring direct light,
+        the field stores all of it.
+        """
+        if self.field.direct != "auto":
+            return self
+        by_photons = suit_scene(passes, scene).direct == "photons"
+        small = [] if by_photons else small_lamps(scene, passes.initial_radius)
+        direct = tuple(small) or "field"
+        return replace(self, field=self.field.model_copy(update={"direct": direct}))
+
     def select_photons(self, photons: Photons) -> Photons:
         """The photons of the light that the field stores: all, or indirect light only.
 
@@ -56,7 +71,7 @@ class Recipe:
         ------
         UserError: only indirect light is stored, but all photons are direct light.
         """
-        if self.field.direct == "field":
+        if self.field.direct != "emitters":
             return photons
         indirect = dr.compress(photons.depth > 0)
         count = dr.width(indirect)
@@ -78,7 +93,10 @@ class Recipe:
     def supervise(self, targets: Targets) -> SurfacePoints:
         """The points of ``targets`` from which the field learns."""
         return targets.supervised_points(
-            self.train.points, self.field.stores, self.train.loss, self.field.direct
+            self.train.points,
+            self.field.stores,
+            self.train.loss,
+            indirect=self.field.direct == "emitters",
         )
 
     def initial_field(
@@ -124,7 +142,7 @@ class Recipe:
         ----------
         points: the field will be trained on these.
         halves: the same points, with targets from two independent halves of the photons.
-        kernel: radius of the targets' kernel, world units.
+        kernel: radius of the targets' narrowest kernel, world units.
         bounds: corners of the scene's bounding box.
         """
         detail = choose_detail(points, halves, kernel, bounds)
@@ -147,7 +165,7 @@ class Recipe:
         points = self.supervise(targets)
         if self.field.gaussians == "auto":
             split = self.supervise(halves[0]), self.supervise(halves[1])
-            field = self.field_by_place(points, split, stream.radius, bounds)
+            field = self.field_by_place(points, split, NARROW * stream.radius, bounds)
         else:
             photons = self.select_photons(photons)
             field = self.initial_field(self.field.gaussians, photons, targets, bounds)
@@ -176,6 +194,7 @@ def open_stream(
     passes: PassSettings,
     stream: StreamSettings,
     recipe: Recipe,
+    groups: LightGroups | None = None,
 ) -> tuple[PhotonStream, Photons]:
     """A stream without passes yet, and photons for the Gaussians.
 
@@ -184,6 +203,8 @@ def open_stream(
     sensors: the training views, by name.
     plan: where photons are needed.
     passes: settings of the references' passes; radius and ``alpha`` come from ``stream``.
+    recipe: without ``auto`` for direct light (:meth:`Recipe.suit`).
+    groups: groups of emitters whose light the stream keeps apart.
     """
     radius = stream.radius * passes.initial_radius
     settings = passes.model_copy(update={"alpha": stream.alpha, "initial_radius": radius})
@@ -203,4 +224,8 @@ def open_stream(
         stream.seed,
         photons,
     )
-    return PhotonStream(scene, settings, points, stream.seed, plan.source), photons
+    # With direct light from the emitters alone, the recipe subtracts it from the targets.
+    direct = recipe.field.direct
+    lamps = recipe.field.stored_lamps(scene) if isinstance(direct, tuple) else None
+    made = PhotonStream(scene, settings, points, stream.seed, plan.source, lamps, groups)
+    return made, photons

@@ -7,7 +7,7 @@ more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated
 
@@ -18,22 +18,38 @@ from pydantic import Field
 
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.settings import Count, Positive, Seed, Settings
-from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
+from gpf.core.structs import Photons, VisiblePoints, concatenate, take, to_numpy
+from gpf.guiding.density_control import cell_keys
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.photon_grid import PhotonSums
 from gpf.scene.bounds import scene_bounds
+from gpf.scene.lamps import Lamps
+from gpf.scene.light_groups import LightGroups
 from gpf.sppm.density import PhotonDensity, radius_at
 from gpf.sppm.edge_correction import area_correction
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, suit_scene
 from gpf.training.targets import Targets, source_numbers
 
-# Edge of the cells in which photons are added up, in units of the kernel radius after
-# TYPICAL_PASSES passes.
-CELL, TYPICAL_PASSES = 0.25, 100
+# Radius of the narrow kernel, in units of the wide one.
+NARROW = 0.5
+
+# The narrow kernel is used where the squared bias of the wide one is more than this many times the
+# narrow one's variance, both of half of the photons. With 0.5, much noise passes for light.
+SHARP = 6.0
+
+# Edge of the squares in which the two kernels are compared, in radii of the wide one.
+_COMPARED = 2.0
+
+# Edge of the cells in which photons are added up, in units of the wide kernel's radius after
+# TYPICAL_PASSES passes: a quarter of the narrow one's.
+CELL, TYPICAL_PASSES = 0.25 * NARROW, 100
 
 # Samples of the emitters at each point for each half and each call of PhotonStream.halves.
 DIRECT_SAMPLES = 4
+
+# Samples of each group of emitters at each point for PhotonStream.by_group.
+GROUP_SAMPLES = 16
 
 
 class StreamSettings(Settings):
@@ -61,14 +77,18 @@ class PhotonStream:
 
     Photons are added up in cells (:class:`gpf.photons.photon_grid.PhotonSums`), so the cost of a
     pass does not depend on the number of points. For targets, all photons of n passes are gathered
-    with one radius: the radius of pass n of SPPM. Passes with odd and with even numbers are added
-    up apart: these two halves are independent.
+    with the radius of pass n of SPPM, and where light is sharp with :data:`NARROW` of it
+    (:func:`is_sharp`). Passes with odd and with even numbers are added up apart: these two halves
+    are independent.
 
     Parameters
     ----------
     settings: of the passes; ``alpha`` and ``initial_radius`` give the radius.
     points: sets of points by name: each training view in order, then
         :data:`gpf.training.targets.SURFACES`; any of them may be missing.
+    lamps: with ``settings.direct: emitters``, the emitters whose direct light the targets contain;
+        by default all.
+    groups: groups of emitters whose light is kept apart, for :meth:`by_group`.
     """
 
     def __init__(
@@ -78,14 +98,18 @@ class PhotonStream:
         points: Mapping[str, VisiblePoints],
         seed: int,
         source: Source = emit_light,
+        lamps: Lamps | None = None,
+        groups: LightGroups | None = None,
     ) -> None:
         self.scene, self.seed, self.count = scene, seed, 0
+        self._lamps, self._groups = lamps, groups
         self.settings = suit_scene(settings, scene)
         self._bounds = scene_bounds(scene)
         # The final radius is not known here, but the radius shrinks slowly.
         cell = CELL * radius_at(TYPICAL_PASSES, self.settings.initial_radius, self.settings.alpha)
         paths = self.settings.path_settings(source)
-        self._sums = [PhotonSums(cell, self._bounds, paths) for _ in range(2)]
+        table = None if groups is None else groups.table(scene)
+        self._sums = [PhotonSums(cell, self._bounds, paths, groups=table) for _ in range(2)]
         valid = [take(each, dr.compress(each.valid)) for each in points.values()]
         self._source = np.repeat(source_numbers(points), [dr.width(each.p) for each in valid])
         self._points = FixedPoints(scene, concatenate(valid))
@@ -94,7 +118,7 @@ class PhotonStream:
 
     @property
     def radius(self) -> float:
-        """Radius of the kernel with which photons are gathered, world units."""
+        """Radius of the wide kernel with which photons are gathered, world units."""
         return radius_at(max(self.count, 1), self.settings.initial_radius, self.settings.alpha)
 
     def advance(self, count: int, tick: Callable[[int], None] = lambda done: None) -> None:
@@ -105,6 +129,24 @@ class PhotonStream:
             half.trace(self.scene, pass_seed(self.seed, self.count, Stream.PHOTONS))
             dr.sync_thread()
             tick(self.count)
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """The photons and samples so far, for a file."""
+        found = {"counts": np.array([self.count, self._samples])}
+        for half in range(2):
+            sums = self._sums[half].tensors()
+            found |= {f"half_{half}/{name}": values for name, values in sums.items()}
+            found[f"half_{half}/direct"] = to_numpy(self._direct[half])
+        return found
+
+    def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
+        """Continue from :meth:`tensors` of a stream with the same arguments."""
+        self.count, self._samples = (int(n) for n in tensors["counts"])
+        for half in range(2):
+            start = f"half_{half}/"
+            own = {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
+            self._direct[half] = mi.Color3f(np.ascontiguousarray(own.pop("direct").T))
+            self._sums[half].restore(own)
 
     def mean(self, halves: tuple[Targets, Targets]) -> Targets:
         """The points, with the irradiance from all passes so far; ``halves``: of :meth:`halves`."""
@@ -121,29 +163,87 @@ class PhotonStream:
         points = self._points.points
         if self.settings.direct == "emitters":
             self._sample_emitters()
+        position, normal = to_numpy(points.p), to_numpy(points.n)
+        photons = [sums.photons() for sums in self._sums]
+        wide, narrow = (self._gather(photons, r * self.radius) for r in (1, NARROW))
+        self._sharp = sharp = is_sharp(position, normal, wide, narrow, _COMPARED * self.radius)
         found = []
         for half in range(2):
-            density = PhotonDensity(
-                self._sums[half].photons(), self.radius, self._bounds, smooth=True
-            )
-            gathered = density.irradiance(points.p, points.n)
-            if self.settings.edge_correction:
-                seed = pass_seed(self.seed, 2 * self.count + half, Stream.EDGES)
-                gathered *= area_correction(
-                    self.scene, points.p, points.n, points.valid, self.radius, seed, smooth=True
-                )
-            irradiance = to_numpy(gathered)
+            irradiance = np.where(sharp[:, None], narrow[half], wide[half])
             direct = to_numpy(self._direct[half]) / np.float32(max(self._samples, 1))
             found.append(
                 Targets(
-                    position=to_numpy(points.p),
-                    normal=to_numpy(points.n),
+                    position=position,
+                    normal=normal,
                     irradiance=irradiance + direct,
                     direct=direct,
                     reflectance=to_numpy(points.reflectance),
                     source=self._source,
                 )
             )
+        return found[0], found[1]
+
+    def by_group(self) -> np.ndarray:
+        """Irradiance of the points from each group of emitters, from all passes, (G, N, 3).
+
+        At each point with the radius that the last call of :meth:`halves` has chosen for all light.
+        """
+        assert self._groups is not None
+        points = self._points.points
+        found = np.zeros((len(self._groups.names), len(self._source), 3), np.float32)
+        shares = self.count // 2 / self.count, (self.count + 1) // 2 / self.count
+        for radius, chosen in ((self.radius, ~self._sharp), (NARROW * self.radius, self._sharp)):
+            rows = np.flatnonzero(chosen)
+            if len(rows) == 0:
+                continue
+            part = take(points, mi.UInt32(rows.astype(np.uint32)))
+            correction = mi.Float(1)
+            if self.settings.edge_correction:
+                seed = pass_seed(self.seed, 2 * self.count, Stream.EDGES)
+                correction = area_correction(
+                    self.scene, part.p, part.n, part.valid, radius, seed, smooth=True
+                )
+            for number in range(len(found)):
+                for share, sums in zip(shares, self._sums, strict=True):
+                    photons = sums.photons(number)
+                    density = PhotonDensity(photons, radius, self._bounds, smooth=True)
+                    gathered = to_numpy(density.irradiance(part.p, part.n) * correction)
+                    found[number, rows] += np.float32(share) * gathered
+        if self.settings.direct == "emitters":
+            found += self._direct_by_group()
+        return found
+
+    def _direct_by_group(self) -> np.ndarray:
+        """Direct irradiance of the points from each group of emitters, (G, N, 3)."""
+        assert self._groups is not None
+        found = []
+        for number, members in enumerate(self._groups.members):
+            kept = members
+            if self._lamps is not None and self._lamps.indices is not None:
+                kept = tuple(k for k in members if k in self._lamps.indices)
+            total = dr.zeros(mi.Color3f, len(self._source))
+            start = random_start(
+                pass_seed(self.seed, number, Stream.GROUP_EMITTERS), len(self._source)
+            )
+            for k in range(GROUP_SAMPLES if kept else 0):
+                sample = spread_sample(start, k + 1)
+                total += self._points.direct_irradiance(sample, Lamps(self.scene, kept))
+                dr.eval(total)
+            found.append(to_numpy(total) / np.float32(GROUP_SAMPLES))
+        return np.stack(found)
+
+    def _gather(self, photons: Sequence[Photons], radius: float) -> tuple[np.ndarray, np.ndarray]:
+        """Irradiance of the points from the photons of each half, (N, 3) each."""
+        points, found = self._points.points, []
+        for half in range(2):
+            density = PhotonDensity(photons[half], radius, self._bounds, smooth=True)
+            gathered = density.irradiance(points.p, points.n)
+            if self.settings.edge_correction:
+                seed = pass_seed(self.seed, 2 * self.count + half, Stream.EDGES)
+                gathered *= area_correction(
+                    self.scene, points.p, points.n, points.valid, radius, seed, smooth=True
+                )
+            found.append(to_numpy(gathered))
         return found[0], found[1]
 
     def _sample_emitters(self) -> None:
@@ -153,6 +253,43 @@ class PhotonStream:
             start = random_start(seed, len(self._source))
             for k in range(DIRECT_SAMPLES):
                 sample = spread_sample(start, self._samples + k + 1)
-                self._direct[half] += self._points.direct_irradiance(sample)
+                self._direct[half] += self._points.direct_irradiance(sample, self._lamps)
                 dr.eval(self._direct)
         self._samples += DIRECT_SAMPLES
+
+
+def is_sharp(
+    position: np.ndarray,
+    normal: np.ndarray,
+    wide: tuple[np.ndarray, np.ndarray],
+    narrow: tuple[np.ndarray, np.ndarray],
+    width: float,
+) -> np.ndarray:
+    """Where a narrow kernel should replace a wide one, (N,) bool.
+
+    Both kernels gather two independent halves of the photons, a and b. In each cell of a grid, the
+    squared bias B² of the wide kernel w against the narrow one n, and the variance V of each, are
+
+        V_n = mean((n_a - n_b)²) / 2,    V_w likewise,
+        B² = mean((w_a - n_b)² + (w_b - n_a)²) / 2 - V_n - V_w,
+
+    and the cell is sharp if B² > :data:`SHARP` V_n.
+
+    Parameters
+    ----------
+    position, normal: of the points, (N, 3).
+    wide, narrow: irradiance from each half, (N, 3) each.
+    width: edge length of a cell, world units.
+    """
+    _, cell = np.unique(cell_keys(position, normal, width), return_inverse=True)
+    count = np.bincount(cell)
+
+    def difference(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Mean squared difference in each cell."""
+        return np.bincount(cell, ((x - y) ** 2).sum(axis=1)) / count
+
+    variance = difference(*narrow) / 2
+    bias = (difference(wide[0], narrow[1]) + difference(wide[1], narrow[0])) / 2
+    bias -= variance + difference(*wide) / 2
+    sharp: np.ndarray = (bias > SHARP * variance)[cell]
+    return sharp

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Literal
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import FileError, UserError
 from gpf.core.files import read_tensors, write_tensors
-from gpf.core.structs import SurfacePoints
+from gpf.core.random import Stream, pass_seed, random_start, spread_sample
+from gpf.core.structs import SurfacePoints, VisiblePoints, to_numpy
+from gpf.scene.lamps import Lamps
+from gpf.sppm.fixed_points import FixedPoints
 
 Loss = Literal["squared", "relative"]
 
@@ -98,12 +102,25 @@ class Targets:
         rows = (self.source < 0) == (points == "surface")
         return Targets(**{name: value[rows] for name, value in vars(self).items()})
 
+    def without(self, scene: mi.Scene, lamps: Lamps, seed: int, samples: int = 16) -> Targets:
+        """The targets without the direct light of some lamps, from samples at each point."""
+        points = dr.zeros(VisiblePoints, len(self.position))
+        points.p, points.n = mi.Point3f(self.position.T), mi.Normal3f(self.normal.T)
+        fixed, total = FixedPoints(scene, points), dr.zeros(mi.Color3f, len(self.position))
+        for number, group in enumerate(lamps.groups()):
+            seed = pass_seed(seed, number, Stream.STREAM_EMITTERS)
+            start = random_start(seed, len(self.position))
+            for k in range(samples):
+                total += fixed.direct_irradiance(spread_sample(start, k + 1), group)
+                dr.eval(total)
+        return replace(self, irradiance=np.maximum(self.irradiance - to_numpy(total) / samples, 0))
+
     def supervised_points(
         self,
         points: Literal["views", "surface", "both"],
         stores: Literal["irradiance", "radiance"],
         loss: Loss,
-        direct: Literal["field", "emitters"] = "field",
+        indirect: bool = False,
     ) -> SurfacePoints:
         """The points that a trainer learns from.
 
@@ -113,7 +130,7 @@ class Targets:
         stores: what the field stores: E, or the outgoing radiance ρ/π E; the latter uses points of
             views only, because surface samples have no ρ.
         loss: how points are weighted (:func:`loss_weights`).
-        direct: with ``emitters``, direct light is subtracted from E.
+        indirect: whether direct light is subtracted from E.
 
         Raises
         ------
@@ -127,7 +144,7 @@ class Targets:
                 "Choose another, or set reference.surface_points above 0.",
             )
         target = chosen.irradiance
-        if direct == "emitters":
+        if indirect:
             target = np.maximum(target - chosen.direct, 0)
         if stores == "radiance":
             target = target * chosen.reflectance / np.pi

@@ -23,13 +23,13 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
 from gpf.training.adam import Adam
 from gpf.training.kernels import (
-    Packets,
     accumulate_gradients,
     blend_neighbours,
     pack,
     parameters,
     unpack_gradients,
     with_parameters,
+    zero_gradients,
 )
 from gpf.training.neighbours import list_neighbours, local_targets
 from gpf.training.settings import TrainingSettings, cosine_decay
@@ -149,9 +149,7 @@ class Trainer:
         """Take one optimiser step; return the squared errors of its batch, (B,)."""
         size = dr.width(self.gaussians.means)
         packets = pack(self.gaussians)
-        gradients = Packets(
-            dr.zeros(mi.Float, 4 * size), [dr.zeros(mi.Float, 4 * size) for _ in range(3)]
-        )
+        gradients = zero_gradients(size)
         chosen = self.batch()
         scale = dr.opaque(mi.Float, 1 / (3 * dr.width(chosen)))
         divided = self.field.settings.blend == "divided"
@@ -167,6 +165,8 @@ class Trainer:
             self.step_count + 1,
         )
         self.gaussians = with_parameters(self.gaussians, values)
+        # Beside bright places, negative values would show as black spots.
+        self.gaussians.irradiance = dr.maximum(self.gaussians.irradiance, 0)
         dr.eval(self.gaussians, self.adam.first, self.adam.second)
         self.step_count += 1
         self.batch_errors = errors

@@ -11,17 +11,15 @@ import atexit
 import io
 import os
 import shutil
-import socket
 import tempfile
 import zipfile
-from collections.abc import Mapping
 from contextlib import chdir
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from gpf.core.cluster import ClusterChoice, cores_of_smallest_machine, task_result
 from gpf.core.errors import UserError
 from gpf.core.progress import progress_bar
 from stages.common.workspace import Workspace
@@ -34,9 +32,9 @@ def render_on_cluster(passes: GroupPasses, request: GroupRequest, wanted: range)
     todo = _tasks(passes, wanted)
     if not todo:
         return
-    ray, settings = _connect(passes.work), passes.work.params.cluster
+    ray, settings = _cluster(passes.work).connect(), passes.work.params.cluster
     project = ray.put(pack(passes.work))
-    cores = settings.threads or _cores_of_smallest_machine(ray)
+    cores = settings.threads or cores_of_smallest_machine(ray)
     task = ray.remote(num_cpus=cores, max_retries=settings.retries)(render_part)
     facts = passes.work.scene, request, passes.parts.digest, settings.threads
     running = {task.remote(project, *facts, part.start, part.stop): part for part in todo}
@@ -51,7 +49,8 @@ def render_on_cluster(passes: GroupPasses, request: GroupRequest, wanted: range)
                 ready, _ = ray.wait(list(running), timeout=1.0)
                 for reference in ready:
                     part = running.pop(reference)
-                    tensors, costs = _result(ray, reference, part)
+                    what = f"a task of passes {part.start}:{part.stop}"
+                    tensors, costs = task_result(ray, reference, what)
                     sums = passes.renderer.empty_sums()
                     sums.add_tensors(tensors, len(part))
                     passes.save(part, sums, costs)
@@ -113,80 +112,15 @@ def _tasks(passes: GroupPasses, wanted: range) -> list[range]:
     return passes.parts.missing(wanted, cuts)
 
 
-def _connect(work: Workspace) -> Any:
-    """The module ``ray``, connected to the cluster of params.yaml, or to a new one on this
-    machine."""
-    try:
-        import ray
-    except ImportError as error:
-        raise UserError(
-            "params.yaml: executor",
-            "is ray, but the package ray is not installed",
-            "Install it (`pip install ray`), or set executor to local.",
-        ) from error
-    if ray.is_initialized():
-        return ray
+def _cluster(work: Workspace) -> ClusterChoice:
+    """The cluster of params.yaml."""
     settings = work.params.cluster
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    # New workers import this package from the same place as this process.
-    root = str(Path(__file__).resolve().parents[2])
-    paths = [root, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
-    options: dict[str, Any] = {"log_to_driver": False, "configure_logging": False}
-    if settings.address:
-        _require_listener(settings.address)
-        options["address"] = settings.address
-    else:
-        options |= {
-            "num_cpus": settings.workers * max(settings.threads, 1),
-            "include_dashboard": False,
-            "runtime_env": {"env_vars": {"PYTHONPATH": os.pathsep.join(paths)}},
-        }
-    try:
-        ray.init(**options)
-    except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
-        raise _unreachable(settings.address, error) from error
-    return ray
-
-
-def _cores_of_smallest_machine(ray: Any) -> float:
-    """Cores that a task reserves so that it has a machine for itself; every machine has them."""
-    cores = [node["Resources"].get("CPU", 1) for node in ray.nodes() if node["Alive"]]
-    return float(min(cores))
-
-
-def _require_listener(address: str) -> None:
-    """Check that something listens at the address; Ray itself would try for minutes."""
-    host, _, port = address.removeprefix("ray://").rpartition(":")
-    if host and port.isdecimal():
-        try:
-            socket.create_connection((host, int(port)), timeout=5).close()
-        except OSError as error:
-            raise _unreachable(address, error) from error
-
-
-def _unreachable(address: str, error: Exception) -> UserError:
-    return UserError(
-        f"params.yaml: cluster.address: {address!r}",
-        f"cannot be reached ({str(error).splitlines()[0]})",
-        "Start a cluster with `ray start --head`, or leave the address empty.",
+    return ClusterChoice(
+        "params.yaml: executor",
+        settings.address,
+        "params.yaml: cluster.address",
+        settings.workers * max(settings.threads, 1),
     )
-
-
-def _result(ray: Any, reference: Any, part: range) -> tuple[Mapping[str, np.ndarray], Any]:
-    where = f"passes {part.start}:{part.stop}"
-    try:
-        return ray.get(reference)  # type: ignore[no-any-return]
-    except ray.exceptions.RayTaskError as error:
-        cause = error.cause
-        if isinstance(cause, UserError):
-            raise UserError(cause.where, cause.what, cause.todo) from error
-        raise
-    except (ray.exceptions.WorkerCrashedError, ray.exceptions.RaySystemError) as error:
-        raise UserError(
-            where,
-            "were lost, also in all retries",
-            "Check the memory of the workers; the parts of other tasks are saved.",
-        ) from error
 
 
 @cache

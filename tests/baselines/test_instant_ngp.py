@@ -94,7 +94,7 @@ def prepare(
 
 
 def test_training_views_are_reproduced(task: Task):
-    prepared = prepare(task)
+    prepared = prepare(task, steps=3 * STEPS // 2)
     for seen in task.training:
         image = prepared.render(seen.view, seed=2)
         assert image.shape == (HEIGHT, WIDTH, 3) and image.dtype == np.float32

@@ -28,7 +28,7 @@ def psnr(prepared: FittedSplats, water: bool) -> float:
     return float(-10 * np.log10(np.mean((shown - truth) ** 2)))
 
 
-@pytest.mark.parametrize("water", [False, True])
+@pytest.mark.parametrize("water", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_novel_view_comes_close_to_the_truth(tmp_path, water):
     pytest.importorskip("gsplat")
     task = wall_task(tmp_path, water, PLACES)

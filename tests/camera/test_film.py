@@ -119,6 +119,7 @@ def test_one_seed_gives_one_image_on_any_number_of_threads(filter_, direct):
     assert (render(scene, seed=4) != images[0]).mean() > 0.5
 
 
+@pytest.mark.slow
 def test_large_films_are_rendered_in_bands(monkeypatch):
     """With samples of their own, and the photons of the whole film."""
     whole = np.stack([render(small_box(), seed=s) for s in range(8)])
@@ -189,7 +190,7 @@ def test_radiance_is_computed_once_for_all_channels():
 
 
 @tiers(quick=1 / 6)
-@pytest.mark.parametrize("kind", ["sppm", "gpf"])
+@pytest.mark.parametrize("kind", [pytest.param("sppm", marks=pytest.mark.slow), "gpf"])
 def test_more_walks_have_less_noise_and_the_same_mean(kind, tier):
     """The ratio of means has a standard error of 1.4 %, or 3.5 % in the quick tier."""
     seeds, spp, photons = (48, 8, 20_000) if tier.share == 1 else (16, 4, 5000)

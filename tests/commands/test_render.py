@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 import subprocess
+import sys
+import zipfile
 from pathlib import Path
 
 import mitsuba as mi
@@ -14,6 +17,7 @@ from imageio_ffmpeg import get_ffmpeg_exe
 from PIL import Image
 
 from gpf.cli import main
+from gpf.commands.cluster import pack_scene
 from gpf.core.images import read_exr
 from gpf.field.io import load_field, save_field
 from gpf.scene.fingerprint import fingerprint
@@ -81,9 +85,14 @@ def test_pictures_that_exist_are_kept(box, capsys):
     render("--orbit", "3", "-o", "a")
     assert "2 pictures, " in (said := capsys.readouterr().err) and "1 were there" in said
     assert (box / "a" / "orbit_000.exr").stat().st_mtime_ns == files[box / "a" / "orbit_000.exr"]
+
+
+def test_pictures_made_in_another_way_are_replaced(box, capsys):
+    render("-o", "a")
     for changed in (("--seed", "1"), ("--exposure", "2"), ("--aovs", "depth"), ("--spp", "2")):
-        render("--orbit", "3", "-o", "a", *changed)
-        assert "3 pictures, " in capsys.readouterr().err, changed
+        capsys.readouterr()
+        render("-o", "a", *changed)
+        assert "1 picture, " in capsys.readouterr().err, changed
 
 
 def test_a_picture_does_not_depend_on_those_beside_it(box):
@@ -202,6 +211,7 @@ def test_fields_that_do_not_know_their_scene_are_taken(box):
         (("--aovs", "dept"), "--aovs dept: there is no 'dept'. There are depth, position"),
         (("--view", "sensr"), "view 'sensr': does not exist. Did you mean 'sensor'?"),
         (("--denoise", "--seconds", "1"), "--denoise and --seconds: exclude each other"),
+        (("--cluster", "head:10001"), "--cluster: is for `--executor ray`"),
         (("--frames",), "box.xml: has no camera path"),
         (("--orbit", "3", "--view", "sensor"), "--orbit and --view: exclude each other"),
         (("--field", "none.safetensors"), "none.safetensors: is missing"),
@@ -219,3 +229,34 @@ def test_views_beside_the_scene(box):
     assert [path.name for path in (box / "a").glob("*.png")] == ["front.png"]
     render("-o", "novel")  # those that no method trains with
     assert len(list((box / "novel").glob("*.png"))) >= 4
+
+
+def test_what_travels_to_a_cluster_is_the_scene_and_its_files(tmp_path):
+    scene, mesh = tmp_path / "a" / "scene.xml", tmp_path / "b" / "mesh.ply"
+    for file in (scene, mesh):
+        file.parent.mkdir()
+    mesh.write_bytes(b"ply")
+    shape = '<shape type="ply"><string name="filename" value="../b/mesh.ply"/></shape>'
+    scene.write_text(f'<scene version="3.0.0">{shape}</scene>')
+    data, name = pack_scene(scene)
+    assert name == "a/scene.xml"
+    assert zipfile.ZipFile(io.BytesIO(data)).namelist() == ["a/scene.xml", "b/mesh.ply"]
+
+
+def test_without_ray(box, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    assert "--executor: is ray, but the package ray is not installed" in refused(
+        capsys, "--executor", "ray"
+    )
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_bits_of_one_machine(box, capsys):
+    pytest.importorskip("ray")
+    render("--orbit", "3", "-o", "here")
+    program = "from gpf.cli import main; main()"
+    words = ("render", "box.xml", *CHEAP, "--orbit", "3", "-o", "there", "--executor", "ray")
+    subprocess.run([sys.executable, "-c", program, *words], check=True, timeout=200)
+    for file in sorted((box / "here").glob("*.exr")):
+        here, there = (read_exr(box / f / file.name)[0]["radiance"] for f in ("here", "there"))
+        np.testing.assert_array_equal(here, there)

@@ -13,17 +13,18 @@ import pytest
 import gpf
 from gpf.core.errors import UserError
 from gpf.core.images import tone_map
-from gpf.field.initialization import InitialFieldSettings
+from gpf.field.field import FieldSettings
 from gpf.field.io import read_field
 from gpf.fitting import fit as module
 from gpf.fitting.quality import QualityEstimate
-from gpf.guiding.emission_plan import VisibleRegionSettings
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import ReferenceRenderer
+from tests.furnace import lamp, point_light
+from tests.small_fit import make_small
 
 VIEWS = [
     View(name="front", origin=(0, 0, 3.9), target=(0, 0, 0), fov=39.3),
@@ -42,24 +43,20 @@ def scene():
 @pytest.fixture(autouse=True)
 def small(monkeypatch):
     """A fit of a second."""
-    monkeypatch.setattr(module, "MOST_STEPS", 60)
-    monkeypatch.setattr(module, "FIRST_PASSES", 30)
-    region = VisibleRegionSettings(rays=20_000, pilot_paths=20_000)
-    monkeypatch.setattr(module, "REGION", region)
-    monkeypatch.setattr(module, "FIELD", InitialFieldSettings(gaussians=2000))
-    monkeypatch.setattr("gpf.sppm.reference.EQUAL_PATHS", 5_000)
+    make_small(monkeypatch, passes=30, steps=60, paths=5_000)
 
 
 def sensors(rows: int = 32):
     return [make_sensor(view, rows, rows) for view in VIEWS]
 
 
-def test_a_fit_says_how_far_it_is_and_what_it_made(scene):
+def test_a_fit_says_how_far_it_is_and_what_it_made(scene, monkeypatch):
+    monkeypatch.setattr(module, "FIRST_PASSES", 12)
     told = []
-    field = gpf.fit(scene, sensors(), passes=40, seed=3, callback=told.append)
-    assert field.record["passes"] == 40 and field.record["seed"] == 3
+    field = gpf.fit(scene, sensors(), passes=20, seed=3, callback=told.append)
+    assert field.record["passes"] == 20 and field.record["seed"] == 3
     assert [t.passes for t in told] == sorted(t.passes for t in told)
-    assert told[-1].passes == told[-1].all_passes == 40 and told[-1].steps == 60
+    assert told[-1].passes == told[-1].all_passes == 20 and told[-1].steps == 60
     assert told[-1].psnr == field.record["estimated_psnr"] and told[-1].held_out_error > 0
     shown = [t for t in told if t.field is not None]
     assert len(shown) >= 2 and shown[-1] is told[-1]
@@ -87,7 +84,9 @@ def test_time_ends_a_fit(scene):
     assert record["passes"] >= 24 and 6 < record["seconds"] < 18
 
 
-def test_interrupted_the_best_field_so_far_is_returned(scene):
+def test_interrupted_the_best_field_so_far_is_returned(scene, monkeypatch):
+    monkeypatch.setattr(module, "FIRST_PASSES", 12)
+
     def stop(progress):
         if progress.psnr is not None:
             raise KeyboardInterrupt
@@ -123,26 +122,29 @@ def test_the_estimate_is_the_psnr_against_a_reference(scene, monkeypatch):
     monkeypatch.setattr("gpf.fitting.quality.REFERENCE_PASSES", passes)
     settings = PassSettings(photons_per_pass=40_000, initial_radius=0.08)
     size = (24, 24)
-    views = [make_sensor(view, *size) for view in VIEWS]
-    estimate = QualityEstimate(scene, views, settings, seed=7, pixels=4000, exposure=0.5)
+    looks = [view.model_copy(update={"target": (0.1 * k, -0.8, 0)}) for k, view in enumerate(VIEWS)]
+    views = [make_sensor(view, *size) for view in looks]
+    estimate = QualityEstimate(
+        scene, views, settings, FieldSettings(search_radius=1), seed=7, pixels=4000, exposure=0.5
+    )
     for _ in range(100):
         estimate.add_pass()
-    named = {view.name: sensor for view, sensor in zip(VIEWS, views, strict=True)}
+    named = {view.name: sensor for view, sensor in zip(looks, views, strict=True)}
     reference = ReferenceRenderer(scene, named, {}, settings, 51)
     sums = reference.run(passes)
     field = gpf.fit(scene, sensors(), passes=40, seed=3)
     gaussians = field.gaussians
-    for level in (0.9, 1.3):
+    for level, within in ((0.9, 1.0), (1.0, 1.6), (1.3, 1.0)):
         field.update(replace(gaussians, irradiance=gaussians.irradiance * level))
         settings = RenderSettings(adaptive=False, spp=256)
         renderer = FieldRenderer.make(scene, field, settings)
         errors = [
             tone_map(renderer.render(view, size, seed=5)["radiance"], 0.5)
             - tone_map(reference.image(view.name, sums), 0.5)
-            for view in VIEWS
+            for view in looks
         ]
         measured = -10 * np.log10(np.mean(np.square(errors)))
-        assert estimate.psnr(field) == pytest.approx(measured, abs=0.7), level
+        assert estimate.psnr(field) == pytest.approx(measured, abs=within), level
 
 
 @pytest.mark.slow
@@ -159,3 +161,48 @@ def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch):
     with pytest.raises(SystemExit) as ended:
         main(["fit", str(SOURCE), "-o", str(tmp_path / "box.exr")])
     assert ended.value.code == 2
+
+
+@pytest.mark.slow
+def test_lamps_without_a_size_have_sharp_shadows():
+    """The renderer samples their direct light; the field holds that of the others."""
+    room = mi.cornell_box()
+    del room["light"]
+    room["panel"] = lamp((0, 0.98, 0), (0, 0, 0), 0.5, 4, 4, 4)
+    room["bulb"] = point_light((0.2, 0.6, 0.2), 1.5)
+    scene = mi.load_dict(room, optimize=False)
+    field = gpf.fit(scene, sensors(), passes=60, seed=2)
+    kinds = [scene.emitters()[k].class_name() for k in field.settings.direct]
+    assert kinds == ["PointLight"]
+    view, size = VIEWS[0], (32, 32)
+    renderer = FieldRenderer.make(scene, field, RenderSettings(adaptive=False, spp=256))
+    path = mi.load_dict({"type": "path", "max_depth": 24})
+    truth = mi.render(scene, sensor=make_sensor(view, *size), integrator=path, spp=2048).numpy()
+    error = tone_map(renderer.render(view, size, seed=5)["radiance"], 0.5) - tone_map(truth, 0.5)
+    psnr = -10 * np.log10(np.mean(np.square(error)))
+    assert psnr > 42  # 39 with all light in the field
+
+
+@pytest.mark.slow
+def test_a_killed_fit_goes_on_and_gives_the_same_bits(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "SAVE_SECONDS", 2)
+    whole = gpf.fit(scene, sensors(), passes=75, seed=3)
+
+    def stop(progress):
+        if progress.passes == 50:
+            raise RuntimeError("killed")
+
+    with pytest.raises(RuntimeError, match="killed"):
+        gpf.fit(scene, sensors(), passes=75, seed=3, callback=stop, state=tmp_path / "box.fit")
+    told = []
+    field = gpf.fit(
+        scene, sensors(), passes=75, seed=3, callback=told.append, state=tmp_path / "box.fit"
+    )
+    assert 24 < told[0].passes <= 51 and told[0].psnr is not None
+    for name, values in vars(whole.gaussians).items():
+        np.testing.assert_array_equal(vars(field.gaussians)[name].numpy(), values.numpy())
+    assert field.record["estimated_psnr"] == whole.record["estimated_psnr"]
+    more = gpf.fit(scene, sensors(), passes=100, seed=3, state=tmp_path / "box.fit")
+    assert more.record["passes"] == 100
+    other = gpf.fit(scene, sensors(), passes=24, seed=4, state=tmp_path / "box.fit")
+    assert other.record["passes"] == 24  # photons of another seed are not used

@@ -54,7 +54,6 @@ def assert_refused(path: Path, root: Path, words: str, name: str = "room") -> Us
          r"aphic\. Views need one of type perspective or thinlens"),
         ('type="dielectric"', 'type="dialectric"', r"scene\.xml: does not load: .*Their Room/scene"
          r"\.xml \(line 35.*dialectric"),
-        ('type="dielectric"', 'type="principled"', r"scene\.xml: has materials of type principled"),
         ("</scene>", "</scen>", r"scene\.xml: does not parse: mismatched tag: line 37"),
         ("</scene>", '<emitter type="timed_sunsky"/></scene>', r"scene\.xml:37: has an emitter of t"
          r"ype timed_sunsky, which cannot emit photons"),

@@ -127,7 +127,9 @@ def test_the_wheel_has_the_library_and_nothing_else(wheel):
     assert {top for top in tops if not top.endswith(".dist-info")} == {"gpf"}
     code = {path.relative_to(PROJECT).as_posix() for path in PROJECT.glob("gpf/**/*.py")}
     demo = {f"gpf/commands/demo_scene/{file}" for file in ("scene.xml", "views.yaml", "build.py")}
-    assert {name for name in names if name.startswith("gpf/")} == code | demo
+    assert {name for name in names if name.startswith("gpf/")} == code | demo | {
+        "gpf/viewing/page.html"
+    }
 
 
 def test_it_requires_nothing_that_only_the_benchmark_needs(installed):

@@ -10,7 +10,7 @@ from report.figures.pictures import ERRORS
 from report.page import write_page
 from report.page.pictures import to_codes, to_radiance
 from report.tables import make_tables
-from tests.report.browser import find_browser, open_page
+from tests.browser import find_browser, open_page
 from tests.report.made_up import BOX, WATER
 from tests.report.pictured import HEIGHT, WIDTH, make_figure, make_pictured, radiance
 from tests.report.test_films import add_film

@@ -2,8 +2,11 @@
 
 import re
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
+import drjit as dr
+import mitsuba as mi
 import pytest
 
 from gpf.core.errors import UserError
@@ -80,6 +83,27 @@ def test_water_is_traced_through(root):
 def test_bad_scene_files_are_told_in_words(tmp_path, old, new, words):
     with pytest.raises(UserError, match=words):
         load_scene("ball", root=make_scene(tmp_path, re.sub(old, new, GOOD_SCENE)))
+
+
+def test_a_scene_that_does_not_load_leaves_no_emitters(tmp_path):
+    """Their shapes are gone: the next kernel that calls emitters would end the process."""
+    broken = GOOD_SCENE.replace("</scene>", '<shape type="cone"/></scene>')
+    assert "<emitter" in broken
+    before = living_emitters()
+    with pytest.raises(UserError, match="cone") as kept:
+        load_scene("ball", root=make_scene(tmp_path, broken))
+    assert living_emitters() <= before
+    del kept
+
+
+def living_emitters() -> int:
+    """How many emitters Dr.Jit calls; 256 at most."""
+    found = 0
+    for number in range(1, 257):
+        with suppress(RuntimeError):  # no such number
+            emitter = dr.reinterpret_array(mi.EmitterPtr, mi.UInt32(number))[0]
+            found += emitter is not None
+    return found
 
 
 def test_a_lone_shape_is_no_scene(tmp_path):

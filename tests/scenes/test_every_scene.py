@@ -63,7 +63,10 @@ def test_all_render_in_the_scalar_variant(root):
     assert done.stdout.splitlines() == [f"{name} 6 8 3" for name in NAMES]
 
 
-@pytest.mark.parametrize("name", BUILT)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow) if n == "veach_ajar" else n for n in BUILT],
+)
 def test_it_is_rebuilt_bit_for_bit(name, root, tmp_path):
     made = shutil.ignore_patterns("meshes", "textures", "__pycache__")
     shutil.copytree(root / name, tmp_path / name, ignore=made)

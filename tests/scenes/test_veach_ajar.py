@@ -10,18 +10,15 @@ import numpy as np
 import pytest
 
 from gpf.modelling.teapot import body_field
-from gpf.scene.load import load_scene_file
-from gpf.scene.snapshot import snapshot_scene
+from gpf.scene.load import load_scene
 
 SCENES = Path(__file__).parents[2] / "scenes"
 TABLE = 0.6506  # height of its top
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("scene") / "veach_ajar"
-    snapshot_scene("veach_ajar", folder, SCENES)
-    return load_scene_file(folder / "scene.xml", 8, 6)
+def scene(root):
+    return load_scene("veach_ajar", 8, 6, root)
 
 
 @pytest.fixture(scope="module")

@@ -8,18 +8,15 @@ import numpy as np
 import pytest
 
 from gpf.scene.folders import load_views
-from gpf.scene.load import load_scene_file
+from gpf.scene.load import load_scene
 from gpf.scene.sensors import make_sensor
-from gpf.scene.snapshot import snapshot_scene
 
 SCENES = Path(__file__).parents[2] / "scenes"
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("scene") / "veach_bidir"
-    snapshot_scene("veach_bidir", folder, SCENES)
-    return load_scene_file(folder / "scene.xml", 8, 6)
+def scene(root):
+    return load_scene("veach_bidir", 8, 6, root)
 
 
 def shape(scene, name):

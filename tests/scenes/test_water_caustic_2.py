@@ -1,6 +1,5 @@
 """The pool: closed water, equal tiles, a sun that wastes few photons, a net of light."""
 
-import shutil
 from pathlib import Path
 
 import drjit as dr
@@ -11,21 +10,10 @@ from PIL import Image
 
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.load import load_scene
-from gpf.scene.snapshot import build_scene
 
 NAME = "water_caustic_2"
 SOURCE = Path(__file__).parents[2] / "scenes" / NAME
 LEVEL, TROUGH, FLOOR, HALF_X, HALF_Z, TILE = -0.13, -0.158, -1.1, 1.5, 1.3, 0.1
-
-
-@pytest.fixture(scope="module")
-def root(tmp_path_factory) -> Path:
-    """A copy of the scene, built."""
-    root = tmp_path_factory.mktemp("scenes")
-    ignored = shutil.ignore_patterns("meshes", "textures", "__pycache__")
-    shutil.copytree(SOURCE, root / NAME, ignore=ignored)
-    build_scene(NAME, root)
-    return root
 
 
 @pytest.fixture(scope="module")

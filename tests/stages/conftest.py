@@ -21,6 +21,7 @@ from ruamel.yaml import YAML
 from gpf.cli import main
 from stages.commands.benchmark import OF_ALL_SCENES
 from stages.commands.profiles import apply_profile
+from tests.made_once import made_once
 from tests.stages.results import SMOKE_STAGES
 
 PROJECT = Path(__file__).parent.parent.parent
@@ -165,9 +166,11 @@ def fresh(unused: Project, tmp_path: Path) -> Project:
 @pytest.fixture(scope="session")
 def built(unused: Project, tmp_path_factory: pytest.TempPathFactory) -> Project:
     """A project in which every stage has run once; not to be changed."""
-    project = unused.copy(tmp_path_factory.mktemp("built") / "project")
-    project.run(*SMOKE_STAGES)
-    return project
+
+    def make(folder: Path) -> None:
+        unused.copy(folder / "project").run(*SMOKE_STAGES)
+
+    return Project(made_once(tmp_path_factory, "built_project", make) / "project")
 
 
 @pytest.fixture

@@ -46,7 +46,7 @@ def test_rows_that_the_project_does_not_have_are_left_out(params):
 
 def test_values_that_do_not_go_together_are_refused_before_anything_is_said(params, capsys):
     text = params.read_text()
-    params.write_text(text.replace("direct: field ", "direct: emitters "))
+    params.write_text(text.replace("direct: auto ", "direct: emitters "))
     before = params.read_text()
     with pytest.raises(UserError, match=r"with profile paper: .*field\.direct is emitters, but"):
         apply_profile("paper", params)

@@ -103,4 +103,4 @@ def test_splats_without_direct_light_are_said_to_be_so(finished, tmp_path):
     assert finished.stage("train").code == 0
     outcome = finished.gpf("export", "cornell_box", "--ply", str(tmp_path / "a.ply"))
     assert outcome.code == 0
-    assert "stores indirect light only" in outcome.text
+    assert "does not store the direct light of all" in outcome.text

@@ -9,12 +9,12 @@ import pytest
 
 from gpf.field.field import FieldSettings
 from gpf.training.kernels import (
-    Packets,
     accumulate_gradients,
     pack,
     parameters,
     unpack_gradients,
     with_parameters,
+    zero_gradients,
 )
 from gpf.training.neighbours import list_neighbours
 from tests.plain_field import (
@@ -89,9 +89,7 @@ class Problem:
     def adjoint(self, anisotropic: bool = True) -> tuple[np.ndarray, np.ndarray]:
         """Errors and gradients from the kernels."""
         gaussians = to_device(self.g)
-        gradients = Packets(
-            dr.zeros(mi.Float, 4 * COUNT), [dr.zeros(mi.Float, 4 * COUNT) for _ in range(3)]
-        )
+        gradients = zero_gradients(COUNT)
         errors = accumulate_gradients(
             self.points,
             self.lists,

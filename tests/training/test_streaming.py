@@ -13,7 +13,7 @@ from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.sppm.density import PhotonDensity, radius_at
 from gpf.sppm.passes import PassSettings
-from gpf.training.streaming import PhotonStream
+from gpf.training.streaming import PhotonStream, is_sharp
 from gpf.training.targets import Targets
 from tests.furnace import diffuse, floor, point_light
 
@@ -91,3 +91,20 @@ def test_direct_light_may_come_from_samples_of_the_emitters():
     expected = np.array([2, 1, 0.5]) / squared[:, None] ** 1.5
     np.testing.assert_allclose(targets.direct, expected, rtol=1e-4)
     np.testing.assert_allclose(targets.irradiance, expected, rtol=1e-4)
+
+
+def test_light_is_sharp_where_the_wide_kernel_has_a_bias_and_the_narrow_one_little_noise():
+    """Three cells: a bias of 1 with noise 0.1; no bias; a bias of 1 in noise of 1."""
+    rng, cell = np.random.default_rng(2), np.repeat([0, 1, 2], 400)
+    position = np.zeros((1200, 3))
+    position[:, 0] = cell + rng.uniform(0.1, 0.9, 1200)
+    normal = np.broadcast_to([0.0, 0.0, 1.0], (1200, 3))
+    bias, noise = np.array([1, 0, 1])[cell], np.array([0.1, 0.1, 1])[cell]
+
+    def gathered(add: np.ndarray, share: float) -> tuple[np.ndarray, np.ndarray]:
+        halves = [add + share * noise * rng.normal(size=1200) for _ in range(2)]
+        return tuple(np.repeat(half[:, None], 3, axis=1) for half in halves)
+
+    wide, narrow = gathered(bias, 0.5), gathered(0 * bias, 1.0)
+    sharp = is_sharp(position, normal, wide, narrow, width=1.0)
+    assert [sharp[cell == k].mean() for k in range(3)] == [1, 0, 0]

@@ -205,6 +205,16 @@ def test_the_other_side_of_a_thin_wall_is_another_surface():
     np.testing.assert_allclose(local_targets(below, points, radius=0.3), 1000, rtol=1e-5)
 
 
+def test_few_points_below_a_sheet_do_not_bring_its_upper_side_in():
+    """Of the eight nearest points, most are on the other side."""
+    g = replace(make_trainer().gaussians, normals=-make_trainer().gaussians.normals)
+    x = on_the_plane(np.random.default_rng(4), 4000)
+    above = np.arange(4000) >= 60
+    normals = np.where(above[:, None], UP, -np.array(UP))
+    points = surface_points(x, normals, np.where(above, 1000.0, 1.0)[:, None] * np.ones(3))
+    np.testing.assert_allclose(local_targets(g, points, radius=0.3), 1, rtol=1e-5)
+
+
 def test_a_start_from_targets_is_near_the_end():
     settings = settings_with(steps=0, held_out=0.2)
     errors = [make_trainer(settings, from_targets=whether).evaluate() for whether in (False, True)]
@@ -349,3 +359,19 @@ def test_steps_are_compiled_once():
     assert len(history) >= 6
     assert all(entry["cache_hit"] for entry in history)
     assert len({entry["hash"] for entry in history}) <= len(history) / 3
+
+
+def test_any_number_of_threads_gives_the_same_bits():
+    found, before = [], dr.thread_count()
+    settings = settings_with(batch=16_384, steps=40)
+    for threads in (2, 3, 3):
+        dr.set_thread_count(threads)
+        try:
+            field, reports = run(make_trainer(settings, points=make_points(40_000)))
+        finally:
+            dr.set_thread_count(before)
+        arrays = [np.array(values) for values in parameters(field.gaussians)]
+        found.append((arrays, reports))
+    for arrays, reports in found[1:]:
+        np.testing.assert_array_equal(arrays, found[0][0])
+        assert reports == found[0][1]

@@ -107,7 +107,7 @@ def split_lights(triangles: Triangles, where: str) -> list[Lighting]:
 
 
 def mean_irradiance(triangles: Triangles, emission: np.ndarray) -> float:
-    """Mean of Σ L A |cos| |cos'| / d² over the surfaces, to the lamps' centres, without shadows."""
+    """Mean of ``Σ L A |cos| |cos'| / d²`` over the surfaces, to lamps' centres, without shadows."""
     edges = triangles.corners[:, 1:] - triangles.corners[:, :1]
     crossed = np.cross(edges[:, 0], edges[:, 1])
     area = np.linalg.norm(crossed, axis=1) / 2

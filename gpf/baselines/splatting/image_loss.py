@@ -24,7 +24,7 @@ class Difference:
 
 
 class ImageLoss:
-    """The loss of 3DGS for one target: (1 - λ) mean |x - y| + λ (1 - mean SSIM(x, y)).
+    """The loss of 3DGS for one target: ``(1 - λ) mean |x - y| + λ (1 - mean SSIM(x, y))``.
 
     μ and the moments E[x²], E[xy] are means under a Gaussian window around each pixel; images are
     black beyond their edges.

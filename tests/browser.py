@@ -123,9 +123,14 @@ class Page:
 
 @contextmanager
 def open_page(
-    program: str, file: Path, folder: Path, width: int = 1400, height: int = 900, dark: bool = False
+    program: str,
+    file: Path | str,
+    folder: Path,
+    width: int = 1400,
+    height: int = 900,
+    dark: bool = False,
 ) -> Iterator[Page]:
-    """Open a file in a window of this size; ``folder`` is for the browser's own files."""
+    """Open a file or an address in a window of this size; ``folder``: for the browser's files."""
     child_in, into = os.pipe()
     out, child_out = os.pipe()
     command = [
@@ -167,7 +172,7 @@ def open_page(
         page.call("Emulation.setTouchEmulationEnabled", enabled=mobile)
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         page.call("Emulation.setEmulatedMedia", features=[scheme])
-        page.call("Page.navigate", url=file.resolve().as_uri())
+        page.call("Page.navigate", url=file if isinstance(file, str) else file.resolve().as_uri())
         page.wait_for("document.readyState === 'complete'")
         yield page
     finally:

@@ -1,0 +1,195 @@
+"""`python -m benchmarks.viewer [SCENE …]`: how quickly `gpf view` answers.
+
+For each scene of `scenes/`: a program in the place of the page moves the camera 60 times a second
+and receives pictures. One line per scene: pictures per second and their rows, the time from an
+input to its picture (median, 95th percentile), and the time for a still of 512 rows with 64 samples
+per pixel, in units of the time that `gpf render` needs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from websockets.sync.client import ClientConnection, connect
+
+import gpf
+from gpf.rendering.field_renderer import FieldRenderer
+from gpf.rendering.settings import RenderSettings
+from gpf.scene.folders import list_scenes, load_views
+from gpf.scene.load import load_scene_file
+from gpf.scene.sensors import make_sensor
+from gpf.scene.snapshot import snapshot_scene
+from gpf.scene.views import View
+
+ROWS, SPP, PASSES = 512, 64, 24
+
+# Seconds of motion before the measurement, and of the measurement; inputs per second.
+WARM_UP, MEASURED, INPUTS = 6.0, 8.0, 60
+
+
+@dataclass
+class Motion:
+    """What came back while the camera moved."""
+
+    delays: list[float] = field(default_factory=list)
+    rows: list[int] = field(default_factory=list)
+
+
+class Page:
+    """Talks to the server as the page does."""
+
+    def __init__(self, link: ClientConnection) -> None:
+        self._link, self._number, self._sent = link, 0, dict[int, float]()
+        self.camera: dict[str, Any] = {}
+        while not self.camera:
+            header = self._receive(10)
+            if header and header["type"] == "hello":
+                start = header["cameras"][0]
+                self.camera = {key: start[key] for key in ("origin", "target", "up", "fov")}
+        self._start = np.subtract(self.camera["origin"], self.camera["target"])
+        self._tell({"type": "look", "rows": ROWS})
+
+    def move(self, seconds: float) -> Motion:
+        """Swing around the target."""
+        motion, begin = Motion(), time.perf_counter()
+        last = 0.0
+        while (now := time.perf_counter()) - begin < seconds:
+            if now - last > 1 / INPUTS:
+                last = now
+                self._turn(0.25 * math.sin(2 * (now - begin)))
+            header = self._receive(max(0.0, last + 1 / INPUTS - time.perf_counter()))
+            if header and header["type"] == "picture" and header["number"] in self._sent:
+                motion.delays.append(time.perf_counter() - self._sent[header["number"]])
+                motion.rows.append(header["height"])
+        return motion
+
+    def rest(self) -> float:
+        """Seconds until the picture of a new camera has all its samples."""
+        self._turn(0.1)
+        begin = time.perf_counter()
+        while True:
+            header = self._receive(120)
+            assert header is not None, "no picture"
+            if header["type"] == "picture" and header["number"] == self._number:
+                if header["frames"] >= SPP:
+                    return time.perf_counter() - begin
+
+    def _turn(self, angle: float) -> None:
+        """Move the camera around the vertical axis of the world through its target."""
+        up = np.array(self.camera["up"])
+        cos, sin = math.cos(angle), math.sin(angle)
+        turned = self._start * cos + np.cross(up, self._start) * sin
+        turned += up * (up @ self._start) * (1 - cos)
+        origin = list(np.add(self.camera["target"], turned))
+        message = {"type": "camera", "camera": self.camera | {"origin": origin}}
+        self._tell(message)
+
+    def _tell(self, message: dict[str, Any]) -> None:
+        self._number += 1
+        self._sent[self._number] = time.perf_counter()
+        self._link.send(json.dumps(message | {"number": self._number}))
+
+    def _receive(self, seconds: float) -> dict[str, Any] | None:
+        """The header of the next message; None after a time without one."""
+        try:
+            message = self._link.recv(timeout=seconds)
+        except TimeoutError:
+            return None
+        assert isinstance(message, bytes)
+        (length,) = struct.unpack(">I", message[:4])
+        header: dict[str, Any] = json.loads(message[4 : 4 + length])
+        if header["type"] == "picture":
+            self._link.send(json.dumps({"type": "seen", "picture": header["picture"]}))
+        return header
+
+
+@contextmanager
+def viewing(scene_file: Path, field_file: Path) -> Iterator[Page]:
+    """`gpf view`, and a page."""
+    command = [sys.executable, "-m", "gpf.cli", "view", str(scene_file), "--no-open"]
+    process = subprocess.Popen(
+        [*command, "--field", str(field_file)], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None
+        address = process.stdout.readline().strip()
+        origin = address.rpartition("/")[0].rpartition("/")[0]
+        socket = address.replace("http", "ws", 1) + "socket"
+        with connect(socket, origin=origin, max_size=None) as link:  # type: ignore[arg-type]
+            yield Page(link)
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def main() -> None:
+    """Print one line for each scene."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", nargs="*", default=list_scenes())
+    columns = ("pictures/s", "rows", "median ms", "95 % ms", "still s", "of gpf render")
+    table = Table("scene", *columns)
+    for name in parser.parse_args().scenes:
+        with tempfile.TemporaryDirectory() as folder:
+            table.add_row(name, *measure(name, Path(folder)))
+        Console(width=100).print(table)
+
+
+def measure(name: str, folder: Path) -> list[str]:
+    """The cells of a scene."""
+    snapshot_scene(name, folder / name)
+    views = load_views(name)
+    scene_file, field_file = folder / name / "scene.xml", folder / "field.safetensors"
+    scene = load_scene_file(scene_file, *views.size(256))
+    sensors = [make_sensor(view, *views.size(256)) for view in views.train]
+    found = gpf.fit(scene, sensors, passes=PASSES)
+    gpf.save_field(found, field_file)
+    alone = time_render(scene, found, views.train[0], views.size(ROWS))
+    with viewing(scene_file, field_file) as page:
+        page.move(WARM_UP)
+        motion = page.move(MEASURED)
+        page.rest()
+        still = page.rest()
+    return [
+        f"{len(motion.delays) / MEASURED:.0f}",
+        f"{np.median(motion.rows):.0f}",
+        f"{1e3 * np.median(motion.delays):.0f}",
+        f"{1e3 * np.quantile(motion.delays, 0.95):.0f}",
+        f"{still:.1f}",
+        f"{still / alone:.1f}",
+    ]
+
+
+def time_render(
+    scene: mi.Scene, found: gpf.GaussianPhotonField, view: View, size: tuple[int, int]
+) -> float:
+    """Seconds for a still by `gpf render`, without the compilation of its kernels."""
+    renderer = FieldRenderer.make(scene, found, RenderSettings(spp=SPP))
+    spent = 0.0
+    for seed in range(2):
+        start = time.perf_counter()
+        renderer.render(view, size, seed)
+        spent = time.perf_counter() - start
+    return spent
+
+
+if __name__ == "__main__":
+    from gpf.core.runtime import choose_variant
+
+    choose_variant("auto")
+    main()

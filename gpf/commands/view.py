@@ -1,0 +1,170 @@
+"""`gpf view`: a page in the browser that shows a scene from a field."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import tempfile
+import webbrowser
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+
+from gpf.commands.scenes import find_scene, require_same_scene
+from gpf.core.errors import UserError, is_interrupt
+from gpf.core.progress import say
+from gpf.core.runtime import choose_variant
+from gpf.field.io import load_field
+from gpf.scene.load import load_scene_file
+from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
+from gpf.scene.transforms import read_cameras
+from gpf.scene.views import View
+from gpf.viewing.background_fit import BackgroundFit
+from gpf.viewing.server import PageServer
+from gpf.viewing.viewer import Viewer
+
+
+@dataclass(frozen=True)
+class ServerOptions:
+    """Address of the page, port 0 for any that is free, and whether to open it."""
+
+    host: str
+    port: int
+    opens: bool
+
+
+def view_scene(
+    scene_name: str,
+    field_file: Path | None,
+    out: Path,
+    views_file: Path | None,
+    options: ServerOptions,
+    changed_scene: bool = False,
+) -> None:
+    """Show a scene until Ctrl-C.
+
+    Parameters
+    ----------
+    scene_name: a scene file, or in a checkout of the project the name of a trained scene, which is
+        then shown with its field and its references.
+    field_file: the field; None to fit one, which is written to ``out``.
+    views_file: cameras to jump to, and where cameras are saved; None for ``views.yaml`` in the
+        current folder.
+    changed_scene: whether to accept a field of another scene.
+
+    Raises
+    ------
+    UserError: a file is wrong, the field is for another scene, or the port cannot be used.
+    """
+    scene_file, trained = find_scene(scene_name)
+    if trained is not None:
+        field_file = field_file or trained / "field.safetensors"
+        views_file = views_file or trained / "views.yaml"
+    if field_file is None and out.exists():
+        raise UserError(
+            str(out),
+            "exists already",
+            f"Look at it with --field {out}, or choose another name with --out.",
+        )
+    choose_variant("auto")
+    field = None if field_file is None else load_field(field_file)
+    scene = load_scene_file(scene_file)
+    if field is not None and field_file is not None and not changed_scene:
+        require_same_scene(scene, scene_file, field, field_file)
+    cameras, aspect, exposure = _cameras(scene, scene_file, views_file)
+    if exposure is None and field is not None:
+        exposure = field.record.get("exposure")
+    with tempfile.TemporaryDirectory(prefix="gpf-view-") as folder, _ended_by_signals():
+        fit = None
+        if field is None:
+            fit = BackgroundFit(scene_file, out, views_file, Path(folder))
+        try:
+            viewer = Viewer(
+                scene,
+                _title(scene_file, trained),
+                cameras,
+                aspect,
+                exposure,
+                field,
+                fit,
+                Path("views.yaml") if trained else views_file or Path("views.yaml"),
+                _references(trained, cameras),
+            )
+            server = PageServer(viewer, options.host, options.port)
+            print(server.address, flush=True)
+            say("Ctrl-C ends it.")
+            if options.opens:
+                webbrowser.open(server.address)
+            try:
+                viewer.run()
+            finally:
+                server.close()
+        except BaseException as error:
+            if not is_interrupt(error):
+                raise
+        finally:
+            if fit is not None:
+                kept = fit.close()
+                say(f"{out}: the field after {fit.status.passes} passes" if kept else "No field.")
+
+
+def _title(scene_file: Path, trained: Path | None) -> str:
+    if trained is not None:
+        return trained.name
+    return scene_file.absolute().parent.name if scene_file.stem == "scene" else scene_file.stem
+
+
+def _references(trained: Path | None, cameras: list[View]) -> dict[str, Path]:
+    """The references of cameras, by name."""
+    if trained is None:
+        return {}
+    files = {camera.name: trained / "reference" / f"{camera.name}.exr" for camera in cameras}
+    return {name: file for name, file in files.items() if file.exists()}
+
+
+def _cameras(
+    scene: mi.Scene, scene_file: Path, views_file: Path | None
+) -> tuple[list[View], float, float | None]:
+    """Cameras to jump to with their ``fov`` across x, the aspect of pictures, and an exposure."""
+    beside = scene_file.parent / "views.yaml"
+    files = [views_file] if views_file is not None and views_file.exists() else []
+    files += [path for path in (beside, Path("views.yaml")) if path.exists()]
+    found, aspect, exposure = views_of_sensors(scene), None, None
+    if found:
+        aspect = film_aspect(scene_cameras(scene)[0])
+    if files:
+        read = read_cameras(files[0])
+        aspect = read.aspect
+        exposure = read.exposure if "exposure" in read.model_fields_set else None
+        width, height = read.size(256)
+        named = (*read.train, *read.novel, *read.more)
+        found = [_across_x(view, width, height) for view in named] or found
+    if not found or aspect is None:
+        raise UserError(
+            str(scene_file), "has no perspective camera", "Add a <sensor>, or give --views FILE."
+        )
+    return found, round(aspect, 6), exposure
+
+
+def _across_x(view: View, width: int, height: int) -> View:
+    """The same camera with its ``fov`` across x."""
+    x_fov: Any = mi.traverse(make_sensor(view, width, height))["x_fov"]
+    return view.model_copy(update={"fov": float(x_fov[0]), "fov_axis": "x"})
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """SIGTERM and SIGHUP end the viewer as Ctrl-C does, so that the field is saved."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = {s: signal.signal(s, interrupt) for s in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,110 @@
+"""A Ray cluster: connect to it, or start one on this machine, and get the results of its tasks."""
+
+from __future__ import annotations
+
+import os
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gpf.core.errors import UserError
+
+
+@dataclass(frozen=True)
+class ClusterChoice:
+    """Which cluster, and how messages name the two options.
+
+    Attributes
+    ----------
+    asked_by: the option that asks for Ray.
+    address: of a cluster, ``HOST:PORT``; empty to start one on this machine.
+    address_option: the option that gives the address.
+    cores: of a cluster that is started on this machine.
+    """
+
+    asked_by: str
+    address: str
+    address_option: str
+    cores: int
+
+    def connect(self) -> Any:
+        """The module ``ray``, connected.
+
+        Raises
+        ------
+        UserError: Ray is not installed, or the address cannot be reached.
+        """
+        try:
+            import ray
+        except ImportError as error:
+            raise UserError(
+                self.asked_by,
+                "is ray, but the package ray is not installed",
+                "Install it (`pip install ray`), or choose local.",
+            ) from error
+        if ray.is_initialized():
+            return ray
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        # New workers import this package from the same place as this process.
+        root = str(Path(__file__).resolve().parents[2])
+        paths = [root, *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
+        options: dict[str, Any] = {"log_to_driver": False, "configure_logging": False}
+        if self.address:
+            self._require_listener()
+            options["address"] = self.address
+        else:
+            options |= {
+                "num_cpus": self.cores,
+                "include_dashboard": False,
+                "runtime_env": {"env_vars": {"PYTHONPATH": os.pathsep.join(paths)}},
+            }
+        try:
+            ray.init(**options)
+        except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
+            raise self._unreachable(error) from error
+        return ray
+
+    def _require_listener(self) -> None:
+        """Check that something listens at the address; Ray itself would try for minutes."""
+        host, _, port = self.address.removeprefix("ray://").rpartition(":")
+        if host and port.isdecimal():
+            try:
+                socket.create_connection((host, int(port)), timeout=5).close()
+            except OSError as error:
+                raise self._unreachable(error) from error
+
+    def _unreachable(self, error: Exception) -> UserError:
+        return UserError(
+            f"{self.address_option}: {self.address!r}",
+            f"cannot be reached ({str(error).splitlines()[0]})",
+            "Start a cluster with `ray start --head`, or leave the address empty.",
+        )
+
+
+def cores_of_smallest_machine(ray: Any) -> float:
+    """Cores that a task reserves so that it has a machine for itself; every machine has them."""
+    cores = [node["Resources"].get("CPU", 1) for node in ray.nodes() if node["Alive"]]
+    return float(min(cores))
+
+
+def task_result(ray: Any, reference: Any, what: str) -> Any:
+    """The result of a task; ``what`` names it in messages.
+
+    Raises
+    ------
+    UserError: the task raised it, or its worker was lost more often than Ray tries again.
+    """
+    try:
+        return ray.get(reference)
+    except ray.exceptions.RayTaskError as error:
+        cause = error.cause
+        if isinstance(cause, UserError):
+            raise UserError(cause.where, cause.what, cause.todo) from error
+        raise
+    except (ray.exceptions.WorkerCrashedError, ray.exceptions.RaySystemError) as error:
+        raise UserError(
+            what,
+            "was lost, also in all retries",
+            "Check the memory of the workers; what others made is saved.",
+        ) from error

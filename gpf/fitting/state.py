@@ -1,0 +1,72 @@
+"""The state of a fit on disk, from which it continues after a kill, or later with more photons."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.errors import FileError
+from gpf.core.files import read_tensors, write_tensors
+from gpf.field.field import GaussianPhotonField
+from gpf.field.io import load_field, save_field
+from gpf.scene.fingerprint import fingerprint
+
+PHOTONS, FIELD = "photons.safetensors", "field.safetensors"
+
+log = logging.getLogger(__name__)
+
+
+class FitState:
+    """A folder with the photons of a fit and its best field.
+
+    Parameters
+    ----------
+    identity: JSON values; photons of a fit with another identity are not used.
+    """
+
+    def __init__(self, folder: Path, identity: Mapping[str, Any]) -> None:
+        self.folder = folder
+        self.identity = json.loads(json.dumps(identity))
+
+    def save(
+        self,
+        tensors: Mapping[str, np.ndarray],
+        facts: Mapping[str, Any],
+        best: GaussianPhotonField | None,
+    ) -> None:
+        """Write all; a kill in between leaves a state that works."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if best is not None:
+            save_field(best, self.folder / FIELD)
+        facts = {"identity": self.identity, "facts": facts}
+        write_tensors(self.folder / PHOTONS, "fit", tensors, facts)
+
+    def load(self) -> tuple[dict[str, np.ndarray], dict[str, Any], GaussianPhotonField | None]:
+        """What was saved; empty without a state of the same identity."""
+        if not (self.folder / PHOTONS).exists():
+            return {}, {}, None
+        try:
+            tensors, facts = read_tensors(self.folder / PHOTONS, "fit")
+            if facts["identity"] != self.identity:
+                log.warning("%s is of another scene, camera or seed: starting anew.", self.folder)
+                return {}, {}, None
+            best = load_field(self.folder / FIELD) if (self.folder / FIELD).exists() else None
+        except FileError as error:
+            log.warning("%s: starting anew.", error)
+            return {}, {}, None
+        return tensors, facts["facts"], best
+
+
+def fit_identity(
+    scene: mi.Scene, sensors: Sequence[mi.Sensor], settings: Mapping[str, Any]
+) -> dict[str, Any]:
+    """What photons of a fit belong to."""
+    cameras = hashlib.sha256("".join(str(sensor) for sensor in sensors).encode())
+    return {"scene": fingerprint(scene), "cameras": cameras.hexdigest()[:16], **settings}

@@ -1,0 +1,78 @@
+"""Some of the emitters of a scene, and samples of their direct light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import drjit as dr
+import mitsuba as mi
+
+# A sample of direct light asks so many emitters at most; of more, some at random.
+MOST_AT_ONCE = 4
+
+
+class Lamps:
+    """Some of the emitters of a scene.
+
+    Parameters
+    ----------
+    indices: places of the emitters in ``scene.emitters()``, possibly none; by default all.
+    """
+
+    def __init__(self, scene: mi.Scene, indices: Sequence[int] | None = None) -> None:
+        self.scene, self.indices = scene, indices
+        self._index = mi.UInt32(list(indices)) if indices else mi.UInt32()
+
+    def sample(
+        self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
+        """A point on one of the emitters, and its radiance over the density of its direction, with
+        its visibility, W/m² for a cosine of one, (N, 3); as ``scene.sample_emitter_direction``."""
+        if self.indices is None:
+            return self.scene.sample_emitter_direction(origin, sample, True, active)
+        if not self.indices:
+            return dr.zeros(mi.DirectionSample3f), mi.Color3f(0)
+        count = len(self.indices)
+        place = sample.x * count
+        k = dr.minimum(mi.UInt32(place), count - 1)
+        chosen = dr.gather(mi.UInt32, self._index, k, active)
+        emitter = dr.gather(mi.EmitterPtr, self.scene.emitters_dr(), chosen, active)
+        rest = mi.Point2f(place - mi.Float(k), sample.y)
+        light, weight = emitter.sample_direction(origin, rest, active)
+        light.pdf /= count
+        seen = active & (light.pdf > 0)
+        seen &= ~self.scene.ray_test(origin.spawn_ray_to(light.p), seen)
+        return light, dr.select(seen, weight * count, 0)
+
+    def __bool__(self) -> bool:
+        return self.indices is None or len(self.indices) > 0
+
+    def groups(self) -> list[Lamps]:
+        """At most :data:`MOST_AT_ONCE` sets, which together are these; all emitters are one set."""
+        if self.indices is None:
+            return [self]
+        parts = min(len(self.indices), MOST_AT_ONCE)
+        return [Lamps(self.scene, self.indices[k::parts]) for k in range(parts)]
+
+
+def small_lamps(scene: mi.Scene, length: float) -> list[int]:
+    """The emitters without a size, or with one below ``length`` (world units), as places in
+    ``scene.emitters()``.
+
+    Their shadows are too sharp for a field, and samples of them have little noise.
+    """
+    sizes = {s.emitter(): float(dr.norm(s.bbox().extents())) for s in scene.shapes()}
+    return [k for k, e in enumerate(scene.emitters()) if _size(e, sizes) < length]
+
+
+def _size(emitter: mi.Emitter, sizes: Mapping[mi.Emitter | None, float]) -> float:
+    """Diagonal of an emitter, world units; infinite if samples of its points are of no use."""
+    position, direction = (
+        mi.has_flag(emitter.flags(), flag)
+        for flag in (mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection)
+    )
+    if mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface):
+        # A sampled point of a beam does not emit towards the points that the beam lights.
+        return math.inf if direction else sizes.get(emitter, math.inf)
+    return 0.0 if position or direction else math.inf

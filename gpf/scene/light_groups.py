@@ -1,0 +1,180 @@
+"""Groups of emitters whose light is kept apart, so that it can be dimmed and coloured later."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from pydantic import Field, RootModel
+
+from gpf.core.errors import UserError
+from gpf.core.yaml import read_yaml, suggest
+from gpf.scene.views import name_view
+
+MOST_GROUPS = 16
+"""Largest number of groups: each costs memory and time."""
+
+
+@dataclass(frozen=True)
+class LightGroups:
+    """Groups that together have each emitter of a scene once.
+
+    Attributes
+    ----------
+    names: of the groups.
+    members: of each group, the places of its emitters in ``scene.emitters()``.
+    """
+
+    names: tuple[str, ...]
+    members: tuple[tuple[int, ...], ...]
+
+    @classmethod
+    def each(cls, scene: mi.Scene) -> LightGroups:
+        """A group for each emitter.
+
+        Raises
+        ------
+        UserError: there are more than :data:`MOST_GROUPS`.
+        """
+        names = emitter_names(scene)
+        if len(names) > MOST_GROUPS:
+            raise UserError(
+                "--groups auto",
+                f"would make {len(names)} groups, one for each emitter; {MOST_GROUPS} are possible",
+                "List the groups in a file, such as `ceiling: [lamp_1, lamp_2]`.",
+            )
+        return cls(tuple(names), tuple((k,) for k in range(len(names))))
+
+    @classmethod
+    def read(cls, file: Path, scene: mi.Scene) -> LightGroups:
+        """The groups in a YAML file: names with lists of emitters (:func:`emitter_names`).
+
+        Emitters that the file does not list are the group ``other``.
+
+        Raises
+        ------
+        UserError: the file cannot be read, an emitter does not exist or is listed twice, or there
+            are more than :data:`MOST_GROUPS` groups.
+        """
+        listed = read_yaml(file, _Listed, "Write one: `window: [sky]`, one line for each group.")
+        known = emitter_names(scene)
+        groups: dict[str, tuple[int, ...]] = {}
+        taken: dict[str, str] = {}
+        for name, emitters in listed.root.items():
+            for emitter in emitters:
+                if emitter not in known:
+                    raise UserError(
+                        f"{file}: {name}",
+                        f"there is no emitter {emitter!r}",
+                        suggest(emitter, known, "The emitters are"),
+                    )
+                if emitter in taken:
+                    raise UserError(
+                        f"{file}: {name}",
+                        f"{emitter} is in {taken[emitter]}, too",
+                        "List each emitter once.",
+                    )
+                taken[emitter] = name
+            groups[name] = tuple(known.index(emitter) for emitter in emitters)
+        rest = tuple(k for k, emitter in enumerate(known) if emitter not in taken)
+        if rest:
+            groups[name_view("other", groups, "other")] = rest
+        if len(groups) > MOST_GROUPS:
+            raise UserError(
+                str(file), f"has {len(groups)} groups", f"{MOST_GROUPS} are possible: join some."
+            )
+        return cls(tuple(groups), tuple(groups.values()))
+
+    def table(self, scene: mi.Scene) -> mi.UInt32:
+        """Numbers of groups by the registry's number of an emitter; see :func:`group_of`."""
+        ids = np.array(dr.reinterpret_array(mi.UInt32, scene.emitters_dr()))
+        table = np.zeros(int(ids.max()) + 1, np.uint32)
+        for number, members in enumerate(self.members):
+            table[ids[list(members)]] = number
+        return mi.UInt32(table)
+
+
+class _Listed(
+    RootModel[
+        dict[
+            Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_]*$")],
+            Annotated[list[str], Field(min_length=1)],
+        ]
+    ]
+):
+    """A file of groups."""
+
+
+def group_of(table: mi.UInt32, emitter: mi.EmitterPtr) -> mi.UInt32:
+    """The group of each emitter, (N,); ``table``: of :meth:`LightGroups.table`."""
+    index = dr.reinterpret_array(mi.UInt32, emitter)
+    return dr.gather(mi.UInt32, table, index, index < dr.width(table))
+
+
+def emitter_names(scene: mi.Scene) -> list[str]:
+    """A name for each of ``scene.emitters()``: the id of its shape or its own, in small letters."""
+    shapes = {shape.emitter(): shape.id() for shape in scene.shapes() if shape.is_emitter()}
+    names: list[str] = []
+    for emitter in scene.emitters():
+        text = shapes.get(emitter, "") or emitter.id()
+        kind = emitter.class_name().removesuffix("Emitter").lower() or "lamp"
+        text = "" if text.startswith(("_", "unnamed")) else text
+        names.append(name_view(text, names, otherwise=kind))
+    return names
+
+
+# --- levels -----------------------------------------------------------------------------------
+
+Levels = Mapping[str, tuple[float, float, float]]
+"""Factors of red, green and blue for the light of some groups; 1 for all others."""
+
+
+def parse_levels(text: str, names: Sequence[str]) -> dict[str, tuple[float, float, float]]:
+    """Levels from a text such as ``window=0.2,lamp=1.5,#ffd0a0``.
+
+    A colour (sRGB) multiplies the level of the group before it.
+
+    Raises
+    ------
+    UserError: a name does not exist, or a level is no number from 0 on.
+    """
+    levels: dict[str, tuple[float, float, float]] = {}
+    last = ""
+    for part in filter(None, (part.strip() for part in text.split(","))):
+        if part.startswith("#") and last:
+            levels[last] = tuple(a * b for a, b in zip(levels[last], _colour(part), strict=True))  # type: ignore[assignment]
+            continue
+        last, equals, value = (word.strip() for word in part.partition("="))
+        if last not in names:
+            raise UserError(
+                f"lights: {last}", "is no group", suggest(last, list(names), "The groups are")
+            )
+        try:
+            level = float(value)
+        except ValueError:
+            level = -1.0
+        if not equals or not 0 <= level < float("inf"):
+            raise UserError(
+                f"lights: {part}", "is no level", f"Write {last}=0.5, or {last}=1,#ffd0a0."
+            )
+        levels[last] = (level, level, level)
+    return levels
+
+
+def _colour(text: str) -> tuple[float, ...]:
+    """Linear red, green and blue of an sRGB colour in hexadecimal."""
+    from gpf.core.images import undo_tone_map
+
+    digits = text[1:]
+    try:
+        codes = [int(digits[k : k + 2], 16) for k in (0, 2, 4)]
+    except ValueError:
+        codes = []
+    if len(digits) != 6 or len(codes) != 3:
+        raise UserError(f"lights: {text}", "is no colour", "Write it as #ffd0a0.")
+    return tuple(float(v) for v in undo_tone_map(np.array(codes) / 255))

@@ -1,0 +1,66 @@
+"""How a field's irradiance divides among groups of emitters.
+
+Light adds up, and a field's answer is linear in the colours of its Gaussians. With its places and
+sizes fixed, and W the matrix of its normalised weights at the supervised points, the colours c_g of
+group g make W c_g agree with the irradiance t_g of that group,
+
+    min Σ_p v_p (W c_g - t_g)²,    c_g ≥ 0,
+
+by multiplicative steps c_g ← c_g (Wᵀ V t_g) / (Wᵀ V W c_g) (Lee and Seung 2001), which keep colours
+positive. Then all groups of a Gaussian are scaled so that they add up to its trained colour.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from gpf.core.structs import SurfacePoints, to_numpy
+from gpf.field.field import GaussianPhotonField
+from gpf.training.kernels import pack, pair_weights
+from gpf.training.neighbours import list_neighbours
+
+STEPS = 30
+
+_TINY = 1e-20
+
+
+def split_light(
+    field: GaussianPhotonField, points: SurfacePoints, by_group: np.ndarray
+) -> np.ndarray:
+    """The irradiance of the Gaussians from each group, (G, N, 3) float32; their sum is the field's.
+
+    Parameters
+    ----------
+    points: supervised points, (P).
+    by_group: irradiance of the points from each group, (G, P, 3).
+    """
+    from scipy.sparse import csr_array, diags_array  # slow to import
+
+    groups, count, _ = by_group.shape
+    points = dataclasses.replace(points, p=field.unfold(points.p))
+    lists = list_neighbours(field, points)
+    weights = np.array(pair_weights(points, lists, pack(field.gaussians)))
+    starts, indices = np.array(lists.starts), np.array(lists.indices)
+    total = to_numpy(field.gaussians.irradiance)
+    pairs = int(starts[-1])
+    shape = count, len(total)
+    matrix = csr_array((weights[:pairs], indices[:pairs].astype(np.int32), starts), shape=shape)
+    if field.settings.blend == "divided":
+        sums = np.asarray(matrix.sum(axis=1))
+        matrix = diags_array(1 / np.maximum(sums, _TINY)).astype(np.float32) @ matrix
+    importance = np.asarray(points.weight.numpy())
+    back = (diags_array(importance) @ matrix).T.tocsr().astype(np.float32)
+    target = np.maximum(by_group, 0).transpose(1, 0, 2).reshape(count, 3 * groups)
+    # The scale does not matter in the end; near 1, single precision is enough.
+    target = np.ascontiguousarray(target / max(float(target.mean()), _TINY), dtype=np.float32)
+    wanted = back @ target
+    colour = wanted / np.maximum(back.sum(axis=1), _TINY)[:, None]
+    for _ in range(STEPS):
+        colour *= wanted / np.maximum(back @ (matrix @ colour), _TINY)
+    split = colour.reshape(-1, groups, 3)
+    whole = split.sum(axis=1, keepdims=True)
+    # Where no group brings light to the points, the groups share what the field has.
+    share = np.where(whole > _TINY, split / np.maximum(whole, _TINY), 1 / groups)
+    return np.ascontiguousarray((share * total[:, None]).transpose(1, 0, 2), dtype=np.float32)

@@ -1,0 +1,173 @@
+"""A fit in a process of its own, which pauses while the viewer needs the cores.
+
+The process prints one JSON object per line: how far it is, and when there is a new field to show.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gpf.core.errors import UserError
+
+PASSES = 1000
+"""Photon passes of the whole fit: as many as a reference has."""
+
+# Time between reports of progress.
+_REPORT_SECONDS = 0.25
+
+
+@dataclass(frozen=True)
+class FitStatus:
+    """How far the fit is.
+
+    Attributes
+    ----------
+    psnr: estimated PSNR of images from the field, dB; None before the first complete field.
+    fields: number of fields so far; each one replaces the file.
+    ended: whether the process has ended.
+    error: why it failed; empty if it did not.
+    """
+
+    passes: int = 0
+    all_passes: int = PASSES
+    psnr: float | None = None
+    fields: int = 0
+    ended: bool = False
+    error: str = ""
+
+
+class BackgroundFit:
+    """Starts a fit of a scene file, and knows its newest field.
+
+    Parameters
+    ----------
+    out: where the field is written when the fit ends or :meth:`close` is called; beside it is a
+        folder with the photons, from which a later fit continues.
+    views: a file with the cameras that the field is for; None to place some.
+    folder: for the newest field.
+    """
+
+    def __init__(self, scene_file: Path, out: Path, views: Path | None, folder: Path) -> None:
+        self.out, self.live = out, folder / "live.safetensors"
+        self.status = FitStatus()
+        self._paused = False
+        self._errors = (folder / "errors.txt").open("wb")
+        command = [sys.executable, "-m", "gpf.viewing.background_fit"]
+        command += [str(scene_file), str(out), str(self.live), str(views or "")]
+        # In a session of its own: Ctrl-C is for the viewer, which ends the fit.
+        self._process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=self._errors, start_new_session=True
+        )
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def pause(self, paused: bool) -> None:
+        """Stop the process at once, or let it go on."""
+        if paused != self._paused and self._process.poll() is None:
+            os.kill(self._process.pid, signal.SIGSTOP if paused else signal.SIGCONT)
+            self._paused = paused
+
+    def close(self) -> bool:
+        """End the fit, and keep its newest field; returns whether there is one."""
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+        self._thread.join(1)
+        self._errors.close()
+        if not self.live.exists():
+            return self.status.ended and not self.status.error and self.out.exists()
+        part = self.out.with_name(f".{self.out.name}.partial")
+        shutil.copyfile(self.live, part)
+        part.replace(self.out)
+        return True
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            facts: dict[str, Any] = json.loads(line)
+            fields = self.status.fields + bool(facts.pop("field", False))
+            self.status = FitStatus(**facts, fields=fields)
+        code = self._process.wait()
+        error = ""
+        if code > 0:
+            text = Path(self._errors.name).read_text(errors="replace").strip()
+            error = text.splitlines()[-1] if text else f"the fit ended with code {code}"
+        self.status = FitStatus(
+            self.status.passes,
+            self.status.all_passes,
+            self.status.psnr,
+            self.status.fields,
+            ended=True,
+            error=error,
+        )
+
+
+def main(scene_file: Path, out: Path, live: Path, views: Path | None) -> None:
+    """Fit a field, write each field that is worth showing to ``live``, and the last to ``out``."""
+    _end_with_parent()
+    from gpf.core.runtime import choose_variant
+    from gpf.field.io import save_field
+    from gpf.fitting.fit import FitProgress, fit
+    from gpf.scene.load import load_scene_file
+    from gpf.scene.sensors import make_sensor
+    from gpf.scene.transforms import read_cameras
+
+    choose_variant("auto")
+    scene = load_scene_file(scene_file)
+    sensors = None
+    if views is not None:
+        read = read_cameras(views)
+        sensors = [make_sensor(v, *read.size(256)) for v in (*read.train, *read.novel)]
+    told = 0.0
+
+    def report(progress: FitProgress) -> None:
+        nonlocal told
+        # A field in training may be worse than the complete one before it.
+        complete = progress.steps == progress.all_steps
+        show = progress.field is not None and (progress.psnr is None or complete)
+        if show:
+            assert progress.field is not None
+            save_field(progress.field, live)
+        if show or time.monotonic() - told > _REPORT_SECONDS:
+            told = time.monotonic()
+            facts = {
+                "passes": progress.passes,
+                "all_passes": PASSES,
+                "psnr": progress.psnr,
+                "field": show,
+            }
+            print(json.dumps(facts), flush=True)
+
+    field = fit(scene, sensors, passes=PASSES, callback=report, state=out.with_suffix(".fit"))
+    save_field(field, live)
+    psnr = field.record["estimated_psnr"]
+    facts = {"passes": PASSES, "all_passes": PASSES, "psnr": psnr, "field": True}
+    print(json.dumps(facts), flush=True)
+
+
+def _end_with_parent() -> None:
+    """Let the kernel end this process when the viewer ends, even if it is paused then."""
+    set_death_signal = 1
+    ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
+    if os.getppid() == 1:
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    try:
+        *paths, cameras = sys.argv[1:]
+        main(Path(paths[0]), Path(paths[1]), Path(paths[2]), Path(cameras) if cameras else None)
+    except UserError as problem:
+        print(problem, file=sys.stderr)
+        sys.exit(problem.exit_code)

@@ -1,0 +1,103 @@
+"""What a page can look at: the picture, its layers, and the Gaussians and photons themselves."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.structs import to_numpy
+from gpf.field.field import GaussianPhotonField
+from gpf.importing.orbit import unit_vector
+from gpf.photons.tracing import PathSettings, record_photons
+from gpf.rendering.aovs import MOST_COVERAGE
+from gpf.rendering.denoiser import GUIDES
+from gpf.scene.views import Keyframe
+from gpf.viewing.messages import Layer
+from gpf.viewing.screen import false_colours, to_display
+
+# Gaussians are shown with this share of their size, so that each is seen by itself.
+_SHOWN_SIZE = 0.35
+
+# Photon paths whose photons are shown.
+_SHOWN_PATHS = 20_000
+
+# Largest coverage in the false colours: where the search for Gaussians ends.
+_FARTHEST = 4.0
+
+
+def aovs_of(layer: Layer, guides: bool) -> str:
+    """The AOVs that a layer needs; ``guides``: those of the denoiser, too."""
+    if layer == "normal":
+        return "visible_normal"
+    if layer in ("irradiance", "albedo", "depth", "coverage"):
+        return layer
+    return ",".join(GUIDES) if guides and layer == "image" else ""
+
+
+def display(layer: Layer, image: np.ndarray, exposure: float, curve: str) -> np.ndarray:
+    """Display values (H, W, 3) uint8 of an image (H, W, C) with radiance and the layer's AOVs."""
+    if layer == "irradiance":
+        return to_display(image[..., 3:6] / np.float32(np.pi), exposure, curve)
+    if layer == "albedo":
+        return to_display(image[..., 3:6], 1.0)
+    if layer == "normal":
+        shown: np.ndarray = np.clip(image[..., 3:6] * 127.5 + 127.5, 0, 255).astype(np.uint8)
+        return shown
+    if layer == "depth":
+        return false_colours(image[..., 3], 0.0, float(image[..., 3].max()))
+    if layer == "coverage":
+        pixels = false_colours(image[..., 3], 1.0, _FARTHEST)
+        pixels[image[..., 3] > 1e-3 * MOST_COVERAGE] = 0
+        return pixels
+    return to_display(image[..., :3], exposure, curve)
+
+
+def as_ellipses(field: GaussianPhotonField) -> GaussianPhotonField:
+    """A field that shows each Gaussian by itself, as a spot with its colour."""
+    gaussians = dataclasses.replace(
+        field.gaussians, log_scales=field.gaussians.log_scales + float(np.log(_SHOWN_SIZE))
+    )
+    settings = field.settings.model_copy(update={"blend": "sum", "neighbours": "radius"})
+    return GaussianPhotonField(gaussians, settings, field.bounds, field.record, field.detail)
+
+
+class PhotonPoints:
+    """Some photons, to be drawn as points."""
+
+    def __init__(self, scene: mi.Scene) -> None:
+        self._scene = scene
+        photons = record_photons(scene, PathSettings(_SHOWN_PATHS), seed=1)
+        self._place: Any = photons.p
+        power = to_numpy(photons.power)
+        self._colour = np.round(255 * power / power.max(axis=1, keepdims=True).clip(1e-12))
+
+    def draw(self, camera: Keyframe, size: tuple[int, int]) -> np.ndarray:
+        """Display values (H, W, 3) uint8 of the photons that the camera sees."""
+        width, height = size
+        place = to_numpy(self._place).astype(np.float64)
+        origin = np.array(camera.origin)
+        ahead = unit_vector(np.subtract(camera.target, origin))
+        right = unit_vector(np.cross(ahead, camera.up))
+        up = np.cross(right, ahead)
+        way = place - origin
+        depth = np.maximum(way @ ahead, 1e-9)
+        scale = 0.5 * width / np.tan(np.radians(camera.fov) / 2)
+        x = np.floor(0.5 * width + scale * (way @ right) / depth).astype(int)
+        y = np.floor(0.5 * height - scale * (way @ up) / depth).astype(int)
+        inside = (way @ ahead > 0) & (x >= 0) & (x < width - 1) & (y >= 0) & (y < height - 1)
+        shown = np.flatnonzero(inside & ~self._hidden(origin))
+        pixels = np.zeros((height, width, 3), np.uint8)
+        for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
+            pixels[y[shown] + dy, x[shown] + dx] = self._colour[shown]
+        return pixels
+
+    def _hidden(self, origin: np.ndarray) -> np.ndarray:
+        """Whether a surface is between the camera and each photon, (N,)."""
+        start = mi.Point3f(*(float(v) for v in origin))
+        ray = mi.Ray3f(start, self._place - start)
+        ray.maxt = dr.full(mi.Float, 0.999, dr.width(self._place))
+        return np.array(self._scene.ray_test(ray))

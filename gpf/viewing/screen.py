@@ -1,0 +1,112 @@
+"""Frames of one size from a field: recorded, and quick to move."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from PIL import Image
+
+from gpf.core.images import tone_map
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import Keyframe, View
+
+# Entries of the table of a tone curve.
+_ENTRIES = 1 << 14
+
+
+class Screen:
+    """A film of one size, and an integrator that fills it; the camera moves freely.
+
+    Parameters
+    ----------
+    size: width and height, pixels.
+    spp: samples per pixel of a frame.
+    """
+
+    def __init__(
+        self, scene: mi.Scene, integrator: mi.Integrator, size: tuple[int, int], spp: int = 1
+    ) -> None:
+        self.scene, self.integrator, self.size, self.spp = scene, integrator, size, spp
+        start = View(name="start", origin=(0, 0, 1), target=(0, 0, 0), fov=45, fov_axis="x")
+        self.sensor = make_sensor(start, *size, spp=spp)
+        self._parameters = mi.traverse(self.sensor)
+        self.frames = 0
+
+    def frame(self, camera: Keyframe, seed: int) -> np.ndarray:
+        """All channels of one frame, (H, W, C); the camera's ``fov`` is that across x."""
+        place = mi.ScalarTransform4f().look_at(
+            list(camera.origin), list(camera.target), list(camera.up)
+        )
+        self._parameters["to_world"] = mi.Transform4f(place)
+        self._parameters["x_fov"] = mi.Float(camera.fov)
+        # Plain values would be part of the recorded kernels.
+        dr.make_opaque(self._parameters["to_world"], self._parameters["x_fov"])
+        self._parameters.update()
+        image = mi.render(
+            self.scene, sensor=self.sensor, integrator=self.integrator, spp=self.spp, seed=seed
+        )
+        self.frames += 1
+        return np.array(image)
+
+
+@dataclass
+class Accumulated:
+    """The mean of frames of a camera that does not move."""
+
+    total: np.ndarray | None = None
+    frames: int = 0
+
+    def add(self, frame: np.ndarray) -> None:
+        """Add a frame, (H, W, C)."""
+        self.total = frame.copy() if self.total is None else self.total + frame
+        self.frames += 1
+
+    def mean(self) -> np.ndarray:
+        """The mean of the frames, (H, W, C)."""
+        assert self.total is not None
+        return self.total / np.float32(self.frames)
+
+
+def _curve(kind: str) -> np.ndarray:
+    """Display values, 0 to 255, for x / (1 + x) with linear values x, at equal steps."""
+    share = np.linspace(0, 1, _ENTRIES)
+    linear = share if kind == "soft" else np.minimum(share / np.maximum(1 - share, 1e-9), 1)
+    return np.round(255 * tone_map(linear, 1.0)).astype(np.uint8)
+
+
+_CURVES = {kind: _curve(kind) for kind in ("srgb", "soft")}
+
+
+def to_display(radiance: np.ndarray, exposure: float, curve: str = "srgb") -> np.ndarray:
+    """Display values (H, W, 3) uint8 of linear radiance: sRGB, of which ``soft`` compresses bright
+    light as x / (1 + x) and ``srgb`` clips it."""
+    x = np.maximum(radiance * np.float32(exposure), 0)
+    place: np.ndarray = np.nan_to_num(x / (1 + x), nan=1.0) * np.float32(_ENTRIES - 1)
+    return _CURVES[curve][(place + np.float32(0.5)).astype(np.uint16)]
+
+
+# A few colours of the map `viridis`, by van der Walt and Smith (CC0).
+_VIRIDIS = np.array(
+    [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], np.float32
+)
+
+
+def false_colours(value: np.ndarray, least: float, most: float) -> np.ndarray:
+    """Display values (H, W, 3) uint8 of a number per pixel, (H, W)."""
+    place = np.clip((value - least) / max(most - least, 1e-9), 0, 1) * (len(_VIRIDIS) - 1)
+    stops = np.arange(len(_VIRIDIS))
+    channels = [np.interp(place, stops, _VIRIDIS[:, c]) for c in range(3)]
+    return np.stack(channels, axis=-1).astype(np.uint8)
+
+
+def encode(pixels: np.ndarray, quality: int) -> bytes:
+    """A JPEG."""
+    out = io.BytesIO()
+    subsampling: Any = 0 if quality >= 90 else 2
+    Image.fromarray(pixels).save(out, "JPEG", quality=quality, subsampling=subsampling)
+    return out.getvalue()

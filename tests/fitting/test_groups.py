@@ -1,0 +1,127 @@
+"""A fit that keeps the light of lamps apart, and pictures with other levels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import gpf
+from gpf.cli import main as gpf_command
+from gpf.core.images import read_exr, tone_map
+from gpf.field.io import load_field
+from gpf.rendering.field_renderer import FieldRenderer
+from gpf.rendering.lights import LightMixer
+from gpf.rendering.settings import RenderSettings
+from gpf.scene.light_groups import LightGroups
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
+from gpf.sppm.passes import PassSettings
+from gpf.sppm.reference import ReferenceRenderer
+from tests.small_fit import make_small
+
+VIEW = View(name="front", origin=(0, 0, 3.9), target=(0, 0, 0), fov=39.3)
+SIZE = (48, 48)
+
+
+def room(ceiling=1.0, wall=(1.0, 1.0, 1.0)):
+    """The Cornell Box with a second lamp on its left wall and a glass ball."""
+    scene = mi.cornell_box()
+    del scene["small-box"]
+    scene["ball"] = {
+        "type": "sphere",
+        "center": [0.335, -0.64, 0.38],
+        "radius": 0.35,
+        "bsdf": {"type": "dielectric"},
+    }
+    light = scene["light"]["emitter"]["radiance"]
+    light["value"] = [ceiling * v for v in (18.387, 13.9873, 6.75357)]
+    place = mi.ScalarTransform4f().look_at([-0.98, 0.2, 0.3], [0.3, -0.7, 0.3], [0, 1, 0])
+    scene["side"] = {
+        "type": "rectangle",
+        "to_world": place.scale(0.12),
+        "emitter": {
+            "type": "area",
+            "radiance": {"type": "rgb", "value": [20 * v for v in wall]},
+        },
+    }
+    return mi.load_dict(scene, optimize=False)
+
+
+def psnr(field, scene, reference):
+    renderer = FieldRenderer.make(scene, field, RenderSettings(adaptive=False, spp=64))
+    image = renderer.render(VIEW, SIZE, seed=1)["radiance"]
+    shown = [tone_map(i, 0.5) for i in (image, reference)]
+    return -10 * np.log10(np.mean(np.square(np.subtract(*shown))))
+
+
+@pytest.mark.slow
+def test_dimmed_lamps_are_as_good_as_a_fit_for_that_light(monkeypatch):
+    """Of as many photons from each lamp: alone, a lamp has twice as many in a pass."""
+    make_small(monkeypatch, passes=24, steps=100, paths=40_000)
+    sensors = [make_sensor(VIEW, *SIZE)]
+    scene = room()
+    field = gpf.fit(scene, sensors, passes=48, seed=3, groups=LightGroups.each(scene))
+    settings = PassSettings(photons_per_pass=100_000, initial_radius=0.05)
+    mixer = LightMixer(scene, field)
+    assert sorted(mixer.names) == ["light", "side"]
+    ceiling, wall = 0.5, (2.0, 0.6, 0.3)
+    changed = room(ceiling, wall)
+    renderer = ReferenceRenderer(changed, {"front": sensors[0]}, {}, settings, seed=7)
+    reference = renderer.image("front", renderer.run(150))
+    own = psnr(gpf.fit(changed, sensors, passes=24, seed=3), changed, reference)
+    mixer.set({"light": (ceiling,) * 3, "side": wall})
+    assert psnr(field, scene, reference) > own - 0.5
+
+
+SOURCE = """<scene version="3.0.0">
+  <sensor type="perspective">
+    <transform name="to_world"><lookat origin="0,0,3" target="0,0,0" up="0,1,0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="24"/>
+      <rfilter type="box"/></film>
+  </sensor>
+  <shape type="rectangle"><bsdf type="diffuse"/></shape>
+  <emitter type="point" id="bulb"><point name="position" x="-0.5" y="0" z="1"/>
+    <rgb name="intensity" value="1,1,1"/></emitter>
+  <shape type="rectangle" id="panel">
+    <transform name="to_world">
+      <scale value="0.2"/><lookat origin="0.5,0,1" target="0.5,0,0" up="0,1,0"/></transform>
+    <emitter type="area"><rgb name="radiance" value="3,2,1"/></emitter>
+  </shape>
+</scene>
+"""
+
+
+@pytest.mark.slow
+def test_from_the_command_line(tmp_path, monkeypatch, capsys):
+    make_small(monkeypatch, passes=8, steps=20, paths=20_000)
+    monkeypatch.chdir(tmp_path)
+    Path("scene.xml").write_text(SOURCE)
+
+    def run(*words):
+        with pytest.raises(SystemExit) as ended:
+            gpf_command(list(words))
+        return ended.value.code or 0
+
+    Path("views.yaml").write_text(
+        "views:\n  train:\n    - {name: front, origin: [0, 0, 3], target: [0, 0, 0], fov: 40}\n"
+    )
+    assert (
+        run("fit", "scene.xml", "--passes", "8", "--groups", "auto", "--views", "views.yaml") == 0
+    )
+    capsys.readouterr()
+    assert run("lights", "field.safetensors") == 0
+    listed = capsys.readouterr().out
+    assert "bulb\t" in listed and "panel\t" in listed
+    assert load_field(Path("field.safetensors")).lights.groups.names == ("bulb", "panel")
+    images = []
+    for lights in ("", "panel=0", "panel=0,bulb=0.5"):
+        words = ["--lights", lights] if lights else []
+        assert run("render", "scene.xml", "--view", "front", "--size", "24", *words) == 0
+        images.append(read_exr(Path("pictures/front.exr"))[0]["radiance"])
+    assert images[1].mean() < 0.9 * images[0].mean()
+    np.testing.assert_allclose(images[2].mean(), 0.5 * images[1].mean(), rtol=0.02)
+    assert run("render", "scene.xml", "--lights", "lamp=1") == 2
+    assert "The groups are bulb, panel" in capsys.readouterr().err

@@ -1,0 +1,30 @@
+"""Fits that take seconds."""
+
+from __future__ import annotations
+
+import pytest
+
+from gpf.field.initialization import InitialFieldSettings
+from gpf.fitting import fit as fitting
+from gpf.guiding.emission_plan import VisibleRegionSettings
+from gpf.training.streaming import StreamSettings
+
+
+def make_small(monkeypatch: pytest.MonkeyPatch, passes: int, steps: int, paths: int) -> None:
+    """Let `gpf.fit` use few photons, points, Gaussians and steps.
+
+    Parameters
+    ----------
+    passes: until the first complete field.
+    paths: of a pilot that measures how many photons a pass needs.
+    """
+    small = {
+        "FIRST_PASSES": passes,
+        "MOST_STEPS": steps,
+        "REGION": VisibleRegionSettings(rays=20_000, pilot_paths=20_000),
+        "FIELD": InitialFieldSettings(gaussians=2000, direct="auto"),
+        "STREAM": StreamSettings(view_points=2000, surface_points=10_000),
+    }
+    for name, value in small.items():
+        monkeypatch.setattr(fitting, name, value)
+    monkeypatch.setattr("gpf.sppm.reference.EQUAL_PATHS", paths)

@@ -1,0 +1,190 @@
+"""The page in headless Chromium, served by `gpf view`."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.field.io import read_field, save_field
+from tests.browser import find_browser, open_page
+from tests.commands.box import box_field
+
+PROGRAM = find_browser()
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(PROGRAM is None, reason="no Chromium on the path"),
+]
+
+BOX = Path(__file__).parents[2] / "scenes" / "cornell_box" / "scene.xml"
+
+
+@contextmanager
+def viewing(folder, *words):
+    """`gpf view` in a folder, and the address that it prints."""
+    command = [sys.executable, "-m", "gpf.cli", "view", str(BOX), "--no-open", *words]
+    with (folder / "log.txt").open("w") as log:
+        process = subprocess.Popen(
+            command, cwd=folder, stdout=subprocess.PIPE, stderr=log, text=True
+        )
+        try:
+            address = process.stdout.readline().strip()
+            assert address, (folder / "log.txt").read_text()
+            yield process, address
+        finally:
+            if process.poll() is None:
+                process.kill()
+            process.wait()
+            process.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def field_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("field") / "box.safetensors"
+    save_field(box_field(mi.load_file(str(BOX), optimize=False)), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def viewer(field_file, tmp_path_factory):
+    words = ("--field", str(field_file), "--changed-scene")
+    with viewing(tmp_path_factory.mktemp("view"), *words) as found:
+        yield found
+
+
+@pytest.fixture
+def page(viewer, tmp_path):
+    with open_page(PROGRAM, viewer[1], tmp_path) as page:
+        page.wait_for("viewer.ready && viewer.frames > 2")
+        yield page
+        assert page.complaints == []
+        here = viewer[1].partition("/")[2].partition("/")[0]
+        assert all(here in url or url.startswith(("data:", "blob:")) for url in page.requests)
+
+
+def picture(page) -> np.ndarray:
+    """The middle of the window, (H, W, 3)."""
+    return page.look(400, 200, 500, 500).astype(float)
+
+
+def drag(page, way=120, button="left"):
+    page.point(650, 450, "mousePressed", button=button, buttons=1, clickCount=1)
+    for k in range(12):
+        page.point(650 + way * k / 11, 450, "mouseMoved", button=button, buttons=1)
+        time.sleep(0.02)
+    page.point(650 + way, 450, "mouseReleased", button=button)
+
+
+def test_it_shows_the_scene_and_moves(page):
+    assert page.evaluate("document.title") == "cornell_box"
+    before = picture(page)
+    assert before.mean() > 30 and before.std() > 10
+    origin = page.evaluate("viewer.camera.origin")
+    drag(page)
+    page.wait_for("viewer.frames > 2")
+    assert page.evaluate("viewer.camera.origin") != origin
+    assert np.abs(picture(page) - before).mean() > 5
+    page.press("1")
+    page.wait_for("viewer.frames > 2")
+    assert np.abs(picture(page) - before).mean() < 3
+    assert len(page.evaluate("viewer.delays")) > 5
+
+
+def test_keys_fly_and_the_panel_hides(page):
+    origin = page.evaluate("viewer.camera.origin")
+    page.call("Input.dispatchKeyEvent", type="keyDown", key="w")
+    page.wait_for(f"viewer.camera.origin[2] < {origin[2]} - 0.2")
+    page.call("Input.dispatchKeyEvent", type="keyUp", key="w")
+    page.press("h")
+    assert page.evaluate("document.querySelector('#panel').hidden")
+
+
+def test_exposure_and_layers_change_the_picture(page):
+    before = picture(page)
+    page.evaluate("document.querySelector('#stops').value = -3; look()")
+    page.wait_for("viewer.frames > 2")
+    assert picture(page).mean() < 0.6 * before.mean()
+    page.evaluate("document.querySelector('#layer').value = 'depth'; look()")
+    page.wait_for("viewer.frames > 2")
+    page.evaluate("document.querySelector('#compare').click()")
+    page.wait_for("document.querySelector('#other').width > 300")
+
+
+def test_a_second_window_and_one_that_closes(viewer, page, tmp_path):
+    (tmp_path / "other").mkdir()
+    with open_page(PROGRAM, viewer[1], tmp_path / "other") as other:
+        other.wait_for("viewer.ready")
+        drag(other, 50)
+    drag(page)
+    page.wait_for("viewer.frames > 4")
+    assert viewer[0].poll() is None
+
+
+def memory(process) -> float:
+    """Resident memory, MB."""
+    status = Path(f"/proc/{process.pid}/status").read_text()
+    return int(status.partition("VmRSS:")[2].split()[0]) / 1024
+
+
+def test_random_input_does_no_harm(viewer, page):
+    """Half a minute of it; memory stays as it is."""
+    dice = random.Random(5)
+    layers = page.evaluate("[...document.querySelector('#layer').options].map(o => o.value)")
+    before, end = None, time.monotonic() + 30
+    while time.monotonic() < end:
+        kind = dice.randrange(5)
+        if kind == 0:
+            page.press(dice.choice("wasdqe123456789h"))
+        elif kind == 1:
+            drag(page, dice.randint(-300, 300), dice.choice(["left", "right", "middle"]))
+        elif kind == 2:
+            page.evaluate(
+                f"document.querySelector('#layer').value = '{dice.choice(layers)}';"
+                f"document.querySelector('#stops').value = {dice.uniform(-6, 6)}; look()"
+            )
+        elif kind == 3:
+            page.point(600, 400, "mouseWheel", deltaX=0, deltaY=dice.randint(-3000, 3000))
+        else:
+            page.call("Page.reload")
+            page.wait_for("document.readyState === 'complete'")
+        if before is None and time.monotonic() > end - 15:
+            before = memory(viewer[0])
+    page.call("Page.reload")
+    page.wait_for("window.viewer && viewer.ready")
+    assert viewer[0].poll() is None and memory(viewer[0]) < 1.15 * before + 30
+
+
+def test_a_fit_that_is_watched_is_kept(tmp_path):
+    """Photon mapping at once, then fields that get better; Ctrl-C ends all and keeps the last."""
+    with viewing(tmp_path) as (process, address), open_page(PROGRAM, address, tmp_path) as page:
+        page.wait_for("viewer.ready")
+        end = time.monotonic() + 120
+        while not page.evaluate("viewer.status.has_field && viewer.status.psnr > 20"):
+            assert time.monotonic() < end, (tmp_path / "log.txt").read_text()
+            time.sleep(0.5)
+        drag(page)
+        page.wait_for("viewer.frames > 2")
+        children = subprocess.run(
+            ["pgrep", "-P", str(process.pid)], capture_output=True, text=True, check=False
+        ).stdout.split()
+        assert children
+        asked = time.monotonic()
+        os.kill(process.pid, signal.SIGINT)
+        assert process.wait(10) == 0 and time.monotonic() - asked < 3
+        assert not any(Path(f"/proc/{child}").exists() for child in children)
+        page.wait_for("document.querySelector('#message').textContent.includes('has ended')")
+    field = read_field(tmp_path / "field.safetensors")
+    assert len(field.tensors["means"]) > 1000
+    assert "field.safetensors: the field after" in (tmp_path / "log.txt").read_text()
+    words = [sys.executable, "-m", "gpf.cli", "view", str(BOX), "--no-open"]
+    again = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert again.returncode == 2 and "exists already" in again.stderr

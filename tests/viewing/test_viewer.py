@@ -1,0 +1,220 @@
+"""The viewer, without a server: pages ask, and get pictures."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from PIL import Image
+
+from gpf.core.images import read_exr, tone_map
+from gpf.rendering.field_renderer import FieldRenderer
+from gpf.rendering.settings import RenderSettings
+from gpf.scene.sensors import views_of_sensors
+from gpf.scene.views import Keyframe, read_views
+from gpf.viewing import viewer as module
+from gpf.viewing.messages import Camera, GetFile, GetFilm, Look, SaveView
+from gpf.viewing.pace import HEIGHTS, Pace
+from gpf.viewing.screen import Screen, to_display
+from gpf.viewing.viewer import Viewer
+from tests.commands.box import box_field
+
+FRONT = Keyframe(origin=(0, 0, 3.9), target=(0, 0, 0), fov=39.3)
+LEFT = Keyframe(origin=(-0.5, 0.2, 2.5), target=(0.1, -0.3, 0), fov=45)
+
+
+@dataclass
+class Screenless:
+    """A page that remembers what it is sent."""
+
+    waits: bool = True
+    pictures: list = field(default_factory=list)
+    told: list = field(default_factory=list)
+
+    def show(self, header, picture):
+        self.pictures.append((header, np.asarray(Image.open(io.BytesIO(picture)))))
+
+    def tell(self, header, data=b""):
+        self.told.append((header, data))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return mi.load_dict(mi.cornell_box(), optimize=False)
+
+
+@pytest.fixture(scope="module")
+def box(scene):
+    return box_field(scene)
+
+
+@pytest.fixture
+def viewer(scene, box, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "has_denoiser", lambda: False)
+    monkeypatch.setattr(module, "_REST_SECONDS", 0.0)
+    monkeypatch.setattr(module, "_PICTURE_SECONDS", 0.0)
+    cameras = views_of_sensors(scene)
+    return Viewer(scene, "box", cameras, 1.0, 1.0, box, None, tmp_path / "views.yaml")
+
+
+@pytest.fixture
+def page(viewer):
+    page = Screenless()
+    viewer.opened(page)
+    viewer.received(page, Look(number=1, rows=64))
+    viewer.received(page, Camera(camera=FRONT, number=1))
+    return page
+
+
+def rest(viewer):
+    for _ in range(1000):
+        if not viewer.step():
+            return
+    raise AssertionError("never at rest")
+
+
+def test_a_page_is_told_what_there_is(viewer, page):
+    hello, status = (header for header, _ in page.told)
+    assert hello["title"] == "box" and hello["aspect"] == 1
+    assert set(hello["cameras"][0]) >= {"name", "origin", "target", "up", "fov"}
+    assert status["has_field"] and not status["fits"]
+
+
+def test_a_camera_at_rest_gets_the_picture_of_the_field(viewer, page, scene, box, monkeypatch):
+    monkeypatch.setattr(module, "_FRAMES", 24)
+    rest(viewer)
+    header, pixels = page.pictures[-1]
+    assert header["frames"] == 24 and header["number"] == 1 and pixels.shape == (64, 64, 3)
+    renderer = FieldRenderer.make(scene, box, RenderSettings(spp=64, adaptive=False))
+    view = views_of_sensors(scene)[0].model_copy(update=FRONT.model_dump())
+    expected = tone_map(renderer.render(view, (64, 64), seed=1)["radiance"], 1.0)
+    assert np.abs(pixels / 255 - expected).mean() < 0.01
+    count = len(page.pictures)
+    assert not viewer.step() and len(page.pictures) == count
+
+
+def test_a_moved_camera_gets_another_picture_at_once(viewer, page):
+    rest(viewer)
+    before = page.pictures[-1][1]
+    viewer.received(page, Camera(camera=LEFT, number=2))
+    assert viewer.step()
+    header, pixels = page.pictures[-1]
+    assert header["number"] == 2 and header["frames"] == 1
+    assert np.abs(pixels.astype(float) - before).mean() > 10
+
+
+def test_pages_have_cameras_of_their_own(viewer, page):
+    other = Screenless()
+    viewer.opened(other)
+    viewer.received(other, Look(number=1, rows=64))
+    viewer.received(other, Camera(camera=LEFT, number=7))
+    rest(viewer)
+    assert page.pictures[-1][0]["number"] == 1 and other.pictures[-1][0]["number"] == 7
+    viewer.closed(other)
+    viewer.received(page, Camera(camera=LEFT, number=8))
+    count = len(other.pictures)
+    rest(viewer)
+    assert len(other.pictures) == count
+
+
+def test_nothing_is_rendered_for_a_page_that_is_not_ready(viewer, page):
+    page.waits = False
+    assert not viewer.step() and page.pictures == []
+
+
+@pytest.mark.parametrize(
+    "layer", ["irradiance", "albedo", "normal", "depth", "coverage", "gaussians", "photons"]
+)
+def test_every_layer_has_a_picture(viewer, page, layer, monkeypatch):
+    monkeypatch.setattr(module, "_FRAMES", 2)
+    viewer.received(page, Look(number=1, rows=64, layer=layer))
+    rest(viewer)
+    pixels = page.pictures[-1][1].astype(float)
+    assert pixels.std() > 5
+    if layer == "normal":  # the floor faces up, the back wall the camera
+        assert (np.abs(pixels[62, 32] - [127, 255, 127]) < 12).all()
+        assert (np.abs(pixels[20, 32] - [127, 127, 255]) < 12).all()
+    if layer == "albedo":  # the left wall is red
+        assert pixels[32, 2, 0] > 2 * pixels[32, 2, 1]
+
+
+def test_beside_the_path_tracer(viewer, page, monkeypatch):
+    monkeypatch.setattr(module, "_FRAMES", 4)
+    viewer.received(page, Look(number=1, rows=64, compare=True))
+    rest(viewer)
+    roles = [header["role"] for header, _ in page.pictures]
+    assert "compare" in roles and "picture" in roles
+
+
+def test_without_a_field_photons_are_mapped(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_PASSES", 3)
+    monkeypatch.setattr(module, "_REST_SECONDS", 0.0)
+    cameras = views_of_sensors(scene)
+    viewer = Viewer(scene, "box", cameras, 1.0, None, None, None, tmp_path / "views.yaml")
+    page = Screenless()
+    viewer.opened(page)
+    viewer.received(page, Look(number=1, rows=64))
+    rest(viewer)
+    header, pixels = page.pictures[-1]
+    assert header["passes"] and header["frames"] == 3 and pixels.mean() > 30
+
+
+def test_files_for_the_page(viewer, page, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_FRAMES", 2)
+    rest(viewer)
+    viewer.received(page, GetFile())
+    viewer.received(page, SaveView(name="My corner"))
+    viewer.received(page, GetFilm(keyframes=(FRONT, LEFT), frames=3, spp=1))
+    rest(viewer)
+    files = {header["name"]: data for header, data in page.told if header["type"] == "file"}
+    assert sorted(files) == ["box.exr", "box.mp4"] and files["box.mp4"][4:8] == b"ftyp"
+    (tmp_path / "box.exr").write_bytes(files["box.exr"])
+    assert read_exr(tmp_path / "box.exr")[0]["radiance"].shape == (64, 64, 3)
+    saved = read_views(tmp_path / "views.yaml", need_training=False).novel
+    assert [view.name for view in saved] == ["my_corner"] and saved[0].origin == FRONT.origin
+    viewer.received(page, SaveView(name="My corner"))
+    rest(viewer)
+    names = [v.name for v in read_views(tmp_path / "views.yaml", need_training=False).novel]
+    assert names == ["my_corner", "my_corner_2"]
+
+
+def test_a_page_cannot_wait_for_any_number_of_files(viewer, page):
+    for _ in range(100):
+        viewer.received(page, GetFilm(keyframes=(FRONT, LEFT), frames=600, spp=256))
+    assert len(viewer._pages[0].tasks) == module._MOST_TASKS
+
+
+def test_the_pace_follows_the_machine():
+    pace = Pace()
+    assert pace.height(1.0, 1000) == HEIGHTS[0]
+    pace.note(0.01, 256 * 256)
+    assert HEIGHTS[0] < pace.height(1.0, 1000) < HEIGHTS[-1]
+    assert pace.height(1.0, 200) == 200
+    for _ in range(20):
+        pace.note(0.5, 256 * 256)
+    assert pace.height(1.0, 1000) == HEIGHTS[0]
+
+
+def test_display_values_are_those_of_the_tone_map():
+    linear = np.linspace(0, 2, 5001)[:, None, None].repeat(3, 2)
+    expected = 255 * tone_map(linear, 0.7)
+    assert np.abs(to_display(linear, 0.7) - expected).max() < 1.2
+    soft = to_display(linear * 100, 1.0, "soft")
+    assert soft.max() < 255 and (np.diff(soft[:, 0, 0].astype(int)) >= 0).all()
+    assert to_display(np.full((1, 1, 3), np.nan), 1.0).max() == 255
+
+
+def test_a_moving_camera_is_not_recorded_anew(scene, box):
+    integrator = mi.load_dict({"type": "gpf", "record": True})
+    integrator.field = box
+    screen = Screen(scene, integrator, (64, 64))
+    for k in range(6):
+        angle = 0.1 * k
+        origin = (3 * np.sin(angle), 0.0, 3 * np.cos(angle))
+        screen.frame(FRONT.model_copy(update={"origin": origin, "fov": 40.0 + k}), k)
+        if k == 2:
+            recordings = integrator.recording._frozen.n_recordings
+    assert integrator.recording._frozen.n_recordings == recordings <= 3
