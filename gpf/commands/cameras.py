@@ -56,9 +56,8 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
         raise UserError(" and ".join(ways), "exclude each other", "Give one of them.")
     beside = scene_file.parent / "views.yaml"
     file = choice.file or (beside if beside.exists() else None)
-    known = _own_cameras(scene, scene_file) if file is None else read_cameras(file)
+    known = known_cameras(scene, scene_file, file)
     where = str(file or scene_file)
-    exposure = known.exposure if "exposure" in known.model_fields_set else None
     named = (*known.train, *known.novel, *known.more)
     if choice.orbit:
         own = views_of_sensors(scene) or list(known.train)
@@ -73,10 +72,18 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
         views = named
     else:
         views = known.novel or named
-    return Cameras(views, known.aspect, exposure)
+    return Cameras(views, known.aspect, given_exposure(known))
 
 
-def _own_cameras(scene: mi.Scene, scene_file: Path) -> SceneViews:
+def known_cameras(scene: mi.Scene, scene_file: Path, file: Path | None) -> SceneViews:
+    """The cameras of a file, or without one those of the scene.
+
+    Raises
+    ------
+    UserError: there are none.
+    """
+    if file is not None:
+        return read_cameras(file)
     own = views_of_sensors(scene)
     if not own:
         raise UserError(
@@ -84,3 +91,8 @@ def _own_cameras(scene: mi.Scene, scene_file: Path) -> SceneViews:
         )
     aspect = round(film_aspect(scene_cameras(scene)[0]), 6)
     return SceneViews(aspect=aspect, views=ViewSets(train=tuple(own)))
+
+
+def given_exposure(known: SceneViews) -> float | None:
+    """The exposure that a file of cameras gives, if it does."""
+    return known.exposure if "exposure" in known.model_fields_set else None

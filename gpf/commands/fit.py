@@ -19,7 +19,7 @@ from gpf.fitting.state import PHOTONS
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
-from gpf.scene.transforms import read_cameras
+from gpf.scene.transforms import read_sensors
 
 PREVIEW_ROWS, PREVIEW_SPP = 256, 16
 
@@ -54,11 +54,7 @@ def fit_scene_file(
     if groups:
         auto = groups == "auto"
         apart = LightGroups.each(scene) if auto else LightGroups.read(Path(groups), scene)
-    sensors = None
-    if views is not None:
-        read = read_cameras(views)
-        size = read.size(PREVIEW_ROWS)
-        sensors = [make_sensor(view, *size) for view in (*read.views.train, *read.views.novel)]
+    sensors = None if views is None else read_sensors(views, PREVIEW_ROWS)
     preview, state = out.with_suffix(".png"), out.with_suffix(".fit")
     if go_on and not state.exists():
         raise UserError(

@@ -13,14 +13,14 @@ from typing import Any
 
 import mitsuba as mi
 
+from gpf.commands.cameras import given_exposure, known_cameras
 from gpf.commands.scenes import find_scene, require_same_scene
 from gpf.core.errors import UserError, is_interrupt
 from gpf.core.progress import say
 from gpf.core.runtime import choose_variant
 from gpf.field.io import load_field
 from gpf.scene.load import load_scene_file
-from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
-from gpf.scene.transforms import read_cameras
+from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from gpf.viewing.background_fit import BackgroundFit
 from gpf.viewing.server import PageServer
@@ -129,24 +129,13 @@ def _cameras(
     scene: mi.Scene, scene_file: Path, views_file: Path | None
 ) -> tuple[list[View], float, float | None]:
     """Cameras to jump to with their ``fov`` across x, the aspect of pictures, and an exposure."""
-    beside = scene_file.parent / "views.yaml"
-    files = [views_file] if views_file is not None and views_file.exists() else []
-    files += [path for path in (beside, Path("views.yaml")) if path.exists()]
-    found, aspect, exposure = views_of_sensors(scene), None, None
-    if found:
-        aspect = film_aspect(scene_cameras(scene)[0])
-    if files:
-        read = read_cameras(files[0])
-        aspect = read.aspect
-        exposure = read.exposure if "exposure" in read.model_fields_set else None
-        width, height = read.size(256)
-        named = (*read.train, *read.novel, *read.more)
-        found = [_across_x(view, width, height) for view in named] or found
-    if not found or aspect is None:
-        raise UserError(
-            str(scene_file), "has no perspective camera", "Add a <sensor>, or give --views FILE."
-        )
-    return found, round(aspect, 6), exposure
+    places = (views_file, scene_file.parent / "views.yaml", Path("views.yaml"))
+    file = next((path for path in places if path is not None and path.exists()), None)
+    known = known_cameras(scene, scene_file, file)
+    width, height = known.size(256)
+    named = (*known.train, *known.novel, *known.more)
+    views = [_across_x(view, width, height) for view in named]
+    return views, known.aspect, given_exposure(known)
 
 
 def _across_x(view: View, width: int, height: int) -> View:

@@ -50,8 +50,9 @@ LEAST_GAIN = 0.1
 # The estimate is uncertain, and a field from more photons is better unless its training failed.
 TOLERATED = 3.0
 
-# One pass for the estimate of the PSNR comes with so many passes for the field.
-PASSES_PER_ESTIMATE = 8
+# One pass for the estimate of the PSNR comes with so many passes for the field; with fewer of them,
+# if the estimate is too uncertain.
+PASSES_PER_ESTIMATE, LEAST_PER_ESTIMATE = 8, 4
 
 # Time between saved states while photons are traced.
 SAVE_SECONDS = 60.0
@@ -297,8 +298,9 @@ class _Fit:
 
     def evaluate(self, field: GaussianPhotonField) -> None:
         """Estimate the PSNR of a field, and keep it unless its training failed."""
-        while self.quality.passes < LEAST_PASSES:
-            self.quality.add_pass()
+        self._add_estimates(LEAST_PASSES)
+        most = self.fitted // LEAST_PER_ESTIMATE
+        self._add_estimates(min(self.quality.needed_passes(field), most))
         psnr = self.quality.psnr(field)
         before = float("-inf")
         if self.best is not None:  # compared with the same passes as the new field
@@ -309,6 +311,10 @@ class _Fit:
         else:
             self.psnr = before
         self._tell(self.best)
+
+    def _add_estimates(self, wanted: int) -> None:
+        while self.quality.passes < wanted:
+            self.quality.add_pass()
 
     def result(self) -> GaussianPhotonField:
         """The field with its record."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import drjit as dr
@@ -15,6 +16,9 @@ from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.photons.emission import Source, emit_light
+from gpf.rendering.adaptive import sample_adaptively
+from gpf.rendering.field_renderer import FieldRenderer
+from gpf.rendering.settings import RenderSettings
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, PhotonPasses
@@ -25,12 +29,16 @@ REFERENCE_PASSES = 1000
 LEAST_PASSES = 16
 """With fewer passes, the estimate is too uncertain."""
 
+# The estimate is certain enough if its standard error is this share of it: .6 dB.
+SURE = 0.15
+
 # Camera samples of each pixel.
 SAMPLES = 4
 
-# Pixels at which the noise of the field's images is measured, and their camera samples: as many as
-# an image usually has.
-NOISE_PIXELS, NOISE_SAMPLES = 1024, 64
+# The noise of the field's images is measured in square patches of the views: pixels along a side,
+# and in all patches.
+PATCH, PATCH_PIXELS = 16, 8192
+IMAGE = RenderSettings()
 
 # Samples of each lamp whose direct light is not stored in the field.
 DIRECT_SAMPLES = 16
@@ -49,9 +57,8 @@ class QualityEstimate:
     within the pixel has an influence on its expected value: an image has many samples per pixel,
     which average out. The second term is the noise of the reference, from its photons and from its
     camera samples, whose variance in a pixel is v. The third term w is the noise of the field's
-    image, measured with two sets of :data:`NOISE_SAMPLES` samples at other pixels. The passes have
-    the kernel radii of passes 1 to N in equal parts, so that a and b are as blurred as the
-    reference.
+    image, measured with two images of other pixels. The passes have the kernel radii of passes 1
+    to N in equal parts, so that a and b are as blurred as the reference.
 
     Parameters
     ----------
@@ -74,7 +81,7 @@ class QualityEstimate:
         exposure: float | None = None,
     ) -> None:
         self.seed, self.exposure, self.passes = seed, exposure, 0
-        self._scene, self._sensors, self._settings = scene, list(sensors), field
+        self._scene, self._sensors = scene, list(sensors)
         self._noise: float | None = None
         self._photons = PhotonPasses(scene, settings, seed, source)
         self._pixels = max(1, pixels // len(sensors)) * len(sensors)
@@ -125,6 +132,19 @@ class QualityEstimate:
 
     def psnr(self, field: GaussianPhotonField) -> float:
         """The estimated PSNR of the field's images, dB; needs :data:`LEAST_PASSES` passes."""
+        # With few passes the estimate is uncertain; then it is rather too low.
+        return float(-10 * np.log10(max(sum(self._errors(field)), 1e-10)))
+
+    def needed_passes(self, field: GaussianPhotonField) -> int:
+        """The number of passes with which the estimate would be certain enough.
+
+        The standard error falls with the number of passes, because the noise of both factors does.
+        """
+        error, uncertain = self._errors(field)
+        return math.ceil(self.passes * uncertain / (SURE * max(error, 1e-10)))
+
+    def _errors(self, field: GaussianPhotonField) -> tuple[float, float]:
+        """The mean squared error, and its standard error."""
         assert self.passes >= LEAST_PASSES
         counts = (self.passes + 1) // 2, self.passes // 2
         a, b = (self._samples(s / n) for s, n in zip(self._sums, counts, strict=True))
@@ -141,11 +161,9 @@ class QualityEstimate:
         reference = slope2 * (photons + f.var(axis=1, ddof=1)) / REFERENCE_PASSES
         if self._noise is None:
             self._noise = self._measure_noise(field)
-        # With few passes the estimate is uncertain; then it is rather too low.
-        uncertain = error.std() / np.sqrt(len(error))
+        uncertain = float(error.std()) / np.sqrt(len(error))
         least = float(reference.mean()) + self._noise
-        total = max(float(error.mean()), 0.0) + float(uncertain) + least
-        return float(-10 * np.log10(max(total, 1e-10)))
+        return max(float(error.mean()), 0.0) + least, float(uncertain)
 
     def _direct(self, lamps: Lamps) -> np.ndarray:
         """Direct irradiance at the points from lamps that the field does not store, (N, 3)."""
@@ -167,37 +185,65 @@ class QualityEstimate:
     def _find_points(self) -> VisiblePoints:
         """Visible points of :data:`SAMPLES` camera rays for each pixel, (SAMPLES P,)."""
         sampler = mi.load_dict({"type": "independent", "sample_count": SAMPLES})
-        rays = self._rays(sampler, self._pixels, seed=0)
-        points = find_visible_points(self._scene, sampler, rays)
+        points = find_visible_points(self._scene, sampler, self._rays(sampler))
         dr.eval(points)
         return points
 
     def _measure_noise(self, field: GaussianPhotonField) -> float:
-        """Mean squared error of the field's images from their camera samples alone."""
-        sampler = mi.load_dict({"type": "multijitter", "sample_count": NOISE_SAMPLES})
-        sampler.set_samples_per_wavefront(NOISE_SAMPLES)
-        count = max(1, NOISE_PIXELS // len(self._sensors)) * len(self._sensors)
-        lamps, images = self._settings.sampled_lamps(self._scene), []
-        for seed in (1, 2):
-            ray = self._rays(sampler, count, seed)
-            points = find_visible_points(self._scene, sampler, ray, lamps=lamps)
-            value, _ = field.query(points.p, points.n, points.valid)
-            radiance = to_numpy(field.reflect(points, value))
-            images.append(radiance.reshape(count, NOISE_SAMPLES, 3).mean(axis=1))
+        """Mean squared error of the field's images from their camera samples alone.
+
+        Patches of the views are sampled like an image: adaptively, and with little weight for
+        fireflies, which would otherwise decide the result.
+        """
+        renderer = FieldRenderer.make(self._scene, field, IMAGE)
+        films = [[int(n) for n in sensor.film().crop_size()] for sensor in self._sensors]
+        side = min(PATCH, *(n for film in films for n in film))
+        each = max(1, PATCH_PIXELS // (side * side * len(films)))
+        rng = np.random.default_rng(pass_seed(self.seed, 1, Stream.QUALITY_PIXELS))
+        corners = np.concatenate(
+            [rng.integers(0, [n - side + 1 for n in film], (each, 2)) for film in films]
+        )
+        corner = mi.Point2f(corners.T.astype(np.float32))
+
+        def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+            number, row = pixel.y // side, pixel.y % side
+            inside = mi.Point2f(mi.Float(pixel.x), mi.Float(row)) + sampler.next_2d()
+            place = dr.gather(mi.Point2f, corner, number) + inside
+            ray = dr.zeros(mi.Ray3f)
+            for k, sensor in enumerate(self._sensors):
+                through = mi.Ray3f(sample_rays_at(sensor, sampler, place)[0])
+                ray = dr.select(number // each == k, through, ray)
+            mode = dr.ADMode.Primal
+            return [*renderer.integrator.sample(mode, self._scene, sampler, ray)[0]]
+
+        sampler = mi.load_dict({"type": IMAGE.sampler, "sample_count": IMAGE.spp})
+        size = side, side * len(corners)
+        images = [
+            np.array(
+                sample_adaptively(
+                    sample,
+                    sampler,
+                    size,
+                    IMAGE.spp,
+                    pass_seed(self.seed, half, Stream.QUALITY_CAMERA),
+                    IMAGE.suppress_fireflies,
+                )
+            )
+            for half in (1, 2)
+        ]
         assert self.exposure is not None
         shown = [tone_map(image, self.exposure) for image in images]
         return float(np.mean((shown[0] - shown[1]) ** 2)) / 2
 
-    def _rays(self, sampler: mi.Sampler, count: int, seed: int) -> mi.Ray3f:
-        """Camera rays through ``count`` random pixels, one for each sample, pixel by pixel; then
-        the sampler is ready for their walks. The pixels do not depend on ``seed``."""
+    def _rays(self, sampler: mi.Sampler) -> mi.Ray3f:
+        """Camera rays through random pixels, :data:`SAMPLES` each; then the sampler is ready for
+        their walks."""
         rng = np.random.default_rng(pass_seed(self.seed, 0, Stream.QUALITY_PIXELS))
-        each, samples = count // len(self._sensors), sampler.sample_count()
-        rays = []
+        each, rays = self._pixels // len(self._sensors), []
         for k, sensor in enumerate(self._sensors):
             pixels = rng.integers(0, [int(n) for n in sensor.film().crop_size()], (each, 2))
-            place = mi.Point2f(np.repeat(pixels, samples, axis=0).T.astype(np.float32))
-            sampler.seed(pass_seed(self.seed, seed, Stream.QUALITY_CAMERA, k), samples * each)
+            place = mi.Point2f(np.repeat(pixels, SAMPLES, axis=0).T.astype(np.float32))
+            sampler.seed(pass_seed(self.seed, 0, Stream.QUALITY_CAMERA, k), SAMPLES * each)
             rays.append(mi.Ray3f(sample_rays_at(sensor, sampler, place + sampler.next_2d())[0]))
-        sampler.seed(pass_seed(self.seed, seed, Stream.QUALITY_CAMERA), samples * count)
+        sampler.seed(pass_seed(self.seed, 0, Stream.QUALITY_CAMERA), SAMPLES * self._pixels)
         return mi.Ray3f(concatenate([r.o for r in rays]), concatenate([r.d for r in rays]))

@@ -13,12 +13,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import mitsuba as mi
 import numpy as np
 from pydantic import ValidationError
 
 from gpf.core.errors import UserError
 from gpf.core.files import write_text
 from gpf.scene.pinhole import make_pinhole
+from gpf.scene.sensors import make_sensor
 from gpf.scene.views import SceneViews, View, ViewSets, name_view, read_views
 
 # From the camera of computer vision (y down, z ahead) to the one of OpenGL (y up, z backwards).
@@ -109,6 +111,12 @@ def read_transforms(path: Path) -> SceneViews:
 def read_cameras(path: Path) -> SceneViews:
     """The views of a ``transforms.json`` or of a ``views.yaml``, by the suffix of the file."""
     return read_transforms(path) if path.suffix == ".json" else read_views(path)
+
+
+def read_sensors(path: Path, rows: int) -> list[mi.Sensor]:
+    """Sensors of the training and novel views of a file, with so many rows of pixels."""
+    read = read_cameras(path)
+    return [make_sensor(view, *read.size(rows)) for view in (*read.train, *read.novel)]
 
 
 def _read_frame(where: str, frame: Mapping[str, Any], taken: set[str]) -> tuple[View, float]:

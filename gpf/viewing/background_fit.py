@@ -118,17 +118,13 @@ def main(scene_file: Path, out: Path, live: Path, views: Path | None) -> None:
     _end_with_parent()
     from gpf.core.runtime import choose_variant
     from gpf.field.io import save_field
-    from gpf.fitting.fit import FitProgress, fit
+    from gpf.fitting.fit import ROWS, FitProgress, fit
     from gpf.scene.load import load_scene_file
-    from gpf.scene.sensors import make_sensor
-    from gpf.scene.transforms import read_cameras
+    from gpf.scene.transforms import read_sensors
 
     choose_variant("auto")
     scene = load_scene_file(scene_file)
-    sensors = None
-    if views is not None:
-        read = read_cameras(views)
-        sensors = [make_sensor(v, *read.size(256)) for v in (*read.train, *read.novel)]
+    sensors = None if views is None else read_sensors(views, ROWS)
     told = 0.0
 
     def report(progress: FitProgress) -> None:

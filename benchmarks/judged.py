@@ -1,0 +1,138 @@
+"""Images by SPPM with which the benchmarks compare the field's.
+
+The truth is what two independent references A and B have in common: the mean of (f - A) (f - B) is
+the squared error of the image f without the noise of the references. Their noise, from A - B, gives
+the PSNR against a reference with so many passes. References are kept in a folder for the next run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import mitsuba as mi
+import numpy as np
+
+from benchmarks.check_scenes import SCENES
+from benchmarks.regions import find_regions
+from gpf.core.images import tone_map
+from gpf.core.progress import progress_bar
+from gpf.field.field import GaussianPhotonField
+from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
+from gpf.importing.placement import place_views
+from gpf.rendering.field_renderer import FieldRenderer
+from gpf.rendering.settings import RenderSettings
+from gpf.scene.folders import load_views
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
+from gpf.sppm.reference import ReferenceRenderer, ReferenceSettings
+
+STANDARD = 1000
+"""Passes of an ordinary reference."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Where references are kept, and how many passes each has."""
+
+    folder: Path
+    passes: int
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The judged views of a scene.
+
+    Attributes
+    ----------
+    images: two independent references of each view, (V, 2, H, W, 3).
+    regions: the number of each pixel's region, (V, H W).
+    passes: of each reference.
+    """
+
+    views: list[View]
+    size: tuple[int, int]
+    exposure: float
+    images: np.ndarray
+    regions: np.ndarray
+    passes: int
+
+    def errors(self, images: np.ndarray) -> np.ndarray:
+        """Squared error of images (V, H, W, 3) at each pixel, without noise, (V, H W)."""
+        a, b = (tone_map(self.images[:, k], self.exposure) for k in range(2))
+        f = tone_map(images, self.exposure)
+        return ((f - a) * (f - b)).mean(axis=3).reshape(self.regions.shape)
+
+    def noise(self, passes: int) -> float:
+        """Mean squared error of an image by SPPM with so many passes."""
+        a, b = (tone_map(self.images[:, k], self.exposure) for k in range(2))
+        return float(((a - b) ** 2).mean() / 2 * self.passes / passes)
+
+
+def decibels(error: float) -> str:
+    """The PSNR for a mean squared error, as text."""
+    return f"{-10 * np.log10(error):.1f}" if error > 0 else "-"
+
+
+def render(
+    scene: mi.Scene,
+    field: GaussianPhotonField,
+    judged: Judged,
+    settings: RenderSettings = RenderSettings(),
+) -> np.ndarray:
+    """The judged views from a field, (V, H, W, 3)."""
+    renderer = FieldRenderer.make(scene, field, settings)
+    views = enumerate(judged.views)
+    return np.stack([renderer.render(v, judged.size, seed=k)["radiance"] for k, v in views])
+
+
+def references(
+    name: str, scene: mi.Scene, views: list[View], size: tuple[int, int], kept: Kept
+) -> Judged:
+    """Views with two references each, from the folder of references if it has them."""
+    file = kept.folder / f"{name}_{size[1]}_{len(views)}_{kept.passes}.npz"
+    if not file.exists():
+        kept.folder.mkdir(parents=True, exist_ok=True)
+        sensors = [make_sensor(view, *size) for view in views]
+        images, regions = trace(name, scene, sensors, kept.passes)
+        np.savez_compressed(file, images=images, regions=regions)
+    with np.load(file) as stored:
+        return Judged(views, size, 1.0, stored["images"], stored["regions"], kept.passes)
+
+
+def judged_views(name: str, scene: mi.Scene, own: View, aspect: float) -> tuple[list[View], float]:
+    """The novel views of ``scenes/``, or frames of the path that `gpf scene import` would place;
+    and the exposure."""
+    if name in SCENES:
+        placed = place_views(scene, [own], aspect)
+        return placed.frames()[3::6], placed.exposure
+    views = load_views(name)
+    return list(views.novel), views.exposure
+
+
+def trace(
+    name: str, scene: mi.Scene, sensors: list[mi.Sensor], passes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Two references of each view, (V, 2, H, W, 3), and the regions of its pixels, (V, H W)."""
+    plan = EmissionPlan.make(scene, sensors, VisibleRegionSettings())
+    settings = ReferenceSettings().measure(scene, sensors[0], plan)
+    named = {f"{k}": sensor for k, sensor in enumerate(sensors)}
+    images: list[list[np.ndarray]] = [[] for _ in sensors]
+    layers = []
+    for seed in range(2):
+        renderer = ReferenceRenderer(scene, named, {}, settings, seed, plan.source)
+        sums = renderer.empty_sums()
+        with progress_bar(f"{name}: reference {seed + 1}", passes) as bar:
+            for k in range(passes):
+                # The radii of all passes of a reference.
+                renderer.run_pass(1 + k * STANDARD // passes, sums)
+                bar(k + 1)
+        for k, view in enumerate(named):
+            images[k].append(renderer.image(view, sums))
+        layers.append([renderer.view(view, sums).layers() for view in named])
+    both = np.asarray(images)
+    regions = []
+    for k, sensor in enumerate(sensors):
+        mean = layers[0][k] | {"radiance": both[k].mean(axis=0)}
+        regions.append(find_regions(scene, sensor, mean))
+    return both, np.stack(regions)
