@@ -33,7 +33,7 @@ LEAST_NOVEL = 4
 # The candidates: angles on the orbit in degrees, and distances in units of the own camera's.
 _AZIMUTHS = (-36, -24, -12, 0, 12, 24, 36)
 _ELEVATIONS = (-12, 0, 12, 24)
-_DISTANCES = (0.55, 0.8, 1.05)
+_DISTANCES = (0.42, 0.7, 1)
 # They look past the pivot by up to this share of the distance, each in another direction.
 _ASIDE = 0.15
 
