@@ -16,16 +16,12 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-import gpf
-from benchmarks.judged import Kept, decibels, judged_views, references, render
+from benchmarks.judged import Kept, decibels, judged_views, kept_field, references, render
 from benchmarks.placement import open_scene
-from gpf.core.progress import progress_bar
-from gpf.field.io import load_field, save_field
 from gpf.rendering.settings import RenderSettings
-from gpf.scene.folders import list_scenes, load_views
-from gpf.scene.sensors import make_sensor
+from gpf.scene.folders import list_scenes
 
-ROWS, FIT_ROWS, PASSES = 512, 256, 300
+ROWS, PASSES = 512, 300
 SAMPLES = ((1, True), (2, True), (4, True), (8, True), (16, True), (16, False), (64, False))
 
 
@@ -48,13 +44,7 @@ def judge(name: str, arguments: argparse.Namespace) -> Table:
     size = round(ROWS * aspect), ROWS
     kept = Kept(arguments.kept, arguments.reference_passes)
     judged = replace(references(name, scene, views[:1], size, kept), exposure=exposure)
-    file = arguments.kept / f"{name}_{arguments.seconds:g}s.safetensors"
-    if not file.exists():
-        width = round(FIT_ROWS * aspect)
-        sensors = [make_sensor(view, width, FIT_ROWS) for view in load_views(name).train]
-        with progress_bar(f"{name}: fit", 1):
-            save_field(gpf.fit(scene, sensors, seconds=arguments.seconds), file)
-    field = load_field(file)
+    field = kept_field(name, scene, [own], aspect, arguments.seconds, kept)
     asked = decibels(judged.noise(PASSES))
     table = Table("samples", "seconds", "PSNR", title=f"{name}: SPPM with {PASSES} passes {asked}")
     for spp, denoise in SAMPLES:

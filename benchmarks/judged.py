@@ -13,11 +13,13 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
+import gpf
 from benchmarks.check_scenes import SCENES
 from benchmarks.regions import find_regions
 from gpf.core.images import tone_map
 from gpf.core.progress import progress_bar
 from gpf.field.field import GaussianPhotonField
+from gpf.field.io import load_field, save_field
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.importing.placement import place_views
 from gpf.rendering.field_renderer import FieldRenderer
@@ -29,6 +31,9 @@ from gpf.sppm.reference import ReferenceRenderer, ReferenceSettings
 
 STANDARD = 1000
 """Passes of an ordinary reference."""
+
+FIT_ROWS = 256
+"""Rows of the views with which fields are fitted."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,24 @@ class Judged:
         """Mean squared error of an image by SPPM with so many passes."""
         a, b = (tone_map(self.images[:, k], self.exposure) for k in range(2))
         return float(((a - b) ** 2).mean() / 2 * self.passes / passes)
+
+
+def kept_field(
+    name: str, scene: mi.Scene, own: list[View], aspect: float, seconds: float, kept: Kept
+) -> GaussianPhotonField:
+    """A field fitted for a time with the scene's training views, from the folder if it is there.
+
+    Parameters
+    ----------
+    own: the training views of a scene that is not one of `scenes/`.
+    """
+    file = kept.folder / f"{name}_{seconds:g}s.safetensors"
+    if not file.exists():
+        views = own if name in SCENES else load_views(name).train
+        sensors = [make_sensor(view, round(FIT_ROWS * aspect), FIT_ROWS) for view in views]
+        with progress_bar(f"{name}: fit", 1):
+            save_field(gpf.fit(scene, sensors, seconds=seconds), file)
+    return load_field(file)
 
 
 def decibels(error: float) -> str:

@@ -72,7 +72,7 @@ def fit(
         typer.Option(
             metavar="VIEWS",
             help="views.yaml or transforms.json with the cameras that the field is for; by "
-            "default cameras are placed in the scene.",
+            "default views.yaml beside the scene. Without it, cameras are placed in the scene.",
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of all random numbers.")] = 0,
@@ -148,7 +148,7 @@ def render(
         typer.Option(
             metavar="LIST",
             help="Further layers: depth, position, normal, albedo, visible_normal, irradiance, "
-            "coverage; with commas.",
+            "coverage, error; with commas.",
         ),
     ] = "",
     exposure: Annotated[float | None, typer.Option(help="Of the PNG files.")] = None,

@@ -106,7 +106,7 @@ def _on_stream(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
         with progress_bar(f"{work.scene}: photons", passes) as bar:
             stream.advance(passes, bar)
     with costs.measure("initialization"):
-        return recipe.fit_stream(stream, photons, bounds)
+        return recipe.fit_stream(stream, stream.halves(), photons, bounds)
 
 
 def open_stream_of(work: Workspace) -> tuple[Recipe, PhotonStream, Photons]:

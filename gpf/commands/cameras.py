@@ -41,6 +41,12 @@ class Cameras:
     exposure: float | None = field(default=None)
 
 
+def file_beside(scene_file: Path, file: Path | None) -> Path | None:
+    """The file of cameras: ``file``, or else ``views.yaml`` beside the scene, if there is one."""
+    beside = scene_file.parent / "views.yaml"
+    return file or (beside if beside.exists() else None)
+
+
 def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> Cameras:
     """The cameras for pictures of a scene.
 
@@ -54,8 +60,7 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
     ways += ["--view"] if choice.names else []
     if len(ways) > 1:
         raise UserError(" and ".join(ways), "exclude each other", "Give one of them.")
-    beside = scene_file.parent / "views.yaml"
-    file = choice.file or (beside if beside.exists() else None)
+    file = file_beside(scene_file, choice.file)
     known = known_cameras(scene, scene_file, file)
     where = str(file or scene_file)
     named = (*known.train, *known.novel, *known.more)

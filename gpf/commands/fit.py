@@ -8,6 +8,7 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
+from gpf.commands.cameras import file_beside
 from gpf.core.errors import UserError
 from gpf.core.images import propose_exposure, write_png
 from gpf.core.progress import Bar, progress_bar, say
@@ -41,7 +42,7 @@ def fit_scene_file(
     ----------
     seconds, target_psnr, passes, seed: as for :func:`gpf.fitting.fit.fit`.
     views: a ``views.yaml`` or ``transforms.json`` with the views that the field is for; by default
-        cameras are placed around the scene's own.
+        the ``views.yaml`` beside the scene; without it, cameras are placed around the scene's own.
     go_on: continue the finished fit of ``out`` with more photons.
     groups: groups of emitters whose light is kept apart: ``auto`` for one per emitter, or a file
         (:meth:`LightGroups.read`); empty for none.
@@ -54,7 +55,9 @@ def fit_scene_file(
     if groups:
         auto = groups == "auto"
         apart = LightGroups.each(scene) if auto else LightGroups.read(Path(groups), scene)
+    views = file_beside(path, views)
     sensors = None if views is None else read_sensors(views, PREVIEW_ROWS)
+    say("cameras: placed around the scene's own" if views is None else f"cameras: those of {views}")
     preview, state = out.with_suffix(".png"), out.with_suffix(".fit")
     if go_on and not state.exists():
         raise UserError(

@@ -25,7 +25,7 @@ from gpf.core.random import pass_seed, stream_of
 from gpf.core.runtime import choose_variant
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
-from gpf.rendering.aovs import parse_aovs
+from gpf.rendering.aovs import expected_psnr, parse_aovs
 from gpf.rendering.denoiser import PACKAGE
 from gpf.rendering.denoiser import available as has_denoiser
 from gpf.rendering.field_renderer import FieldRenderer
@@ -116,6 +116,10 @@ def render_pictures(
     folder = folder or (trained / "pictures" if trained else Path("pictures"))
     choose_variant("auto")
     field = load_field(field_file)
+    if "error" in aovs and field.error is None:
+        raise UserError(
+            str(field_file), "does not know its error", "Fit it with `gpf fit`, or leave out error."
+        )
     scene = load_scene_file(scene_file)
     if not options.changed_scene:
         require_same_scene(scene, scene_file, field, field_file)
@@ -136,6 +140,8 @@ def render_pictures(
     if options.film:
         pictures.write_film()
     write_data_set(folder, scene, cameras.views, pictures.size, aovs)
+    if "error" in aovs:
+        say(f"{folder}: {pictures.expected_error()}")
     kept = len(cameras.views) - made
     seconds = (time.perf_counter() - start) / max(made, 1)
     notes = [f"{made} picture{'s' if made != 1 else ''}, {seconds:.2f} s each"] if made else []
@@ -226,7 +232,12 @@ class Pictures:
             bar(done)
             for view, layers in renderings(missing) if missing else ():
                 write_png(self.png(view), layers["radiance"], self.exposure)
-                write_exr(self.exr(view), layers, self.record(view))
+                facts = self.record(view)
+                if "error" in layers:
+                    facts["expected_psnr"] = expected_psnr(
+                        layers["radiance"], layers["error"], self.exposure
+                    )
+                write_exr(self.exr(view), layers, facts)
                 done += 1
                 bar(done)
         return len(missing)
@@ -275,6 +286,15 @@ class Pictures:
         """Whether the files of a view exist and were made in this way."""
         found = read_record(self.exr(view)) if self.png(view).exists() else None
         return found is not None and {**found, **self.record(view)} == found
+
+    def expected_error(self) -> str:
+        """How wrong the light of the pictures may be, in words."""
+        records = (read_record(self.exr(view)) or {} for view in self.views)
+        found = [record["expected_psnr"] for record in records if "expected_psnr" in record]
+        return (
+            f"light right to {np.mean(found):.1f} dB ({min(found):.1f} to {max(found):.1f}); "
+            "noise of camera samples comes on top"
+        )
 
     def write_film(self) -> None:
         """All pictures in order as an MP4."""

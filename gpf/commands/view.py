@@ -13,7 +13,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from gpf.commands.cameras import given_exposure, known_cameras
+from gpf.commands.cameras import file_beside, given_exposure, known_cameras
 from gpf.commands.scenes import find_scene, require_same_scene
 from gpf.core.errors import UserError, is_interrupt
 from gpf.core.progress import say
@@ -80,7 +80,8 @@ def view_scene(
     with tempfile.TemporaryDirectory(prefix="gpf-view-") as folder, _ended_by_signals():
         fit = None
         if field is None:
-            fit = BackgroundFit(scene_file, out, views_file, Path(folder))
+            cameras_file = file_beside(scene_file, views_file)
+            fit = BackgroundFit(scene_file, out, cameras_file, Path(folder))
         try:
             viewer = Viewer(
                 scene,

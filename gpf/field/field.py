@@ -140,6 +140,8 @@ class GaussianPhotonField:
     detail: the levels of a field that is not equally fine everywhere. Positions and sizes of its
         Gaussians are those of the unfolded space (:mod:`gpf.field.detail`).
     lights: the irradiance by groups of emitters; None if they are not kept apart.
+    error: expected error around each Gaussian, relative to its irradiance, (N,)
+        (:mod:`gpf.training.field_error`); None if it is not known.
     """
 
     def __init__(
@@ -150,17 +152,18 @@ class GaussianPhotonField:
         record: Mapping[str, Any] | None = None,
         detail: Detail | None = None,
         lights: FieldLights | None = None,
+        error: np.ndarray | None = None,
     ) -> None:
         self.settings = settings
         self.lights = lights
         self.bounds = bounds
         self.detail = detail
         self.record = dict(record or {})
-        self.update(gaussians)
+        self.update(gaussians, error)
 
-    def update(self, gaussians: Gaussians) -> None:
-        """Take new Gaussians and rebuild the neighbour search."""
-        self.gaussians = gaussians
+    def update(self, gaussians: Gaussians, error: np.ndarray | None = None) -> None:
+        """Take new Gaussians, and their expected errors, and rebuild the neighbour search."""
+        self.gaussians, self.error = gaussians, error
         bounds = self.bounds if self.detail is None else self.detail.bounds
         self.hash = SpatialHash(
             gaussians.means,
@@ -185,18 +188,29 @@ class GaussianPhotonField:
         """Put rows and colours next to each other, in the order of the search."""
         gaussians, order = self.gaussians, self.hash.order
         rows = whitening_rows(gaussians.log_scales, gaussians.quats)
-        self._packets = []
-        for k in range(3):
-            row = dr.gather(mi.Vector3f, rows[k], order)
-            colour = dr.gather(mi.Float, gaussians.irradiance[k], order)
-            self._packets.append(dr.ravel(mi.Vector4f(row.x, row.y, row.z, colour)))
-        dr.eval(self._packets)
+        ordered = [dr.gather(mi.Vector3f, row, order) for row in rows]
+
+        def packets(values: mi.Color3f) -> list[Any]:
+            pairs = zip(ordered, dr.gather(mi.Color3f, values, order), strict=True)
+            return [dr.ravel(mi.Vector4f(row.x, row.y, row.z, value)) for row, value in pairs]
+
+        self._packets = packets(gaussians.irradiance)
+        self._error_packets: list[Any] | None = None
+        if self.error is not None:
+            self._error_packets = packets(gaussians.irradiance * mi.Float(self.error))
+        dr.eval(self._packets, self._error_packets)
+
+    def set_error(self, error: np.ndarray) -> None:
+        """Take the expected relative errors of the Gaussians, (N,)."""
+        self.error = error
+        self._pack()
 
     def arrays(self) -> dict[str, Any]:
         """The arrays that queries read, as a PyTree; see :meth:`with_arrays`."""
         return {
             "hash": self.hash.arrays(),
             "packets": self._packets,
+            "error": self._error_packets,
             "facing": self.facing.arrays(),
             "radius": self._radius,
             "detail": None if self.detail is None else self.detail.arrays(),
@@ -209,6 +223,7 @@ class GaussianPhotonField:
         other.hash = self.hash.with_arrays(arrays["hash"])
         other.facing = self.facing.with_arrays(arrays["facing"])
         other._packets, other._radius = arrays["packets"], arrays["radius"]
+        other._error_packets = arrays["error"]
         if self.detail is not None:
             other.detail = self.detail.with_arrays(arrays["detail"])
         return other
@@ -308,6 +323,19 @@ class GaussianPhotonField:
         if dr.hint(settings.blend == "divided", mode="scalar"):
             value = colour / total
         return dr.select(known, value, 0), dr.select(known, reach, dr.inf)
+
+    def query_error(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Color3f:
+        """The expected error of the stored quantity at surface points, in its unit, (N, 3).
+
+        Raises
+        ------
+        RuntimeError: the field does not know its error.
+        """
+        if self._error_packets is None:
+            raise RuntimeError("This field does not know its error: fit it anew with `gpf fit`.")
+        other = copy.copy(self)
+        other._packets = self._error_packets
+        return other.query(x, n, active)[0]
 
     def reflect(self, points: VisiblePoints, value: mi.Color3f) -> mi.Color3f:
         """L at visible points, W/(m² sr), (N, 3), from the stored quantity there, (N, 3)."""

@@ -11,6 +11,7 @@ quats         int8 steps of 1/127 of the longest component; unit length   half a
 irradiance    float16 in a unit that makes the maximum at least 2^14      0.05%, over 8 orders
 lights        as irradiance                                               0.05%, over 8 orders
 normals       as quats                                                    half a degree
+error         float16                                                     0.05%
 ============  ==========================================================  ====================
 
 A Gaussian takes 22 bytes instead of 64. A field that was read from a compact file gives the same
@@ -56,7 +57,8 @@ class StoredField:
     tensors: the arrays of :class:`gpf.field.gaussians.Gaussians` by name, float32, (N, 3); quats
         (N, 4). Positions and sizes are in world units. A field with levels
         (:mod:`gpf.field.detail`) also has ``levels``, those of the Gaussians, (N,) uint8, and
-        ``detail``, its table, (X, Y, Z) uint8.
+        ``detail``, its table, (X, Y, Z) uint8. A field that knows its error has ``error``, relative
+        to the irradiance, (N,).
     settings: settings of the query.
     bounds: two corners of the scene's bounding box, world units.
     record: facts about the making of the field.
@@ -108,6 +110,8 @@ def save_field(field: GaussianPhotonField, path: Path, precision: Precision = "f
     if field.lights is not None:
         tensors["lights"] = field.lights.irradiance
         lights = dataclasses.asdict(field.lights.groups)
+    if field.error is not None:
+        tensors["error"] = field.error
     bounds = [[float(corner[i]) for i in range(3)] for corner in field.bounds]
     stored = StoredField(tensors, field.settings, bounds, field.record, grid, lights)
     write_field(stored, path, precision)
@@ -136,7 +140,13 @@ def load_field(path: Path) -> GaussianPhotonField:
     groups = stored.groups()
     lights = None if groups is None else FieldLights(groups, stored.tensors["lights"])
     return GaussianPhotonField(
-        gaussians, stored.settings, (lower, upper), stored.record, detail, lights
+        gaussians,
+        stored.settings,
+        (lower, upper),
+        stored.record,
+        detail,
+        lights,
+        stored.tensors.get("error"),
     )
 
 
@@ -230,17 +240,21 @@ def _pack(
     encoding = {"means": of_means, "log_scales": of_scales, "irradiance": unit}
     if "lights" in tensors:
         packed["lights"], encoding["lights"] = _to_halves(tensors["lights"])
+    if "error" in tensors:
+        packed["error"] = tensors["error"].astype(np.float16)
     return packed, encoding
 
 
 def _unpack(
     tensors: Mapping[str, np.ndarray], encoding: Mapping[str, Any]
 ) -> dict[str, np.ndarray]:
-    lights = {}
+    more = {}
     if "lights" in tensors:
-        lights["lights"] = (tensors["lights"] * np.float64(encoding["lights"])).astype("f4")
+        more["lights"] = (tensors["lights"] * np.float64(encoding["lights"])).astype("f4")
+    if "error" in tensors:
+        more["error"] = tensors["error"].astype(np.float32)
     return {
-        **lights,
+        **more,
         "means": _from_steps(tensors["means"], encoding["means"]),
         "log_scales": _from_steps(tensors["log_scales"], encoding["log_scales"]),
         "quats": _from_bytes(tensors["quats"]),

@@ -25,10 +25,12 @@ from gpf.scene.fingerprint import fingerprint
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
 from gpf.sppm.reference import ReferenceSettings
+from gpf.training.field_error import estimate_error
 from gpf.training.light_split import split_light
 from gpf.training.recipe import Recipe, open_stream
 from gpf.training.settings import TrainingSettings
 from gpf.training.streaming import PhotonStream, StreamSettings
+from gpf.training.targets import Targets
 from gpf.training.trainer import Progress, Trainer
 
 DEFAULT_PASSES = 300
@@ -192,6 +194,7 @@ class _Fit:
         self.sensors = list(default_sensors(scene) if sensors is None else sensors)
         self.bounds = scene_bounds(scene)
         self.stream: PhotonStream
+        self.halves: tuple[Targets, Targets] | None = None  # of the last field
         self.best: GaussianPhotonField | None = None
         self.passes, self.all_passes = 0, 0
         self.fitted = 0  # passes of the last complete field
@@ -199,7 +202,8 @@ class _Fit:
         self.in_vain = 0
         self.error: float | None = None
         self.steps, self.all_steps = 0, 0
-        self.pass_seconds, self.field_seconds = 0.0, 0.0
+        self.pass_seconds, self.field_seconds = 0.0, 0.0  # of a pass, and of the next field
+        self.evaluate_seconds = 0.0
         self._last = self.begin
 
     def open(self) -> None:
@@ -290,11 +294,22 @@ class _Fit:
         begin = time.perf_counter()
         self.all_steps = min(MOST_STEPS, STEPS_PER_PASS * self.stream.count)
         recipe = Recipe(self.field_settings, TrainingSettings(seed=self.seed, steps=self.all_steps))
-        trainer = recipe.fit_stream(self.stream, self.photons, self.bounds)
-        trainer.run(lambda progress: self._report(trainer, progress), self._count_step)
+        self.halves = self.stream.halves()
+        trainer = recipe.fit_stream(self.stream, self.halves, self.photons, self.bounds)
+        start = time.perf_counter()
+        try:
+            trainer.run(lambda progress: self._report(trainer, progress), self._count_step)
+        except _OutOfTime:
+            if not trainer.history:
+                raise
+        training = time.perf_counter() - start
         self.fitted = self.stream.count
+        start = time.perf_counter()
         self.evaluate(trainer.finish())
-        self.field_seconds = time.perf_counter() - begin
+        now = time.perf_counter()
+        self.evaluate_seconds = now - start
+        # The next field may have all steps; the rest takes as long as here.
+        self.field_seconds = now - begin + (MOST_STEPS / self.all_steps - 1) * training
 
     def evaluate(self, field: GaussianPhotonField) -> None:
         """Estimate the PSNR of a field, and keep it unless its training failed."""
@@ -307,10 +322,20 @@ class _Fit:
             before = self.quality.psnr(self.best)
         self.in_vain = self.in_vain + 1 if psnr - before < LEAST_GAIN else 0
         if psnr >= before - TOLERATED:
+            field.set_error(self.estimate_error(field))
             self.best, self.passes, self.psnr = field, self.fitted, psnr
         else:
             self.psnr = before
         self._tell(self.best)
+
+    def estimate_error(self, field: GaussianPhotonField) -> np.ndarray:
+        """The relative errors of the last field, (N,)."""
+        assert self.halves is not None
+        recipe = Recipe(self.field_settings)
+        first, second = (recipe.supervise(half) for half in self.halves)
+        error = estimate_error(field, (first, second), self.stream.blur)
+        field.set_error(error)
+        return error * np.float32(self.quality.error_scale(field))
 
     def _add_estimates(self, wanted: int) -> None:
         while self.quality.passes < wanted:
@@ -320,7 +345,8 @@ class _Fit:
         """The field with its record."""
         assert self.best is not None
         if self.groups is not None:
-            points = Recipe(self.field_settings).supervise(self.stream.mean(self.stream.halves()))
+            halves = self.halves or self.stream.halves()
+            points = Recipe(self.field_settings).supervise(self.stream.mean(halves))
             split = split_light(self.best, points, self.stream.by_group())
             self.best.lights = FieldLights(self.groups, split)
         self.best.record = {
@@ -353,12 +379,13 @@ class _Fit:
 
     def _count_step(self, steps: int) -> None:
         self.steps = steps
-        self._end_in_time()
+        self._end_in_time(self.evaluate_seconds)
 
-    def _end_in_time(self) -> None:
-        """Show the progress; end the fit if its time is over and there is a field."""
+    def _end_in_time(self, reserve: float = 0) -> None:
+        """Show the progress; end the fit if its time, less a reserve, is over and there is a
+        field."""
         self._tell(None)
-        if self.best is not None and time.perf_counter() > self.deadline:
+        if self.best is not None and time.perf_counter() + reserve > self.deadline:
             raise _OutOfTime
 
     def _plan(self, passes: float) -> int:
@@ -373,10 +400,7 @@ class _Fit:
         """The number of passes, with those so far, after which there is time for more fields."""
         if self.best is None:
             return float("inf")
-        # Later fields have more steps, up to the limit.
-        share = MOST_STEPS / max(self.all_steps, 1)
-        training = fields * self.field_seconds * min(share, GROWTH)
-        rest = self.deadline - time.perf_counter() - training
+        rest = self.deadline - time.perf_counter() - fields * self.field_seconds
         each = self.pass_seconds * (1 + 1 / PASSES_PER_ESTIMATE)
         return self.stream.count + 0.9 * rest / max(each, 1e-6)
 

@@ -32,6 +32,9 @@ LEAST_PASSES = 16
 # The estimate is certain enough if its standard error is this share of it: .6 dB.
 SURE = 0.15
 
+# Largest factor for the error that a field predicts.
+MOST_SCALE = 3.0
+
 # Camera samples of each pixel.
 SAMPLES = 4
 
@@ -143,8 +146,36 @@ class QualityEstimate:
         error, uncertain = self._errors(field)
         return math.ceil(self.passes * uncertain / (SURE * max(error, 1e-10)))
 
+    def error_scale(self, field: GaussianPhotonField) -> float:
+        """Factor that makes the errors that the field predicts agree with these passes.
+
+        Compared are mean squares in tone-mapped images: the first term of the estimate, m, and what
+        the field predicts, p. With the standard error e of m, the factor for squares is (m / p) to
+        the power of m² / (m² + e²): 1 if these passes cannot tell.
+        """
+        error, _, slope2 = self._compare(field)
+        points = self._points.points
+        every = dr.full(mi.Bool, True, len(self._lanes))
+        wrong = np.zeros(self._emission.shape)
+        wrong[self._lanes] = self._share * to_numpy(field.query_error(points.p, points.n, every))
+        wrong = wrong.reshape(-1, SAMPLES, 3).mean(axis=1)
+        predicted = float((slope2 * wrong**2).mean())
+        measured = max(float(error.mean()), 1e-12)
+        certain = measured**2 / (measured**2 + standard_error(error) ** 2)
+        scale = (measured / max(predicted, 1e-12)) ** (0.5 * certain)
+        return float(np.clip(scale, 1 / MOST_SCALE, MOST_SCALE))
+
     def _errors(self, field: GaussianPhotonField) -> tuple[float, float]:
         """The mean squared error, and its standard error."""
+        error, reference, _ = self._compare(field)
+        if self._noise is None:
+            self._noise = self._measure_noise(field)
+        least = float(reference.mean()) / REFERENCE_PASSES + self._noise
+        return max(float(error.mean()), 0.0) + least, standard_error(error)
+
+    def _compare(self, field: GaussianPhotonField) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """At each pixel: the first term of the estimate, (P,), the second times N, (P, 3), and the
+        square of the slope, (P, 3)."""
         assert self.passes >= LEAST_PASSES
         counts = (self.passes + 1) // 2, self.passes // 2
         a, b = (self._samples(s / n) for s, n in zip(self._sums, counts, strict=True))
@@ -158,12 +189,7 @@ class QualityEstimate:
         crossed = of_a.sum(axis=1) * of_b.sum(axis=1) - (of_a * of_b).sum(axis=1)
         error = (slope2 * crossed).mean(axis=1) / (SAMPLES * (SAMPLES - 1))
         photons = ((a - b) ** 2).mean(axis=1) * self.passes / 4
-        reference = slope2 * (photons + f.var(axis=1, ddof=1)) / REFERENCE_PASSES
-        if self._noise is None:
-            self._noise = self._measure_noise(field)
-        uncertain = float(error.std()) / np.sqrt(len(error))
-        least = float(reference.mean()) + self._noise
-        return max(float(error.mean()), 0.0) + least, float(uncertain)
+        return error, slope2 * (photons + f.var(axis=1, ddof=1)), slope2
 
     def _direct(self, lamps: Lamps) -> np.ndarray:
         """Direct irradiance at the points from lamps that the field does not store, (N, 3)."""
@@ -247,3 +273,8 @@ class QualityEstimate:
             rays.append(mi.Ray3f(sample_rays_at(sensor, sampler, place + sampler.next_2d())[0]))
         sampler.seed(pass_seed(self.seed, 0, Stream.QUALITY_CAMERA), SAMPLES * self._pixels)
         return mi.Ray3f(concatenate([r.o for r in rays]), concatenate([r.d for r in rays]))
+
+
+def standard_error(values: np.ndarray) -> float:
+    """Of the mean of independent values."""
+    return float(values.std()) / math.sqrt(len(values))

@@ -11,6 +11,8 @@
 ``irradiance``       the field's answer at the visible point, W/m²
 ``coverage``         distance of the farthest Gaussian that was used, in search radii: 1 in well
                      covered regions, more where the nearest Gaussians lie farther away
+``error``            expected error of the light that the field brings, as a share of the radiance:
+                     where it is large, more photons would help. Needs a field that knows its error
 ===================  ============================================================================
 
 Values are means over the samples of a pixel, and 0 for samples without a surface. The first three
@@ -26,7 +28,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.images import tone_slope
 from gpf.core.structs import VisiblePoints
+from gpf.field.field import GaussianPhotonField
 
 _SUFFIXES = {
     "depth": "",
@@ -36,6 +40,7 @@ _SUFFIXES = {
     "visible_normal": "XYZ",
     "irradiance": "RGB",
     "coverage": "",
+    "error": "",
 }
 
 AOVS = tuple(_SUFFIXES)
@@ -86,6 +91,21 @@ def split_layers(image: np.ndarray, aovs: Sequence[str]) -> dict[str, np.ndarray
     return layers
 
 
+def expected_psnr(radiance: np.ndarray, error: np.ndarray, exposure: float) -> float:
+    """The PSNR of an image with the AOV ``error`` e, without the noise of its camera samples, dB:
+
+        -10 log10 mean((s e L)²),    s the slope of the tone curve.
+
+    Parameters
+    ----------
+    radiance: L, W/(m² sr), (H, W, 3).
+    error: (H, W).
+    """
+    level = np.maximum(radiance, 0)
+    wrong = tone_slope(level, exposure) * error[..., None] * level
+    return float(-10 * np.log10(max(float(np.mean(wrong**2)), 1e-10)))
+
+
 def at_first_surface(
     scene: mi.Scene, ray: mi.Ray3f, aovs: Sequence[str], active: mi.Bool
 ) -> dict[str, Any]:
@@ -100,7 +120,11 @@ def at_first_surface(
 
 
 def at_visible_point(
-    points: VisiblePoints, irradiance: mi.Color3f, reach: mi.Float, aovs: Sequence[str]
+    field: GaussianPhotonField,
+    points: VisiblePoints,
+    irradiance: mi.Color3f,
+    reach: mi.Float,
+    aovs: Sequence[str],
 ) -> dict[str, Any]:
     """Those of some AOVs that belong to the visible point.
 
@@ -119,4 +143,9 @@ def at_visible_point(
         "irradiance": dr.select(points.valid, irradiance, 0),
         "coverage": dr.select(points.valid, dr.minimum(reach, MOST_COVERAGE), 0),
     }
+    if "error" in aovs:
+        radiance = dr.mean(field.reflect(points, irradiance))
+        dark = field.reflect(points, mi.Color3f(0))
+        wrong = field.reflect(points, field.query_error(points.p, points.n, points.valid)) - dark
+        values["error"] = dr.select(radiance > 0, dr.mean(wrong) / radiance, 0)
     return {name: values[name] for name in aovs if name in values}

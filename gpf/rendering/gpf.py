@@ -68,7 +68,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
        - |string|
        - Further channels, a list of names with commas, such as ``depth, albedo``. They are
          ``depth``, ``position`` and ``normal`` of the first surface; ``albedo``,
-         ``visible_normal``, ``irradiance`` and ``coverage`` of the visible point
+         ``visible_normal``, ``irradiance``, ``coverage`` and ``error`` of the visible point
          (:mod:`gpf.rendering.aovs`). (Default: none)
      * - adaptive
        - |bool|
@@ -264,7 +264,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         )
         value, reach = self.field.query(points.p, points.n, points.valid)
         found = {"radiance": self.field.reflect(points, value), "valid": points.valid}
-        return found | at_visible_point(points, value, reach, self.aovs)
+        return found | at_visible_point(self.field, points, value, reach, self.aovs)
 
     @dr.syntax
     def _walk_again(self, scene, sampler, ray, active, found):  # type: ignore[no-untyped-def]

@@ -12,14 +12,16 @@ positive. Then all groups of a Gaussian are scaled so that they add up to its tr
 
 from __future__ import annotations
 
-import dataclasses
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.field import GaussianPhotonField
-from gpf.training.kernels import pack, pair_weights
-from gpf.training.neighbours import list_neighbours
+from gpf.training.blend_matrix import blend_matrix
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 STEPS = 30
 
@@ -36,28 +38,38 @@ def split_light(
     points: supervised points, (P).
     by_group: irradiance of the points from each group, (G, P, 3).
     """
-    from scipy.sparse import csr_array, diags_array  # slow to import
+    importance = np.asarray(points.weight.numpy())
+    return split_colours(
+        blend_matrix(field, points), to_numpy(field.gaussians.irradiance), importance, by_group
+    )
+
+
+def split_colours(
+    matrix: csr_array,
+    total: np.ndarray,
+    importance: np.ndarray,
+    by_group: np.ndarray,
+    steps: int = STEPS,
+) -> np.ndarray:
+    """The colours of the Gaussians from each group, (G, N, 3) float32.
+
+    Parameters
+    ----------
+    matrix: W, (P, N).
+    total: the colours that the groups add up to, (N, 3).
+    importance: v, (P,).
+    by_group: irradiance of the points from each group, (G, P, 3).
+    """
+    from scipy.sparse import diags_array  # slow to import
 
     groups, count, _ = by_group.shape
-    points = dataclasses.replace(points, p=field.unfold(points.p))
-    lists = list_neighbours(field, points)
-    weights = np.array(pair_weights(points, lists, pack(field.gaussians)))
-    starts, indices = np.array(lists.starts), np.array(lists.indices)
-    total = to_numpy(field.gaussians.irradiance)
-    pairs = int(starts[-1])
-    shape = count, len(total)
-    matrix = csr_array((weights[:pairs], indices[:pairs].astype(np.int32), starts), shape=shape)
-    if field.settings.blend == "divided":
-        sums = np.asarray(matrix.sum(axis=1))
-        matrix = diags_array(1 / np.maximum(sums, _TINY)).astype(np.float32) @ matrix
-    importance = np.asarray(points.weight.numpy())
     back = (diags_array(importance) @ matrix).T.tocsr().astype(np.float32)
     target = np.maximum(by_group, 0).transpose(1, 0, 2).reshape(count, 3 * groups)
     # The scale does not matter in the end; near 1, single precision is enough.
     target = np.ascontiguousarray(target / max(float(target.mean()), _TINY), dtype=np.float32)
     wanted = back @ target
     colour = wanted / np.maximum(back.sum(axis=1), _TINY)[:, None]
-    for _ in range(STEPS):
+    for _ in range(steps):
         colour *= wanted / np.maximum(back @ (matrix @ colour), _TINY)
     split = colour.reshape(-1, groups, 3)
     whole = split.sum(axis=1, keepdims=True)

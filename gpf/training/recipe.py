@@ -151,16 +151,20 @@ class Recipe:
         return GaussianPhotonField(gaussians, settings, bounds, detail=detail)
 
     def fit_stream(
-        self, stream: PhotonStream, photons: Photons, bounds: tuple[Any, Any]
+        self,
+        stream: PhotonStream,
+        halves: tuple[Targets, Targets],
+        photons: Photons,
+        bounds: tuple[Any, Any],
     ) -> Trainer:
         """The trainer of a new field, on the targets of all passes so far.
 
         Parameters
         ----------
+        halves: the stream's.
         photons: with a given number of Gaussians, they start at some of these.
         bounds: corners of the scene's bounding box.
         """
-        halves = stream.halves()
         targets = stream.mean(halves)
         points = self.supervise(targets)
         if self.field.gaussians == "auto":

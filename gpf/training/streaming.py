@@ -89,6 +89,11 @@ class PhotonStream:
     lamps: with ``settings.direct: emitters``, the emitters whose direct light the targets contain;
         by default all.
     groups: groups of emitters whose light is kept apart, for :meth:`by_group`.
+
+    Attributes
+    ----------
+    blur: squared error of the targets of the last call of :meth:`halves` from the width of their
+        kernels (:func:`kernel_blur`), (N,).
     """
 
     def __init__(
@@ -115,6 +120,7 @@ class PhotonStream:
         self._points = FixedPoints(scene, concatenate(valid))
         self._direct = [dr.zeros(mi.Color3f, len(self._source)) for _ in range(2)]
         self._samples = 0
+        self.blur = np.zeros(len(self._source), np.float32)
 
     @property
     def radius(self) -> float:
@@ -167,6 +173,7 @@ class PhotonStream:
         photons = [sums.photons() for sums in self._sums]
         wide, narrow = (self._gather(photons, r * self.radius) for r in (1, NARROW))
         self._sharp = sharp = is_sharp(position, normal, wide, narrow, _COMPARED * self.radius)
+        self.blur = kernel_blur(sharp, wide, narrow)
         found = []
         for half in range(2):
             irradiance = np.where(sharp[:, None], narrow[half], wide[half])
@@ -256,6 +263,28 @@ class PhotonStream:
                 self._direct[half] += self._points.direct_irradiance(sample, self._lamps)
                 dr.eval(self._direct)
         self._samples += DIRECT_SAMPLES
+
+
+def kernel_blur(
+    sharp: np.ndarray,
+    wide: tuple[np.ndarray, np.ndarray],
+    narrow: tuple[np.ndarray, np.ndarray],
+) -> np.ndarray:
+    """Squared change of the targets if their kernels had half the radius, mean over the channels,
+    (N,).
+
+    The product over independent halves, (w_a - n_a) (w_b - n_b), is the square of the difference
+    between the wide and the narrow kernel without noise in its mean; it may be negative. Bias is
+    proportional to the square of the radius, so for a narrow kernel the change is ν² as much.
+
+    Parameters
+    ----------
+    sharp: whether the narrow kernel is used, (N,).
+    wide, narrow: irradiance from each half, (N, 3) each.
+    """
+    square = ((wide[0] - narrow[0]) * (wide[1] - narrow[1])).mean(axis=1)
+    blur: np.ndarray = square * np.where(sharp, NARROW**4, 1)
+    return blur.astype(np.float32)
 
 
 def is_sharp(

@@ -25,6 +25,9 @@ _SHOWN_SIZE = 0.35
 # Photon paths whose photons are shown.
 _SHOWN_PATHS = 20_000
 
+# Largest relative error in the false colours.
+_LARGEST_ERROR = 0.1
+
 # Largest coverage in the false colours: where the search for Gaussians ends.
 _FARTHEST = 4.0
 
@@ -33,7 +36,7 @@ def aovs_of(layer: Layer, guides: bool) -> str:
     """The AOVs that a layer needs; ``guides``: those of the denoiser, too."""
     if layer == "normal":
         return "visible_normal"
-    if layer in ("irradiance", "albedo", "depth", "coverage"):
+    if layer in ("irradiance", "albedo", "depth", "coverage", "error"):
         return layer
     return ",".join(GUIDES) if guides and layer == "image" else ""
 
@@ -53,6 +56,8 @@ def display(layer: Layer, image: np.ndarray, exposure: float, curve: str) -> np.
         pixels = false_colours(image[..., 3], 1.0, _FARTHEST)
         pixels[image[..., 3] > 1e-3 * MOST_COVERAGE] = 0
         return pixels
+    if layer == "error":
+        return false_colours(image[..., 3], 0.0, _LARGEST_ERROR)
     return to_display(image[..., :3], exposure, curve)
 
 

@@ -24,7 +24,7 @@ MOST_BYTES = 1 << 16
 MOST_ROWS = 2160
 
 Layer = Literal[
-    "image", "irradiance", "albedo", "normal", "depth", "coverage", "gaussians", "photons"
+    "image", "irradiance", "albedo", "normal", "depth", "coverage", "error", "gaussians", "photons"
 ]
 
 

@@ -244,11 +244,19 @@ class Viewer:
             "all_passes": status.all_passes if self.fit else record.get("passes"),
             "psnr": status.psnr if self.fit else record.get("estimated_psnr"),
             "has_field": self.field is not None,
+            "has_error": self.field is not None and self.field.error is not None,
             "error": status.error,
         }
 
     def _size(self, height: int) -> tuple[int, int]:
         return max(1, round(height * self.aspect)), height
+
+    def _layer(self, look: Look) -> Layer:
+        """The layer that a page looks at; the picture, if the field does not have it."""
+        if look.layer == "photons":
+            return "photons"
+        lacks_error = look.layer == "error" and (self.field is None or self.field.error is None)
+        return "image" if self.field is None or lacks_error else look.layer
 
     def _field_of(self, layer: Layer) -> GaussianPhotonField | None:
         if layer != "gaussians" or self.field is None:
@@ -288,7 +296,7 @@ class Viewer:
         with self._lock:
             look, camera, number = page.look, page.camera, page.number
             page.moving = False
-        layer = look.layer
+        layer = self._layer(look)
         page.start_anew()
         pace = self._paces.setdefault(layer, Pace())
         start = time.perf_counter()
@@ -311,8 +319,7 @@ class Viewer:
     def _display(self, look: Look, image: np.ndarray) -> np.ndarray:
         if self.exposure is None:
             self.exposure = propose_exposure(image[..., :3])
-        layer = "image" if self.field is None else look.layer
-        return display(layer, image, self.exposure * 2.0**look.stops, look.curve)
+        return display(self._layer(look), image, self.exposure * 2.0**look.stops, look.curve)
 
     def _go_on(self, page: Shown) -> bool:
         """One more frame of a camera at rest, or one more step of a task; whether there was one."""
@@ -334,7 +341,7 @@ class Viewer:
             page.compared.add(screen.frame(page.camera, self._next_seed()))
             page.compared_seconds += time.perf_counter() - start
         else:
-            screen = self._screen(look.layer, height, moving=False)
+            screen = self._screen(self._layer(look), height, moving=False)
             page.picture.add(screen.frame(page.camera, self._next_seed()))
             page.seconds += time.perf_counter() - start
         if page.has_moved():

@@ -20,6 +20,7 @@ from gpf.cli import main
 from gpf.commands.cluster import pack_scene
 from gpf.core.images import read_exr
 from gpf.field.io import load_field, save_field
+from gpf.rendering.aovs import expected_psnr
 from gpf.scene.fingerprint import fingerprint
 from gpf.scene.load import load_scene_file
 from gpf.scene.transforms import read_transforms
@@ -209,6 +210,7 @@ def test_fields_that_do_not_know_their_scene_are_taken(box):
     [
         (("--size", "wide"), "--size wide: is no size. Give WIDTHxHEIGHT"),
         (("--aovs", "dept"), "--aovs dept: there is no 'dept'. There are depth, position"),
+        (("--aovs", "error"), "field.safetensors: does not know its error. Fit it with `gpf fit`"),
         (("--view", "sensr"), "view 'sensr': does not exist. Did you mean 'sensor'?"),
         (("--denoise", "--seconds", "1"), "--denoise and --seconds: exclude each other"),
         (("--cluster", "head:10001"), "--cluster: is for `--executor ray`"),
@@ -221,6 +223,18 @@ def test_fields_that_do_not_know_their_scene_are_taken(box):
 def test_what_cannot_be_is_refused_before_anything_is_written(box, capsys, words, says):
     assert says in refused(capsys, *words)
     assert not (box / "pictures").exists()
+
+
+def test_the_expected_error_is_said_and_kept_with_the_picture(box, capsys):
+    field = load_field(box / "field.safetensors")
+    field.set_error(np.full(len(field.gaussians.means.numpy().T), 0.02, np.float32))
+    save_field(field, box / "field.safetensors")
+    render("--aovs", "error")
+    layers, record = read_exr(box / "pictures" / "sensor.exr")
+    assert record["expected_psnr"] == pytest.approx(
+        expected_psnr(layers["radiance"], layers["error"], 1.5), abs=0.01
+    )
+    assert f"light right to {record['expected_psnr']:.1f} dB" in capsys.readouterr().err
 
 
 def test_views_beside_the_scene(box):

@@ -259,3 +259,15 @@ def test_settings_travel_in_both_precisions(tmp_path):
         field = replace(stored(surface_gaussians(3)), settings=settings)
         write_field(field, tmp_path / "field.safetensors", precision)
         assert load_field(tmp_path / "field.safetensors").settings == settings
+
+
+@pytest.mark.parametrize(("precision", "within"), [("float32", 0), ("compact", 1e-3)])
+def test_the_error_travels_in_both_precisions(tmp_path, precision, within):
+    rng = np.random.default_rng(4)
+    field = make_field(random_gaussians(rng, 30), FieldSettings(search_radius=0.2))
+    path = tmp_path / "field.safetensors"
+    save_field(field, path, precision)
+    assert load_field(path).error is None
+    field.set_error(rng.uniform(0, 0.2, 30).astype(np.float32))
+    save_field(field, path, precision)
+    np.testing.assert_allclose(load_field(path).error, field.error, rtol=within)

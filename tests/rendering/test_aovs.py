@@ -5,12 +5,14 @@ import numpy as np
 import pytest
 
 import gpf  # noqa: F401  # registers the plugins
+from gpf.core.images import tone_map
 from gpf.field.field import FieldSettings, GaussianPhotonField
-from gpf.rendering.aovs import AOVS, channel_names, parse_aovs, split_layers
+from gpf.rendering.aovs import AOVS, channel_names, expected_psnr, parse_aovs, split_layers
 from tests.plain_field import flat_gaussians, to_device
 
 WIDTH, HEIGHT = 20, 12
 E = np.array([2.0, 3.0, 5.0])
+ERROR = 0.04
 ALBEDO, GREEN, TINT = np.array([0.2, 0.5, 0.8]), np.array([0.0, 0.6, 0.0]), 0.75
 
 
@@ -75,9 +77,9 @@ def constant_field(scene) -> GaussianPhotonField:
     grid = np.stack(np.meshgrid(np.linspace(-3, 3, 13), np.linspace(-3, 3, 13)), -1).reshape(-1, 2)
     floor = np.column_stack([grid, np.zeros(len(grid))])
     g = flat_gaussians(floor, np.tile(E, (len(floor), 1)), size=0.3)
-    return GaussianPhotonField(
-        to_device(g), FieldSettings(search_radius=0.8), (scene.bbox().min, scene.bbox().max)
-    )
+    bounds = scene.bbox().min, scene.bbox().max
+    error = np.full(len(floor), ERROR, np.float32)
+    return GaussianPhotonField(to_device(g), FieldSettings(search_radius=0.8), bounds, error=error)
 
 
 def render(scene, aovs, spp=256, **options):
@@ -144,6 +146,35 @@ def test_means_over_the_walks_of_a_glossy_surface():
     for name in names:
         np.testing.assert_allclose(several[name], one[name], atol=0.06)
         np.testing.assert_allclose(several[name].mean(), one[name].mean(), atol=2e-3)
+
+
+def test_the_error_is_a_share_of_the_radiance_and_lamps_have_none():
+    layers = render(make_scene(), ["error", "albedo"])
+    lamp = layers["radiance"][..., 0] > 8.9
+    assert (layers["error"][lamp] < 1e-3).all()
+    floor = (np.abs(layers["albedo"] - ALBEDO) < 1e-4).all(-1)
+    assert floor.sum() >= 30
+    np.testing.assert_allclose(layers["error"][floor], ERROR, rtol=1e-3)
+
+
+def test_a_field_without_error_says_so():
+    scene = make_scene()
+    integrator = mi.load_dict({"type": "gpf", "aovs": "error"})
+    integrator.field = constant_field(scene)
+    integrator.field.update(integrator.field.gaussians)  # what was known is no longer right
+    with pytest.raises(RuntimeError) as caught:
+        mi.render(scene, integrator=integrator, spp=4)
+    assert "does not know its error" in str(caught.value.__cause__)
+
+
+def test_the_expected_psnr_is_that_of_an_image_with_such_errors():
+    rng = np.random.default_rng(2)
+    radiance = rng.uniform(0.05, 1.5, (40, 60, 3))
+    error = rng.uniform(0, 0.03, (40, 60))
+    wrong = radiance * (1 + error[..., None] * rng.choice([-1, 1], (40, 60, 1)))
+    difference = tone_map(wrong, 0.8) - tone_map(radiance, 0.8)
+    measured = -10 * np.log10(np.mean(difference**2))
+    assert expected_psnr(radiance, error, 0.8) == pytest.approx(measured, abs=0.3)
 
 
 def test_radiance_does_not_depend_on_the_channels_beside_it():

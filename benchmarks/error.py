@@ -1,0 +1,91 @@
+"""`python -m benchmarks.error [--seconds S] [SCENE …]`: is the field as wrong as it says?
+
+A field is fitted for S seconds with the scene's training views. The novel views are rendered with
+many samples per pixel and the AOV `error`. Pixels are sorted by the error that they predict; for
+those around 1, 2, 4 and 8 %, the table has the root mean square of their measured relative error
+divided by that of the predicted one; 1 would be perfect. Measured is against the truth of
+:mod:`benchmarks.judged`, without the 3 % of the pixels at either end, which are edges for the most
+part. The last columns have the PSNR against the truth, predicted and measured:
+over all views, and in the view where the prediction is worst.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.judged import Judged, Kept, decibels, judged_views, kept_field, references
+from benchmarks.placement import open_scene
+from gpf.rendering.aovs import expected_psnr
+from gpf.rendering.field_renderer import FieldRenderer
+from gpf.rendering.settings import RenderSettings
+from gpf.scene.folders import list_scenes
+
+ROWS, SPP = 256, 256
+LEVELS = (0.01, 0.02, 0.04, 0.08)
+LEAST_SHARE = 0.005  # of all pixels
+EDGES = 0.03
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=120)
+    parser.add_argument("--reference-passes", type=int, default=200)
+    parser.add_argument("--kept", type=Path, default=Path("results/benchmark_references"))
+    parser.add_argument("scenes", nargs="*", default=list_scenes())
+    arguments = parser.parse_args()
+    table = Table("scene", *(f"{level:.0%}" for level in LEVELS), "all views", "worst view")
+    table.title = "measured / predicted error (share of the pixels); predicted, measured dB"
+    for name in arguments.scenes:
+        table.add_row(name, *judge(name, arguments))
+        Console(width=140).print(table)
+
+
+def judge(name: str, arguments: argparse.Namespace) -> list[str]:
+    """The cells of a line."""
+    scene, own, aspect = open_scene(name)
+    views, exposure = judged_views(name, scene, own, aspect)
+    kept = Kept(arguments.kept, arguments.reference_passes)
+    size = round(ROWS * aspect), ROWS
+    judged = replace(references(name, scene, views, size, kept), exposure=exposure)
+    field = kept_field(name, scene, [own], aspect, arguments.seconds, kept)
+    renderer = FieldRenderer.make(scene, field, RenderSettings(spp=SPP), ["error"])
+    layers = [renderer.render(view, size, seed=k) for k, view in enumerate(views)]
+    images = np.stack([each["radiance"] for each in layers])
+    errors = np.stack([each["error"] for each in layers])
+    cells = [_ratio(judged, images, errors, level) for level in LEVELS]
+    measured = judged.errors(images).mean(axis=1)
+    predicted = np.array(
+        [10 ** (-0.1 * expected_psnr(each["radiance"], each["error"], exposure)) for each in layers]
+    )
+    worst = int(np.argmax(np.abs(np.log(predicted / np.maximum(measured, 1e-9)))))
+    cells.append(f"{decibels(predicted.mean())}, {decibels(measured.mean())}")
+    cells.append(f"{decibels(predicted[worst])}, {decibels(measured[worst])}")
+    return cells
+
+
+def _ratio(judged: Judged, images: np.ndarray, errors: np.ndarray, level: float) -> str:
+    """Measured divided by predicted error of the pixels that predict about ``level``."""
+    a, b = judged.images[:, 0], judged.images[:, 1]
+    light = (a + b).mean(axis=-1) / 2
+    chosen = (errors > level / 2**0.5) & (errors < level * 2**0.5) & (light > 0)
+    if chosen.mean() < LEAST_SHARE:
+        return "-"
+    square = np.sort(((images - a) * (images - b)).mean(axis=-1)[chosen] / light[chosen] ** 2)
+    cut = round(EDGES * len(square))
+    measured = np.sqrt(max(float(square[cut : len(square) - cut].mean()), 0))
+    predicted = np.sqrt(np.mean(errors[chosen] ** 2))
+    return f"{measured / predicted:.2f} ({chosen.mean():.0%})"
+
+
+if __name__ == "__main__":
+    from gpf.core.runtime import choose_variant
+
+    choose_variant("auto")
+    main()
