@@ -72,7 +72,7 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
 
 def _ratio(judged: Judged, images: np.ndarray, errors: np.ndarray, level: float) -> str:
     """Measured divided by predicted error of the pixels that predict about ``level``."""
-    a, b = judged.images[:, 0], judged.images[:, 1]
+    a, b = judged.sharp[:, 0], judged.sharp[:, 1]
     light = (a + b).mean(axis=-1) / 2
     chosen = (errors > level / 2**0.5) & (errors < level * 2**0.5) & (light > 0)
     if chosen.mean() < LEAST_SHARE:

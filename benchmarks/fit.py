@@ -10,7 +10,8 @@ One line per scene, with the time of such a view, and the PSNR
 - that the fit estimates, and that of the rendered field against SPPM with 1000 passes, at the
   exposure that the fit has chosen, and at that of the scene's views;
 - of a second SPPM with 1000 passes against the first;
-- of the field against the truth, in all pixels and by region (:mod:`benchmarks.regions`).
+- of the field and of SPPM with 1000 passes against the truth, in all pixels and by region
+  (:mod:`benchmarks.regions`).
 
 References are those of :mod:`benchmarks.judged`, kept in a folder for the next run.
 """
@@ -67,7 +68,7 @@ def main() -> None:
     table = Table("scene", *columns, *REGIONS)
     for name in arguments.scenes:
         table.add_row(name, *judge(name, arguments))
-        Console(width=150).print(table)
+        Console(width=190).print(table)
 
 
 def judge(name: str, arguments: argparse.Namespace) -> list[str]:
@@ -87,7 +88,7 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
     with progress_bar(f"{name}: fit", 1):
         field = gpf.fit(scene, sensors, seconds=seconds, passes=arguments.passes)
     images, record = render(scene, field, judged), field.record
-    errors, noise = judged.errors(images), judged.noise(STANDARD)
+    errors, references_too = judged.errors(images), judged.reference_errors()
     so_exposed = replace(judged, exposure=record["exposure"])
     cells = [
         str(record["passes"]),
@@ -95,14 +96,15 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
         f"{view:.0f}",
         str(len(field.gaussians.means.numpy().T)),
         f"{record['estimated_psnr']:.1f}",
-        decibels(so_exposed.errors(images).mean() + so_exposed.noise(STANDARD)),
-        decibels(errors.mean() + noise),
-        decibels(2 * noise),
-        decibels(errors.mean()),
+        decibels(so_exposed.differences(images).mean()),
+        decibels(judged.differences(images).mean()),
+        decibels(2 * judged.noise(STANDARD).mean()),
+        f"{decibels(errors.mean())} / {decibels(references_too.mean())}",
     ]
     for number in range(len(REGIONS)):
         chosen = judged.regions == number
-        cells.append(decibels(errors[chosen].mean()) if chosen.mean() > 1e-3 else "")
+        both = (decibels(each[chosen].mean()) for each in (errors, references_too))
+        cells.append(" / ".join(both) if chosen.mean() > 1e-3 else "")
     return cells
 
 

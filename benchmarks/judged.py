@@ -1,8 +1,11 @@
 """Images by SPPM with which the benchmarks compare the field's.
 
-The truth is what two independent references A and B have in common: the mean of (f - A) (f - B) is
-the squared error of the image f without the noise of the references. Their noise, from A - B, gives
-the PSNR against a reference with so many passes. References are kept in a folder for the next run.
+The truth is what two independent images A and B by SPPM have in common, whose kernels are half as
+wide as those of the last pass of an ordinary reference: the mean of (f - A) (f - B) is the squared
+error of the image f without the noise of A and B. Ordinary references have wider kernels, as all of
+their passes do; they show caustics softer than they are. Two of them, a and b, are compared with
+the truth, too: their error is the mean of (a - A) (b - B), and their noise, from a - b. All images
+are kept in a folder for the next run.
 """
 
 from __future__ import annotations
@@ -32,6 +35,9 @@ from gpf.sppm.reference import ReferenceRenderer, ReferenceSettings
 STANDARD = 1000
 """Passes of an ordinary reference."""
 
+SHARP = 64 * STANDARD
+"""The truth has the kernels of the passes from this number on."""
+
 FIT_ROWS = 256
 """Rows of the views with which fields are fitted."""
 
@@ -50,28 +56,48 @@ class Judged:
 
     Attributes
     ----------
-    images: two independent references of each view, (V, 2, H, W, 3).
+    images: two independent ordinary references of each view, (V, 2, H, W, 3).
+    sharp: two independent images with narrow kernels, (V, 2, H, W, 3).
     regions: the number of each pixel's region, (V, H W).
-    passes: of each reference.
+    passes: of each image.
     """
 
     views: list[View]
     size: tuple[int, int]
     exposure: float
     images: np.ndarray
+    sharp: np.ndarray
     regions: np.ndarray
     passes: int
 
     def errors(self, images: np.ndarray) -> np.ndarray:
-        """Squared error of images (V, H, W, 3) at each pixel, without noise, (V, H W)."""
-        a, b = (tone_map(self.images[:, k], self.exposure) for k in range(2))
+        """Squared error of images (V, H, W, 3) at each pixel, against the truth, (V, H W)."""
+        a, b = self._shown(self.sharp)
         f = tone_map(images, self.exposure)
         return ((f - a) * (f - b)).mean(axis=3).reshape(self.regions.shape)
 
-    def noise(self, passes: int) -> float:
-        """Mean squared error of an image by SPPM with so many passes."""
-        a, b = (tone_map(self.images[:, k], self.exposure) for k in range(2))
-        return float(((a - b) ** 2).mean() / 2 * self.passes / passes)
+    def reference_errors(self, passes: int = STANDARD) -> np.ndarray:
+        """The same of an ordinary reference with so many passes, its noise included."""
+        a, b = self._shown(self.images)
+        true_a, true_b = self._shown(self.sharp)
+        blur = ((a - true_a) * (b - true_b)).mean(axis=3).reshape(self.regions.shape)
+        return blur + self.noise(passes)
+
+    def differences(self, images: np.ndarray) -> np.ndarray:
+        """Squared difference of images (V, H, W, 3) from an ordinary reference, its noise included,
+        (V, H W)."""
+        a, b = self._shown(self.images)
+        f = tone_map(images, self.exposure)
+        return ((f - a) * (f - b)).mean(axis=3).reshape(self.regions.shape) + self.noise(STANDARD)
+
+    def noise(self, passes: int) -> np.ndarray:
+        """Squared noise of an ordinary reference with so many passes at each pixel, (V, H W)."""
+        a, b = self._shown(self.images)
+        noise: np.ndarray = ((a - b) ** 2).mean(axis=3) / 2 * self.passes / passes
+        return noise.reshape(self.regions.shape)
+
+    def _shown(self, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return tone_map(images[:, 0], self.exposure), tone_map(images[:, 1], self.exposure)
 
 
 def kept_field(
@@ -113,14 +139,18 @@ def references(
     name: str, scene: mi.Scene, views: list[View], size: tuple[int, int], kept: Kept
 ) -> Judged:
     """Views with two references each, from the folder of references if it has them."""
-    file = kept.folder / f"{name}_{size[1]}_{len(views)}_{kept.passes}.npz"
-    if not file.exists():
-        kept.folder.mkdir(parents=True, exist_ok=True)
-        sensors = [make_sensor(view, *size) for view in views]
-        images, regions = trace(name, scene, sensors, kept.passes)
-        np.savez_compressed(file, images=images, regions=regions)
-    with np.load(file) as stored:
-        return Judged(views, size, 1.0, stored["images"], stored["regions"], kept.passes)
+    found = {}
+    for kind, first in (("", 1), ("sharp_", SHARP)):
+        file = kept.folder / f"{name}_{kind}{size[1]}_{len(views)}_{kept.passes}.npz"
+        if not file.exists():
+            kept.folder.mkdir(parents=True, exist_ok=True)
+            sensors = [make_sensor(view, *size) for view in views]
+            images, regions = trace(name, scene, sensors, kept.passes, first)
+            np.savez_compressed(file, images=images, regions=regions)
+        with np.load(file) as stored:
+            found[kind] = stored["images"], stored["regions"]
+    (images, regions), (sharp, _) = found[""], found["sharp_"]
+    return Judged(views, size, 1.0, images, sharp, regions, kept.passes)
 
 
 def judged_views(name: str, scene: mi.Scene, own: View, aspect: float) -> tuple[list[View], float]:
@@ -134,9 +164,14 @@ def judged_views(name: str, scene: mi.Scene, own: View, aspect: float) -> tuple[
 
 
 def trace(
-    name: str, scene: mi.Scene, sensors: list[mi.Sensor], passes: int
+    name: str, scene: mi.Scene, sensors: list[mi.Sensor], passes: int, first: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Two references of each view, (V, 2, H, W, 3), and the regions of its pixels, (V, H W)."""
+    """Two images of each view, (V, 2, H, W, 3), and the regions of its pixels, (V, H W).
+
+    Parameters
+    ----------
+    first: their kernels are those of :data:`STANDARD` passes, spread evenly, from this number on.
+    """
     plan = EmissionPlan.make(scene, sensors, VisibleRegionSettings())
     settings = ReferenceSettings().measure(scene, sensors[0], plan)
     named = {f"{k}": sensor for k, sensor in enumerate(sensors)}
@@ -148,7 +183,7 @@ def trace(
         with progress_bar(f"{name}: reference {seed + 1}", passes) as bar:
             for k in range(passes):
                 # The radii of all passes of a reference.
-                renderer.run_pass(1 + k * STANDARD // passes, sums)
+                renderer.run_pass(first + k * STANDARD // passes, sums)
                 bar(k + 1)
         for k, view in enumerate(named):
             images[k].append(renderer.image(view, sums))

@@ -243,11 +243,18 @@ def view(
     changed_scene: Annotated[
         bool, typer.Option("--changed-scene", help="Accept the field of another scene.")
     ] = False,
+    groups: Annotated[
+        str,
+        typer.Option(
+            metavar="auto|FILE",
+            help="For a field that is fitted: keep the light of emitters apart, as `gpf fit` does.",
+        ),
+    ] = "",
 ) -> None:
     """Fly through a scene in the browser, and watch it get better while photons come in."""
     from gpf.commands.view import ServerOptions, view_scene
 
-    view_scene(scene, field, out, views, ServerOptions(host, port, opens), changed_scene)
+    view_scene(scene, field, out, views, ServerOptions(host, port, opens), changed_scene, groups)
 
 
 @app.command()

@@ -44,17 +44,13 @@ def fit_scene_file(
     views: a ``views.yaml`` or ``transforms.json`` with the views that the field is for; by default
         the ``views.yaml`` beside the scene; without it, cameras are placed around the scene's own.
     go_on: continue the finished fit of ``out`` with more photons.
-    groups: groups of emitters whose light is kept apart: ``auto`` for one per emitter, or a file
-        (:meth:`LightGroups.read`); empty for none.
+    groups: groups of emitters whose light is kept apart (:meth:`LightGroups.parse`).
     """
     if out.suffix != ".safetensors":
         raise UserError(f"--out {out}", "is no field", "Give it a name that ends in .safetensors.")
     choose_variant("auto")
     scene = load_scene_file(path)
-    apart = None
-    if groups:
-        auto = groups == "auto"
-        apart = LightGroups.each(scene) if auto else LightGroups.read(Path(groups), scene)
+    light_groups = LightGroups.parse(groups, scene)
     views = file_beside(path, views)
     sensors = None if views is None else read_sensors(views, PREVIEW_ROWS)
     say("cameras: placed around the scene's own" if views is None else f"cameras: those of {views}")
@@ -77,7 +73,7 @@ def fit_scene_file(
             seed=seed,
             callback=_Display(bar, path.stem, scene, _preview_sensor(scene, sensors), preview),
             state=state,
-            groups=apart,
+            groups=light_groups,
         )
     save_field(field, out)
     record = field.record

@@ -19,6 +19,7 @@ from gpf.core.errors import UserError, is_interrupt
 from gpf.core.progress import say
 from gpf.core.runtime import choose_variant
 from gpf.field.io import load_field
+from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
@@ -43,6 +44,7 @@ def view_scene(
     views_file: Path | None,
     options: ServerOptions,
     changed_scene: bool = False,
+    groups: str = "",
 ) -> None:
     """Show a scene until Ctrl-C.
 
@@ -54,6 +56,8 @@ def view_scene(
     views_file: cameras to jump to, and where cameras are saved; None for ``views.yaml`` in the
         current folder.
     changed_scene: whether to accept a field of another scene.
+    groups: for a field that is fitted, groups of emitters whose light is kept apart
+        (:meth:`LightGroups.parse`).
 
     Raises
     ------
@@ -69,9 +73,16 @@ def view_scene(
             "exists already",
             f"Look at it with --field {out}, or choose another name with --out.",
         )
+    if field_file is not None and groups:
+        raise UserError(
+            "--groups",
+            "is for a field that is fitted",
+            "Fit one with `gpf fit --groups`, then look.",
+        )
     choose_variant("auto")
     field = None if field_file is None else load_field(field_file)
     scene = load_scene_file(scene_file)
+    LightGroups.parse(groups, scene)  # says what is wrong before the fit starts
     if field is not None and field_file is not None and not changed_scene:
         require_same_scene(scene, scene_file, field, field_file)
     cameras, aspect, exposure = _cameras(scene, scene_file, views_file)
@@ -81,7 +92,7 @@ def view_scene(
         fit = None
         if field is None:
             cameras_file = file_beside(scene_file, views_file)
-            fit = BackgroundFit(scene_file, out, cameras_file, Path(folder))
+            fit = BackgroundFit(scene_file, out, cameras_file, Path(folder), groups)
         try:
             viewer = Viewer(
                 scene,

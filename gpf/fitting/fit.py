@@ -16,6 +16,7 @@ from gpf.core.errors import UserError, is_interrupt
 from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import InitialFieldSettings
 from gpf.field.lights import FieldLights
+from gpf.fitting.budget import TimeBudget
 from gpf.fitting.quality import LEAST_PASSES, QualityEstimate
 from gpf.fitting.state import FitState, fit_identity
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
@@ -37,7 +38,7 @@ DEFAULT_PASSES = 300
 """Photon passes if neither a time, a PSNR nor a number of passes is asked for."""
 
 # Passes until the first complete field, and the factor by which their number then grows.
-FIRST_PASSES, GROWTH = 24, 2.5
+FIRST_PASSES, GROWTH = 24, 3
 
 # A field from fewer than this many times the passes of the one before would be a waste.
 LEAST_GROWTH = 1.25
@@ -186,11 +187,10 @@ class _Fit:
         state: Path | None,
         groups: LightGroups | None,
     ) -> None:
-        self.begin = self.saved = time.perf_counter()
+        self.time, self.saved = TimeBudget(seconds), time.perf_counter()
         self.folder, self.groups = state, groups
         self.state: FitState | None = None
         self.scene, self.seed, self.callback = scene, seed, callback
-        self.deadline = float("inf") if seconds is None else self.begin + seconds
         self.sensors = list(default_sensors(scene) if sensors is None else sensors)
         self.bounds = scene_bounds(scene)
         self.stream: PhotonStream
@@ -202,9 +202,6 @@ class _Fit:
         self.in_vain = 0
         self.error: float | None = None
         self.steps, self.all_steps = 0, 0
-        self.pass_seconds, self.field_seconds = 0.0, 0.0  # of a pass, and of the next field
-        self.evaluate_seconds = 0.0
-        self._last = self.begin
 
     def open(self) -> None:
         """Look around, and choose the points."""
@@ -253,7 +250,7 @@ class _Fit:
             self.quality.restore(tensors)
             self.best, self.passes, self.psnr = best, facts["passes"], facts["psnr"]
             self.fitted, self.all_steps = facts["fitted"], facts["steps"]
-            self.pass_seconds, self.field_seconds = facts["seconds"]
+            self.time.pass_seconds, self.time.field_seconds = facts["seconds"]
 
     def save(self) -> None:
         """Write the state, if it is asked for."""
@@ -263,7 +260,7 @@ class _Fit:
                 "psnr": self.psnr,
                 "fitted": self.fitted,
                 "steps": self.all_steps,
-                "seconds": [self.pass_seconds, self.field_seconds],
+                "seconds": [self.time.pass_seconds, self.time.field_seconds],
             }
             self.state.save(self.stream.tensors() | self.quality.tensors(), facts, self.best)
             self.saved = time.perf_counter()
@@ -307,9 +304,9 @@ class _Fit:
         start = time.perf_counter()
         self.evaluate(trainer.finish())
         now = time.perf_counter()
-        self.evaluate_seconds = now - start
+        self.time.judging = now - start
         # The next field may have all steps; the rest takes as long as here.
-        self.field_seconds = now - begin + (MOST_STEPS / self.all_steps - 1) * training
+        self.time.field_seconds = now - begin + (MOST_STEPS / self.all_steps - 1) * training
 
     def evaluate(self, field: GaussianPhotonField) -> None:
         """Estimate the PSNR of a field, and keep it unless its training failed."""
@@ -323,6 +320,8 @@ class _Fit:
         self.in_vain = self.in_vain + 1 if psnr - before < LEAST_GAIN else 0
         if psnr >= before - TOLERATED:
             field.set_error(self.estimate_error(field))
+            if self.groups is not None:
+                field.lights = FieldLights(self.groups, self.split_light(field))
             self.best, self.passes, self.psnr = field, self.fitted, psnr
         else:
             self.psnr = before
@@ -337,6 +336,12 @@ class _Fit:
         field.set_error(error)
         return error * np.float32(self.quality.error_scale(field))
 
+    def split_light(self, field: GaussianPhotonField) -> np.ndarray:
+        """The irradiance of the last field's Gaussians from each group of emitters, (G, N, 3)."""
+        assert self.halves is not None
+        points = Recipe(self.field_settings).supervise(self.stream.mean(self.halves))
+        return split_light(field, points, self.stream.by_group())
+
     def _add_estimates(self, wanted: int) -> None:
         while self.quality.passes < wanted:
             self.quality.add_pass()
@@ -344,16 +349,11 @@ class _Fit:
     def result(self) -> GaussianPhotonField:
         """The field with its record."""
         assert self.best is not None
-        if self.groups is not None:
-            halves = self.halves or self.stream.halves()
-            points = Recipe(self.field_settings).supervise(self.stream.mean(halves))
-            split = split_light(self.best, points, self.stream.by_group())
-            self.best.lights = FieldLights(self.groups, split)
         self.best.record = {
             "passes": self.passes,
             "estimated_psnr": self.psnr,
             "exposure": self.quality.exposure,
-            "seconds": time.perf_counter() - self.begin,
+            "seconds": self.time.spent,
             "seed": self.seed,
             "fingerprint": fingerprint(self.scene),
         }
@@ -366,26 +366,23 @@ class _Fit:
 
     def _count_pass(self, passes: int) -> None:
         """After a pass: measure its time, and add to the estimate of the PSNR."""
-        now = time.perf_counter()
-        if passes > 1:  # the first compiles the kernels
-            spent = now - self._last
-            self.pass_seconds = 0.8 * (self.pass_seconds or spent) + 0.2 * spent
+        self.time.note_pass(count=passes > 1)
         if self.quality.passes < passes / PASSES_PER_ESTIMATE:
             self.quality.add_pass()
         if time.perf_counter() - self.saved > SAVE_SECONDS:
             self.save()
-        self._last = time.perf_counter()
+        self.time.start_pass()
         self._end_in_time()
 
     def _count_step(self, steps: int) -> None:
         self.steps = steps
-        self._end_in_time(self.evaluate_seconds)
+        self._end_in_time(self.time.judging)
 
     def _end_in_time(self, reserve: float = 0) -> None:
         """Show the progress; end the fit if its time, less a reserve, is over and there is a
         field."""
         self._tell(None)
-        if self.best is not None and time.perf_counter() + reserve > self.deadline:
+        if self.best is not None and self.time.is_over(reserve):
             raise _OutOfTime
 
     def _plan(self, passes: float) -> int:
@@ -400,9 +397,7 @@ class _Fit:
         """The number of passes, with those so far, after which there is time for more fields."""
         if self.best is None:
             return float("inf")
-        rest = self.deadline - time.perf_counter() - fields * self.field_seconds
-        each = self.pass_seconds * (1 + 1 / PASSES_PER_ESTIMATE)
-        return self.stream.count + 0.9 * rest / max(each, 1e-6)
+        return self.stream.count + self.time.passes_left(1 / PASSES_PER_ESTIMATE, fields)
 
     def _tell(self, field: GaussianPhotonField | None) -> None:
         self.callback(
@@ -413,7 +408,7 @@ class _Fit:
                 all_steps=self.all_steps,
                 held_out_error=self.error,
                 psnr=self.psnr,
-                seconds=time.perf_counter() - self.begin,
+                seconds=self.time.spent,
                 field=field,
             )
         )

@@ -31,6 +31,10 @@ _VALUES = tuple(
 class LightMixer:
     """Sets the levels of a field's groups of emitters, in the field and in the scene.
 
+    Attributes
+    ----------
+    levels: those that were set last.
+
     Raises
     ------
     UserError: the field keeps no groups apart, or the scene has other emitters.
@@ -43,6 +47,7 @@ class LightMixer:
             )
         self.lights: FieldLights = field.lights
         self._field = field
+        self.levels: Levels = {}
         self._emitters = [_Dimmed(emitter) for emitter in scene.emitters()]
         self._names = emitter_names(scene)
         if sum(map(len, self.lights.groups.members)) != len(self._emitters):
@@ -71,6 +76,7 @@ class LightMixer:
         for emitter, level in zip(self._emitters, wanted, strict=True):
             emitter.set(level)
         self._field.recolour(self.lights.at(levels))
+        self.levels = levels
 
 
 def set_lights(scene: mi.Scene, field: GaussianPhotonField, text: str) -> None:

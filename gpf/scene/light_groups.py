@@ -34,6 +34,18 @@ class LightGroups:
     members: tuple[tuple[int, ...], ...]
 
     @classmethod
+    def parse(cls, text: str, scene: mi.Scene) -> LightGroups | None:
+        """None for an empty text; a group for each emitter for ``auto``; else those of a file.
+
+        Raises
+        ------
+        UserError: as :meth:`each` and :meth:`read`.
+        """
+        if not text:
+            return None
+        return cls.each(scene) if text == "auto" else cls.read(Path(text), scene)
+
+    @classmethod
     def each(cls, scene: mi.Scene) -> LightGroups:
         """A group for each emitter.
 

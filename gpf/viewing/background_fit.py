@@ -56,15 +56,18 @@ class BackgroundFit:
         folder with the photons, from which a later fit continues.
     views: a file with the cameras that the field is for; None to place some.
     folder: for the newest field.
+    groups: groups of emitters whose light is kept apart (:meth:`LightGroups.parse`).
     """
 
-    def __init__(self, scene_file: Path, out: Path, views: Path | None, folder: Path) -> None:
+    def __init__(
+        self, scene_file: Path, out: Path, views: Path | None, folder: Path, groups: str = ""
+    ) -> None:
         self.out, self.live = out, folder / "live.safetensors"
         self.status = FitStatus()
         self._paused = False
         self._errors = (folder / "errors.txt").open("wb")
         command = [sys.executable, "-m", "gpf.viewing.background_fit"]
-        command += [str(scene_file), str(out), str(self.live), str(views or "")]
+        command += [str(scene_file), str(out), str(self.live), str(views or ""), groups]
         # In a session of its own: Ctrl-C is for the viewer, which ends the fit.
         self._process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=self._errors, start_new_session=True
@@ -113,12 +116,13 @@ class BackgroundFit:
         )
 
 
-def main(scene_file: Path, out: Path, live: Path, views: Path | None) -> None:
+def main(scene_file: Path, out: Path, live: Path, views: Path | None, groups: str) -> None:
     """Fit a field, write each field that is worth showing to ``live``, and the last to ``out``."""
     _end_with_parent()
     from gpf.core.runtime import choose_variant
     from gpf.field.io import save_field
     from gpf.fitting.fit import ROWS, FitProgress, fit
+    from gpf.scene.light_groups import LightGroups
     from gpf.scene.load import load_scene_file
     from gpf.scene.transforms import read_sensors
 
@@ -145,7 +149,14 @@ def main(scene_file: Path, out: Path, live: Path, views: Path | None) -> None:
             }
             print(json.dumps(facts), flush=True)
 
-    field = fit(scene, sensors, passes=PASSES, callback=report, state=out.with_suffix(".fit"))
+    field = fit(
+        scene,
+        sensors,
+        passes=PASSES,
+        callback=report,
+        state=out.with_suffix(".fit"),
+        groups=LightGroups.parse(groups, scene),
+    )
     save_field(field, live)
     psnr = field.record["estimated_psnr"]
     facts = {"passes": PASSES, "all_passes": PASSES, "psnr": psnr, "field": True}
@@ -162,8 +173,9 @@ def _end_with_parent() -> None:
 
 if __name__ == "__main__":
     try:
-        *paths, cameras = sys.argv[1:]
-        main(Path(paths[0]), Path(paths[1]), Path(paths[2]), Path(cameras) if cameras else None)
+        *paths, cameras, lights = sys.argv[1:]
+        views_file = Path(cameras) if cameras else None
+        main(Path(paths[0]), Path(paths[1]), Path(paths[2]), views_file, lights)
     except UserError as problem:
         print(problem, file=sys.stderr)
         sys.exit(problem.exit_code)

@@ -46,7 +46,8 @@ class Look(Settings):
     layer: the picture, a layer of it in false colours, or the Gaussians or photons themselves.
     stops: exposure in powers of two, relative to that of the scene.
     curve: ``srgb`` clips bright light; ``soft`` never does.
-    compare: show ``path`` beside it.
+    compare: what is shown beside it, if anything: ``path`` with as much time, or the reference of
+        the camera.
     number: see :class:`Camera`.
     """
 
@@ -56,7 +57,7 @@ class Look(Settings):
     layer: Layer = "image"
     stops: Annotated[float, Field(ge=-20, le=20)] = 0.0
     curve: Literal["srgb", "soft"] = "srgb"
-    compare: bool = False
+    compare: Literal["", "path", "reference"] = ""
 
 
 Factor = Annotated[float, Field(ge=0, le=1000)]

@@ -115,8 +115,8 @@ class Viewer:
         self._status = FitStatus()
         self._seed = 0
         self._levels: Levels | None = None  # to be set
-        kept = scene_field is not None and scene_field.lights is not None
-        self._mixer = LightMixer(scene, scene_field) if kept and scene_field else None
+        self._mixer: LightMixer | None = None
+        self._mix()
 
     # What the server calls, from its own threads.
 
@@ -128,7 +128,6 @@ class Viewer:
                 "title": self.title,
                 "aspect": self.aspect,
                 "cameras": [camera.model_dump() for camera in self.cameras],
-                "lights": list(self._mixer.names) if self._mixer else [],
                 "reference_rows": max((len(r) for r in self._references.values()), default=0),
             }
         )
@@ -192,6 +191,16 @@ class Viewer:
         rests = [page for page in pages if now - page.moved > _REST_SECONDS]
         return any(self._go_on(page) for page in rests)
 
+    def _mix(self) -> None:
+        """Take the groups of lights of a new field, at the levels of the one before."""
+        levels = self._mixer.levels if self._mixer is not None else {}
+        if self._mixer is not None:
+            self._mixer.set({})  # the emitters as they were
+        has_lights = self.field is not None and self.field.lights is not None
+        self._mixer = LightMixer(self.scene, self.field) if has_lights and self.field else None
+        if self._mixer is not None and levels:
+            self._mixer.set(levels)
+
     def _follow_fit(self) -> None:
         """Tell the pages how far the fit is, and take its newest field."""
         if self.fit is None or self.fit.status == self._status:
@@ -201,6 +210,7 @@ class Viewer:
             if self.field is None:
                 self._screens.clear()  # they show photon mapping
             self.field, self._ellipses = load_field(self.fit.live), None
+            self._mix()
             for (layer, *_), screen in self._screens.items():
                 if layer != "path":
                     screen.integrator.field = self._field_of(layer)
@@ -244,6 +254,7 @@ class Viewer:
             "all_passes": status.all_passes if self.fit else record.get("passes"),
             "psnr": status.psnr if self.fit else record.get("estimated_psnr"),
             "has_field": self.field is not None,
+            "lights": list(self._mixer.names) if self._mixer else [],
             "has_error": self.field is not None and self.field.error is not None,
             "error": status.error,
         }
@@ -329,7 +340,7 @@ class Viewer:
         if look.layer == "photons" or not page.client.waits:
             return False
         most = _PASSES if self.field is None else _FRAMES
-        compares = look.compare and page.compared_seconds < page.seconds
+        compares = look.compare == "path" and page.compared_seconds < page.seconds
         if page.picture.frames >= most and not compares:
             return False
         height = _PREVIEW_ROWS if self.field is None else look.rows
@@ -364,22 +375,25 @@ class Viewer:
                 image = page.denoised
         psnr = self._psnr(page.camera, image) if look.layer == "image" else None
         self._send(page, self._display(look, image), number, frames, 92, psnr=psnr)
-        if look.compare and page.compared.frames:
-            other = self._display(
-                Look(**look.model_dump() | {"layer": "image"}), page.compared.mean()
-            )
+        beside = self._reference(page.camera) if look.compare == "reference" else None
+        if look.compare == "path" and page.compared.frames:
+            beside = page.compared.mean()
+        if beside is not None:
+            other = self._display(_as_picture(look), beside)
             self._send(page, other, number, page.compared.frames, 92, role="compare")
+
+    def _reference(self, camera: Keyframe) -> np.ndarray | None:
+        """The reference of a camera, (H, W, 3), if there is one."""
+        found = (known.name for known in self.cameras if same_place(known, camera))
+        return next((self._references[name] for name in found if name in self._references), None)
 
     def _psnr(self, camera: Keyframe, image: np.ndarray) -> float | None:
         """The PSNR of a picture against the reference of its camera, dB; None without one."""
-        for known in self.cameras:
-            reference = self._references.get(known.name)
-            if reference is not None and same_place(known, camera):
-                if reference.shape[:2] != image.shape[:2] or self.exposure is None:
-                    return None
-                shown = (tone_map(i, self.exposure) for i in (reference, image[..., :3]))
-                return float(-10 * np.log10(max(np.mean(np.square(np.subtract(*shown))), 1e-10)))
-        return None
+        reference = self._reference(camera)
+        if reference is None or self.exposure is None or reference.shape[:2] != image.shape[:2]:
+            return None
+        shown = (tone_map(i, self.exposure) for i in (reference, image[..., :3]))
+        return float(-10 * np.log10(max(np.mean(np.square(np.subtract(*shown))), 1e-10)))
 
     def _denoise(self, image: np.ndarray) -> np.ndarray:
         layers = split_layers(image, GUIDES)

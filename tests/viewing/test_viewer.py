@@ -143,10 +143,45 @@ def test_every_layer_has_a_picture(viewer, page, layer, monkeypatch):
 
 def test_beside_the_path_tracer(viewer, page, monkeypatch):
     monkeypatch.setattr(module, "_FRAMES", 4)
-    viewer.received(page, Look(number=1, rows=64, compare=True))
+    viewer.received(page, Look(number=1, rows=64, compare="path"))
     rest(viewer)
     roles = [header["role"] for header, _ in page.pictures]
     assert "compare" in roles and "picture" in roles
+
+
+def test_beside_the_reference_of_its_camera_alone(viewer, page, monkeypatch):
+    monkeypatch.setattr(module, "_FRAMES", 2)
+    reference = np.random.default_rng(1).uniform(0, 1, (64, 64, 3)).astype(np.float32)
+    viewer._references = {viewer.cameras[0].name: reference}
+    own = Keyframe(**viewer.cameras[0].model_dump(exclude={"name", "fov_axis"}))
+    viewer.received(page, Look(number=1, rows=64, compare="reference"))
+    for camera, shows in ((own, True), (LEFT, False)):
+        page.pictures.clear()
+        viewer.received(page, Camera(camera=camera, number=2))
+        rest(viewer)
+        beside = [pixels for header, pixels in page.pictures if header["role"] == "compare"]
+        assert bool(beside) == shows
+        if shows:
+            expected = to_display(reference, viewer.exposure).astype(float)
+            assert np.abs(beside[-1] - expected).mean() < 12  # a JPEG of noise
+
+
+def test_the_expected_error_is_shown_where_it_is_known(viewer, page, box, monkeypatch):
+    monkeypatch.setattr(module, "_FRAMES", 2)
+    viewer.received(page, Look(number=1, rows=64, layer="error"))
+    rest(viewer)
+    plain = page.pictures[-1][1].astype(float)  # the picture: there is no error to show
+    assert not viewer._status_message()["has_error"]
+    try:
+        box.set_error(np.full(len(box.gaussians.means.numpy().T), 0.1, np.float32))
+        viewer.received(page, Look(number=2, rows=64, layer="error"))
+        rest(viewer)
+        shown = page.pictures[-1][1].astype(float)
+        assert viewer._status_message()["has_error"]
+        assert np.abs(shown - plain).mean() > 30
+        assert (np.abs(shown[50, 8] - [253, 231, 37]) < 20).all()  # the brightest false colour
+    finally:
+        box.update(box.gaussians)
 
 
 def test_without_a_field_photons_are_mapped(scene, tmp_path, monkeypatch):
