@@ -166,7 +166,7 @@ def test_the_estimate_is_the_psnr_against_a_reference(scene, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch):
+def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch, capsys):
     from gpf.cli import main
 
     monkeypatch.setattr("gpf.commands.fit.PREVIEW_ROWS", 32)
@@ -174,7 +174,10 @@ def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch):
     with pytest.raises(SystemExit) as ended:
         main(["fit", str(SOURCE), "-o", str(tmp_path / "box.safetensors"), "--passes", "24"])
     assert not ended.value.code
-    assert read_field(tmp_path / "box.safetensors").record["passes"] == 24
+    assert f"cameras: those of {SOURCE.parent / 'views.yaml'}" in capsys.readouterr().err
+    stored = read_field(tmp_path / "box.safetensors")
+    assert stored.record["passes"] == 24
+    assert stored.tensors["error"].shape == (len(stored.tensors["means"]),)
     assert tuple(mi.Bitmap(str(tmp_path / "box.png")).size()) == (32, 32)
     with pytest.raises(SystemExit) as ended:
         main(["fit", str(SOURCE), "-o", str(tmp_path / "box.exr")])
