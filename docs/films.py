@@ -38,7 +38,7 @@ IMAGES = Path(__file__).parent / "images"
 ROWS, SPP, MILLISECONDS = 224, 8, 90
 PASSES = 648  # of the pool: 24, 72, 216 and all
 RAW_FRAMES, FRAMES = 12, 15  # of photon mapping, and of each field
-SECONDS = 60  # for the fit of the lamps
+SECONDS = 150  # for the fit of the lamps
 
 
 def main() -> None:
@@ -141,8 +141,9 @@ def _write(path: Path, frames: list[Image.Image]) -> None:
         append_images=frames[1:],
         duration=MILLISECONDS,
         loop=0,
-        quality=72,
+        quality=80,
         method=6,
+        kmax=1,  # each frame by itself: else slow changes of light become blocks
     )
     print(f"{path}: {len(frames)} frames, {path.stat().st_size / 1e6:.1f} MB")
 
