@@ -12,19 +12,15 @@ over all views, and in the view where the prediction is worst.
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.judged import Judged, Kept, decibels, judged_views, kept_field, references
-from benchmarks.placement import open_scene
+from benchmarks.judged import Judged, decibels, open_field, options
 from gpf.rendering.aovs import expected_psnr
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
-from gpf.scene.folders import list_scenes
 
 ROWS, SPP = 256, 256
 LEVELS = (0.01, 0.02, 0.04, 0.08)
@@ -34,12 +30,7 @@ EDGES = 0.03
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=120)
-    parser.add_argument("--reference-passes", type=int, default=200)
-    parser.add_argument("--kept", type=Path, default=Path("results/benchmark_references"))
-    parser.add_argument("scenes", nargs="*", default=list_scenes())
-    arguments = parser.parse_args()
+    arguments = options(__doc__.splitlines()[0], passes=200)
     table = Table("scene", *(f"{level:.0%}" for level in LEVELS), "all views", "worst view")
     table.title = "measured / predicted error (share of the pixels); predicted, measured dB"
     for name in arguments.scenes:
@@ -49,20 +40,18 @@ def main() -> None:
 
 def judge(name: str, arguments: argparse.Namespace) -> list[str]:
     """The cells of a line."""
-    scene, own, aspect = open_scene(name)
-    views, exposure = judged_views(name, scene, own, aspect)
-    kept = Kept(arguments.kept, arguments.reference_passes)
-    size = round(ROWS * aspect), ROWS
-    judged = replace(references(name, scene, views, size, kept), exposure=exposure)
-    field = kept_field(name, scene, [own], aspect, arguments.seconds, kept)
+    scene, field, judged = open_field(name, ROWS, None, arguments)
     renderer = FieldRenderer.make(scene, field, RenderSettings(spp=SPP), ["error"])
-    layers = [renderer.render(view, size, seed=k) for k, view in enumerate(views)]
+    layers = [renderer.render(v, judged.size, seed=k) for k, v in enumerate(judged.views)]
     images = np.stack([each["radiance"] for each in layers])
     errors = np.stack([each["error"] for each in layers])
     cells = [_ratio(judged, images, errors, level) for level in LEVELS]
     measured = judged.errors(images).mean(axis=1)
     predicted = np.array(
-        [10 ** (-0.1 * expected_psnr(each["radiance"], each["error"], exposure)) for each in layers]
+        [
+            10 ** (-0.1 * expected_psnr(each["radiance"], each["error"], judged.exposure))
+            for each in layers
+        ]
     )
     worst = int(np.argmax(np.abs(np.log(predicted / np.maximum(measured, 1e-9)))))
     cells.append(f"{decibels(predicted.mean())}, {decibels(measured.mean())}")

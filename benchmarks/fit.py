@@ -77,7 +77,7 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
     views, exposure = judged_views(name, scene, own, aspect)
     size = round(ROWS * aspect), ROWS
     kept = Kept(arguments.references, arguments.reference_passes)
-    judged = replace(references(name, scene, views, size, kept), exposure=exposure)
+    judged = references(name, scene, views, size, exposure, kept)
     sensors = None
     if arguments.views:
         views = [own] if name in SCENES else list(load_views(name).train)

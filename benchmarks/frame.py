@@ -10,16 +10,12 @@ from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import replace
-from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.judged import Kept, decibels, judged_views, kept_field, references, render
-from benchmarks.placement import open_scene
+from benchmarks.judged import decibels, open_field, options, render
 from gpf.rendering.settings import RenderSettings
-from gpf.scene.folders import list_scenes
 
 ROWS, PASSES = 512, 300
 SAMPLES = ((1, True), (2, True), (4, True), (8, True), (16, True), (16, False), (64, False))
@@ -27,24 +23,14 @@ SAMPLES = ((1, True), (2, True), (4, True), (8, True), (16, True), (16, False), 
 
 def main() -> None:
     """Print one table per scene."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=120)
-    parser.add_argument("--reference-passes", type=int, default=100)
-    parser.add_argument("--kept", type=Path, default=Path("results/benchmark_references"))
-    parser.add_argument("scenes", nargs="*", default=list_scenes())
-    arguments = parser.parse_args()
+    arguments = options(__doc__.splitlines()[0], passes=100)
     for name in arguments.scenes:
         Console(width=100).print(judge(name, arguments))
 
 
 def judge(name: str, arguments: argparse.Namespace) -> Table:
     """A line for each number of samples."""
-    scene, own, aspect = open_scene(name)
-    views, exposure = judged_views(name, scene, own, aspect)
-    size = round(ROWS * aspect), ROWS
-    kept = Kept(arguments.kept, arguments.reference_passes)
-    judged = replace(references(name, scene, views[:1], size, kept), exposure=exposure)
-    field = kept_field(name, scene, [own], aspect, arguments.seconds, kept)
+    scene, field, judged = open_field(name, ROWS, 1, arguments)
     asked = decibels(judged.reference_errors(PASSES).mean())
     table = Table("samples", "seconds", "PSNR", title=f"{name}: SPPM with {PASSES} passes {asked}")
     for spp, denoise in SAMPLES:

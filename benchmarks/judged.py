@@ -10,6 +10,7 @@ are kept in a folder for the next run.
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +19,7 @@ import numpy as np
 
 import gpf
 from benchmarks.check_scenes import SCENES
+from benchmarks.placement import open_scene
 from benchmarks.regions import find_regions
 from gpf.core.images import tone_map
 from gpf.core.progress import progress_bar
@@ -27,7 +29,7 @@ from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.importing.placement import place_views
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
-from gpf.scene.folders import load_views
+from gpf.scene.folders import list_scenes, load_views
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from gpf.sppm.reference import ReferenceRenderer, ReferenceSettings
@@ -136,7 +138,12 @@ def render(
 
 
 def references(
-    name: str, scene: mi.Scene, views: list[View], size: tuple[int, int], kept: Kept
+    name: str,
+    scene: mi.Scene,
+    views: list[View],
+    size: tuple[int, int],
+    exposure: float,
+    kept: Kept,
 ) -> Judged:
     """Views with two references each, from the folder of references if it has them."""
     found = {}
@@ -150,7 +157,29 @@ def references(
         with np.load(file) as stored:
             found[kind] = stored["images"], stored["regions"]
     (images, regions), (sharp, _) = found[""], found["sharp_"]
-    return Judged(views, size, 1.0, images, sharp, regions, kept.passes)
+    return Judged(views, size, exposure, images, sharp, regions, kept.passes)
+
+
+def open_field(
+    name: str, rows: int, count: int | None, arguments: argparse.Namespace
+) -> tuple[mi.Scene, GaussianPhotonField, Judged]:
+    """A scene with a field for :func:`options`, and the first ``count`` of its judged views."""
+    scene, own, aspect = open_scene(name)
+    views, exposure = judged_views(name, scene, own, aspect)
+    kept = Kept(arguments.kept, arguments.reference_passes)
+    size = round(rows * aspect), rows
+    judged = references(name, scene, views[:count], size, exposure, kept)
+    return scene, kept_field(name, scene, [own], aspect, arguments.seconds, kept), judged
+
+
+def options(description: str, passes: int) -> argparse.Namespace:
+    """The options of a benchmark whose fields take some seconds and are kept."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--seconds", type=float, default=120)
+    parser.add_argument("--reference-passes", type=int, default=passes)
+    parser.add_argument("--kept", type=Path, default=Path("results/benchmark_references"))
+    parser.add_argument("scenes", nargs="*", default=list_scenes())
+    return parser.parse_args()
 
 
 def judged_views(name: str, scene: mi.Scene, own: View, aspect: float) -> tuple[list[View], float]:

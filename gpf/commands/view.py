@@ -91,7 +91,9 @@ def view_scene(
     with tempfile.TemporaryDirectory(prefix="gpf-view-") as folder, _ended_by_signals():
         fit = None
         if field is None:
-            cameras_file = file_beside(scene_file, views_file)
+            # A file that does not exist yet is only where cameras will be saved.
+            given = views_file if views_file is not None and views_file.exists() else None
+            cameras_file = file_beside(scene_file, given)
             fit = BackgroundFit(scene_file, out, cameras_file, Path(folder), groups)
         try:
             viewer = Viewer(
