@@ -1,8 +1,8 @@
 """`python -m benchmarks.start [SCENE …]`: what passes before the first photon.
 
-For each scene, in a process of its own: seconds until gpf is imported, the scene is loaded, cameras
-are placed, and the first pass of photons is over. What the kernels take to compile counts if they
-are not in Dr.Jit's cache yet; run it twice.
+For each scene, in a process of its own: seconds until Python and gpf have started, the scene is
+loaded, cameras are placed, and the first pass of photons is over. What the kernels take to compile
+counts if they are not in Dr.Jit's cache yet; run it twice.
 """
 
 from __future__ import annotations
@@ -10,46 +10,51 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tempfile
+import time
 from itertools import pairwise
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.check_scenes import SCENES
+import gpf
+from benchmarks.check_scenes import SCENES, load
+from gpf.core.runtime import choose_variant
+from gpf.fitting.fit import FitProgress, default_sensors
 from gpf.scene.folders import list_scenes
+from gpf.scene.load import load_scene_file
+from gpf.scene.snapshot import snapshot_scene
 
-STEPS = ("import", "load", "cameras", "first pass")
+STEPS = ("start", "load", "cameras", "first pass")
 
 
 def main() -> None:
     """Print the table."""
     table = Table("scene", *STEPS, "together")
+    choose_variant("auto")
     for name in sys.argv[1:] or [*list_scenes(), *SCENES]:
-        command = [sys.executable, "-m", "benchmarks.start", "--one", name]
-        line = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+        with tempfile.TemporaryDirectory() as folder:
+            if name not in SCENES:
+                snapshot_scene(name, Path(folder) / name)
+            command = [sys.executable, "-m", "benchmarks.start", "--one", name, folder]
+            command.append(str(time.time()))
+            line = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
         seconds = json.loads(line.splitlines()[-1])
         table.add_row(name, *(f"{s:.1f}" for s in seconds), f"{sum(seconds):.1f}")
     Console(width=100).print(table)
 
 
-def measure(name: str) -> list[float]:
-    """Seconds of each of :data:`STEPS`."""
-    import time
-
-    marks = [time.perf_counter()]
+def measure(name: str, folder: Path, begin: float) -> list[float]:
+    """Seconds of each of :data:`STEPS`; ``folder`` has a copy of a scene of `scenes/`."""
+    marks = [begin]
 
     def mark() -> None:
-        marks.append(time.perf_counter())
-
-    import gpf
-    from gpf.core.runtime import choose_variant
-    from gpf.fitting.fit import FitProgress, default_sensors
+        marks.append(time.time())
 
     choose_variant("auto")
     mark()
-    from benchmarks.placement import open_scene
-
-    scene, _, _ = open_scene(name)
+    scene = load(name) if name in SCENES else load_scene_file(folder / name / "scene.xml")
     mark()
     sensors = default_sensors(scene)
     mark()
@@ -66,6 +71,6 @@ def measure(name: str) -> list[float]:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--one"]:
-        print(json.dumps(measure(sys.argv[2])))
+        print(json.dumps(measure(sys.argv[2], Path(sys.argv[3]), float(sys.argv[4]))))
     else:
         main()

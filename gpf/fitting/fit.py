@@ -65,7 +65,7 @@ ROWS = 256
 
 FIELD = InitialFieldSettings(direct="auto")
 STREAM = StreamSettings()
-REGION = VisibleRegionSettings(rays=131_072, pilot_paths=262_144)
+REGION = VisibleRegionSettings(rays=131_072, pilot_paths=131_072)
 
 log = logging.getLogger(__name__)
 

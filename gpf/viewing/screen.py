@@ -37,8 +37,9 @@ class Screen:
         self._parameters = mi.traverse(self.sensor)
         self.frames = 0
 
-    def frame(self, camera: Keyframe, seed: int) -> np.ndarray:
-        """All channels of one frame, (H, W, C); the camera's ``fov`` is that across x."""
+    def frame(self, camera: Keyframe) -> np.ndarray:
+        """All channels of one frame, (H, W, C); the camera's ``fov`` is that across x. Each frame
+        has random numbers of its own."""
         place = mi.ScalarTransform4f().look_at(
             list(camera.origin), list(camera.target), list(camera.up)
         )
@@ -48,7 +49,11 @@ class Screen:
         dr.make_opaque(self._parameters["to_world"], self._parameters["x_fov"])
         self._parameters.update()
         image = mi.render(
-            self.scene, sensor=self.sensor, integrator=self.integrator, spp=self.spp, seed=seed
+            self.scene,
+            sensor=self.sensor,
+            integrator=self.integrator,
+            spp=self.spp,
+            seed=self.frames,
         )
         self.frames += 1
         return np.array(image)

@@ -4,27 +4,22 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
-from gpf.core.images import propose_exposure, read_exr, tone_map
+from gpf.core.images import propose_exposure
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
-from gpf.rendering.aovs import split_layers
-from gpf.rendering.denoiser import GUIDES, ImageDenoiser
-from gpf.rendering.denoiser import available as has_denoiser
-from gpf.rendering.lights import LightMixer
 from gpf.scene.light_groups import Levels
 from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, name_view
 from gpf.viewing.background_fit import BackgroundFit, FitStatus
 from gpf.viewing.downloads import add_view, exr_file, film_file
-from gpf.viewing.layers import PhotonPoints, aovs_of, as_ellipses, display
+from gpf.viewing.layers import display
 from gpf.viewing.messages import (
     Camera,
     GetFile,
@@ -36,9 +31,11 @@ from gpf.viewing.messages import (
     SaveView,
 )
 from gpf.viewing.pace import Pace
-from gpf.viewing.screen import Accumulated, Screen, encode
+from gpf.viewing.references import References
+from gpf.viewing.screen import Accumulated, encode
+from gpf.viewing.screens import Screens
 from gpf.viewing.server import Client
-from gpf.viewing.shown import Shown, same_place
+from gpf.viewing.shown import Shown
 
 # The camera rests if it did not move for so long; the fit goes on after the second.
 _REST_SECONDS, _CALM_SECONDS = 0.12, 0.6
@@ -52,19 +49,11 @@ _DENOISED_AT, _DENOISED_UNTIL = 8, 32
 # Time between pictures of a camera at rest.
 _PICTURE_SECONDS = 0.1
 
-# Without a field: rows, and photon paths of a pass.
-_PREVIEW_ROWS, _PREVIEW_PATHS = 192, 60_000
-
-_PATH_DEPTH = 24
-
-# Screens that are kept; each has kernels of its own.
-_MOST_SCREENS = 12
+# Rows without a field.
+_PREVIEW_ROWS = 192
 
 # Files that a page may wait for at a time.
 _MOST_TASKS = 4
-
-# What a screen shows, its rows, and whether the camera moves.
-_Key = tuple[Layer | Literal["path"], int, bool]
 
 
 def _as_picture(look: Look) -> Look:
@@ -98,25 +87,22 @@ class Viewer:
         views_file: Path,
         references: Mapping[str, Path] | None = None,
     ) -> None:
-        self.scene, self.title, self.aspect = scene, title, aspect
+        self.title, self.aspect = title, aspect
         self.cameras, self.exposure = list(cameras), exposure
-        self.field, self.fit, self.views_file = scene_field, fit, views_file
+        self.fit, self.views_file = fit, views_file
+        self.screens = Screens(scene, aspect, scene_field)
+        self.references = References(self.cameras, references or {})
         self._pages: list[Shown] = []
         self._lock = threading.Lock()
         self._wake = threading.Event()
-        self._screens: OrderedDict[_Key, Screen] = OrderedDict()
         self._paces: dict[Layer, Pace] = {}
-        self._ellipses: GaussianPhotonField | None = None
-        self._photons: PhotonPoints | None = None
-        self._denoisers: dict[tuple[int, int], ImageDenoiser] = {}
-        self._references = {
-            name: read_exr(file)[0]["radiance"] for name, file in (references or {}).items()
-        }
         self._status = FitStatus()
-        self._seed = 0
         self._levels: Levels | None = None  # to be set
-        self._mixer: LightMixer | None = None
-        self._mix()
+
+    @property
+    def field(self) -> GaussianPhotonField | None:
+        """The field that is shown; None while there is none yet."""
+        return self.screens.field
 
     # What the server calls, from its own threads.
 
@@ -128,7 +114,7 @@ class Viewer:
                 "title": self.title,
                 "aspect": self.aspect,
                 "cameras": [camera.model_dump() for camera in self.cameras],
-                "reference_rows": max((len(r) for r in self._references.values()), default=0),
+                "reference_rows": self.references.rows,
             }
         )
         client.tell(self._status_message())
@@ -191,29 +177,13 @@ class Viewer:
         rests = [page for page in pages if now - page.moved > _REST_SECONDS]
         return any(self._go_on(page) for page in rests)
 
-    def _mix(self) -> None:
-        """Take the groups of lights of a new field, at the levels of the one before."""
-        levels = self._mixer.levels if self._mixer is not None else {}
-        if self._mixer is not None:
-            self._mixer.set({})  # the emitters as they were
-        has_lights = self.field is not None and self.field.lights is not None
-        self._mixer = LightMixer(self.scene, self.field) if has_lights and self.field else None
-        if self._mixer is not None and levels:
-            self._mixer.set(levels)
-
     def _follow_fit(self) -> None:
         """Tell the pages how far the fit is, and take its newest field."""
         if self.fit is None or self.fit.status == self._status:
             return
         before, self._status = self._status, self.fit.status
         if self._status.fields > before.fields:
-            if self.field is None:
-                self._screens.clear()  # they show photon mapping
-            self.field, self._ellipses = load_field(self.fit.live), None
-            self._mix()
-            for (layer, *_), screen in self._screens.items():
-                if layer != "path":
-                    screen.integrator.field = self._field_of(layer)
+            self.screens.take(load_field(self.fit.live))
             with self._lock:
                 for page in self._pages:
                     page.start_anew()
@@ -226,20 +196,15 @@ class Viewer:
         """Set the levels that a page has asked for."""
         with self._lock:
             levels, self._levels = self._levels, None
-        if levels is None or self._mixer is None:
+        if levels is None:
             return
         try:
-            known = {name: level for name, level in levels.items() if name in self._mixer.names}
-            self._mixer.set(known)
+            self.screens.set_lights(levels)
         except UserError as error:
             with self._lock:
                 for page in self._pages:
                     page.client.tell({"type": "error", "text": str(error)})
             return
-        self._ellipses = None
-        for (layer, *_), screen in self._screens.items():
-            if layer == "gaussians":
-                screen.integrator.field = self._field_of(layer)
         with self._lock:
             for page in self._pages:
                 page.moving = True
@@ -254,83 +219,36 @@ class Viewer:
             "all_passes": status.all_passes if self.fit else record.get("passes"),
             "psnr": status.psnr if self.fit else record.get("estimated_psnr"),
             "has_field": self.field is not None,
-            "lights": list(self._mixer.names) if self._mixer else [],
+            "lights": list(self.screens.lights),
             "has_error": self.field is not None and self.field.error is not None,
             "error": status.error,
         }
-
-    def _size(self, height: int) -> tuple[int, int]:
-        return max(1, round(height * self.aspect)), height
-
-    def _layer(self, look: Look) -> Layer:
-        """The layer that a page looks at; the picture, if the field does not have it."""
-        if look.layer == "photons":
-            return "photons"
-        lacks_error = look.layer == "error" and (self.field is None or self.field.error is None)
-        return "image" if self.field is None or lacks_error else look.layer
-
-    def _field_of(self, layer: Layer) -> GaussianPhotonField | None:
-        if layer != "gaussians" or self.field is None:
-            return self.field
-        self._ellipses = self._ellipses or as_ellipses(self.field)
-        return self._ellipses
-
-    def _screen(self, layer: Layer, height: int, moving: bool) -> Screen:
-        """The screen for a layer; made at its first use."""
-        guides = not moving and has_denoiser()
-        key: _Key = (layer, height, moving)
-        if key not in self._screens:
-            if self.field is None:
-                integrator = mi.load_dict({"type": "sppm", "photons_per_pass": _PREVIEW_PATHS})
-            else:
-                integrator = mi.load_dict(
-                    {
-                        "type": "gpf",
-                        "record": True,
-                        "aovs": aovs_of(layer, guides),
-                        "glossy_walks": 1 if moving else 4,
-                    }
-                )
-                integrator.field = self._field_of(layer)
-            self._screens[key] = Screen(self.scene, integrator, self._size(height))
-            while len(self._screens) > _MOST_SCREENS:
-                self._screens.popitem(last=False)
-        self._screens.move_to_end(key)
-        return self._screens[key]
-
-    def _next_seed(self) -> int:
-        self._seed = (self._seed + 1) % (1 << 30)
-        return self._seed
 
     def _show_moving(self, page: Shown) -> None:
         """One picture of a moving camera."""
         with self._lock:
             look, camera, number = page.look, page.camera, page.number
             page.moving = False
-        layer = self._layer(look)
+        layer = self.screens.layer(look.layer)
         page.start_anew()
+        if layer == "photons":
+            self._send(page, self.screens.photons(camera, look.rows), number, 1, 90)
+            return
         pace = self._paces.setdefault(layer, Pace())
         start = time.perf_counter()
-        if layer == "photons":
-            self._show_photons(page)
-            return
-        height = _PREVIEW_ROWS if self.field is None else pace.height(self.aspect, look.rows)
-        screen = self._screen(layer, height, moving=True)
-        image = screen.frame(camera, self._next_seed())
+        rows = _PREVIEW_ROWS if self.field is None else pace.height(self.aspect, look.rows)
+        screen = self.screens.screen(layer, rows, moving=True)
+        image = screen.frame(camera)
         self._send(page, self._display(look, image), number, 1, 80)
         if screen.frames > 3:  # the first ones record
             pace.note(time.perf_counter() - start, screen.size[0] * screen.size[1])
 
-    def _show_photons(self, page: Shown) -> None:
-        if self._photons is None:
-            self._photons = PhotonPoints(self.scene)
-        pixels = self._photons.draw(page.camera, self._size(page.look.rows))
-        self._send(page, pixels, page.number, 1, 90)
-
     def _display(self, look: Look, image: np.ndarray) -> np.ndarray:
         if self.exposure is None:
             self.exposure = propose_exposure(image[..., :3])
-        return display(self._layer(look), image, self.exposure * 2.0**look.stops, look.curve)
+        return display(
+            self.screens.layer(look.layer), image, self.exposure * 2.0**look.stops, look.curve
+        )
 
     def _go_on(self, page: Shown) -> bool:
         """One more frame of a camera at rest, or one more step of a task; whether there was one."""
@@ -343,17 +261,16 @@ class Viewer:
         compares = look.compare == "path" and page.compared_seconds < page.seconds
         if page.picture.frames >= most and not compares:
             return False
-        height = _PREVIEW_ROWS if self.field is None else look.rows
+        rows = _PREVIEW_ROWS if self.field is None else look.rows
         number, start = page.number, time.perf_counter()
         if page.has_moved():
             return True
         if compares:
-            screen = self._path_screen(height)
-            page.compared.add(screen.frame(page.camera, self._next_seed()))
+            page.compared.add(self.screens.path_screen(rows).frame(page.camera))
             page.compared_seconds += time.perf_counter() - start
         else:
-            screen = self._screen(self._layer(look), height, moving=False)
-            page.picture.add(screen.frame(page.camera, self._next_seed()))
+            screen = self.screens.screen(self.screens.layer(look.layer), rows, moving=False)
+            page.picture.add(screen.frame(page.camera))
             page.seconds += time.perf_counter() - start
         if page.has_moved():
             return True  # the camera has moved meanwhile
@@ -368,46 +285,21 @@ class Viewer:
         """The mean of all frames so far; with few of them, denoised."""
         look, frames = page.look, page.picture.frames
         image = page.picture.mean()
-        if self.field is not None and look.layer == "image" and not look.compare:
-            if frames >= _DENOISED_AT and page.denoised is None and has_denoiser():
-                page.denoised = self._denoise(image)
+        if look.layer == "image" and not look.compare:
+            if frames >= _DENOISED_AT and page.denoised is None:
+                page.denoised = self.screens.denoised(image)
             if page.denoised is not None and frames < _DENOISED_UNTIL:
                 image = page.denoised
-        psnr = self._psnr(page.camera, image) if look.layer == "image" else None
-        self._send(page, self._display(look, image), number, frames, 92, psnr=psnr)
-        beside = self._reference(page.camera) if look.compare == "reference" else None
+        pixels, psnr = self._display(look, image), None
+        if look.layer == "image" and self.exposure is not None:
+            psnr = self.references.psnr(page.camera, image, self.exposure)
+        self._send(page, pixels, number, frames, 92, psnr=psnr)
+        beside = self.references.of(page.camera) if look.compare == "reference" else None
         if look.compare == "path" and page.compared.frames:
             beside = page.compared.mean()
         if beside is not None:
             other = self._display(_as_picture(look), beside)
             self._send(page, other, number, page.compared.frames, 92, role="compare")
-
-    def _reference(self, camera: Keyframe) -> np.ndarray | None:
-        """The reference of a camera, (H, W, 3), if there is one."""
-        found = (known.name for known in self.cameras if same_place(known, camera))
-        return next((self._references[name] for name in found if name in self._references), None)
-
-    def _psnr(self, camera: Keyframe, image: np.ndarray) -> float | None:
-        """The PSNR of a picture against the reference of its camera, dB; None without one."""
-        reference = self._reference(camera)
-        if reference is None or self.exposure is None or reference.shape[:2] != image.shape[:2]:
-            return None
-        shown = (tone_map(i, self.exposure) for i in (reference, image[..., :3]))
-        return float(-10 * np.log10(max(np.mean(np.square(np.subtract(*shown))), 1e-10)))
-
-    def _denoise(self, image: np.ndarray) -> np.ndarray:
-        layers = split_layers(image, GUIDES)
-        size = image.shape[1], image.shape[0]
-        if size not in self._denoisers:
-            self._denoisers = {size: ImageDenoiser(size, prefilter=True, quality="fast")}
-        return self._denoisers[size].denoise(layers["radiance"], *(layers[g] for g in GUIDES))
-
-    def _path_screen(self, height: int) -> Screen:
-        key: _Key = ("path", height, False)
-        if key not in self._screens:
-            integrator = mi.load_dict({"type": "path", "max_depth": _PATH_DEPTH})
-            self._screens[key] = Screen(self.scene, integrator, self._size(height))
-        return self._screens[key]
 
     def _send(
         self,
@@ -469,12 +361,12 @@ class Viewer:
         for k, view in enumerate(views):
             total = Accumulated()
             for _ in range(message.spp):
-                screen = self._screen("image", look.rows, moving=False)
-                total.add(screen.frame(view, self._next_seed()))
+                total.add(self.screens.screen("image", look.rows, moving=False).frame(view))
                 yield
             image = total.mean()
-            if self.field is not None and message.spp <= 16 and has_denoiser():
-                image = self._denoise(image)
+            if message.spp <= 16:
+                denoised = self.screens.denoised(image)
+                image = image if denoised is None else denoised
             pictures.append(self._display(_as_picture(look), image[..., :3]))
             page.client.tell({"type": "film", "done": k + 1, "all": len(views)})
         page.client.tell({"type": "file", "name": f"{self.title}.mp4"}, film_file(pictures))

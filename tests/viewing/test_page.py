@@ -166,7 +166,11 @@ def test_random_input_does_no_harm(viewer, page):
 
 def test_a_fit_that_is_watched_is_kept(tmp_path):
     """Photon mapping at once, then fields that get better; Ctrl-C ends all and keeps the last."""
-    with viewing(tmp_path) as (process, address), open_page(PROGRAM, address, tmp_path) as page:
+    # The file of views is where cameras will be saved: it does not have to exist.
+    with (
+        viewing(tmp_path, "--views", "new.yaml") as (process, address),
+        open_page(PROGRAM, address, tmp_path) as page,
+    ):
         page.wait_for("viewer.ready")
         end = time.monotonic() + 120
         while not page.evaluate("viewer.status.has_field && viewer.status.psnr > 20"):

@@ -152,7 +152,7 @@ def test_beside_the_path_tracer(viewer, page, monkeypatch):
 def test_beside_the_reference_of_its_camera_alone(viewer, page, monkeypatch):
     monkeypatch.setattr(module, "_FRAMES", 2)
     reference = np.random.default_rng(1).uniform(0, 1, (64, 64, 3)).astype(np.float32)
-    viewer._references = {viewer.cameras[0].name: reference}
+    viewer.references._images = {viewer.cameras[0].name: reference}
     own = Keyframe(**viewer.cameras[0].model_dump(exclude={"name", "fov_axis"}))
     viewer.received(page, Look(number=1, rows=64, compare="reference"))
     for camera, shows in ((own, True), (LEFT, False)):
@@ -249,7 +249,7 @@ def test_a_moving_camera_is_not_recorded_anew(scene, box):
     for k in range(6):
         angle = 0.1 * k
         origin = (3 * np.sin(angle), 0.0, 3 * np.cos(angle))
-        screen.frame(FRONT.model_copy(update={"origin": origin, "fov": 40.0 + k}), k)
+        screen.frame(FRONT.model_copy(update={"origin": origin, "fov": 40.0 + k}))
         if k == 2:
             recordings = integrator.recording._frozen.n_recordings
     assert integrator.recording._frozen.n_recordings == recordings <= 3

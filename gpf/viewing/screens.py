@@ -1,0 +1,159 @@
+"""The frames of a scene for the viewer: of every layer and size, from its newest field."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Literal
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.field.field import GaussianPhotonField
+from gpf.rendering.aovs import split_layers
+from gpf.rendering.denoiser import GUIDES, ImageDenoiser
+from gpf.rendering.denoiser import available as has_denoiser
+from gpf.rendering.lights import LightMixer
+from gpf.scene.light_groups import Levels
+from gpf.scene.views import Keyframe
+from gpf.viewing.layers import PhotonPoints, aovs_of, as_ellipses
+from gpf.viewing.messages import Layer
+from gpf.viewing.screen import Screen
+
+# Photon paths of a pass, without a field.
+_PREVIEW_PATHS = 60_000
+
+_PATH_DEPTH = 24
+
+# Screens that are kept; each has kernels of its own.
+_MOST_SCREENS = 12
+
+# What a screen shows, its rows, and whether the camera moves.
+_Key = tuple[Layer | Literal["path"], int, bool]
+
+
+class Screens:
+    """A screen for each layer and size that is asked for.
+
+    Parameters
+    ----------
+    aspect: width divided by height.
+    field: None while there is none yet; then pictures are passes of photon mapping.
+    """
+
+    def __init__(self, scene: mi.Scene, aspect: float, field: GaussianPhotonField | None) -> None:
+        self.scene, self.aspect = scene, aspect
+        self.field: GaussianPhotonField | None = None
+        self._screens: OrderedDict[_Key, Screen] = OrderedDict()
+        self._ellipses: GaussianPhotonField | None = None
+        self._photons: PhotonPoints | None = None
+        self._denoisers: dict[tuple[int, int], ImageDenoiser] = {}
+        self._mixer: LightMixer | None = None
+        if field is not None:
+            self.take(field)
+
+    @property
+    def lights(self) -> tuple[str, ...]:
+        """The names of the groups of lights that the field keeps apart."""
+        return self._mixer.names if self._mixer is not None else ()
+
+    def take(self, field: GaussianPhotonField) -> None:
+        """Show a new field, with the lights at the levels of the one before."""
+        if self.field is None:
+            self._screens.clear()  # they show photon mapping
+        self.field = field
+        levels: Levels = {}
+        if self._mixer is not None:
+            levels = self._mixer.levels
+            self._mixer.set({})  # the emitters as they were
+        self._mixer = LightMixer(self.scene, field) if field.lights is not None else None
+        if self._mixer is not None and levels:
+            self._mixer.set(levels)
+        self._update("image")
+
+    def set_lights(self, levels: Levels) -> None:
+        """Set the levels of groups of lights; names that the field does not have are ignored.
+
+        Raises
+        ------
+        UserError: an emitter cannot be coloured; then nothing has changed.
+        """
+        if self._mixer is not None:
+            self._mixer.set({name: level for name, level in levels.items() if name in self.lights})
+            self._update("gaussians")
+
+    def layer(self, wanted: Layer) -> Layer:
+        """The layer that is shown for one that is wanted: the picture, if the field lacks it."""
+        if wanted == "photons":
+            return wanted
+        lacks_error = wanted == "error" and (self.field is None or self.field.error is None)
+        return "image" if self.field is None or lacks_error else wanted
+
+    def screen(self, layer: Layer, rows: int, moving: bool) -> Screen:
+        """The screen for a layer, with what the denoiser needs if the camera is at rest."""
+        key: _Key = (layer, rows, moving)
+        if key not in self._screens:
+            if self.field is None:
+                integrator = mi.load_dict({"type": "sppm", "photons_per_pass": _PREVIEW_PATHS})
+            else:
+                integrator = mi.load_dict(
+                    {
+                        "type": "gpf",
+                        "record": True,
+                        "aovs": aovs_of(layer, guides=not moving and has_denoiser()),
+                        "glossy_walks": 1 if moving else 4,
+                    }
+                )
+                integrator.field = self._field_of(layer)
+            self._add(key, integrator)
+        return self._used(key)
+
+    def path_screen(self, rows: int) -> Screen:
+        """The screen that shows the scene by path tracing."""
+        key: _Key = ("path", rows, False)
+        if key not in self._screens:
+            self._add(key, mi.load_dict({"type": "path", "max_depth": _PATH_DEPTH}))
+        return self._used(key)
+
+    def photons(self, camera: Keyframe, rows: int) -> np.ndarray:
+        """Photons as points, display values (H, W, 3) uint8."""
+        if self._photons is None:
+            self._photons = PhotonPoints(self.scene)
+        return self._photons.draw(camera, self.size(rows))
+
+    def denoised(self, image: np.ndarray) -> np.ndarray | None:
+        """The picture (H, W, 3) of an image (H, W, C) of a camera at rest without its noise; None
+        without a field or denoiser."""
+        if self.field is None or not has_denoiser():
+            return None
+        layers = split_layers(image, GUIDES)
+        size = image.shape[1], image.shape[0]
+        if size not in self._denoisers:
+            self._denoisers = {size: ImageDenoiser(size, prefilter=True, quality="fast")}
+        return self._denoisers[size].denoise(layers["radiance"], *(layers[g] for g in GUIDES))
+
+    def size(self, rows: int) -> tuple[int, int]:
+        """Width and height, pixels."""
+        return max(1, round(rows * self.aspect)), rows
+
+    def _update(self, changed: Layer) -> None:
+        """Give the screens the field anew: all of them, or only those of the Gaussians, which have
+        a field of their own."""
+        self._ellipses = None
+        for (layer, *_), screen in self._screens.items():
+            if layer != "path" and changed in ("image", layer):
+                screen.integrator.field = self._field_of(layer)
+
+    def _field_of(self, layer: Layer) -> GaussianPhotonField | None:
+        if layer != "gaussians" or self.field is None:
+            return self.field
+        self._ellipses = self._ellipses or as_ellipses(self.field)
+        return self._ellipses
+
+    def _add(self, key: _Key, integrator: mi.Integrator) -> None:
+        self._screens[key] = Screen(self.scene, integrator, self.size(key[1]))
+        while len(self._screens) > _MOST_SCREENS:
+            self._screens.popitem(last=False)
+
+    def _used(self, key: _Key) -> Screen:
+        self._screens.move_to_end(key)
+        return self._screens[key]
