@@ -15,6 +15,7 @@ from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import views_of_sensors
 from gpf.scene.views import Keyframe, read_views
+from gpf.viewing import screens
 from gpf.viewing import viewer as module
 from gpf.viewing.messages import Camera, GetFile, GetFilm, Look, SaveView
 from gpf.viewing.pace import HEIGHTS, Pace
@@ -53,7 +54,7 @@ def box(scene):
 
 @pytest.fixture
 def viewer(scene, box, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "has_denoiser", lambda: False)
+    monkeypatch.setattr(screens, "has_denoiser", lambda: False)
     monkeypatch.setattr(module, "_REST_SECONDS", 0.0)
     monkeypatch.setattr(module, "_PICTURE_SECONDS", 0.0)
     cameras = views_of_sensors(scene)
