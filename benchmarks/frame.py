@@ -23,7 +23,7 @@ SAMPLES = ((1, True), (2, True), (4, True), (8, True), (16, True), (16, False), 
 
 def main() -> None:
     """Print one table per scene."""
-    arguments = options(__doc__.splitlines()[0], passes=100)
+    arguments = options(__doc__.splitlines()[0], passes=100).parse_args()
     for name in arguments.scenes:
         Console(width=100).print(judge(name, arguments))
 

@@ -6,6 +6,8 @@ error of the image f without the noise of A and B. Ordinary references have wide
 their passes do; they show caustics softer than they are. Two of them, a and b, are compared with
 the truth, too: their error is the mean of (a - A) (b - B), and their noise, from a - b. All images
 are kept in a folder for the next run.
+
+With the truth `long`, A and B have the kernels of references with 4000 passes.
 """
 
 from __future__ import annotations
@@ -37,8 +39,8 @@ from gpf.sppm.reference import ReferenceRenderer, ReferenceSettings
 STANDARD = 1000
 """Passes of an ordinary reference."""
 
-SHARP = 64 * STANDARD
-"""The truth has the kernels of the passes from this number on."""
+KERNELS = {"": (1, 1000), "sharp": (64_000, 65_000), "long": (1, 4000)}
+"""The first and the last of the passes whose kernels the images of each kind have."""
 
 FIT_ROWS = 256
 """Rows of the views with which fields are fitted."""
@@ -59,7 +61,7 @@ class Judged:
     Attributes
     ----------
     images: two independent ordinary references of each view, (V, 2, H, W, 3).
-    sharp: two independent images with narrow kernels, (V, 2, H, W, 3).
+    truth: two independent images of it, (V, 2, H, W, 3).
     regions: the number of each pixel's region, (V, H W).
     passes: of each image.
     """
@@ -68,20 +70,20 @@ class Judged:
     size: tuple[int, int]
     exposure: float
     images: np.ndarray
-    sharp: np.ndarray
+    truth: np.ndarray
     regions: np.ndarray
     passes: int
 
     def errors(self, images: np.ndarray) -> np.ndarray:
         """Squared error of images (V, H, W, 3) at each pixel, against the truth, (V, H W)."""
-        a, b = self._shown(self.sharp)
+        a, b = self._shown(self.truth)
         f = tone_map(images, self.exposure)
         return ((f - a) * (f - b)).mean(axis=3).reshape(self.regions.shape)
 
     def reference_errors(self, passes: int = STANDARD) -> np.ndarray:
         """The same of an ordinary reference with so many passes, its noise included."""
         a, b = self._shown(self.images)
-        true_a, true_b = self._shown(self.sharp)
+        true_a, true_b = self._shown(self.truth)
         blur = ((a - true_a) * (b - true_b)).mean(axis=3).reshape(self.regions.shape)
         return blur + self.noise(passes)
 
@@ -144,42 +146,45 @@ def references(
     size: tuple[int, int],
     exposure: float,
     kept: Kept,
+    truth: str = "sharp",
 ) -> Judged:
-    """Views with two references each, from the folder of references if it has them."""
+    """Views with two references each, from the folder of references if it has them; ``truth``: one
+    of :data:`KERNELS`."""
     found = {}
-    for kind, first in (("", 1), ("sharp_", SHARP)):
-        file = kept.folder / f"{name}_{kind}{size[1]}_{len(views)}_{kept.passes}.npz"
+    for kind in ("", truth):
+        title = f"{name}_{kind}" if kind else name
+        file = kept.folder / f"{title}_{size[1]}_{len(views)}_{kept.passes}.npz"
         if not file.exists():
             kept.folder.mkdir(parents=True, exist_ok=True)
             sensors = [make_sensor(view, *size) for view in views]
-            images, regions = trace(name, scene, sensors, kept.passes, first)
+            images, regions = trace(name, scene, sensors, kept.passes, KERNELS[kind])
             np.savez_compressed(file, images=images, regions=regions)
         with np.load(file) as stored:
             found[kind] = stored["images"], stored["regions"]
-    (images, regions), (sharp, _) = found[""], found["sharp_"]
-    return Judged(views, size, exposure, images, sharp, regions, kept.passes)
+    (images, regions), (true, _) = found[""], found[truth]
+    return Judged(views, size, exposure, images, true, regions, kept.passes)
 
 
 def open_field(
-    name: str, rows: int, count: int | None, arguments: argparse.Namespace
+    name: str, rows: int, count: int | None, arguments: argparse.Namespace, truth: str = "sharp"
 ) -> tuple[mi.Scene, GaussianPhotonField, Judged]:
     """A scene with a field for :func:`options`, and the first ``count`` of its judged views."""
     scene, own, aspect = open_scene(name)
     views, exposure = judged_views(name, scene, own, aspect)
     kept = Kept(arguments.kept, arguments.reference_passes)
     size = round(rows * aspect), rows
-    judged = references(name, scene, views[:count], size, exposure, kept)
+    judged = references(name, scene, views[:count], size, exposure, kept, truth)
     return scene, kept_field(name, scene, [own], aspect, arguments.seconds, kept), judged
 
 
-def options(description: str, passes: int) -> argparse.Namespace:
+def options(description: str, passes: int) -> argparse.ArgumentParser:
     """The options of a benchmark whose fields take some seconds and are kept."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--seconds", type=float, default=120)
     parser.add_argument("--reference-passes", type=int, default=passes)
     parser.add_argument("--kept", type=Path, default=Path("results/benchmark_references"))
     parser.add_argument("scenes", nargs="*", default=list_scenes())
-    return parser.parse_args()
+    return parser
 
 
 def judged_views(name: str, scene: mi.Scene, own: View, aspect: float) -> tuple[list[View], float]:
@@ -193,13 +198,17 @@ def judged_views(name: str, scene: mi.Scene, own: View, aspect: float) -> tuple[
 
 
 def trace(
-    name: str, scene: mi.Scene, sensors: list[mi.Sensor], passes: int, first: int
+    name: str,
+    scene: mi.Scene,
+    sensors: list[mi.Sensor],
+    passes: int,
+    kernels: tuple[int, int],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Two images of each view, (V, 2, H, W, 3), and the regions of its pixels, (V, H W).
 
     Parameters
     ----------
-    first: their kernels are those of :data:`STANDARD` passes, spread evenly, from this number on.
+    kernels: theirs are those of passes between these two, spread evenly.
     """
     plan = EmissionPlan.make(scene, sensors, VisibleRegionSettings())
     settings = ReferenceSettings().measure(scene, sensors[0], plan)
@@ -211,8 +220,8 @@ def trace(
         sums = renderer.empty_sums()
         with progress_bar(f"{name}: reference {seed + 1}", passes) as bar:
             for k in range(passes):
-                # The radii of all passes of a reference.
-                renderer.run_pass(first + k * STANDARD // passes, sums)
+                first, last = kernels
+                renderer.run_pass(first + k * (last + 1 - first) // passes, sums)
                 bar(k + 1)
         for k, view in enumerate(named):
             images[k].append(renderer.image(view, sums))
