@@ -3,7 +3,9 @@
 For each scene of `scenes/`: a program in the place of the page moves the camera 60 times a second
 and receives pictures. One line per scene: pictures per second and their rows, the time from an
 input to its picture (median, 95th percentile), and the time for a still of 512 rows with 64 samples
-per pixel, in units of the time that `gpf render` needs.
+per pixel, in units of the time that `gpf render` needs. Then without a field, while one is fitted:
+the time from the address to the first picture, and the memory of the viewer and the fit together
+after a minute.
 """
 
 from __future__ import annotations
@@ -42,6 +44,9 @@ ROWS, SPP, PASSES = 512, 64, 24
 # Seconds of motion before the measurement, and of the measurement; inputs per second.
 WARM_UP, MEASURED, INPUTS = 6.0, 8.0, 60
 
+# Seconds of a fit before its memory is measured.
+FITTED = 60.0
+
 
 @dataclass
 class Motion:
@@ -78,6 +83,12 @@ class Page:
                 motion.delays.append(time.perf_counter() - self._sent[header["number"]])
                 motion.rows.append(header["height"])
         return motion
+
+    def first(self) -> None:
+        """Wait for the first picture."""
+        header = None
+        while header is None or header["type"] != "picture":
+            header = self._receive(120)
 
     def rest(self) -> float:
         """Seconds until the picture of a new camera has all its samples."""
@@ -120,22 +131,28 @@ class Page:
 
 
 @contextmanager
-def viewing(scene_file: Path, field_file: Path) -> Iterator[Page]:
-    """`gpf view`, and a page."""
-    command = [sys.executable, "-m", "gpf.cli", "view", str(scene_file), "--no-open"]
-    process = subprocess.Popen(
-        [*command, "--field", str(field_file)], stdout=subprocess.PIPE, text=True
-    )
+def viewing(folder: Path, *words: str) -> Iterator[tuple[int, Page]]:
+    """`gpf view` in a folder, its process id, and a page."""
+    command = [sys.executable, "-m", "gpf.cli", "view", *words, "--no-open"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder)
     try:
         assert process.stdout is not None
         address = process.stdout.readline().strip()
         origin = address.rpartition("/")[0].rpartition("/")[0]
         socket = address.replace("http", "ws", 1) + "socket"
         with connect(socket, origin=origin, max_size=None) as link:  # type: ignore[arg-type]
-            yield Page(link)
+            yield process.pid, Page(link)
     finally:
         process.terminate()
         process.wait()
+
+
+def memory(process: int) -> int:
+    """Bytes that a process and those that it started use; shared ones count once."""
+    found = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
+    own = next(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+    return 1024 * own + sum(memory(int(child)) for child in found)
 
 
 def main() -> None:
@@ -143,6 +160,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="*", default=list_scenes())
     columns = ("pictures/s", "rows", "median ms", "95 % ms", "still s", "of gpf render")
+    columns += ("first s", "GB")
     table = Table("scene", *columns)
     for name in parser.parse_args().scenes:
         with tempfile.TemporaryDirectory() as folder:
@@ -160,11 +178,18 @@ def measure(name: str, folder: Path) -> list[str]:
     found = gpf.fit(scene, sensors, passes=PASSES)
     gpf.save_field(found, field_file)
     alone = time_render(scene, found, views.train[0], views.size(ROWS))
-    with viewing(scene_file, field_file) as page:
+    with viewing(folder, str(scene_file), "--field", str(field_file)) as (_, page):
         page.move(WARM_UP)
         motion = page.move(MEASURED)
         page.rest()
         still = page.rest()
+    field_file.unlink()
+    with viewing(folder, str(scene_file)) as (process, page):
+        start = time.perf_counter()
+        page.first()
+        first = time.perf_counter() - start
+        page.move(FITTED)
+        used = memory(process)
     return [
         f"{len(motion.delays) / MEASURED:.0f}",
         f"{np.median(motion.rows):.0f}",
@@ -172,6 +197,8 @@ def measure(name: str, folder: Path) -> list[str]:
         f"{1e3 * np.quantile(motion.delays, 0.95):.0f}",
         f"{still:.1f}",
         f"{still / alone:.1f}",
+        f"{first:.1f}",
+        f"{used / 1e9:.1f}",
     ]
 
 

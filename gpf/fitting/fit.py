@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -307,6 +308,7 @@ class _Fit:
         self.time.judging = now - start
         # The next field may have all steps; the rest takes as long as here.
         self.time.field_seconds = now - begin + (MOST_STEPS / self.all_steps - 1) * training
+        dr.flush_malloc_cache()  # Dr.Jit would keep what the training needed, a gigabyte and more
 
     def evaluate(self, field: GaussianPhotonField) -> None:
         """Estimate the PSNR of a field, and keep it unless its training failed."""

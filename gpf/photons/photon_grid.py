@@ -3,7 +3,8 @@
 A density estimate does not need single photons: the photons in a cell that is much smaller than the
 kernel count as one photon at their mean position, with the sum of their powers. The cost of a pass
 is little more than its photon walk, for any number of points, and the kernel's radius can be chosen
-after the tracing.
+after the tracing. Two halves of the passes are kept apart, so that what they bring can be compared;
+they share the cells and the mean positions in them.
 """
 
 from __future__ import annotations
@@ -40,6 +41,12 @@ PILOT = 1024
 # 64-bit numbers per cell for its sums. A key is never zero, because no normal is.
 _LINE = 8
 
+# Columns of a cell's numbers: power of each half; x and y; z and the number of photons.
+_POWER, _XY, _ZN = (0, 5), 3, 4
+
+# At most this share of the table is in use; then it grows, with this factor to spare.
+_FULL, _SPARE = 0.7, 1.2
+
 
 class PhotonSums:
     """Sums of photons by cell; a cell is a cube of space and a rounded direction of normals.
@@ -51,8 +58,12 @@ class PhotonSums:
     cell: edge length of the cubes, world units; at most a quarter of the kernel's radius.
     bounds: corners of the scene's bounding box.
     settings: the photon paths of each pass.
-    capacity: initial number of slots in the table of cells, a power of two; the table grows.
+    capacity: initial number of slots in the table of cells; the table grows.
     groups: to keep the light of groups of emitters apart: :meth:`LightGroups.table`.
+
+    Attributes
+    ----------
+    paths: photon paths so far of each half.
     """
 
     def __init__(
@@ -67,23 +78,23 @@ class PhotonSums:
         self._cell = dr.opaque(mi.Float, cell)
         self._unit, self._landings = 0.0, 0.0
         self._settings, self._groups = settings, groups
-        self._group = mi.UInt32(0)
+        self._group, self._column = mi.UInt32(0), mi.UInt32(0)
         self._lost = dr.zeros(mi.UInt32, 1)
-        self.paths = 0
+        self.paths = [0, 0]
         self._make_room(capacity)
 
     def _make_room(self, capacity: int) -> None:
         self.capacity = capacity
-        self._mask = dr.opaque(mi.UInt32, capacity - 1)
+        self._last = dr.opaque(mi.UInt32, capacity - 1)
         self._cells = dr.zeros(mi.UInt32, 1)
         self._keys = dr.zeros(mi.UInt64, capacity)
-        # The sums of a cell fill one cache line: three of power; x and y as two sums of 32 bits in
-        # one number of 64 bits; z and the number of photons in another one.
+        # The sums of a cell fill one cache line: three of power for each half; x and y as two sums
+        # of 32 bits in one number of 64 bits; z and the number of photons in another one.
         self._sums = dr.zeros(mi.UInt64, _LINE * capacity)
         dr.eval(self._keys, self._sums)
 
-    def trace(self, scene: mi.Scene, seed: int) -> None:
-        """Add the photons of one more pass."""
+    def trace(self, scene: mi.Scene, seed: int, half: int) -> None:
+        """Add the photons of one more pass to half 0 or 1."""
         paths = self._settings.paths
         if not self._unit:
             pilot = replace(self._settings, paths=PILOT, indirect=False)
@@ -91,15 +102,16 @@ class PhotonSums:
             power = np.asarray(few.power.numpy()).max(axis=0) if dr.width(few.p) else np.ones(1)
             self._unit = float(np.mean(power)) * PILOT / _POWER_STEPS
             self._landings = (dr.width(few.p) + 1) / PILOT
-        # Each photon may need a new cell, and half of the table stays empty.
-        wanted = 2 * (int(self._cells[0]) + 1.5 * self._landings * paths)
+        # Each photon may need a new cell.
+        wanted = (int(self._cells[0]) + 1.5 * self._landings * paths) / _FULL
         if wanted > self.capacity:
-            self._grow(1 << math.ceil(math.log2(wanted)))
+            self._grow(math.ceil(_SPARE * wanted))
         # Photons have the power of one of `paths` paths; the sums are for a single path.
         self._scale = dr.opaque(mi.Float, paths / self._unit)
+        self._column = dr.opaque(mi.UInt32, _POWER[half])
         trace_photons(scene, self._add, replace(self._settings, source=self._emit), seed)
         dr.eval(self._cells, self._lost, self._keys, self._sums)
-        self.paths += paths
+        self.paths[half] += paths
         if int(self._lost[0]) > 0:
             raise RuntimeError(f"{self._lost[0]} photons did not fit into {self.capacity} cells")
 
@@ -119,17 +131,17 @@ class PhotonSums:
         line = _LINE * self._find(key, active)
         inside = mi.Vector3u(dr.clip((offset - corner) * _PLACES, 0, _PLACES - 1))
         power = photons.power * self._scale
-        sums = [mi.UInt64(power[k]) for k in range(3)]
-        sums.append(mi.UInt64(inside.x) | (mi.UInt64(inside.y) << 32))
-        sums.append(mi.UInt64(inside.z) | (mi.UInt64(1) << 32))
-        for k, value in enumerate(sums):
-            dr.scatter_add(self._sums, value, line + k, active, dr.ReduceMode.Direct)
+        sums = [(self._column + k, mi.UInt64(power[k])) for k in range(3)]
+        sums.append((mi.UInt32(_XY), mi.UInt64(inside.x) | (mi.UInt64(inside.y) << 32)))
+        sums.append((mi.UInt32(_ZN), mi.UInt64(inside.z) | (mi.UInt64(1) << 32)))
+        for column, value in sums:
+            dr.scatter_add(self._sums, value, line + column, active, dr.ReduceMode.Direct)
 
     @dr.syntax
     def _find(self, key: mi.UInt64, active: mi.Bool):  # type: ignore[no-untyped-def]
         """The slot of a cell in the table (open addressing), new if the cell has none."""
         low, high = mi.sample_tea_32(mi.UInt32(key), mi.UInt32(key >> 32), 4)
-        slot = (low ^ high) & self._mask
+        slot = mi.UInt32((mi.UInt64(low ^ high) * mi.UInt64(self._last + 1)) >> 32)
         looking, probes = mi.Bool(active), mi.UInt32(0)
         while looking:
             there = dr.gather(mi.UInt64, self._keys, slot, looking)
@@ -138,35 +150,41 @@ class PhotonSums:
                 dr.scatter_add(self._cells, mi.UInt32(1), 0, won)
                 there = dr.select(won, key, old)
             looking &= there != key
-            slot = dr.select(looking, (slot + 1) & self._mask, slot)
+            further = dr.select(slot == self._last, 0, slot + 1)
+            slot = dr.select(looking, further, slot)
             probes += 1
-            if probes > self._mask:  # the table is full
+            if probes > self._last:  # the table is full
                 dr.scatter_add(self._lost, mi.UInt32(1), 0, looking)
                 looking = mi.Bool(False)
         return slot
 
-    def photons(self, group: int | None = None) -> Photons:
-        """One photon per cell, sorted by cell; powers are divided by the number of paths so far.
+    def photons(self, half: int, group: int | None = None) -> Photons:
+        """One photon per cell with light of a half, sorted by cell; powers are divided by the
+        number of the half's paths so far.
 
         ``group``: those of one group of emitters; by default all.
         """
         wanted = self._keys != 0
         if group is not None:
             wanted &= (self._keys >> _GROUP_SHIFT) == group
-        taken = dr.compress(wanted)
+        line, power = _LINE * dr.arange(mi.UInt32, self.capacity), mi.UInt64(0)
+        for k in range(3):
+            power |= dr.gather(mi.UInt64, self._sums, line + (_POWER[half] + k), wanted)
+        taken = dr.compress(wanted & (power != 0))
         if dr.width(taken) == 0:
             return dr.zeros(Photons, 0)
         found = np.asarray(dr.gather(mi.UInt64, self._keys, taken).numpy())
         slot = dr.gather(mi.UInt32, taken, mi.UInt32(np.argsort(found).astype(np.uint32)))
         key = dr.gather(mi.UInt64, self._keys, slot)
+        columns = (*(_POWER[half] + k for k in range(3)), _XY, _ZN)
         red, green, blue, xy, zn = (
-            dr.gather(mi.UInt64, self._sums, _LINE * slot + k) for k in range(5)
+            dr.gather(mi.UInt64, self._sums, _LINE * slot + k) for k in columns
         )
         corner = mi.Vector3f(*(mi.Float((key >> (16 * k)) & 0xFFFF) for k in range(3)))
         thirds = mi.Vector3f(*(mi.Float((key >> (48 + 3 * k)) & 7) for k in range(3)))
         places = mi.Vector3f(*(mi.Float(mi.UInt32(v)) for v in (xy, xy >> 32, zn)))
         inside = (places / mi.Float(mi.UInt32(zn >> 32)) + 0.5) / _PLACES
-        scale = dr.opaque(mi.Float, self._unit / max(self.paths, 1))
+        scale = dr.opaque(mi.Float, self._unit / max(self.paths[half], 1))
         photons = Photons(
             p=mi.Point3f(self._lower + self._cell * corner + self._cell * inside),
             n=mi.Normal3f(dr.normalize(thirds - _NORMAL_STEPS)),
@@ -177,27 +195,31 @@ class PhotonSums:
         return photons
 
     def tensors(self) -> dict[str, np.ndarray]:
-        """The sums, for a file: ``keys`` of the cells, (C,), and their ``sums``, (C, 5)."""
-        units = np.array([self._unit, self._landings, self.paths])
+        """The sums, for a file: ``keys`` of the cells, (C,), and their ``sums``, (C, 8)."""
+        units = np.array([self._unit, self._landings, *self.paths])
         taken = dr.compress(self._keys != 0)
         if dr.width(taken) == 0:
-            empty = np.zeros((0, 5), np.uint64)
+            empty = np.zeros((0, _LINE), np.uint64)
             return {"keys": empty[:, 0], "sums": empty, "units": units}
-        values = [dr.gather(mi.UInt64, self._sums, _LINE * taken + k).numpy() for k in range(5)]
-        keys = dr.gather(mi.UInt64, self._keys, taken).numpy()
-        return {"keys": keys, "sums": np.stack(values, axis=1), "units": units}
+        lines = _LINE * dr.repeat(taken, _LINE) + dr.tile(dr.arange(mi.UInt32, _LINE), len(taken))
+        sums = dr.gather(mi.UInt64, self._sums, lines).numpy().reshape(-1, _LINE)
+        return {
+            "keys": dr.gather(mi.UInt64, self._keys, taken).numpy(),
+            "sums": sums,
+            "units": units,
+        }
 
     def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
         """Take the sums of :meth:`tensors`; there must be none yet."""
         keys = mi.UInt64(tensors["keys"])
         self._unit, self._landings = (float(v) for v in tensors["units"][:2])
-        self.paths = int(tensors["units"][2])
-        self._make_room(1 << max(20, math.ceil(math.log2(2 * max(dr.width(keys), 1)))))
+        self.paths = [int(n) for n in tensors["units"][2:]]
+        self._make_room(max(self.capacity, math.ceil(_SPARE * dr.width(keys) / _FULL)))
         if len(tensors["keys"]) == 0:
             return
         slot = self._find(keys, mi.Bool(True))
         dr.eval(slot, self._keys, self._cells, self._lost)
-        for k in range(tensors["sums"].shape[1]):
+        for k in range(_LINE):
             value = mi.UInt64(np.ascontiguousarray(tensors["sums"][:, k]))
             dr.scatter(self._sums, value, _LINE * slot + k)
         dr.eval(self._sums)
@@ -215,6 +237,8 @@ class PhotonSums:
             value = dr.gather(mi.UInt64, sums, _LINE * taken + k)
             dr.scatter(self._sums, value, _LINE * slot + k)
         dr.eval(self._sums)
+        del keys, sums, taken, slot, value
+        dr.flush_malloc_cache()  # Dr.Jit would keep the old table for later
 
 
 def _pack(corner: mi.Vector3u, thirds: mi.Vector3u) -> mi.UInt64:

@@ -6,7 +6,9 @@ independent halves, the squared error of the mean of both fits is, up to the noi
 
     mean((f_a - b)² + (f_b - a)²) / 2 - mean((f_a - f_b)²) / 4.
 
-It is added up over each cell of the field's grid, and the level with the least error is taken.
+The functions at a point are those that are fitted without it: otherwise, where points are few, the
+finest cells would hold one each, and be right everywhere but between the points. The error is added
+up over each cell of the field's grid, and the level with the least error is taken.
 """
 
 from __future__ import annotations
@@ -47,6 +49,9 @@ _FIT = 0.7
 # Keeps slopes small in cells with few points.
 _RIDGE = 0.5
 
+# Smallest share of a point's value that the others of its cell are taken to decide.
+_LEAST_FREE = 0.1
+
 
 def choose_detail(
     points: SurfacePoints,
@@ -78,9 +83,9 @@ def choose_detail(
     cell = np.ravel_multi_index(cells.T, shape)
     a, b = (to_numpy(half.target) for half in halves)
     both = np.concatenate([a, b], axis=1)
-    errors = []
+    errors, fit = [], np.broadcast_to(both.mean(axis=0), both.shape)
     for level in range(LEVELS):
-        fit = fit_linear(position, normal, both, _FIT * DISTANCE * radius / 2**level)
+        fit = fit_linear(position, normal, both, _FIT * DISTANCE * radius / 2**level, fit)
         fit_a, fit_b = fit[:, :3], fit[:, 3:]
         error = ((fit_a - b) ** 2 + (fit_b - a) ** 2) / 2 - (fit_a - fit_b) ** 2 / 4
         total = np.bincount(cell, weight * error.sum(axis=1), math.prod(shape)).reshape(shape)
@@ -92,16 +97,22 @@ def choose_detail(
 
 
 def fit_linear(
-    position: np.ndarray, normal: np.ndarray, values: np.ndarray, width: float
+    position: np.ndarray,
+    normal: np.ndarray,
+    values: np.ndarray,
+    width: float,
+    otherwise: np.ndarray,
 ) -> np.ndarray:
     """Linear functions of the position, fitted to values (P, K) in each cell of a grid, at the
     points, (P, K).
 
-    Surfaces with different orientations have different cells.
+    At each point, the function that is fitted to the others of its cell: with the leverage h of a
+    point, f + h / (1 - h) (f - v). Surfaces with different orientations have different cells.
 
     Parameters
     ----------
     width: edge length of a cell, world units.
+    otherwise: values at points that are alone in their cells, (P, K).
     """
     key = cell_keys(position, normal, width)
     order = np.argsort(key, kind="stable")
@@ -124,10 +135,18 @@ def fit_linear(
     ridge = (_RIDGE / count)[:, None, None] * np.eye(3)
     left = products[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3) + ridge
     right = np.stack([mean(offset[:, [i]] * rest) for i in range(3)], axis=1)
-    slopes = np.linalg.solve(left, right).astype(np.float32)[index]
-    fitted = level[index]
+    inverse = np.linalg.inv(left).astype(np.float32)
+    slopes = (inverse @ right)[index]
+    # The residual f - v, and how it grows without the point.
+    fitted = -rest
     for i in range(3):
         fitted += offset[:, [i]] * slopes[:, i]
+    leverage = 1 + np.einsum("pi,pij,pj->p", offset, inverse[index], offset)
+    leverage /= count[index]
+    fitted *= (1 / np.maximum(1 - leverage, _LEAST_FREE))[:, None].astype(np.float32)
+    fitted += value
+    alone = count[index] == 1
+    fitted[alone] = otherwise[order[alone]]
     result = np.empty_like(fitted)
     result[order] = fitted
     return result

@@ -114,7 +114,7 @@ class PhotonStream:
         cell = CELL * radius_at(TYPICAL_PASSES, self.settings.initial_radius, self.settings.alpha)
         paths = self.settings.path_settings(source)
         table = None if groups is None else groups.table(scene)
-        self._sums = [PhotonSums(cell, self._bounds, paths, groups=table) for _ in range(2)]
+        self._sums = PhotonSums(cell, self._bounds, paths, groups=table)
         valid = [take(each, dr.compress(each.valid)) for each in points.values()]
         self._source = np.repeat(source_numbers(points), [dr.width(each.p) for each in valid])
         self._points = FixedPoints(scene, concatenate(valid))
@@ -131,28 +131,25 @@ class PhotonStream:
         """Add passes until there are ``count``; ``tick(done)`` is called after each."""
         while self.count < count:
             self.count += 1
-            half = self._sums[self.count % 2]
-            half.trace(self.scene, pass_seed(self.seed, self.count, Stream.PHOTONS))
+            seed = pass_seed(self.seed, self.count, Stream.PHOTONS)
+            self._sums.trace(self.scene, seed, self.count % 2)
             dr.sync_thread()
             tick(self.count)
 
     def tensors(self) -> dict[str, np.ndarray]:
         """The photons and samples so far, for a file."""
         found = {"counts": np.array([self.count, self._samples])}
-        for half in range(2):
-            sums = self._sums[half].tensors()
-            found |= {f"half_{half}/{name}": values for name, values in sums.items()}
-            found[f"half_{half}/direct"] = to_numpy(self._direct[half])
+        found |= {f"photons/{name}": values for name, values in self._sums.tensors().items()}
+        found["direct"] = np.stack([to_numpy(direct) for direct in self._direct])
         return found
 
     def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
         """Continue from :meth:`tensors` of a stream with the same arguments."""
         self.count, self._samples = (int(n) for n in tensors["counts"])
-        for half in range(2):
-            start = f"half_{half}/"
-            own = {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
-            self._direct[half] = mi.Color3f(np.ascontiguousarray(own.pop("direct").T))
-            self._sums[half].restore(own)
+        start = "photons/"
+        own = {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
+        self._sums.restore(own)
+        self._direct = [mi.Color3f(np.ascontiguousarray(part.T)) for part in tensors["direct"]]
 
     def mean(self, halves: tuple[Targets, Targets]) -> Targets:
         """The points, with the irradiance from all passes so far; ``halves``: of :meth:`halves`."""
@@ -170,7 +167,7 @@ class PhotonStream:
         if self.settings.direct == "emitters":
             self._sample_emitters()
         position, normal = to_numpy(points.p), to_numpy(points.n)
-        photons = [sums.photons() for sums in self._sums]
+        photons = [self._sums.photons(half) for half in range(2)]
         wide, narrow = (self._gather(photons, r * self.radius) for r in (1, NARROW))
         self._sharp = sharp = is_sharp(position, normal, wide, narrow, _COMPARED * self.radius)
         self.blur = kernel_blur(sharp, wide, narrow)
@@ -211,8 +208,8 @@ class PhotonStream:
                     self.scene, part.p, part.n, part.valid, radius, seed, smooth=True
                 )
             for number in range(len(found)):
-                for share, sums in zip(shares, self._sums, strict=True):
-                    photons = sums.photons(number)
+                for half, share in enumerate(shares):
+                    photons = self._sums.photons(half, number)
                     density = PhotonDensity(photons, radius, self._bounds, smooth=True)
                     gathered = to_numpy(density.irradiance(part.p, part.n) * correction)
                     found[number, rows] += np.float32(share) * gathered

@@ -17,11 +17,11 @@ def columns(array: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(array.T, dtype=np.float32)
 
 
-def make_points(light, noise: float, seed: int = 0):
+def make_points(light, noise: float, count: int = COUNT):
     """Points on a square, with targets from two halves that have noise of their own."""
-    rng = np.random.default_rng(seed)
-    p = np.column_stack([rng.uniform(0, 2, (COUNT, 2)), np.zeros(COUNT)])
-    n = np.tile([0.0, 0.0, 1.0], (COUNT, 1))
+    rng = np.random.default_rng(0)
+    p = np.column_stack([rng.uniform(0, 2, (count, 2)), np.zeros(count)])
+    n = np.tile([0.0, 0.0, 1.0], (count, 1))
     truth = light(p)[:, None] * np.ones(3)
     halves = [truth + noise * np.sqrt(2) * rng.normal(size=truth.shape) for _ in range(2)]
     sets = [
@@ -34,13 +34,13 @@ def make_points(light, noise: float, seed: int = 0):
         for target in ((halves[0] + halves[1]) / 2, *halves)
     ]
     for each in sets:
-        each.weight = mi.Float(np.ones(COUNT, np.float32))
+        each.weight = mi.Float(np.ones(count, np.float32))
     return sets[0], (sets[1], sets[2]), p
 
 
-def levels(light, noise: float) -> tuple[np.ndarray, np.ndarray]:
+def levels(light, noise: float, count: int = COUNT) -> tuple[np.ndarray, np.ndarray]:
     """The level at each point, and the points."""
-    points, halves, p = make_points(light, noise)
+    points, halves, p = make_points(light, noise, count)
     detail = choose_detail(points, halves, KERNEL, BOX)
     assert detail.radius == pytest.approx(FINEST * KERNEL * 2 ** (LEVELS - 1))
     return detail.levels_at(p), p
@@ -74,7 +74,7 @@ def test_a_linear_function_is_fitted_exactly_where_points_are_many():
     p = np.column_stack([rng.uniform(0, 1, (5000, 2)), np.zeros(5000)])
     n = np.tile([0.0, 0.0, 1.0], (5000, 1))
     values = np.stack([2 * p[:, 0] - p[:, 1], 3 + p[:, 1]], axis=1)
-    np.testing.assert_allclose(fit_linear(p, n, values, 0.25), values, atol=0.01)
+    np.testing.assert_allclose(fit_linear(p, n, values, 0.25, values), values, atol=0.01)
 
 
 def test_surfaces_with_different_orientations_are_fitted_apart():
@@ -82,4 +82,37 @@ def test_surfaces_with_different_orientations_are_fitted_apart():
     p = rng.uniform(0, 1, (4000, 3))
     n = np.where(np.arange(4000)[:, None] % 2, [0.0, 0.0, 1.0], [0.0, 0.0, -1.0])
     values = n[:, 2:]
-    np.testing.assert_allclose(fit_linear(p, n, values, 0.5), values, atol=1e-5)
+    np.testing.assert_allclose(fit_linear(p, n, values, 0.5, values), values, atol=1e-5)
+
+
+def test_a_point_does_not_count_for_itself():
+    """The fit at a point is that of the other points in its cell."""
+    rng = np.random.default_rng(3)
+    p = np.column_stack([rng.uniform(0, 1, (60, 2)), np.zeros(60)])
+    n = np.tile([0.0, 0.0, 1.0], (60, 1))
+    values = rng.uniform(0, 1, (60, 1))
+    changed = values.copy()
+    changed[7] += 100
+    fits = [fit_linear(p, n, v, 2.0, v)[7] for v in (values, changed)]
+    np.testing.assert_allclose(*fits, atol=0.2)
+    others = np.delete(np.arange(60), 7)
+    slopes = np.column_stack([p[others, :2], np.ones(59)])
+    known, *_ = np.linalg.lstsq(slopes, values[others], rcond=None)
+    np.testing.assert_allclose(fits[0], np.append(p[7, :2], 1) @ known, atol=0.05)
+
+
+def test_a_point_alone_takes_the_coarser_fit():
+    p, n = np.array([[0.5, 0.5, 0.5], [9.5, 0.5, 0.5]]), np.tile([0.0, 0.0, 1.0], (2, 1))
+    found = fit_linear(p, n, np.array([[1.0], [2.0]]), 1.0, np.array([[5.0], [6.0]]))
+    np.testing.assert_array_equal(found, [[5.0], [6.0]])
+
+
+def test_few_points_are_no_reason_for_fine_levels():
+    """Points too far apart to tell ripples from noise, although their targets have hardly any."""
+
+    def light(p):
+        return 1 + 0.05 * np.sin(2 * np.pi * p[:, 0] / 0.12)
+
+    many, _ = levels(light, 0.005)
+    few, _ = levels(light, 0.005, COUNT // 100)
+    assert np.median(many) >= 3 and (few == 0).mean() > 0.7
