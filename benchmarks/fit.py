@@ -1,9 +1,10 @@
 """`python -m benchmarks.fit [--seconds S | --times T | --passes N] [SCENE …]`: `gpf.fit` alone.
 
 The scenes are those of `scenes/` and of `benchmarks/check_scenes.py`. The fit places its own
-cameras; with `--views training` it gets the training views of the scene, with `--views judged` also
-those that are judged. Judged are the novel views of `scenes/`, or frames of the path that `gpf
-scene import` would place. `--times T`: T times as long as SPPM with 1000 passes takes for a view.
+cameras; with `--views training` it gets the training views of the scene and its exposure, with
+`--views judged` also those that are judged, as the command `gpf fit` takes them from a file. Judged
+are the novel views of `scenes/`, or frames of the path that `gpf scene import` would place.
+`--times T`: T times as long as SPPM with 1000 passes takes for a view.
 
 One line per scene, with the time of such a view, and the PSNR
 
@@ -86,7 +87,8 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
     view = time_view(scene, make_sensor(own, *judged.size))
     seconds = arguments.times * view if arguments.times else arguments.seconds
     with progress_bar(f"{name}: fit", 1):
-        field = gpf.fit(scene, sensors, seconds=seconds, passes=arguments.passes)
+        known = exposure if arguments.views else None
+        field = gpf.fit(scene, sensors, seconds=seconds, passes=arguments.passes, exposure=known)
     images, record = render(scene, field, judged), field.record
     errors, references_too = judged.errors(images), judged.reference_errors()
     so_exposed = replace(judged, exposure=record["exposure"])

@@ -77,7 +77,7 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
         views = named
     else:
         views = known.novel or named
-    return Cameras(views, known.aspect, given_exposure(known))
+    return Cameras(views, known.aspect, known.given_exposure)
 
 
 def known_cameras(scene: mi.Scene, scene_file: Path, file: Path | None) -> SceneViews:
@@ -96,8 +96,3 @@ def known_cameras(scene: mi.Scene, scene_file: Path, file: Path | None) -> Scene
         )
     aspect = round(film_aspect(scene_cameras(scene)[0]), 6)
     return SceneViews(aspect=aspect, views=ViewSets(train=tuple(own)))
-
-
-def given_exposure(known: SceneViews) -> float | None:
-    """The exposure that a file of cameras gives, if it does."""
-    return known.exposure if "exposure" in known.model_fields_set else None

@@ -52,7 +52,7 @@ def fit_scene_file(
     scene = load_scene_file(path)
     light_groups = LightGroups.parse(groups, scene)
     views = file_beside(path, views)
-    sensors = None if views is None else read_sensors(views, PREVIEW_ROWS)
+    sensors, exposure = (None, None) if views is None else read_sensors(views, PREVIEW_ROWS)
     say("cameras: placed around the scene's own" if views is None else f"cameras: those of {views}")
     preview, state = out.with_suffix(".png"), out.with_suffix(".fit")
     if go_on and not state.exists():
@@ -74,6 +74,7 @@ def fit_scene_file(
             callback=_Display(bar, path.stem, scene, _preview_sensor(scene, sensors), preview),
             state=state,
             groups=light_groups,
+            exposure=exposure,
         )
     save_field(field, out)
     record = field.record

@@ -13,7 +13,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from gpf.commands.cameras import file_beside, given_exposure, known_cameras
+from gpf.commands.cameras import file_beside, known_cameras
 from gpf.commands.scenes import find_scene, require_same_scene
 from gpf.core.errors import UserError, is_interrupt
 from gpf.core.progress import say
@@ -149,7 +149,7 @@ def _cameras(
     width, height = known.size(256)
     named = (*known.train, *known.novel, *known.more)
     views = [_across_x(view, width, height) for view in named]
-    return views, known.aspect, given_exposure(known)
+    return views, known.aspect, known.given_exposure
 
 
 def _across_x(view: View, width: int, height: int) -> View:

@@ -108,6 +108,7 @@ def fit(
     callback: Callable[[FitProgress], None] = lambda progress: None,
     state: Path | None = None,
     groups: LightGroups | None = None,
+    exposure: float | None = None,
 ) -> GaussianPhotonField:
     """Fit a field to a scene.
 
@@ -127,6 +128,8 @@ def fit(
         a fit of the same scene with the same cameras and seed, this one continues from them.
     groups: groups of emitters whose light the field keeps apart (``field.lights``), so that each
         can be dimmed later.
+    exposure: of the images whose PSNR is estimated; by default one that suits them
+        (:func:`gpf.core.images.propose_exposure`).
 
     Raises
     ------
@@ -140,7 +143,7 @@ def fit(
         passes = DEFAULT_PASSES
     if passes is not None:
         passes = max(passes, 2)  # two halves of photons are compared
-    run = _Fit(scene, sensors, seed, callback, seconds, state, groups)
+    run = _Fit(scene, sensors, seed, callback, seconds, state, groups, exposure)
     try:
         run.open()
         while not run.is_done(target_psnr, passes):
@@ -187,9 +190,10 @@ class _Fit:
         seconds: float | None,
         state: Path | None,
         groups: LightGroups | None,
+        exposure: float | None,
     ) -> None:
         self.time, self.saved = TimeBudget(seconds), time.perf_counter()
-        self.folder, self.groups = state, groups
+        self.folder, self.groups, self.exposure = state, groups, exposure
         self.state: FitState | None = None
         self.scene, self.seed, self.callback = scene, seed, callback
         self.sensors = list(default_sensors(scene) if sensors is None else sensors)
@@ -218,6 +222,7 @@ class _Fit:
             self.field_settings,
             self.seed,
             plan.source,
+            exposure=self.exposure,
         )
         named = {f"{k}": sensor for k, sensor in enumerate(self.sensors)}
         self.stream, self.photons = open_stream(

@@ -115,8 +115,10 @@ class QualityEstimate:
         self._sums = tensors["quality/sums"].copy()
         passes, exposure, noise = tensors["quality/facts"]
         self.passes = int(passes)
-        self.exposure = None if np.isnan(exposure) else float(exposure)
-        self._noise = None if np.isnan(noise) else float(noise)
+        if self.exposure is None and not np.isnan(exposure):
+            self.exposure = float(exposure)
+        if self.exposure == exposure and not np.isnan(noise):
+            self._noise = float(noise)
 
     def add_pass(self) -> None:
         """Trace one more pass; passes add to A and B in turn."""

@@ -113,10 +113,12 @@ def read_cameras(path: Path) -> SceneViews:
     return read_transforms(path) if path.suffix == ".json" else read_views(path)
 
 
-def read_sensors(path: Path, rows: int) -> list[mi.Sensor]:
-    """Sensors of the training and novel views of a file, with so many rows of pixels."""
+def read_sensors(path: Path, rows: int) -> tuple[list[mi.Sensor], float | None]:
+    """Sensors of the training and novel views of a file, with so many rows of pixels, and the
+    exposure that it gives, if it does."""
     read = read_cameras(path)
-    return [make_sensor(view, *read.size(rows)) for view in (*read.train, *read.novel)]
+    sensors = [make_sensor(view, *read.size(rows)) for view in (*read.train, *read.novel)]
+    return sensors, read.given_exposure
 
 
 def _read_frame(where: str, frame: Mapping[str, Any], taken: set[str]) -> tuple[View, float]:

@@ -157,6 +157,11 @@ class SceneViews(Settings):
         """Further training views, for baselines."""
         return tuple(self._with_axis(view) for view in self.views.more)
 
+    @property
+    def given_exposure(self) -> float | None:
+        """The exposure, if the file gives one."""
+        return self.exposure if "exposure" in self.model_fields_set else None
+
     def find(self, name: str) -> View:
         """The view or the frame with this name; a :class:`UserError` if there is none."""
         named = (*self.train, *self.novel, *self.more, *self.frames())

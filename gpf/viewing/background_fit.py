@@ -128,7 +128,7 @@ def main(scene_file: Path, out: Path, live: Path, views: Path | None, groups: st
 
     choose_variant("auto")
     scene = load_scene_file(scene_file)
-    sensors = None if views is None else read_sensors(views, ROWS)
+    sensors, exposure = (None, None) if views is None else read_sensors(views, ROWS)
     told = 0.0
 
     def report(progress: FitProgress) -> None:
@@ -156,6 +156,7 @@ def main(scene_file: Path, out: Path, live: Path, views: Path | None, groups: st
         callback=report,
         state=out.with_suffix(".fit"),
         groups=LightGroups.parse(groups, scene),
+        exposure=exposure,
     )
     save_field(field, live)
     psnr = field.record["estimated_psnr"]

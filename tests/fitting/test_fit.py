@@ -20,7 +20,7 @@ from gpf.fitting.quality import QualityEstimate
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import make_sensor
-from gpf.scene.views import View
+from gpf.scene.views import View, read_views
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import ReferenceRenderer
 from tests.furnace import lamp, point_light
@@ -179,6 +179,7 @@ def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch, capsys)
     assert f"cameras: those of {SOURCE.parent / 'views.yaml'}" in capsys.readouterr().err
     stored = read_field(tmp_path / "box.safetensors")
     assert stored.record["passes"] == 24
+    assert stored.record["exposure"] == read_views(SOURCE.parent / "views.yaml").exposure
     assert stored.tensors["error"].shape == (len(stored.tensors["means"]),)
     assert tuple(mi.Bitmap(str(tmp_path / "box.png")).size()) == (32, 32)
     with pytest.raises(SystemExit) as ended:
@@ -227,5 +228,9 @@ def test_a_killed_fit_goes_on_and_gives_the_same_bits(scene, tmp_path, monkeypat
     assert field.record["estimated_psnr"] == whole.record["estimated_psnr"]
     more = gpf.fit(scene, sensors(), passes=100, seed=3, state=tmp_path / "box.fit")
     assert more.record["passes"] == 100
+    brighter = gpf.fit(
+        scene, sensors(), passes=100, seed=3, state=tmp_path / "box.fit", exposure=3.0
+    )
+    assert brighter.record["exposure"] == 3 and brighter.record["passes"] == 100
     other = gpf.fit(scene, sensors(), passes=24, seed=4, state=tmp_path / "box.fit")
     assert other.record["passes"] == 24  # photons of another seed are not used
