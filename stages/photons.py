@@ -8,7 +8,7 @@ import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.files import read_tensors, write_tensors
-from gpf.core.structs import Photons, to_numpy
+from gpf.core.structs import Photons, from_numpy, to_numpy
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
 
@@ -53,5 +53,5 @@ def load_photons(work: Workspace) -> Photons:
         p=mi.Point3f(columns("position")),
         n=mi.Normal3f(columns("normal")),
         power=mi.Color3f(columns("power")),
-        depth=mi.UInt32(tensors["depth"]),
+        depth=from_numpy(mi.UInt32, tensors["depth"]),
     )

@@ -13,6 +13,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+# More values than the widest packet of a processor holds.
+_PACKET = 64
+
 
 @dataclass
 class Photons:
@@ -136,6 +139,31 @@ def _concatenate(values: Sequence[Any], widths: Sequence[int]) -> Any:
         for value, width in zip(values, widths, strict=True)
     ]
     return dr.concat(spread)
+
+
+def from_numpy(kind: Any, values: np.ndarray) -> Any:
+    """An array or a tensor of Dr.Jit, with values of any number type.
+
+    Dr.Jit does not copy what numpy gives it, and its kernels read whole packets of values, beyond
+    the last one too. Where that memory belongs to nobody, the process would end. So this makes a
+    copy with room behind it. Vectors such as ``mi.Point3f`` are safe without it.
+
+    Parameters
+    ----------
+    kind: ``mi.Float``, ``mi.UInt32``, ``mi.UInt64``, ``mi.Bool``, ``mi.TensorXf``, …
+    """
+    types = {
+        dr.VarType.Bool: np.bool_,
+        dr.VarType.Int32: np.int32,
+        dr.VarType.UInt32: np.uint32,
+        dr.VarType.UInt64: np.uint64,
+        dr.VarType.Float32: np.float32,
+        dr.VarType.Float64: np.float64,
+    }
+    room: np.ndarray = np.zeros(values.size + _PACKET, types[dr.type_v(kind)])
+    copy = room[: values.size].reshape(values.shape)
+    copy[...] = values
+    return kind(copy)
 
 
 def to_numpy(value: Any) -> np.ndarray:

@@ -22,6 +22,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.structs import from_numpy
+
 # A query takes the level of a place near it, at most this far away on each axis, in cells. Over
 # this distance one level fades into the next; otherwise the edges of cells would show.
 FADE = 0.25
@@ -58,8 +60,8 @@ class Detail:
         """What queries read. Opaque, so that kernels are compiled once for all tables."""
         _, y, z = self.table.shape
         found = {
-            "levels": mi.UInt32(self.table.ravel().astype(np.uint32)),
-            "starts": mi.Float(self.starts.astype(np.float32)),
+            "levels": from_numpy(mi.UInt32, self.table.ravel()),
+            "starts": from_numpy(mi.Float, self.starts),
             "corner": mi.Point3f(*(dr.opaque(mi.Float, float(c)) for c in self.corner)),
             "inverse": dr.opaque(mi.Float, 1 / self.width),
             "last": mi.Vector3i(*(dr.opaque(mi.Int32, n - 1) for n in self.table.shape)),

@@ -15,7 +15,7 @@ from pydantic import Field
 from gpf.core.facing_cells import FacingCells
 from gpf.core.settings import Positive, Settings
 from gpf.core.spatial_hash import SpatialHash
-from gpf.core.structs import VisiblePoints
+from gpf.core.structs import VisiblePoints, from_numpy
 from gpf.core.surface_tags import SAME_SURFACE_HEIGHT, pack_tag, same_orientation
 from gpf.field.detail import Detail
 from gpf.field.gaussians import Gaussians, whitening_rows
@@ -197,7 +197,7 @@ class GaussianPhotonField:
         self._packets = packets(gaussians.irradiance)
         self._error_packets: list[Any] | None = None
         if self.error is not None:
-            self._error_packets = packets(gaussians.irradiance * mi.Float(self.error))
+            self._error_packets = packets(gaussians.irradiance * from_numpy(mi.Float, self.error))
         dr.eval(self._packets, self._error_packets)
 
     def set_error(self, error: np.ndarray) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from gpf.core.settings import AutoCount, Length
 from gpf.core.spatial_hash import SpatialHash
-from gpf.core.structs import OrientedPoints, Photons, concatenate, take
+from gpf.core.structs import OrientedPoints, Photons, concatenate, from_numpy, take
 from gpf.field.detail import Detail
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.gaussians import Gaussians
@@ -85,9 +85,7 @@ def initialize_gaussians(
     available = dr.width(photons.p)
     filling = 0 if gaps is None else dr.width(gaps.p)
     count = min(settings.gaussians - filling, available)
-    origins = take(
-        photons, mi.UInt32(np.sort(rng.permutation(available)[:count]).astype(np.uint32))
-    )
+    origins = take(photons, from_numpy(mi.UInt32, np.sort(rng.permutation(available)[:count])))
     means, normals, irradiance = origins.p, origins.n, origins.power
     if gaps is not None and filling:
         means, normals = concatenate([means, gaps.p]), concatenate([normals, gaps.n])
@@ -108,7 +106,7 @@ def initialize_gaussians(
     gaussians = Gaussians(
         means=means,
         log_scales=dr.full(mi.Vector3f, float(np.log(settings.initial_scale)), count),
-        quats=mi.Quaternion4f(*(mi.Float(q) for q in quats)),
+        quats=mi.Quaternion4f(*(from_numpy(mi.Float, q) for q in quats)),
         irradiance=irradiance,
         normals=normals,
     )
@@ -126,7 +124,7 @@ def propose_search_radius(
     """
     rng = np.random.default_rng(0)
     available = dr.width(photons.p)
-    chosen = mi.UInt32(rng.permutation(available)[:gaussians].astype(np.uint32))
+    chosen = from_numpy(mi.UInt32, rng.permutation(available)[:gaussians])
     means = dr.gather(mi.Point3f, photons.p, chosen)
     diagonal = float(np.linalg.norm([bounds[1][i] - bounds[0][i] for i in range(3)]))
     grid = SpatialHash(means, cell=1e-2 * diagonal, bounds=bounds, far=True)
@@ -166,7 +164,7 @@ def place_by_detail(
     gaussians = Gaussians(
         means=mi.Point3f(np.ascontiguousarray(p.T, dtype=np.float32)),
         log_scales=dr.full(mi.Vector3f, math.log(TYPICAL_SCALE * detail.radius), count),
-        quats=mi.Quaternion4f(*(mi.Float(q) for q in rng.normal(size=(4, count)).astype("f4"))),
+        quats=mi.Quaternion4f(*(from_numpy(mi.Float, q) for q in rng.normal(size=(4, count)))),
         irradiance=dr.zeros(mi.Color3f, count),
         normals=mi.Normal3f(np.ascontiguousarray(n.T, dtype=np.float32)),
     )

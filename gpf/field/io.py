@@ -32,7 +32,7 @@ import numpy as np
 
 from gpf.core.errors import FileError, UserError
 from gpf.core.files import read_tensors, write_tensors
-from gpf.core.structs import to_numpy
+from gpf.core.structs import from_numpy, to_numpy
 from gpf.field.detail import Detail
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.gaussians import Gaussians
@@ -126,13 +126,13 @@ def load_field(path: Path) -> GaussianPhotonField:
     )
     places, sizes = mi.Point3f(means), mi.Vector3f(log_scales)
     if detail is not None:
-        levels = mi.UInt32(stored.tensors["levels"].astype(np.uint32))
+        levels = from_numpy(mi.UInt32, stored.tensors["levels"])
         places = detail.unfold_to(places, levels)
         sizes += mi.Float(levels) * math.log(2)
     gaussians = Gaussians(
         means=places,
         log_scales=sizes,
-        quats=mi.Quaternion4f(*(mi.Float(q) for q in quats)),
+        quats=mi.Quaternion4f(*(from_numpy(mi.Float, q) for q in quats)),
         irradiance=mi.Color3f(irradiance),
         normals=mi.Normal3f(normals),
     )

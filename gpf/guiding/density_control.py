@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.random import Stream, pass_seed
-from gpf.core.structs import Photons, VisiblePoints, take, to_numpy
+from gpf.core.structs import Photons, VisiblePoints, from_numpy, take, to_numpy
 
 # The share of all photons that a cell keeps is at most this multiple of its share of all visible
 # points: a caustic needs more Gaussians than the wall around it, the inside of a lamp does not.
@@ -39,8 +39,8 @@ def control_density(
     survival = np.minimum(1, MAX_RATIO * np.maximum(ratio, least))
     rng = np.random.default_rng(pass_seed(seed, 0, Stream.DENSITY_CONTROL))
     lives = np.flatnonzero(rng.random(len(p)) < survival)
-    kept = take(photons, mi.UInt32(lives.astype(np.uint32)))
-    kept.power /= mi.Float(survival[lives].astype(np.float32))
+    kept = take(photons, from_numpy(mi.UInt32, lives))
+    kept.power /= from_numpy(mi.Float, survival[lives])
     dr.eval(kept)
     return kept
 

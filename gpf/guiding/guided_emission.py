@@ -16,6 +16,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.structs import from_numpy
 from gpf.guiding.pilot import Pilot
 from gpf.photons.emission import Emitted, EmitterSample, emit_from
 
@@ -44,10 +45,10 @@ class EmissionGuide:
         # At most 1: rounding must not put a number behind the last cell.
         cumulated = np.minimum(np.cumsum(share), 1).astype(np.float32)
         cumulated[-1] = 1
-        self._cumulated = mi.Float(cumulated)
+        self._cumulated = from_numpy(mi.Float, cumulated)
         # The density after rounding, because the rounded distribution is sampled.
         density = np.diff(cumulated.astype(np.float64), prepend=0) * use.size
-        self._density = mi.Float(density.astype(np.float32))
+        self._density = from_numpy(mi.Float, density)
 
     @classmethod
     def learn(cls, scene: mi.Scene, pilot: Pilot) -> EmissionGuide:

@@ -18,7 +18,7 @@ from gpf.camera.visible_points import find_visible_points
 from gpf.core.errors import UserError
 from gpf.core.random import Stream, pass_seed
 from gpf.core.spatial_hash import SpatialHash
-from gpf.core.structs import Photons, VisiblePoints, concatenate, take
+from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take
 from gpf.guiding.surface_patch import SurfacePatch
 from gpf.scene.bounds import scene_bounds
 
@@ -110,7 +110,7 @@ def _reach(p: mi.Point3f, bounds: tuple[mi.Point3f, mi.Point3f]) -> float:
     diagonal = float(dr.norm(bounds[1] - bounds[0]))
     grid = SpatialHash(p, cell=1e-2 * diagonal, bounds=bounds, far=True)
     rng = np.random.default_rng(0)
-    chosen = mi.UInt32(rng.integers(0, dr.width(p), 16384).astype(np.uint32))
+    chosen = from_numpy(mi.UInt32, rng.integers(0, dr.width(p), 16384))
     x = dr.gather(mi.Point3f, p, chosen)
     _, distance2 = grid.nearest(x, 4, mi.Float(2e-3 * diagonal), mi.Float(grid.extent))
     return float(np.sqrt(np.percentile(distance2[3].numpy(), 99.9)))

@@ -18,7 +18,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.structs import Photons
+from gpf.core.structs import Photons, from_numpy
 from gpf.photons.emission import Emitted
 from gpf.photons.tracing import PathSettings, record_photons, trace_photons
 from gpf.scene.light_groups import group_of
@@ -174,7 +174,7 @@ class PhotonSums:
         if dr.width(taken) == 0:
             return dr.zeros(Photons, 0)
         found = np.asarray(dr.gather(mi.UInt64, self._keys, taken).numpy())
-        slot = dr.gather(mi.UInt32, taken, mi.UInt32(np.argsort(found).astype(np.uint32)))
+        slot = dr.gather(mi.UInt32, taken, from_numpy(mi.UInt32, np.argsort(found)))
         key = dr.gather(mi.UInt64, self._keys, slot)
         columns = (*(_POWER[half] + k for k in range(3)), _XY, _ZN)
         red, green, blue, xy, zn = (
@@ -211,7 +211,7 @@ class PhotonSums:
 
     def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
         """Take the sums of :meth:`tensors`; there must be none yet."""
-        keys = mi.UInt64(tensors["keys"])
+        keys = from_numpy(mi.UInt64, tensors["keys"])
         self._unit, self._landings = (float(v) for v in tensors["units"][:2])
         self.paths = [int(n) for n in tensors["units"][2:]]
         self._make_room(max(self.capacity, math.ceil(_SPARE * dr.width(keys) / _FULL)))
@@ -220,7 +220,7 @@ class PhotonSums:
         slot = self._find(keys, mi.Bool(True))
         dr.eval(slot, self._keys, self._cells, self._lost)
         for k in range(_LINE):
-            value = mi.UInt64(np.ascontiguousarray(tensors["sums"][:, k]))
+            value = from_numpy(mi.UInt64, tensors["sums"][:, k])
             dr.scatter(self._sums, value, _LINE * slot + k)
         dr.eval(self._sums)
 

@@ -29,6 +29,7 @@ from scipy.ndimage import convolve
 
 from gpf.camera.rays import TILE
 from gpf.core.random import Stream, pass_seed
+from gpf.core.structs import from_numpy
 from gpf.rendering.fireflies import BrightestBlocks, choose_block_size
 
 MIN_SPP = 16
@@ -82,7 +83,7 @@ def sample_adaptively(
     if brightest is not None:
         sums[:, :3] -= brightest.excess()
     means = sums / (set_size * (1 + counts))[:, None]
-    return mi.TensorXf(means.astype(np.float32).reshape(height, width, -1))
+    return from_numpy(mi.TensorXf, means.reshape(height, width, -1))
 
 
 def _choose_set_size(sampler: mi.Sampler, spp: int) -> int:
@@ -145,7 +146,7 @@ class _Sets:
         sampler.set_samples_per_wavefront(self.set_size)
         sampler.seed(seed, lanes)
         place = dr.arange(mi.UInt32, lanes) // dr.opaque(mi.UInt32, self.set_size)
-        number = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), place)
+        number = dr.gather(mi.UInt32, from_numpy(mi.UInt32, pixels), place)
         width = dr.opaque(mi.UInt32, self.size[0])
         row = number // width
         channels = self.sample(sampler, mi.Vector2u(number - row * width, row))

@@ -20,6 +20,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.structs import from_numpy
+
 MIN_BLOCK_SIZE = 4
 """Samples of a block, if sets are large enough. Noise in smaller blocks looks like fireflies."""
 
@@ -61,8 +63,8 @@ class BrightestBlocks:
         each = dr.width(blocks) // len(pixels)
         starts = np.flatnonzero(np.r_[True, pixels[1:] != pixels[:-1]])
         ends = np.r_[starts[1:], len(pixels)]
-        at, end = (mi.UInt32((n * each).astype(np.uint32)) for n in (starts, ends))
-        pixel = mi.UInt32(pixels[starts].astype(np.uint32))
+        at, end = (from_numpy(mi.UInt32, n * each) for n in (starts, ends))
+        pixel = from_numpy(mi.UInt32, pixels[starts])
         kept = _brightest(
             [dr.gather(mi.Color3f, values, pixel) for values in self.kept], blocks, at, end
         )

@@ -13,6 +13,7 @@ import numpy as np
 from gpf.camera.film import meets_gloss
 from gpf.camera.rays import keeps_to_pixels, sample_pixel_rays, sample_tiled_rays
 from gpf.camera.visible_points import find_visible_points
+from gpf.core.structs import from_numpy
 from gpf.field.io import load_field
 from gpf.rendering.adaptive import MIN_SPP, sample_adaptively
 from gpf.rendering.aovs import (
@@ -210,7 +211,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
             self.aovs, self.denoise = wanted, True
         guides = (layers[name] for name in GUIDES)
         image[..., :3] = self._denoiser[1].denoise(layers["radiance"], *guides)
-        return mi.TensorXf(image[..., : first + len(self.aov_names())])
+        return from_numpy(mi.TensorXf, image[..., : first + len(self.aov_names())])
 
     def _compare(self, scene: mi.Scene) -> None:
         """Warn, once for each pair of scene and field, if they do not belong together."""

@@ -16,6 +16,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
+from gpf.core.structs import from_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.lights import FieldLights
 from gpf.scene.light_groups import Levels, emitter_names, parse_levels
@@ -141,7 +142,7 @@ def _times(value: Any, level: tuple[float, float, float]) -> Any:
         channels = value.shape[-1]
         factors = np.ones(channels, np.float32)
         factors[: min(3, channels)] = level[: min(3, channels)]
-        return mi.TensorXf(np.array(value) * factors)
+        return from_numpy(mi.TensorXf, np.array(value) * factors)
     return (
         value * level[0] if isinstance(value, mi.Float) else type(value)(value * mi.Color3f(level))
     )

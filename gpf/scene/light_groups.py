@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field, RootModel
 
 from gpf.core.errors import UserError
+from gpf.core.structs import from_numpy
 from gpf.core.yaml import read_yaml, suggest
 from gpf.scene.views import name_view
 
@@ -108,7 +109,7 @@ class LightGroups:
         table = np.zeros(int(ids.max()) + 1, np.uint32)
         for number, members in enumerate(self.members):
             table[ids[list(members)]] = number
-        return mi.UInt32(table)
+        return from_numpy(mi.UInt32, table)
 
 
 class _Listed(

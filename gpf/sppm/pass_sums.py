@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.images import tone_map
+from gpf.core.structs import from_numpy
 
 _GREATEST_SQUARE = 2.0**51
 
@@ -180,7 +181,7 @@ class ExactSum:
         kind = type(self._whole)
         self._whole += kind(np.ascontiguousarray(tensors["whole"].T))
         self._steps += kind(np.ascontiguousarray(tensors["steps"].T))
-        self._broken |= mi.UInt32(tensors["broken"])
+        self._broken |= from_numpy(mi.UInt32, tensors["broken"])
         self._carry()
 
     def _carry(self) -> None:

@@ -19,7 +19,7 @@ from gpf.camera.next_event import samples_every_emitter
 from gpf.core.random import Stream, pass_seed, spread_sample
 from gpf.core.settings import Count, Positive, Settings
 from gpf.core.spatial_hash import SpatialHash
-from gpf.core.structs import VisiblePoints
+from gpf.core.structs import VisiblePoints, from_numpy
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.tracing import PathSettings, record_photons
@@ -182,7 +182,7 @@ def propose_radius(
     if dr.width(lanes) == 0 or dr.width(photons.p) < k:
         return 1e-2 * diagonal
     rng = np.random.default_rng(pass_seed(seed, 0, Stream.RADIUS_POINTS))
-    chosen = mi.UInt32(rng.integers(0, dr.width(lanes), 4096).astype(np.uint32))
+    chosen = from_numpy(mi.UInt32, rng.integers(0, dr.width(lanes), 4096))
     lanes = dr.gather(mi.UInt32, lanes, chosen)
     x, n = dr.gather(mi.Point3f, points.p, lanes), dr.gather(mi.Normal3f, points.n, lanes)
     tag = pack_tag(photons.n)

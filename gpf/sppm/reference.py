@@ -14,7 +14,7 @@ from pydantic import Field
 from gpf.camera.film import FilmSamples, sample_film
 from gpf.core.random import Stream, pass_seed, random_start, stream_of
 from gpf.core.settings import AutoCount, Count, Length, NotNegative, Positive, Seed
-from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
+from gpf.core.structs import VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.tracing import PathSettings
@@ -283,7 +283,7 @@ def fixed_points(
     points = sample_view(scene, sensor, name, whole, seed, t=0).points
     if share < 1:
         rng = np.random.default_rng(pass_seed(seed, 1, stream_of(name)))
-        points.valid &= mi.Bool(rng.random(dr.width(points.p)) < share)
+        points.valid &= from_numpy(mi.Bool, rng.random(dr.width(points.p)) < share)
     return points
 
 

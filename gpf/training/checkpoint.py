@@ -12,6 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.files import read_tensors, write_tensors
+from gpf.core.structs import from_numpy
 from gpf.training.adam import Adam
 from gpf.training.kernels import parameters, with_parameters
 from gpf.training.trainer import Progress, Trainer
@@ -51,7 +52,7 @@ def restore_trainer(trainer: Trainer, path: Path, fingerprint: Mapping[str, Any]
     tensors, metadata = read_tensors(path, "checkpoint")
     if metadata["fingerprint"] != json.loads(json.dumps(fingerprint)):
         return None
-    arrays = {name: [mi.Float(row) for row in value] for name, value in tensors.items()}
+    arrays = {name: [from_numpy(mi.Float, row) for row in value] for name, value in tensors.items()}
     trainer.gaussians = with_parameters(trainer.gaussians, arrays["parameters"])
     trainer.best = with_parameters(trainer.gaussians, arrays["best"])
     trainer.adam = Adam(arrays["first"], arrays["second"])

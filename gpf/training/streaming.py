@@ -18,7 +18,7 @@ from pydantic import Field
 
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.settings import Count, Positive, Seed, Settings
-from gpf.core.structs import Photons, VisiblePoints, concatenate, take, to_numpy
+from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.guiding.density_control import cell_keys
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.photon_grid import PhotonSums
@@ -200,7 +200,7 @@ class PhotonStream:
             rows = np.flatnonzero(chosen)
             if len(rows) == 0:
                 continue
-            part = take(points, mi.UInt32(rows.astype(np.uint32)))
+            part = take(points, from_numpy(mi.UInt32, rows))
             correction = mi.Float(1)
             if self.settings.edge_correction:
                 seed = pass_seed(self.seed, 2 * self.count, Stream.EDGES)

@@ -14,7 +14,7 @@ import numpy as np
 from gpf.core.errors import FileError, UserError
 from gpf.core.files import read_tensors, write_tensors
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
-from gpf.core.structs import SurfacePoints, VisiblePoints, to_numpy
+from gpf.core.structs import SurfacePoints, VisiblePoints, from_numpy, to_numpy
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 
@@ -156,7 +156,7 @@ class Targets:
             p=mi.Point3f(columns(chosen.position)),
             n=mi.Normal3f(columns(chosen.normal)),
             target=mi.Color3f(columns(target)),
-            weight=mi.Float(loss_weights(target, loss)),
+            weight=from_numpy(mi.Float, loss_weights(target, loss)),
         )
 
 

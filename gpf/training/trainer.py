@@ -18,7 +18,7 @@ import numpy as np
 from gpf.core.errors import UserError
 from gpf.core.morton import order_in_space
 from gpf.core.random import stratified_batch
-from gpf.core.structs import SurfacePoints, take, to_numpy
+from gpf.core.structs import SurfacePoints, from_numpy, take, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
 from gpf.training.adam import Adam
@@ -83,7 +83,7 @@ class Trainer:
         # lanes read the same Gaussians.
         order = order_in_space(to_numpy(points.p), field.settings.search_radius / 2)
         sets = (order[~split[order]], order[split[order]])
-        self._rows = [mi.UInt32(rows.astype(np.uint32)) for rows in sets]
+        self._rows = [from_numpy(mi.UInt32, rows) for rows in sets]
         self.training, self.held_out = (take(points, rows) for rows in self._rows)
 
         mean_target = np.mean(np.asarray(self.training.target.numpy()))
@@ -99,7 +99,7 @@ class Trainer:
         # The size of Adam's steps depends on the rate, not on the gradient. With one rate for all,
         # steps suited to bright Gaussians would be too large for dark ones.
         level = around.mean(axis=1) if mean_target > 0 else np.ones(len(around))
-        self.level = mi.Float(np.maximum(level, LEAST_LEVEL).astype(np.float32))
+        self.level = from_numpy(mi.Float, np.maximum(level, LEAST_LEVEL))
         size = dr.width(g.means)
         self.adam = Adam(
             [dr.zeros(mi.Float, size) for _ in parameters(g)],

@@ -16,6 +16,7 @@ from gpf.baselines.protocol import CannotServe
 from gpf.baselines.splatting.compositing import Compositor
 from gpf.baselines.splatting.projection import Projector, SplatArrays, project
 from gpf.baselines.splatting.tiles import sort_into_tiles
+from gpf.core.structs import from_numpy
 from gpf.scene.pinhole import Pinhole
 
 DEGREE = 3
@@ -93,7 +94,7 @@ def make_splats(found: Prediction) -> SplatArrays:
     harmonics = found.harmonics[:, :, : (DEGREE + 1) ** 2].transpose(0, 2, 1)
 
     def flat(values: np.ndarray) -> mi.Float:
-        return mi.Float(np.ascontiguousarray(values, dtype=np.float32).ravel())
+        return from_numpy(mi.Float, values.ravel())
 
     return SplatArrays(
         means=flat(found.means),

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.baselines.em_gmm.gaussian_mixture import GaussianMixture
+from gpf.core.structs import from_numpy
 
 # Gaussians end at this many standard deviations; a thousandth of their power lies beyond.
 CUTOFF = 4.0
@@ -46,14 +47,14 @@ class MixtureDensity:
         index = (cell[:, 2] * shape[1] + cell[:, 1]) * shape[0] + cell[:, 0]
         order = np.argsort(index, kind="stable")
         starts = np.concatenate([[0], np.cumsum(np.bincount(index, minlength=shape.prod()))])
-        self._starts = mi.UInt32(starts.astype(np.uint32))
-        self._members = mi.UInt32(component[order].astype(np.uint32))
+        self._starts = from_numpy(mi.UInt32, starts)
+        self._members = from_numpy(mi.UInt32, component[order])
 
         rows = np.swapaxes(axes / deviations[:, None, :], 1, 2)
         peak = mixture.flux / ((2 * np.pi) ** 1.5 * deviations.prod(axis=1))[:, None]
         packets = np.concatenate([rows, peak[:, :, None]], axis=2).astype(np.float32)
-        self._packets = [mi.Float(packets[:, k].ravel()) for k in range(3)]
-        self._means = mi.Float(np.pad(mixture.means, ((0, 0), (0, 1))).astype(np.float32).ravel())
+        self._packets = [from_numpy(mi.Float, packets[:, k].ravel()) for k in range(3)]
+        self._means = from_numpy(mi.Float, np.pad(mixture.means, ((0, 0), (0, 1))).ravel())
         self._lower = mi.Point3f(*(dr.opaque(mi.Float, v) for v in lower))
         self._scale = dr.opaque(mi.Float, 1 / edge)
         self._last = mi.Vector3f(*(dr.opaque(mi.Float, int(n) - 1) for n in shape))

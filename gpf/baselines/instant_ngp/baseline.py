@@ -38,6 +38,7 @@ from gpf.baselines.options import InstantNgpOptions
 from gpf.baselines.protocol import CannotServe, Task, TrainingView
 from gpf.core.images import tone_map
 from gpf.core.random import Stream, pass_seed
+from gpf.core.structs import from_numpy
 from gpf.rendering.adaptive import tile_order
 from gpf.scene.bounds import bounding_box
 from gpf.scene.pinhole import make_pinhole
@@ -156,7 +157,7 @@ class PreparedVolume:
         width, height = self._size
         cameras = Cameras.gather([make_pinhole(view, self._size)], self._cube)
         order = tile_order(width, height)
-        index = mi.UInt32(order.astype(np.uint32))
+        index = from_numpy(mi.UInt32, order)
         row = index // dr.opaque(mi.UInt32, width)
         corner = mi.Point2f(index - row * dr.opaque(mi.UInt32, width), row)
         total = np.zeros((height * width, 3))

@@ -10,6 +10,7 @@ import numpy as np
 
 from gpf.baselines.neural.hash_encoding import Cube
 from gpf.core.random import step_random
+from gpf.core.structs import from_numpy
 from gpf.scene.pinhole import Pinhole
 
 # A cell is empty if the opacity of one ray step in it is below this, or below that of the mean
@@ -58,7 +59,7 @@ class OccupancyGrid:
             pixel, depth = camera.project(points)
             inside = ((pixel >= 0) & (pixel <= np.array(camera.size))).all(axis=1)
             seen |= inside & (depth > near * cube.edge)
-        self.seen = mi.Bool(seen)
+        self.seen = from_numpy(mi.Bool, seen)
         self.refresh()
 
     def update(self, density: Callable[[mi.Point3f], mi.Float], seed: int, turn: int) -> None:

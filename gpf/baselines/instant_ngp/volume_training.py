@@ -24,6 +24,7 @@ from gpf.baselines.instant_ngp.ray_marching import (
 from gpf.baselines.neural.fitting import Fit, Recorded, given, run_steps
 from gpf.baselines.neural.hash_encoding import Cube
 from gpf.core.random import step_random
+from gpf.core.structs import from_numpy
 from gpf.scene.pinhole import Pinhole
 from gpf.training.settings import cosine_decay
 
@@ -153,7 +154,10 @@ class VolumeTrainer:
         """
         more = self.fit.restore(checkpoint, fingerprint)
         if more is not None:
-            self.grid.density, self.rays = mi.Float(more["density"]), int(more["rays"][0])
+            self.grid.density, self.rays = (
+                from_numpy(mi.Float, more["density"]),
+                int(more["rays"][0]),
+            )
             self.grid.refresh()
 
         def save() -> None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.files import read_tensors, write_tensors
+from gpf.core.structs import from_numpy
 from gpf.training.adam import Adam
 
 CHECKPOINT_STEPS = 100
@@ -70,7 +71,7 @@ class Fit:
             return None
         count = len(self.values)
         self.values, first, second = (
-            [mi.Float(tensors.pop(f"{name}.{k}")) for k in range(count)]
+            [from_numpy(mi.Float, tensors.pop(f"{name}.{k}")) for k in range(count)]
             for name in ("value", "first", "second")
         )
         self.adam = Adam(first, second)

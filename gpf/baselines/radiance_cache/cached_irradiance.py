@@ -14,7 +14,7 @@ import numpy as np
 from gpf.baselines.neural.fitting import Fit, Recorded, given, run_steps
 from gpf.baselines.neural.hash_encoding import Cube, GridShape, HashGrid, Network
 from gpf.core.random import stratified_batch
-from gpf.core.structs import SurfacePoints, take
+from gpf.core.structs import SurfacePoints, from_numpy, take
 from gpf.training.settings import cosine_decay
 
 
@@ -106,7 +106,7 @@ class CacheTrainer:
         self.model, self.settings = model, settings
         rng = np.random.default_rng(settings.seed)
         judges = rng.random(dr.width(points.p)) < settings.held_out
-        rows = [mi.UInt32(np.flatnonzero(s).astype(np.uint32)) for s in (~judges, judges)]
+        rows = [from_numpy(mi.UInt32, np.flatnonzero(s)) for s in (~judges, judges)]
         self.training, self.held_out = (take(points, chosen) for chosen in rows)
         for part in (self.training, self.held_out):
             part.target /= dr.opaque(mi.Float, model.unit)

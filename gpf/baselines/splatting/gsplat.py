@@ -12,6 +12,7 @@ import torch
 from gpf.baselines.optional import import_optional
 from gpf.baselines.splatting.projection import BLUR, NEAR
 from gpf.baselines.splatting.rasteriser import NAMES, Drawing, Rasteriser
+from gpf.core.structs import from_numpy
 from gpf.scene.pinhole import Pinhole
 
 
@@ -57,7 +58,7 @@ class GsplatRasteriser(Rasteriser):
             gradient = self._tensor(np.array(adjoint)).reshape(image.shape)
             image.backward(gradient)
 
-        return Drawing(mi.Float(image.detach().cpu().numpy().ravel()), backward, info)
+        return Drawing(from_numpy(mi.Float, image.detach().cpu().numpy().ravel()), backward, info)
 
     def _tensor(self, values: np.ndarray) -> torch.Tensor:
         return torch.tensor(values, dtype=torch.float32, device=self.device)

@@ -9,6 +9,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.structs import from_numpy
+
 # Width and standard deviation of the window of SSIM (Wang and others 2004), pixels, and the
 # constants of its two factors.
 WINDOW, SIGMA = 11, 1.5
@@ -43,7 +45,7 @@ class ImageLoss:
     def __init__(self, target: np.ndarray, share: float = 0.2) -> None:
         height, width, _ = target.shape
         self.size, self.share = (width, height), share
-        self.target = mi.Float(np.ascontiguousarray(target, dtype=np.float32).ravel())
+        self.target = from_numpy(mi.Float, target.ravel())
         self._mean, square = self._means([self.target, dr.square(self.target)])
         self._variance = square - dr.square(self._mean)
         dr.eval(self._mean, self._variance)

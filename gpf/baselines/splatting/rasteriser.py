@@ -13,6 +13,7 @@ import torch
 from gpf.baselines.splatting.compositing import Compositor
 from gpf.baselines.splatting.projection import Projector, SplatArrays, project
 from gpf.baselines.splatting.tiles import sort_into_tiles
+from gpf.core.structs import from_numpy
 from gpf.scene.pinhole import Pinhole
 
 # gsplat's names for the arrays of SplatArrays, in their order.
@@ -61,7 +62,7 @@ class Rasteriser:
         per Gaussian.
         """
         ordered = [tensors[name] for name in NAMES]
-        splats = SplatArrays(*(mi.Float(t.detach().numpy().ravel()) for t in ordered))
+        splats = SplatArrays(*(from_numpy(mi.Float, t.detach().numpy().ravel()) for t in ordered))
         dr.enable_grad(splats)
         found = project(splats, Projector.of(camera), degree)
         seen = dr.detach(found)
