@@ -12,11 +12,11 @@ import pytest
 
 import gpf
 from gpf.core.errors import UserError
-from gpf.core.images import tone_map
+from gpf.core.images import tone_map, tone_slope
 from gpf.field.field import FieldSettings
 from gpf.field.io import read_field
 from gpf.fitting import fit as module
-from gpf.fitting.quality import QualityEstimate
+from gpf.fitting.quality import QualityEstimate, tone_secant
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import make_sensor
@@ -165,6 +165,14 @@ def test_the_estimate_is_the_psnr_against_a_reference(scene, monkeypatch):
         ]
         measured = -10 * np.log10(np.mean(np.square(errors)))
         assert estimate.psnr(field) == pytest.approx(measured, abs=1), level
+
+
+def test_beyond_white_all_light_looks_the_same():
+    x, y = np.array([0.4, 0.5, 2.0, 0.3]), np.array([10.0, 0.5, 3.0, 0.31])
+    found = tone_secant(x, y, 1.0)
+    assert found[0] == pytest.approx((1 - tone_map(x[0], 1.0)) / 9.6)
+    assert found[1] == pytest.approx(tone_slope(x[1], 1.0)) and found[2] == 0
+    assert found[3] == pytest.approx(tone_slope(np.array(0.305), 1.0), rel=1e-3)
 
 
 @pytest.mark.slow
