@@ -127,6 +127,17 @@ def tone_slope(radiance: np.ndarray, exposure: float) -> np.ndarray:
     return np.where((linear >= 0) & (linear < 1), exposure * slope, 0)
 
 
+def tone_secant(x: np.ndarray, y: np.ndarray, exposure: float) -> np.ndarray:
+    """(T(x) - T(y)) / (x - y) with T of :func:`tone_map`; where x and y are equal, the derivative.
+
+    For large differences, the derivative at x would be wrong: light beyond white does not show.
+    """
+    step = y - x
+    near = np.abs(step) <= 1e-3 * np.maximum(np.abs(x), 1e-6)
+    shown = tone_map(y, exposure) - tone_map(x, exposure)
+    return np.where(near, tone_slope(x, exposure), shown / np.where(near, 1, step))
+
+
 def undo_tone_map(srgb: np.ndarray) -> np.ndarray:
     """Linear radiance times exposure, from sRGB values, which are clipped to [0, 1]."""
     value = np.clip(np.asarray(srgb, dtype=np.float64), 0, 1)

@@ -11,7 +11,7 @@ import numpy as np
 
 from gpf.camera.rays import sample_rays_at
 from gpf.camera.visible_points import find_visible_points
-from gpf.core.images import propose_exposure, tone_map, tone_slope
+from gpf.core.images import propose_exposure, tone_map, tone_secant
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
 from gpf.field.field import FieldSettings, GaussianPhotonField
@@ -275,19 +275,6 @@ class QualityEstimate:
             rays.append(mi.Ray3f(sample_rays_at(sensor, sampler, place + sampler.next_2d())[0]))
         sampler.seed(pass_seed(self.seed, 0, Stream.QUALITY_CAMERA), SAMPLES * self._pixels)
         return mi.Ray3f(concatenate([r.o for r in rays]), concatenate([r.d for r in rays]))
-
-
-def tone_secant(x: np.ndarray, y: np.ndarray, exposure: float) -> np.ndarray:
-    """(T(x) - T(y)) / (x - y) with the tone curve T; where x and y are equal, its slope.
-
-    Along the edge of a caustic, light behind which there is only white counts as much as it shows:
-    with the slope at x, the error there was five times too large.
-    """
-    step = y - x
-    near = np.abs(step) <= 1e-3 * np.maximum(np.abs(x), 1e-6)
-    shown = tone_map(y, exposure) - tone_map(x, exposure)
-    secant: np.ndarray = np.where(near, tone_slope(x, exposure), shown / np.where(near, 1, step))
-    return secant
 
 
 def standard_error(values: np.ndarray) -> float:

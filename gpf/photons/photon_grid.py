@@ -10,7 +10,7 @@ they share the cells and the mean positions in them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -106,6 +106,7 @@ class PhotonSums:
         wanted = (int(self._cells[0]) + 1.5 * self._landings * paths) / _FULL
         if wanted > self.capacity:
             self._grow(math.ceil(_SPARE * wanted))
+            dr.flush_malloc_cache()  # Dr.Jit would keep the old table for later
         # Photons have the power of one of `paths` paths; the sums are for a single path.
         self._scale = dr.opaque(mi.Float, paths / self._unit)
         self._column = dr.opaque(mi.UInt32, _POWER[half])
@@ -217,12 +218,7 @@ class PhotonSums:
         self._make_room(max(self.capacity, math.ceil(_SPARE * dr.width(keys) / _FULL)))
         if len(tensors["keys"]) == 0:
             return
-        slot = self._find(keys, mi.Bool(True))
-        dr.eval(slot, self._keys, self._cells, self._lost)
-        for k in range(_LINE):
-            value = from_numpy(mi.UInt64, tensors["sums"][:, k])
-            dr.scatter(self._sums, value, _LINE * slot + k)
-        dr.eval(self._sums)
+        self._insert(keys, lambda k: from_numpy(mi.UInt64, tensors["sums"][:, k]))
 
     def _grow(self, capacity: int) -> None:
         """Move all cells into a larger table."""
@@ -231,14 +227,16 @@ class PhotonSums:
         self._make_room(capacity)
         if dr.width(taken) == 0:
             return
-        slot = self._find(dr.gather(mi.UInt64, keys, taken), mi.Bool(True))
+        known = dr.gather(mi.UInt64, keys, taken)
+        self._insert(known, lambda k: dr.gather(mi.UInt64, sums, _LINE * taken + k))
+
+    def _insert(self, keys: mi.UInt64, column: Callable[[int], mi.UInt64]) -> None:
+        """Put cells into an empty table; ``column(k)``: their numbers, (C,), one of _LINE."""
+        slot = self._find(keys, mi.Bool(True))
         dr.eval(slot, self._keys, self._cells, self._lost)
         for k in range(_LINE):
-            value = dr.gather(mi.UInt64, sums, _LINE * taken + k)
-            dr.scatter(self._sums, value, _LINE * slot + k)
+            dr.scatter(self._sums, column(k), _LINE * slot + k)
         dr.eval(self._sums)
-        del keys, sums, taken, slot, value
-        dr.flush_malloc_cache()  # Dr.Jit would keep the old table for later
 
 
 def _pack(corner: mi.Vector3u, thirds: mi.Vector3u) -> mi.UInt64:

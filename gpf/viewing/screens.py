@@ -68,7 +68,7 @@ class Screens:
         self._mixer = LightMixer(self.scene, field) if field.lights is not None else None
         if self._mixer is not None and levels:
             self._mixer.set(levels)
-        self._update("image")
+        self._update()
 
     def set_lights(self, levels: Levels) -> None:
         """Set the levels of groups of lights; names that the field does not have are ignored.
@@ -79,7 +79,7 @@ class Screens:
         """
         if self._mixer is not None:
             self._mixer.set({name: level for name, level in levels.items() if name in self.lights})
-            self._update("gaussians")
+            self._update("gaussians")  # the others have the field itself
 
     def layer(self, wanted: Layer) -> Layer:
         """The layer that is shown for one that is wanted: the picture, if the field lacks it."""
@@ -135,12 +135,11 @@ class Screens:
         """Width and height, pixels."""
         return max(1, round(rows * self.aspect)), rows
 
-    def _update(self, changed: Layer) -> None:
-        """Give the screens the field anew: all of them, or only those of the Gaussians, which have
-        a field of their own."""
+    def _update(self, only: Layer | None = None) -> None:
+        """Give their field anew to all screens, or to those of one layer."""
         self._ellipses = None
         for (layer, *_), screen in self._screens.items():
-            if layer != "path" and changed in ("image", layer):
+            if layer != "path" and only in (None, layer):
                 screen.integrator.field = self._field_of(layer)
 
     def _field_of(self, layer: Layer) -> GaussianPhotonField | None:

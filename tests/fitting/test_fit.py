@@ -12,11 +12,11 @@ import pytest
 
 import gpf
 from gpf.core.errors import UserError
-from gpf.core.images import tone_map, tone_slope
+from gpf.core.images import tone_map, tone_secant, tone_slope
 from gpf.field.field import FieldSettings
 from gpf.field.io import read_field
 from gpf.fitting import fit as module
-from gpf.fitting.quality import QualityEstimate, tone_secant
+from gpf.fitting.quality import QualityEstimate
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import make_sensor

@@ -154,10 +154,8 @@ class VolumeTrainer:
         """
         more = self.fit.restore(checkpoint, fingerprint)
         if more is not None:
-            self.grid.density, self.rays = (
-                from_numpy(mi.Float, more["density"]),
-                int(more["rays"][0]),
-            )
+            self.grid.density = from_numpy(mi.Float, more["density"])
+            self.rays = int(more["rays"][0])
             self.grid.refresh()
 
         def save() -> None:
