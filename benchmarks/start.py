@@ -21,7 +21,8 @@ from rich.table import Table
 import gpf
 from benchmarks.check_scenes import SCENES, load
 from gpf.core.runtime import choose_variant
-from gpf.fitting.fit import FitProgress, default_sensors
+from gpf.fitting.fit import FitProgress
+from gpf.importing.placement import place_sensors
 from gpf.scene.folders import list_scenes
 from gpf.scene.load import load_scene_file
 from gpf.scene.snapshot import snapshot_scene
@@ -56,7 +57,7 @@ def measure(name: str, folder: Path, begin: float) -> list[float]:
     mark()
     scene = load(name) if name in SCENES else load_scene_file(folder / name / "scene.xml")
     mark()
-    sensors = default_sensors(scene)
+    sensors = place_sensors(scene)
     mark()
 
     def end(progress: FitProgress) -> None:

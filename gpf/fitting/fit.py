@@ -13,19 +13,18 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.errors import UserError, is_interrupt
+from gpf.core.errors import is_interrupt
 from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import InitialFieldSettings
 from gpf.field.lights import FieldLights
-from gpf.fitting.budget import TimeBudget
+from gpf.fitting.goals import Goals, TimeBudget
 from gpf.fitting.quality import LEAST_PASSES, QualityEstimate
 from gpf.fitting.state import FitState, fit_identity
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
-from gpf.importing.placement import place_cameras
+from gpf.importing.placement import place_sensors
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.fingerprint import fingerprint
 from gpf.scene.light_groups import LightGroups
-from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
 from gpf.sppm.reference import ReferenceSettings
 from gpf.training.field_error import estimate_error
 from gpf.training.light_split import split_light
@@ -34,9 +33,6 @@ from gpf.training.settings import TrainingSettings
 from gpf.training.streaming import PhotonStream, StreamSettings
 from gpf.training.targets import Targets
 from gpf.training.trainer import Progress, Trainer
-
-DEFAULT_PASSES = 300
-"""Photon passes if neither a time, a PSNR nor a number of passes is asked for."""
 
 # Passes until the first complete field, and the factor by which their number then grows.
 FIRST_PASSES, GROWTH = 24, 3
@@ -60,9 +56,6 @@ PASSES_PER_ESTIMATE, LEAST_PER_ESTIMATE = 8, 4
 
 # Time between saved states while photons are traced.
 SAVE_SECONDS = 60.0
-
-# Rows of the images of cameras that are placed because none are given.
-ROWS = 256
 
 FIELD = InitialFieldSettings(direct="auto")
 STREAM = StreamSettings()
@@ -113,8 +106,8 @@ def fit(
     """Fit a field to a scene.
 
     The fit ends at the first goal that is reached; without any goal, after
-    :data:`DEFAULT_PASSES` passes. Interrupted by Ctrl-C, it returns the best field so far. The same
-    seed and passes give the same bits on the same machine.
+    :data:`gpf.fitting.goals.DEFAULT_PASSES` passes. Interrupted by Ctrl-C, it returns the best
+    field so far. The same seed and passes give the same bits on the same machine.
 
     Parameters
     ----------
@@ -136,42 +129,18 @@ def fit(
     UserError: a goal is not above 0; the cameras see no diffuse surface; no light reaches the
         surfaces that they see; or the scene has a material that is not supported.
     """
-    for name, value in (("seconds", seconds), ("target_psnr", target_psnr), ("passes", passes)):
-        if value is not None and value <= 0:
-            raise UserError(name, f"is {value}", "Give a number above 0, or leave it out.")
-    if seconds is None and target_psnr is None and passes is None:
-        passes = DEFAULT_PASSES
-    if passes is not None:
-        passes = max(passes, 2)  # two halves of photons are compared
-    run = _Fit(scene, sensors, seed, callback, seconds, state, groups, exposure)
+    goals = Goals.of(seconds, target_psnr, passes)
+    run = _Fit(scene, sensors, goals, seed, callback, state, groups, exposure)
     try:
         run.open()
-        while not run.is_done(target_psnr, passes):
-            run.go_on(target_psnr, passes)
+        while not run.is_done():
+            run.go_on()
     except BaseException as error:
         if run.best is None or not (isinstance(error, _OutOfTime) or is_interrupt(error)):
             raise
         if not isinstance(error, _OutOfTime):
             log.warning("Interrupted: this is the field after %s passes.", run.passes)
     return run.result()
-
-
-def default_sensors(scene: mi.Scene) -> list[mi.Sensor]:
-    """Cameras that are placed around the scene's own.
-
-    Raises
-    ------
-    UserError: the scene has no perspective camera.
-    """
-    own = views_of_sensors(scene)
-    if not own:
-        raise UserError(
-            "scene", "has no perspective camera", "Add one to the scene, or give sensors."
-        )
-    aspect = film_aspect(scene_cameras(scene)[0])
-    placed = place_cameras(scene, own, aspect)
-    width = max(1, round(ROWS * aspect))
-    return [make_sensor(view, width, ROWS) for view in (*placed.train, *placed.novel)]
 
 
 class _OutOfTime(Exception):
@@ -185,18 +154,19 @@ class _Fit:
         self,
         scene: mi.Scene,
         sensors: Sequence[mi.Sensor] | None,
+        goals: Goals,
         seed: int,
         callback: Callable[[FitProgress], None],
-        seconds: float | None,
         state: Path | None,
         groups: LightGroups | None,
         exposure: float | None,
     ) -> None:
-        self.time, self.saved = TimeBudget(seconds), time.perf_counter()
+        self.goals = goals
+        self.time, self.saved = TimeBudget(goals.seconds), time.perf_counter()
         self.folder, self.groups, self.exposure = state, groups, exposure
         self.state: FitState | None = None
         self.scene, self.seed, self.callback = scene, seed, callback
-        self.sensors = list(default_sensors(scene) if sensors is None else sensors)
+        self.sensors = list(place_sensors(scene) if sensors is None else sensors)
         self.bounds = scene_bounds(scene)
         self.stream: PhotonStream
         self.halves: tuple[Targets, Targets] | None = None  # of the last field
@@ -271,27 +241,27 @@ class _Fit:
             self.state.save(self.stream.tensors() | self.quality.tensors(), facts, self.best)
             self.saved = time.perf_counter()
 
-    def is_done(self, target_psnr: float | None, passes: int | None) -> bool:
+    def is_done(self) -> bool:
         """Whether a goal is reached, or can no longer be reached."""
         if self.best is None:
             return False
-        if passes is not None and self.fitted >= passes:
+        if self.fitted >= self.goals.passes:
             return True
-        if target_psnr is not None and self.psnr is not None:
-            if self.psnr >= target_psnr:
+        if self.goals.target_psnr is not None and self.psnr is not None:
+            if self.psnr >= self.goals.target_psnr:
                 return True
             if self.in_vain >= 2:
                 log.warning(
                     "More passes do not raise the estimated PSNR of %.1f dB to %.1f dB.",
                     self.psnr,
-                    target_psnr,
+                    self.goals.target_psnr,
                 )
                 return True
         return self._passes_that_fit() < LEAST_GROWTH * self.stream.count
 
-    def go_on(self, target_psnr: float | None, passes: int | None) -> None:
+    def go_on(self) -> None:
         """Fit the next complete field, from more passes."""
-        while self.stream.count < self._plan(passes or float("inf")):
+        while self.stream.count < self._plan():
             self.stream.advance(self.stream.count + 1, self._count_pass)
         self.save()
         begin = time.perf_counter()
@@ -392,12 +362,13 @@ class _Fit:
         if self.best is not None and self.time.is_over(reserve):
             raise _OutOfTime
 
-    def _plan(self, passes: float) -> int:
+    def _plan(self) -> int:
         """The number of passes of the next field, ``passes`` at most."""
         count = round(GROWTH * self.fitted) if self.fitted else FIRST_PASSES
         # If no other field could follow, this one takes all the passes that are left.
-        last = min(self._passes_that_fit(fields=2), passes) < LEAST_GROWTH * count
-        self.all_passes = int(min(self._passes_that_fit(), passes)) if last else count
+        most = self.goals.passes
+        last = min(self._passes_that_fit(fields=2), most) < LEAST_GROWTH * count
+        self.all_passes = int(min(self._passes_that_fit(), most)) if last else count
         return self.all_passes
 
     def _passes_that_fit(self, fields: int = 1) -> float:

@@ -22,13 +22,16 @@ from gpf.importing.orbit import Orbit, unit_vector
 from gpf.importing.report import PHOTONS
 from gpf.importing.view_checks import COVERED_WITHIN, ViewReport, covered, report_views, spacing
 from gpf.photons.tracing import PathSettings
-from gpf.scene.sensors import make_sensor
+from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
 from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, ViewSets
 from gpf.sppm.passes import PassSettings, propose_radius
 from gpf.sppm.reference import ReferenceRenderer
 
 TRAINING, NOVEL, FRAMES = 3, 5, 24
 LEAST_NOVEL = 4
+
+# Rows of the films of :func:`place_sensors`.
+ROWS = 256
 
 # The candidates: angles on the orbit in degrees, and distances in units of the own camera's.
 _AZIMUTHS = (-36, -24, -12, 0, 12, 24, 36)
@@ -68,6 +71,24 @@ def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneVie
             report_views(scene, own[:1], aspect)[0],
         ),
     )
+
+
+def place_sensors(scene: mi.Scene) -> list[mi.Sensor]:
+    """Cameras around the scene's own, with films of :data:`ROWS` rows.
+
+    Raises
+    ------
+    UserError: the scene has no perspective camera, or too few views without faults are found.
+    """
+    own = views_of_sensors(scene)
+    if not own:
+        raise UserError(
+            "scene", "has no perspective camera", "Add one to the scene, or give sensors."
+        )
+    aspect = film_aspect(scene_cameras(scene)[0])
+    placed = place_cameras(scene, own, aspect)
+    width = max(1, round(ROWS * aspect))
+    return [make_sensor(view, width, ROWS) for view in (*placed.train, *placed.novel)]
 
 
 def place_cameras(scene: mi.Scene, own: Sequence[View], aspect: float) -> ViewSets:

@@ -121,7 +121,8 @@ def main(scene_file: Path, out: Path, live: Path, views: Path | None, groups: st
     _end_with_parent()
     from gpf.core.runtime import choose_variant
     from gpf.field.io import save_field
-    from gpf.fitting.fit import ROWS, FitProgress, fit
+    from gpf.fitting.fit import FitProgress, fit
+    from gpf.importing.placement import ROWS
     from gpf.scene.light_groups import LightGroups
     from gpf.scene.load import load_scene_file
     from gpf.scene.transforms import read_sensors

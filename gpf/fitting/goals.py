@@ -1,11 +1,50 @@
-"""The time of a fit: what is over, and how many passes still fit into it."""
+"""When a fit ends, and how many passes still fit into its time."""
 
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
+
+from gpf.core.errors import UserError
+
+DEFAULT_PASSES = 300
+"""Photon passes if neither a time, a PSNR nor a number of passes is asked for."""
 
 # Of the time that is left, this share is planned with.
 _PLANNED = 0.9
+
+
+@dataclass(frozen=True)
+class Goals:
+    """A fit ends at the first of these that is reached.
+
+    Attributes
+    ----------
+    seconds: time for the whole fit, wall clock; None without a limit.
+    target_psnr: estimated PSNR of images, dB; None for any.
+    passes: photon passes; infinity for any number.
+    """
+
+    seconds: float | None
+    target_psnr: float | None
+    passes: float
+
+    @staticmethod
+    def of(seconds: float | None, target_psnr: float | None, passes: int | None) -> Goals:
+        """The goals that are asked for; without any, :data:`DEFAULT_PASSES` passes.
+
+        Raises
+        ------
+        UserError: one is not above 0.
+        """
+        asked = {"seconds": seconds, "target_psnr": target_psnr, "passes": passes}
+        for name, value in asked.items():
+            if value is not None and value <= 0:
+                raise UserError(name, f"is {value}", "Give a number above 0, or leave it out.")
+        if all(value is None for value in asked.values()):
+            passes = DEFAULT_PASSES
+        # Two halves of the photons are compared, so there are two passes at least.
+        return Goals(seconds, target_psnr, float("inf") if passes is None else max(passes, 2))
 
 
 class TimeBudget:
