@@ -83,12 +83,14 @@ class Trainer:
         # lanes read the same Gaussians.
         order = order_in_space(to_numpy(points.p), field.settings.search_radius / 2)
         sets = (order[~split[order]], order[split[order]])
-        self._rows = [from_numpy(mi.UInt32, rows) for rows in sets]
-        self.training, self.held_out = (take(points, rows) for rows in self._rows)
+        self.training, self.held_out = (take(points, from_numpy(mi.UInt32, s)) for s in sets)
 
         mean_target = np.mean(np.asarray(self.training.target.numpy()))
         self.unit = float(mean_target) if mean_target > 0 else 1.0
-        self._scale_targets()
+        for part in (self.training, self.held_out):
+            if dr.width(part.p) > 0:
+                part.target /= dr.opaque(mi.Float, self.unit)
+                dr.eval(part)
 
         g = field.gaussians
         around = local_targets(g, self.training, field.settings.search_radius)
@@ -111,21 +113,6 @@ class Trainer:
         self.history: list[Progress] = []
         self.best = self.gaussians
         self.rebuild()
-
-    def _scale_targets(self) -> None:
-        for part in (self.training, self.held_out):
-            if dr.width(part.p) > 0:
-                part.target /= dr.opaque(mi.Float, self.unit)
-                dr.eval(part)
-
-    def retarget(self, points: SurfacePoints) -> None:
-        """Take new targets and weights for the same points, and reset the best state."""
-        for part, rows in zip((self.training, self.held_out), self._rows, strict=True):
-            if dr.width(rows) > 0:
-                part.target = dr.gather(mi.Color3f, points.target, rows)
-                part.weight = dr.gather(mi.Float, points.weight, rows)
-        self._scale_targets()
-        self.best_error = float("inf")
 
     def rebuild(self) -> None:
         """Rebuild the neighbour search and the neighbour lists of all points."""

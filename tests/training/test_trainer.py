@@ -1,92 +1,27 @@
 """Fitting a field to a plane whose irradiance is known."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.errors import UserError
-from gpf.field.field import FieldSettings, GaussianPhotonField
-from gpf.training.checkpoint import restore_trainer, save_trainer
+from gpf.field.field import GaussianPhotonField
 from gpf.training.kernels import parameters
 from gpf.training.neighbours import local_targets
-from gpf.training.settings import LearningRates, TrainingSettings
-from gpf.training.trainer import Progress, Trainer
-from tests.plain_field import ask, make_field, random_gaussians, surface_points
-
-UP = np.array([0.0, 0.0, 1.0])
-SETTINGS = TrainingSettings(
-    steps=60,
-    batch=512,
-    rates=LearningRates(means=2e-3, log_scales=5e-3, quats=5e-3, irradiance=2e-2),
-    rebuild_every=20,
-    evaluate_every=10,
-    held_out=0.2,
-    seed=5,
+from gpf.training.settings import LearningRates
+from tests.plain_field import ask, random_gaussians, surface_points
+from tests.training.plane import (
+    UP,
+    arrays_of,
+    error_of,
+    make_points,
+    make_trainer,
+    on_the_plane,
+    run,
+    settings_with,
 )
-
-
-def settings_with(**changes: object) -> TrainingSettings:
-    return SETTINGS.model_copy(update=changes)
-
-
-# --- a plane with a known irradiance ----------------------------------------------------------
-
-
-def irradiance_at(x: np.ndarray) -> np.ndarray:
-    """Smooth, and other in each channel and along each axis."""
-    a, b = x[:, 0], x[:, 1]
-    return np.column_stack([2 + np.sin(3 * a), 1 + b**2, 3 - 0.5 * a * b])
-
-
-def on_the_plane(rng: np.random.Generator, count: int) -> np.ndarray:
-    return np.column_stack([rng.uniform([-1, 0], [2, 2], (count, 2)), np.zeros(count)])
-
-
-def make_points(count: int = 2000, scale: float = 1.0):
-    x = on_the_plane(np.random.default_rng(1), count)
-    return surface_points(x, np.tile(UP, (count, 1)), scale * irradiance_at(x))
-
-
-def make_trainer(
-    settings: TrainingSettings = SETTINGS,
-    scale: float = 1.0,
-    points=None,
-    isotropic: bool = False,
-    **options: bool,
-) -> Trainer:
-    rng = np.random.default_rng(2)
-    g = random_gaussians(rng, 250, sizes=(0.1, 0.2))
-    g = replace(
-        g,
-        means=on_the_plane(rng, 250).astype(np.float32),
-        normals=np.tile(UP, (250, 1)),
-        irradiance=scale * g.irradiance,
-        log_scales=np.full((250, 3), np.log(0.15)) if isotropic else g.log_scales,
-    )
-    field = make_field(g, FieldSettings(search_radius=0.3, k=3))
-    return Trainer(field, points or make_points(scale=scale), settings, **options)
-
-
-def run(trainer: Trainer) -> tuple[GaussianPhotonField, list[Progress]]:
-    reports: list[Progress] = []
-    return trainer.run(reports.append), reports
-
-
-def error_of(field: GaussianPhotonField, scale: float = 1.0) -> float:
-    """Root mean square error at new points, in units of the mean irradiance."""
-    x = on_the_plane(np.random.default_rng(3), 1500)
-    value, _ = ask(field, x, np.tile(UP, (1500, 1)))
-    expected = scale * irradiance_at(x)
-    return float(np.sqrt(np.mean((value - expected) ** 2)) / expected.mean())
-
-
-def arrays_of(field: GaussianPhotonField) -> np.ndarray:
-    return np.array([np.array(v) for v in parameters(field.gaussians)])
 
 
 def test_the_error_falls():
@@ -120,6 +55,18 @@ def test_the_held_out_error_is_that_of_the_query():
     value, _ = ask(trainer.field, np.array(held_out.p).T, np.array(held_out.n).T)
     difference = value - np.array(held_out.target).T
     assert trainer.evaluate() == pytest.approx(np.sqrt(np.mean(difference**2)), rel=1e-4)
+
+
+def test_the_held_out_error_has_the_weights_of_the_loss():
+    points = make_points()
+    points.weight = mi.Float(10 ** np.random.default_rng(7).uniform(-1, 1, 2000))
+    trainer = make_trainer(points=points)
+    held_out = trainer.held_out
+    value, _ = ask(trainer.field, np.array(held_out.p).T, np.array(held_out.n).T)
+    square = ((value - np.array(held_out.target).T) ** 2).mean(axis=1)
+    expected = np.sqrt(np.mean(np.array(held_out.weight) * square))
+    assert trainer.evaluate() == pytest.approx(expected, rel=1e-4)
+    assert abs(expected / np.sqrt(square.mean()) - 1) > 0.05
 
 
 def test_the_best_state_is_kept(monkeypatch):
@@ -190,6 +137,14 @@ def test_dark_gaussians_take_small_steps():
     mean = float(np.mean(np.where(np.array(trainer.training.p.x) < 0, 1e-2, 1)))
     np.testing.assert_allclose(level[x < -0.3], 1e-2 / mean, rtol=1e-4)
     np.testing.assert_allclose(level[x > 0.3], 1 / mean, rtol=1e-4)
+
+
+def test_gaussians_in_the_dark_can_become_bright():
+    """Around them all targets are black, but what blends them with others may need their light."""
+    points = make_points()
+    points.target = dr.select(points.p.x < 0, mi.Color3f(0), 1)
+    rates = make_trainer(points=points).rates()[-1].numpy()
+    assert 0 < rates.min() < 0.02 * rates.max()
 
 
 def test_the_other_side_of_a_thin_wall_is_another_surface():
@@ -292,60 +247,6 @@ def test_points_are_split_once_and_completely():
     assert len(rows) == 2000 and set(rows) == {
         tuple(r) for r in np.array(make_points().p).T.tolist()
     }
-
-
-# --- checkpoints ------------------------------------------------------------------------------
-
-
-class Stopped(Exception):
-    """What stands for Ctrl-C."""
-
-
-def stop_at(step: int, trainer: Trainer, path: Path) -> Callable[[int], None]:
-    def tick(done: int) -> None:
-        if done == step:
-            save_trainer(trainer, path, {"run": [1, "a"]})
-        if done == step + 7:
-            raise Stopped
-
-    return tick
-
-
-def test_training_goes_on_from_a_checkpoint(tmp_path):
-    path = tmp_path / "checkpoint.safetensors"
-    trainer = make_trainer()
-    with pytest.raises(Stopped):
-        trainer.run(tick=stop_at(40, trainer, path))
-    best = trainer.best_error
-
-    resumed = make_trainer()
-    assert restore_trainer(resumed, path, {"run": [1, "a"]}) == ""
-    assert resumed.step_count == 40 and resumed.best_error == best
-    ticks: list[int] = []
-    field = resumed.run(tick=ticks.append)
-    assert ticks == list(range(41, 61))
-    whole, _ = run(make_trainer())
-    np.testing.assert_allclose(arrays_of(field), arrays_of(whole), atol=2e-3)
-
-
-def test_a_checkpoint_of_other_parameters_is_left_alone(tmp_path):
-    path = tmp_path / "checkpoint.safetensors"
-    trainer = make_trainer()
-    with pytest.raises(Stopped):
-        trainer.run(tick=stop_at(2, trainer, path))
-    fresh = make_trainer()
-    assert not restore_trainer(fresh, path, {"run": [2, "a"]})
-    assert not restore_trainer(fresh, tmp_path / "none.safetensors", {"run": [1, "a"]})
-    assert fresh.step_count == 0
-
-
-def test_a_truncated_checkpoint_is_said_in_words(tmp_path):
-    path = tmp_path / "checkpoint.safetensors"
-    trainer = make_trainer()
-    save_trainer(trainer, path, {})
-    path.write_bytes(path.read_bytes()[:500])
-    with pytest.raises(UserError, match=r"is truncated or damaged.*Delete it and make it again"):
-        restore_trainer(trainer, path, {})
 
 
 def test_steps_are_compiled_once():
