@@ -56,6 +56,20 @@ def floor(bsdf: Scene, z: float = 0, size: float = 6) -> Scene:
     return {"type": "rectangle", "to_world": to_world, "bsdf": bsdf}
 
 
+def smooth_floor(bsdf: Scene, normals: np.ndarray) -> mi.Mesh:
+    """A flat square of 6 in the plane 0 whose four corners have shading normals (4, 3)."""
+    properties = mi.Properties()
+    properties["material"] = mi.load_dict(bsdf)
+    mesh = mi.Mesh("floor", 4, 2, has_vertex_normals=True, props=properties)
+    unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = [-3, -3, 0, 3, -3, 0, 3, 3, 0, -3, 3, 0]
+    parameters["vertex_normals"] = unit.ravel().tolist()
+    parameters["faces"] = [0, 1, 2, 0, 2, 3]
+    parameters.update()
+    return mesh
+
+
 def room(bsdf: Scene, half: tuple[float, float, float] = (1.5, 1.0, 0.8)) -> Scene:
     """A closed box around the origin, seen from inside."""
     to_world = mi.ScalarTransform4f().scale(list(half))

@@ -10,16 +10,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpf.core.structs import SurfacePoints
-from gpf.field.field import (
-    LARGEST_REACH,
-    SUPPLEMENT_REACH,
-    SUPPLEMENT_SLACK,
-    SURFACE_HEIGHT,
-    WEIGHT_FLOOR,
-    FieldSettings,
-    GaussianPhotonField,
-)
+from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.gaussians import Gaussians
+
+# The field's constants, written down a second time.
+SURFACE_HEIGHT, LARGEST_REACH, WEIGHT_FLOOR = 0.35, 4.0, 1e-6
+SUPPLEMENT_SLACK, SUPPLEMENT_REACH = 1.0002, 1.5
 
 # Neither a cube nor centred: swapped axes show.
 LOWER, UPPER = np.array([-1.0, 0.0, -0.5]), np.array([2.0, 2.0, 0.7])

@@ -192,6 +192,23 @@ def test_radiance_of_visible_points(stores):
     np.testing.assert_allclose(np.array(radiance).T, [emission + reflected, emission], rtol=1e-5)
 
 
+def test_light_that_training_made_negative_is_black():
+    """As a black spot it would take light away from what is seen behind glass."""
+    g = flat_gaussians([[0, 0.5, 0]], [[-1, 2, -3]])
+    field = make_field(g, FieldSettings(search_radius=0.1))
+    points = VisiblePoints(
+        p=mi.Point3f(0, 0.5, 0),
+        n=mi.Normal3f(0, 0, 1),
+        reflectance=mi.Color3f(np.pi),
+        throughput=mi.Color3f(1),
+        emission=mi.Color3f(0.25),
+        depth=mi.UInt32(0),
+        valid=mi.Bool(True),
+    )
+    radiance = field.reflect(points, field.query(points.p, points.n, points.valid)[0])
+    np.testing.assert_allclose(np.array(radiance).ravel(), [0.25, 2.25, 0.25], rtol=1e-5)
+
+
 # --- seams ------------------------------------------------------------------------------------
 
 STEPS = 4000

@@ -165,6 +165,24 @@ def test_compare_gives_every_metric_or_its_reason_and_is_json(reference):
     assert json.loads(json.dumps(result, allow_nan=False)) == result
 
 
+def test_compare_has_the_exposure_and_the_range_that_it_is_given():
+    rng = np.random.default_rng(6)
+    picture = rng.uniform(0.05, 4, (16, 24, 3)).astype(np.float32)
+    test = picture * rng.uniform(0.7, 1.3, picture.shape).astype(np.float32)
+    result = image.compare(test, picture, 0.2, -1.0, 3.0, epsilon=0.5)
+    assert not result["reasons"]
+    for name, metric in {
+        "psnr": image.psnr,
+        "ssim": image.ssim,
+        "lpips": image.lpips,
+        "flip": image.flip_ldr,
+    }.items():
+        assert result[name] == metric(test, picture, 0.2) != metric(test, picture, 1.0)
+    assert result["flip_hdr"] == image.flip_hdr(test, picture, -1.0, 3.0)
+    assert result["flip_hdr"] != image.flip_hdr(test, picture)
+    assert result["relmse"] == image.relmse(test, picture, 0.5) != image.relmse(test, picture)
+
+
 def test_compare_says_that_an_image_is_too_small(reference):
     result = image.compare(reference, reference, 1.0)
     assert result["lpips"] is None

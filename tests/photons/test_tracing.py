@@ -19,6 +19,7 @@ from tests.furnace import (
     point_light,
     rgb,
     room,
+    smooth_floor,
     two_sided,
 )
 from tests.photon_totals import BLACK_ROOM, L, record, total, total_by_depth
@@ -128,6 +129,27 @@ def test_plastic_divides_the_power():
     # At depth 0 a black lobe keeps the photon's power as it is; at depth 1 the mirror image of
     # the light falls on the ceiling.
     assert by_depth[1] / by_depth[0] == pytest.approx(fresnel, rel=0.02)
+
+
+TILTED = np.tile([0.9, 0, 0.2], (4, 1))
+"""Shading normals at the corners of a floor, 77° beside it."""
+
+
+def test_shading_normals_make_no_photon_much_brighter():
+    """Light that grazes the floor meets the shading normals: without a limit, by 1 / .003."""
+    light = point_light((2.9, 0, 0.02), *L)
+    photons = record({"floor": smooth_floor(diffuse(0.5), TILTED), "light": light})
+    gain = to_numpy(photons.power) / (PHI / 100_000)
+    assert 15 < gain.max() <= 16 * (1 + 1e-5)
+
+
+def test_light_does_not_leak_through_shading_normals():
+    """A third of the directions above the shading frame are below the floor."""
+    below = floor(diffuse(0), z=-1, size=20)
+    light = point_light((0, 0, 1), *L)
+    scene = {"floor": smooth_floor(diffuse(0.5), TILTED), "below": below, "light": light}
+    depth = record(scene).depth.numpy()
+    assert (depth == 0).sum() > 20_000 and (depth > 0).sum() == 0
 
 
 # --- sides, order, room -----------------------------------------------------------------------

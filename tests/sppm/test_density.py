@@ -264,8 +264,12 @@ def test_a_photon_deeper_than_any_budget_counts_where_there_is_none():
         np.testing.assert_array_equal(power[:, 1], 0)
 
 
-def test_the_kernel_is_normalised():
-    """Photons of 1 W/m² on a plane give E = 1 W/m² away from its edges, for any radius."""
+@pytest.mark.parametrize(("smooth", "spread"), [(False, 1), (True, 4 / 3)])
+def test_the_kernel_is_normalised(smooth, spread):
+    """``spread``: the mean of the squared kernel over its disc.
+
+    Photons of 1 W/m² on a plane give E = 1 W/m² away from its edges, for any radius.
+    """
     rng = np.random.default_rng(11)
     side = 600  # one photon in each of 600² squares: less noise than photons anywhere
     count = side * side
@@ -277,9 +281,9 @@ def test_the_kernel_is_normalised():
     )
     x = np.concatenate([rng.uniform(-0.7, 0.7, (2000, 2)), np.zeros((2000, 1))], axis=1)
     for radius in (0.03, 0.1, 0.3):
-        density = PhotonDensity(photons, radius, BOX)
+        density = PhotonDensity(photons, radius, BOX, smooth)
         e = density.irradiance(to_points(x), mi.Normal3f(0, 0, 1)).numpy()[0]
-        noise = 1 / math.sqrt(count / 4 * math.pi * radius**2)
+        noise = math.sqrt(spread / (count / 4 * math.pi * radius**2))
         assert e.mean() == pytest.approx(1, abs=1e-3)
         assert e.std() < noise
 

@@ -81,6 +81,15 @@ def test_what_is_not_finite_stays_so(value):
     np.testing.assert_array_equal(again.total(), result.total())
 
 
+def test_what_could_overflow_is_no_number():
+    """A thousand terms of 2^52 fit into 64 bits; a larger one is refused."""
+    result = ExactSum(2)
+    result.add(mi.Color3f([2.0**51, 2.0**52], 0, 0))
+    for _ in range(1000):
+        result.add(mi.Color3f([2.0**51, 0], 0, 0))
+    np.testing.assert_array_equal(result.total(), [[1001 * 2.0**51, 0, 0], [np.nan] * 3])
+
+
 def test_it_survives_a_file():
     values = terms(3, 4)
     tensors = summed(values).tensors()

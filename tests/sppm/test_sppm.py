@@ -25,6 +25,7 @@ from tests.furnace import (
     rectangle,
     render,
     rgb,
+    smooth_floor,
     sppm,
     studio,
     two_sided,
@@ -293,19 +294,8 @@ def test_instances(tier):
     compare(tier, studio(WHITE, heap=heap, **copies), 48, spp=2048, radius=0.03, bias=0.02)
 
 
-def smooth_floor(bsdf: Scene) -> mi.Mesh:
-    """A flat floor whose vertices have normals of their own, up to 25° beside it."""
-    properties = mi.Properties()
-    properties["material"] = mi.load_dict(bsdf)
-    mesh = mi.Mesh("floor", 4, 2, has_vertex_normals=True, props=properties)
-    normals = np.array([[0.3, 0, 1], [-0.2, 0.4, 1], [0, -0.3, 1], [0.4, 0.2, 1]])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = [-3, -3, 0, 3, -3, 0, 3, 3, 0, -3, 3, 0]
-    parameters["vertex_normals"] = normals.ravel().tolist()
-    parameters["faces"] = [0, 1, 2, 0, 2, 3]
-    parameters.update()
-    return mesh
+NORMALS = np.array([[0.3, 0, 1], [-0.2, 0.4, 1], [0, -0.3, 1], [0.4, 0.2, 1]])
+"""At the corners of a flat floor, up to 25° beside it."""
 
 
 def test_shading_normals():
@@ -314,7 +304,7 @@ def test_shading_normals():
     Without the adjoint of the normals, 1.5 % of the light is missing: a quick tier would not see
     it.
     """
-    compare(Tier(1), studio(WHITE, floor=smooth_floor(WHITE)), radius=0.05)
+    compare(Tier(1), studio(WHITE, floor=smooth_floor(WHITE, NORMALS)), radius=0.05)
 
 
 @TIERS

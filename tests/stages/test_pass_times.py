@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from stages.references.pass_times import compile_passes, time_passes
+from stages.common.costs import CostMeter
+from stages.references import pass_times
+from stages.references.pass_times import compile_passes, time_kinds_of_passes, time_passes
 
 
 class Clock:
@@ -57,3 +61,33 @@ def test_renderers_take_turns(clock):
     time_passes(renderers, range(1, 3), samples=5)
     assert [name for name, _ in clock.calls] == list("abc" * 5)
     assert {t for _, t in clock.calls} == {1, 2}
+
+
+def test_each_kind_of_pass_for_one_view(clock, monkeypatch):
+    """Two novel views on their own, both in a pass, and the training's points."""
+    singles = [Renderer(clock, name, scale) for name, scale in (("a", 2.0), ("b", 4.0))]
+    for single in singles:
+        single.sensors = {single.name: None}
+    monkeypatch.setattr(pass_times, "single_views", lambda job: singles)
+
+    def together(scene, sensors, points, *rest):
+        return Renderer(clock, "shared", 5.0) if sensors else Renderer(clock, "targets", 7.0)
+
+    monkeypatch.setattr(pass_times, "ReferenceRenderer", together)
+    section = SimpleNamespace(seed=1, surface_points=10)
+    job = SimpleNamespace(
+        work=SimpleNamespace(
+            params=SimpleNamespace(reference=section), views=SimpleNamespace(train=())
+        ),
+        plan=SimpleNamespace(source=None),
+        costs=CostMeter(),
+        target_points=lambda views, surfaces: {"surfaces": surfaces},
+        scene=None,
+        settings=None,
+    )
+    found = time_kinds_of_passes(job, passes=1)
+    assert found == {
+        "seconds_per_single_view_pass": 3.0,
+        "seconds_per_shared_view_pass": 2.5,
+        "seconds_per_target_pass": 7.0,
+    }
