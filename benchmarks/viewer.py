@@ -4,8 +4,8 @@ For each scene of `scenes/`: a program in the place of the page moves the camera
 and receives pictures. One line per scene: pictures per second and their rows, the time from an
 input to its picture (median, 95th percentile), and the time for a still of 512 rows with 64 samples
 per pixel, in units of the time that `gpf render` needs. Then without a field, while one is fitted:
-the time from the address to the first picture, and the memory of the viewer and the fit together
-after a minute.
+the time from the address to the first picture, and after a minute of motion the memory of the
+viewer and the fit together and the number of cores that they kept busy.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import struct
 import subprocess
 import sys
@@ -147,12 +148,17 @@ def viewing(folder: Path, *words: str) -> Iterator[tuple[int, Page]]:
         process.wait()
 
 
-def memory(process: int) -> int:
-    """Bytes that a process and those that it started use; shared ones count once."""
-    found = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+def resources(process: int) -> tuple[int, float]:
+    """Bytes and CPU seconds that a process and those that it started use; shared bytes count
+    once."""
     lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
-    own = next(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
-    return 1024 * own + sum(memory(int(child)) for child in found)
+    size = 1024 * next(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+    times = Path(f"/proc/{process}/stat").read_text().rpartition(") ")[2].split()[11:13]
+    seconds = sum(map(int, times)) / os.sysconf("SC_CLK_TCK")
+    for child in Path(f"/proc/{process}/task/{process}/children").read_text().split():
+        more = resources(int(child))
+        size, seconds = size + more[0], seconds + more[1]
+    return size, seconds
 
 
 def main() -> None:
@@ -160,7 +166,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="*", default=list_scenes())
     columns = ("pictures/s", "rows", "median ms", "95 % ms", "still s", "of gpf render")
-    columns += ("first s", "GB")
+    columns += ("first s", "GB", "cores")
     table = Table("scene", *columns)
     for name in parser.parse_args().scenes:
         with tempfile.TemporaryDirectory() as folder:
@@ -188,8 +194,11 @@ def measure(name: str, folder: Path) -> list[str]:
         start = time.perf_counter()
         page.first()
         first = time.perf_counter() - start
+        _, before = resources(process)
+        start = time.perf_counter()
         page.move(FITTED)
-        used = memory(process)
+        size, after = resources(process)
+        cores = (after - before) / (time.perf_counter() - start)
     return [
         f"{len(motion.delays) / MEASURED:.0f}",
         f"{np.median(motion.rows):.0f}",
@@ -198,7 +207,8 @@ def measure(name: str, folder: Path) -> list[str]:
         f"{still:.1f}",
         f"{still / alone:.1f}",
         f"{first:.1f}",
-        f"{used / 1e9:.1f}",
+        f"{size / 1e9:.1f}",
+        f"{cores:.1f}",
     ]
 
 
