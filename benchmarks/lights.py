@@ -2,9 +2,10 @@
 other levels are.
 
 A field is fitted without groups and with one for each emitter. Then the first emitter becomes
-warmer, and the others are dimmed to a quarter. One line per scene: the time of the fit and of a picture
-with groups, divided by those without; and the PSNR, against SPPM with 1000 passes of the scene
-whose emitters are changed like this, of the dimmed field and of a field fitted to that scene.
+warmer, and the others are dimmed to a quarter. One line per scene: the time of the fit and of a
+picture with groups, divided by those without; and the PSNR, against SPPM with 1000 passes of the
+scene whose emitters are changed like this, of the field at these levels and of a field fitted to
+that scene.
 """
 
 from __future__ import annotations
