@@ -6,13 +6,13 @@ cameras; with `--views training` it gets the training views of the scene and its
 are the novel views of `scenes/`, or frames of the path that `gpf scene import` would place.
 `--times T`: T times as long as SPPM with 1000 passes takes for a view.
 
-One line per scene, with the time of such a view, and the PSNR
+One line per scene, with the time of such a view, and the mean of the views' PSNR
 
 - that the fit estimates, and that of the rendered field against SPPM with 1000 passes, at the
   exposure that the fit has chosen, and at that of the scene's views;
 - of a second SPPM with 1000 passes against the first;
-- of the field and of SPPM with 1000 passes against the truth, in all pixels and by region
-  (:mod:`benchmarks.regions`).
+- of the field and of SPPM with 1000 passes against the truth, and of all pixels of a region
+  together (:mod:`benchmarks.regions`).
 
 References are those of :mod:`benchmarks.judged`, kept in a folder for the next run.
 """
@@ -31,7 +31,15 @@ from rich.table import Table
 
 import gpf
 from benchmarks.check_scenes import SCENES
-from benchmarks.judged import STANDARD, Kept, decibels, judged_views, references, render
+from benchmarks.judged import (
+    STANDARD,
+    Kept,
+    decibels,
+    judged_views,
+    mean_psnr,
+    references,
+    render,
+)
 from benchmarks.placement import open_scene
 from benchmarks.regions import REGIONS
 from gpf.core.progress import progress_bar
@@ -98,10 +106,10 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
         f"{view:.0f}",
         str(len(field.gaussians.means.numpy().T)),
         f"{record['estimated_psnr']:.1f}",
-        decibels(so_exposed.differences(images).mean()),
-        decibels(judged.differences(images).mean()),
-        decibels(2 * judged.noise(STANDARD).mean()),
-        f"{decibels(errors.mean())} / {decibels(references_too.mean())}",
+        mean_psnr(so_exposed.differences(images)),
+        mean_psnr(judged.differences(images)),
+        mean_psnr(2 * judged.noise(STANDARD)),
+        f"{mean_psnr(errors)} / {mean_psnr(references_too)}",
     ]
     for number in range(len(REGIONS)):
         chosen = judged.regions == number

@@ -127,6 +127,12 @@ def decibels(error: float) -> str:
     return f"{-10 * np.log10(error):.1f}" if error > 0 else "-"
 
 
+def mean_psnr(errors: np.ndarray) -> str:
+    """The mean of the views' PSNR, as text, from squared errors (V, H W)."""
+    each = errors.mean(axis=1)
+    return f"{-10 * np.log10(each).mean():.1f}" if each.min() > 0 else "-"
+
+
 def render(
     scene: mi.Scene,
     field: GaussianPhotonField,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import drjit as dr
 import mitsuba as mi
@@ -43,7 +44,8 @@ SAMPLES = 4
 PATCH, PATCH_PIXELS = 16, 8192
 IMAGE = RenderSettings()
 
-# Samples of each lamp whose direct light is not stored in the field.
+# Samples of each lamp whose direct light is not stored in the field, and of all lamps for the
+# variance of a single sample.
 DIRECT_SAMPLES = 16
 
 
@@ -54,14 +56,15 @@ class QualityEstimate:
     independent passes each, and the slope s of the tone curve between both, the mean squared error
     against a reference with N passes is estimated as
 
-        mean(s² (f_i - a_i) (f_j - b_j)) + mean(s² ((a_i - b_i)² n/4 + v)) / N + w,    i ≠ j,
+        mean(s² (f_i - a_i) (f_j - b_j)) + mean(s² ((a_i - b_i)² n/4 + v + d)) / N + w,    i ≠ j,
 
-    plus the standard error of the first term. Neither the noise of a and b nor light that changes
-    within the pixel has an influence on its expected value: an image has many samples per pixel,
-    which average out. The second term is the noise of the reference, from its photons and from its
-    camera samples, whose variance in a pixel is v. The third term w is the noise of the field's
-    image, measured with two images of other pixels. The passes have the kernel radii of passes 1
-    to N in equal parts, so that a and b are as blurred as the reference.
+    in each view, plus the standard error of the first term over all of them. Neither the noise of a
+    and b nor light that changes within the pixel has an influence on its expected value: an image
+    has many samples per pixel, which average out. The second term is the noise of the reference,
+    from its photons, from its camera samples, whose variance in a pixel is v, and from its single
+    samples of the lamps, with the variance d; a and b have evenly spread ones. The third term w is
+    the noise of the field's image, measured with two images of other pixels. The passes have the
+    kernel radii of passes 1 to N in equal parts, so that a and b are as blurred as the reference.
 
     Parameters
     ----------
@@ -85,7 +88,7 @@ class QualityEstimate:
     ) -> None:
         self.seed, self.exposure, self.passes = seed, exposure, 0
         self._scene, self._sensors = scene, list(sensors)
-        self._noise: float | None = None
+        self._noise: np.ndarray | None = None
         self._photons = PhotonPasses(scene, settings, seed, source)
         self._pixels = max(1, pixels // len(sensors)) * len(sensors)
         points = self._find_points()
@@ -105,20 +108,19 @@ class QualityEstimate:
 
     def tensors(self) -> dict[str, np.ndarray]:
         """The passes so far, for a file."""
-        facts = np.array([self.passes, self.exposure or np.nan, np.nan])
-        if self._noise is not None:
-            facts[2] = self._noise
-        return {"quality/sums": self._sums, "quality/facts": facts}
+        facts = np.array([self.passes, self.exposure or np.nan])
+        found = {"quality/sums": self._sums, "quality/facts": facts}
+        return found if self._noise is None else found | {"quality/noise": self._noise}
 
     def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
         """Continue from :meth:`tensors` of an estimate with the same arguments."""
         self._sums = tensors["quality/sums"].copy()
-        passes, exposure, noise = tensors["quality/facts"]
+        passes, exposure = tensors["quality/facts"]
         self.passes = int(passes)
         if self.exposure is None and not np.isnan(exposure):
             self.exposure = float(exposure)
-        if self.exposure == exposure and not np.isnan(noise):
-            self._noise = float(noise)
+        if self.exposure == exposure:
+            self._noise = tensors.get("quality/noise")
 
     def add_pass(self) -> None:
         """Trace one more pass; passes add to A and B in turn."""
@@ -136,17 +138,19 @@ class QualityEstimate:
         self.passes += 1
 
     def psnr(self, field: GaussianPhotonField) -> float:
-        """The estimated PSNR of the field's images, dB; needs :data:`LEAST_PASSES` passes."""
+        """The estimated PSNR of the field's images, mean over the views, dB; needs
+        :data:`LEAST_PASSES` passes."""
+        errors, uncertain = self._errors(field)
         # With few passes the estimate is uncertain; then it is rather too low.
-        return float(-10 * np.log10(max(sum(self._errors(field)), 1e-10)))
+        return float(np.mean(-10 * np.log10(np.maximum(errors + uncertain, 1e-10))))
 
     def needed_passes(self, field: GaussianPhotonField) -> int:
         """The number of passes with which the estimate would be certain enough.
 
         The standard error falls with the number of passes, because the noise of both factors does.
         """
-        error, uncertain = self._errors(field)
-        return math.ceil(self.passes * uncertain / (SURE * max(error, 1e-10)))
+        errors, uncertain = self._errors(field)
+        return math.ceil(self.passes * uncertain / (SURE * max(float(errors.mean()), 1e-10)))
 
     def error_scale(self, field: GaussianPhotonField) -> float:
         """Factor that makes the errors that the field predicts agree with these passes.
@@ -167,13 +171,15 @@ class QualityEstimate:
         scale = (measured / max(predicted, 1e-12)) ** (0.5 * certain)
         return float(np.clip(scale, 1 / MOST_SCALE, MOST_SCALE))
 
-    def _errors(self, field: GaussianPhotonField) -> tuple[float, float]:
-        """The mean squared error, and its standard error."""
+    def _errors(self, field: GaussianPhotonField) -> tuple[np.ndarray, float]:
+        """The mean squared error in each view, (V,), and the standard error of their mean."""
         error, reference, _ = self._compare(field)
         if self._noise is None:
             self._noise = self._measure_noise(field)
-        least = float(reference.mean()) / REFERENCE_PASSES + self._noise
-        return max(float(error.mean()), 0.0) + least, standard_error(error)
+        views = len(self._sensors)
+        least = reference.reshape(views, -1).mean(axis=1) / REFERENCE_PASSES + self._noise
+        first = np.maximum(error.reshape(views, -1).mean(axis=1), 0)
+        return first + least, standard_error(error)
 
     def _compare(self, field: GaussianPhotonField) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """At each pixel: the first term of the estimate, (P,), the second times N, (P, 3), and the
@@ -190,14 +196,31 @@ class QualityEstimate:
         of_a, of_b = f - a, f - b
         crossed = of_a.sum(axis=1) * of_b.sum(axis=1) - (of_a * of_b).sum(axis=1)
         error = (slope2 * crossed).mean(axis=1) / (SAMPLES * (SAMPLES - 1))
-        photons = ((a - b) ** 2).mean(axis=1) * self.passes / 4
-        return error, slope2 * (photons + f.var(axis=1, ddof=1)), slope2
+        noise = ((a - b) ** 2).mean(axis=1) * self.passes / 4
+        noise += f.var(axis=1, ddof=1) + self._lamp_noise
+        return error, slope2 * noise, slope2
+
+    @cached_property
+    def _lamp_noise(self) -> np.ndarray:
+        """Variance of the radiance from a single sample of the lamps, mean over each pixel's camera
+        samples, (P, 3)."""
+        variance = np.zeros(self._emission.shape)
+        if self._photons.settings.direct == "emitters":
+            start = random_start(pass_seed(self.seed, 2, Stream.QUALITY_DIRECT), len(self._lanes))
+            found = np.stack(
+                [
+                    to_numpy(self._points.direct_irradiance(spread_sample(start, k + 1)))
+                    for k in range(DIRECT_SAMPLES)
+                ]
+            )
+            variance[self._lanes] = self._share**2 * found.var(axis=0, ddof=1)
+        return variance.reshape(-1, SAMPLES, 3).mean(axis=1)
 
     def _direct(self, lamps: Lamps) -> np.ndarray:
         """Direct irradiance at the points from lamps that the field does not store, (N, 3)."""
         total = dr.zeros(mi.Color3f, len(self._lanes))
         for number, group in enumerate(lamps.groups()):
-            seed = pass_seed(self.seed, 2 + number, Stream.QUALITY_DIRECT)
+            seed = pass_seed(self.seed, 3 + number, Stream.QUALITY_DIRECT)
             start = random_start(seed, len(self._lanes))
             for k in range(DIRECT_SAMPLES):
                 total += self._points.direct_irradiance(spread_sample(start, k + 1), group)
@@ -217,8 +240,8 @@ class QualityEstimate:
         dr.eval(points)
         return points
 
-    def _measure_noise(self, field: GaussianPhotonField) -> float:
-        """Mean squared error of the field's images from their camera samples alone.
+    def _measure_noise(self, field: GaussianPhotonField) -> np.ndarray:
+        """Mean squared error of the field's images from their camera samples alone, (V,).
 
         Patches of the views are sampled like an image: adaptively, and with little weight for
         fireflies, which would otherwise decide the result.
@@ -261,7 +284,8 @@ class QualityEstimate:
         ]
         assert self.exposure is not None
         shown = [tone_map(image, self.exposure) for image in images]
-        return float(np.mean((shown[0] - shown[1]) ** 2)) / 2
+        square: np.ndarray = (shown[0] - shown[1]) ** 2 / 2
+        return square.reshape(len(films), -1).mean(axis=1)
 
     def _rays(self, sampler: mi.Sampler) -> mi.Ray3f:
         """Camera rays through random pixels, :data:`SAMPLES` each; then the sampler is ready for
