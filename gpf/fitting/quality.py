@@ -30,8 +30,8 @@ REFERENCE_PASSES = 1000
 LEAST_PASSES = 16
 """With fewer passes, the estimate is too uncertain."""
 
-# The estimate is certain enough if its standard error is this share of it: .6 dB.
-SURE = 0.15
+# The estimate is certain enough if its standard error is this small, dB.
+SURE = 0.3
 
 # Largest factor for the error that a field predicts.
 MOST_SCALE = 3.0
@@ -58,13 +58,14 @@ class QualityEstimate:
 
         mean(s² (f_i - a_i) (f_j - b_j)) + mean(s² ((a_i - b_i)² n/4 + v + d)) / N + w,    i ≠ j,
 
-    in each view, plus the standard error of the first term over all of them. Neither the noise of a
-    and b nor light that changes within the pixel has an influence on its expected value: an image
-    has many samples per pixel, which average out. The second term is the noise of the reference,
-    from its photons, from its camera samples, whose variance in a pixel is v, and from its single
-    samples of the lamps, with the variance d; a and b have evenly spread ones. The third term w is
-    the noise of the field's image, measured with two images of other pixels. The passes have the
-    kernel radii of passes 1 to N in equal parts, so that a and b are as blurred as the reference.
+    in each view. The estimate is the mean of the views' PSNR, less its standard error. Neither the
+    noise of a and b nor light that changes within the pixel has an influence on the first term's
+    expected value: an image has many samples per pixel, which average out. The second term is the
+    noise of the reference, from its photons, from its camera samples, whose variance in a pixel is
+    v, and from its single samples of the lamps, with the variance d; a and b have evenly spread
+    ones. The third term w is the noise of the field's image, measured with two images of other
+    pixels. The passes have the kernel radii of passes 1 to N in equal parts, so that a and b are as
+    blurred as the reference.
 
     Parameters
     ----------
@@ -140,17 +141,17 @@ class QualityEstimate:
     def psnr(self, field: GaussianPhotonField) -> float:
         """The estimated PSNR of the field's images, mean over the views, dB; needs
         :data:`LEAST_PASSES` passes."""
-        errors, uncertain = self._errors(field)
+        estimate, uncertain = self._estimate(field)
         # With few passes the estimate is uncertain; then it is rather too low.
-        return float(np.mean(-10 * np.log10(np.maximum(errors + uncertain, 1e-10))))
+        return estimate - uncertain
 
     def needed_passes(self, field: GaussianPhotonField) -> int:
         """The number of passes with which the estimate would be certain enough.
 
         The standard error falls with the number of passes, because the noise of both factors does.
         """
-        errors, uncertain = self._errors(field)
-        return math.ceil(self.passes * uncertain / (SURE * max(float(errors.mean()), 1e-10)))
+        _, uncertain = self._estimate(field)
+        return math.ceil(self.passes * uncertain / SURE)
 
     def error_scale(self, field: GaussianPhotonField) -> float:
         """Factor that makes the errors that the field predicts agree with these passes.
@@ -171,15 +172,19 @@ class QualityEstimate:
         scale = (measured / max(predicted, 1e-12)) ** (0.5 * certain)
         return float(np.clip(scale, 1 / MOST_SCALE, MOST_SCALE))
 
-    def _errors(self, field: GaussianPhotonField) -> tuple[np.ndarray, float]:
-        """The mean squared error in each view, (V,), and the standard error of their mean."""
+    def _estimate(self, field: GaussianPhotonField) -> tuple[float, float]:
+        """The mean of the views' PSNR, and its standard error, dB."""
         error, reference, _ = self._compare(field)
         if self._noise is None:
             self._noise = self._measure_noise(field)
         views = len(self._sensors)
+        error = error.reshape(views, -1)
         least = reference.reshape(views, -1).mean(axis=1) / REFERENCE_PASSES + self._noise
-        first = np.maximum(error.reshape(views, -1).mean(axis=1), 0)
-        return first + least, standard_error(error)
+        each = np.maximum(np.maximum(error.mean(axis=1), 0) + least, 1e-10)
+        # Of a logarithm, the standard error is the relative one.
+        relative = np.array([standard_error(view) for view in error]) / each
+        uncertain = 10 / math.log(10) * np.linalg.norm(relative) / views
+        return float(np.mean(-10 * np.log10(each))), float(uncertain)
 
     def _compare(self, field: GaussianPhotonField) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """At each pixel: the first term of the estimate, (P,), the second times N, (P, 3), and the

@@ -98,7 +98,7 @@ class Clock:
 def test_time_ends_a_fit(scene, monkeypatch):
     clock = Clock()
     monkeypatch.setattr(module, "time", clock)
-    monkeypatch.setattr("gpf.fitting.budget.time", clock)
+    monkeypatch.setattr("gpf.fitting.goals.time", clock)
     record = gpf.fit(scene, sensors(), seconds=12, callback=clock.count).record
     # The last field takes all passes for which there is time, less a tenth for safety.
     assert record["passes"] > 37 and 10 < record["seconds"] < 12.1
@@ -180,7 +180,6 @@ def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch, capsys)
     from gpf.cli import main
 
     monkeypatch.setattr("gpf.commands.fit.PREVIEW_ROWS", 32)
-    monkeypatch.setattr(module, "ROWS", 32)
     with pytest.raises(SystemExit) as ended:
         main(["fit", str(SOURCE), "-o", str(tmp_path / "box.safetensors"), "--passes", "24"])
     assert not ended.value.code
