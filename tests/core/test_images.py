@@ -18,6 +18,8 @@ from gpf.core.images import (
     read_exr,
     read_record,
     tone_map,
+    tone_secant,
+    tone_slope,
     write_exr,
     write_png,
 )
@@ -206,3 +208,11 @@ def test_a_full_disk_leaves_the_old_image(tmp_path, name):
         write(noise)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+def test_beyond_white_all_light_looks_the_same():
+    x, y = np.array([0.4, 0.5, 2.0, 0.3]), np.array([10.0, 0.5, 3.0, 0.31])
+    found = tone_secant(x, y, 1.0)
+    assert found[0] == pytest.approx((1 - tone_map(x[0], 1.0)) / 9.6)
+    assert found[1] == pytest.approx(tone_slope(x[1], 1.0)) and found[2] == 0
+    assert found[3] == pytest.approx(tone_slope(np.array(0.305), 1.0), rel=1e-3)

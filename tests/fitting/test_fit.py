@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import drjit as dr
@@ -12,17 +11,13 @@ import pytest
 
 import gpf
 from gpf.core.errors import UserError
-from gpf.core.images import tone_map, tone_secant, tone_slope
-from gpf.field.field import FieldSettings
+from gpf.core.images import tone_map
 from gpf.field.io import read_field
 from gpf.fitting import fit as module
-from gpf.fitting.quality import QualityEstimate
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View, read_views
-from gpf.sppm.passes import PassSettings
-from gpf.sppm.reference import ReferenceRenderer
 from tests.furnace import lamp, point_light
 from tests.small_fit import make_small
 
@@ -134,45 +129,6 @@ def test_a_scene_without_a_camera_needs_sensors():
     box = {key: value for key, value in mi.cornell_box().items() if key != "sensor"}
     with pytest.raises(UserError, match="has no perspective camera"):
         gpf.fit(mi.load_dict(box, optimize=False), passes=10)
-
-
-@pytest.mark.slow
-def test_the_estimate_is_the_psnr_against_a_reference(scene, monkeypatch):
-    """For fields that are too dark or too bright, against images of a reference."""
-    passes = 200
-    monkeypatch.setattr("gpf.fitting.quality.REFERENCE_PASSES", passes)
-    settings = PassSettings(photons_per_pass=40_000, initial_radius=0.08)
-    size = (24, 24)
-    looks = [view.model_copy(update={"target": (0.1 * k, -0.8, 0)}) for k, view in enumerate(VIEWS)]
-    views = [make_sensor(view, *size) for view in looks]
-    estimate = QualityEstimate(
-        scene, views, settings, FieldSettings(search_radius=1), seed=7, pixels=4000, exposure=0.5
-    )
-    for _ in range(100):
-        estimate.add_pass()
-    named = {view.name: sensor for view, sensor in zip(looks, views, strict=True)}
-    reference = ReferenceRenderer(scene, named, {}, settings, 51)
-    sums = reference.run(passes)
-    field = gpf.fit(scene, sensors(), passes=40, seed=3)
-    gaussians = field.gaussians
-    for level in (0.9, 1.0, 1.3):
-        field.update(replace(gaussians, irradiance=gaussians.irradiance * level))
-        renderer = FieldRenderer.make(scene, field, RenderSettings())
-        errors = [
-            tone_map(renderer.render(view, size, seed=5)["radiance"], 0.5)
-            - tone_map(reference.image(view.name, sums), 0.5)
-            for view in looks
-        ]
-        measured = -10 * np.log10(np.mean(np.square(errors)))
-        assert estimate.psnr(field) == pytest.approx(measured, abs=1), level
-
-
-def test_beyond_white_all_light_looks_the_same():
-    x, y = np.array([0.4, 0.5, 2.0, 0.3]), np.array([10.0, 0.5, 3.0, 0.31])
-    found = tone_secant(x, y, 1.0)
-    assert found[0] == pytest.approx((1 - tone_map(x[0], 1.0)) / 9.6)
-    assert found[1] == pytest.approx(tone_slope(x[1], 1.0)) and found[2] == 0
-    assert found[3] == pytest.approx(tone_slope(np.array(0.305), 1.0), rel=1e-3)
 
 
 @pytest.mark.slow
