@@ -45,7 +45,7 @@ _LINE = 8
 _POWER, _XY, _ZN = (0, 5), 3, 4
 
 # At most this share of the table is in use; then it grows, with this factor to spare.
-_FULL, _SPARE = 0.7, 1.2
+_FULL, _SPARE = 0.7, 1.5
 
 
 class PhotonSums:
