@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -20,14 +19,16 @@ import numpy as np
 
 from gpf.core.structs import Photons, from_numpy
 from gpf.photons.emission import Emitted
+from gpf.photons.photon_cells import LEVEL_BITS, PhotonCells
 from gpf.photons.tracing import PathSettings, record_photons, trace_photons
 from gpf.scene.light_groups import group_of
 
 # Coordinates of normals are rounded to thirds: a direction is at most 17° from its rounded one.
 _NORMAL_STEPS = 3
 
-# Place of the number of the group in a cell's key.
-_GROUP_SHIFT = 57
+# Places of the numbers of the level and the group in a cell's key.
+_LEVEL_SHIFT = 57
+_GROUP_SHIFT = _LEVEL_SHIFT + LEVEL_BITS
 
 # Positions in a cell are in 1024ths of its edge: sums of four million photons fit into 32 bits.
 _PLACES = 1024
@@ -49,14 +50,14 @@ _FULL, _SPARE = 0.7, 1.5
 
 
 class PhotonSums:
-    """Sums of photons by cell; a cell is a cube of space and a rounded direction of normals.
+    """Sums of photons by cell; a cell is a cube of space, a rounded direction of normals, and a
+    group of lights.
 
     The sums are of whole numbers, so that the order of the photons does not change them.
 
     Parameters
     ----------
-    cell: edge length of the cubes, world units; at most a quarter of the kernel's radius.
-    bounds: corners of the scene's bounding box.
+    cells: the cubes; their edges should be at most a quarter of the kernel's radius.
     settings: the photon paths of each pass.
     capacity: initial number of slots in the table of cells; the table grows.
     groups: to keep the light of groups of emitters apart: :meth:`LightGroups.table`.
@@ -68,14 +69,12 @@ class PhotonSums:
 
     def __init__(
         self,
-        cell: float,
-        bounds: tuple[Any, Any],
+        cells: PhotonCells,
         settings: PathSettings,
         capacity: int = 1 << 20,
         groups: mi.UInt32 | None = None,
     ) -> None:
-        self._lower = mi.Point3f(*(dr.opaque(mi.Float, float(bounds[0][i])) for i in range(3)))
-        self._cell = dr.opaque(mi.Float, cell)
+        self._cubes = cells
         self._unit, self._landings = 0.0, 0.0
         self._settings, self._groups = settings, groups
         self._group, self._column = mi.UInt32(0), mi.UInt32(0)
@@ -124,13 +123,13 @@ class PhotonSums:
         return ray, power, emitter
 
     def _add(self, photons: Photons, active: mi.Bool) -> None:
-        offset = (photons.p - self._lower) / self._cell
-        corner = dr.clip(dr.floor(offset), 0, 65535)
-        key = _pack(mi.Vector3u(corner), mi.Vector3u(dr.round(photons.n * 3) + 3))
+        level, corner, place = self._cubes.find(photons.p)
+        key = _pack(corner, mi.Vector3u(dr.round(photons.n * 3) + 3))
+        key |= mi.UInt64(level) << _LEVEL_SHIFT
         if self._groups is not None:
             key |= mi.UInt64(self._group) << _GROUP_SHIFT
         line = _LINE * self._find(key, active)
-        inside = mi.Vector3u(dr.clip((offset - corner) * _PLACES, 0, _PLACES - 1))
+        inside = mi.Vector3u(dr.clip(place * _PLACES, 0, _PLACES - 1))
         power = photons.power * self._scale
         sums = [(self._column + k, mi.UInt64(power[k])) for k in range(3)]
         sums.append((mi.UInt32(_XY), mi.UInt64(inside.x) | (mi.UInt64(inside.y) << 32)))
@@ -181,13 +180,14 @@ class PhotonSums:
         red, green, blue, xy, zn = (
             dr.gather(mi.UInt64, self._sums, _LINE * slot + k) for k in columns
         )
-        corner = mi.Vector3f(*(mi.Float((key >> (16 * k)) & 0xFFFF) for k in range(3)))
+        corner = mi.Vector3u(*(mi.UInt32((key >> (16 * k)) & 0xFFFF) for k in range(3)))
+        level = mi.UInt32(key >> _LEVEL_SHIFT) & ((1 << LEVEL_BITS) - 1)
         thirds = mi.Vector3f(*(mi.Float((key >> (48 + 3 * k)) & 7) for k in range(3)))
         places = mi.Vector3f(*(mi.Float(mi.UInt32(v)) for v in (xy, xy >> 32, zn)))
         inside = (places / mi.Float(mi.UInt32(zn >> 32)) + 0.5) / _PLACES
         scale = dr.opaque(mi.Float, self._unit / max(self.paths[half], 1))
         photons = Photons(
-            p=mi.Point3f(self._lower + self._cell * corner + self._cell * inside),
+            p=self._cubes.points(level, corner, inside),
             n=mi.Normal3f(dr.normalize(thirds - _NORMAL_STEPS)),
             power=mi.Color3f(mi.Float(red), mi.Float(green), mi.Float(blue)) * scale,
             depth=dr.full(mi.UInt32, int(self._settings.indirect), len(found)),

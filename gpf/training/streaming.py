@@ -21,6 +21,7 @@ from gpf.core.settings import Count, Positive, Seed, Settings
 from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.guiding.density_control import cell_keys
 from gpf.photons.emission import Source, emit_light
+from gpf.photons.photon_cells import PhotonCells
 from gpf.photons.photon_grid import PhotonSums
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.lamps import Lamps
@@ -114,10 +115,11 @@ class PhotonStream:
         cell = CELL * radius_at(TYPICAL_PASSES, self.settings.initial_radius, self.settings.alpha)
         paths = self.settings.path_settings(source)
         table = None if groups is None else groups.table(scene)
-        self._sums = PhotonSums(cell, self._bounds, paths, groups=table)
         valid = [take(each, dr.compress(each.valid)) for each in points.values()]
         self._source = np.repeat(source_numbers(points), [dr.width(each.p) for each in valid])
         self._points = FixedPoints(scene, concatenate(valid))
+        cells = PhotonCells(cell, self._bounds, to_numpy(self._points.points.p))
+        self._sums = PhotonSums(cells, paths, groups=table)
         self._direct = [dr.zeros(mi.Color3f, len(self._source)) for _ in range(2)]
         self._samples = 0
         self.blur = np.zeros(len(self._source), np.float32)

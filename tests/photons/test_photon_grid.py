@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import to_numpy
+from gpf.photons.photon_cells import PhotonCells
 from gpf.photons.photon_grid import PhotonSums
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
@@ -31,7 +32,7 @@ def scene() -> mi.Scene:
 
 def add_up(scene: mi.Scene, passes: int = 2, indirect: bool = False, **options: int) -> PhotonSums:
     settings = PathSettings(PATHS, rr_depth=5, indirect=indirect)
-    sums = PhotonSums(0.11, scene_bounds(scene), settings, **options)
+    sums = PhotonSums(PhotonCells(0.11, scene_bounds(scene)), settings, **options)
     for seed in range(passes):
         sums.trace(scene, seed, half=0)
     return sums
@@ -92,7 +93,9 @@ def test_no_photons_are_no_cells():
     dark = mi.load_dict(
         {"type": "scene", "floor": floor(diffuse(0.5)), "light": point_light((0, 0, -5), 1, 1, 1)}
     )
-    sums = PhotonSums(0.1, scene_bounds(dark), PathSettings(100, rr_depth=5, indirect=True))
+    sums = PhotonSums(
+        PhotonCells(0.1, scene_bounds(dark)), PathSettings(100, rr_depth=5, indirect=True)
+    )
     sums.trace(dark, 1, half=0)
     assert dr.width(sums.photons(0).p) == 0
 
@@ -100,14 +103,14 @@ def test_no_photons_are_no_cells():
 def test_halves_are_kept_apart(scene):
     """Each half has its own light, at the mean positions of both."""
     settings = PathSettings(PATHS, rr_depth=5)
-    both = PhotonSums(0.11, scene_bounds(scene), settings, capacity=64)
+    both = PhotonSums(PhotonCells(0.11, scene_bounds(scene)), settings, capacity=64)
     both.trace(scene, 0, half=0)
     both.trace(scene, 1, half=1)
     joined = add_up(scene)
     whole = to_numpy(joined.photons(0).power).astype(np.float64).sum(axis=0)
     parts = []
     for half in range(2):
-        alone = PhotonSums(0.11, scene_bounds(scene), settings)
+        alone = PhotonSums(PhotonCells(0.11, scene_bounds(scene)), settings)
         alone.trace(scene, half, half=0)
         ours, theirs = both.photons(half), alone.photons(0)
         np.testing.assert_allclose(to_numpy(ours.power), to_numpy(theirs.power), rtol=1e-5)
@@ -118,7 +121,8 @@ def test_halves_are_kept_apart(scene):
 
 def test_a_table_from_a_file_goes_on(scene):
     whole, part = add_up(scene, passes=3), add_up(scene, passes=2)
-    copy = PhotonSums(0.11, scene_bounds(scene), PathSettings(PATHS, rr_depth=5), capacity=64)
+    cells = PhotonCells(0.11, scene_bounds(scene))
+    copy = PhotonSums(cells, PathSettings(PATHS, rr_depth=5), capacity=64)
     copy.restore(part.tensors())
     copy.trace(scene, 2, half=0)
     for name in ("p", "n", "power"):

@@ -23,6 +23,9 @@ from tests.sppm.test_fixed_points import points_at
 BALL = {"type": "sphere", "center": [0, 0, 0.6], "radius": 0.4, "bsdf": {"type": "dielectric"}}
 
 
+COUNT = 8000
+
+
 def make_scene(left=1.0, right=1.0):
     """Two lamps over a floor with a wall and a glass ball."""
     lamps = {}
@@ -44,8 +47,8 @@ def make_scene(left=1.0, right=1.0):
 
 def stream_of(scene, direct, groups=None, passes=12):
     rng = np.random.default_rng(1)
-    p = np.hstack([rng.uniform(-1.5, 1.5, (800, 2)), np.zeros((800, 1))])
-    points = points_at(p, np.tile([0.0, 0, 1], (800, 1)))
+    p = np.hstack([rng.uniform(-1.5, 1.5, (COUNT, 2)), np.zeros((COUNT, 1))])
+    points = points_at(p, np.tile([0.0, 0, 1], (COUNT, 1)))
     settings = PassSettings(photons_per_pass=60_000, initial_radius=0.15, direct=direct)
     stream = PhotonStream(scene, settings, {"view": points}, 5, emit_light, None, groups)
     stream.advance(passes)
@@ -62,7 +65,7 @@ def test_groups_add_up_and_each_is_the_light_of_its_lamps(direct):
     # Photons of two groups in one place have cells of their own, whose means are others.
     assert np.abs(whole - same).mean() < 2e-3 * same.mean()
     parts = stream.by_group()
-    assert parts.shape == (2, 800, 3)
+    assert parts.shape == (2, COUNT, 3)
     np.testing.assert_allclose(parts.sum(0).mean(0), whole.mean(0), rtol=0.02)
     alone = {"left": make_scene(right=0), "right": make_scene(left=0)}
     for number, name in enumerate(groups.names):
