@@ -57,8 +57,14 @@ def export(
 def fit(
     scene: Annotated[Path, typer.Argument(metavar="SCENE.xml", help="A Mitsuba 3 scene file.")],
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="OUT.safetensors", help="The field's file.")
-    ] = Path("field.safetensors"),
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="OUT.safetensors",
+            help="The field's file. Default: field.safetensors.",
+        ),
+    ] = None,
     seconds: Annotated[float | None, typer.Option(help="Time for the fit.")] = None,
     target_psnr: Annotated[
         float | None,
@@ -99,7 +105,9 @@ def fit(
     """
     from gpf.commands.fit import fit_scene_file
 
-    out = go_on or out
+    if go_on is not None and out is not None:
+        raise UserError("--continue and --out", "exclude each other", "Copy the field first.")
+    out = go_on or out or Path("field.safetensors")
     fit_scene_file(scene, out, seconds, target_psnr, passes, views, seed, go_on is not None, groups)
 
 

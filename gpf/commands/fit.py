@@ -55,12 +55,6 @@ def fit_scene_file(
     sensors, exposure = (None, None) if views is None else read_sensors(views, PREVIEW_ROWS)
     say("cameras: placed around the scene's own" if views is None else f"cameras: those of {views}")
     preview, state = out.with_suffix(".png"), out.with_suffix(".fit")
-    if go_on and not state.exists():
-        raise UserError(
-            str(state),
-            "is missing: the photons of the fit are not there",
-            "Fit anew, without --continue.",
-        )
     if not go_on and is_finished(state, out):
         shutil.rmtree(state)
     with progress_bar(f"{path.stem}: looking around", 1) as bar:
@@ -75,6 +69,7 @@ def fit_scene_file(
             state=state,
             groups=light_groups,
             exposure=exposure,
+            go_on=go_on,
         )
     save_field(field, out)
     record = field.record

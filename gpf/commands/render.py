@@ -18,7 +18,7 @@ from gpf.commands.cameras import CameraChoice, Cameras, choose_cameras
 from gpf.commands.data_set import write_data_set
 from gpf.commands.scenes import find_scene, require_same_scene
 from gpf.core.errors import UserError
-from gpf.core.films import write_film
+from gpf.core.films import find_encoder, write_film
 from gpf.core.images import propose_exposure, read_exr, read_record, tone_map, write_exr, write_png
 from gpf.core.progress import progress_bar, say
 from gpf.core.random import pass_seed, stream_of
@@ -109,6 +109,8 @@ def render_pictures(
         raise UserError("--denoise and --seconds", "exclude each other", "Give --spp instead.")
     if options.cluster and options.executor != "ray":
         raise UserError("--cluster", "is for `--executor ray`", "Give both, or leave it out.")
+    if options.film:
+        find_encoder()  # before the frames are rendered
     scene_file, trained = find_scene(scene_name)
     field_file = field_file or (
         trained / "field.safetensors" if trained else Path("field.safetensors")

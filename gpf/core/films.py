@@ -29,7 +29,7 @@ def write_film(path: Path, frames: Sequence[np.ndarray], fps: int) -> None:
     UserError: the package with the encoder is missing, or the encoder failed.
     """
     height, width = frames[0].shape[:2]
-    command = [_find_encoder(), "-y", "-loglevel", "error"]
+    command = [find_encoder(), "-y", "-loglevel", "error"]
     command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps}"]
     command += ["-i", "-", "-c:v", "libx264", "-preset", "slow", "-crf", "20"]
     if width % 2 or height % 2:
@@ -48,8 +48,13 @@ def write_film(path: Path, frames: Sequence[np.ndarray], fps: int) -> None:
     write_atomically(path, encode)
 
 
-def _find_encoder() -> str:
-    """The path of the encoder in the package imageio-ffmpeg."""
+def find_encoder() -> str:
+    """The path of the encoder in the package imageio-ffmpeg.
+
+    Raises
+    ------
+    UserError: the package or the encoder is missing.
+    """
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
 

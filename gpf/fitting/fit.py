@@ -24,6 +24,7 @@ from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.importing.placement import place_sensors
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.fingerprint import fingerprint
+from gpf.scene.inventory import check_scene, describe_media
 from gpf.scene.light_groups import LightGroups
 from gpf.sppm.reference import ReferenceSettings
 from gpf.training.field_error import estimate_error
@@ -102,6 +103,7 @@ def fit(
     state: Path | None = None,
     groups: LightGroups | None = None,
     exposure: float | None = None,
+    go_on: bool = False,
 ) -> GaussianPhotonField:
     """Fit a field to a scene.
 
@@ -123,16 +125,19 @@ def fit(
         can be dimmed later.
     exposure: of the images whose PSNR is estimated; by default one that suits them
         (:func:`gpf.core.images.propose_exposure`).
+    go_on: whether it is an error if the folder has the photons of another fit, or none; otherwise
+        the fit then starts anew.
 
     Raises
     ------
-    UserError: a goal is not above 0; the cameras see no diffuse surface; no light reaches the
-        surfaces that they see; or the scene has a material that is not supported.
+    UserError: a goal is not above 0; the scene has no emitter or no diffuse surface, or a material
+        that is not supported; the cameras see no diffuse surface, or no light reaches those that
+        they see; or the fit cannot go on.
     """
     goals = Goals.of(seconds, target_psnr, passes)
     run = _Fit(scene, sensors, goals, seed, callback, state, groups, exposure)
     try:
-        run.open()
+        run.open(go_on)
         while not run.is_done():
             run.go_on()
     except BaseException as error:
@@ -161,6 +166,9 @@ class _Fit:
         groups: LightGroups | None,
         exposure: float | None,
     ) -> None:
+        check_scene(scene)
+        if media := describe_media(scene):
+            log.warning("scene: %s", media)
         self.goals = goals
         self.time, self.saved = TimeBudget(goals.seconds), time.perf_counter()
         self.folder, self.groups, self.exposure = state, groups, exposure
@@ -178,8 +186,8 @@ class _Fit:
         self.error: float | None = None
         self.steps, self.all_steps = 0, 0
 
-    def open(self) -> None:
-        """Look around, and choose the points."""
+    def open(self, go_on: bool) -> None:
+        """Look around, choose the points, and continue from what was saved."""
         region = REGION.model_copy(update={"seed": self.seed})
         plan = EmissionPlan.make(self.scene, self.sensors, region)
         settings = ReferenceSettings(seed=self.seed).measure(self.scene, self.sensors[0], plan)
@@ -212,7 +220,7 @@ class _Fit:
                 values["groups"] = self.groups.members
             identity = fit_identity(self.scene, self.sensors, values)
             self.state = FitState(self.folder, identity)
-            self._restore(*self.state.load())
+            self._restore(*self.state.load(must_exist=go_on))
 
     def _restore(
         self,

@@ -12,11 +12,11 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.errors import FileError
+from gpf.core.errors import UserError
 from gpf.core.files import read_tensors, write_tensors
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field, save_field
-from gpf.scene.fingerprint import fingerprint
+from gpf.scene.fingerprint import changed_parts, fingerprint
 
 PHOTONS, FIELD = "photons.safetensors", "field.safetensors"
 
@@ -48,20 +48,40 @@ class FitState:
         facts = {"identity": self.identity, "facts": facts}
         write_tensors(self.folder / PHOTONS, "fit", tensors, facts)
 
-    def load(self) -> tuple[dict[str, np.ndarray], dict[str, Any], GaussianPhotonField | None]:
-        """What was saved; empty without a state of the same identity."""
-        if not (self.folder / PHOTONS).exists():
-            return {}, {}, None
+    def load(
+        self, must_exist: bool = False
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any], GaussianPhotonField | None]:
+        """What was saved; empty without a state of the same identity.
+
+        Raises
+        ------
+        UserError: there is none, but ``must_exist``.
+        """
         try:
+            if not (self.folder / PHOTONS).exists():
+                raise UserError(str(self.folder), "has no photons of a fit", "Fit anew.")
             tensors, facts = read_tensors(self.folder / PHOTONS, "fit")
-            if facts["identity"] != self.identity:
-                log.warning("%s is of another scene, camera or seed: starting anew.", self.folder)
-                return {}, {}, None
+            if other := self._differences(facts["identity"]):
+                raise UserError(
+                    str(self.folder),
+                    f"has the photons of another fit: other {other}",
+                    "Give the same scene and options as before, or fit anew.",
+                )
             best = load_field(self.folder / FIELD) if (self.folder / FIELD).exists() else None
-        except FileError as error:
-            log.warning("%s: starting anew.", error)
+        except UserError as error:
+            if must_exist:
+                raise
+            if (self.folder / PHOTONS).exists():
+                log.warning("%s Starting anew.", error)
             return {}, {}, None
         return tensors, facts["facts"], best
+
+    def _differences(self, saved: Mapping[str, Any]) -> str:
+        """In what a saved identity differs: parts of the scene, cameras, seed, or settings."""
+        found = changed_parts(saved["scene"], self.identity["scene"])
+        names = {*saved, *self.identity} - {"scene"}
+        found += [name for name in sorted(names) if saved.get(name) != self.identity.get(name)]
+        return ", ".join(found)
 
 
 def fit_identity(

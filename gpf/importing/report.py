@@ -19,7 +19,7 @@ from gpf.field.initialization import propose_search_radius
 from gpf.guiding.pilot import trace_pilot
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
-from gpf.scene.inventory import scene_info, scene_materials
+from gpf.scene.inventory import describe_media, scene_info, scene_materials
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import SceneViews, View
 from gpf.sppm.passes import propose_radius
@@ -247,10 +247,8 @@ def _notes(scene: mi.Scene, emitters: Counter[str], materials: Sequence[Material
     """Remarks on media, plugins and materials in use."""
     plugins = dict.fromkeys([*emitters, *(p for m in materials for p in m.kind.split())])
     notes = [f"{plugin}: {NOTES[plugin]}" for plugin in plugins if plugin in NOTES]
-    media = [o for o in mi.traverse(scene).hierarchy if isinstance(o, mi.Medium)]
-    if media:
-        what = "a participating medium" if len(media) == 1 else f"{len(media)} participating media"
-        notes.insert(0, f"{what}: ignored, light passes as if the space were empty")
+    if media := describe_media(scene):
+        notes.insert(0, media)
     for material in materials:
         if material.use == "unsupported":
             notes.append(f"{material.name} ({material.kind}): paths end there, nothing is stored")

@@ -34,6 +34,15 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
         )
 
 
+def describe_media(scene: mi.Scene) -> str:
+    """What is missing in pictures because of the scene's participating media; empty without any."""
+    media = [part for part in mi.traverse(scene).hierarchy if isinstance(part, mi.Medium)]
+    if not media:
+        return ""
+    what = "a participating medium" if len(media) == 1 else f"{len(media)} participating media"
+    return f"{what}: ignored, light passes as if the space were empty"
+
+
 def scene_info(scene: mi.Scene) -> dict[str, Any]:
     """The parts of a scene as JSON values.
 

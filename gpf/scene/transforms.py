@@ -15,6 +15,7 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+from PIL import Image
 from pydantic import ValidationError
 
 from gpf.core.errors import UserError
@@ -99,7 +100,14 @@ def read_transforms(path: Path) -> SceneViews:
     views, aspects = [], []
     for number, frame in enumerate(frames):
         where = f"{path}: frames[{number}]"
-        view, aspect = _read_frame(where, {**content, **frame}, names)
+        if not isinstance(frame, dict):
+            raise UserError(where, f"is {frame!r}, not an object", "Correct the frame.")
+        try:
+            view, aspect = _read_frame(where, {**content, **frame}, names, path.parent)
+        except (TypeError, ValueError, ArithmeticError) as error:
+            raise UserError(
+                where, f"has a value that is no useful number: {error}", "Correct the frame."
+            ) from error
         names.add(view.name)
         views.append(view)
         aspects.append(aspect)
@@ -121,7 +129,9 @@ def read_sensors(path: Path, rows: int) -> tuple[list[mi.Sensor], float | None]:
     return sensors, read.given_exposure
 
 
-def _read_frame(where: str, frame: Mapping[str, Any], taken: set[str]) -> tuple[View, float]:
+def _read_frame(
+    where: str, frame: Mapping[str, Any], taken: set[str], folder: Path
+) -> tuple[View, float]:
     """The view of a frame, and its width divided by its height."""
     matrix = np.array(frame.get("transform_matrix", ()), dtype=float)
     if matrix.shape not in ((4, 4), (3, 4)) or not np.isfinite(matrix).all():
@@ -133,7 +143,7 @@ def _read_frame(where: str, frame: Mapping[str, Any], taken: set[str]) -> tuple[
         raise UserError(
             where, f"has lens distortion ({', '.join(bent)})", "Undistort the images first."
         )
-    width, height = float(frame.get("w", 0)), float(frame.get("h", 0))
+    width, height = _image_size(frame, folder)
     if not (width > 0 and height > 0):
         raise UserError(where, "has no size of the image", "Give `w` and `h` in pixels.")
     centre = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
@@ -165,3 +175,16 @@ def _read_frame(where: str, frame: Mapping[str, Any], taken: set[str]) -> tuple[
     except ValidationError as error:
         raise UserError(where, error.errors()[0]["msg"], "Correct the frame.") from error
     return view, width / height
+
+
+def _image_size(frame: Mapping[str, Any], folder: Path) -> tuple[float, float]:
+    """Width and height in pixels: as given, or those of the image, as in the data sets of NeRF;
+    0 if neither is there."""
+    if "w" in frame or "h" in frame:
+        return float(frame.get("w", 0)), float(frame.get("h", 0))
+    image = folder / str(frame.get("file_path", ""))
+    for file in (image, image.with_name(f"{image.name}.png")):
+        if file.is_file():
+            with Image.open(file) as opened:
+                return opened.size
+    return 0, 0

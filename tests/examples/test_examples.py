@@ -117,7 +117,7 @@ def test_an_animation_without_the_encoder(tmp_path, even, monkeypatch):
     def missing(*_):
         raise gpf.UserError("imageio_ffmpeg", "is not installed", "pip install imageio-ffmpeg")
 
-    monkeypatch.setattr("gpf.core.films._find_encoder", missing)
+    monkeypatch.setattr("gpf.core.films.find_encoder", missing)
     animation.main(tmp_path, seconds=1, size=20, frames=4)
     frames = [read(tmp_path / f"frame_{k:03d}.png") for k in range(4)]
     sheet = np.vstack([np.hstack(frames[:2]), np.hstack(frames[2:])])

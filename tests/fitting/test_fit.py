@@ -125,6 +125,27 @@ def test_goals_are_above_zero(scene, goal):
         gpf.fit(scene, sensors(), **goal)
 
 
+def test_what_cannot_be_fitted_is_said_before_the_first_photon(caplog):
+    dark = mi.cornell_box()
+    del dark["light"]
+    with pytest.raises(UserError, match="has no emitters"):
+        gpf.fit(mi.load_dict(dark, optimize=False), sensors(), passes=2)
+    foggy = mi.cornell_box()
+    foggy["fog"] = {
+        "type": "sphere",
+        "radius": 0.2,
+        "bsdf": {"type": "null"},
+        "interior": {"type": "homogeneous", "sigma_t": 2.0},
+    }
+
+    def stop(progress):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        gpf.fit(mi.load_dict(foggy, optimize=False), sensors(), passes=2, callback=stop)
+    assert "a participating medium: ignored" in caplog.text
+
+
 def test_a_scene_without_a_camera_needs_sensors():
     box = {key: value for key, value in mi.cornell_box().items() if key != "sensor"}
     with pytest.raises(UserError, match="has no perspective camera"):
@@ -148,6 +169,15 @@ def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch, capsys)
     with pytest.raises(SystemExit) as ended:
         main(["fit", str(SOURCE), "-o", str(tmp_path / "box.exr")])
     assert ended.value.code == 2
+
+
+def test_a_fit_that_goes_on_has_its_place(capsys):
+    from gpf.cli import main
+
+    with pytest.raises(SystemExit) as ended:
+        main(["fit", str(SOURCE), "--continue", "a.safetensors", "-o", "b.safetensors"])
+    assert ended.value.code == 2
+    assert "--continue and --out: exclude each other" in capsys.readouterr().err
 
 
 @pytest.mark.slow

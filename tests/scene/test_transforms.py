@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from gpf.core.errors import UserError
 from gpf.scene.pinhole import make_pinhole
@@ -28,6 +29,9 @@ def written(tmp_path, content) -> object:
     path = tmp_path / "transforms.json"
     path.write_text(json.dumps(content), encoding="utf-8")
     return path
+
+
+POSE = np.eye(4).tolist()
 
 
 def test_there_and_back(tmp_path):
@@ -95,6 +99,35 @@ def test_angles_and_names_from_elsewhere(tmp_path):
 def test_what_is_no_pinhole_camera_is_refused_in_words(tmp_path, content, message):
     with pytest.raises(UserError, match=message):
         read_transforms(written(tmp_path, content))
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        7,
+        {"transform_matrix": POSE, "w": "wide", "h": 8, "fl_x": 10},
+        {"transform_matrix": POSE, "w": 8, "h": 8, "fl_x": 0, "fl_y": 1},
+        {"transform_matrix": [[1, 0], [1]], "w": 8, "h": 8, "fl_x": 10},
+        {"transform_matrix": POSE, "w": 8, "h": None, "fl_x": 10},
+    ],
+)
+def test_values_of_the_wrong_kind_are_told_with_their_frame(tmp_path, frame):
+    file = tmp_path / "transforms.json"
+    file.write_text(json.dumps({"frames": [frame]}))
+    with pytest.raises(UserError, match=r"transforms.json: frames\[0\]: .*Correct the frame"):
+        read_transforms(file)
+
+
+def test_the_size_may_be_that_of_the_images(tmp_path):
+    """As in the scenes of NeRF: no `w` and `h`, and paths without a suffix."""
+    (tmp_path / "train").mkdir()
+    Image.new("RGB", (12, 8)).save(tmp_path / "train" / "r_0.png")
+    frame = {"file_path": "./train/r_0", "transform_matrix": POSE}
+    file = tmp_path / "transforms.json"
+    file.write_text(json.dumps({"camera_angle_x": 0.7, "frames": [frame]}))
+    views = read_transforms(file)
+    assert views.aspect == 1.5 and views.train[0].name == "r_0"
+    assert views.train[0].fov == pytest.approx(math.degrees(0.7))
 
 
 def test_a_file_that_is_missing_or_no_json(tmp_path):
