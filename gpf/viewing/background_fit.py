@@ -67,7 +67,8 @@ class BackgroundFit:
         self._paused = False
         self._errors = (folder / "errors.txt").open("wb")
         command = [sys.executable, "-m", "gpf.viewing.background_fit"]
-        command += [str(scene_file), str(out), str(self.live), str(views or ""), groups]
+        command += [str(os.getpid()), str(scene_file), str(out), str(self.live)]
+        command += [str(views or ""), groups]
         # In a session of its own: Ctrl-C is for the viewer, which ends the fit.
         self._process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=self._errors, start_new_session=True
@@ -78,7 +79,8 @@ class BackgroundFit:
     def pause(self, paused: bool) -> None:
         """Stop the process at once, or let it go on."""
         if paused != self._paused and self._process.poll() is None:
-            os.kill(self._process.pid, signal.SIGSTOP if paused else signal.SIGCONT)
+            # Not os.kill: the process may have ended meanwhile.
+            self._process.send_signal(signal.SIGSTOP if paused else signal.SIGCONT)
             self._paused = paused
 
     def close(self) -> bool:
@@ -116,9 +118,12 @@ class BackgroundFit:
         )
 
 
-def main(scene_file: Path, out: Path, live: Path, views: Path | None, groups: str) -> None:
-    """Fit a field, write each field that is worth showing to ``live``, and the last to ``out``."""
-    _end_with_parent()
+def main(
+    parent: int, scene_file: Path, out: Path, live: Path, views: Path | None, groups: str
+) -> None:
+    """Fit a field for the process ``parent``, write each field that is worth showing to ``live``,
+    and the last to ``out``."""
+    _end_with(parent)
     from gpf.core.runtime import choose_variant
     from gpf.field.io import save_field
     from gpf.fitting.fit import FitProgress, fit
@@ -165,19 +170,19 @@ def main(scene_file: Path, out: Path, live: Path, views: Path | None, groups: st
     print(json.dumps(facts), flush=True)
 
 
-def _end_with_parent() -> None:
+def _end_with(parent: int) -> None:
     """Let the kernel end this process when the viewer ends, even if it is paused then."""
     set_death_signal = 1
     ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
-    if os.getppid() == 1:
+    if os.getppid() != parent:  # it has ended already
         sys.exit(1)
 
 
 if __name__ == "__main__":
     try:
-        *paths, cameras, lights = sys.argv[1:]
+        viewer, *paths, cameras, lights = sys.argv[1:]
         views_file = Path(cameras) if cameras else None
-        main(Path(paths[0]), Path(paths[1]), Path(paths[2]), views_file, lights)
+        main(int(viewer), Path(paths[0]), Path(paths[1]), Path(paths[2]), views_file, lights)
     except UserError as problem:
         print(problem, file=sys.stderr)
         sys.exit(problem.exit_code)

@@ -3,25 +3,38 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from gpf.core.films import write_film
 from gpf.core.images import write_exr
-from gpf.scene.views import SceneViews, View, ViewSets, read_views
+from gpf.scene.views import Keyframe, SceneViews, View, name_view, read_views
 from gpf.scene.views_file import write_views
 
 FPS = 24
 
 
-def add_view(file: Path, view: View, new: SceneViews) -> None:
-    """Add a camera to the novel views of a file; without one, to those of ``new``."""
+def add_view(
+    file: Path, camera: Keyframe, name: str, taken: Collection[str], new: SceneViews
+) -> View:
+    """Add a camera to the views of a file, or to ``new`` without one: to the training views if
+    there are none yet, else to the novel ones.
+
+    Parameters
+    ----------
+    camera: its ``fov`` is that across x.
+    name: it gets a number if it is among ``taken`` or in the file.
+    """
     known = read_views(file, need_training=False) if file.exists() else new
-    sets = known.views.model_copy(update={"novel": (*known.views.novel, view)})
-    sets = ViewSets.model_validate(sets.model_dump())
+    sets = known.views
+    names = {*taken, *(view.name for view in (*sets.train, *sets.novel, *sets.more))}
+    view = View(**camera.model_dump(), name=name_view(name, names, otherwise="saved"), fov_axis="x")
+    kind = "novel" if sets.train else "train"
+    sets = sets.model_copy(update={kind: (*getattr(sets, kind), view)})
     write_views(file, known.model_copy(update={"views": sets}))
+    return view
 
 
 def exr_file(radiance: np.ndarray, frames: int) -> bytes:

@@ -24,6 +24,9 @@ _PREVIEW_PATHS = 60_000
 
 _PATH_DEPTH = 24
 
+# Level of a light that is as in the scene.
+_AS_IT_IS = (1.0, 1.0, 1.0)
+
 # Screens that are kept; each has kernels of its own.
 _MOST_SCREENS = 12
 
@@ -52,9 +55,16 @@ class Screens:
             self.take(field)
 
     @property
-    def lights(self) -> tuple[str, ...]:
-        """The names of the groups of lights that the field keeps apart."""
-        return self._mixer.names if self._mixer is not None else ()
+    def lights(self) -> Levels:
+        """The level of each group of lights that the field keeps apart."""
+        if self._mixer is None:
+            return {}
+        return {name: self._mixer.levels.get(name, _AS_IT_IS) for name in self._mixer.names}
+
+    @property
+    def dimmed(self) -> bool:
+        """Whether any light has another level than in the scene."""
+        return any(level != _AS_IT_IS for level in self.lights.values())
 
     def take(self, field: GaussianPhotonField) -> None:
         """Show a new field, with the lights at the levels of the one before."""

@@ -177,8 +177,9 @@ class PageServer:
 
     def close(self) -> None:
         """Close all pages and the port."""
-        self._server.shutdown()
-        self._thread.join(1)
+        # The library waits for connections in the middle of a handshake or of a large file.
+        threading.Thread(target=self._server.shutdown, daemon=True).start()
+        self._thread.join(0.4)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page, a refusal, or None to open the websocket."""

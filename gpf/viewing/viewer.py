@@ -10,13 +10,14 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
+from pydantic import ValidationError
 
 from gpf.core.errors import UserError
 from gpf.core.images import propose_exposure
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
 from gpf.scene.light_groups import Levels
-from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, name_view
+from gpf.scene.views import CameraPath, Keyframe, SceneViews, View
 from gpf.viewing.background_fit import BackgroundFit, FitStatus
 from gpf.viewing.downloads import add_view, exr_file, film_file
 from gpf.viewing.layers import display
@@ -48,6 +49,9 @@ _DENOISED_AT, _DENOISED_UNTIL = 8, 32
 
 # Time between pictures of a camera at rest.
 _PICTURE_SECONDS = 0.1
+
+# Time between errors.
+_ERROR_SECONDS = 1.0
 
 # Rows without a field.
 _PREVIEW_ROWS = 192
@@ -153,11 +157,17 @@ class Viewer:
     # The thread that renders.
 
     def run(self) -> None:
-        """Render until Ctrl-C."""
+        """Render until Ctrl-C. What cannot be rendered is told to the pages."""
         while True:
-            if not self.step():
-                self._wake.wait(0.05)
-                self._wake.clear()
+            pause = 0.05
+            try:
+                if self.step():
+                    continue
+            except UserError as error:
+                self._tell_all({"type": "error", "text": str(error)})
+                pause = _ERROR_SECONDS
+            self._wake.wait(pause)
+            self._wake.clear()
 
     def step(self) -> bool:
         """Take a new field, and render a frame; whether there was something to render."""
@@ -187,10 +197,12 @@ class Viewer:
             with self._lock:
                 for page in self._pages:
                     page.start_anew()
+        self._tell_all(self._status_message())
+
+    def _tell_all(self, message: dict[str, Any]) -> None:
         with self._lock:
-            pages = list(self._pages)
-        for page in pages:
-            page.client.tell(self._status_message())
+            for page in self._pages:
+                page.client.tell(message)
 
     def _set_lights(self) -> None:
         """Set the levels that a page has asked for."""
@@ -201,13 +213,12 @@ class Viewer:
         try:
             self.screens.set_lights(levels)
         except UserError as error:
-            with self._lock:
-                for page in self._pages:
-                    page.client.tell({"type": "error", "text": str(error)})
+            self._tell_all({"type": "error", "text": str(error)})
             return
         with self._lock:
             for page in self._pages:
                 page.moving = True
+        self._tell_all(self._status_message())
 
     def _status_message(self) -> dict[str, Any]:
         status = self._status
@@ -219,7 +230,7 @@ class Viewer:
             "all_passes": status.all_passes if self.fit else record.get("passes"),
             "psnr": status.psnr if self.fit else record.get("estimated_psnr"),
             "has_field": self.field is not None,
-            "lights": list(self.screens.lights),
+            "lights": self.screens.lights,
             "has_error": self.field is not None and self.field.error is not None,
             "error": status.error,
         }
@@ -291,10 +302,12 @@ class Viewer:
             if page.denoised is not None and frames < _DENOISED_UNTIL:
                 image = page.denoised
         pixels, psnr = self._display(look, image), None
-        if look.layer == "image" and self.exposure is not None:
+        if look.layer == "image" and self.exposure is not None and not self.screens.dimmed:
             psnr = self.references.psnr(page.camera, image, self.exposure)
         self._send(page, pixels, number, frames, 92, psnr=psnr)
-        beside = self.references.of(page.camera) if look.compare == "reference" else None
+        beside = None
+        if look.compare == "reference" and not self.screens.dimmed:
+            beside = self.references.of(page.camera)
         if look.compare == "path" and page.compared.frames:
             beside = page.compared.mean()
         if beside is not None:
@@ -338,11 +351,9 @@ class Viewer:
         return True
 
     def _save_view(self, page: Shown, message: SaveView) -> Iterator[None]:
-        taken = {camera.name for camera in self.cameras}
-        name = name_view(message.name or "saved", taken, otherwise="saved")
-        view = View(**page.camera.model_dump(), name=name)
+        taken = [camera.name for camera in self.cameras]
         new = SceneViews(aspect=self.aspect, exposure=self.exposure or 1.0)
-        add_view(self.views_file, view, new)
+        view = add_view(self.views_file, page.camera, message.name or "saved", taken, new)
         self.cameras.append(view)
         page.client.tell({"type": "saved", "camera": view.model_dump()})
         yield
@@ -356,7 +367,12 @@ class Viewer:
 
     def _send_film(self, page: Shown, message: GetFilm) -> Iterator[None]:
         path = CameraPath(keyframes=message.keyframes, frames=message.frames, closed=message.closed)
-        views = SceneViews(aspect=self.aspect, path=path, fov_axis="x").frames()
+        try:
+            views = SceneViews(aspect=self.aspect, path=path, fov_axis="x").frames()
+        except ValidationError as error:
+            raise UserError(
+                "film", error.errors()[0]["msg"], "Add keyframes between those that are far apart."
+            ) from error
         look, pictures = page.look, []
         for k, view in enumerate(views):
             total = Accumulated()

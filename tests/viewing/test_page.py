@@ -15,9 +15,14 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.io import read_field, save_field
+from gpf.field.lights import FieldLights
+from gpf.scene.bounds import scene_bounds
+from gpf.scene.light_groups import LightGroups
 from tests.browser import find_browser, open_page
 from tests.commands.box import box_field
+from tests.plain_field import flat_gaussians, to_device
 
 PROGRAM = find_browser()
 pytestmark = [
@@ -29,9 +34,9 @@ BOX = Path(__file__).parents[2] / "scenes" / "cornell_box" / "scene.xml"
 
 
 @contextmanager
-def viewing(folder, *words):
+def viewing(folder, *words, scene=BOX):
     """`gpf view` in a folder, and the address that it prints."""
-    command = [sys.executable, "-m", "gpf.cli", "view", str(BOX), "--no-open", *words]
+    command = [sys.executable, "-m", "gpf.cli", "view", str(scene), "--no-open", *words]
     with (folder / "log.txt").open("w") as log:
         process = subprocess.Popen(
             command, cwd=folder, stdout=subprocess.PIPE, stderr=log, text=True
@@ -67,8 +72,10 @@ def page(viewer, tmp_path):
         page.wait_for("viewer.ready && viewer.frames > 2")
         yield page
         assert page.complaints == []
-        here = viewer[1].partition("/")[2].partition("/")[0]
-        assert all(here in url or url.startswith(("data:", "blob:")) for url in page.requests)
+        here = viewer[1].removeprefix("http://").partition("/")[0]
+        ours = tuple(f"{kind}://{here}/" for kind in ("http", "ws"))
+        assert here.startswith("127.0.0.1:") and page.requests
+        assert all(url.startswith((*ours, "data:", "blob:")) for url in page.requests)
 
 
 def picture(page) -> np.ndarray:
@@ -117,6 +124,70 @@ def test_exposure_and_layers_change_the_picture(page):
     page.wait_for("viewer.frames > 2")
     page.evaluate("document.querySelector('#compare').value = 'path'; look()")
     page.wait_for("document.querySelector('#other').width > 300")
+
+
+TWO_LAMPS = """<scene version="3.0.0">
+  <sensor type="perspective"><float name="fov" value="40"/>
+    <transform name="to_world"><lookat origin="0,0,4" target="0,0,0" up="0,1,0"/></transform>
+    <film type="hdrfilm"><integer name="width" value="64"/><integer name="height" value="64"/>
+    </film>
+  </sensor>
+  <shape type="rectangle" id="floor"><transform name="to_world"><scale value="2"/></transform>
+    <bsdf type="diffuse"/></shape>
+  <emitter type="point" id="left"><point name="position" x="-9" y="0" z="1"/>
+    <rgb name="intensity" value="1,1,1"/></emitter>
+  <emitter type="point" id="right"><point name="position" x="9" y="0" z="1"/>
+    <rgb name="intensity" value="1,1,1"/></emitter>
+</scene>
+"""
+
+
+@pytest.fixture(scope="module")
+def lamps(tmp_path_factory):
+    """A floor whose left half has the light of one lamp, and its right half that of another."""
+    folder = tmp_path_factory.mktemp("lamps")
+    (folder / "scene.xml").write_text(TWO_LAMPS)
+    scene = mi.load_file(str(folder / "scene.xml"), optimize=False)
+    x = np.stack(np.meshgrid(*2 * [np.linspace(-2, 2, 60)]), axis=-1).reshape(-1, 2)
+    means = np.column_stack([x, np.zeros(len(x))])
+    parts = np.repeat(np.stack([x[:, 0] < 0, x[:, 0] > 0])[..., None], 3, axis=2)
+    lights = FieldLights(LightGroups.each(scene), parts.astype(np.float32))
+    found = GaussianPhotonField(
+        to_device(flat_gaussians(means, np.ones((len(x), 3)), size=0.1)),
+        FieldSettings(search_radius=0.2),
+        scene_bounds(scene),
+        lights=lights,
+    )
+    save_field(found, folder / "field.safetensors")
+    words = ("--field", str(folder / "field.safetensors"))
+    with viewing(folder, *words, scene=folder / "scene.xml") as found:
+        yield found
+
+
+def move_slider(page, name, value):
+    page.evaluate(
+        f"(() => {{ const s = document.querySelector('[data-light={name}]'); s.value = {value};"
+        "s.dispatchEvent(new Event('input')); })()"
+    )
+
+
+def test_a_slider_changes_its_part_of_the_picture(lamps, tmp_path):
+    with open_page(PROGRAM, lamps[1], tmp_path) as page:
+        page.wait_for("viewer.ready && viewer.frames > 2")
+        before = picture(page)
+        assert page.evaluate("viewer.lights") == "left,right"
+        move_slider(page, "left", 0)
+        page.wait_for("viewer.status.lights.left[0] === 0 && viewer.frames > 2")
+        after = picture(page)
+        left, right = np.s_[:, :200], np.s_[:, 300:]
+        assert after[left].mean() < 0.2 * before[left].mean()
+        assert after[right].mean() == pytest.approx(before[right].mean(), rel=0.02)
+        # A window that is opened later shows the lights as they are.
+        page.call("Page.reload")
+        page.wait_for("window.viewer && viewer.ready && viewer.frames > 2")
+        page.wait_for("document.querySelector('[data-light=left]').value === '0'")
+        assert np.abs(picture(page) - after).mean() < 3
+        assert page.complaints == []
 
 
 def test_a_second_window_and_one_that_closes(viewer, page, tmp_path):
@@ -184,7 +255,7 @@ def test_a_fit_that_is_watched_is_kept(tmp_path):
         assert children
         asked = time.monotonic()
         os.kill(process.pid, signal.SIGINT)
-        assert process.wait(10) == 0 and time.monotonic() - asked < 3
+        assert process.wait(10) == 0 and time.monotonic() - asked < 1.5
         assert not any(Path(f"/proc/{child}").exists() for child in children)
         page.wait_for("document.querySelector('#message').textContent.includes('has ended')")
     field = read_field(tmp_path / "field.safetensors")

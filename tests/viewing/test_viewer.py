@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from gpf.core.errors import UserError
 from gpf.core.images import read_exr, tone_map
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
@@ -209,12 +210,43 @@ def test_files_for_the_page(viewer, page, tmp_path, monkeypatch):
     assert sorted(files) == ["box.exr", "box.mp4"] and files["box.mp4"][4:8] == b"ftyp"
     (tmp_path / "box.exr").write_bytes(files["box.exr"])
     assert read_exr(tmp_path / "box.exr")[0]["radiance"].shape == (64, 64, 3)
-    saved = read_views(tmp_path / "views.yaml", need_training=False).novel
+    # The first one is a training view, so that `gpf fit`, `render` and `view` take the file.
+    saved = read_views(tmp_path / "views.yaml").train
     assert [view.name for view in saved] == ["my_corner"] and saved[0].origin == FRONT.origin
-    viewer.received(page, SaveView(name="My corner"))
+    assert saved[0].fov_axis == "x"
+    for taken in (viewer.cameras, viewer.cameras[:1]):  # as after another start
+        viewer.cameras = list(taken)
+        viewer.received(page, SaveView(name="My corner"))
+        rest(viewer)
+    assert [v.name for v in read_views(tmp_path / "views.yaml").novel] == [
+        "my_corner_2",
+        "my_corner_3",
+    ]
+
+
+def test_a_film_through_impossible_cameras_is_an_error_and_no_end(viewer, page):
+    """In the middle, the camera would be where it looks."""
+    back = Keyframe(origin=(0, 0, -3.9), target=(0, 0, 0), fov=39.3)
+    viewer.received(page, GetFilm(keyframes=(FRONT, back), frames=3, spp=1))
     rest(viewer)
-    names = [v.name for v in read_views(tmp_path / "views.yaml", need_training=False).novel]
-    assert names == ["my_corner", "my_corner_2"]
+    header, _ = page.told[-1]
+    assert header["type"] == "error" and "Add keyframes" in header["text"]
+
+
+def test_what_cannot_be_rendered_is_told_and_the_viewer_goes_on(viewer, page, monkeypatch):
+    monkeypatch.setattr(module, "_ERROR_SECONDS", 0.0)
+    errors = iter([UserError("oidn", "does not load", "Install it again."), KeyboardInterrupt()])
+
+    def step():
+        raise next(errors)
+
+    monkeypatch.setattr(viewer, "step", step)
+    with pytest.raises(KeyboardInterrupt):
+        viewer.run()
+    assert page.told[-1][0] == {
+        "type": "error",
+        "text": "oidn: does not load. Install it again.",
+    }
 
 
 def test_a_page_cannot_wait_for_any_number_of_files(viewer, page):
