@@ -49,6 +49,10 @@ AOVS = tuple(_SUFFIXES)
 _FIRST_SURFACE = ("depth", "position", "normal")
 
 # The film treats infinite values as zero, so larger values of `coverage` become this one.
+MOST_ERROR = 1.0
+"""Largest relative error that the AOV ``error`` shows. Where light is nearly black beside bright
+light, more would be possible, and a few such samples would decide the error of a picture."""
+
 MOST_COVERAGE = 1e6
 
 
@@ -147,5 +151,6 @@ def at_visible_point(
         radiance = dr.mean(field.reflect(points, irradiance))
         dark = field.reflect(points, mi.Color3f(0))
         wrong = field.reflect(points, field.query_error(points.p, points.n, points.valid)) - dark
-        values["error"] = dr.select(radiance > 0, dr.mean(wrong) / radiance, 0)
+        relative = dr.minimum(dr.mean(wrong) / radiance, MOST_ERROR)
+        values["error"] = dr.select(radiance > 0, relative, 0)
     return {name: values[name] for name in aovs if name in values}

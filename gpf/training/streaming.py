@@ -7,7 +7,7 @@ more.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Annotated
 
@@ -18,7 +18,7 @@ from pydantic import Field
 
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.settings import Count, Positive, Seed, Settings
-from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take, to_numpy
+from gpf.core.structs import VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.guiding.density_control import cell_keys
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.photon_cells import PhotonCells
@@ -169,8 +169,8 @@ class PhotonStream:
         if self.settings.direct == "emitters":
             self._sample_emitters()
         position, normal = to_numpy(points.p), to_numpy(points.n)
-        photons = [self._sums.photons(half) for half in range(2)]
-        wide, narrow = (self._gather(photons, r * self.radius) for r in (1, NARROW))
+        (wide_a, narrow_a), (wide_b, narrow_b) = (self._gather(half) for half in range(2))
+        wide, narrow = (wide_a, wide_b), (narrow_a, narrow_b)
         self._sharp = sharp = is_sharp(position, normal, wide, narrow, _COMPARED * self.radius)
         self.blur = kernel_blur(sharp, wide, narrow)
         found = []
@@ -238,11 +238,13 @@ class PhotonStream:
             found.append(to_numpy(total) / np.float32(GROUP_SAMPLES))
         return np.stack(found)
 
-    def _gather(self, photons: Sequence[Photons], radius: float) -> tuple[np.ndarray, np.ndarray]:
-        """Irradiance of the points from the photons of each half, (N, 3) each."""
+    def _gather(self, half: int) -> tuple[np.ndarray, np.ndarray]:
+        """Irradiance of the points from the photons of a half, with the wide and the narrow kernel,
+        (N, 3) each."""
         points, found = self._points.points, []
-        for half in range(2):
-            density = PhotonDensity(photons[half], radius, self._bounds, smooth=True)
+        photons = self._sums.photons(half)
+        for radius in (self.radius, NARROW * self.radius):
+            density = PhotonDensity(photons, radius, self._bounds, smooth=True)
             gathered = density.irradiance(points.p, points.n)
             if self.settings.edge_correction:
                 seed = pass_seed(self.seed, 2 * self.count + half, Stream.EDGES)
@@ -250,6 +252,8 @@ class PhotonStream:
                     self.scene, points.p, points.n, points.valid, radius, seed, smooth=True
                 )
             found.append(to_numpy(gathered))
+        del photons, density
+        dr.flush_malloc_cache()  # hundreds of megabytes, which the other half needs, too
         return found[0], found[1]
 
     def _sample_emitters(self) -> None:

@@ -7,7 +7,14 @@ import pytest
 import gpf  # noqa: F401  # registers the plugins
 from gpf.core.images import tone_map
 from gpf.field.field import FieldSettings, GaussianPhotonField
-from gpf.rendering.aovs import AOVS, channel_names, expected_psnr, parse_aovs, split_layers
+from gpf.rendering.aovs import (
+    AOVS,
+    MOST_ERROR,
+    channel_names,
+    expected_psnr,
+    parse_aovs,
+    split_layers,
+)
 from tests.plain_field import flat_gaussians, to_device
 
 WIDTH, HEIGHT = 20, 12
@@ -72,19 +79,19 @@ GLASS = {
 }
 
 
-def constant_field(scene) -> GaussianPhotonField:
-    """E on the floor and on the wall."""
+def constant_field(scene, relative=ERROR) -> GaussianPhotonField:
+    """E on the floor and on the wall, with a relative error."""
     grid = np.stack(np.meshgrid(np.linspace(-3, 3, 13), np.linspace(-3, 3, 13)), -1).reshape(-1, 2)
     floor = np.column_stack([grid, np.zeros(len(grid))])
     g = flat_gaussians(floor, np.tile(E, (len(floor), 1)), size=0.3)
     bounds = scene.bbox().min, scene.bbox().max
-    error = np.full(len(floor), ERROR, np.float32)
+    error = np.full(len(floor), relative, np.float32)
     return GaussianPhotonField(to_device(g), FieldSettings(search_radius=0.8), bounds, error=error)
 
 
-def render(scene, aovs, spp=256, **options):
+def render(scene, aovs, spp=256, field=None, **options):
     integrator = mi.load_dict({"type": "gpf", "aovs": ",".join(aovs), **options})
-    integrator.field = constant_field(scene)
+    integrator.field = field or constant_field(scene)
     image = np.array(mi.render(scene, integrator=integrator, spp=spp, seed=1))
     return split_layers(image, aovs)
 
@@ -155,6 +162,14 @@ def test_the_error_is_a_share_of_the_radiance_and_lamps_have_none():
     floor = (np.abs(layers["albedo"] - ALBEDO) < 1e-4).all(-1)
     assert floor.sum() >= 30
     np.testing.assert_allclose(layers["error"][floor], ERROR, rtol=1e-3)
+
+
+def test_an_error_beyond_all_light_is_shown_as_all_light():
+    """Ten times the light: a few such samples beside a shadow would decide that of a picture."""
+    scene = make_scene()
+    layers = render(scene, ["error"], field=constant_field(scene, relative=10))
+    assert layers["error"].max() == pytest.approx(MOST_ERROR)
+    assert expected_psnr(layers["radiance"], layers["error"], 0.1) > 0
 
 
 def test_a_field_without_error_says_so():
