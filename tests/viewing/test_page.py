@@ -255,7 +255,7 @@ def test_a_fit_that_is_watched_is_kept(tmp_path):
         assert children
         asked = time.monotonic()
         os.kill(process.pid, signal.SIGINT)
-        assert process.wait(10) == 0 and time.monotonic() - asked < 1.5
+        assert process.wait(10) == 0 and time.monotonic() - asked < 3
         assert not any(Path(f"/proc/{child}").exists() for child in children)
         page.wait_for("document.querySelector('#message').textContent.includes('has ended')")
     field = read_field(tmp_path / "field.safetensors")
