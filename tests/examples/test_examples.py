@@ -24,7 +24,6 @@ import gpf
 from examples import animation, data_set, own_integrator, own_scene
 from gpf.cli import main as gpf_command
 from gpf.core.images import tone_map
-from gpf.fitting import fit as fitting
 from tests.commands.box import box_field
 from tests.small_fit import make_small
 
@@ -48,7 +47,7 @@ def two_threads():
 def small(monkeypatch):
     """The first complete field of a fit, from few photons and steps."""
     make_small(monkeypatch, passes=16, steps=40, paths=20_000)
-    monkeypatch.setattr(fitting, "ROWS", 32)
+    monkeypatch.setattr("gpf.importing.placement.ROWS", 32)
     monkeypatch.setattr("gpf.guiding.emission_plan.BATCH", 20_000)
 
 
