@@ -39,12 +39,13 @@ from benchmarks.judged import (
     mean_psnr,
     references,
     render,
+    training_views,
 )
 from benchmarks.placement import open_scene
 from benchmarks.regions import REGIONS
 from gpf.core.progress import progress_bar
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
-from gpf.scene.folders import list_scenes, load_views
+from gpf.scene.folders import list_scenes
 from gpf.scene.sensors import make_sensor
 from gpf.sppm.reference import ReferenceRenderer, ReferenceSettings
 
@@ -89,7 +90,7 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
     judged = references(name, scene, views, size, exposure, kept)
     sensors = None
     if arguments.views:
-        views = [own] if name in SCENES else list(load_views(name).train)
+        views = training_views(name, own)
         views += judged.views if arguments.views == "judged" else []
         sensors = [make_sensor(view, *judged.size) for view in views]
     view = time_view(scene, make_sensor(own, *judged.size))

@@ -105,17 +105,12 @@ class Judged:
 
 
 def kept_field(
-    name: str, scene: mi.Scene, own: list[View], aspect: float, seconds: float, kept: Kept
+    name: str, scene: mi.Scene, own: View, aspect: float, seconds: float, kept: Kept
 ) -> GaussianPhotonField:
-    """A field fitted for a time with the scene's training views, from the folder if it is there.
-
-    Parameters
-    ----------
-    own: the training views of a scene that is not one of `scenes/`.
-    """
+    """A field fitted for a time with the scene's training views, from the folder if it is there."""
     file = kept.folder / f"{name}_{seconds:g}s.safetensors"
     if not file.exists():
-        views = own if name in SCENES else load_views(name).train
+        views = training_views(name, own)
         sensors = [make_sensor(view, round(FIT_ROWS * aspect), FIT_ROWS) for view in views]
         with progress_bar(f"{name}: fit", 1):
             save_field(gpf.fit(scene, sensors, seconds=seconds), file)
@@ -180,7 +175,7 @@ def open_field(
     kept = Kept(arguments.kept, arguments.reference_passes)
     size = round(rows * aspect), rows
     judged = references(name, scene, views[:count], size, exposure, kept, truth)
-    return scene, kept_field(name, scene, [own], aspect, arguments.seconds, kept), judged
+    return scene, kept_field(name, scene, own, aspect, arguments.seconds, kept), judged
 
 
 def options(description: str, passes: int) -> argparse.ArgumentParser:
@@ -191,6 +186,11 @@ def options(description: str, passes: int) -> argparse.ArgumentParser:
     parser.add_argument("--kept", type=Path, default=Path("results/benchmark_references"))
     parser.add_argument("scenes", nargs="*", default=list_scenes())
     return parser
+
+
+def training_views(name: str, own: View) -> list[View]:
+    """The training views of `scenes/`; of another scene, its own camera."""
+    return [own] if name in SCENES else list(load_views(name).train)
 
 
 def judged_views(name: str, scene: mi.Scene, own: View, aspect: float) -> tuple[list[View], float]:

@@ -18,8 +18,16 @@ from rich.console import Console
 from rich.table import Table
 
 import gpf
-from benchmarks.check_scenes import SCENES
-from benchmarks.judged import FIT_ROWS, Kept, decibels, judged_views, options, references, render
+from benchmarks.judged import (
+    FIT_ROWS,
+    Kept,
+    judged_views,
+    mean_psnr,
+    options,
+    references,
+    render,
+    training_views,
+)
 from benchmarks.placement import open_scene
 from benchmarks.timing import time_in_turn
 from gpf.core.progress import progress_bar
@@ -27,7 +35,6 @@ from gpf.field.field import GaussianPhotonField
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.lights import LightMixer
 from gpf.rendering.settings import RenderSettings
-from gpf.scene.folders import load_views
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.sensors import make_sensor
 
@@ -52,8 +59,7 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
     scene, own, aspect = open_scene(name)
     views, exposure = judged_views(name, scene, own, aspect)
     size = round(FIT_ROWS * aspect), FIT_ROWS
-    seen = [own] if name in SCENES else list(load_views(name).train)
-    sensors = [make_sensor(view, *size) for view in seen]
+    sensors = [make_sensor(view, *size) for view in training_views(name, own)]
     groups = LightGroups.each(scene)
     levels = dict.fromkeys(groups.names, DIMMED) | {groups.names[0]: WARMER}
 
@@ -72,7 +78,7 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
     fitted, _ = fit(changed, None)
     kept = Kept(arguments.kept, arguments.reference_passes)
     judged = references(f"{name}_dimmed", changed, views, size, exposure, kept)
-    own_error = judged.differences(render(changed, fitted, judged)).mean()
+    own_errors = judged.differences(render(changed, fitted, judged))
 
     settings = RenderSettings()
     pictures = {
@@ -84,13 +90,13 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
     )
     mixer = LightMixer(scene, grouped)
     mixer.set(levels)
-    dimmed_error = judged.differences(render(scene, grouped, judged)).mean()
+    dimmed_errors = judged.differences(render(scene, grouped, judged))
     return [
         f"{len(groups.names)}",
         f"{seconds_grouped / seconds:.2f}",
         f"{timings.ratio('grouped', 'plain'):.2f}",
-        decibels(dimmed_error),
-        decibels(own_error),
+        mean_psnr(dimmed_errors),
+        mean_psnr(own_errors),
     ]
 
 
