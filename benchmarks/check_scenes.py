@@ -1,8 +1,8 @@
-"""Ten small scenes for checks of everything that has to work on anybody's scene.
+"""Small scenes for checks of everything that has to work on anybody's scene.
 
-They are made from Mitsuba's own shapes, and nothing is tuned to them: where cameras are placed, how
-long a sample takes in dark places, how good a field is without any choice. y is up; lengths are
-metres. Every scene has one sensor, at the place of a photographer.
+Nothing is tuned to them: where cameras are placed, how long a sample takes in dark places, how good
+a field is without any choice. y is up; lengths are metres. Every scene has one sensor, at the place
+of a photographer.
 """
 
 from __future__ import annotations
@@ -11,6 +11,9 @@ from collections.abc import Callable
 from typing import Any
 
 import mitsuba as mi
+import numpy as np
+
+from gpf.modelling.meshes import lathe
 
 Dict = dict[str, Any]
 
@@ -183,6 +186,27 @@ def close_to_a_wall() -> Dict:
     return scene
 
 
+def tumbler() -> Dict:
+    """A tumbler of cut glass and a gold ball on a table under a spot light, in a large room."""
+    scene = _room((8, 3.5, 8)) | _camera((0.5, 1.05, 0.62), (0, 0.81, 0), 34)
+    target = [0, 0.77, 0]
+    scene |= {
+        "table": _box((0, 0.74, 0), (0.7, 0.03, 0.5), WOOD),
+        "leg": _box((0, 0.355, 0), (0.06, 0.355, 0.06), GREY),
+        "tumbler": _cut_glass((0, 0.7705, 0)),
+        "gold": _sphere((-0.16, 0.8, 0.1), 0.03, {"type": "roughconductor", "material": "Au"}),
+        "spot": {
+            "type": "spot",
+            "to_world": mi.ScalarTransform4f().look_at([-1.1, 2.3, -0.6], target, [0, 1, 0]),
+            "intensity": _rgb((24, 23, 21)),
+            "cutoff_angle": 26,
+            "beam_width": 20,
+        },
+        "ceiling_light": _lamp((1, 3.48, 1), (0.5, 0.5), 9),
+    }
+    return scene
+
+
 SCENES: dict[str, Callable[[], Dict]] = {
     scene.__name__: scene
     for scene in (
@@ -196,6 +220,7 @@ SCENES: dict[str, Callable[[], Dict]] = {
         spot_in_the_dark,
         two_rooms,
         close_to_a_wall,
+        tumbler,
     )
 }
 """Name -> function that makes the dictionary for ``mitsuba.load_dict``."""
@@ -253,6 +278,31 @@ def _box(centre: tuple[float, ...], half: tuple[float, ...], colour: tuple[float
 
 def _sphere(centre: tuple[float, ...], radius: float, bsdf: Dict) -> Dict:
     return {"type": "sphere", "center": list(centre), "radius": radius, "bsdf": bsdf}
+
+
+def _cut_glass(place: tuple[float, ...]) -> mi.Mesh:
+    """A tumbler, 9.5 cm high, whose outer side is cut to diamonds of two depths."""
+    sides, cuts = 18, np.linspace(0.012, 0.062, 6)
+    outside = [(0.034 if k % 2 else 0.038, y) for k, y in enumerate(cuts)]
+    inside = [(0.036, 0.094), (0.034, 0.06), (0.031, 0.016), (0.0, 0.013)]
+    profile = [(0.0, 0.0), (0.034, 0.0), *outside, (0.039, 0.07), (0.039, 0.094), *inside]
+    glass = lathe(np.array(profile), sides)
+    turned = (np.hypot(*glass.points[:, [0, 2]].T) > 0.033) & np.isclose(
+        glass.points[:, 1:2], cuts[1::2]
+    ).any(axis=1)
+    x, y, z = glass.points.T
+    angle = np.where(turned, np.pi / sides, 0)  # half of a side, so that the sides are diamonds
+    cos, sin = np.cos(angle), np.sin(angle)
+    points = np.stack([cos * x + sin * z, y, cos * z - sin * x], axis=1)
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict({"type": "dielectric"})
+    properties["face_normals"] = True
+    mesh = mi.Mesh("tumbler", len(points), len(glass.faces), props=properties)
+    values = mi.traverse(mesh)
+    values["vertex_positions"] = (points + place).astype(np.float32).ravel()
+    values["faces"] = glass.faces.astype(np.uint32).ravel()
+    values.update()
+    return mesh
 
 
 def _walls(size: tuple[float, float, float], names: tuple[str, ...]) -> Dict:

@@ -14,6 +14,7 @@ import argparse
 import time
 
 import mitsuba as mi
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -31,12 +32,17 @@ from benchmarks.judged import (
 from benchmarks.placement import open_scene
 from benchmarks.timing import time_in_turn
 from gpf.core.progress import progress_bar
+from gpf.core.structs import from_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.lights import LightMixer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.sensors import make_sensor
+
+# What Mitsuba calls the colours of emitters.
+KINDS = ("radiance", "irradiance", "intensity")
+COLOURS = [f"{kind}.{form}" for kind in KINDS for form in ("value", "data")]
 
 DIMMED, WARMER = (0.25, 0.25, 0.25), (1.2, 0.8, 0.4)
 
@@ -45,7 +51,7 @@ def main() -> None:
     """Print one line for each scene."""
     parser = options(__doc__.splitlines()[0], passes=100)
     parser.add_argument("--passes", type=int, default=200)
-    parser.set_defaults(scenes=["corridor", "veach_ajar", "veach_bidir", "pool"])
+    parser.set_defaults(scenes=["corridor", "veach_ajar", "veach_bidir", "water_caustic_2"])
     arguments = parser.parse_args()
     columns = ("groups", "fit", "picture", "dimmed field", "field of that light")
     table = Table("scene", *columns)
@@ -104,7 +110,14 @@ def change_emitters(scene: mi.Scene, levels: list[tuple[float, float, float]]) -
     """Multiply the colour of each emitter, in the scene itself."""
     for emitter, level in zip(scene.emitters(), levels, strict=True):
         parameters = mi.traverse(emitter)
-        parameters["radiance.value"] = parameters["radiance.value"] * mi.Color3f(level)
+        (key,) = (key for key in (*COLOURS, "data") if key in parameters)
+        colour = parameters[key]
+        if isinstance(colour, mi.TensorXf):
+            values = np.array(colour)
+            values[..., :3] *= level
+            parameters[key] = from_numpy(mi.TensorXf, values)
+        else:
+            parameters[key] = colour * mi.Color3f(level)
         parameters.update()
 
 

@@ -21,18 +21,20 @@ from stages.common.costs import CostMeter
 from stages.common.makers import command_for
 from stages.common.workspace import Workspace
 
+SECOND_REFERENCE = "second_reference"
+
 
 def compare_images(scene_name: str) -> None:
     """Compare the field, the rows of `methods` and the second reference with the references.
 
-    A row without images of the scene is left out, and a message names the command for them.
+    What has no images of the scene is left out, and a message names the command for them.
     """
     work = Workspace.open(scene_name)
     judge = Judge.open(work)
     names, references = list(judge.references), judge.references
-    passes = _snapshots_of_all(work, names)
     refused = {m: reason for m in work.params.methods.all if (reason := _refusal(work, m))}
-    methods = ["gpf", *_rendered(work, names, refused), "second_reference"]
+    methods = _rendered(work, names, refused)
+    passes = _snapshots_of_all(work, names) if SECOND_REFERENCE in methods else []
     results: dict[str, dict[str, Any]] = {method: {} for method in methods}
     curves: dict[str, dict[int, float]] = {}
     costs = CostMeter()
@@ -40,14 +42,14 @@ def compare_images(scene_name: str) -> None:
     total = len(names) * len(methods)
     with progress_bar(title, total) as advance, costs.measure("metrics"):
         for name in names:
-            snapshots = _read_snapshots(work, name, references[name], passes)
+            snapshots = _read_snapshots(work, name, references[name], passes) if passes else []
             curves[name] = {
                 n: psnr(image, references[name], work.views.exposure) for n, image in snapshots
             }
             for method in methods:
                 results[method][name] = (
                     judge.compare(name, snapshots[-1][1])
-                    if method == "second_reference"
+                    if method == SECOND_REFERENCE
                     else judge.compare_render(method, name)
                 )
                 advance(sum(map(len, results.values())))
@@ -56,7 +58,7 @@ def compare_images(scene_name: str) -> None:
     for method, views in results.items():
         report = summarize(views)
         summary = report["mean"]
-        if method == "gpf":
+        if method == "gpf" and passes:
             report["equivalent_sppm_passes"] = {
                 name: str(equivalent_passes(views[name]["psnr"], curves[name])) for name in names
             }
@@ -69,10 +71,13 @@ def compare_images(scene_name: str) -> None:
     _remove_others(work, (*methods, *refused))
     write_json(work.summary, summaries)
     mean_curve = {n: float(np.mean([curves[name][n] for name in names])) for n in passes}
-    write_json(
-        work.convergence,
-        [{"passes": n, "psnr": value} for n, value in mean_curve.items()],
-    )
+    if passes:
+        write_json(
+            work.convergence,
+            [{"passes": n, "psnr": value} for n, value in mean_curve.items()],
+        )
+    else:
+        work.convergence.unlink(missing_ok=True)
     costs.write(work.cost("metrics"))
     table = pd.DataFrame(rows, columns=["scene", "method", *NUMBERS, "reason"])
     write_text(work.folder / "quality.csv", table.to_csv(index=False))
@@ -131,10 +136,15 @@ def _refusal(work: Workspace, method: str) -> str | None:
 
 
 def _rendered(work: Workspace, views: Sequence[str], refused: Mapping[str, str]) -> list[str]:
-    """The rows of `methods` with images of the scene; a message for each row that was not run."""
+    """What has images of the scene; a message for each row of the tables that was not run."""
     found = []
-    for method in (m for m in work.params.methods.all if m not in refused):
-        paths = [work.render(method, view) for view in views]
+    for method in ("gpf", *work.params.methods.all, SECOND_REFERENCE):
+        if method in refused:
+            continue
+        paths = [
+            work.second_reference(view) if method == SECOND_REFERENCE else work.render(method, view)
+            for view in views
+        ]
         if any(path.exists() for path in paths):
             found.append(method)
         else:

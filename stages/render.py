@@ -8,7 +8,7 @@ from typing import Any
 from gpf.core.images import write_exr, write_png
 from gpf.core.progress import progress_bar, say
 from gpf.field.io import load_field
-from gpf.rendering.field_renderer import WEAK_COVERAGE, FieldRenderer, weakly_covered
+from gpf.rendering.field_renderer import FieldRenderer, describe_coverage, weakly_covered
 from stages.common.costs import CostMeter
 from stages.common.timing_baseline import time_path
 from stages.common.workspace import Workspace
@@ -33,7 +33,7 @@ def render_novel_views(work: Workspace) -> None:
             write_png(file.with_suffix(".png"), layers["radiance"], work.views.exposure)
             shares[view.name] = weakly_covered(layers["coverage"])
             advance(k + 1)
-    report_coverage(work.scene, shares)
+    say(f"{work.scene}: {describe_coverage(shares)}")
     costs.facts |= {"views": len(views), "spp": settings.spp}
     costs.facts["weakly_covered"] = list(shares.values())
     costs.facts["field_megabytes"] = work.field.stat().st_size / 1e6
@@ -49,16 +49,6 @@ def open_renderer(work: Workspace, spp: int) -> FieldRenderer:
     report_other_scene(work, field.record)
     scene = work.load_scene()
     return FieldRenderer.make(scene, field, settings.model_copy(update={"spp": spp}), ["coverage"])
-
-
-def report_coverage(scene: str, shares: Mapping[str, float]) -> None:
-    """Print the share of weakly covered pixels."""
-    worst = max(shares, key=shares.__getitem__)
-    mean = sum(shares.values()) / len(shares)
-    say(
-        f"{scene}: {mean:.2%} of the pixels are weakly covered by Gaussians (channel coverage "
-        f"above {WEAK_COVERAGE:g}); in the view {worst}, {shares[worst]:.2%}"
-    )
 
 
 def report_other_scene(work: Workspace, record: Mapping[str, Any]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import mitsuba as mi
@@ -16,7 +15,8 @@ from gpf.core.runtime import choose_variant
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import save_field
 from gpf.fitting.fit import FitProgress, fit
-from gpf.fitting.state import PHOTONS
+from gpf.fitting.state import PHOTONS, Resume
+from gpf.importing.placement import ROWS
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
@@ -52,11 +52,10 @@ def fit_scene_file(
     scene = load_scene_file(path)
     light_groups = LightGroups.parse(groups, scene)
     views = file_beside(path, views)
-    sensors, exposure = (None, None) if views is None else read_sensors(views, PREVIEW_ROWS)
+    sensors, exposure = (None, None) if views is None else read_sensors(views, ROWS)
     say("cameras: placed around the scene's own" if views is None else f"cameras: those of {views}")
     preview, state = out.with_suffix(".png"), out.with_suffix(".fit")
-    if not go_on and is_finished(state, out):
-        shutil.rmtree(state)
+    resume: Resume = "never" if is_finished(state, out) else "if possible"
     with progress_bar(f"{path.stem}: looking around", 1) as bar:
         field = fit(
             scene,
@@ -69,7 +68,7 @@ def fit_scene_file(
             state=state,
             groups=light_groups,
             exposure=exposure,
-            go_on=go_on,
+            resume="always" if go_on else resume,
         )
     save_field(field, out)
     record = field.record

@@ -28,7 +28,7 @@ from gpf.field.io import load_field
 from gpf.rendering.aovs import expected_psnr, parse_aovs
 from gpf.rendering.denoiser import PACKAGE
 from gpf.rendering.denoiser import available as has_denoiser
-from gpf.rendering.field_renderer import FieldRenderer
+from gpf.rendering.field_renderer import FieldRenderer, describe_coverage, weakly_covered
 from gpf.rendering.lights import set_lights
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.fingerprint import fingerprint
@@ -43,6 +43,9 @@ FILM, FPS = "film.mp4", 24
 DENOISED_UP_TO = 16
 """Samples per pixel up to which pictures are denoised, if the package for it is installed. With
 more samples, the denoiser may add larger errors than it removes."""
+
+WORTH_SAYING = 0.02
+"""Share of weakly covered pixels of a picture from which a message says so."""
 
 
 Rendering = tuple[View, dict[str, np.ndarray]]
@@ -142,8 +145,8 @@ def render_pictures(
     if options.film:
         pictures.write_film()
     write_data_set(folder, scene, cameras.views, pictures.size, aovs)
-    if "error" in aovs:
-        say(f"{folder}: {pictures.expected_error()}")
+    for remark in pictures.remarks():
+        say(f"{folder}: {remark}")
     kept = len(cameras.views) - made
     seconds = (time.perf_counter() - start) / max(made, 1)
     notes = [f"{made} picture{'s' if made != 1 else ''}, {seconds:.2f} s each"] if made else []
@@ -207,7 +210,8 @@ class Pictures:
         if denoise and not has_denoiser():
             raise UserError("--denoise", "needs the package pyoidn", f"pip install {PACKAGE}")
         settings = RenderSettings(spp=spp, denoise=denoise)
-        renderer = FieldRenderer.make(scene, field, settings, aovs)
+        layers = (*aovs, *(("coverage",) if "coverage" not in aovs else ()))
+        renderer = FieldRenderer.make(scene, field, settings, layers)
         exposure = options.exposure or cameras.exposure or field.record.get("exposure")
         if exposure is None:
             exposure = _measure_exposure(renderer, cameras.views[0], cameras.aspect)
@@ -239,7 +243,9 @@ class Pictures:
                     facts["expected_psnr"] = expected_psnr(
                         layers["radiance"], layers["error"], self.exposure
                     )
-                write_exr(self.exr(view), layers, facts)
+                facts["weakly_covered"] = weakly_covered(layers["coverage"])
+                wanted = ("radiance", *self.facts["aovs"])
+                write_exr(self.exr(view), {name: layers[name] for name in wanted}, facts)
                 done += 1
                 bar(done)
         return len(missing)
@@ -289,14 +295,18 @@ class Pictures:
         found = read_record(self.exr(view)) if self.png(view).exists() else None
         return found is not None and {**found, **self.record(view)} == found
 
-    def expected_error(self) -> str:
-        """How wrong the light of the pictures may be, in words."""
-        records = (read_record(self.exr(view)) or {} for view in self.views)
-        found = [record["expected_psnr"] for record in records if "expected_psnr" in record]
-        return (
-            f"light right to {np.mean(found):.1f} dB ({min(found):.1f} to {max(found):.1f}); "
-            "noise of camera samples comes on top"
-        )
+    def remarks(self) -> Iterator[str]:
+        """How wrong the light of the pictures may be, and where it is missing, in words."""
+        records = {view.name: read_record(self.exr(view)) or {} for view in self.views}
+        if "error" in self.facts["aovs"]:
+            found = [record["expected_psnr"] for record in records.values()]
+            yield (
+                f"light right to {np.mean(found):.1f} dB ({min(found):.1f} to {max(found):.1f}); "
+                "noise of camera samples comes on top"
+            )
+        shares = {name: record.get("weakly_covered", 0.0) for name, record in records.items()}
+        if max(shares.values()) > WORTH_SAYING:
+            yield f"{describe_coverage(shares)}; fit with cameras that look there"
 
     def write_film(self) -> None:
         """All pictures in order as an MP4."""

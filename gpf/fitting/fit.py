@@ -13,13 +13,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.errors import is_interrupt
+from gpf.core.errors import UserError, is_interrupt
 from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import InitialFieldSettings
 from gpf.field.lights import FieldLights
 from gpf.fitting.goals import Goals, TimeBudget
 from gpf.fitting.quality import LEAST_PASSES, QualityEstimate
-from gpf.fitting.state import FitState, fit_identity
+from gpf.fitting.state import FitState, Resume, fit_identity
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.importing.placement import place_sensors
 from gpf.scene.bounds import scene_bounds
@@ -103,43 +103,45 @@ def fit(
     state: Path | None = None,
     groups: LightGroups | None = None,
     exposure: float | None = None,
-    go_on: bool = False,
+    resume: Resume = "if possible",
 ) -> GaussianPhotonField:
     """Fit a field to a scene.
 
     The fit ends at the first goal that is reached; without any goal, after
-    :data:`gpf.fitting.goals.DEFAULT_PASSES` passes. Interrupted by Ctrl-C, it returns the best
-    field so far. The same seed and passes give the same bits on the same machine.
+    :data:`gpf.fitting.goals.DEFAULT_PASSES` passes. There is always a field from
+    :data:`FIRST_PASSES` passes, or from two if fewer are asked for, whatever time it takes.
+    Interrupted by Ctrl-C, the fit returns the best field so far. The same seed and passes give the
+    same bits on the same machine.
 
     Parameters
     ----------
-    sensors: cameras that look at what the field is for; by default cameras are placed around the
-        scene's own, as ``gpf scene import`` does.
+    sensors: cameras that look at what the field is for, one at least; by default cameras are placed
+        around the scene's own, as ``gpf scene import`` does.
     seconds: time for the whole fit, wall clock.
     target_psnr: estimated PSNR of images against an SPPM reference with 1000 passes, dB.
     passes: photon passes.
     callback: called after each pass and each optimiser step.
-    state: a folder in which the fit keeps its photons, some 100 MB. If they are there already, from
-        a fit of the same scene with the same cameras and seed, this one continues from them.
+    state: a folder in which the fit keeps its photons, some 100 MB, and from which a fit of the
+        same scene with the same cameras, groups and seed continues, with all that are there.
     groups: groups of emitters whose light the field keeps apart (``field.lights``), so that each
         can be dimmed later.
     exposure: of the images whose PSNR is estimated; by default one that suits them
         (:func:`gpf.core.images.propose_exposure`).
-    go_on: whether it is an error if the folder has the photons of another fit, or none; otherwise
-        the fit then starts anew.
+    resume: whether it continues from there. ``always``: it is an error if the folder has the
+        photons of another fit, or none; ``never``: what is there is replaced.
 
     Raises
     ------
     UserError: a goal is not above 0; the scene has no emitter or no diffuse surface, or a material
-        that is not supported; the cameras see no diffuse surface, or no light reaches those that
-        they see; or the fit cannot go on.
+        that is not supported; there is no camera, or the cameras see no diffuse surface, or no
+        light reaches those that they see; the light is not finite; or the fit cannot resume.
     """
     goals = Goals.of(seconds, target_psnr, passes)
     run = _Fit(scene, sensors, goals, seed, callback, state, groups, exposure)
     try:
-        run.open(go_on)
+        run.open(resume)
         while not run.is_done():
-            run.go_on()
+            run.fit_next()
     except BaseException as error:
         if run.best is None or not (isinstance(error, _OutOfTime) or is_interrupt(error)):
             raise
@@ -171,10 +173,13 @@ class _Fit:
             log.warning("scene: %s", media)
         self.goals = goals
         self.time, self.saved = TimeBudget(goals.seconds), time.perf_counter()
-        self.folder, self.groups, self.exposure = state, groups, exposure
+        self.folder = None if state is None else Path(state)
+        self.groups, self.exposure = groups, exposure
         self.state: FitState | None = None
         self.scene, self.seed, self.callback = scene, seed, callback
         self.sensors = list(place_sensors(scene) if sensors is None else sensors)
+        if not self.sensors:
+            raise UserError("sensors", "is empty", "Give a camera, or leave it out.")
         self.bounds = scene_bounds(scene)
         self.stream: PhotonStream
         self.halves: tuple[Targets, Targets] | None = None  # of the last field
@@ -186,7 +191,7 @@ class _Fit:
         self.error: float | None = None
         self.steps, self.all_steps = 0, 0
 
-    def open(self, go_on: bool) -> None:
+    def open(self, resume: Resume) -> None:
         """Look around, choose the points, and continue from what was saved."""
         region = REGION.model_copy(update={"seed": self.seed})
         plan = EmissionPlan.make(self.scene, self.sensors, region)
@@ -217,10 +222,12 @@ class _Fit:
             parts = FIELD, REGION, STREAM, settings
             values = {"seed": self.seed, "settings": [part.model_dump() for part in parts]}
             if self.groups is not None:
-                values["groups"] = self.groups.members
+                values["groups"] = [self.groups.names, self.groups.members]
             identity = fit_identity(self.scene, self.sensors, values)
             self.state = FitState(self.folder, identity)
-            self._restore(*self.state.load(must_exist=go_on))
+            self._restore(*self.state.load(resume))
+        elif resume == "always":
+            raise UserError("resume", "needs a state", "Give the folder of the photons.")
 
     def _restore(
         self,
@@ -232,17 +239,19 @@ class _Fit:
         if tensors:
             self.stream.restore(tensors)
             self.quality.restore(tensors)
-            self.best, self.passes, self.psnr = best, facts["passes"], facts["psnr"]
-            self.fitted, self.all_steps = facts["fitted"], facts["steps"]
+            self.best, self.passes, self.fitted = best, facts["passes"], facts["fitted"]
+            self.all_steps, self.in_vain = facts["steps"], facts["in_vain"]
             self.time.pass_seconds, self.time.field_seconds = facts["seconds"]
+            if best is not None:  # not that of the file: it may be of another exposure
+                self.psnr = self.quality.psnr(best)
 
     def save(self) -> None:
         """Write the state, if it is asked for."""
         if self.state is not None:
             facts = {
                 "passes": self.passes,
-                "psnr": self.psnr,
                 "fitted": self.fitted,
+                "in_vain": self.in_vain,
                 "steps": self.all_steps,
                 "seconds": [self.time.pass_seconds, self.time.field_seconds],
             }
@@ -265,10 +274,12 @@ class _Fit:
                     self.goals.target_psnr,
                 )
                 return True
-        return self._passes_that_fit() < LEAST_GROWTH * self.stream.count
+        next_one = max(LEAST_GROWTH * self.fitted, self.stream.count)
+        return self._passes_that_fit() < next_one
 
-    def go_on(self) -> None:
+    def fit_next(self) -> None:
         """Fit the next complete field, from more passes."""
+        self.time.start_pass()
         while self.stream.count < self._plan():
             self.stream.advance(self.stream.count + 1, self._count_pass)
         self.save()
@@ -304,22 +315,23 @@ class _Fit:
             before = self.quality.psnr(self.best)
         self.in_vain = self.in_vain + 1 if psnr - before < LEAST_GAIN else 0
         if psnr >= before - TOLERATED:
-            field.set_error(self.estimate_error(field))
+            self.add_error(field)
             if self.groups is not None:
                 field.lights = FieldLights(self.groups, self.split_light(field))
+            field.record = {"passes": self.fitted}
             self.best, self.passes, self.psnr = field, self.fitted, psnr
         else:
             self.psnr = before
         self._tell(self.best)
 
-    def estimate_error(self, field: GaussianPhotonField) -> np.ndarray:
-        """The relative errors of the last field, (N,)."""
+    def add_error(self, field: GaussianPhotonField) -> None:
+        """Tell the last field how wrong it may be."""
         assert self.halves is not None
         recipe = Recipe(self.field_settings)
         first, second = (recipe.supervise(half) for half in self.halves)
         error = estimate_error(field, (first, second), self.stream.blur)
         field.set_error(error)
-        return error * np.float32(self.quality.error_scale(field))
+        field.set_error(error * np.float32(self.quality.error_scale(field)))
 
     def split_light(self, field: GaussianPhotonField) -> np.ndarray:
         """The irradiance of the last field's Gaussians from each group of emitters, (G, N, 3)."""
@@ -328,7 +340,11 @@ class _Fit:
         return split_light(field, points, self.stream.by_group())
 
     def _add_estimates(self, wanted: int) -> None:
-        while self.quality.passes < wanted:
+        """Add passes for the estimate while there is time; there are :data:`LEAST_PASSES` at
+        least."""
+        while self.quality.passes < wanted and not (
+            self.quality.passes >= LEAST_PASSES and self.time.is_over()
+        ):
             self.quality.add_pass()
 
     def result(self) -> GaussianPhotonField:
@@ -351,7 +367,7 @@ class _Fit:
 
     def _count_pass(self, passes: int) -> None:
         """After a pass: measure its time, and add to the estimate of the PSNR."""
-        self.time.note_pass(count=passes > 1)
+        self.time.note_pass()
         if self.quality.passes < passes / PASSES_PER_ESTIMATE:
             self.quality.add_pass()
         if time.perf_counter() - self.saved > SAVE_SECONDS:
@@ -371,7 +387,7 @@ class _Fit:
             raise _OutOfTime
 
     def _plan(self) -> int:
-        """The number of passes of the next field, ``passes`` at most."""
+        """The number of passes of the next field, at most those of the goal."""
         count = round(GROWTH * self.fitted) if self.fitted else FIRST_PASSES
         # If no other field could follow, this one takes all the passes that are left.
         most = self.goals.passes

@@ -10,9 +10,6 @@ from gpf.core.errors import UserError
 DEFAULT_PASSES = 300
 """Photon passes if neither a time, a PSNR nor a number of passes is asked for."""
 
-# Of the time that is left, this share is planned with.
-_PLANNED = 0.9
-
 
 @dataclass(frozen=True)
 class Goals:
@@ -39,7 +36,7 @@ class Goals:
         """
         asked = {"seconds": seconds, "target_psnr": target_psnr, "passes": passes}
         for name, value in asked.items():
-            if value is not None and value <= 0:
+            if value is not None and not value > 0:  # or NaN
                 raise UserError(name, f"is {value}", "Give a number above 0, or leave it out.")
         if all(value is None for value in asked.values()):
             passes = DEFAULT_PASSES
@@ -59,6 +56,7 @@ class TimeBudget:
 
     def __init__(self, seconds: float | None) -> None:
         self.begin = self._last = time.perf_counter()
+        self._compiling = True
         self._end = float("inf") if seconds is None else self.begin + seconds
         self.pass_seconds, self.field_seconds, self.judging = 0.0, 0.0, 0.0
 
@@ -71,12 +69,12 @@ class TimeBudget:
         """Whether less than ``reserve`` seconds are left."""
         return time.perf_counter() + reserve > self._end
 
-    def note_pass(self, count: bool) -> None:
-        """A pass has ended. If it does not count, because it compiled kernels, its time is
-        ignored."""
+    def note_pass(self) -> None:
+        """A pass has ended. The time of the first is ignored, because it compiled kernels."""
         spent = time.perf_counter() - self._last
-        if count:
+        if not self._compiling:
             self.pass_seconds = 0.8 * (self.pass_seconds or spent) + 0.2 * spent
+        self._compiling = False
 
     def start_pass(self) -> None:
         """The next pass begins now."""
@@ -90,4 +88,4 @@ class TimeBudget:
         share: passes for the estimate of the PSNR, of those for the field.
         """
         rest = self._end - time.perf_counter() - fields * self.field_seconds
-        return _PLANNED * rest / max(self.pass_seconds * (1 + share), 1e-6)
+        return rest / max(self.pass_seconds * (1 + share), 1e-6)

@@ -12,7 +12,7 @@ import numpy as np
 
 from gpf.camera.rays import sample_rays_at
 from gpf.camera.visible_points import find_visible_points
-from gpf.core.images import propose_exposure, tone_map, tone_secant
+from gpf.core.images import check_finite, propose_exposure, tone_map, tone_secant
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
 from gpf.field.field import FieldSettings, GaussianPhotonField
@@ -20,7 +20,6 @@ from gpf.photons.emission import Source, emit_light
 from gpf.rendering.adaptive import sample_adaptively
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
-from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, PhotonPasses
 
@@ -39,6 +38,9 @@ MOST_SCALE = 3.0
 # Camera samples of each pixel.
 SAMPLES = 4
 
+# Pixels in all, and views that they are in at most: with few pixels, the PSNR of a view is biased.
+PIXELS, MOST_VIEWS = 8192, 16
+
 # The noise of the field's images is measured in square patches of the views: pixels along a side,
 # and in all patches.
 PATCH, PATCH_PIXELS = 16, 8192
@@ -53,14 +55,16 @@ class QualityEstimate:
     """Irradiance by SPPM at visible points of some pixels, with which fields are compared.
 
     With the field's radiance f_i at sample i of a pixel, the radiances a_i and b_i by SPPM with n/2
-    independent passes each, and the slope s of the tone curve between both, the mean squared error
-    against a reference with N passes is estimated as
+    independent passes each, and the slope s of the tone curve between the means of f_i and of
+    (a_i + b_i)/2, the mean squared error against a reference with N passes is estimated as
 
         mean(s² (f_i - a_i) (f_j - b_j)) + mean(s² ((a_i - b_i)² n/4 + v + d)) / N + w,    i ≠ j,
 
-    in each view. The estimate is the mean of the views' PSNR, less its standard error. Neither the
+    in each view. The estimate is the mean of the views' PSNR, less its standard error and less the
+    bias of the logarithms of uncertain means. Neither the
     noise of a and b nor light that changes within the pixel has an influence on the first term's
-    expected value: an image has many samples per pixel, which average out. The second term is the
+    expected value, but for a little through s: an image has many samples per pixel, which average
+    out. The second term is the
     noise of the reference, from its photons, from its camera samples, whose variance in a pixel is
     v, and from its single samples of the lamps, with the variance d; a and b have evenly spread
     ones. The third term w is the noise of the field's image, measured with two images of other
@@ -69,7 +73,7 @@ class QualityEstimate:
 
     Parameters
     ----------
-    sensors: the views.
+    sensors: the views; of more than :data:`MOST_VIEWS`, some evenly spread over them.
     settings: of the passes.
     field: how the fields are queried.
     pixels: number of pixels in all, at random places.
@@ -84,23 +88,28 @@ class QualityEstimate:
         field: FieldSettings,
         seed: int,
         source: Source = emit_light,
-        pixels: int = 8192,
+        pixels: int = PIXELS,
         exposure: float | None = None,
     ) -> None:
         self.seed, self.exposure, self.passes = seed, exposure, 0
-        self._scene, self._sensors = scene, list(sensors)
+        self._measured = exposure is None
+        chosen = np.unique(np.linspace(0, len(sensors) - 1, MOST_VIEWS).round().astype(int))
+        self._scene, self._sensors = scene, [sensors[k] for k in chosen]
         self._noise: np.ndarray | None = None
         self._photons = PhotonPasses(scene, settings, seed, source)
-        self._pixels = max(1, pixels // len(sensors)) * len(sensors)
+        self._pixels = max(1, pixels // len(chosen)) * len(chosen)
         points = self._find_points()
         self._emission = to_numpy(points.emission)
+        check_finite(self._emission, "light that reaches the cameras")
         valid = dr.compress(points.valid)
         self._lanes = np.asarray(valid.numpy())
         points = take(points, valid)
         self._share = to_numpy(points.throughput * points.reflectance) / np.pi
         self._points = FixedPoints(scene, points)
         self._stored = field.stored_lamps(scene)
-        self._sampled = self._direct(field.sampled_lamps(scene))
+        self._sampled = self._points.mean_direct(
+            field.sampled_lamps(scene), DIRECT_SAMPLES, pass_seed(seed, 3, Stream.QUALITY_DIRECT)
+        )
         self._starts = [
             random_start(pass_seed(seed, half, Stream.QUALITY_DIRECT), len(self._lanes))
             for half in range(2)
@@ -109,16 +118,16 @@ class QualityEstimate:
 
     def tensors(self) -> dict[str, np.ndarray]:
         """The passes so far, for a file."""
-        facts = np.array([self.passes, self.exposure or np.nan])
+        facts = np.array([self.passes, self.exposure or np.nan, self._measured])
         found = {"quality/sums": self._sums, "quality/facts": facts}
         return found if self._noise is None else found | {"quality/noise": self._noise}
 
     def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
         """Continue from :meth:`tensors` of an estimate with the same arguments."""
         self._sums = tensors["quality/sums"].copy()
-        passes, exposure = tensors["quality/facts"]
+        passes, exposure, measured = tensors["quality/facts"]
         self.passes = int(passes)
-        if self.exposure is None and not np.isnan(exposure):
+        if self._measured and measured and not np.isnan(exposure):
             self.exposure = float(exposure)
         if self.exposure == exposure:
             self._noise = tensors.get("quality/noise")
@@ -148,7 +157,8 @@ class QualityEstimate:
     def needed_passes(self, field: GaussianPhotonField) -> int:
         """The number of passes with which the estimate would be certain enough.
 
-        The standard error falls with the number of passes, because the noise of both factors does.
+        With the number of passes the noise of both factors falls, and with it the standard error;
+        but not the part of it that comes from the choice of pixels.
         """
         _, uncertain = self._estimate(field)
         return math.ceil(self.passes * uncertain / SURE)
@@ -183,8 +193,12 @@ class QualityEstimate:
         each = np.maximum(np.maximum(error.mean(axis=1), 0) + least, 1e-10)
         # Of a logarithm, the standard error is the relative one.
         relative = np.array([standard_error(view) for view in error]) / each
-        uncertain = 10 / math.log(10) * np.linalg.norm(relative) / views
-        return float(np.mean(-10 * np.log10(each))), float(uncertain)
+        unit = 10 / math.log(10)
+        # The mean of log x is less than the logarithm of the mean of x: by half of the relative
+        # variance.
+        biased = unit * np.minimum(relative**2, 1) / 2
+        uncertain = unit * np.linalg.norm(relative) / views
+        return float(np.mean(-10 * np.log10(each) - biased)), float(uncertain)
 
     def _compare(self, field: GaussianPhotonField) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """At each pixel: the first term of the estimate, (P,), the second times N, (P, 3), and the
@@ -220,17 +234,6 @@ class QualityEstimate:
             )
             variance[self._lanes] = self._share**2 * found.var(axis=0, ddof=1)
         return variance.reshape(-1, SAMPLES, 3).mean(axis=1)
-
-    def _direct(self, lamps: Lamps) -> np.ndarray:
-        """Direct irradiance at the points from lamps that the field does not store, (N, 3)."""
-        total = dr.zeros(mi.Color3f, len(self._lanes))
-        for number, group in enumerate(lamps.groups()):
-            seed = pass_seed(self.seed, 3 + number, Stream.QUALITY_DIRECT)
-            start = random_start(seed, len(self._lanes))
-            for k in range(DIRECT_SAMPLES):
-                total += self._points.direct_irradiance(spread_sample(start, k + 1), group)
-                dr.eval(total)
-        return to_numpy(total) / DIRECT_SAMPLES
 
     def _samples(self, irradiance: np.ndarray) -> np.ndarray:
         """Radiance of all camera samples, (P, SAMPLES, 3), from the irradiance at the points."""

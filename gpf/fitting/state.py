@@ -7,7 +7,7 @@ import json
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import mitsuba as mi
 import numpy as np
@@ -18,13 +18,23 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field, save_field
 from gpf.scene.fingerprint import changed_parts, fingerprint
 
-PHOTONS, FIELD = "photons.safetensors", "field.safetensors"
+PHOTONS = "photons.safetensors"
+
+FORMAT = 2
+"""Of the files; those of another format are not read."""
+
+Resume = Literal["if possible", "always", "never"]
+"""Whether a fit continues from photons that are there: it starts anew, or fails, without them; or
+it starts anew in any case."""
 
 log = logging.getLogger(__name__)
 
 
 class FitState:
     """A folder with the photons of a fit and its best field.
+
+    The file with the photons names the field that belongs to them, and replaces the one before at
+    once: a kill at any time leaves the old state or the new one.
 
     Parameters
     ----------
@@ -33,7 +43,7 @@ class FitState:
 
     def __init__(self, folder: Path, identity: Mapping[str, Any]) -> None:
         self.folder = folder
-        self.identity = json.loads(json.dumps(identity))
+        self.identity = json.loads(json.dumps({"format": FORMAT, **identity}))
 
     def save(
         self,
@@ -41,22 +51,27 @@ class FitState:
         facts: Mapping[str, Any],
         best: GaussianPhotonField | None,
     ) -> None:
-        """Write all; a kill in between leaves a state that works."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        if best is not None:
-            save_field(best, self.folder / FIELD)
-        facts = {"identity": self.identity, "facts": facts}
+        """Write all."""
+        field = None if best is None else f"field-{best.record['passes']}.safetensors"
+        if best is not None and field is not None:
+            save_field(best, self.folder / field)
+        facts = {"identity": self.identity, "facts": facts, "field": field}
         write_tensors(self.folder / PHOTONS, "fit", tensors, facts)
+        for file in self.folder.glob("*.safetensors"):
+            if file.name not in (PHOTONS, field):  # of a state before, or half-written
+                file.unlink()
 
     def load(
-        self, must_exist: bool = False
+        self, resume: Resume = "if possible"
     ) -> tuple[dict[str, np.ndarray], dict[str, Any], GaussianPhotonField | None]:
         """What was saved; empty without a state of the same identity.
 
         Raises
         ------
-        UserError: there is none, but ``must_exist``.
+        UserError: there is none, but the fit must resume.
         """
+        if resume == "never":
+            return {}, {}, None
         try:
             if not (self.folder / PHOTONS).exists():
                 raise UserError(str(self.folder), "has no photons of a fit", "Fit anew.")
@@ -67,9 +82,9 @@ class FitState:
                     f"has the photons of another fit: other {other}",
                     "Give the same scene and options as before, or fit anew.",
                 )
-            best = load_field(self.folder / FIELD) if (self.folder / FIELD).exists() else None
+            best = load_field(self.folder / facts["field"]) if facts["field"] else None
         except UserError as error:
-            if must_exist:
+            if resume == "always":
                 raise
             if (self.folder / PHOTONS).exists():
                 log.warning("%s Starting anew.", error)
@@ -78,6 +93,8 @@ class FitState:
 
     def _differences(self, saved: Mapping[str, Any]) -> str:
         """In what a saved identity differs: parts of the scene, cameras, seed, or settings."""
+        if saved.get("format") != FORMAT:
+            return "version of this software"
         found = changed_parts(saved["scene"], self.identity["scene"])
         names = {*saved, *self.identity} - {"scene"}
         found += [name for name in sorted(names) if saved.get(name) != self.identity.get(name)]
@@ -89,4 +106,9 @@ def fit_identity(
 ) -> dict[str, Any]:
     """What photons of a fit belong to."""
     cameras = hashlib.sha256("".join(str(sensor) for sensor in sensors).encode())
-    return {"scene": fingerprint(scene), "cameras": cameras.hexdigest()[:16], **settings}
+    return {
+        "scene": fingerprint(scene),
+        "cameras": cameras.hexdigest()[:16],
+        "variant": mi.variant(),
+        **settings,
+    }

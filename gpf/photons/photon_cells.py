@@ -14,12 +14,15 @@ from gpf.core.structs import from_numpy
 LEVEL_BITS = 2
 """Bits that hold a level."""
 
-# With the coarsest, an edge is half as long as the radius of a wide kernel.
+# With the coarsest, an edge is half as long as the radius of a wide kernel after 100 passes.
 _COARSEST = 2
 
 # Edge of the cells of the table of levels, in edges of the finest cubes; their largest number.
 _WIDTH = 16
 _MOST_CELLS = 1 << 22
+
+# Of a cube along an axis; it has 16 bits.
+_LARGEST_NUMBER = 65535
 
 # A cube's edge is at most this share of the distance between the points around it.
 _SHARE = 0.5
@@ -35,7 +38,7 @@ class PhotonCells:
 
     Parameters
     ----------
-    edge: of the finest cubes, world units.
+    edge: of the finest cubes, world units; longer if the scene is larger than 65535 of them.
     bounds: corners of the scene's bounding box.
     points: that gather photons, world units, (N, 3); without them all places have level 0.
     """
@@ -44,6 +47,7 @@ class PhotonCells:
         self, edge: float, bounds: tuple[Any, Any], points: np.ndarray | None = None
     ) -> None:
         lower, upper = (np.array([float(corner[k]) for k in range(3)]) for corner in bounds)
+        edge = max(edge, float(np.max(upper - lower)) / _LARGEST_NUMBER)
         self._edge = dr.opaque(mi.Float, edge)
         self._lower = mi.Point3f(*(dr.opaque(mi.Float, float(x)) for x in lower))
         table, width = np.zeros((1, 1, 1), np.uint32), float(np.max(upper - lower)) + edge
@@ -64,7 +68,7 @@ class PhotonCells:
             mi.UInt32, self._levels, dr.dot(mi.Vector3u(dr.clip(at, 0, self._last)), self._stride)
         )
         offset = (p - self._lower) / (self._edge * mi.Float(mi.UInt32(1) << level))
-        corner = dr.clip(dr.floor(offset), 0, 65535)
+        corner = dr.clip(dr.floor(offset), 0, _LARGEST_NUMBER)
         return level, mi.Vector3u(corner), mi.Vector3f(offset - corner)
 
     def points(self, level: mi.UInt32, corner: mi.Vector3u, inside: mi.Vector3f) -> mi.Point3f:

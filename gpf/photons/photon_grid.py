@@ -1,10 +1,11 @@
 """The photons of any number of passes in bounded memory: summed in small cells during tracing.
 
-A density estimate does not need single photons: the photons in a cell that is much smaller than the
-kernel count as one photon at their mean position, with the sum of their powers. The cost of a pass
-is little more than its photon walk, for any number of points, and the kernel's radius can be chosen
-after the tracing. Two halves of the passes are kept apart, so that what they bring can be compared;
-they share the cells and the mean positions in them.
+A density estimate does not need single photons: the photons in a cell that is smaller than the
+kernel, or than the distance between the points that gather them, count as one photon at their mean
+position, with the sum of their powers. The cost of a pass is little more than its photon walk, for
+any number of points, and the kernel's radius can be chosen after the tracing. Two halves of the
+passes are kept apart, so that what they bring can be compared; they share the cells and the mean
+positions in them.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ _POWER_STEPS = 2.0**24
 # Paths that measure the typical power of a photon and the number of photons per path.
 PILOT = 1024
 
-# 64-bit numbers per cell for its sums. A key is never zero, because no normal is.
+# 64-bit numbers per cell for its sums. A key is never zero, because no unit normal has -3, -3, -3
+# thirds.
 _LINE = 8
 
 # Columns of a cell's numbers: power of each half; x and y; z and the number of photons.
@@ -57,7 +59,7 @@ class PhotonSums:
 
     Parameters
     ----------
-    cells: the cubes; their edges should be at most a quarter of the kernel's radius.
+    cells: the cubes.
     settings: the photon paths of each pass.
     capacity: initial number of slots in the table of cells; the table grows.
     groups: to keep the light of groups of emitters apart: :meth:`LightGroups.table`.
@@ -123,6 +125,7 @@ class PhotonSums:
         return ray, power, emitter
 
     def _add(self, photons: Photons, active: mi.Bool) -> None:
+        active &= dr.all(dr.isfinite(photons.power))
         level, corner, place = self._cubes.find(photons.p)
         key = _pack(corner, mi.Vector3u(dr.round(photons.n * 3) + 3))
         key |= mi.UInt64(level) << _LEVEL_SHIFT

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -95,3 +95,13 @@ class FieldRenderer:
 def weakly_covered(coverage: np.ndarray) -> float:
     """The share of weakly covered pixels, from the AOV ``coverage``."""
     return float(np.mean(coverage > WEAK_COVERAGE))
+
+
+def describe_coverage(shares: Mapping[str, float]) -> str:
+    """The shares of weakly covered pixels of views by name, in words."""
+    worst = max(shares, key=shares.__getitem__)
+    mean = sum(shares.values()) / len(shares)
+    return (
+        f"{mean:.2%} of the pixels are weakly covered by Gaussians (channel coverage above "
+        f"{WEAK_COVERAGE:g}); in the view {worst}, {shares[worst]:.2%}"
+    )

@@ -85,7 +85,8 @@ def read_transforms(path: Path) -> SceneViews:
     Raises
     ------
     UserError: the file is missing or has no frames; or a camera is no pinhole camera with square
-        pixels and its axis through the middle of the image; or the images differ in aspect.
+        pixels and its axis through the middle of the image; or the images differ in aspect, or
+        neither the file nor they say how large they are.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -182,9 +183,14 @@ def _image_size(frame: Mapping[str, Any], folder: Path) -> tuple[float, float]:
     0 if neither is there."""
     if "w" in frame or "h" in frame:
         return float(frame.get("w", 0)), float(frame.get("h", 0))
-    image = folder / str(frame.get("file_path", ""))
-    for file in (image, image.with_name(f"{image.name}.png")):
+    name = str(frame.get("file_path", ""))
+    for file in (folder / name, folder / f"{name}.png") if name else ():
         if file.is_file():
-            with Image.open(file) as opened:
-                return opened.size
+            try:
+                with Image.open(file) as opened:
+                    return opened.size
+            except OSError as error:
+                raise UserError(
+                    str(file), f"cannot be read ({error})", "Or give `w` and `h` in the frame."
+                ) from error
     return 0, 0

@@ -6,8 +6,10 @@ from functools import cached_property
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
-from gpf.core.structs import VisiblePoints
+from gpf.core.random import random_start, spread_sample
+from gpf.core.structs import VisiblePoints, to_numpy
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import diffuse_context
 
@@ -68,3 +70,15 @@ class FixedPoints:
         shaded = dr.select(straight > 0, slanted / straight, dr.maximum(wo.z * upright.wi.z, 0))
         share = dr.select(known, shaded, cosine)
         return dr.select((light.pdf > 0) & (cosine > 0), weight * share, 0)
+
+    def mean_direct(self, lamps: Lamps, samples: int, seed: int) -> np.ndarray:
+        """Irradiance from lamps, W/m², (N, 3) float32: means of evenly spread samples, so many of
+        each of :meth:`Lamps.groups`."""
+        total = dr.zeros(mi.Color3f, dr.width(self.points.p))
+        start = random_start(seed, dr.width(self.points.p))
+        for number, group in enumerate(lamps.groups()):
+            for k in range(samples):
+                sample = spread_sample(start, number * samples + k + 1)
+                total += self.direct_irradiance(sample, group)
+                dr.eval(total)
+        return to_numpy(total) / np.float32(samples)

@@ -7,6 +7,7 @@ more.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Annotated
@@ -16,6 +17,7 @@ import mitsuba as mi
 import numpy as np
 from pydantic import Field
 
+from gpf.core.errors import uninterrupted
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.settings import Count, Positive, Seed, Settings
 from gpf.core.structs import VisiblePoints, concatenate, from_numpy, take, to_numpy
@@ -43,11 +45,12 @@ SHARP = 6.0
 _COMPARED = 2.0
 
 # Edge of the cells in which photons are added up, in units of the wide kernel's radius after
-# TYPICAL_PASSES passes: a quarter of the narrow one's.
+# TYPICAL_PASSES passes: a quarter of the narrow one's, where points are dense.
 CELL, TYPICAL_PASSES = 0.25 * NARROW, 100
 
-# Samples of the emitters at each point for each half and each call of PhotonStream.halves.
-DIRECT_SAMPLES = 4
+# Samples of the emitters at each point for each half: so many for each time that the number of
+# passes has grown threefold from the second number.
+DIRECT_SAMPLES, FIRST_SAMPLED = 4, 8
 
 # Samples of each group of emitters at each point for PhotonStream.by_group.
 GROUP_SAMPLES = 16
@@ -119,9 +122,12 @@ class PhotonStream:
         self._source = np.repeat(source_numbers(points), [dr.width(each.p) for each in valid])
         self._points = FixedPoints(scene, concatenate(valid))
         cells = PhotonCells(cell, self._bounds, to_numpy(self._points.points.p))
+        # The narrow kernel would show the single cubes there.
+        self._coarse = np.asarray((cells.find(self._points.points.p)[0] > 0).numpy())
         self._sums = PhotonSums(cells, paths, groups=table)
         self._direct = [dr.zeros(mi.Color3f, len(self._source)) for _ in range(2)]
         self._samples = 0
+        self._sharp = np.zeros(len(self._source), bool)
         self.blur = np.zeros(len(self._source), np.float32)
 
     @property
@@ -132,10 +138,13 @@ class PhotonStream:
     def advance(self, count: int, tick: Callable[[int], None] = lambda done: None) -> None:
         """Add passes until there are ``count``; ``tick(done)`` is called after each."""
         while self.count < count:
-            self.count += 1
-            seed = pass_seed(self.seed, self.count, Stream.PHOTONS)
-            self._sums.trace(self.scene, seed, self.count % 2)
-            dr.sync_thread()
+            with uninterrupted():
+                number = self.count + 1
+                self._sums.trace(
+                    self.scene, pass_seed(self.seed, number, Stream.PHOTONS), number % 2
+                )
+                dr.sync_thread()
+                self.count = number
             tick(self.count)
 
     def tensors(self) -> dict[str, np.ndarray]:
@@ -160,7 +169,7 @@ class PhotonStream:
         return replace(
             even,
             irradiance=share * even.irradiance + (1 - share) * odd.irradiance,
-            direct=(even.direct + odd.direct) / 2,
+            direct=share * even.direct + (1 - share) * odd.direct,
         )
 
     def halves(self) -> tuple[Targets, Targets]:
@@ -171,8 +180,9 @@ class PhotonStream:
         position, normal = to_numpy(points.p), to_numpy(points.n)
         (wide_a, narrow_a), (wide_b, narrow_b) = (self._gather(half) for half in range(2))
         wide, narrow = (wide_a, wide_b), (narrow_a, narrow_b)
-        self._sharp = sharp = is_sharp(position, normal, wide, narrow, _COMPARED * self.radius)
-        self.blur = kernel_blur(sharp, wide, narrow)
+        sharp = is_sharp(position, normal, wide, narrow, _COMPARED * self.radius) & ~self._coarse
+        self._sharp = sharp
+        self.blur = np.where(self._coarse, 0, kernel_blur(sharp, wide, narrow))
         found = []
         for half in range(2):
             irradiance = np.where(sharp[:, None], narrow[half], wide[half])
@@ -227,15 +237,9 @@ class PhotonStream:
             kept = members
             if self._lamps is not None and self._lamps.indices is not None:
                 kept = tuple(k for k in members if k in self._lamps.indices)
-            total = dr.zeros(mi.Color3f, len(self._source))
-            start = random_start(
-                pass_seed(self.seed, number, Stream.GROUP_EMITTERS), len(self._source)
-            )
-            for k in range(GROUP_SAMPLES if kept else 0):
-                sample = spread_sample(start, k + 1)
-                total += self._points.direct_irradiance(sample, Lamps(self.scene, kept))
-                dr.eval(total)
-            found.append(to_numpy(total) / np.float32(GROUP_SAMPLES))
+            seed = pass_seed(self.seed, number, Stream.GROUP_EMITTERS)
+            lamps = Lamps(self.scene, kept)
+            found.append(self._points.mean_direct(lamps, GROUP_SAMPLES, seed))
         return np.stack(found)
 
     def _gather(self, half: int) -> tuple[np.ndarray, np.ndarray]:
@@ -257,15 +261,16 @@ class PhotonStream:
         return found[0], found[1]
 
     def _sample_emitters(self) -> None:
-        """Add samples of direct light at the points; each round adds more and has less noise."""
-        for half in range(2):
-            seed = pass_seed(self.seed, half, Stream.STREAM_EMITTERS)
-            start = random_start(seed, len(self._source))
-            for k in range(DIRECT_SAMPLES):
-                sample = spread_sample(start, self._samples + k + 1)
-                self._direct[half] += self._points.direct_irradiance(sample, self._lamps)
+        """Add samples of direct light at the points, as many as suit the number of passes."""
+        rounds = max(1, round(math.log(max(self.count, 1) / FIRST_SAMPLED, 3)))
+        with uninterrupted():
+            while self._samples < rounds * DIRECT_SAMPLES:
+                self._samples += 1
+                for half in range(2):
+                    seed = pass_seed(self.seed, half, Stream.STREAM_EMITTERS)
+                    sample = spread_sample(random_start(seed, len(self._source)), self._samples)
+                    self._direct[half] += self._points.direct_irradiance(sample, self._lamps)
                 dr.eval(self._direct)
-        self._samples += DIRECT_SAMPLES
 
 
 def kernel_blur(

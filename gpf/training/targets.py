@@ -13,8 +13,8 @@ import numpy as np
 
 from gpf.core.errors import FileError, UserError
 from gpf.core.files import read_tensors, write_tensors
-from gpf.core.random import Stream, pass_seed, random_start, spread_sample
-from gpf.core.structs import SurfacePoints, VisiblePoints, from_numpy, to_numpy
+from gpf.core.random import Stream, pass_seed
+from gpf.core.structs import SurfacePoints, VisiblePoints, from_numpy
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 
@@ -106,14 +106,9 @@ class Targets:
         """The targets without the direct light of some lamps, from samples at each point."""
         points = dr.zeros(VisiblePoints, len(self.position))
         points.p, points.n = mi.Point3f(self.position.T), mi.Normal3f(self.normal.T)
-        fixed, total = FixedPoints(scene, points), dr.zeros(mi.Color3f, len(self.position))
-        for number, group in enumerate(lamps.groups()):
-            seed = pass_seed(seed, number, Stream.STREAM_EMITTERS)
-            start = random_start(seed, len(self.position))
-            for k in range(samples):
-                total += fixed.direct_irradiance(spread_sample(start, k + 1), group)
-                dr.eval(total)
-        return replace(self, irradiance=np.maximum(self.irradiance - to_numpy(total) / samples, 0))
+        seed = pass_seed(seed, 0, Stream.STREAM_EMITTERS)
+        direct = FixedPoints(scene, points).mean_direct(lamps, samples, seed)
+        return replace(self, irradiance=np.maximum(self.irradiance - direct, 0))
 
     def supervised_points(
         self,
@@ -169,5 +164,7 @@ def loss_weights(target: np.ndarray, loss: Loss) -> np.ndarray:
     if loss == "squared":
         return np.ones(len(target), dtype=np.float32)
     level = target.mean(axis=1)
+    if not level.any():  # all light is that of lamps which the renderer samples
+        return np.ones(len(target), dtype=np.float32)
     weight = 1 / (level**2 + level.mean() ** 2)
     return np.asarray(weight / weight.mean(), dtype=np.float32)

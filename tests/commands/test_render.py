@@ -10,6 +10,7 @@ import sys
 import zipfile
 from pathlib import Path
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from PIL import Image
 from gpf.cli import main
 from gpf.commands.cluster import pack_scene
 from gpf.core.images import read_exr
+from gpf.field.gaussians import Gaussians
 from gpf.field.io import load_field, save_field
 from gpf.rendering.aovs import expected_psnr
 from gpf.scene.fingerprint import fingerprint
@@ -74,6 +76,23 @@ def test_without_options_the_scenes_own_camera(box, capsys):
     with Image.open(box / "pictures" / "sensor.png") as picture:
         assert picture.size == (20, 16) and np.asarray(picture).mean() > 20
     assert "pictures: 1 picture, " in capsys.readouterr().err
+
+
+def test_places_that_the_field_does_not_know_are_said(box, capsys):
+    render("-o", "a")
+    assert "weakly covered" not in capsys.readouterr().err
+    field = load_field(box / "field.safetensors")
+    known = mi.UInt32(np.flatnonzero(field.gaussians.means.y.numpy() > -0.7))
+    parts = vars(field.gaussians).items()
+    field.update(Gaussians(**{name: dr.gather(type(v), v, known) for name, v in parts}))
+    save_field(field, box / "without_floor.safetensors")
+    render("--field", "without_floor.safetensors", "-o", "b")
+    layers, record = read_exr(box / "b" / "sensor.exr")
+    assert "coverage" not in layers and 0.03 < record["weakly_covered"] < 0.5
+    assert f"{record['weakly_covered']:.2%} of the pixels are weakly" in capsys.readouterr().err
+    render("--field", "without_floor.safetensors", "-o", "b", "--aovs", "coverage")
+    layers, again = read_exr(box / "b" / "sensor.exr")
+    assert (layers["coverage"] > 1.5).mean() == again["weakly_covered"]
 
 
 def test_pictures_that_exist_are_kept(box, capsys):

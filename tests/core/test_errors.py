@@ -1,11 +1,12 @@
 """Errors that a user can cause."""
 
 import pickle
+import signal
 from pathlib import Path
 
 import pytest
 
-from gpf.core.errors import FileError, UserError
+from gpf.core.errors import FileError, UserError, uninterrupted
 
 
 def test_it_says_where_what_and_what_to_do():
@@ -27,3 +28,14 @@ def test_an_error_about_a_file_knows_the_file(missing, todo):
     assert isinstance(error, UserError)
     assert (error.path, error.missing, error.exit_code) == (Path("a.txt"), missing, 2)
     assert str(error) == f"a.txt: is odd. {todo}"
+
+
+def test_an_interrupt_waits_until_the_block_ends():
+    done = []
+    with pytest.raises(KeyboardInterrupt), uninterrupted():
+        signal.raise_signal(signal.SIGINT)
+        done.append("first")
+        done.append("second")
+    assert done == ["first", "second"]
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)

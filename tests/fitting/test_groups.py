@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import mitsuba as mi
@@ -50,30 +51,73 @@ def room(ceiling=1.0, wall=(1.0, 1.0, 1.0)):
     return mi.load_dict(scene, optimize=False)
 
 
-def psnr(field, scene, reference):
-    renderer = FieldRenderer.make(scene, field, RenderSettings(adaptive=False, spp=64))
-    image = renderer.render(VIEW, SIZE, seed=1)["radiance"]
-    shown = [tone_map(i, 0.5) for i in (image, reference)]
-    return -10 * np.log10(np.mean(np.square(np.subtract(*shown))))
+GARDEN_VIEW = View(name="garden", origin=(1.5, 1.2, 2.5), target=(0, 0.2, 0), fov=45)
+
+
+def garden(sky=1.0, sun=(1.0, 1.0, 1.0), kind="constant"):
+    """A glass ball on a floor before a wall, under a sun and a sky of one colour or of an image."""
+    blue = [0.3 * sky, 0.4 * sky, 0.6 * sky]
+    place = mi.ScalarTransform4f
+    upwards = place().rotate([1, 0, 0], -90).scale(2)
+    colours = {"constant": {"radiance": {"type": "rgb", "value": blue}}}
+    if kind == "envmap":
+        image = np.ones((8, 16, 3), np.float32) * np.float32(blue)
+        image[:, :8] *= 0.2
+        colours = {kind: {"bitmap": mi.Bitmap(image)}}
+    scene = {
+        "type": "scene",
+        "sky": {"type": kind} | colours[kind],
+        "sun": {
+            "type": "directional",
+            "direction": [-0.4, -1, -0.5],
+            "irradiance": {"type": "rgb", "value": [1.5 * v for v in sun]},
+        },
+        "floor": {"type": "rectangle", "to_world": upwards, "bsdf": {"type": "diffuse"}},
+        "wall": {
+            "type": "rectangle",
+            "to_world": place().translate([0, 0, -1]).scale(2),
+            "bsdf": {"type": "twosided", "bsdf": {"type": "diffuse"}},
+        },
+        "ball": {
+            "type": "sphere",
+            "center": [0, 0.4, 0],
+            "radius": 0.4,
+            "bsdf": {"type": "dielectric"},
+        },
+    }
+    return mi.load_dict(scene, optimize=False)
 
 
 @pytest.mark.slow
-def test_dimmed_lamps_are_as_good_as_a_fit_for_that_light(monkeypatch):
-    """Of as many photons from each lamp: alone, a lamp has twice as many in a pass."""
-    make_small(monkeypatch, passes=24, steps=100, paths=40_000)
-    sensors = [make_sensor(VIEW, *SIZE)]
-    scene = room()
+@pytest.mark.parametrize(
+    ("build", "view", "levels"),
+    [
+        (room, VIEW, {"light": 0.5, "side": (2.0, 0.6, 0.3)}),
+        (garden, GARDEN_VIEW, {"sky": 1.5, "sun": (0.3, 0.1, 0.05)}),
+        (partial(garden, kind="envmap"), GARDEN_VIEW, {"sky": 0.3, "sun": (1.5, 1.0, 0.5)}),
+    ],
+    ids=["two lamps", "constant sky", "image of a sky"],
+)
+def test_dimmed_lamps_are_as_good_as_a_fit_for_that_light(monkeypatch, build, view, levels):
+    make_small(monkeypatch, passes=48, steps=100, paths=40_000)
+    sensors = [make_sensor(view, *SIZE)]
+    scene, changed = build(), build(*levels.values())
     field = gpf.fit(scene, sensors, passes=48, seed=3, groups=LightGroups.each(scene))
-    settings = PassSettings(photons_per_pass=100_000, initial_radius=0.05)
     mixer = LightMixer(scene, field)
-    assert sorted(mixer.names) == ["light", "side"]
-    ceiling, wall = 0.5, (2.0, 0.6, 0.3)
-    changed = room(ceiling, wall)
-    renderer = ReferenceRenderer(changed, {"front": sensors[0]}, {}, settings, seed=7)
-    reference = renderer.image("front", renderer.run(150))
-    own = psnr(gpf.fit(changed, sensors, passes=24, seed=3), changed, reference)
-    mixer.set({"light": (ceiling,) * 3, "side": wall})
-    assert psnr(field, scene, reference) > own - 0.5
+    assert sorted(mixer.names) == sorted(levels)
+    settings = PassSettings(photons_per_pass=100_000, initial_radius=0.05)
+    renderer = ReferenceRenderer(changed, {"it": sensors[0]}, {}, settings, seed=7)
+    reference = renderer.image("it", renderer.run(150))
+
+    def psnr(of, field):
+        renderer = FieldRenderer.make(of, field, RenderSettings(adaptive=False, spp=64))
+        image = renderer.render(view, SIZE, seed=1)["radiance"]
+        shown = [tone_map(i, 0.5) for i in (image, reference)]
+        return -10 * np.log10(np.mean(np.square(np.subtract(*shown))))
+
+    own = psnr(changed, gpf.fit(changed, sensors, passes=48, seed=3))
+    mixer.set({name: np.broadcast_to(level, 3).tolist() for name, level in levels.items()})
+    assert psnr(scene, field) > own - 0.5
 
 
 SOURCE = """<scene version="3.0.0">

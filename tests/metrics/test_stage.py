@@ -83,8 +83,21 @@ def test_a_missing_reference_is_an_error(work, kind):
     assert not work.summary.exists()
 
 
-def test_missing_images_of_the_field_are_an_error(work):
+def test_the_field_is_left_out_if_it_has_no_images(work, capsys):
     for view in VIEWS:
         work.render("gpf", view).unlink()
-    with pytest.raises(UserError, match=r"above\.exr: is missing.*`gpf stage render --scene"):
-        run(SCENE)
+    run(SCENE)
+    assert set(read_json(work.summary)) == {"path_10", "second_reference"}
+    assert f"`gpf stage render --scene {SCENE}`" in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_second_reference_is_left_out_if_it_has_no_images(work, capsys):
+    run(SCENE)
+    assert work.convergence.exists()
+    for view in VIEWS:
+        work.second_reference(view).unlink()
+    run(SCENE)
+    assert set(read_json(work.summary)) == {"gpf", "path_10"}
+    assert read_json(work.metrics("gpf"))["mean"]["psnr"] > 10
+    assert not work.convergence.exists()  # that of images that are gone
+    assert f"`gpf stage reference --scene {SCENE}`" in " ".join(capsys.readouterr().err.split())

@@ -69,3 +69,11 @@ def test_larger_cubes_lose_no_light():
         np.average(to_numpy(f.p)[:, :2], axis=0, weights=to_numpy(f.power)[:, 0]) for f in found
     ]
     np.testing.assert_allclose(middle[1], middle[0], atol=0.02)
+
+
+def test_a_scene_larger_than_65535_cubes_has_larger_ones():
+    long = ((0.0, 0.0, 0.0), (1.0, 0.1, 0.1))
+    p = np.array([[0.999, 0.05, 0.05], [0.5, 0.01, 0.09]])
+    _, corner, back = find(PhotonCells(1e-6, long), p)
+    np.testing.assert_allclose(back, p, atol=1e-5)
+    assert corner.max() <= 65535

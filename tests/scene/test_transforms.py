@@ -128,6 +128,13 @@ def test_the_size_may_be_that_of_the_images(tmp_path):
     views = read_transforms(file)
     assert views.aspect == 1.5 and views.train[0].name == "r_0"
     assert views.train[0].fov == pytest.approx(math.degrees(0.7))
+    (tmp_path / "train" / "r_0.png").write_bytes(b"no image")
+    with pytest.raises(UserError, match=r"r_0\.png: cannot be read .* give `w` and `h`"):
+        read_transforms(file)
+    del frame["file_path"]
+    file.write_text(json.dumps({"camera_angle_x": 0.7, "frames": [frame]}))
+    with pytest.raises(UserError, match="has no size of the image"):
+        read_transforms(file)
 
 
 def test_a_file_that_is_missing_or_no_json(tmp_path):

@@ -108,3 +108,25 @@ def test_light_is_sharp_where_the_wide_kernel_has_a_bias_and_the_narrow_one_litt
     wide, narrow = gathered(bias, 0.5), gathered(0 * bias, 1.0)
     sharp = is_sharp(position, normal, wide, narrow, width=1.0)
     assert [sharp[cell == k].mean() for k in range(3)] == [1, 0, 0]
+
+
+def test_the_narrow_kernel_is_not_for_places_with_large_cubes():
+    """Of few points on an evenly lit floor, many photons would show the single cubes."""
+    light = {"type": "directional", "direction": [0, 0, -1]}
+    scene = mi.load_dict({"type": "scene", "floor": floor(diffuse(0.5)), "light": light})
+    place = np.random.default_rng(1).uniform(-2, 2, (2, 200)).astype(np.float32)
+    points = dr.zeros(VisiblePoints, 200)
+    points.p = mi.Point3f(*place, dr.zeros(mi.Float, 200))
+    points.n = mi.Normal3f(0, 0, 1) + dr.zeros(mi.Normal3f, 200)
+    points.valid = dr.full(mi.Bool, True, 200)
+    dr.make_opaque(points)
+    settings = PassSettings(photons_per_pass=400_000, initial_radius=0.08, direct="photons")
+    stream = PhotonStream(scene, settings, {"view": points}, seed=3)
+    stream.advance(20)
+    even, _ = stream.halves()
+    expected = even.irradiance.mean()
+    assert np.abs(even.irradiance / expected - 1).max() < 0.15
+    assert not stream.blur.any()
+    stream._coarse[:] = False  # what it would be without the rule
+    stream.halves()
+    assert stream.blur.mean() > 1e-3 * expected**2
