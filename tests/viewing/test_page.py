@@ -20,6 +20,7 @@ from gpf.field.io import read_field, save_field
 from gpf.field.lights import FieldLights
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.light_groups import LightGroups
+from gpf.scene.views import read_views
 from tests.browser import find_browser, open_page
 from tests.commands.box import box_field
 from tests.plain_field import flat_gaussians, to_device
@@ -126,6 +127,59 @@ def test_exposure_and_layers_change_the_picture(page):
     page.wait_for("document.querySelector('#other').width > 300")
 
 
+def test_the_soft_curve_keeps_bright_places_apart(page):
+    page.evaluate("document.querySelector('#stops').value = 4; look()")
+    page.wait_for("viewer.frames > 2")
+    white = (picture(page) == 255).mean()
+    page.evaluate("document.querySelector('#curve').value = 'soft'; look()")
+    page.wait_for("viewer.frames > 2")
+    assert white > 0.2 and (picture(page) == 255).mean() < 0.3 * white
+
+
+def touch(page, kind, *places):
+    points = [{"x": x, "y": y, "id": k} for k, (x, y) in enumerate(places)]
+    page.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+
+
+def test_one_finger_turns_and_two_come_nearer(page):
+    start = np.array(page.evaluate("viewer.camera.origin"))
+    touch(page, "touchStart", (600, 400))
+    touch(page, "touchMove", (680, 400))
+    touch(page, "touchEnd")
+    page.wait_for("viewer.frames > 2")
+    turned = np.array(page.evaluate("viewer.camera.origin"))
+    assert np.linalg.norm(turned - start) > 0.2
+    assert np.linalg.norm(turned) == pytest.approx(np.linalg.norm(start), rel=0.01)
+    touch(page, "touchStart", (550, 400), (650, 400))
+    touch(page, "touchMove", (450, 400), (750, 400))
+    touch(page, "touchEnd")
+    page.wait_for("viewer.frames > 2")
+    assert np.linalg.norm(page.evaluate("viewer.camera.origin")) < 0.8 * np.linalg.norm(turned)
+
+
+def test_pictures_cameras_and_films_are_kept(viewer, page):
+    """The buttons, down to the first bytes of what they download."""
+    page.evaluate("window.kept = {}; download = (blob, name) => { kept[name] = blob; }")
+    for button in ("png", "exr", "key"):
+        page.evaluate(f"document.querySelector('#{button}').click()")
+    drag(page)
+    page.evaluate("document.querySelector('#key').click()")
+    assert page.evaluate("document.querySelector('#film').textContent") == "MP4 (2 keys)"
+    page.evaluate("document.querySelector('#film').click()")
+    page.wait_for("Object.keys(kept).length === 3")
+    first = "Promise.all(Object.entries(kept).map(async ([name, blob]) => [name.split('.')[1], "
+    first += "[...new Uint8Array(await blob.slice(0, 8).arrayBuffer())]]))"
+    found = {suffix: bytes(start) for suffix, start in page.evaluate(first)}
+    assert found["png"][1:4] == b"PNG" and found["mp4"][4:] == b"ftyp"
+    assert found["exr"][:4] == bytes([0x76, 0x2F, 0x31, 0x01])
+    before = page.evaluate("viewer.cameras.length")
+    page.evaluate("document.querySelector('#save').click()")
+    page.wait_for(f"viewer.cameras.length === {before + 1}")
+    name = page.evaluate("viewer.cameras.at(-1).name")
+    file = Path(f"/proc/{viewer[0].pid}/cwd") / "views.yaml"
+    assert name in {view.name for view in read_views(file.resolve()).train}
+
+
 TWO_LAMPS = """<scene version="3.0.0">
   <sensor type="perspective"><float name="fov" value="40"/>
     <transform name="to_world"><lookat origin="0,0,4" target="0,0,0" up="0,1,0"/></transform>
@@ -191,10 +245,13 @@ def test_a_slider_changes_its_part_of_the_picture(lamps, tmp_path):
 
 
 def test_a_second_window_and_one_that_closes(viewer, page, tmp_path):
-    (tmp_path / "other").mkdir()
-    with open_page(PROGRAM, viewer[1], tmp_path / "other") as other:
-        other.wait_for("viewer.ready")
-        drag(other, 50)
+    """It closes while a large picture is rendered for it."""
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        with open_page(PROGRAM, viewer[1], tmp_path / name) as other:
+            other.wait_for("viewer.ready")
+            drag(other, 50)
+            other.evaluate("document.querySelector('#rows').value = 1080; look()")
     drag(page)
     page.wait_for("viewer.frames > 4")
     assert viewer[0].poll() is None
@@ -206,14 +263,24 @@ def memory(process) -> float:
     return int(status.partition("VmRSS:")[2].split()[0]) / 1024
 
 
-def test_random_input_does_no_harm(viewer, page):
+def test_random_input_does_no_harm(lamps, tmp_path):
     """Half a minute of it, or GPF_RANDOM_SECONDS; memory stays as it is."""
+    with open_page(PROGRAM, lamps[1], tmp_path) as page:
+        page.wait_for("viewer.ready && viewer.frames > 2")
+        give_random_input(lamps, page)
+        assert page.complaints == []
+
+
+def give_random_input(viewer, page):
     seconds = float(os.environ.get("GPF_RANDOM_SECONDS", "30"))
     dice = random.Random(5)
-    layers = page.evaluate("[...document.querySelector('#layer').options].map(o => o.value)")
+    layers, others, curves = (
+        page.evaluate(f"[...document.querySelector('#{menu}').options].map(o => o.value)")
+        for menu in ("layer", "compare", "curve")
+    )
     before, end = None, time.monotonic() + seconds
     while time.monotonic() < end:
-        kind = dice.randrange(5)
+        kind = dice.randrange(7)
         if kind == 0:
             page.press(dice.choice("wasdqe123456789h"))
         elif kind == 1:
@@ -221,10 +288,17 @@ def test_random_input_does_no_harm(viewer, page):
         elif kind == 2:
             page.evaluate(
                 f"document.querySelector('#layer').value = '{dice.choice(layers)}';"
+                f"document.querySelector('#compare').value = '{dice.choice(others)}';"
+                f"document.querySelector('#curve').value = '{dice.choice(curves)}';"
                 f"document.querySelector('#stops').value = {dice.uniform(-6, 6)}; look()"
             )
         elif kind == 3:
             page.point(600, 400, "mouseWheel", deltaX=0, deltaY=dice.randint(-3000, 3000))
+        elif kind == 4:
+            button = dice.choice(["save", "png", "exr", "key", "film", "clear"])
+            page.evaluate(f"document.querySelector('#{button}').click()")
+        elif kind == 5:
+            move_slider(page, dice.choice(["left", "right"]), dice.uniform(0, 2))
         else:
             page.call("Page.reload")
             page.wait_for("document.readyState === 'complete'")

@@ -191,6 +191,17 @@ def test_who_sends_only_nonsense_or_too_much_is_disconnected(server, ear):
         wait(lambda: len(ear.messages) == 1)
 
 
+def test_a_message_without_an_end_is_cut_off(server, ear):
+    """Small pieces, none of them the last."""
+    with page(server) as endless:
+        with pytest.raises(ConnectionClosed):
+            endless.send("x" * 1000 for _ in range(1_000_000))
+        assert not ear.messages
+    with page(server) as other:
+        other.send('{"type": "seen", "picture": 1}')
+        wait(lambda: ear.messages)
+
+
 def test_half_a_request_does_not_hold_up_others(server):
     with socket.create_connection((server.host, server.port)) as idle:
         idle.sendall(b"GET / HT")
