@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -88,7 +89,7 @@ def sample_film(
     position = mi.Point2f(_pixels(sensor.film(), rows)) + sampler.next_2d()
     ray, weight = sample_rays_at(sensor, sampler, position - offset)
     ray = mi.Ray3f(ray)
-    options = {"max_depth": max_depth, "rr_depth": rr_depth, "lamps": lamps}
+    options: dict[str, Any] = {"max_depth": max_depth, "rr_depth": rr_depth, "lamps": lamps}
     points = find_visible_points(scene, sampler, ray, **options)
     samples = FilmSamples(points, weight, position, mi.UInt32(), 1)
     if walks > 1:

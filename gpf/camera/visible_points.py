@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import drjit as dr
 import mitsuba as mi
 
@@ -13,11 +15,11 @@ from gpf.scene.materials import (
     diffuse_reflectance,
     has_diffuse,
     is_glossy,
+    is_smooth_glass,
     specular_context,
 )
 
 
-@dr.syntax
 def find_visible_points(
     scene: mi.Scene,
     sampler: mi.Sampler,
@@ -28,6 +30,30 @@ def find_visible_points(
     lamps: Lamps | None = None,
 ) -> VisiblePoints:
     """Follow rays through glossy and specular bounces to their first diffuse hit, (N,).
+
+    This is :func:`follow` with all choices at random.
+    """
+    return follow(scene, sampler, ray, max_depth, rr_depth, active, lamps)[0]
+
+
+Side = Literal["either", "through", "back"]
+"""What a walk does where its first surface is smooth glass: one of both at random, in proportion to
+Fresnel's reflectance F; or it goes through, with the weight 1 - F, or is reflected, with F."""
+
+
+@dr.syntax
+def follow(
+    scene: mi.Scene,
+    sampler: mi.Sampler,
+    ray: mi.Ray3f,
+    max_depth: int = -1,
+    rr_depth: int = 5,
+    active: mi.Bool | bool = True,
+    lamps: Lamps | None = None,
+    side: Side = "either",
+) -> tuple[VisiblePoints, mi.Float]:
+    """Follow rays through glossy and specular bounces to their first diffuse hit, (N,), and the
+    weight of the side that was asked for, (N,), which is in the throughput.
 
     If a BSDF has a diffuse and other components, one of the two parts is chosen at random, with
     probabilities in proportion to their reflectances, and the throughput is divided by the
@@ -43,12 +69,17 @@ def find_visible_points(
     rr_depth: number of bounces after which Russian roulette may end a ray.
     active: lanes that are followed.
     lamps: emitters whose direct light at the visible points the emission also contains.
+    side: at the first surface; other than ``either`` only for scenes whose glass
+        :func:`gpf.scene.materials.divides`. The sum of ``through`` and ``back`` has the same mean
+        as ``either``. Where the first surface is not glass, and with total reflection, ``through``
+        is all and has the weight 1, and ``back`` is nothing and has 0.
     """
     context = specular_context()
     diffusely = diffuse_context()
     deepest = dr.opaque(mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF)
     roulette_from = dr.opaque(mi.UInt32, rr_depth)
     sampled = bool(lamps)
+    dividing, reflected = side != "either", side == "back"
 
     ray = mi.Ray3f(ray)
     throughput = mi.Color3f(1)
@@ -63,6 +94,7 @@ def find_visible_points(
     origin = mi.Point3f(0)
     density = mi.Float(0)
     lit = mi.Bool(False)
+    side_weight = mi.Float(0 if reflected else 1)
     active = mi.Bool(active) & (deepest > 0)
 
     while active:
@@ -70,15 +102,31 @@ def find_visible_points(
         emitted = throughput * si.emitter(scene).eval(si, active)
         if lit:
             emitted *= share_of_bsdf(scene, si, origin, density, lit & active)
+        if dr.hint(reflected, mode="scalar"):
+            # The walk that goes through has what the first surface emits.
+            emitted = dr.select(depth > 0, emitted, 0)
         emission += dr.select(active, emitted, 0)
         active &= si.is_valid() & (depth + 1 < deepest)
         bsdf = si.bsdf(ray)
+        divided = mi.Bool(False)
+        if dr.hint(dividing, mode="scalar"):
+            divided = (depth == 0) & is_smooth_glass(bsdf)
+            if dr.hint(reflected, mode="scalar"):
+                active &= divided | (depth > 0)
 
         diffuse = active & has_diffuse(bsdf, si)
         diffuse_part = diffuse_reflectance(bsdf, si, diffuse)
-        sample, weight = bsdf.sample(
-            context, si, sampler.next_1d(active), sampler.next_2d(active), active
-        )
+        choice = sampler.next_1d(active)
+        if dr.hint(dividing, mode="scalar"):
+            choice = dr.select(divided, 0 if reflected else dr.one_minus_epsilon(mi.Float), choice)
+        sample, weight = bsdf.sample(context, si, choice, sampler.next_2d(active), active)
+        if dr.hint(dividing, mode="scalar"):
+            # The density of one of two directions is its probability; of total reflection it is 1.
+            chosen = mi.Float(sample.pdf)
+            if dr.hint(reflected, mode="scalar"):
+                chosen = dr.select(chosen < 1, chosen, 0)
+            side_weight = dr.select(divided & active, chosen, side_weight)
+            weight *= dr.select(divided, chosen, 1)
         wo = si.to_world(sample.wo)
 
         # Choose the part to follow. The sampled weight approximates the albedo of the other lobes;
@@ -119,7 +167,7 @@ def find_visible_points(
         throughput[roulette] = throughput / survival
         active &= lives & (dr.max(throughput) > 0)
 
-    return VisiblePoints(
+    points = VisiblePoints(
         p=p,
         n=n,
         reflectance=reflectance,
@@ -128,6 +176,7 @@ def find_visible_points(
         depth=depth,
         valid=valid,
     )
+    return points, side_weight
 
 
 def _light_of(  # type: ignore[no-untyped-def]

@@ -128,6 +128,7 @@ def at_visible_point(
     points: VisiblePoints,
     irradiance: mi.Color3f,
     reach: mi.Float,
+    share: mi.Float,
     aovs: Sequence[str],
 ) -> dict[str, Any]:
     """Those of some AOVs that belong to the visible point.
@@ -136,6 +137,8 @@ def at_visible_point(
     ----------
     irradiance, reach: the field's answer at the points; see
         :meth:`gpf.field.field.GaussianPhotonField.query`.
+    share: weight of the points, (N,), in a mean over several for each camera ray. It is in their
+        throughput, too.
     """
     values = {
         "albedo": dr.select(
@@ -143,8 +146,8 @@ def at_visible_point(
             points.throughput * points.reflectance,
             dr.clip(points.emission, 0, 1),
         ),
-        "visible_normal": dr.select(points.valid, mi.Vector3f(points.n), 0),
-        "irradiance": dr.select(points.valid, irradiance, 0),
+        "visible_normal": dr.select(points.valid, share * mi.Vector3f(points.n), 0),
+        "irradiance": dr.select(points.valid, share * irradiance, 0),
         "coverage": dr.select(points.valid, dr.minimum(reach, MOST_COVERAGE), 0),
     }
     if "error" in aovs:
@@ -152,5 +155,5 @@ def at_visible_point(
         dark = field.reflect(points, mi.Color3f(0))
         wrong = field.reflect(points, field.query_error(points.p, points.n, points.valid)) - dark
         relative = dr.minimum(dr.mean(wrong) / radiance, MOST_ERROR)
-        values["error"] = dr.select(radiance > 0, relative, 0)
+        values["error"] = dr.select(radiance > 0, share * relative, 0)
     return {name: values[name] for name in aovs if name in values}

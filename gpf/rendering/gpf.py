@@ -12,7 +12,7 @@ import numpy as np
 
 from gpf.camera.film import meets_gloss
 from gpf.camera.rays import keeps_to_pixels, sample_pixel_rays, sample_tiled_rays
-from gpf.camera.visible_points import find_visible_points
+from gpf.camera.visible_points import Side, follow
 from gpf.core.structs import from_numpy
 from gpf.field.io import load_field
 from gpf.rendering.adaptive import MIN_SPP, sample_adaptively
@@ -29,7 +29,7 @@ from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths, whole_number
 from gpf.rendering.recording import Recording
 from gpf.rendering.scene_check import warn_of_another_scene
-from gpf.scene.materials import has_gloss, require_separable
+from gpf.scene.materials import divides, has_gloss, require_separable
 
 # How the values of further walks join those of the first; all others are added.
 _JOIN = {"valid": operator.or_, "coverage": dr.maximum}
@@ -126,7 +126,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         # may hold this integrator, and circular references are never freed.
         self._checked: list[mi.Shape] | None = None
         self._compared: Any = None
-        self._walks = 1
+        self._walks, self._divides = 1, False
         self.record = props.get("record", False)
         self.recording: Recording | None = None
         found = mi.file_resolver().resolve(path) if path else ""
@@ -246,26 +246,45 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         if self._checked != scene.shapes():
             require_separable(scene)
             self._walks = self.glossy_walks if has_gloss(scene) else 1
+            self._divides = divides(scene)
             self._checked = scene.shapes()
         ray = mi.Ray3f(ray)
-        found = self._walk(scene, sampler, ray, active)
+        found, share = self._walk(
+            scene, sampler, ray, active, "through" if self._divides else "either"
+        )
+        if self._divides:
+            found = self._walk_back(scene, sampler, ray, mi.Bool(active) & (share < 1), found)
         if self._walks > 1:
             found = self._walk_again(scene, sampler, ray, active, found)
         found |= at_first_surface(scene, ray, self.aovs, mi.Bool(active))
         return found["radiance"], found["valid"], channels(self.aovs, found), None
 
     def _walk(
-        self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool | bool
-    ) -> dict[str, Any]:
+        self,
+        scene: mi.Scene,
+        sampler: mi.Sampler,
+        ray: mi.Ray3f,
+        active: mi.Bool | bool,
+        side: Side = "either",
+    ) -> tuple[dict[str, Any], mi.Float]:
         """What one camera walk finds: ``radiance``, (N, 3), whether it ends on a diffuse surface,
-        ``valid``, (N,), and the AOVs of its visible point."""
+        ``valid``, (N,), and the AOVs of its visible point; and the weight of its side, (N,)."""
         lamps = self.field.settings.sampled_lamps(scene)
-        points = find_visible_points(
-            scene, sampler, ray, self.depth_limit, self.rr_depth, active, lamps
+        points, share = follow(
+            scene, sampler, ray, self.depth_limit, self.rr_depth, active, lamps, side
         )
         value, reach = self.field.query(points.p, points.n, points.valid)
         found = {"radiance": self.field.reflect(points, value), "valid": points.valid}
-        return found | at_visible_point(self.field, points, value, reach, self.aovs)
+        found |= at_visible_point(self.field, points, value, reach, share, self.aovs)
+        return found, share
+
+    @dr.syntax
+    def _walk_back(self, scene, sampler, ray, active, found):  # type: ignore[no-untyped-def]
+        """The sum of what was found through smooth glass and what it reflects."""
+        if active:
+            further, _ = self._walk(scene, sampler, ray, active, "back")
+            found = _join(found, further)
+        return found
 
     @dr.syntax
     def _walk_again(self, scene, sampler, ray, active, found):  # type: ignore[no-untyped-def]
@@ -275,7 +294,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         walks = dr.opaque(mi.UInt32, self._walks)
         n = mi.UInt32(1)
         while again & (n < walks):
-            further = self._walk(scene, sampler, ray, again)
+            further, _ = self._walk(scene, sampler, ray, again)
             found = _join(found, further)
             n += 1
         return _mean(found, n)

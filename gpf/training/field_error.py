@@ -12,7 +12,8 @@ B (:func:`gpf.training.streaming.kernel_blur`):
 S is the variance of a half. The field takes over the share s of the targets' noise, and the second
 term of M makes up for this. ⟨⟩ are means over the points around a Gaussian. D is divided by their
 light and multiplied by that of the Gaussian, because the variance of a sum of photons is
-proportional to their light; M + B is divided by the square of the light.
+proportional to their light; M + B is divided by the square of the light, or by that of the
+Gaussian if it is brighter.
 
 This tells places apart. How large the error is in all, photons tell from which the field did not
 learn (:meth:`gpf.fitting.quality.QualityEstimate.error_scale`).
@@ -76,7 +77,8 @@ def estimate_error(
     share = np.sqrt(np.clip(2 * noise / np.maximum(variance, _TINY), 0, 1))
     misfit = np.maximum(cross + (share - share**2 / 2) * variance, 0) + np.maximum(blur, 0)
     own = np.maximum(colour.mean(axis=1), _TINY)
-    relative = noise / np.maximum(per_level, _TINY) / own + misfit / np.maximum(square, _TINY)
+    relative = noise / np.maximum(per_level, _TINY) / own
+    relative += misfit / np.maximum(np.maximum(square, own**2), _TINY)
     return np.sqrt(np.clip(relative, 0, MOST**2)).astype(np.float32)
 
 

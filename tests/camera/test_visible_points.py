@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.camera.visible_points import find_visible_points
+from gpf.camera.visible_points import find_visible_points, follow
 from gpf.core.structs import VisiblePoints, to_numpy
 from gpf.scene.materials import specular_context
 from tests.furnace import (
@@ -43,8 +43,9 @@ def walk(
     d = np.subtract(target, origin) / np.linalg.norm(np.subtract(target, origin))
     ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*d.tolist()))
     ray = dr.gather(mi.Ray3f, ray, dr.zeros(mi.UInt32, count))
-    points = find_visible_points(loaded, sampler, ray, **options)
-    dr.eval(points)
+    points, share = follow(loaded, sampler, ray, **options)
+    dr.eval(points, share)
+    points.share = share
     return points
 
 
@@ -135,6 +136,47 @@ def test_a_glass_pane_divides_as_fresnel_says(slant):
     # One side of the glass only: radiance in the glass carries n².
     entered = spread(points.depth)[~reflected]
     assert (entered % 2 == 0).all() and (entered >= 2).all()
+
+
+@pytest.mark.parametrize("kind", ["dielectric", "thindielectric"])
+def test_both_sides_of_glass_can_be_followed(kind):
+    """A pane before a lamp: both weights are Fresnel's, and each walk is the same as the other."""
+    glass = GLASS | {"type": kind}
+    lamps = {
+        "behind": lamp((0, 0, -3), (0, 0, 0), 40, 1, 2, 3),
+        "before": lamp((0, 0, 3), (0, 0, 0), 40, 4, 5, 6),
+    }
+    scene = {"pane": floor(glass, size=40)} | lamps
+    through = walk(scene, (0, 0, 1), (0.8, 0, 0), count=100, side="through")
+    back = walk(scene, (0, 0, 1), (0.8, 0, 0), count=100, side="back")
+    r = float(mi.fresnel(mi.Float(1 / math.hypot(1, 0.8)), mi.Float(1.5))[0][0])
+    r = 2 * r / (1 + r) if kind == "thindielectric" else r
+    np.testing.assert_allclose(spread(back.share, 100), r, rtol=1e-4)
+    np.testing.assert_allclose(spread(through.share, 100), 1 - r, rtol=1e-4)
+    np.testing.assert_allclose(spread(back.emission, 100), [[4 * r, 5 * r, 6 * r]] * 100, rtol=1e-4)
+    index = 1.5**2 if kind == "dielectric" else 1  # radiance in glass
+    expected = (1 - r) * np.array([1, 2, 3]) / index
+    np.testing.assert_allclose(spread(through.emission, 100), [expected] * 100, rtol=1e-4)
+
+
+def test_without_glass_one_walk_is_all():
+    scene = {"floor": lamp((0, 0, 0), (0, 0, 1), 6, 1, 2, 3) | {"bsdf": diffuse(0.5)}}
+    through = walk(scene, (0, -1, 1), (0.5, 0.2, 0), side="through")
+    assert is_valid(through).all() and (spread(through.share) == 1).all()
+    np.testing.assert_allclose(spread(through.emission), [[1, 2, 3]] * 20_000, rtol=1e-5)
+    back = walk(scene, (0, -1, 1), (0.5, 0.2, 0), side="back")
+    assert not is_valid(back).any() and not spread(back.share).any()
+    assert not spread(back.emission).any()
+
+
+def test_total_reflection_is_a_single_side():
+    """From within a block of glass, at a slant, the surface is a mirror."""
+    scene = {"surface": floor(GLASS, z=0, size=40), "ground": floor(diffuse(0.5), z=-4, size=40)}
+    through = walk(scene, (0, 0, -1), (1.5, 0, 0), side="through")
+    assert is_valid(through).all() and (spread(through.share) == 1).all()
+    assert (spread(through.p)[:, 2] < -3.9).all()
+    back = walk(scene, (0, 0, -1), (1.5, 0, 0), side="back")
+    assert not is_valid(back).any() and not spread(back.share).any()
 
 
 def test_radiance_in_glass_carries_the_square_of_the_index():

@@ -11,6 +11,10 @@ import pytest
 import gpf  # noqa: F401  # registers the plugins
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.io import save_field
+from gpf.scene.bounds import scene_bounds
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
+from tests.furnace import diffuse, floor
 from tests.plain_field import flat_gaussians, to_device
 
 PROJECT = Path(__file__).parents[2]
@@ -195,6 +199,28 @@ def test_max_depth_is_that_of_path():
         )
     reflects = np.array(mi.render(scene, integrator=integrator_with(field, max_depth=2), spp=2))
     assert (reflects > 0).all()
+
+
+def test_both_sides_of_glass_make_the_same_picture_with_less_noise(monkeypatch):
+    """A sheet of glass over the floor: its reflection of a bright sky is in every sample."""
+    parts = {"floor": floor(diffuse(0.5)), "glass": floor({"type": "thindielectric"}, z=0.2)}
+    sky = {"type": "constant", "radiance": {"type": "rgb", "value": [20, 20, 20]}}
+    scene = mi.load_dict({"type": "scene", "sky": sky} | parts)
+    sensor = make_sensor(View(name="it", origin=(0, -2, 2), target=(0, 0, 0), fov=20), 32, 32)
+    field, means, noise = constant_field(), [], []
+    field.bounds = scene_bounds(scene)
+    for divided in (True, False):
+        integrator = integrator_with(field, aovs="irradiance,visible_normal")
+        if not divided:
+            monkeypatch.setattr("gpf.rendering.gpf.divides", lambda scene: False)
+        a, b = (
+            mi.render(scene, sensor=sensor, integrator=integrator, spp=64, seed=seed).numpy()
+            for seed in (1, 2)
+        )
+        means.append((a + b).mean(axis=(0, 1)) / 2)
+        noise.append((a - b)[..., 0].std())
+    np.testing.assert_allclose(means[0], means[1], rtol=0.01)
+    assert noise[0] < 0.1 * noise[1]
 
 
 def test_a_missing_field_file_is_said_in_words(tmp_path):

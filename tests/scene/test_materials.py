@@ -16,6 +16,7 @@ from gpf.scene.materials import (
     diffuse_context,
     diffuse_reflectance,
     diffuse_transfer,
+    divides,
     has_diffuse,
     specular_context,
 )
@@ -186,3 +187,27 @@ def test_sides_with_a_diffuse_component(spec, front, back):
         d = from_direction(si, hemisphere(11, np.full(COUNT, float(sign))))
         found = mi.Bool(has_diffuse(bsdf, d))
         assert dr.all(found == expected)
+
+
+@pytest.mark.parametrize(
+    ("bsdf", "answer"),
+    [
+        ({"type": "dielectric"}, True),
+        ({"type": "thindielectric"}, True),
+        ({"type": "roughdielectric"}, False),
+        ({"type": "mask", "opacity": 0.5, "bsdf": {"type": "dielectric"}}, False),
+        ({"type": "conductor"}, False),
+        (
+            {
+                "type": "blendbsdf",
+                "weight": 0.3,
+                "first": {"type": "dielectric"},
+                "second": {"type": "conductor"},
+            },
+            False,
+        ),
+    ],
+)
+def test_glass_divides_unless_it_is_a_part_of_a_mixture(bsdf, answer):
+    shapes = {"floor": floor(diffuse(0.5)), "glass": {"type": "sphere", "bsdf": bsdf}}
+    assert divides(mi.load_dict({"type": "scene"} | shapes)) is answer
