@@ -146,10 +146,11 @@ class Viewer:
             elif isinstance(message, Look):
                 page.look, page.number, page.moving = message, message.number, True
             elif len(page.tasks) < _MOST_TASKS:
+                # The camera and the picture of this moment: the page may move before the task runs.
                 if isinstance(message, SaveView):
-                    page.tasks.append(self._save_view(page, message))
+                    page.tasks.append(self._save_view(page, page.camera, message))
                 elif isinstance(message, GetFile):
-                    page.tasks.append(self._send_exr(page))
+                    page.tasks.append(self._send_exr(page, page.picture))
                 elif isinstance(message, GetFilm):
                     page.tasks.append(self._send_film(page, message))
         self._wake.set()
@@ -350,19 +351,19 @@ class Viewer:
             page.client.tell({"type": "error", "text": str(error)})
         return True
 
-    def _save_view(self, page: Shown, message: SaveView) -> Iterator[None]:
+    def _save_view(self, page: Shown, camera: Keyframe, message: SaveView) -> Iterator[None]:
         taken = [camera.name for camera in self.cameras]
         new = SceneViews(aspect=self.aspect, exposure=self.exposure or 1.0)
-        view = add_view(self.views_file, page.camera, message.name or "saved", taken, new)
+        view = add_view(self.views_file, camera, message.name or "saved", taken, new)
         self.cameras.append(view)
         page.client.tell({"type": "saved", "camera": view.model_dump()})
         yield
 
-    def _send_exr(self, page: Shown) -> Iterator[None]:
-        frames = page.picture.frames
-        if frames:
-            data = exr_file(page.picture.mean()[..., :3], frames)
-            page.client.tell({"type": "file", "name": f"{self.title}.exr"}, data)
+    def _send_exr(self, page: Shown, picture: Accumulated) -> Iterator[None]:
+        if picture.frames == 0:
+            raise UserError("EXR", "there is no picture of this camera yet", "Wait a moment.")
+        data = exr_file(picture.mean()[..., :3], picture.frames)
+        page.client.tell({"type": "file", "name": f"{self.title}.exr"}, data)
         yield
 
     def _send_film(self, page: Shown, message: GetFilm) -> Iterator[None]:
