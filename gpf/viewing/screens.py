@@ -90,6 +90,7 @@ class Screens:
         if self._mixer is not None:
             self._mixer.set({name: level for name, level in levels.items() if name in self.lights})
             self._update("gaussians")  # the others have the field itself
+            self._photons = None
 
     def layer(self, wanted: Layer) -> Layer:
         """The layer that is shown for one that is wanted: the picture, if the field lacks it."""

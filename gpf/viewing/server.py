@@ -40,18 +40,22 @@ _POLICY = (
 
 log = logging.getLogger(__name__)
 
+# Messages that say how far something is.
+_STATES = ("status", "film")
+
 
 class Client:
     """An open page: what the server sends to it.
 
-    Of pictures only the newest waits; a slow page misses the others. Other messages wait in order.
+    Of pictures only the newest waits; a slow page misses the others. Other messages wait in order;
+    one that says how far something is replaces the one before it.
     """
 
     def __init__(self, connection: ServerConnection) -> None:
         self._connection = connection
         self._ready = threading.Condition()
         self._picture: bytes | None = None
-        self._others: list[bytes] = []
+        self._others: list[tuple[object, bytes]] = []
         self._sent, self._seen = 0, 0
         self._closed = False
 
@@ -70,7 +74,10 @@ class Client:
     def tell(self, header: dict[str, object], data: bytes = b"") -> None:
         """Send another message."""
         with self._ready:
-            self._others.append(pack(header, data))
+            kind = header["type"]
+            if self._others and self._others[-1][0] == kind and kind in _STATES:
+                self._others.pop()
+            self._others.append((kind, pack(header, data)))
             self._ready.notify()
 
     def note_seen(self, picture: int) -> None:
@@ -97,7 +104,7 @@ class Client:
         with self._ready:
             while not self._closed:
                 if self._others:
-                    return self._others.pop(0)
+                    return self._others.pop(0)[1]
                 if self._picture is not None and self._sent - self._seen < IN_FLIGHT:
                     picture, self._picture = self._picture, None
                     self._sent += 1

@@ -298,7 +298,7 @@ def give_random_input(viewer, page):
             button = dice.choice(["save", "png", "exr", "key", "film", "clear"])
             page.evaluate(f"document.querySelector('#{button}').click()")
         elif kind == 5:
-            page.wait_for("document.querySelector('[data-light]')")  # after a reload
+            page.wait_for("document.querySelector('[data-light]') !== null")  # after a reload
             move_slider(page, dice.choice(["left", "right"]), dice.uniform(0, 2))
         else:
             page.call("Page.reload")

@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 
 from gpf.core.errors import UserError
 from gpf.viewing.messages import MOST_BYTES, Camera, Look, read_message
-from gpf.viewing.server import MOST_MISTAKES, PageServer
+from gpf.viewing.server import MOST_MISTAKES, Client, PageServer
 
 CAMERA = {"origin": [0, 0, 1], "target": [0, 0, 0], "up": [0, 1, 0], "fov": 40}
 
@@ -152,6 +152,22 @@ def test_a_slow_page_gets_the_newest_picture_only(server, ear):
             link.recv(timeout=0.2)
         link.send(json.dumps({"type": "seen", "picture": 2}))
         assert unpack(link.recv())[0] == {"type": "picture", "picture": 3, "k": 9}
+
+
+def test_a_page_that_does_not_listen_holds_no_old_states():
+    client = Client(None)
+    for k in range(1000):
+        client.tell({"type": "status", "passes": k})
+    client.tell({"type": "error", "text": "one"})
+    client.tell({"type": "error", "text": "two"})
+    client.tell({"type": "status", "passes": 1000})
+    messages = [unpack(client._next())[0] for _ in range(4)]
+    assert [message.get("passes", message.get("text")) for message in messages] == [
+        999,
+        "one",
+        "two",
+        1000,
+    ]
 
 
 @pytest.mark.parametrize(
