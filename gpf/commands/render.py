@@ -310,11 +310,12 @@ class Pictures:
 
     def write_film(self) -> None:
         """All pictures in order as an MP4."""
-        frames = []
-        for view in self.views:
+
+        def frame(view: View) -> np.ndarray:
             shown = tone_map(read_exr(self.exr(view))[0]["radiance"], self.exposure)
-            frames.append(np.round(255 * shown).astype(np.uint8))
-        write_film(self.folder / FILM, frames, FPS)
+            return np.round(255 * shown).astype(np.uint8)
+
+        write_film(self.folder / FILM, map(frame, self.views), FPS)
 
 
 def _measure_exposure(renderer: FieldRenderer, view: View, aspect: float) -> float:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterable
+from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -17,18 +20,21 @@ _REINSTALL = (
 )
 
 
-def write_film(path: Path, frames: Sequence[np.ndarray], fps: int) -> None:
+def write_film(path: Path, frames: Iterable[np.ndarray], fps: int) -> None:
     """Write an MP4 with 4:2:0 colour; the same frames give the same bytes.
 
     Parameters
     ----------
-    frames: sRGB, 8 bits, (H, W, 3) each; if H or W is odd, a black line is added.
+    frames: sRGB, 8 bits, (H, W, 3) each, one at least; if H or W is odd, a black line is added. A
+        generator needs memory for one frame only.
 
     Raises
     ------
     UserError: the package with the encoder is missing, or the encoder failed.
     """
-    height, width = frames[0].shape[:2]
+    frames = iter(frames)
+    first = next(frames)
+    height, width = first.shape[:2]
     command = [find_encoder(), "-y", "-loglevel", "error"]
     command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps}"]
     command += ["-i", "-", "-c:v", "libx264", "-preset", "slow", "-crf", "20"]
@@ -39,11 +45,17 @@ def write_film(path: Path, frames: Sequence[np.ndarray], fps: int) -> None:
     command += ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-movflags", "+faststart"]
 
     def encode(file: Path) -> None:
-        raw = b"".join(np.ascontiguousarray(frame, np.uint8).tobytes() for frame in frames)
-        run = subprocess.run([*command, str(file)], input=raw, capture_output=True, check=False)
-        if run.returncode:
-            said = run.stderr.decode(errors="replace").strip()[-300:] or f"status {run.returncode}"
-            raise UserError(str(path), f"could not be encoded: {said}", _REINSTALL)
+        with tempfile.TemporaryFile() as errors:
+            run = subprocess.Popen([*command, str(file)], stdin=subprocess.PIPE, stderr=errors)
+            assert run.stdin is not None
+            with suppress(BrokenPipeError), run.stdin as pipe:  # the encoder has ended: see below
+                for frame in chain([first], frames):
+                    pipe.write(np.ascontiguousarray(frame, np.uint8).tobytes())
+            if run.wait():
+                errors.seek(0)
+                said = errors.read().decode(errors="replace").strip()[-300:]
+                said = said or f"status {run.returncode}"
+                raise UserError(str(path), f"could not be encoded: {said}", _REINSTALL)
 
     write_atomically(path, encode)
 

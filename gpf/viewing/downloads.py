@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -42,9 +43,33 @@ def exr_file(radiance: np.ndarray, frames: int) -> bytes:
     return _written(lambda path: write_exr(path, {"radiance": radiance}, {"frames": frames}), "exr")
 
 
-def film_file(pictures: Sequence[np.ndarray]) -> bytes:
-    """An MP4 of pictures, display values (H, W, 3) uint8 each."""
-    return _written(lambda path: write_film(path, pictures, FPS), "mp4")
+class Film:
+    """Pictures for an MP4, kept in a file: in memory, hundreds would take gigabytes."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115  # closed in __exit__
+        self._shape, self._count = (0, 0, 0), 0
+
+    def __enter__(self) -> Film:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._file.close()
+
+    def add(self, picture: np.ndarray) -> None:
+        """Add a picture, display values (H, W, 3) uint8, of the size of the others."""
+        self._shape, self._count = picture.shape, self._count + 1
+        self._file.write(picture.tobytes())
+
+    def encode(self) -> bytes:
+        """The MP4."""
+        self._file.seek(0)
+        return _written(lambda path: write_film(path, self._pictures(), FPS), "mp4")
+
+    def _pictures(self) -> Iterator[np.ndarray]:
+        for _ in range(self._count):
+            data = self._file.read(math.prod(self._shape))
+            yield np.frombuffer(data, np.uint8).reshape(self._shape)
 
 
 def _written(write: Callable[[Path], object], suffix: str) -> bytes:

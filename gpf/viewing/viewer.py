@@ -19,7 +19,7 @@ from gpf.field.io import load_field
 from gpf.scene.light_groups import Levels
 from gpf.scene.views import CameraPath, Keyframe, SceneViews, View
 from gpf.viewing.background_fit import BackgroundFit, FitStatus
-from gpf.viewing.downloads import add_view, exr_file, film_file
+from gpf.viewing.downloads import Film, add_view, exr_file
 from gpf.viewing.layers import display
 from gpf.viewing.messages import (
     Camera,
@@ -374,16 +374,17 @@ class Viewer:
             raise UserError(
                 "film", error.errors()[0]["msg"], "Add keyframes between those that are far apart."
             ) from error
-        look, pictures = page.look, []
-        for k, view in enumerate(views):
-            total = Accumulated()
-            for _ in range(message.spp):
-                total.add(self.screens.screen("image", look.rows, moving=False).frame(view))
-                yield
-            image = total.mean()
-            if message.spp <= 16:
-                denoised = self.screens.denoised(image)
-                image = image if denoised is None else denoised
-            pictures.append(self._display(_as_picture(look), image[..., :3]))
-            page.client.tell({"type": "film", "done": k + 1, "all": len(views)})
-        page.client.tell({"type": "file", "name": f"{self.title}.mp4"}, film_file(pictures))
+        look = page.look
+        with Film() as film:
+            for k, view in enumerate(views):
+                total = Accumulated()
+                for _ in range(message.spp):
+                    total.add(self.screens.screen("image", look.rows, moving=False).frame(view))
+                    yield
+                image = total.mean()
+                if message.spp <= 16:
+                    denoised = self.screens.denoised(image)
+                    image = image if denoised is None else denoised
+                film.add(self._display(_as_picture(look), image[..., :3]))
+                page.client.tell({"type": "film", "done": k + 1, "all": len(views)})
+            page.client.tell({"type": "file", "name": f"{self.title}.mp4"}, film.encode())
