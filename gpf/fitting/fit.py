@@ -55,6 +55,9 @@ TOLERATED = 3.0
 # if the estimate is too uncertain.
 PASSES_PER_ESTIMATE, LEAST_PER_ESTIMATE = 8, 4
 
+# The last field is judged for so much longer than the time for the fit, as a share of it.
+GRACE = 0.05
+
 # Time between saved states while photons are traced.
 SAVE_SECONDS = 60.0
 
@@ -340,10 +343,11 @@ class _Fit:
         return split_light(field, points, self.stream.by_group())
 
     def _add_estimates(self, wanted: int) -> None:
-        """Add passes for the estimate while there is time; there are :data:`LEAST_PASSES` at
-        least."""
-        while self.quality.passes < wanted and not (
-            self.quality.passes >= LEAST_PASSES and self.time.is_over()
+        """Add passes for the estimate: :data:`LEAST_PASSES` in any case, more unless the time is
+        long over."""
+        late = GRACE * (self.goals.seconds or 0)
+        while self.quality.passes < wanted and (
+            self.quality.passes < LEAST_PASSES or not self.time.is_over(-late)
         ):
             self.quality.add_pass()
 

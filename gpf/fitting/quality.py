@@ -60,8 +60,7 @@ class QualityEstimate:
 
         mean(s² (f_i - a_i) (f_j - b_j)) + mean(s² ((a_i - b_i)² n/4 + v + d)) / N + w,    i ≠ j,
 
-    in each view. The estimate is the mean of the views' PSNR, less its standard error and less the
-    bias of the logarithms of uncertain means. Neither the
+    in each view. The estimate is the mean of the views' PSNR, less its standard error. Neither the
     noise of a and b nor light that changes within the pixel has an influence on the first term's
     expected value, but for a little through s: an image has many samples per pixel, which average
     out. The second term is the
@@ -193,12 +192,8 @@ class QualityEstimate:
         each = np.maximum(np.maximum(error.mean(axis=1), 0) + least, 1e-10)
         # Of a logarithm, the standard error is the relative one.
         relative = np.array([standard_error(view) for view in error]) / each
-        unit = 10 / math.log(10)
-        # The mean of log x is less than the logarithm of the mean of x: by half of the relative
-        # variance.
-        biased = unit * np.minimum(relative**2, 1) / 2
-        uncertain = unit * np.linalg.norm(relative) / views
-        return float(np.mean(-10 * np.log10(each) - biased)), float(uncertain)
+        uncertain = 10 / math.log(10) * np.linalg.norm(relative) / views
+        return float(np.mean(-10 * np.log10(each))), float(uncertain)
 
     def _compare(self, field: GaussianPhotonField) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """At each pixel: the first term of the estimate, (P,), the second times N, (P, 3), and the

@@ -10,10 +10,10 @@ B (:func:`gpf.training.streaming.kernel_blur`):
     M = ⟨(f - a) (f - b)⟩ + (s - s²/2) S,      S = ⟨(a - b)²⟩ / 2,  s = √(2 D / S).
 
 S is the variance of a half. The field takes over the share s of the targets' noise, and the second
-term of M makes up for this. ⟨⟩ are means over the points around a Gaussian. D is divided by their
-light and multiplied by that of the Gaussian, because the variance of a sum of photons is
-proportional to their light; M + B is divided by the square of the light, or by that of the
-Gaussian if it is brighter.
+term of M makes up for this. ⟨⟩ are means over the points around a Gaussian; each counts by the
+inverse square of its light, so that a bright place does not decide for its dim neighbours. D is
+divided by their light and multiplied by that of the Gaussian, because the variance of a sum of
+photons is proportional to their light; M + B is divided by the square of the light.
 
 This tells places apart. How large the error is in all, photons tell from which the field did not
 learn (:meth:`gpf.fitting.quality.QualityEstimate.error_scale`).
@@ -42,6 +42,9 @@ STEPS = 10
 MOST = 10.0
 """Largest relative error."""
 
+DIM = 0.1
+"""Points with less light than this share of the mean count as if they had as much."""
+
 _TINY = 1e-20
 
 
@@ -59,12 +62,13 @@ def estimate_error(
     matrix = blend_matrix(field, halves[0])
     colour = to_numpy(field.gaussians.irradiance)
     importance = np.asarray(halves[0].weight.numpy())
-    parts = split_colours(matrix, colour, importance, np.stack([a, b]) / 2, STEPS)
     unit = max(float(a.mean()), _TINY)  # near 1, single precision is enough
     a, b, colour = a / unit, b / unit, colour / unit
+    parts = split_colours(matrix, colour, importance, np.stack([a, b]) / 2, STEPS)
     f = matrix @ colour
     level = np.maximum(f.mean(axis=1), 0)
     square = (f**2).mean(axis=1)
+    counts = 1 / (level**2 + DIM**2)
     values = (
         ((matrix @ (parts[0] - parts[1])) ** 2).mean(axis=1),
         ((f - a) * (f - b)).mean(axis=1),
@@ -73,12 +77,13 @@ def estimate_error(
         square,
         blur / unit**2,
     )
-    noise, cross, variance, per_level, square, blur = _spread(matrix, np.stack(values, axis=1)).T
+    noise, cross, variance, per_level, square, blur = _spread(
+        matrix, counts[:, None] * np.stack(values, axis=1)
+    ).T
     share = np.sqrt(np.clip(2 * noise / np.maximum(variance, _TINY), 0, 1))
     misfit = np.maximum(cross + (share - share**2 / 2) * variance, 0) + np.maximum(blur, 0)
     own = np.maximum(colour.mean(axis=1), _TINY)
-    relative = noise / np.maximum(per_level, _TINY) / own
-    relative += misfit / np.maximum(np.maximum(square, own**2), _TINY)
+    relative = noise / np.maximum(per_level, _TINY) / own + misfit / np.maximum(square, _TINY)
     return np.sqrt(np.clip(relative, 0, MOST**2)).astype(np.float32)
 
 
