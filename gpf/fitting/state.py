@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -19,6 +20,9 @@ from gpf.field.io import load_field, save_field
 from gpf.scene.fingerprint import changed_parts, fingerprint
 
 PHOTONS = "photons.safetensors"
+
+# Files beside it: fields, and what a kill has left half-written.
+_OWN = re.compile(r"field-\d+\.safetensors|\.partial-(photons|field-\d+)-.*\.safetensors")
 
 FORMAT = 2
 """Of the files; those of another format are not read."""
@@ -57,9 +61,9 @@ class FitState:
             save_field(best, self.folder / field)
         facts = {"identity": self.identity, "facts": facts, "field": field}
         write_tensors(self.folder / PHOTONS, "fit", tensors, facts)
-        for file in self.folder.glob("*.safetensors"):
-            if file.name not in (PHOTONS, field):  # of a state before, or half-written
-                file.unlink()
+        for file in self.folder.iterdir():
+            if _OWN.fullmatch(file.name) and file.name != field:  # before, or half-written
+                file.unlink(missing_ok=True)
 
     def load(
         self, resume: Resume = "if possible"

@@ -71,12 +71,13 @@ def test_the_field_belongs_to_the_photons(folder):
     own.save(TENSORS, {"passes": 72}, field)
     assert own.load("always")[2].record == {"passes": 72}
     (folder / ".partial-photons-x.safetensors").write_bytes(b"half")
+    (folder / "field-of-mine.safetensors").write_bytes(b"not of the fit")
     (folder / "field-216.safetensors").write_bytes(b"whole, but its photons were not written")
     assert own.load("always")[2].record == {"passes": 72}
     other = FitState(folder, IDENTITY | {"seed": 2})
     other.save(TENSORS, {"passes": 5}, None)
     assert other.load("always")[1:] == ({"passes": 5}, None)
-    assert [file.name for file in folder.iterdir()] == [PHOTONS]
+    assert sorted(f.name for f in folder.iterdir()) == ["field-of-mine.safetensors", PHOTONS]
 
 
 def test_without_photons_there_is_nothing_to_go_on_with(tmp_path, caplog):
