@@ -30,6 +30,15 @@ def test_an_error_about_a_file_knows_the_file(missing, todo):
     assert str(error) == f"a.txt: is odd. {todo}"
 
 
+@pytest.fixture
+def interrupts():
+    """Ctrl-C as in a terminal: a shell lets processes in the background ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interrupts")
 def test_an_interrupt_waits_until_the_block_ends():
     done = []
     with pytest.raises(KeyboardInterrupt), uninterrupted():
