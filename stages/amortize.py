@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from gpf.core.errors import FileError
+from gpf.core.errors import FileError, UserError
 from gpf.core.files import read_json, write_json, write_text
 from gpf.core.progress import say
 from metrics.cost import (
@@ -83,6 +83,12 @@ def cost_lines(work: Workspace) -> Comparison:
 def mean_convergence(work: Workspace) -> dict[int, float]:
     """Number of SPPM passes -> PSNR against the reference in dB, mean over novel views."""
     rows = read_json(work.convergence)
+    if not rows:
+        raise UserError(
+            str(work.convergence),
+            "is empty: there were no second references",
+            f"Run `gpf stage reference --scene {work.scene}`, then `gpf stage metrics`.",
+        )
     return {int(row["passes"]): float(row["psnr"]) for row in rows}
 
 

@@ -71,13 +71,10 @@ def compare_images(scene_name: str) -> None:
     _remove_others(work, (*methods, *refused))
     write_json(work.summary, summaries)
     mean_curve = {n: float(np.mean([curves[name][n] for name in names])) for n in passes}
-    if passes:
-        write_json(
-            work.convergence,
-            [{"passes": n, "psnr": value} for n, value in mean_curve.items()],
-        )
-    else:
-        work.convergence.unlink(missing_ok=True)
+    write_json(
+        work.convergence,
+        [{"passes": n, "psnr": value} for n, value in mean_curve.items()],
+    )
     costs.write(work.cost("metrics"))
     table = pd.DataFrame(rows, columns=["scene", "method", *NUMBERS, "reason"])
     write_text(work.folder / "quality.csv", table.to_csv(index=False))

@@ -69,10 +69,10 @@ def follow(
     rr_depth: number of bounces after which Russian roulette may end a ray.
     active: lanes that are followed.
     lamps: emitters whose direct light at the visible points the emission also contains.
-    side: at the first surface; other than ``either`` only for scenes whose glass
-        :func:`gpf.scene.materials.divides`. The sum of ``through`` and ``back`` has the same mean
-        as ``either``. Where the first surface is not glass, and with total reflection, ``through``
-        is all and has the weight 1, and ``back`` is nothing and has 0.
+    side: at the first surface; other than ``either`` only for scenes of
+        :func:`gpf.scene.inventory.divides_glass`. The sum of ``through`` and ``back`` has the same
+        mean as ``either``. Where the first surface is not glass, and with total reflection,
+        ``through`` is all and has the weight 1, and ``back`` is nothing and has 0.
     """
     context = specular_context()
     diffusely = diffuse_context()

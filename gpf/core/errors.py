@@ -65,14 +65,16 @@ def is_interrupt(error: BaseException | None) -> bool:
 @contextmanager
 def uninterrupted() -> Iterator[None]:
     """Ctrl-C waits until the block ends: for values that have to change together."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # signals reach the main thread alone
+    before = signal.getsignal(signal.SIGINT)
+    # Signals reach the main thread alone, and a handler that is not of Python stays as it is.
+    if threading.current_thread() is not threading.main_thread() or not callable(before):
+        yield
         return
     received: list[tuple[int, Any]] = []
-    before = signal.signal(signal.SIGINT, lambda *arguments: received.append(arguments))
+    signal.signal(signal.SIGINT, lambda *arguments: received.append(arguments))
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-        if received and callable(before):
+        if received:
             before(*received[0])

@@ -33,7 +33,9 @@ def write_film(path: Path, frames: Iterable[np.ndarray], fps: int) -> None:
     UserError: the package with the encoder is missing, or the encoder failed.
     """
     frames = iter(frames)
-    first = next(frames)
+    first = next(frames, None)
+    if first is None:
+        raise UserError(str(path), "would have no frames", "Render a picture first.")
     height, width = first.shape[:2]
     command = [find_encoder(), "-y", "-loglevel", "error"]
     command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{fps}"]
@@ -48,9 +50,17 @@ def write_film(path: Path, frames: Iterable[np.ndarray], fps: int) -> None:
         with tempfile.TemporaryFile() as errors:
             run = subprocess.Popen([*command, str(file)], stdin=subprocess.PIPE, stderr=errors)
             assert run.stdin is not None
-            with suppress(BrokenPipeError), run.stdin as pipe:  # the encoder has ended: see below
+            try:
                 for frame in chain([first], frames):
-                    pipe.write(np.ascontiguousarray(frame, np.uint8).tobytes())
+                    # Without a reader, the encoder has ended; what it said is below.
+                    with suppress(BrokenPipeError):
+                        run.stdin.write(np.ascontiguousarray(frame, np.uint8).tobytes())
+                with suppress(BrokenPipeError):
+                    run.stdin.close()
+            except BaseException:
+                run.kill()
+                run.wait()
+                raise
             if run.wait():
                 errors.seek(0)
                 said = errors.read().decode(errors="replace").strip()[-300:]

@@ -140,6 +140,8 @@ def fit(
         light reaches those that they see; the light is not finite; or the fit cannot resume.
     """
     goals = Goals.of(seconds, target_psnr, passes)
+    if resume == "always" and state is None:
+        raise UserError("resume", "needs a state", "Give the folder of the photons.")
     run = _Fit(scene, sensors, goals, seed, callback, state, groups, exposure)
     try:
         run.open(resume)
@@ -229,8 +231,6 @@ class _Fit:
             identity = fit_identity(self.scene, self.sensors, values)
             self.state = FitState(self.folder, identity)
             self._restore(*self.state.load(resume))
-        elif resume == "always":
-            raise UserError("resume", "needs a state", "Give the folder of the photons.")
 
     def _restore(
         self,
@@ -243,7 +243,9 @@ class _Fit:
             self.stream.restore(tensors)
             self.quality.restore(tensors)
             self.best, self.passes, self.fitted = best, facts["passes"], facts["fitted"]
-            self.all_steps, self.in_vain = facts["steps"], facts["in_vain"]
+            self.all_steps = facts["steps"]
+            if facts["target_psnr"] == self.goals.target_psnr:
+                self.in_vain = facts["in_vain"]
             self.time.pass_seconds, self.time.field_seconds = facts["seconds"]
             if best is not None:  # not that of the file: it may be of another exposure
                 self.psnr = self.quality.psnr(best)
@@ -255,6 +257,7 @@ class _Fit:
                 "passes": self.passes,
                 "fitted": self.fitted,
                 "in_vain": self.in_vain,
+                "target_psnr": self.goals.target_psnr,
                 "steps": self.all_steps,
                 "seconds": [self.time.pass_seconds, self.time.field_seconds],
             }
@@ -298,7 +301,6 @@ class _Fit:
             if not trainer.history:
                 raise
         training = time.perf_counter() - start
-        self.fitted = self.stream.count
         start = time.perf_counter()
         self.evaluate(trainer.finish())
         now = time.perf_counter()
@@ -309,8 +311,9 @@ class _Fit:
 
     def evaluate(self, field: GaussianPhotonField) -> None:
         """Estimate the PSNR of a field, and keep it unless its training failed."""
+        passes = self.stream.count
         self._add_estimates(LEAST_PASSES)
-        most = self.fitted // LEAST_PER_ESTIMATE
+        most = passes // LEAST_PER_ESTIMATE
         self._add_estimates(min(self.quality.needed_passes(field), most))
         psnr = self.quality.psnr(field)
         before = float("-inf")
@@ -321,10 +324,11 @@ class _Fit:
             self.add_error(field)
             if self.groups is not None:
                 field.lights = FieldLights(self.groups, self.split_light(field))
-            field.record = {"passes": self.fitted}
-            self.best, self.passes, self.psnr = field, self.fitted, psnr
+            field.record = {"passes": passes}
+            self.best, self.passes, self.psnr = field, passes, psnr
         else:
             self.psnr = before
+        self.fitted = passes  # not before: an interrupted field has to be fitted again
         self._tell(self.best)
 
     def add_error(self, field: GaussianPhotonField) -> None:

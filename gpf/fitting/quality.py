@@ -12,6 +12,7 @@ import numpy as np
 
 from gpf.camera.rays import sample_rays_at
 from gpf.camera.visible_points import find_visible_points
+from gpf.core.errors import uninterrupted
 from gpf.core.images import check_finite, propose_exposure, tone_map, tone_secant
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
@@ -143,8 +144,10 @@ class QualityEstimate:
         )
         start = self._starts[half]
         irradiance, _ = traced.all_irradiance(self._points, start, pair + 1, self._stored)
-        self._sums[half] += to_numpy(irradiance)
-        self.passes += 1
+        found = to_numpy(irradiance)
+        with uninterrupted():
+            self._sums[half] += found
+            self.passes += 1
 
     def psnr(self, field: GaussianPhotonField) -> float:
         """The estimated PSNR of the field's images, mean over the views, dB; needs

@@ -101,7 +101,8 @@ class PhotonSums:
             pilot = replace(self._settings, paths=PILOT, indirect=False)
             few = record_photons(scene, pilot, seed)
             power = np.asarray(few.power.numpy()).max(axis=0) if dr.width(few.p) else np.ones(1)
-            self._unit = float(np.mean(power)) * PILOT / _POWER_STEPS
+            power = power[np.isfinite(power) & (power > 0)]
+            self._unit = float(power.mean() if len(power) else 1) * PILOT / _POWER_STEPS
             self._landings = (dr.width(few.p) + 1) / PILOT
         # Each photon may need a new cell.
         wanted = (int(self._cells[0]) + 1.5 * self._landings * paths) / _FULL

@@ -144,11 +144,11 @@ def at_visible_point(
         "albedo": dr.select(
             points.valid,
             points.throughput * points.reflectance,
-            dr.clip(points.emission, 0, 1),
+            dr.clip(points.emission, 0, share),
         ),
         "visible_normal": dr.select(points.valid, share * mi.Vector3f(points.n), 0),
         "irradiance": dr.select(points.valid, share * irradiance, 0),
-        "coverage": dr.select(points.valid, dr.minimum(reach, MOST_COVERAGE), 0),
+        "coverage": dr.select(points.valid, share * dr.minimum(reach, MOST_COVERAGE), 0),
     }
     if "error" in aovs:
         radiance = dr.mean(field.reflect(points, irradiance))

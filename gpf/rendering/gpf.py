@@ -29,7 +29,8 @@ from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths, whole_number
 from gpf.rendering.recording import Recording
 from gpf.rendering.scene_check import warn_of_another_scene
-from gpf.scene.materials import divides, has_gloss, require_separable
+from gpf.scene.inventory import divides_glass
+from gpf.scene.materials import has_gloss, require_separable
 
 # How the values of further walks join those of the first; all others are added.
 _JOIN = {"valid": operator.or_, "coverage": dr.maximum}
@@ -37,6 +38,12 @@ _JOIN = {"valid": operator.or_, "coverage": dr.maximum}
 
 def _join(found: dict[str, Any], further: dict[str, Any]) -> dict[str, Any]:
     return {key: _JOIN.get(key, operator.add)(found[key], further[key]) for key in found}
+
+
+def _add(found: dict[str, Any], further: dict[str, Any], share: mi.Float) -> dict[str, Any]:
+    """The sum of two parts; ``valid`` is that of the first if its share is at least a half."""
+    valid = dr.select(share >= 0.5, found["valid"], further["valid"])
+    return {key: valid if key == "valid" else v + further[key] for key, v in found.items()}
 
 
 def _mean(found: dict[str, Any], walks: mi.UInt32) -> dict[str, Any]:
@@ -246,14 +253,15 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         if self._checked != scene.shapes():
             require_separable(scene)
             self._walks = self.glossy_walks if has_gloss(scene) else 1
-            self._divides = divides(scene)
+            self._divides = divides_glass(scene)
             self._checked = scene.shapes()
         ray = mi.Ray3f(ray)
         found, share = self._walk(
             scene, sampler, ray, active, "through" if self._divides else "either"
         )
         if self._divides:
-            found = self._walk_back(scene, sampler, ray, mi.Bool(active) & (share < 1), found)
+            divided = mi.Bool(active) & (share < 1)
+            found = self._walk_back(scene, sampler, ray, divided, share, found)
         if self._walks > 1:
             found = self._walk_again(scene, sampler, ray, active, found)
         found |= at_first_surface(scene, ray, self.aovs, mi.Bool(active))
@@ -279,11 +287,11 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         return found, share
 
     @dr.syntax
-    def _walk_back(self, scene, sampler, ray, active, found):  # type: ignore[no-untyped-def]
+    def _walk_back(self, scene, sampler, ray, active, share, found):  # type: ignore[no-untyped-def]
         """The sum of what was found through smooth glass and what it reflects."""
         if active:
             further, _ = self._walk(scene, sampler, ray, active, "back")
-            found = _join(found, further)
+            found = _add(found, further, share)
         return found
 
     @dr.syntax

@@ -102,3 +102,16 @@ def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:
             name = f"{plain} ({number})"
         found[name] = bsdf
     return found
+
+
+def divides_glass(scene: mi.Scene) -> bool:
+    """Whether the scene has smooth glass, and all of it is such that a random number alone chooses
+    between both directions: no mixture of materials, and no mask."""
+    through = int(mi.BSDFFlags.DeltaTransmission) | int(mi.BSDFFlags.Null)
+    others = int(mi.BSDFFlags.Diffuse) | int(mi.BSDFFlags.Glossy)
+    glass = {
+        bsdf.class_name()
+        for bsdf, flags in ((bsdf, int(bsdf.flags())) for bsdf in scene_materials(scene).values())
+        if flags & int(mi.BSDFFlags.DeltaReflection) and flags & through and not flags & others
+    }
+    return bool(glass) and glass <= {"SmoothDielectric", "ThinDielectric"}

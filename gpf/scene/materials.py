@@ -92,20 +92,6 @@ def is_smooth_glass(bsdf: mi.BSDFPtr) -> mi.Bool:
     return through & back & ~mi.has_flag(flags, mi.BSDFFlags.Diffuse) & ~is_glossy(bsdf)
 
 
-def divides(scene: mi.Scene) -> bool:
-    """Whether the scene has smooth glass, and all of it is such that a random number alone chooses
-    between both directions: no mixture of materials, and no mask."""
-    through = int(mi.BSDFFlags.DeltaTransmission) | int(mi.BSDFFlags.Null)
-    others = int(mi.BSDFFlags.Diffuse) | int(mi.BSDFFlags.Glossy)
-    materials = [bsdf for shape in scene.shapes() if (bsdf := shape.bsdf()) is not None]
-    glass = {
-        bsdf.class_name()
-        for bsdf, flags in ((bsdf, int(bsdf.flags())) for bsdf in materials)
-        if flags & int(mi.BSDFFlags.DeltaReflection) and flags & through and not flags & others
-    }
-    return bool(glass) and glass <= {"SmoothDielectric", "ThinDielectric"}
-
-
 def diffuse_reflectance(
     bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, active: mi.Bool
 ) -> mi.Color3f:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gpf.core.errors import UserError
 from gpf.core.films import write_film
 from gpf.core.images import write_exr
 from gpf.scene.views import Keyframe, SceneViews, View, name_view, read_views
@@ -59,7 +60,12 @@ class Film:
     def add(self, picture: np.ndarray) -> None:
         """Add a picture, display values (H, W, 3) uint8, of the size of the others."""
         self._shape, self._count = picture.shape, self._count + 1
-        self._file.write(picture.tobytes())
+        try:
+            self._file.write(picture.tobytes())
+        except OSError as error:
+            raise UserError(
+                tempfile.gettempdir(), f"has no room for a film ({error})", "Free some disk space."
+            ) from error
 
     def encode(self) -> bytes:
         """The MP4."""

@@ -158,6 +158,22 @@ def test_unused_photons_of_a_state_are_used(scene, monkeypatch, tmp_path):
         np.testing.assert_array_equal(vars(field.gaussians)[name].numpy(), values.numpy())
 
 
+def test_a_field_whose_judgement_was_interrupted_is_fitted_again(scene, monkeypatch, tmp_path):
+    monkeypatch.setattr(module, "FIRST_PASSES", 12)
+    add_error = module._Fit.add_error
+
+    def interrupt(self, field):
+        if self.stream.count > 12:
+            raise KeyboardInterrupt
+        add_error(self, field)
+
+    state = tmp_path / "box.fit"
+    with monkeypatch.context() as once:
+        once.setattr(module._Fit, "add_error", interrupt)
+        assert gpf.fit(scene, sensors(), passes=30, state=state).record["passes"] == 12
+    assert gpf.fit(scene, sensors(), passes=30, state=state).record["passes"] == 30
+
+
 def test_light_that_the_renderer_samples_leaves_a_black_field():
     """A floor under a bulb: no light is indirect, and lamps without a size are not in the field."""
     parts = {"floor": floor(diffuse(0.5)), "bulb": point_light((0, 0, 1), 2)}

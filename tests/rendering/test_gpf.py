@@ -212,7 +212,7 @@ def test_both_sides_of_glass_make_the_same_picture_with_less_noise(monkeypatch):
     for divided in (True, False):
         integrator = integrator_with(field, aovs="irradiance,visible_normal")
         if not divided:
-            monkeypatch.setattr("gpf.rendering.gpf.divides", lambda scene: False)
+            monkeypatch.setattr("gpf.rendering.gpf.divides_glass", lambda scene: False)
         a, b = (
             mi.render(scene, sensor=sensor, integrator=integrator, spp=64, seed=seed).numpy()
             for seed in (1, 2)

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import to_numpy
+from gpf.scene.inventory import divides_glass
 from gpf.scene.materials import (
     diffuse_context,
     diffuse_reflectance,
     diffuse_transfer,
-    divides,
     has_diffuse,
     specular_context,
 )
@@ -210,4 +210,14 @@ def test_sides_with_a_diffuse_component(spec, front, back):
 )
 def test_glass_divides_unless_it_is_a_part_of_a_mixture(bsdf, answer):
     shapes = {"floor": floor(diffuse(0.5)), "glass": {"type": "sphere", "bsdf": bsdf}}
-    assert divides(mi.load_dict({"type": "scene"} | shapes)) is answer
+    assert divides_glass(mi.load_dict({"type": "scene"} | shapes)) is answer
+
+
+def test_glass_in_groups_of_shapes_counts():
+    masked = {"type": "mask", "opacity": 0.5, "bsdf": {"type": "dielectric"}}
+    shapes = {
+        "plain": {"type": "sphere", "bsdf": {"type": "dielectric"}},
+        "group": {"type": "shapegroup", "inner": {"type": "rectangle", "bsdf": masked}},
+        "instance": {"type": "instance", "group": {"type": "ref", "id": "group"}},
+    }
+    assert not divides_glass(mi.load_dict({"type": "scene"} | shapes))
