@@ -160,6 +160,9 @@ def test_one_finger_turns_and_two_come_nearer(page):
 def test_pictures_cameras_and_films_are_kept(viewer, page):
     """The buttons, down to the first bytes of what they download."""
     page.evaluate("window.kept = {}; download = (blob, name) => { kept[name] = blob; }")
+    rows = "document.querySelector('#rows')"  # few, so that the film takes seconds
+    page.evaluate(f"{rows}.prepend(new Option(96)); {rows}.value = 96; look()")
+    page.wait_for("viewer.frames > 2")
     for button in ("png", "exr", "key"):
         page.evaluate(f"document.querySelector('#{button}').click()")
     drag(page)
