@@ -12,6 +12,8 @@ import mitsuba as mi
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
+from gpf.core.structs import from_numpy
+
 Scene = dict[str, Any]
 
 
@@ -202,7 +204,7 @@ def z_scores(a: np.ndarray, b: np.ndarray, bias: float = 0) -> np.ndarray:
 def interaction(wi: np.ndarray) -> mi.SurfaceInteraction3f:
     """A surface in the xy plane, seen from the directions ``wi``, (N, 3)."""
     si = dr.zeros(mi.SurfaceInteraction3f, len(wi))
-    si.wi = mi.Vector3f(np.ascontiguousarray(wi.T, dtype=np.float32))
+    si.wi = from_numpy(mi.Vector3f, wi)
     si.n = mi.Normal3f(0, 0, 1)
     si.sh_frame = mi.Frame3f(mi.Normal3f(0, 0, 1))
     si.uv = mi.Point2f(0.5)

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gpf.core.structs import SurfacePoints
+from gpf.core.structs import SurfacePoints, from_numpy
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.gaussians import Gaussians
 
@@ -89,17 +89,13 @@ def flat_gaussians(means: np.ndarray, irradiance: np.ndarray, size: float = 0.1)
     )
 
 
-def columns(array: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(np.asarray(array, dtype=np.float32).T)
-
-
 def to_device(g: PlainGaussians) -> Gaussians:
     return Gaussians(
-        means=mi.Point3f(columns(g.means)),
-        log_scales=mi.Vector3f(columns(g.log_scales)),
-        quats=mi.Quaternion4f(*(mi.Float(c) for c in columns(g.quats))),
-        irradiance=mi.Color3f(columns(g.irradiance)),
-        normals=mi.Normal3f(columns(g.normals)),
+        means=from_numpy(mi.Point3f, g.means),
+        log_scales=from_numpy(mi.Vector3f, g.log_scales),
+        quats=from_numpy(mi.Quaternion4f, g.quats),
+        irradiance=from_numpy(mi.Color3f, g.irradiance),
+        normals=from_numpy(mi.Normal3f, g.normals),
     )
 
 
@@ -114,17 +110,19 @@ def make_field(g: PlainGaussians, settings: FieldSettings, **more) -> GaussianPh
 def surface_points(x, n, target=None, weight=None) -> SurfacePoints:
     count = len(x)
     return SurfacePoints(
-        p=mi.Point3f(columns(x)),
-        n=mi.Normal3f(columns(n)),
-        target=mi.Color3f(columns(np.zeros((count, 3)) if target is None else target)),
-        weight=mi.Float(columns(np.ones(count) if weight is None else weight)),
+        p=from_numpy(mi.Point3f, x),
+        n=from_numpy(mi.Normal3f, n),
+        target=from_numpy(mi.Color3f, np.zeros((count, 3)) if target is None else target),
+        weight=from_numpy(mi.Float, np.ones(count) if weight is None else weight),
     )
 
 
 def ask(field: GaussianPhotonField, x: np.ndarray, n: np.ndarray, active=True):
     """The field's value, (P, 3), and reach, (P,)."""
     value, reach = field.query(
-        mi.Point3f(columns(x)), mi.Normal3f(columns(n)), dr.full(mi.Bool, True, len(x)) & active
+        from_numpy(mi.Point3f, x),
+        from_numpy(mi.Normal3f, n),
+        dr.full(mi.Bool, True, len(x)) & active,
     )
     return np.array(value).T, np.array(reach)
 

@@ -12,6 +12,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.typing import ArrayLike
 
 # More values than the widest packet of a processor holds.
 _PACKET = 64
@@ -141,17 +142,23 @@ def _concatenate(values: Sequence[Any], widths: Sequence[int]) -> Any:
     return dr.concat(spread)
 
 
-def from_numpy(kind: Any, values: np.ndarray) -> Any:
-    """An array or a tensor of Dr.Jit, with values of any number type.
+def from_numpy(kind: Any, values: ArrayLike) -> Any:
+    """An array, a vector or a tensor of Dr.Jit, with values of any number type.
 
     Dr.Jit does not copy what numpy gives it, and its kernels read whole packets of values, beyond
     the last one too. Where that memory belongs to nobody, the process would end. So this makes a
-    copy with room behind it. Vectors such as ``mi.Point3f`` are safe without it.
+    copy with room behind it.
 
     Parameters
     ----------
-    kind: ``mi.Float``, ``mi.UInt32``, ``mi.UInt64``, ``mi.Bool``, ``mi.TensorXf``, …
+    kind: ``mi.Float``, ``mi.UInt32``, ``mi.UInt64``, ``mi.Bool``, ``mi.TensorXf``, or a vector such
+        as ``mi.Point3f``.
+    values: (N,); for vectors one row per lane, (N, D), as of :func:`to_numpy`; any shape for
+        tensors.
     """
+    values = np.asarray(values)
+    if dr.depth_v(kind) > 1:
+        return kind(*(from_numpy(dr.value_t(kind), column) for column in values.T))
     types = {
         dr.VarType.Bool: np.bool_,
         dr.VarType.Int32: np.int32,
@@ -160,7 +167,7 @@ def from_numpy(kind: Any, values: np.ndarray) -> Any:
         dr.VarType.Float32: np.float32,
         dr.VarType.Float64: np.float64,
     }
-    room: np.ndarray = np.zeros(values.size + _PACKET, types[dr.type_v(kind)])
+    room: np.ndarray = np.empty(values.size + _PACKET, types[dr.type_v(kind)])
     copy = room[: values.size].reshape(values.shape)
     copy[...] = values
     return kind(copy)

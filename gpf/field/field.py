@@ -180,7 +180,7 @@ class GaussianPhotonField:
 
     def recolour(self, irradiance: np.ndarray) -> None:
         """Take other colours for the same Gaussians, (N, 3); quick, for sliders."""
-        colour = mi.Color3f(np.ascontiguousarray(irradiance.T, dtype=np.float32))
+        colour = from_numpy(mi.Color3f, irradiance)
         self.gaussians = dataclasses.replace(self.gaussians, irradiance=colour)
         self._pack()
 

@@ -93,7 +93,7 @@ def initialize_gaussians(
         count += filling
     if settings.initialization == "random":
         lower, upper = (np.array([b[i] for i in range(3)]) for b in bounds)
-        means = mi.Point3f(rng.uniform(lower, upper, (count, 3)).T.astype(np.float32))
+        means = from_numpy(mi.Point3f, rng.uniform(lower, upper, (count, 3)))
         cell = 1e-2 * float(np.linalg.norm(upper - lower))
         grid = SpatialHash(photons.p, cell=cell, bounds=bounds, far=True)
         nearest, _ = grid.nearest(means, 1, mi.Float(cell), mi.Float(2 * grid.extent))
@@ -102,11 +102,11 @@ def initialize_gaussians(
     if settings.initial_colour == "density":
         density = PhotonDensity(photons, settings.search_radius, bounds)
         irradiance = density.irradiance(means, normals)
-    quats = rng.normal(size=(4, count)).astype(np.float32)
+    quats = rng.normal(size=(4, count)).T
     gaussians = Gaussians(
         means=means,
         log_scales=dr.full(mi.Vector3f, float(np.log(settings.initial_scale)), count),
-        quats=mi.Quaternion4f(*(from_numpy(mi.Float, q) for q in quats)),
+        quats=from_numpy(mi.Quaternion4f, quats),
         irradiance=irradiance,
         normals=normals,
     )
@@ -129,7 +129,7 @@ def propose_search_radius(
     diagonal = float(np.linalg.norm([bounds[1][i] - bounds[0][i] for i in range(3)]))
     grid = SpatialHash(means, cell=1e-2 * diagonal, bounds=bounds, far=True)
     sample = at[rng.integers(0, len(at), min(len(at), 4096))]
-    x = mi.Point3f(np.ascontiguousarray(sample.T, dtype=np.float32))
+    x = from_numpy(mi.Point3f, sample)
     k = min(neighbours, dr.width(means))
     _, distance2 = grid.nearest(x, k, mi.Float(5e-3 * diagonal), mi.Float(grid.extent))
     return float(np.sqrt(np.median(distance2[k - 1].numpy())))
@@ -162,11 +162,11 @@ def place_by_detail(
     p, n = np.concatenate(means), np.concatenate(normals)
     count = len(p)
     gaussians = Gaussians(
-        means=mi.Point3f(np.ascontiguousarray(p.T, dtype=np.float32)),
+        means=from_numpy(mi.Point3f, p),
         log_scales=dr.full(mi.Vector3f, math.log(TYPICAL_SCALE * detail.radius), count),
-        quats=mi.Quaternion4f(*(from_numpy(mi.Float, q) for q in rng.normal(size=(4, count)))),
+        quats=from_numpy(mi.Quaternion4f, rng.normal(size=(4, count)).T),
         irradiance=dr.zeros(mi.Color3f, count),
-        normals=mi.Normal3f(np.ascontiguousarray(n.T, dtype=np.float32)),
+        normals=from_numpy(mi.Normal3f, n),
     )
     dr.eval(gaussians)
     return gaussians

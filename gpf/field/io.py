@@ -121,10 +121,8 @@ def load_field(path: Path) -> GaussianPhotonField:
     """Read a field; errors as in :func:`read_field`."""
     stored = read_field(path)
     detail = stored.detail()
-    means, log_scales, quats, irradiance, normals = (
-        np.ascontiguousarray(stored.tensors[name].T) for name in _NAMES
-    )
-    places, sizes = mi.Point3f(means), mi.Vector3f(log_scales)
+    means, log_scales, quats, irradiance, normals = (stored.tensors[name] for name in _NAMES)
+    places, sizes = from_numpy(mi.Point3f, means), from_numpy(mi.Vector3f, log_scales)
     if detail is not None:
         levels = from_numpy(mi.UInt32, stored.tensors["levels"])
         places = detail.unfold_to(places, levels)
@@ -132,9 +130,9 @@ def load_field(path: Path) -> GaussianPhotonField:
     gaussians = Gaussians(
         means=places,
         log_scales=sizes,
-        quats=mi.Quaternion4f(*(from_numpy(mi.Float, q) for q in quats)),
-        irradiance=mi.Color3f(irradiance),
-        normals=mi.Normal3f(normals),
+        quats=from_numpy(mi.Quaternion4f, quats),
+        irradiance=from_numpy(mi.Color3f, irradiance),
+        normals=from_numpy(mi.Normal3f, normals),
     )
     lower, upper = (mi.ScalarPoint3f(corner) for corner in stored.bounds)
     groups = stored.groups()

@@ -15,7 +15,7 @@ from gpf.camera.visible_points import find_visible_points
 from gpf.core.errors import uninterrupted
 from gpf.core.images import check_finite, propose_exposure, tone_map, tone_secant
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
-from gpf.core.structs import VisiblePoints, concatenate, take, to_numpy
+from gpf.core.structs import VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.photons.emission import Source, emit_light
 from gpf.rendering.adaptive import sample_adaptively
@@ -260,7 +260,7 @@ class QualityEstimate:
         corners = np.concatenate(
             [rng.integers(0, [n - side + 1 for n in film], (each, 2)) for film in films]
         )
-        corner = mi.Point2f(corners.T.astype(np.float32))
+        corner = from_numpy(mi.Point2f, corners)
 
         def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
             number, row = pixel.y // side, pixel.y % side
@@ -300,7 +300,7 @@ class QualityEstimate:
         each, rays = self._pixels // len(self._sensors), []
         for k, sensor in enumerate(self._sensors):
             pixels = rng.integers(0, [int(n) for n in sensor.film().crop_size()], (each, 2))
-            place = mi.Point2f(np.repeat(pixels, SAMPLES, axis=0).T.astype(np.float32))
+            place = from_numpy(mi.Point2f, np.repeat(pixels, SAMPLES, axis=0))
             sampler.seed(pass_seed(self.seed, 0, Stream.QUALITY_CAMERA, k), SAMPLES * each)
             rays.append(mi.Ray3f(sample_rays_at(sensor, sampler, place + sampler.next_2d())[0]))
         sampler.seed(pass_seed(self.seed, 0, Stream.QUALITY_CAMERA), SAMPLES * self._pixels)

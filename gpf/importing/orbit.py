@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
+from gpf.core.structs import from_numpy
 from gpf.importing.view_checks import report_views
 from gpf.scene.views import View
 
@@ -83,8 +84,8 @@ class Orbit:
         way = np.array(ways)
         length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)
         ray = mi.Ray3f(
-            mi.Point3f(np.repeat(start[:, None], len(way), axis=1).astype(np.float32)),
-            mi.Vector3f(np.ascontiguousarray((way.T / length).astype(np.float32))),
+            from_numpy(mi.Point3f, np.tile(start, (len(way), 1))),
+            from_numpy(mi.Vector3f, way / length[:, None]),
         )
         free = np.asarray(scene.ray_intersect_preliminary(ray).t.numpy(), dtype=float)
         origins = start + way * np.minimum(1.0, 0.8 * free / length)[:, None]

@@ -18,6 +18,7 @@ import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.images import propose_exposure
+from gpf.core.structs import from_numpy
 from gpf.importing.orbit import Orbit, unit_vector
 from gpf.importing.report import PHOTONS
 from gpf.importing.view_checks import COVERED_WITHIN, ViewReport, covered, report_views, spacing
@@ -199,8 +200,8 @@ def _is_free(scene: mi.Scene, circle: Sequence[View]) -> bool:
     start = np.array([view.origin for view in circle])
     way = np.roll(start, -1, axis=0) - start
     ray = mi.Ray3f(
-        mi.Point3f(np.ascontiguousarray(start.T, dtype=np.float32)),
-        mi.Vector3f(np.ascontiguousarray(way.T, dtype=np.float32)),
+        from_numpy(mi.Point3f, start),
+        from_numpy(mi.Vector3f, way),
         maxt=mi.Float(1),
         time=mi.Float(0),
         wavelengths=mi.Color0f(),

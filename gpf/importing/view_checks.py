@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from gpf.camera.visible_points import find_visible_points
-from gpf.core.structs import VisiblePoints, take, to_numpy
+from gpf.core.structs import VisiblePoints, from_numpy, take, to_numpy
 from gpf.guiding.surface_patch import SurfacePatch
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
@@ -179,9 +179,9 @@ def look_around(
     height, angle = 1 - 2 * index / _DIRECTIONS, np.pi * (1 + 5**0.5) * index
     ring = np.sqrt(1 - height**2)
     directions = np.stack([ring * np.cos(angle), height, ring * np.sin(angle)])
-    d = mi.Vector3f(np.tile(directions, len(origins)).astype(np.float32))
+    d = from_numpy(mi.Vector3f, np.tile(directions, len(origins)).T)
     starts = np.repeat(np.asarray(origins, dtype=np.float32), _DIRECTIONS, axis=0)
-    si = scene.ray_intersect(mi.Ray3f(mi.Point3f(np.ascontiguousarray(starts.T)), d))
+    si = scene.ray_intersect(mi.Ray3f(from_numpy(mi.Point3f, starts), d))
     refracts = si.is_valid() & _refracts(si, si.is_valid())
     within = refracts & (dr.dot(si.n, d) > 0)
 

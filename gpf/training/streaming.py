@@ -160,7 +160,7 @@ class PhotonStream:
         start = "photons/"
         own = {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
         self._sums.restore(own)
-        self._direct = [mi.Color3f(np.ascontiguousarray(part.T)) for part in tensors["direct"]]
+        self._direct = [from_numpy(mi.Color3f, part) for part in tensors["direct"]]
 
     def mean(self, halves: tuple[Targets, Targets]) -> Targets:
         """The points, with the irradiance from all passes so far; ``halves``: of :meth:`halves`."""

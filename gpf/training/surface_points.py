@@ -13,7 +13,7 @@ import numpy as np
 from gpf.core.errors import UserError
 from gpf.core.morton import order_in_space
 from gpf.core.random import Stream, pass_seed
-from gpf.core.structs import Photons, VisiblePoints, to_numpy
+from gpf.core.structs import Photons, VisiblePoints, from_numpy, to_numpy
 from gpf.guiding.density_control import count_in_cells, oriented_places
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.photons.tracing import PathSettings, record_photons
@@ -164,8 +164,8 @@ def sample_surface_points(
     points = points[order_in_space(p[points], radius / 2)]
     count = len(points)
     return VisiblePoints(
-        p=mi.Point3f(np.ascontiguousarray(p[points].T)),
-        n=mi.Normal3f(np.ascontiguousarray(n[points].T)),
+        p=from_numpy(mi.Point3f, p[points]),
+        n=from_numpy(mi.Normal3f, n[points]),
         reflectance=mi.Color3f(1),
         throughput=mi.Color3f(1),
         emission=mi.Color3f(0),

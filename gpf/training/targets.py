@@ -105,7 +105,10 @@ class Targets:
     def without(self, scene: mi.Scene, lamps: Lamps, seed: int, samples: int = 16) -> Targets:
         """The targets without the direct light of some lamps, from samples at each point."""
         points = dr.zeros(VisiblePoints, len(self.position))
-        points.p, points.n = mi.Point3f(self.position.T), mi.Normal3f(self.normal.T)
+        points.p, points.n = (
+            from_numpy(mi.Point3f, self.position),
+            from_numpy(mi.Normal3f, self.normal),
+        )
         seed = pass_seed(seed, 0, Stream.STREAM_EMITTERS)
         direct = FixedPoints(scene, points).mean_direct(lamps, samples, seed)
         return replace(self, irradiance=np.maximum(self.irradiance - direct, 0))

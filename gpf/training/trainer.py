@@ -96,7 +96,7 @@ class Trainer:
         around = local_targets(g, self.training, field.settings.search_radius)
         irradiance = g.irradiance / self.unit
         if from_targets:
-            irradiance = mi.Color3f(np.ascontiguousarray(around.T))
+            irradiance = from_numpy(mi.Color3f, around)
         self.gaussians = replace(g, irradiance=irradiance)
         # The size of Adam's steps depends on the rate, not on the gradient. With one rate for all,
         # steps suited to bright Gaussians would be too large for dark ones.

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.baselines.protocol import Task
+from gpf.core.structs import from_numpy
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from tests.furnace import Scene, diffuse, floor, point_light
@@ -53,7 +54,7 @@ def floor_radiance(view: View, size: tuple[int, int] = SIZE, grid: int = 8) -> n
     """L = ρ/π I cos θ / d² of the floor, means over pixels from so many rows of rays, (H, W, 3)."""
     width, height = size
     x, y = np.meshgrid(*((np.arange(n * grid) + 0.5) / (n * grid) for n in size))
-    place = mi.Point2f(x.ravel().astype(np.float32), y.ravel().astype(np.float32))
+    place = from_numpy(mi.Point2f, np.stack([x.ravel(), y.ravel()], axis=1))
     ray, _ = make_sensor(view, *size).sample_ray(mi.Float(0), mi.Float(0), place, mi.Point2f(0))
     p = (ray.o + ray.d * (-ray.o.z / ray.d.z)).numpy().T
     to_light = np.array(LIGHT) - p

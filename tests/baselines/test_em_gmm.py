@@ -15,7 +15,7 @@ from gpf.baselines.em_gmm.baseline import EmGmm, PreparedMixture, plane_thicknes
 from gpf.baselines.em_gmm.mixture_density import MixtureDensity
 from gpf.baselines.options import EmGmmOptions
 from gpf.baselines.protocol import CannotServe, Task
-from gpf.core.structs import to_numpy
+from gpf.core.structs import from_numpy, to_numpy
 from gpf.scene.views import View
 from tests.baselines.known_mixture import densities, known_mixture
 from tests.furnace import Scene, diffuse, floor, furnace, lamp, point_light, rgb
@@ -41,7 +41,7 @@ def task(scene: Scene, folder: Path, size: tuple[int, int] = (8, 6), **more: Any
 
 
 def to_points(x: np.ndarray) -> mi.Point3f:
-    return mi.Point3f(np.ascontiguousarray(x.T, dtype=np.float32))
+    return from_numpy(mi.Point3f, x)
 
 
 def prepare(job: Task, **options: Any) -> PreparedMixture:
@@ -65,7 +65,7 @@ def test_the_density_is_that_of_the_mixture():
     step = np.prod([axis[1] - axis[0] for axis in axes])
     integral = step * to_numpy(density(to_points(everywhere))).sum(axis=0, dtype=np.float64)
     np.testing.assert_allclose(integral, mixture.flux.sum(axis=0), rtol=5e-3)
-    half = mi.Bool(np.arange(5000) % 2 == 0)
+    half = from_numpy(mi.Bool, np.arange(5000) % 2 == 0)
     np.testing.assert_array_equal(to_numpy(density(points, half))[1::2], 0)
     np.testing.assert_array_equal(to_numpy(density(points, half))[::2], found[::2])
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gpf.baselines.neural.hash_encoding import Cube, GridShape, HashGrid, Network
+from gpf.core.structs import from_numpy
 
 # Half precision, which networks have on CUDA, is too coarse for differences.
 needs_llvm = pytest.mark.skipif(
@@ -21,7 +22,7 @@ def points(count: int, seed: int = 0) -> np.ndarray:
 
 def ask(grid: HashGrid, x: np.ndarray) -> np.ndarray:
     """Features at points, (N, levels × features)."""
-    return np.array([f.numpy() for f in grid(mi.Point3f(np.ascontiguousarray(x.T)))]).T
+    return np.array([f.numpy() for f in grid(from_numpy(mi.Point3f, x))]).T
 
 
 def test_a_grid_interpolates_between_the_vertices_of_each_level():
@@ -38,7 +39,7 @@ def test_a_grid_interpolates_between_the_vertices_of_each_level():
     assert size == 2 * n**3 or size == 2 * (n**3 + 1)
     table = np.zeros(size, dtype=np.float32)
     table[: linear.size] = linear.ravel()
-    grid.update(mi.Float(table))
+    grid.update(from_numpy(mi.Float, table))
     where = points(50) * 0.8
     expected = np.stack([where @ [1.0, 2.0, 4.0], where @ [-3.0, 0.5, 1.0] + 7], axis=1)
     np.testing.assert_allclose(ask(grid, where), expected, rtol=1e-4, atol=1e-4)
@@ -59,7 +60,7 @@ def test_a_network_without_hidden_layers_is_linear():
     x = points(20)
 
     def answer(x: np.ndarray) -> np.ndarray:
-        inputs = [mi.Float(column) for column in np.ascontiguousarray(x.T)]
+        inputs = [from_numpy(mi.Float, column) for column in x.T]
         return np.array([y.numpy() for y in network(inputs)]).T
 
     zero = answer(np.zeros((1, 3), np.float32))
@@ -76,8 +77,10 @@ def test_a_network_without_hidden_layers_is_linear():
 def test_gradients_agree_with_differences(part: str):
     grid = HashGrid(GridShape(2, 2, log2_entries=9, coarsest=3, finest=6), seed=1)
     network = Network(4, (8, 8), 3, seed=2)
-    grid.update(mi.Float(np.random.default_rng(3).normal(0, 0.3, dr.width(grid.parameters))))
-    x = mi.Point3f(np.ascontiguousarray(points(64).T))
+    grid.update(
+        from_numpy(mi.Float, np.random.default_rng(3).normal(0, 0.3, dr.width(grid.parameters)))
+    )
+    x = from_numpy(mi.Point3f, points(64))
     changed = grid if part == "grid" else network
 
     def loss(parameters: mi.Float) -> mi.Float:
@@ -88,7 +91,11 @@ def test_gradients_agree_with_differences(part: str):
     dr.enable_grad(start)
     dr.backward(loss(start))
     gradient = dr.grad(start).numpy()
-    check_differences(lambda values: float(dr.sum(loss(mi.Float(values)))[0]), start, gradient)
+
+    def total(values: np.ndarray) -> float:
+        return float(dr.sum(loss(from_numpy(mi.Float, values)))[0])
+
+    check_differences(total, start, gradient)
 
 
 def check_differences(
@@ -109,7 +116,7 @@ def test_a_cube_holds_the_box_and_its_margin():
     box = np.array([[-1.0, 0.0, 2.0], [3.0, 1.0, 4.0]])
     cube = Cube.around(box, margin=0.05)
     assert cube.edge == pytest.approx(4.4)
-    corners = mi.Point3f(np.ascontiguousarray(box.T))
+    corners = from_numpy(mi.Point3f, box)
     placed = cube.place(corners).numpy().T
     np.testing.assert_allclose(placed[:, 0], [0.2 / 4.4, 4.2 / 4.4], rtol=1e-5)
     np.testing.assert_allclose(placed.mean(axis=0), 0.5, rtol=1e-5)

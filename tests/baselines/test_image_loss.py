@@ -6,6 +6,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from gpf.baselines.splatting.image_loss import C1, C2, SIGMA, WINDOW, ImageLoss
+from gpf.core.structs import from_numpy
 
 
 def pair(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
@@ -16,7 +17,7 @@ def pair(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def loss_of(image: np.ndarray, target: np.ndarray, share: float) -> float:
-    flat = mi.Float(image.astype(np.float32).ravel())
+    flat = from_numpy(mi.Float, image.ravel())
     return float(ImageLoss(target, share)(flat).loss[0])
 
 
@@ -47,11 +48,11 @@ def test_ssim_equals_a_plain_twins():
 def test_gradient_equals_finite_differences():
     image, target = pair(6, 8)
     loss = ImageLoss(target)
-    gradient = np.array(loss(mi.Float(image.astype(np.float32).ravel())).gradient)
+    gradient = np.array(loss(from_numpy(mi.Float, image.ravel())).gradient)
     for k in (0, 5, 40, 71, 143):
         ends = []
         for sign in (1, -1):
             moved = image.astype(np.float32).ravel().copy()
             moved[k] += sign * 3e-3
-            ends.append(float(loss(mi.Float(moved)).loss[0]))
+            ends.append(float(loss(from_numpy(mi.Float, moved)).loss[0]))
         assert (ends[0] - ends[1]) / 6e-3 == pytest.approx(gradient[k], rel=0.02)

@@ -15,6 +15,7 @@ from gpf.baselines.instant_ngp.ray_marching import (
     take_samples,
 )
 from gpf.baselines.neural.hash_encoding import Cube
+from gpf.core.structs import from_numpy
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
 
@@ -25,7 +26,7 @@ ZERO, ONE = mi.Point3f(0), mi.Point3f(1)
 def make_grid(occupied: np.ndarray) -> OccupancyGrid:
     """A grid with these cells occupied, (z, y, x)."""
     grid = OccupancyGrid(len(occupied), STEP)
-    grid.occupied = mi.Bool(np.ascontiguousarray(occupied.ravel()))
+    grid.occupied = from_numpy(mi.Bool, occupied.ravel())
     return grid
 
 
@@ -123,18 +124,18 @@ def plain_composite(density: np.ndarray, colour: np.ndarray) -> np.ndarray:
 
 
 def to_colour(rows: np.ndarray) -> mi.Color3f:
-    return mi.Color3f(np.ascontiguousarray(rows.T, dtype=np.float32))
+    return from_numpy(mi.Color3f, rows)
 
 
 def test_compositing_is_front_to_back():
     samples, density, colour = make_samples()
     step = mi.Float(STEP)
-    seen = composite(samples, mi.Float(density), to_colour(colour), step)
+    seen = composite(samples, from_numpy(mi.Float, density), to_colour(colour), step)
     expected = plain_composite(density, colour)
     np.testing.assert_allclose(seen.colour.numpy().T, expected, rtol=1e-5)
     assert list(seen.used) == [4, 0, 3]
     density[1] = 1e4  # a wall
-    seen = composite(samples, mi.Float(density), to_colour(colour), step)
+    seen = composite(samples, from_numpy(mi.Float, density), to_colour(colour), step)
     np.testing.assert_allclose(seen.colour.numpy().T, plain_composite(density, colour), rtol=1e-5)
     assert list(seen.used) == [2, 0, 3]
 
@@ -142,7 +143,7 @@ def test_compositing_is_front_to_back():
 def test_the_adjoint_agrees_with_differences():
     samples, density, colour = make_samples()
     step, adjoint = mi.Float(STEP), np.random.default_rng(4).normal(size=(3, 3))
-    arrays = mi.Float(density), to_colour(colour)
+    arrays = from_numpy(mi.Float, density), to_colour(colour)
     seen = composite(samples, *arrays, step)
     dr.eval(seen)
     numbers, by_density, by_colour = composite_adjoint(

@@ -11,6 +11,7 @@ from gpf.baselines import sampling
 from gpf.baselines.options import BaselineOptions
 from gpf.baselines.protocol import CannotServe
 from gpf.baselines.sampling import Samples, own_camera
+from gpf.core.structs import from_numpy
 from gpf.rendering.batches import render_in_batches, split_samples
 from gpf.scene.sensors import make_sensor
 from tests.baselines.classical import INSIDE, SIZE, lit_floor, task_for
@@ -50,7 +51,7 @@ def test_parts_are_independent_of_each_other():
 
 def test_parts_weigh_what_they_have(monkeypatch):
     def fake(*args, spp, **more):
-        return mi.TensorXf(np.full((6, 8, 3), spp, np.float32))
+        return from_numpy(mi.TensorXf, np.full((6, 8, 3), spp, np.float32))
 
     monkeypatch.setattr(mi, "render", fake)
     sensor = make_sensor(INSIDE, *SIZE)

@@ -20,6 +20,7 @@ from gpf.baselines.splatting.projection import (
 )
 from gpf.baselines.splatting.rasteriser import NAMES, Rasteriser
 from gpf.baselines.splatting.tiles import TILE, sort_into_tiles
+from gpf.core.structs import from_numpy
 from gpf.scene.pinhole import Pinhole
 from tests.baselines.splat_cases import SIZE, place_camera, random_splats
 
@@ -86,7 +87,7 @@ def test_no_splat_in_sight_is_black():
 
 def test_lists_hold_each_tiles_footprints_by_depth():
     splats, camera = random_splats(40, degree=0), place_camera((27, 19))
-    arrays = SplatArrays(*(mi.Float(splats[n].detach().numpy().ravel()) for n in NAMES))
+    arrays = SplatArrays(*(from_numpy(mi.Float, splats[n].detach().numpy().ravel()) for n in NAMES))
     found = project(arrays, Projector.of(camera), 0)
     lists = sort_into_tiles(found, camera.size)
     centres, extents = np.array(found.centres).T, np.array(found.extents).T
@@ -111,7 +112,7 @@ def test_gradients_equal_finite_differences(name, monkeypatch):
     splats, camera = random_splats(30, degree=3), place_camera()
     adjoint = np.random.default_rng(1).normal(size=3 * SIZE[0] * SIZE[1])
     drawing = Rasteriser(SIZE).draw(splats, camera, 3)
-    drawing.backward(mi.Float(adjoint.astype(np.float32)))
+    drawing.backward(from_numpy(mi.Float, adjoint))
     gradient = splats[name].grad.clone().ravel()
     scale = float(gradient.abs().max())
     assert scale > 0
@@ -132,9 +133,9 @@ def test_gradients_of_centres_are_per_pixel(monkeypatch):
     splats, camera = random_splats(30, degree=0), place_camera()
     adjoint = np.random.default_rng(1).normal(size=3 * SIZE[0] * SIZE[1])
     drawing = Rasteriser(SIZE).draw(splats, camera, 0)
-    drawing.backward(mi.Float(adjoint.astype(np.float32)))
+    drawing.backward(from_numpy(mi.Float, adjoint))
     gradient = drawing.info["means2d"].grad[0].numpy()
-    arrays = SplatArrays(*(mi.Float(splats[n].detach().numpy().ravel()) for n in NAMES))
+    arrays = SplatArrays(*(from_numpy(mi.Float, splats[n].detach().numpy().ravel()) for n in NAMES))
     found = project(arrays, Projector.of(camera), 0)
     lists, scale = sort_into_tiles(found, SIZE), float(abs(gradient).max())
     for i in np.argsort(-abs(gradient).max(axis=1))[:5]:
@@ -154,7 +155,9 @@ def test_harmonics_are_orthonormal():
     angles = np.arange(16) * np.pi / 8
     z, angle = (a.ravel() for a in np.meshgrid(heights, angles))
     r = np.sqrt(1 - z * z)
-    directions = mi.Vector3f(*np.stack([r * np.cos(angle), r * np.sin(angle), z]))
+    directions = from_numpy(
+        mi.Vector3f, np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
+    )
     values = np.array([np.array(dr.ones(mi.Float, len(z)) * v) for v in harmonics(directions, 3)])
     products = (values * np.tile(weights * np.pi / 8, 16)) @ values.T
     np.testing.assert_allclose(products, np.eye(16), atol=1e-5)
@@ -163,7 +166,7 @@ def test_harmonics_are_orthonormal():
 def test_footprints_and_colours_equal_those_of_gsplat():
     plain = pytest.importorskip("gsplat.cuda._torch_impl")
     splats, camera = random_splats(50, degree=3), place_camera()
-    arrays = SplatArrays(*(mi.Float(splats[n].detach().numpy().ravel()) for n in NAMES))
+    arrays = SplatArrays(*(from_numpy(mi.Float, splats[n].detach().numpy().ravel()) for n in NAMES))
     found = project(arrays, Projector.of(camera), 3)
     width, height = camera.size
     inner = torch.tensor([[camera.focal, 0, width / 2], [0, camera.focal, height / 2], [0, 0, 1.0]])

@@ -22,6 +22,7 @@ from gpf.baselines.renderformer.triangle_scene import (
     read_mesh,
     read_surfaces,
 )
+from gpf.core.structs import from_numpy
 from gpf.modelling.meshes import Mesh
 from tests.furnace import diffuse, floor, lamp, rgb
 
@@ -68,7 +69,9 @@ def test_shapes_become_triangles_that_face_where_the_shape_does(
     # Seen from where a facet looks, Mitsuba's own normal looks the same way.
     eyes = mesh.points[mesh.faces].mean(axis=1) + 0.1 * facets
     scene = mi.load_dict({"type": "scene", "shape": loaded})
-    si = scene.ray_intersect(mi.Ray3f(mi.Point3f(eyes.T), mi.Vector3f(-facets.T)))
+    si = scene.ray_intersect(
+        mi.Ray3f(from_numpy(mi.Point3f, eyes), from_numpy(mi.Vector3f, -facets))
+    )
     assert ((np.array(si.sh_frame.n).T * facets).sum(axis=1) > 0.9).all()
     np.testing.assert_allclose(np.array(si.t), 0.1, atol=0.02)
 

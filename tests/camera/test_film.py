@@ -9,6 +9,7 @@ import pytest
 
 import gpf.rendering.sppm as sppm_plugin
 from gpf.camera.film import reconstruct, sample_film, sample_grid
+from gpf.core.structs import from_numpy
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.initialization import InitialFieldSettings, initialize_gaussians
 from gpf.photons.tracing import PathSettings, record_photons
@@ -57,9 +58,9 @@ def test_pixels_are_those_of_mitsuba(filter_, more):
     y, x = np.indices((height, width)).reshape(2, -1) - border
     corner = np.array(film.crop_offset())
     place = np.stack([x, y], axis=1) + corner + rng.random((width * height, 2))
-    position = mi.Point2f(np.ascontiguousarray(place.T, dtype=np.float32))
-    radiance = mi.Color3f(rng.random((3, width * height)).astype(np.float32))
-    alpha = mi.Float(rng.random(width * height).astype(np.float32))
+    position = from_numpy(mi.Point2f, place)
+    radiance = from_numpy(mi.Color3f, rng.random((width * height, 3)))
+    alpha = from_numpy(mi.Float, rng.random(width * height))
 
     film.prepare([])
     film.put_block(mi.ImageBlock(reconstruct(film, position, radiance, alpha), film.crop_offset()))

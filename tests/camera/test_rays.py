@@ -6,6 +6,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.camera.rays import keeps_to_pixels, sample_pixel_rays
+from gpf.core.structs import from_numpy
 from tests.furnace import camera
 
 COUNT = 4096
@@ -15,7 +16,7 @@ def times(**shutter: float) -> tuple[mi.Sensor, np.ndarray]:
     sensor = mi.load_dict(camera((0, 0, 3), (0, 0, 0), 45, (8, 8)) | shutter)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(1, COUNT)
-    ray, _ = sample_pixel_rays(sensor, sampler, mi.Point2u(np.zeros((2, COUNT), np.uint32)))
+    ray, _ = sample_pixel_rays(sensor, sampler, from_numpy(mi.Point2u, np.zeros((COUNT, 2))))
     return sensor, np.broadcast_to(np.array(ray.time), COUNT)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gpf.camera.visible_points import find_visible_points, follow
-from gpf.core.structs import VisiblePoints, to_numpy
+from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
 from gpf.scene.materials import specular_context
 from tests.furnace import (
     Scene,
@@ -215,7 +215,7 @@ def test_a_rough_conductor_is_followed():
     bsdf = mi.load_dict(rough)
     wi = np.tile([0, -math.sqrt(0.5), math.sqrt(0.5)], (200_000, 1))
     rng = np.random.default_rng(2)
-    u = mi.Point2f(rng.random((2, 200_000)).astype(np.float32))
+    u = from_numpy(mi.Point2f, rng.random((200_000, 2)))
     _, weight = bsdf.sample(mi.BSDFContext(), interaction(wi), mi.Float(0.5), u)
     albedo = spread(weight, 200_000).mean(0)
     assert 0.7 < albedo[0] < 0.95
@@ -270,8 +270,8 @@ def test_layered_materials_are_split_without_bias(kind):
     straight_up = mi.Vector3f(0, 0, dr.ones(mi.Float, count))
     lobe = to_numpy(bsdf.eval(only_diffuse, si, straight_up))[0]
     rng = np.random.default_rng(3)
-    u1 = mi.Float(rng.random(count).astype(np.float32))
-    u2 = mi.Point2f(rng.random((2, count)).astype(np.float32))
+    u1 = from_numpy(mi.Float, rng.random(count))
+    u2 = from_numpy(mi.Point2f, rng.random((count, 2)))
     _, weight = bsdf.sample(specular_context(), si, u1, u2)
     glossy = spread(weight, count)
     expected = lobe * e + glossy.mean(0) * sky

@@ -20,6 +20,7 @@ from PIL import Image
 from gpf.cli import main
 from gpf.commands.cluster import pack_scene
 from gpf.core.images import read_exr
+from gpf.core.structs import from_numpy
 from gpf.field.gaussians import Gaussians
 from gpf.field.io import load_field, save_field
 from gpf.rendering.aovs import expected_psnr
@@ -82,7 +83,7 @@ def test_places_that_the_field_does_not_know_are_said(box, capsys):
     render("-o", "a")
     assert "weakly covered" not in capsys.readouterr().err
     field = load_field(box / "field.safetensors")
-    known = mi.UInt32(np.flatnonzero(field.gaussians.means.y.numpy() > -0.7))
+    known = from_numpy(mi.UInt32, np.flatnonzero(field.gaussians.means.y.numpy() > -0.7))
     parts = vars(field.gaussians).items()
     field.update(Gaussians(**{name: dr.gather(type(v), v, known) for name, v in parts}))
     save_field(field, box / "without_floor.safetensors")
@@ -170,7 +171,7 @@ def test_a_data_set_with_depth_normals_and_points(box):
         )
         pose = np.array(frame["transform_matrix"])
         way = (camera @ pose[:3, :3].T).reshape(-1, 3)
-        ray = mi.Ray3f(mi.Point3f(pose[:3, 3]), mi.Vector3f(way.T.copy()))
+        ray = mi.Ray3f(mi.Point3f(pose[:3, 3]), from_numpy(mi.Vector3f, way))
         si = scene.ray_intersect(ray)
         hit = np.array(si.is_valid())
         np.testing.assert_allclose(np.array(si.t)[hit], depth.ravel()[hit], rtol=1e-4)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from gpf.core.facing_cells import FacingCells
+from gpf.core.structs import from_numpy
 from tests.plain_field import random_normals
 
 REACH = 0.2
@@ -14,11 +15,8 @@ BOX = (mi.ScalarPoint3f(-1, -1, -1), mi.ScalarPoint3f(1, 1, 1))
 def ask(p: np.ndarray, n: np.ndarray, x: np.ndarray, m: np.ndarray, bounds=BOX) -> np.ndarray:
     """Whether ``may_contain`` is true for queries ``x`` with normals ``m``."""
 
-    def columns(a: np.ndarray) -> np.ndarray:
-        return np.ascontiguousarray(a.T, dtype=np.float32)
-
-    cells = FacingCells(mi.Point3f(columns(p)), mi.Normal3f(columns(n)), REACH, bounds)
-    found = cells.may_contain(mi.Point3f(columns(x)), mi.Normal3f(columns(m)), mi.Bool(True))
+    cells = FacingCells(from_numpy(mi.Point3f, p), from_numpy(mi.Normal3f, n), REACH, bounds)
+    found = cells.may_contain(from_numpy(mi.Point3f, x), from_numpy(mi.Normal3f, m), mi.Bool(True))
     return np.asarray(found.numpy())
 
 

@@ -16,6 +16,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from gpf.core.spatial_hash import NOT_FOUND, SpatialHash
+from gpf.core.structs import from_numpy
 
 STEP = 2.0**-8
 BOX = ((-2, -2, -2), (2, 2, 2))
@@ -24,7 +25,7 @@ RADIUS = 13 * STEP
 
 
 def to_points(array: np.ndarray) -> mi.Point3f:
-    return mi.Point3f(np.ascontiguousarray(array.T, dtype=np.float32))
+    return from_numpy(mi.Point3f, array)
 
 
 def opaque(value: float) -> mi.Float:
@@ -246,7 +247,7 @@ def test_nearest_with_a_first_radius_of_its_own_per_query():
     points = cloud("uniform", 20_000)
     x = queries(points, 400)
     grid = SpatialHash(to_points(points), cell=2.02 * RADIUS, bounds=BOX, far=True)
-    start = mi.Float(np.random.default_rng(5).uniform(0.01, 1, 400).astype(np.float32))
+    start = from_numpy(mi.Float, np.random.default_rng(5).uniform(0.01, 1, 400))
     _, distance2 = grid.nearest(to_points(x), 1, start, mi.Float(16))
     d, _ = cKDTree(points).query(x)
     np.testing.assert_array_equal(distance2[0].numpy(), np.round(d**2 / STEP**2) * STEP**2)
@@ -298,7 +299,7 @@ def test_nearest_among_accepted_records():
 
 def test_inactive_queries_have_no_neighbours():
     points = cloud("uniform", 1000)
-    active = mi.Bool(np.arange(30) % 2 == 0)
+    active = from_numpy(mi.Bool, np.arange(30) % 2 == 0)
     grid = SpatialHash(to_points(points), cell=0.1, bounds=BOX, far=True)
     found, _ = nearest(grid, points[:30], 2, 0.1, 16.0, active=active)
     assert (found[0::2] >= 0).all() and (found[1::2] == -1).all()

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import to_numpy
+from gpf.core.structs import from_numpy, to_numpy
 from gpf.field.detail import FADE, Detail
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.initialization import place_by_detail
@@ -37,14 +37,14 @@ def floor(rng, count):
 
 
 def device(p: np.ndarray) -> mi.Point3f:
-    return mi.Point3f(np.ascontiguousarray(p.T, dtype=np.float32))
+    return from_numpy(mi.Point3f, p)
 
 
 def make_field(detail: Detail, rng) -> GaussianPhotonField:
     """Gaussians with E = 1, 2 and 3 at the levels 0, 1 and 2."""
     p, n = floor(rng, 40_000)
     g = place_by_detail(detail, p, n, seed=1)
-    level = mi.Float(detail.levels_of(to_numpy(g.means)).astype(np.float32))
+    level = from_numpy(mi.Float, detail.levels_of(to_numpy(g.means)))
     g.irradiance = mi.Color3f(level + 1)
     return GaussianPhotonField(g, FieldSettings(search_radius=RADIUS), BOX, detail=detail)
 

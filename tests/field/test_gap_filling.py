@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from gpf.core.structs import Photons
+from gpf.core.structs import Photons, from_numpy
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.initialization import (
     MOST,
@@ -15,7 +15,6 @@ from gpf.field.initialization import (
     find_gaps,
     initialize_gaussians,
 )
-from tests.plain_field import columns
 
 BOUNDS = (mi.ScalarPoint3f(-1, -1, -1), mi.ScalarPoint3f(5, 3, 2))
 RADIUS = 0.2
@@ -32,9 +31,9 @@ def sheet(rng, count: int, start: float, stop: float) -> np.ndarray:
 
 def photons_at(p: np.ndarray) -> Photons:
     return Photons(
-        p=mi.Point3f(columns(p)),
-        n=mi.Normal3f(columns(np.tile(UP, (len(p), 1)))),
-        power=mi.Color3f(columns(np.ones((len(p), 3)))),
+        p=from_numpy(mi.Point3f, p),
+        n=from_numpy(mi.Normal3f, np.tile(UP, (len(p), 1))),
+        power=from_numpy(mi.Color3f, np.ones((len(p), 3))),
         depth=dr.zeros(mi.UInt32, len(p)),
     )
 
@@ -91,7 +90,7 @@ def test_with_its_gaps_filled_a_field_knows_all_points():
     # Nothing is known of light there but that no photon brought it.
     order = np.argsort(np.array(filled.gaussians.means)[0])[::-1]
     assert np.array(filled.gaussians.irradiance)[:, order[:20]].max() == 0
-    x, n = mi.Point3f(columns(points)), mi.Normal3f(columns(normals))
+    x, n = from_numpy(mi.Point3f, points), from_numpy(mi.Normal3f, normals)
     every = dr.full(mi.Bool, True, 4000)
     before, after = (f.query(x, n, every)[1].numpy() for f in (field_at(lit, 8000), filled))
     assert before.max() > 1.5 and np.mean(before > 1) > 0.1

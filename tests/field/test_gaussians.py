@@ -5,8 +5,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.structs import from_numpy
 from gpf.field.gaussians import rotation_columns, whitening_adjoint, whitening_rows
-from tests.plain_field import columns, random_gaussians
+from tests.plain_field import random_gaussians
 
 COUNT = 7
 
@@ -17,7 +18,7 @@ def plain():
 
 
 def as_quaternion(quats: np.ndarray) -> mi.Quaternion4f:
-    return mi.Quaternion4f(*(mi.Float(c) for c in columns(quats)))
+    return from_numpy(mi.Quaternion4f, quats)
 
 
 def to_array(rows) -> np.ndarray:
@@ -35,7 +36,7 @@ def test_a_quarter_turn_about_z_takes_x_to_y():
 
 def test_rows_are_those_of_numpy(plain):
     rows = to_array(
-        whitening_rows(mi.Vector3f(columns(plain.log_scales)), as_quaternion(plain.quats))
+        whitening_rows(from_numpy(mi.Vector3f, plain.log_scales), as_quaternion(plain.quats))
     )
     expected = plain.rows()
     np.testing.assert_allclose(rows, expected, atol=3e-6 * np.abs(expected).max())
@@ -43,7 +44,7 @@ def test_rows_are_those_of_numpy(plain):
 
 def test_rows_square_to_the_inverse_covariance(plain):
     rows = to_array(
-        whitening_rows(mi.Vector3f(columns(plain.log_scales)), as_quaternion(plain.quats))
+        whitening_rows(from_numpy(mi.Vector3f, plain.log_scales), as_quaternion(plain.quats))
     )
     columns_of_rotation = to_array(rotation_columns(as_quaternion(plain.quats)))
     for m, r, log_s in zip(rows, columns_of_rotation, plain.log_scales, strict=True):
@@ -69,9 +70,9 @@ def finite_differences(plain, weights: np.ndarray, step: float = 1e-6) -> np.nda
 def test_adjoint_is_the_finite_difference(plain):
     weights = np.random.default_rng(6).normal(size=(COUNT, 3, 3))
     scales, quats = whitening_adjoint(
-        mi.Vector3f(columns(plain.log_scales)),
+        from_numpy(mi.Vector3f, plain.log_scales),
         as_quaternion(plain.quats),
-        tuple(mi.Vector3f(columns(weights[:, k])) for k in range(3)),
+        tuple(from_numpy(mi.Vector3f, weights[:, k]) for k in range(3)),
     )
     found = np.concatenate([np.array(scales), np.array(quats)])
     expected = finite_differences(plain, weights)
@@ -82,9 +83,9 @@ def test_adjoint_is_the_finite_difference(plain):
 
 def test_adjoint_is_the_derivative_of_dr_jit(plain):
     weights = np.random.default_rng(7).normal(size=(COUNT, 3, 3))
-    grad_rows = tuple(mi.Vector3f(columns(weights[:, k])) for k in range(3))
-    log_scales = mi.Vector3f(columns(plain.log_scales))
-    parts = [mi.Float(c) for c in columns(plain.quats)]
+    grad_rows = tuple(from_numpy(mi.Vector3f, weights[:, k]) for k in range(3))
+    log_scales = from_numpy(mi.Vector3f, plain.log_scales)
+    parts = [from_numpy(mi.Float, c) for c in plain.quats.T]
     scales, quats = whitening_adjoint(log_scales, mi.Quaternion4f(*parts), grad_rows)
 
     dr.enable_grad(log_scales, parts)
@@ -102,9 +103,9 @@ def test_adjoint_is_the_derivative_of_dr_jit(plain):
 def test_the_length_of_a_quaternion_gets_no_gradient(plain):
     weights = np.random.default_rng(8).normal(size=(COUNT, 3, 3))
     _, quats = whitening_adjoint(
-        mi.Vector3f(columns(plain.log_scales)),
+        from_numpy(mi.Vector3f, plain.log_scales),
         as_quaternion(plain.quats),
-        tuple(mi.Vector3f(columns(weights[:, k])) for k in range(3)),
+        tuple(from_numpy(mi.Vector3f, weights[:, k]) for k in range(3)),
     )
     gradient = np.array(quats).T
     along = np.abs((gradient * plain.quats).sum(axis=1))

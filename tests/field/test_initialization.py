@@ -7,13 +7,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import Photons
+from gpf.core.structs import Photons, from_numpy
 from gpf.field.initialization import (
     InitialFieldSettings,
     initialize_gaussians,
     propose_search_radius,
 )
-from tests.plain_field import columns
 
 # A sheet of 3 by 2 at height 0.25, in a box that is larger.
 BOUNDS = (mi.ScalarPoint3f(-0.5, -0.25, 0), mi.ScalarPoint3f(3.5, 2.25, 1))
@@ -25,9 +24,9 @@ def sheet(count: int, seed: int = 0) -> Photons:
     """Photons spread evenly over the sheet, POWER each, from above."""
     x = np.random.default_rng(seed).uniform(0, SIZE, (count, 2))
     return Photons(
-        p=mi.Point3f(columns(np.column_stack([x, np.full(count, 0.25)]))),
+        p=from_numpy(mi.Point3f, np.column_stack([x, np.full(count, 0.25)])),
         n=mi.Normal3f(dr.zeros(mi.Float, count), 0, 1),
-        power=mi.Color3f(columns(np.tile(POWER, (count, 1)))),
+        power=from_numpy(mi.Color3f, np.tile(POWER, (count, 1))),
         depth=dr.zeros(mi.UInt32, count),
     )
 

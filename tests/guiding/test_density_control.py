@@ -4,7 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import Photons, to_numpy
+from gpf.core.structs import Photons, from_numpy, to_numpy
 from gpf.guiding.density_control import MAX_RATIO, control_density, count_in_cells
 
 
@@ -27,10 +27,10 @@ def make_photons(p: np.ndarray, up: np.ndarray | bool = True) -> Photons:
     count = len(p)
     z = np.where(np.broadcast_to(up, count), 1, -1)
     return Photons(
-        p=mi.Point3f(np.ascontiguousarray(p.T, dtype=np.float32)),
-        n=mi.Normal3f(np.stack([0 * z, 0 * z, z]).astype(np.float32)),
-        power=mi.Color3f(np.full((3, count), 0.5, np.float32)),
-        depth=mi.UInt32(np.zeros(count, np.uint32)),
+        p=from_numpy(mi.Point3f, p),
+        n=from_numpy(mi.Normal3f, np.stack([0 * z, 0 * z, z], axis=1)),
+        power=from_numpy(mi.Color3f, np.full((count, 3), 0.5)),
+        depth=from_numpy(mi.UInt32, np.zeros(count)),
     )
 
 

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import to_numpy
+from gpf.core.structs import from_numpy, to_numpy
 from tests.furnace import (
     bitmap,
     diffuse,
@@ -134,7 +134,7 @@ def test_environment_map(turn):
     s = np.sqrt(1 - z**2)
     si = dr.zeros(mi.SurfaceInteraction3f, side * side)
     d = np.stack([s * np.cos(phi), s * np.sin(phi), z]).reshape(3, -1)
-    si.wi = mi.Vector3f(d.astype(np.float32))  # the environment is seen along -wi
+    si.wi = from_numpy(mi.Vector3f, d.T)  # the environment is seen along -wi
     seen = to_numpy(loaded.environment().eval(si)).astype(np.float64)
     np.testing.assert_allclose(total(photons), np.pi * R**2 * 4 * np.pi * seen.mean(0), rtol=0.01)
     # First moment: ∫ n cos dA over the lit half of a sphere is 2/3 π R² along the light.

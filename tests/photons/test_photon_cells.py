@@ -5,7 +5,7 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.structs import to_numpy
+from gpf.core.structs import from_numpy, to_numpy
 from gpf.photons.photon_cells import PhotonCells
 from gpf.photons.photon_grid import PhotonSums
 from gpf.photons.tracing import PathSettings
@@ -26,7 +26,7 @@ def some_points(count: int = 20_000) -> np.ndarray:
 
 
 def find(cells: PhotonCells, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    level, corner, inside = cells.find(mi.Point3f(np.ascontiguousarray(p.T, dtype=np.float32)))
+    level, corner, inside = cells.find(from_numpy(mi.Point3f, p))
     back = cells.points(level, corner, inside)
     return np.array(level), to_numpy(corner), to_numpy(back)
 

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.structs import from_numpy
 from gpf.rendering.adaptive import sample_adaptively
 from gpf.rendering.fireflies import RIVALS, TOLERANCE, BrightestBlocks, choose_block_size
 
@@ -17,7 +18,7 @@ def told(*launches: tuple[np.ndarray, np.ndarray]) -> BrightestBlocks:
     """Of blocks (N, B, 3) of pixels (N,), launch by launch."""
     brightest = BrightestBlocks(SIZE)
     for pixels, blocks in launches:
-        colours = mi.Color3f(blocks.reshape(-1, 3).T.astype(np.float32))
+        colours = from_numpy(mi.Color3f, blocks.reshape(-1, 3))
         dr.eval(colours)
         brightest.add(pixels, colours)
     return brightest

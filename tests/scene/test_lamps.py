@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gpf.core.random import random_start, spread_sample
-from gpf.core.structs import VisiblePoints, to_numpy
+from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.lamps import MOST_AT_ONCE, Lamps, small_lamps
@@ -64,7 +64,7 @@ def irradiance(scene: mi.Scene, lamps: Lamps, samples: int = 256) -> np.ndarray:
     """Direct irradiance at points of the floor, some of them in shadow, (N, 3)."""
     points = dr.zeros(VisiblePoints, 400)
     x, y = np.meshgrid(np.linspace(-1, 1, 20), np.linspace(-1, 1, 20))
-    points.p = mi.Point3f(np.float32([x.ravel(), y.ravel(), 0 * x.ravel()]))
+    points.p = from_numpy(mi.Point3f, np.float32([x.ravel(), y.ravel(), 0 * x.ravel()]).T)
     points.n = mi.Normal3f(0, 0, 1)
     fixed, start = FixedPoints(scene, points), random_start(7, 400)
     total = dr.zeros(mi.Color3f, 400)

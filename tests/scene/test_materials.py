@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import to_numpy
+from gpf.core.structs import from_numpy, to_numpy
 from gpf.scene.inventory import divides_glass
 from gpf.scene.materials import (
     diffuse_context,
@@ -93,7 +93,7 @@ def surface(spec: Scene) -> tuple[mi.BSDF, mi.SurfaceInteraction3f]:
 
 
 def to_vectors(array: np.ndarray) -> mi.Vector3f:
-    return mi.Vector3f(np.ascontiguousarray(array.T, dtype=np.float32))
+    return from_numpy(mi.Vector3f, array)
 
 
 def sides_of(kind: str) -> np.ndarray:

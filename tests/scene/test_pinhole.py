@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.structs import from_numpy
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
@@ -20,7 +21,7 @@ def test_pixels_are_those_of_the_sensor(axis: str, size: tuple[int, int]) -> Non
     )
     places = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0.9, 0.2]])
     rays, _ = make_sensor(view, *size).sample_ray(
-        0, 0, mi.Point2f(np.ascontiguousarray(places.T)), mi.Point2f(0.5)
+        0, 0, from_numpy(mi.Point2f, places), mi.Point2f(0.5)
     )
     dr.eval(rays)
     points = np.array(rays.o).T + 2.5 * np.array(rays.d).T

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import to_numpy
+from gpf.core.structs import from_numpy, to_numpy
 from gpf.scene.load import load_scene_file
 from gpf.scene.materials import (
     diffuse_context,
@@ -62,7 +62,7 @@ def pairs(seed: int = 3) -> tuple[mi.SurfaceInteraction3f, mi.Vector3f]:
     w /= np.linalg.norm(w, axis=1, keepdims=True)
     si = dr.zeros(mi.SurfaceInteraction3f, N)
     si.t, si.wi = mi.Float(1), mi.Vector3f(w[0])
-    si.uv = mi.Point2f(rng.random((2, N)).astype(np.float32))
+    si.uv = from_numpy(mi.Point2f, rng.random((N, 2)))
     si.sh_frame = mi.Frame3f(mi.Normal3f(0, 0, 1))
     si.n = mi.Normal3f(0, 0, 1)
     return si, mi.Vector3f(w[1])
@@ -73,7 +73,7 @@ def test_all_components_together_are_principled(kind):
     ours, theirs = load(kind), load(kind, "")
     si, wo = pairs()
     context, rng = mi.BSDFContext(), np.random.default_rng(5)
-    one, two = mi.Float(rng.random(N)), mi.Point2f(rng.random((2, N)))
+    one, two = from_numpy(mi.Float, rng.random(N)), from_numpy(mi.Point2f, rng.random((N, 2)))
     for value, expected in (
         (ours.eval(context, si, wo), theirs.eval(context, si, wo)),
         (ours.pdf(context, si, wo), theirs.pdf(context, si, wo)),
@@ -114,7 +114,7 @@ def test_samples_of_a_component_have_its_albedo(kind, context):
     si = dr.zeros(mi.SurfaceInteraction3f, n)
     si.wi, si.t = dr.normalize(mi.Vector3f(0.5, 0.2, 0.6)), mi.Float(1)
     si.uv = mi.Point2f(0.3, 0.6)
-    one, two = mi.Float(rng.random(n)), mi.Point2f(rng.random((2, n)))
+    one, two = from_numpy(mi.Float, rng.random(n)), from_numpy(mi.Point2f, rng.random((n, 2)))
     sample, weight = bsdf.sample(chosen, si, one, two)
     directions = mi.warp.square_to_uniform_sphere(two)
     every = to_numpy(bsdf.eval(chosen, si, directions)).astype(float) * 4 * np.pi

@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.structs import from_numpy
 from gpf.modelling.teapot import body_field
 from gpf.scene.load import load_scene
 
@@ -44,9 +45,7 @@ def arrays(mesh):
 
 def hit(scene, origin, target):
     """The first surface on the way from ``origin`` to ``target``, and the target's distance."""
-    start, end = (
-        mi.Point3f(*(mi.Float(row) for row in np.atleast_2d(p).T)) for p in (origin, target)
-    )
+    start, end = (from_numpy(mi.Point3f, np.atleast_2d(p)) for p in (origin, target))
     return scene.ray_intersect(mi.Ray3f(start, dr.normalize(end - start))), dr.norm(end - start)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from gpf.core.structs import from_numpy
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.load import load_scene
 
@@ -104,7 +105,8 @@ def test_the_mosaic_is_at_the_waterline(scene):
     """A bitmap's v runs downwards: a wall upside down would have its dark band at the floor."""
     y = np.linspace(FLOOR + 0.005, -0.005, 400)
     x = np.linspace(-0.9, 0.9, 50)
-    grid = mi.Point3f(np.tile(x, 400), np.repeat(y, 50), np.zeros(20_000))
+    places = np.stack([np.tile(x, 400), np.repeat(y, 50), np.zeros(20_000)], axis=1)
+    grid = from_numpy(mi.Point3f, places)
     si = scene.ray_intersect_preliminary(mi.Ray3f(grid, mi.Vector3f(0, 0, -1)))
     si = si.compute_surface_interaction(mi.Ray3f(grid, mi.Vector3f(0, 0, -1)))
     walls = on(scene, si, "basin-walls")

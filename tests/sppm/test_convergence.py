@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import VisiblePoints
+from gpf.core.structs import VisiblePoints, from_numpy
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import ReferenceRenderer
 from tests.furnace import diffuse, floor, point_light
@@ -39,7 +39,7 @@ def grid_points() -> tuple[VisiblePoints, np.ndarray]:
     """Points of the plane z = 0 below a lamp, and the irradiance there: I cos θ / d²."""
     x, y = (a.ravel() for a in np.meshgrid(np.linspace(-0.6, 0.6, 24), np.linspace(-0.5, 0.7, 20)))
     points = dr.zeros(VisiblePoints, len(x))
-    points.p = mi.Point3f(mi.Float(x), mi.Float(y), mi.Float(np.zeros_like(x)))
+    points.p = from_numpy(mi.Point3f, np.stack([x, y, 0 * x], axis=1))
     points.n = mi.Normal3f(0, 0, 1)
     points.valid = dr.full(mi.Bool, True, len(x))
     dr.make_opaque(points)

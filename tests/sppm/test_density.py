@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gpf.core.spatial_hash import SpatialHash
-from gpf.core.structs import Photons
+from gpf.core.structs import Photons, from_numpy
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface, unpack_depth, unpack_normal
 from gpf.sppm.density import PhotonDensity, radius_at
 
@@ -56,11 +56,11 @@ def unit_vectors(count: int, seed: int = 1) -> np.ndarray:
 
 
 def to_normals(array: np.ndarray) -> mi.Normal3f:
-    return mi.Normal3f(np.ascontiguousarray(array.T, dtype=np.float32))
+    return from_numpy(mi.Normal3f, array)
 
 
 def to_points(array: np.ndarray) -> mi.Point3f:
-    return mi.Point3f(np.ascontiguousarray(array.T, dtype=np.float32))
+    return from_numpy(mi.Point3f, array)
 
 
 def test_tags_hold_normal_and_depth():
@@ -141,8 +141,8 @@ def make_photons(count: int, seed: int) -> Photons:
     return Photons(
         p=to_points(lattice(rng, count)),
         n=to_normals(NORMALS[rng.integers(0, 6, count)]),
-        power=mi.Color3f(rng.uniform(0, 1, (3, count)).astype(np.float32) ** 4),
-        depth=mi.UInt32(rng.choice([0, 1, 2, 3, 7, 300], count).astype(np.uint32)),
+        power=from_numpy(mi.Color3f, rng.uniform(0, 1, (count, 3)) ** 4),
+        depth=from_numpy(mi.UInt32, rng.choice([0, 1, 2, 3, 7, 300], count)),
     )
 
 
@@ -176,7 +176,7 @@ def test_irradiance_is_the_plain_sum():
         to_points(x),
         to_normals(n),
         mi.Bool(active),
-        budget=mi.UInt32(budget.astype(np.uint32)),
+        budget=from_numpy(mi.UInt32, budget),
     )
     expected, near = sum_by_hand(x, n, budget, photons, radius)
     expected[~active] = 0

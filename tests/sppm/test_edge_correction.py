@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import Photons
+from gpf.core.structs import Photons, from_numpy
 from gpf.sppm.density import PhotonDensity
 from gpf.sppm.edge_correction import area_correction
 from tests.furnace import camera, diffuse, floor, point_light, rectangle, render, room, sppm
@@ -21,7 +21,7 @@ def corrections(shapes, p, n=(0, 0, 1), seed=1, radius=RADIUS):
     scene = mi.load_dict({"type": "scene"} | shapes)
     p = np.asarray(p, dtype=np.float32)
     n = np.broadcast_to(np.asarray(n, dtype=np.float32), p.shape)
-    points, normals = mi.Point3f(p.T), mi.Normal3f(n.T)
+    points, normals = from_numpy(mi.Point3f, p), from_numpy(mi.Normal3f, n)
     valid = dr.full(mi.Bool, True, len(p))
     return np.array(area_correction(scene, points, normals, valid, radius, seed))
 
@@ -87,8 +87,8 @@ def test_beside_a_crease(degrees):
     p = np.concatenate([flat, rising])
     n = np.repeat([[0, 0, 1], [-np.sin(angle), 0, np.cos(angle)]], count, axis=0)
     photons = Photons(
-        mi.Point3f(p.T.astype(np.float32)),
-        mi.Normal3f(n.T.astype(np.float32)),
+        from_numpy(mi.Point3f, p),
+        from_numpy(mi.Normal3f, n),
         mi.Color3f(2 / count),
         dr.zeros(mi.UInt32, 2 * count),
     )
@@ -103,7 +103,7 @@ def test_beside_a_crease(degrees):
     x = line(-0.03, 20_000)
     factor = corrections({"left": left, "tilted": tilted}, x)
     density = PhotonDensity(photons, RADIUS, ((-2, -2, -2), (2, 2, 2)))
-    e = density.irradiance(mi.Point3f(x.T.astype(np.float32)), mi.Normal3f(0, 0, 1)).numpy()[0]
+    e = density.irradiance(from_numpy(mi.Point3f, x), mi.Normal3f(0, 0, 1)).numpy()[0]
     assert (e * factor).mean() == pytest.approx(1, abs=0.02)
 
 

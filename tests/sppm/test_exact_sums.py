@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.structs import from_numpy
 from gpf.sppm.pass_sums import ExactSum
 
 NUMBERS = ("whole", "steps")
@@ -23,7 +24,7 @@ def terms(count: int, lanes: int, seed: int = 1) -> np.ndarray:
 def summed(values: np.ndarray) -> ExactSum:
     result = ExactSum(values.shape[1])
     for value in values:
-        result.add(mi.Color3f(np.ascontiguousarray(value.T)))
+        result.add(from_numpy(mi.Color3f, value))
     return result
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from gpf.camera.next_event import samples_every_emitter
 from gpf.core.random import random_start, spread_sample
-from gpf.core.structs import VisiblePoints, take, to_numpy
+from gpf.core.structs import VisiblePoints, from_numpy, take, to_numpy
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, PhotonPasses
 from gpf.sppm.reference import fixed_points
@@ -22,7 +22,10 @@ SKY = {"type": "constant", "radiance": rgb(1, 2, 4)}
 
 def points_at(p: Any, n: Any) -> VisiblePoints:
     points = dr.zeros(VisiblePoints, len(p))
-    points.p, points.n = mi.Point3f(np.float32(p).T), mi.Normal3f(np.float32(n).T)
+    points.p, points.n = (
+        from_numpy(mi.Point3f, np.asarray(p)),
+        from_numpy(mi.Normal3f, np.asarray(n)),
+    )
     points.valid = dr.full(mi.Bool, True, len(p))
     return points
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from gpf.core.structs import from_numpy
 from gpf.training.adam import Adam
 
 
@@ -13,11 +14,11 @@ def run_adam(gradients: np.ndarray, start: np.ndarray, rate: float) -> np.ndarra
     """Values after each step; ``gradients`` are (steps, parameters, N)."""
     count = len(start)
     adam = Adam(*([dr.zeros(mi.Float, start.shape[1]) for _ in range(count)] for _ in range(2)))
-    values = [mi.Float(row.astype(np.float32)) for row in start]
+    values = [from_numpy(mi.Float, row) for row in start]
     rates = [mi.Float(rate)] * count
     history = []
     for t, rows in enumerate(gradients, start=1):
-        values = adam.step(values, [mi.Float(row.astype(np.float32)) for row in rows], rates, t)
+        values = adam.step(values, [from_numpy(mi.Float, row) for row in rows], rates, t)
         dr.eval(values, adam.first, adam.second)
         history.append([np.array(v) for v in values])
     return np.array(history)

@@ -6,15 +6,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import SurfacePoints
+from gpf.core.structs import SurfacePoints, from_numpy
 from gpf.training.detail_choice import FINEST, LEVELS, choose_detail, fit_linear
 
 BOX = mi.ScalarPoint3f(0, 0, 0), mi.ScalarPoint3f(2, 2, 0.1)
 COUNT, KERNEL = 60_000, 0.02
-
-
-def columns(array: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(array.T, dtype=np.float32)
 
 
 def make_points(light, noise: float, count: int = COUNT):
@@ -26,15 +22,15 @@ def make_points(light, noise: float, count: int = COUNT):
     halves = [truth + noise * np.sqrt(2) * rng.normal(size=truth.shape) for _ in range(2)]
     sets = [
         SurfacePoints(
-            mi.Point3f(columns(p)),
-            mi.Normal3f(columns(n)),
-            mi.Color3f(columns(target)),
+            from_numpy(mi.Point3f, p),
+            from_numpy(mi.Normal3f, n),
+            from_numpy(mi.Color3f, target),
             mi.Float(1),
         )
         for target in ((halves[0] + halves[1]) / 2, *halves)
     ]
     for each in sets:
-        each.weight = mi.Float(np.ones(count, np.float32))
+        each.weight = from_numpy(mi.Float, np.ones(count, np.float32))
     return sets[0], (sets[1], sets[2]), p
 
 

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.structs import from_numpy
 from gpf.field.field import FieldSettings
 from gpf.training.kernels import (
     accumulate_gradients,
@@ -93,7 +94,7 @@ class Problem:
         errors = accumulate_gradients(
             self.points,
             self.lists,
-            mi.UInt32(CHOSEN.astype(np.uint32)),
+            from_numpy(mi.UInt32, CHOSEN),
             pack(gaussians),
             gradients,
             mi.Float(1 / (3 * len(CHOSEN))),

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import SurfacePoints, to_numpy
+from gpf.core.structs import SurfacePoints, from_numpy, to_numpy
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.photons.emission import emit_light
 from gpf.scene.light_groups import LightGroups, emitter_names
@@ -88,7 +88,7 @@ def random_field(rng, count=400):
 
 def answer(field, colours, points):
     """What the field would answer with these colours, (P, 3)."""
-    irradiance = mi.Color3f(np.ascontiguousarray(colours.T, dtype=np.float32))
+    irradiance = from_numpy(mi.Color3f, colours)
     g = replace(field.gaussians, irradiance=irradiance)
     other = GaussianPhotonField(g, field.settings, field.bounds)
     return to_numpy(other.query(points.p, points.n, mi.Bool(True))[0])
@@ -99,7 +99,7 @@ def test_the_parts_of_a_field_answer_as_their_groups_do():
     field, parts = random_field(rng)
     p = np.hstack([rng.uniform(-0.9, 0.9, (6000, 2)), np.zeros((6000, 1))])
     points = SurfacePoints(
-        p=mi.Point3f(np.ascontiguousarray(p.T, dtype=np.float32)),
+        p=from_numpy(mi.Point3f, p),
         n=mi.Normal3f(0, 0, 1) + dr.zeros(mi.Normal3f, 6000),
         target=dr.zeros(mi.Color3f, 6000),
         weight=dr.full(mi.Float, 1, 6000),

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.structs import from_numpy
 from gpf.field.field import FieldSettings
 from gpf.training.kernels import blend_neighbours, pack
 from gpf.training.neighbours import LIST_MARGIN, NeighbourLists, list_neighbours
@@ -75,7 +76,7 @@ def test_blending_a_list_is_a_query(neighbours, blend):
     value, inverse = blend_neighbours(
         points,
         list_neighbours(field, points),
-        mi.UInt32(chosen.astype(np.uint32)),
+        from_numpy(mi.UInt32, chosen),
         pack(field.gaussians),
         blend == "divided",
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gpf.core.random import pass_seed
-from gpf.core.structs import VisiblePoints, to_numpy
+from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.sppm.density import PhotonDensity, radius_at
@@ -45,7 +45,7 @@ def test_targets_are_what_all_photons_so_far_say():
     stream.advance(3)
     targets, radius = targets_of(stream), radius_at(3, 0.3, SETTINGS.alpha)
     assert stream.radius == radius
-    p, n = mi.Point3f(targets.position.T), mi.Normal3f(targets.normal.T)
+    p, n = from_numpy(mi.Point3f, targets.position), from_numpy(mi.Normal3f, targets.normal)
     expected = np.zeros_like(targets.irradiance)
     for t in (1, 2, 3):
         photons = record_photons(stream.scene, PathSettings(4000), seed=pass_seed(3, t, stream=0))

@@ -7,6 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.structs import from_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.training.kernels import parameters
 from gpf.training.neighbours import local_targets
@@ -59,7 +60,7 @@ def test_the_held_out_error_is_that_of_the_query():
 
 def test_the_held_out_error_has_the_weights_of_the_loss():
     points = make_points()
-    points.weight = mi.Float(10 ** np.random.default_rng(7).uniform(-1, 1, 2000))
+    points.weight = from_numpy(mi.Float, 10 ** np.random.default_rng(7).uniform(-1, 1, 2000))
     trainer = make_trainer(points=points)
     held_out = trainer.held_out
     value, _ = ask(trainer.field, np.array(held_out.p).T, np.array(held_out.n).T)

@@ -136,7 +136,7 @@ class VolumeTrainer:
     ) -> None:
         self.volume, self.grid, self.box, self.settings = volume, grid, box, settings
         self.cameras, self.shape = cameras, images.shape[:3]
-        self.pixels = mi.Color3f(np.ascontiguousarray(images.reshape(-1, 3).T, dtype=np.float32))
+        self.pixels = from_numpy(mi.Color3f, images.reshape(-1, 3))
         self.fit = Fit(volume.parameters)
         self.rays = 1024  # in the next step
         self._answer = Recorded(self._trace_answer)

@@ -20,7 +20,7 @@ from gpf.baselines.splatting.model import Seeds
 from gpf.baselines.splatting.training import Picture
 from gpf.camera.visible_points import find_visible_points
 from gpf.core.random import Stream, pass_seed
-from gpf.core.structs import to_numpy
+from gpf.core.structs import from_numpy, to_numpy
 from gpf.scene.bounds import bounding_box
 from gpf.scene.pinhole import Pinhole
 
@@ -90,7 +90,7 @@ def look(scene: mi.Scene, camera: Pinhole, seed: int, rr_depth: int) -> Sight:
     x, y = columns + 0.5 - width / 2, rows + 0.5 - height / 2
     directions = np.stack([x, y, np.full(len(x), camera.focal)], axis=1) @ camera.rotation.T
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    ray = mi.Ray3f(mi.Point3f(*camera.origin.tolist()), mi.Vector3f(*directions.T))
+    ray = mi.Ray3f(mi.Point3f(*camera.origin.tolist()), from_numpy(mi.Vector3f, directions))
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, len(rows))
     found = find_visible_points(scene, sampler, ray, rr_depth=rr_depth)
