@@ -10,8 +10,9 @@ VENV := .venv/bin/python
 PIP := $(VENV) -m pip --disable-pip-version-check
 # Python compiles a module when it is first imported; compiling all of them takes half a minute.
 INSTALL := $(PIP) install --no-compile
-# Two processes with one thread each; tests of a file share fixtures and run in the same one.
-PYTEST := OMP_NUM_THREADS=1 $(VENV) -m pytest -n 2 --dist loadfile
+# Two processes with one thread each; tests of a file share fixtures and run in the same one. Should
+# one crash, the run ends: pytest-xdist would start another one and wait for ever.
+PYTEST := OMP_NUM_THREADS=1 $(VENV) -m pytest -n 2 --dist loadfile --max-worker-restart 0
 
 # The stages that DVC starts are found by name; with this, in .venv first.
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
