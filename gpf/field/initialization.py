@@ -192,8 +192,8 @@ def find_gaps(
     field: a field without gap filling.
     position, normal: points where the field will be queried, world units and unit vectors, (P, 3).
     """
-    p, n = (np.ascontiguousarray(a.T, dtype=np.float32) for a in (position, normal))
-    _, reach = field.query(mi.Point3f(p), mi.Normal3f(n), dr.full(mi.Bool, True, len(position)))
+    p, n = from_numpy(mi.Point3f, position), from_numpy(mi.Normal3f, normal)
+    _, reach = field.query(p, n, dr.full(mi.Bool, True, len(position)))
     sparse = np.flatnonzero(reach.numpy() > 1)
     rng = np.random.default_rng(seed)
     rng.shuffle(sparse)
@@ -202,4 +202,4 @@ def find_gaps(
     _, first = np.unique(cells, axis=0, return_index=True)
     most = int(MOST * dr.width(field.gaussians.means))
     chosen = np.sort(sparse[np.sort(first)[:most]])
-    return OrientedPoints(p=mi.Point3f(p[:, chosen]), n=mi.Normal3f(n[:, chosen]))
+    return take(OrientedPoints(p=p, n=n), from_numpy(mi.UInt32, chosen))

@@ -169,7 +169,7 @@ def test_inactive_queries_visit_nothing():
     x = points[:101]
     active = np.arange(101) % 3 == 0
     grid = SpatialHash(to_points(points), cell=2.02 * RADIUS, bounds=BOX)
-    found = visit(grid, x, RADIUS, active)
+    found = visit(grid, x, RADIUS, from_numpy(mi.Bool, active))
     assert not found[~active].any()
     assert (found[active, 0] >= 1).all()
 
@@ -177,7 +177,9 @@ def test_inactive_queries_visit_nothing():
 def test_records_carry_the_tag():
     points = cloud("uniform", 5000)
     tag = np.arange(5000, dtype=np.float32) + 0.5
-    grid = SpatialHash(to_points(points), cell=0.1, bounds=BOX, tag=mi.Float(tag), far=True)
+    grid = SpatialHash(
+        to_points(points), cell=0.1, bounds=BOX, tag=from_numpy(mi.Float, tag), far=True
+    )
     order = grid.order.numpy()
     np.testing.assert_array_equal(np.sort(order[:5000]), np.arange(5000))
     records = grid.records.numpy().reshape(-1, 4)
@@ -284,7 +286,7 @@ def test_nearest_among_accepted_records():
     points = cloud("clustered", 20_000)
     kind = np.random.default_rng(6).integers(0, 4, len(points)).astype(np.float32)
     grid = SpatialHash(
-        to_points(points), cell=2.02 * RADIUS, bounds=BOX, tag=mi.Float(kind), far=True
+        to_points(points), cell=2.02 * RADIUS, bounds=BOX, tag=from_numpy(mi.Float, kind), far=True
     )
     check_nearest(
         grid,

@@ -66,7 +66,7 @@ def to_points(array: np.ndarray) -> mi.Point3f:
 def test_tags_hold_normal_and_depth():
     n = unit_vectors(5120)
     depth = (np.arange(5120) % 256).astype(np.uint32)
-    tag = pack_tag(to_normals(n), mi.UInt32(depth))
+    tag = pack_tag(to_normals(n), from_numpy(mi.UInt32, depth))
     np.testing.assert_allclose(unpack_normal(tag).numpy().T, n, atol=4e-3)
     np.testing.assert_array_equal(np.array(unpack_depth(tag)), depth)
 
@@ -80,7 +80,7 @@ def test_tags_survive_the_hash():
     """Read as a float, many tags are no numbers; their bits have to arrive all the same."""
     n = unit_vectors(4096, seed=2)
     depth = np.random.default_rng(3).integers(0, 256, 4096).astype(np.uint32)
-    tag = pack_tag(to_normals(n), mi.UInt32(depth))
+    tag = pack_tag(to_normals(n), from_numpy(mi.UInt32, depth))
     assert np.isnan(tag.numpy()).any()
     grid = SpatialHash(to_points(n), cell=0.1, bounds=BOX, tag=tag)
     record = dr.gather(mi.Vector4f, grid.records, dr.arange(mi.UInt32, 4096))
@@ -175,7 +175,7 @@ def test_irradiance_is_the_plain_sum():
     found = PhotonDensity(photons, radius, BOX).irradiance(
         to_points(x),
         to_normals(n),
-        mi.Bool(active),
+        from_numpy(mi.Bool, active),
         budget=from_numpy(mi.UInt32, budget),
     )
     expected, near = sum_by_hand(x, n, budget, photons, radius)

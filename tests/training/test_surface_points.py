@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gpf.core.errors import UserError
-from gpf.core.structs import Photons, VisiblePoints, concatenate, take
+from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.training.surface_points import Places, sample_surface_points
@@ -48,8 +48,9 @@ def seen_at(height: float, count: int) -> VisiblePoints:
     """Visible points all over a plane of the floor's size, at a height."""
     rng = np.random.default_rng(1)
     x, y = rng.uniform([[-2], [-1]], [[2], [1]], (2, count))
+    places = np.stack([x, y, np.full(count, height)], axis=1)
     return VisiblePoints(
-        p=mi.Point3f(x, y, height),
+        p=from_numpy(mi.Point3f, places),
         n=mi.Normal3f(0, 0, dr.full(mi.Float, 1, count)),
         reflectance=mi.Color3f(0.5),
         throughput=mi.Color3f(1),
