@@ -74,11 +74,15 @@ class Judged:
     regions: np.ndarray
     passes: int
 
-    def errors(self, images: np.ndarray) -> np.ndarray:
-        """Squared error of images (V, H, W, 3) at each pixel, against the truth, (V, H W)."""
+    def errors(self, images: np.ndarray, again: np.ndarray | None = None) -> np.ndarray:
+        """Squared error of images (V, H, W, 3) at each pixel, against the truth, (V, H W).
+
+        ``again``: the same images with other samples; then their noise does not count.
+        """
         a, b = self._shown(self.truth)
         f = tone_map(images, self.exposure)
-        return ((f - a) * (f - b)).mean(axis=3).reshape(self.regions.shape)
+        g = f if again is None else tone_map(again, self.exposure)
+        return ((f - a) * (g - b)).mean(axis=3).reshape(self.regions.shape)
 
     def reference_errors(self, passes: int = STANDARD) -> np.ndarray:
         """The same of an ordinary reference with so many passes, its noise included."""

@@ -36,7 +36,7 @@ MIN_SPP = 16
 """With fewer samples per pixel, the pilot is too small."""
 
 # Largest number of samples in one launch; all of them are in memory for a moment.
-LARGEST_LAUNCH = 1 << 23
+LARGEST_LAUNCH = 1 << 21
 
 # Largest number of further sets of a pixel, in units of the mean over all pixels.
 MAX_RATIO = 16

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +9,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.camera.film import meets_gloss
 from gpf.camera.rays import keeps_to_pixels, sample_pixel_rays, sample_tiled_rays
-from gpf.camera.visible_points import Side, follow
 from gpf.core.structs import from_numpy
 from gpf.field.io import load_field
 from gpf.rendering.adaptive import MIN_SPP, sample_adaptively
 from gpf.rendering.aovs import (
     at_first_surface,
-    at_visible_point,
     channel_names,
     channels,
     parse_aovs,
@@ -29,26 +25,9 @@ from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths, whole_number
 from gpf.rendering.recording import Recording
 from gpf.rendering.scene_check import warn_of_another_scene
+from gpf.rendering.walks import GROUP, GroupedWalks, Walks
 from gpf.scene.inventory import divides_glass
 from gpf.scene.materials import has_gloss, require_separable
-
-# How the values of further walks join those of the first; all others are added.
-_JOIN = {"valid": operator.or_, "coverage": dr.maximum}
-
-
-def _join(found: dict[str, Any], further: dict[str, Any]) -> dict[str, Any]:
-    return {key: _JOIN.get(key, operator.add)(found[key], further[key]) for key in found}
-
-
-def _add(found: dict[str, Any], further: dict[str, Any], share: mi.Float) -> dict[str, Any]:
-    """The sum of two parts; ``valid`` is that of the first if its share is at least a half."""
-    valid = dr.select(share >= 0.5, found["valid"], further["valid"])
-    return {key: valid if key == "valid" else v + further[key] for key, v in found.items()}
-
-
-def _mean(found: dict[str, Any], walks: mi.UInt32) -> dict[str, Any]:
-    number = mi.Float(walks)
-    return {key: value if key in _JOIN else value / number for key, value in found.items()}
 
 
 class GPF(mi.ad.integrators.common.ADIntegrator):
@@ -133,7 +112,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         # may hold this integrator, and circular references are never freed.
         self._checked: list[mi.Shape] | None = None
         self._compared: Any = None
-        self._walks, self._divides = 1, False
+        self._number, self._divides = 1, False
         self.record = props.get("record", False)
         self.recording: Recording | None = None
         found = mi.file_resolver().resolve(path) if path else ""
@@ -184,9 +163,12 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
 
         def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
             ray, weight = sample_pixel_rays(sensor, sampler, pixel)
-            radiance, valid, aovs, _ = self.sample(dr.ADMode.Primal, scene, sampler, ray)
-            alpha = [dr.select(valid, mi.Float(1), 0)] if has_alpha else []
-            return [*(radiance * weight), *alpha, mi.Float(1), *aovs]
+            group = max(n for n in range(1, GROUP + 1) if sampler.sample_count() % n == 0)
+            walks = GroupedWalks(self._walks_in(scene), group)
+            found = self._look(walks, sampler, ray, mi.Bool(True))
+            alpha = [dr.select(found["valid"], mi.Float(1), 0)] if has_alpha else []
+            radiance = found["radiance"] * weight
+            return [*radiance, *alpha, mi.Float(1), *channels(self.aovs, found)]
 
         film.prepare(self.aov_names())
         size = int(film.crop_size()[0]), int(film.crop_size()[1])
@@ -245,6 +227,11 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         channels of the AOVs, (N,) each."""
         if mode != dr.ADMode.Primal:
             raise RuntimeError("The gpf integrator has no derivatives.")
+        found = self._look(self._walks_in(scene), sampler, mi.Ray3f(ray), mi.Bool(active))
+        return found["radiance"], found["valid"], channels(self.aovs, found), None
+
+    def _walks_in(self, scene: mi.Scene) -> Walks:
+        """How the samples of a scene are followed."""
         if self.field is None:
             raise RuntimeError(
                 'The gpf integrator has no field: set its "field" property to the path of a '
@@ -252,60 +239,18 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
             )
         if self._checked != scene.shapes():
             require_separable(scene)
-            self._walks = self.glossy_walks if has_gloss(scene) else 1
+            self._number = self.glossy_walks if has_gloss(scene) else 1
             self._divides = divides_glass(scene)
             self._checked = scene.shapes()
-        ray = mi.Ray3f(ray)
-        found, share = self._walk(
-            scene, sampler, ray, active, "through" if self._divides else "either"
-        )
-        if self._divides:
-            divided = mi.Bool(active) & (share < 1)
-            found = self._walk_back(scene, sampler, ray, divided, share, found)
-        if self._walks > 1:
-            found = self._walk_again(scene, sampler, ray, active, found)
-        found |= at_first_surface(scene, ray, self.aovs, mi.Bool(active))
-        return found["radiance"], found["valid"], channels(self.aovs, found), None
+        depths = self.depth_limit, self.rr_depth
+        return Walks(scene, self.field, self.aovs, *depths, self._number, self._divides)
 
-    def _walk(
-        self,
-        scene: mi.Scene,
-        sampler: mi.Sampler,
-        ray: mi.Ray3f,
-        active: mi.Bool | bool,
-        side: Side = "either",
-    ) -> tuple[dict[str, Any], mi.Float]:
-        """What one camera walk finds: ``radiance``, (N, 3), whether it ends on a diffuse surface,
-        ``valid``, (N,), and the AOVs of its visible point; and the weight of its side, (N,)."""
-        lamps = self.field.settings.sampled_lamps(scene)
-        points, share = follow(
-            scene, sampler, ray, self.depth_limit, self.rr_depth, active, lamps, side
-        )
-        value, reach = self.field.query(points.p, points.n, points.valid)
-        found = {"radiance": self.field.reflect(points, value), "valid": points.valid}
-        found |= at_visible_point(self.field, points, value, reach, share, self.aovs)
-        return found, share
-
-    @dr.syntax
-    def _walk_back(self, scene, sampler, ray, active, share, found):  # type: ignore[no-untyped-def]
-        """The sum of what was found through smooth glass and what it reflects."""
-        if active:
-            further, _ = self._walk(scene, sampler, ray, active, "back")
-            found = _add(found, further, share)
-        return found
-
-    @dr.syntax
-    def _walk_again(self, scene, sampler, ray, active, found):  # type: ignore[no-untyped-def]
-        """The mean over several walks for rays whose first surface is glossy; of ``coverage``, the
-        largest value."""
-        again = meets_gloss(scene, ray, mi.Bool(active))
-        walks = dr.opaque(mi.UInt32, self._walks)
-        n = mi.UInt32(1)
-        while again & (n < walks):
-            further, _ = self._walk(scene, sampler, ray, again)
-            found = _join(found, further)
-            n += 1
-        return _mean(found, n)
+    def _look(
+        self, walks: Walks, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
+    ) -> dict[str, Any]:
+        """What rays find, with all AOVs."""
+        found = walks.look(sampler, ray, active)
+        return found | at_first_surface(walks.scene, ray, self.aovs, active)
 
     def sample_rays(
         self, scene: mi.Scene, sensor: mi.Sensor, sampler: mi.Sampler

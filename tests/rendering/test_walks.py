@@ -1,0 +1,146 @@
+"""Samples of a pixel that share queries of the field and reflections."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
+from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.rendering.walks import GROUP, NEAR, SAME_SIDE, GroupedWalks, Walks, query_together
+from gpf.scene.bounds import scene_bounds
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
+from tests.furnace import floor
+from tests.plain_field import (
+    LOWER,
+    UPPER,
+    ask,
+    make_field,
+    random_gaussians,
+    random_normals,
+    to_device,
+)
+
+RADIUS = 0.4
+PIXELS = 200
+
+
+@pytest.fixture(scope="module")
+def field():
+    settings = FieldSettings(search_radius=RADIUS)
+    return make_field(random_gaussians(np.random.default_rng(1), 900), settings)
+
+
+def test_samples_far_apart_have_their_own_answers(field):
+    rng = np.random.default_rng(2)
+    x = rng.uniform(LOWER, UPPER, (PIXELS * GROUP, 3))
+    n = random_normals(rng, len(x))
+    valid = rng.random(len(x)) < 0.7
+    first = x[::GROUP].repeat(GROUP, axis=0)
+    own = np.linalg.norm(x - first, axis=1) > NEAR * RADIUS
+    own[::GROUP] = True
+    assert own.sum() > 0.9 * len(x)
+    value, reach = together(field, x, n, valid)
+    theirs, far = ask(field, x, n, from_numpy(mi.Bool, valid))
+    np.testing.assert_allclose(value[own], theirs[own], rtol=1e-5)
+    np.testing.assert_allclose(reach[own], far[own], rtol=1e-5)
+    assert (value[~valid] == 0).all() and np.isinf(reach[~valid]).all()
+
+
+@pytest.mark.parametrize("broken", ["nothing", "the first is no surface", "another side"])
+def test_samples_close_together_have_the_answer_of_the_first(field, broken):
+    rng = np.random.default_rng(3)
+    shift = rng.normal(size=(PIXELS * GROUP, 3))
+    shift *= 0.49 * NEAR * RADIUS / np.linalg.norm(shift, axis=1, keepdims=True)
+    x = rng.uniform(LOWER, UPPER, (PIXELS, 3)).repeat(GROUP, axis=0) + shift
+    n = random_normals(rng, PIXELS).repeat(GROUP, axis=0)
+    valid = np.full(len(x), True)
+    if broken == "the first is no surface":
+        valid[::GROUP] = False
+    if broken == "another side":
+        turned = np.cross(n, [0.3, 0.5, 0.8])
+        turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+        angle = 1.01 * np.arccos(SAME_SIDE)
+        n[1::GROUP] = (np.cos(angle) * n + np.sin(angle) * turned)[1::GROUP]
+    value, _ = together(field, x, n, valid)
+    own, _ = ask(field, x, n, from_numpy(mi.Bool, valid))
+    pixels, theirs = value.reshape(PIXELS, GROUP, 3), own.reshape(PIXELS, GROUP, 3)
+    if broken == "the first is no surface":
+        np.testing.assert_allclose(value, own, rtol=1e-5)
+        return
+    np.testing.assert_allclose(pixels[:, 0], theirs[:, 0], rtol=1e-5)
+    shared = [k for k in range(1, GROUP) if k > 1 or broken == "nothing"]
+    for k in shared:
+        np.testing.assert_array_equal(pixels[:, k], pixels[:, 0])
+        assert (theirs[:, k] != theirs[:, 0]).any()
+    if broken == "another side":
+        np.testing.assert_allclose(pixels[:, 1], theirs[:, 1], rtol=1e-5)
+
+
+def together(field, x: np.ndarray, n: np.ndarray, valid: np.ndarray):
+    points = dr.zeros(VisiblePoints, len(x))
+    points.p, points.n = from_numpy(mi.Point3f, x), from_numpy(mi.Normal3f, n)
+    points.valid = from_numpy(mi.Bool, valid)
+    value, reach = query_together(field, points, GROUP)
+    return to_numpy(value), to_numpy(reach)
+
+
+AOVS = ("albedo", "irradiance", "visible_normal")
+
+
+class Ungrouped(Walks):
+    """The walks of a group without anything shared."""
+
+    def __init__(self, walks: Walks, group: int) -> None:
+        vars(self).update(vars(walks))
+
+
+def test_shared_walks_make_the_same_picture(monkeypatch):
+    """Glass with faint and strong reflections, of a lamp too; metal; a chequered floor."""
+    t = mi.ScalarTransform4f
+    chequers = {"type": "checkerboard", "to_uv": t().scale([40, 40, 1])}
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "floor": floor({"type": "diffuse", "reflectance": chequers}),
+            "glass": floor({"type": "thindielectric", "int_ior": 1.8}, z=0.1),
+            "ball": {
+                "type": "sphere",
+                "center": [0.4, -0.3, 0.2],
+                "radius": 0.2,
+                "bsdf": {"type": "roughconductor", "alpha": 0.3},
+            },
+            "lamp": {
+                "type": "sphere",
+                "center": [0, 1.2, 0.6],
+                "radius": 0.3,
+                "emitter": {"type": "area", "radiance": 3.0},
+            },
+        }
+    )
+    view = View(name="it", origin=(0, -1.6, 0.5), target=(0, 0, 0.1), fov=45)
+    sensor = make_sensor(view, 32, 24)
+    g = random_gaussians(np.random.default_rng(5), 500)
+    g.means[:, 2], g.normals[:] = 0, (0, 0, 1)
+    field = GaussianPhotonField(to_device(g), FieldSettings(search_radius=0.2), scene_bounds(scene))
+    images = {}
+    for kind in (GroupedWalks, Ungrouped):
+        monkeypatch.setattr("gpf.rendering.gpf.GroupedWalks", kind)
+        integrator = mi.load_dict({"type": "gpf", "adaptive": True, "aovs": ",".join(AOVS)})
+        integrator.field = field
+        images[kind] = np.array(
+            [
+                mi.render(scene, sensor=sensor, integrator=integrator, seed=s, spp=64).numpy()
+                for s in range(24)
+            ]
+        )
+    mean = {kind: each.mean(axis=0) for kind, each in images.items()}
+    square = sum(each.var(axis=0, ddof=1) / len(each) for each in images.values())
+    difference = mean[GroupedWalks] - mean[Ungrouped]
+    noisy = square > 1e-7
+    # With 24 images each, the squares of these scores have a mean of nearly 1.
+    assert noisy.mean() > 0.2
+    assert np.mean(difference[noisy] ** 2 / square[noisy]) < 1.25
+    whole = difference.mean(axis=(0, 1)) / mean[Ungrouped].mean(axis=(0, 1))
+    np.testing.assert_allclose(whole[:3], 0, atol=2e-3)
