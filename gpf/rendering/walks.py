@@ -197,7 +197,7 @@ class GroupedWalks(Walks):
         alone = GroupedWalks(self, 1)
         found, _ = alone._walk(own, some, dr.full(mi.Bool, True, count), side)
         dr.eval(found)
-        return {key: dr.gather(type(v), v, index, active) for key, v in found.items()} if side == "either" else {key: dr.select(asks, dr.gather(type(v), v, index, active), 0) for key, v in found.items()}
+        return {key: dr.gather(type(v), v, index, active) for key, v in found.items()}
 
 
 def query_together(

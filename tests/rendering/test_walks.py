@@ -113,13 +113,13 @@ def test_shared_walks_make_the_same_picture(monkeypatch):
             },
             "lamp": {
                 "type": "sphere",
-                "center": [0, 1.2, 0.6],
-                "radius": 0.3,
+                "center": [0, 1.5, 0.9],
+                "radius": 0.7,
                 "emitter": {"type": "area", "radiance": 3.0},
             },
         }
     )
-    view = View(name="it", origin=(0, -1.6, 0.5), target=(0, 0, 0.1), fov=45)
+    view = View(name="it", origin=(0, -1.5, 0.9), target=(0, 0.1, 0.1), fov=60)
     sensor = make_sensor(view, 32, 24)
     g = random_gaussians(np.random.default_rng(5), 500)
     g.means[:, 2], g.normals[:] = 0, (0, 0, 1)
