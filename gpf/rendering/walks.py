@@ -219,6 +219,8 @@ def query_together(
     shared &= apart < (NEAR * field.settings.search_radius) ** 2
     shared &= dr.dot(points.n, dr.gather(mi.Normal3f, points.n, first)) > SAME_SIDE
     asking, index = _shared(points.valid & ~shared, first)
+    if dr.width(asking) == 0:
+        return mi.Color3f(0), mi.Float(dr.inf)
     p, n = dr.gather(mi.Point3f, points.p, asking), dr.gather(mi.Normal3f, points.n, asking)
     value, reach = field.query(p, n, mi.Bool(True))
     dr.eval(value, reach)

@@ -48,6 +48,12 @@ def test_samples_far_apart_have_their_own_answers(field):
     assert (value[~valid] == 0).all() and np.isinf(reach[~valid]).all()
 
 
+def test_nobody_asks(field):
+    x = np.zeros((2 * GROUP, 3))
+    value, reach = together(field, x, x + [0, 0, 1], np.full(len(x), False))
+    assert (value == 0).all() and np.isinf(reach).all()
+
+
 @pytest.mark.parametrize("broken", ["nothing", "the first is no surface", "another side"])
 def test_samples_close_together_have_the_answer_of_the_first(field, broken):
     rng = np.random.default_rng(3)
