@@ -23,7 +23,7 @@ from gpf.rendering.aovs import expected_psnr
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 
-ROWS, SPP = 256, 128
+ROWS, SPP = 256, 144
 LEVELS = (0.01, 0.02, 0.04, 0.08)
 LEAST_SHARE = 0.005  # of all pixels
 EDGES = 0.03

@@ -50,7 +50,7 @@ def test_samples_far_apart_have_their_own_answers(field):
 
 def test_nobody_asks(field):
     x = np.zeros((2 * GROUP, 3))
-    value, reach = together(field, x, x + [0, 0, 1], np.full(len(x), False))
+    value, reach = together(field, x, np.tile([0, 0, 1.0], (len(x), 1)), np.full(len(x), False))
     assert (value == 0).all() and np.isinf(reach).all()
 
 
