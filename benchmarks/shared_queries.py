@@ -12,7 +12,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-import gpf.rendering.gpf as plugin
 from benchmarks.judged import Judged, decibels, open_field, options
 from benchmarks.timing import time_in_turn
 from gpf.core.images import tone_map
@@ -48,6 +47,8 @@ def main() -> None:
 
 def compare(renderer: FieldRenderer, many: FieldRenderer, judged: Judged, number: int) -> list[str]:
     """The cells of a view."""
+    import gpf.rendering.gpf as plugin  # needs a variant
+
     view, images = judged.views[number], {}
 
     def render(kind: type[Walks], seed: int) -> None:
