@@ -197,7 +197,7 @@ class GroupedWalks(Walks):
         alone = GroupedWalks(self, 1)
         found, _ = alone._walk(own, some, dr.full(mi.Bool, True, count), side)
         dr.eval(found)
-        return {key: dr.gather(type(v), v, index, active) for key, v in found.items()}
+        return {key: _answer(value, index, active) for key, value in found.items()}
 
 
 def query_together(
@@ -224,9 +224,8 @@ def query_together(
     p, n = dr.gather(mi.Point3f, points.p, asking), dr.gather(mi.Normal3f, points.n, asking)
     value, reach = field.query(p, n, mi.Bool(True))
     dr.eval(value, reach)
-    value = dr.gather(type(value), value, index, points.valid)
-    reach = dr.gather(mi.Float, reach, index, points.valid)
-    return value, dr.select(points.valid, reach, dr.inf)
+    reach = dr.select(points.valid, _answer(reach, index, points.valid), dr.inf)
+    return _answer(value, index, points.valid), reach
 
 
 def _groups(lanes: mi.Bool, group: int) -> tuple[mi.UInt32, mi.UInt32]:
@@ -241,3 +240,10 @@ def _shared(asks: mi.Bool, first: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
     place = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(asks, mi.UInt32(1), 0), exclusive=True)
     dr.eval(asks, place)
     return dr.compress(asks), dr.select(asks, place, dr.gather(mi.UInt32, place, first))
+
+
+def _answer(values: Any, index: mi.UInt32, active: mi.Bool) -> Any:
+    """The answers of lanes, zero where not active; what is the same for all has a single lane."""
+    if dr.width(values) == 1:
+        return dr.select(active, values, dr.zeros(type(values)))
+    return dr.gather(type(values), values, index, active)

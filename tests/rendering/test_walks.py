@@ -150,3 +150,35 @@ def test_shared_walks_make_the_same_picture(monkeypatch):
     assert np.mean(difference[noisy] ** 2 / square[noisy]) < 1.25
     whole = difference.mean(axis=(0, 1)) / mean[Ungrouped].mean(axis=(0, 1))
     np.testing.assert_allclose(whole[:3], 0, atol=2e-3)
+
+
+@pytest.mark.parametrize("rays", [1, 4, 64])
+def test_single_walks_and_answers_that_are_the_same_for_all(rays):
+    """One pixel that looks at glass over a floor of one irradiance."""
+    parts = {"floor": floor({"type": "diffuse"}), "glass": floor({"type": "thindielectric"}, z=0.2)}
+    scene = mi.load_dict({"type": "scene", "sky": {"type": "constant"}} | parts)
+
+    class Constant:
+        settings = FieldSettings(search_radius=1.0)
+
+        def unfold(self, x):
+            return x
+
+        def query(self, x, n, active):
+            return mi.Color3f(2), mi.Float(0)
+
+        def reflect(self, points, value):
+            return points.radiance(value)
+
+    walks = Walks(scene, Constant(), ("coverage", "albedo"), -1, 5, 1, True)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(1, rays)
+    o, d = np.tile([0.1, 0.2, 2.0], (rays, 1)), np.tile([0, 0, -1.0], (rays, 1))
+    ray = mi.Ray3f(from_numpy(mi.Point3f, o), from_numpy(mi.Vector3f, d))
+    found = GroupedWalks(walks, min(rays, GROUP)).look(sampler, ray, mi.Bool(True))
+    # Glass with index 1.5 reflects r = 2 f / (1 + f) with f = .04; the floor reflects a half.
+    r = 0.08 / 1.04
+    expected = r + (1 - r) * 0.5 * 2 / np.pi
+    radiance = np.broadcast_to(to_numpy(found["radiance"]), (rays, 3))
+    np.testing.assert_allclose(radiance, expected, rtol=2e-3)
+    assert (np.broadcast_to(found["valid"].numpy(), rays)).all()

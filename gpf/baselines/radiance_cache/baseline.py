@@ -91,6 +91,10 @@ class CacheAsField:
         """Irradiance, (N, 3), and 0 for the reach, which a network does not have."""
         return self.model.irradiance(x, n), mi.Float(0)
 
+    def unfold(self, x: mi.Point3f) -> mi.Point3f:
+        """Points in units of the finest cells: samples that are much closer share a query."""
+        return mi.Point3f(self.model.cube.place(x) * self.model.grid.shape.finest)
+
     def reflect(self, points: VisiblePoints, value: mi.Color3f) -> mi.Color3f:
         """Radiance of camera rays, (N, 3), from the irradiance at their visible points."""
         return points.radiance(value)
@@ -118,7 +122,7 @@ class PreparedCache:
                 "suppress_fireflies": settings.suppress_fireflies,
             }
         )
-        query = FieldSettings(search_radius=1.0)  # required, but not used
+        query = FieldSettings(search_radius=1.0)  # one of the finest cells
         self._integrator.field = CacheAsField(model, query, scene_bounds(task.scene))
 
     @property
