@@ -25,8 +25,8 @@ class _Clock:
             return
         if not self.steps or progress.steps > self.steps[-1][1]:
             self.steps.append((now, progress.steps))
-            if progress.field is not None and progress.held_out_error is not None:
-                self.errors.append((now, progress.held_out_error))
+        if progress.field is not None and progress.held_out_error is not None:
+            self.errors.append((now, progress.held_out_error))
 
 
 def training_row() -> tuple[str, str, str, str, str]:
