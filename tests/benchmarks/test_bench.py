@@ -1,0 +1,25 @@
+"""`make bench` prints each of its lines, here with small pictures."""
+
+import re
+
+import pytest
+
+import benchmarks.__main__ as bench
+import benchmarks.training
+
+
+@pytest.mark.slow
+def test_it_prints_a_line_for_each_measurement(monkeypatch, capsys):
+    monkeypatch.setattr(bench, "SIZES", (32,))
+    monkeypatch.setattr(bench, "RADII", (0.05,))
+    monkeypatch.setattr(benchmarks.training, "PASSES", 24)
+    monkeypatch.setattr(benchmarks.training, "ROWS", 32)
+    bench.main()
+    lines = capsys.readouterr().out.splitlines()
+    rows = [line for line in lines if re.search(r"[\d.]+ m?s ", line)]
+    pass_, sample, recorded, training = rows
+    assert pass_.startswith("SPPM pass, 32²") and "(gpf, recorded)" in recorded
+    assert sample.startswith("one sample") and training.startswith("training to within")
+    ratios = [float(line.split()[-2]) for line in rows[:-1]]
+    assert all(0.1 < ratio < 100 for ratio in ratios)
+    assert float(re.search(r"([\d.]+) M points/s", rows[-1])[1]) > 0
