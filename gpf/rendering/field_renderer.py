@@ -76,7 +76,7 @@ class FieldRenderer:
         UserError: a pixel is not finite.
         """
         settings = self.settings
-        sensor = make_sensor(view, *size, spp=settings.spp, sampler=settings.sampler)
+        sensor = make_sensor(view, *size, sampler=settings.sampler)
 
         def sample(spp: int, seed: int) -> np.ndarray:
             return render_in_batches(self.scene, self.integrator, sensor, spp, seed)
