@@ -3,10 +3,12 @@
 Views of a field with 64 adaptive samples per pixel, rendered in turns with walks that share queries
 and reflections (:class:`gpf.rendering.walks.GroupedWalks`) and with walks that share nothing. A
 line for each view: seconds without and with, their ratio, and the PSNR of the noise alone, against
-the mean of images with many samples.
+an image with many samples.
 """
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 from rich.console import Console
@@ -17,17 +19,11 @@ from benchmarks.timing import time_in_turn
 from gpf.core.images import tone_map
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
-from gpf.rendering.walks import GroupedWalks, Walks
+from gpf.rendering.walks import GroupedWalks
 
 ROWS, VIEWS, ROUNDS = 256, 2, 3
 MANY = RenderSettings(spp=576, suppress_fireflies=False)
-
-
-class Apart(Walks):
-    """The walks of a group without anything shared."""
-
-    def __init__(self, walks: Walks, group: int) -> None:
-        vars(self).update(vars(walks))
+KINDS = {"apart": lambda walks, samples: walks, "shared": GroupedWalks}
 
 
 def main() -> None:
@@ -51,30 +47,23 @@ def compare(renderer: FieldRenderer, many: FieldRenderer, judged: Judged, number
 
     view, images = judged.views[number], {}
 
-    def render(kind: type[Walks], seed: int) -> None:
-        plugin.GroupedWalks = kind  # type: ignore[misc, assignment]
+    def render(kind: str, seed: int) -> None:
+        plugin.GroupedWalks = KINDS[kind]  # type: ignore[misc, assignment]
         image = renderer.render(view, judged.size, seed)["radiance"]
         images[kind, seed] = tone_map(image, judged.exposure)
 
-    timings = time_in_turn(
-        {
-            kind.__name__: lambda seed, kind=kind: render(kind, seed)  # type: ignore[misc]
-            for kind in (Apart, GroupedWalks)
-        },
-        ROUNDS,
-        warm_up=1,
-    )
-    plugin.GroupedWalks = Apart  # type: ignore[misc, assignment]
+    timings = time_in_turn({kind: partial(render, kind) for kind in KINDS}, ROUNDS, warm_up=1)
+    plugin.GroupedWalks = KINDS["apart"]  # type: ignore[misc, assignment]
     truth = tone_map(many.render(view, judged.size, 100)["radiance"], judged.exposure)
-    noise = {
-        kind: decibels(np.mean([(images[kind, seed] - truth) ** 2 for seed in range(ROUNDS)]))
-        for kind in (Apart, GroupedWalks)
-    }
+    noise = [
+        decibels(np.mean([(images[kind, seed] - truth) ** 2 for seed in range(ROUNDS)]))
+        for kind in KINDS
+    ]
     return [
         view.name,
-        *(f"{1e-3 * timings.milliseconds(kind.__name__):.2f}" for kind in (Apart, GroupedWalks)),
-        f"{1 / timings.ratio('GroupedWalks', 'Apart'):.2f}",
-        *noise.values(),
+        *(f"{1e-3 * timings.milliseconds(kind):.2f}" for kind in KINDS),
+        f"{1 / timings.ratio('shared', 'apart'):.2f}",
+        *noise,
     ]
 
 

@@ -25,7 +25,7 @@ from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths, whole_number
 from gpf.rendering.recording import Recording
 from gpf.rendering.scene_check import warn_of_another_scene
-from gpf.rendering.walks import GROUP, GroupedWalks, Walks
+from gpf.rendering.walks import GroupedWalks, Walks
 from gpf.scene.inventory import divides_glass
 from gpf.scene.materials import has_gloss, require_separable
 
@@ -163,8 +163,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
 
         def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
             ray, weight = sample_pixel_rays(sensor, sampler, pixel)
-            group = max(n for n in range(1, GROUP + 1) if sampler.sample_count() % n == 0)
-            walks = GroupedWalks(self._walks_in(scene), group)
+            walks = GroupedWalks(self._walks_in(scene), sampler.sample_count())
             found = self._look(walks, sampler, ray, mi.Bool(True))
             alpha = [dr.select(found["valid"], mi.Float(1), 0)] if has_alpha else []
             radiance = found["radiance"] * weight

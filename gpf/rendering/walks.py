@@ -134,19 +134,19 @@ class Walks:
 class GroupedWalks(Walks):
     """The walks of several samples of each pixel, which share what costs most.
 
-    Lanes are in groups of samples of the same pixel. Samples of a group are exchangeable, so one of
-    them may stand for others without an error of the mean: the first has the query of those that
-    lie close to it; the mean then changes only by the covariance, within a group, of irradiance and
-    reflectance. And where glass reflects little, the first has the reflection of the others.
+    Up to :data:`GROUP` consecutive lanes of the same pixel are a group. Samples of a group are
+    exchangeable, so one of them may stand for others without an error of the mean. Those that lie
+    close to the first take its answer; the mean then changes only by the covariance, within a
+    group, of irradiance and reflectance. Where glass reflects little, they take its reflection.
 
     Parameters
     ----------
-    group: lanes of a group.
+    samples: of each pixel, in consecutive lanes.
     """
 
-    def __init__(self, walks: Walks, group: int) -> None:
+    def __init__(self, walks: Walks, samples: int) -> None:
         vars(self).update(vars(walks))
-        self.group = group
+        self.group = max(n for n in range(1, GROUP + 1) if samples % n == 0)
 
     def look(self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool) -> dict[str, Any]:
         """As of every walk; the rays go through memory, too."""

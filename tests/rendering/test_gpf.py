@@ -11,8 +11,6 @@ import pytest
 import gpf  # noqa: F401  # registers the plugins
 from gpf.field.field import FieldSettings, GaussianPhotonField
 from gpf.field.io import save_field
-from gpf.rendering.field_renderer import FieldRenderer
-from gpf.rendering.settings import RenderSettings
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
@@ -346,12 +344,3 @@ def test_recorded_frames_are_those_of_a_new_integrator():
 
 def above(height: float) -> mi.ScalarTransform4f:
     return mi.ScalarTransform4f().look_at([0.2, 0, height], [0, 0, 0], [0, 1, 0])
-
-
-def test_other_numbers_of_samples_than_squares_need_no_warning(capfd):
-    settings = RenderSettings(spp=32)
-    scene = make_scene()
-    renderer = FieldRenderer.make(scene, constant_field(), settings)
-    view = View(name="it", origin=(0, 0, 5), target=(0, 0, 0), up=(0, 1, 0), fov=40)
-    renderer.render(view, (8, 8), seed=1)
-    assert "WARN" not in "".join(capfd.readouterr())

@@ -95,13 +95,6 @@ def together(field, x: np.ndarray, n: np.ndarray, valid: np.ndarray):
 AOVS = ("albedo", "irradiance", "visible_normal")
 
 
-class Ungrouped(Walks):
-    """The walks of a group without anything shared."""
-
-    def __init__(self, walks: Walks, group: int) -> None:
-        vars(self).update(vars(walks))
-
-
 def test_shared_walks_make_the_same_picture(monkeypatch):
     """Glass with faint and strong reflections, of a lamp too; metal; a chequered floor."""
     t = mi.ScalarTransform4f
@@ -131,8 +124,8 @@ def test_shared_walks_make_the_same_picture(monkeypatch):
     g.means[:, 2], g.normals[:] = 0, (0, 0, 1)
     field = GaussianPhotonField(to_device(g), FieldSettings(search_radius=0.2), scene_bounds(scene))
     images = {}
-    for kind in (GroupedWalks, Ungrouped):
-        monkeypatch.setattr("gpf.rendering.gpf.GroupedWalks", kind)
+    for kind, made in {"shared": GroupedWalks, "apart": lambda walks, samples: walks}.items():
+        monkeypatch.setattr("gpf.rendering.gpf.GroupedWalks", made)
         integrator = mi.load_dict({"type": "gpf", "adaptive": True, "aovs": ",".join(AOVS)})
         integrator.field = field
         images[kind] = np.array(
@@ -143,12 +136,12 @@ def test_shared_walks_make_the_same_picture(monkeypatch):
         )
     mean = {kind: each.mean(axis=0) for kind, each in images.items()}
     square = sum(each.var(axis=0, ddof=1) / len(each) for each in images.values())
-    difference = mean[GroupedWalks] - mean[Ungrouped]
+    difference = mean["shared"] - mean["apart"]
     noisy = square > 1e-7
     # With 24 images each, the squares of these scores have a mean of nearly 1.
     assert noisy.mean() > 0.2
     assert np.mean(difference[noisy] ** 2 / square[noisy]) < 1.25
-    whole = difference.mean(axis=(0, 1)) / mean[Ungrouped].mean(axis=(0, 1))
+    whole = difference.mean(axis=(0, 1)) / mean["apart"].mean(axis=(0, 1))
     np.testing.assert_allclose(whole[:3], 0, atol=2e-3)
 
 
@@ -175,7 +168,7 @@ def test_single_walks_and_answers_that_are_the_same_for_all(rays):
     sampler.seed(1, rays)
     o, d = np.tile([0.1, 0.2, 2.0], (rays, 1)), np.tile([0, 0, -1.0], (rays, 1))
     ray = mi.Ray3f(from_numpy(mi.Point3f, o), from_numpy(mi.Vector3f, d))
-    found = GroupedWalks(walks, min(rays, GROUP)).look(sampler, ray, mi.Bool(True))
+    found = GroupedWalks(walks, rays).look(sampler, ray, mi.Bool(True))
     # Glass with index 1.5 reflects r = 2 f / (1 + f) with f = .04; the floor reflects a half.
     r = 0.08 / 1.04
     expected = r + (1 - r) * 0.5 * 2 / np.pi

@@ -143,5 +143,5 @@ class PreparedCache:
         """A view's radiance, (H, W, 3), with the camera walks of the field's rendering."""
         width, height = self._task.size
         spp, sampler = self._settings.spp, self._settings.sampler
-        sensor = make_sensor(view, width, height, spp=spp, sampler=sampler)
+        sensor = make_sensor(view, width, height, sampler=sampler)
         return render_in_batches(self._task.scene, self._integrator, sensor, spp, seed)[..., :3]
