@@ -2,7 +2,7 @@
 # lock files; later calls install nothing until a lock or pyproject.toml changes.
 #
 #   PYTHON=/path/to/python3.12   the interpreter to make .venv with (default: first that fits)
-#   ARGS='...'                   more arguments for test, test-all, bench and repro
+#   ARGS='...'                   more arguments for test, test-all, bench, gpu and repro
 
 STAMP := .venv/installed
 DOCS_STAMP := .venv/installed-docs
@@ -18,7 +18,7 @@ PYTEST := OMP_NUM_THREADS=1 $(VENV) -m pytest -n 2 --dist loadfile --max-worker-
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
 .DEFAULT_GOAL := help
-.PHONY: help repro test test-all lint docs bench doctor venv lock clean
+.PHONY: help repro test test-all lint docs bench gpu doctor venv lock clean
 
 help: ## show this list
 	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 10
@@ -47,6 +47,10 @@ docs: $(DOCS_STAMP) ## the pages of docs/ and the API as HTML: build/docs/index.
 
 bench: $(STAMP) ## the speed figures, as ratios measured side by side in one process
 	@$(VENV) -m benchmarks $(ARGS)
+
+# With VENV=python3 nothing is installed: for a machine without a network that has the packages.
+gpu: $(if $(filter file,$(origin VENV)),$(STAMP)) ## tests, speed and one scene on a GPU, 8 minutes
+	@$(VENV) -m benchmarks.gpu $(ARGS)
 
 doctor: $(STAMP) ## what works on this machine, what is missing, how to repair it
 	@.venv/bin/gpf doctor

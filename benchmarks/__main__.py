@@ -13,9 +13,9 @@ from gpf.core.runtime import choose_variant, device_description
 SIZES, RADII = (256, 512), (0.02, 0.05)
 
 
-def main() -> None:
+def main(variant: str = "auto") -> None:
     """Measure everything, one line after another."""
-    choose_variant("auto")
+    choose_variant(variant)
     machine = device_description()
     print(f"{machine['cpu']}, {machine['cores']} cores, {machine['variant']}; the Cornell box with")
     print("a glass sphere. path: depth 2, one sample per pixel; ptracer: 100,000 paths.\n")

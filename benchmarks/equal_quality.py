@@ -1,20 +1,22 @@
 """`python -m benchmarks.equal_quality SCENE …`: the time of SPPM for images as good as the field's.
 
 Needs the results of `dvc repro`. The novel views are rendered from the field with several numbers
-of samples. SPPM's convergence on the same views gives the number of passes of equal quality. Both
-are timed in turns, so that other load affects both.
+of samples, without and with the denoiser (`pyoidn`). SPPM's convergence on the same views gives the
+number of passes of equal quality. Both are timed in turns, so that other load affects both.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from itertools import product
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from benchmarks.single_passes import SinglePasses
+from gpf.rendering.denoiser import available
 from metrics.equivalent_passes import equivalent_passes
 from metrics.image import psnr
 from stages.amortize import mean_convergence
@@ -41,8 +43,9 @@ def compare(work: Workspace) -> list[list[str]]:
     """A row for each number of samples."""
     passes, curve, rows = SinglePasses(work), mean_convergence(work), []
     references = Judge.open(work).references
-    for spp in SAMPLES:
+    for spp, denoise in product(SAMPLES, (False, True) if available() else (False,)):
         renderer = open_renderer(work, spp)
+        renderer.integrator.denoise = denoise
         renderer.render(work.views.novel[0], work.film_size, 0)  # compiles
         quality, seconds, per_pass = [], [], []
         for k, view in enumerate(work.views.novel):
@@ -56,7 +59,7 @@ def compare(work: Workspace) -> list[list[str]]:
         mine, theirs = float(np.mean(seconds)), float(np.mean(per_pass))
         rows.append(
             [
-                str(spp),
+                f"{spp}, denoised" if denoise else str(spp),
                 f"{np.mean(quality):.2f}",
                 f"{mine:.2f}",
                 str(equal),

@@ -1,7 +1,8 @@
 """Put tables and pictures of the report into README.md and docs/: `python docs/publish.py`.
 
-Run it after `gpf profile full && dvc repro`. Pictures are copied from results/figures. Tables
-replace the text between marks such as `<!-- table_1_psnr -->` and `<!-- /table_1_psnr -->`.
+Run it after `gpf profile full && dvc repro` and `python -m benchmarks.independent`. Pictures are
+copied from results/figures. Tables replace the text between marks such as `<!-- table_1_psnr -->`
+and `<!-- /table_1_psnr -->`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from stages.commands.profiles import EVERY, read_profiles
 from stages.common.makers import naming_commands
 
 PROFILE = "full"
-ADVICE = f"Run `gpf profile {PROFILE} && dvc repro` to its end."
+ADVICE = f"Run `gpf profile {PROFILE} && dvc repro && python -m benchmarks.independent` to its end."
 
 FIGURES = Path("results/figures")
 IMAGES = Path("docs/images")
@@ -91,7 +92,9 @@ def fill(name: str, results: Results) -> str:
     if name == "summary":
         body = summary(results)
     else:
-        file = results.root / "tables" / f"{name}.md"
+        # That of `python -m benchmarks.independent` lies outside of the report's own folder.
+        folder = results.root if name == "independent" else results.root / "tables"
+        file = folder / f"{name}.md"
         if not file.exists():
             raise UserError(str(file), "is missing", ADVICE)
         # Without the title: the page has its own heading.
@@ -105,8 +108,8 @@ def summary(results: Results) -> str:
     """A table with a line per scene: quality and cost of the field."""
     passes = results.params.reference.passes
     lines = [
-        f"| scene | PSNR | second reference, {passes} SPPM passes | as good as SPPM with "
-        f"| seconds per view | SPPM, {passes} passes | preparation | pays off from |",
+        f"| scene | PSNR | a second SPPM, {passes} passes | as good as SPPM with "
+        f"| a view takes | by SPPM, {passes} passes | preparation | pays from |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for name in results.scenes:

@@ -42,7 +42,7 @@ __version__ = "0.1.0"
 # Public name -> module. Type checkers read the imports below instead.
 _MODULES = {
     "EmissionPlan": "gpf.guiding.emission_plan",
-    "FieldSettings": "gpf.field.field",
+    "FieldSettings": "gpf.field.settings",
     "FileError": "gpf.core.errors",
     "GaussianPhotonField": "gpf.field.field",
     "InitialFieldSettings": "gpf.field.initialization",
@@ -76,11 +76,11 @@ if TYPE_CHECKING:
     from gpf.core.errors import UserError as UserError
     from gpf.core.runtime import choose_variant as choose_variant
     from gpf.core.structs import Photons as Photons
-    from gpf.field.field import FieldSettings as FieldSettings
     from gpf.field.field import GaussianPhotonField as GaussianPhotonField
     from gpf.field.initialization import InitialFieldSettings as InitialFieldSettings
     from gpf.field.io import load_field as load_field
     from gpf.field.io import save_field as save_field
+    from gpf.field.settings import FieldSettings as FieldSettings
     from gpf.fitting.fit import fit as fit
     from gpf.guiding.emission_plan import EmissionPlan as EmissionPlan
     from gpf.guiding.emission_plan import VisibleRegionSettings as VisibleRegionSettings

@@ -36,6 +36,8 @@ def render(
     """Render a scene to an image file; the suffix chooses the format."""
     import mitsuba as mi
 
+    from gpf.scene.load import check_files, load_with_parameters
+
     choose_variant(variant)
     values = {}
     for item in define or []:
@@ -45,8 +47,9 @@ def render(
         values[name] = value
     if not scene.is_file():
         raise UserError(str(scene), "does not exist", "Check the path.")
+    check_files(scene, values)
     try:
-        loaded = mi.load_file(str(scene), optimize=False, **values)
+        loaded = load_with_parameters(scene, values)
     except RuntimeError as error:
         what = " ".join(str(error).split())
         raise UserError(str(scene), f"does not load: {what}", "Correct the scene.") from error

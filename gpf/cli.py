@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import typer
 
 from gpf.core.checkout import CHECKOUT
-from gpf.core.errors import UserError
+from gpf.core.errors import UserError, explain_file_error, is_interrupt, no_lost_interrupts
 from gpf.core.progress import show_log
 
 app = typer.Typer(
@@ -137,7 +137,9 @@ def render(
     ] = False,
     orbit: Annotated[
         int,
-        typer.Option(metavar="N", min=0, help="N cameras around what the scene's camera sees."),
+        typer.Option(
+            metavar="N", min=0, max=100_000, help="N cameras around what the scene's camera sees."
+        ),
     ] = 0,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", metavar="FOLDER", help="Default: pictures.")
@@ -146,7 +148,8 @@ def render(
         str | None, typer.Option(metavar="WxH", help="Such as 512x512; or rows alone.")
     ] = None,
     spp: Annotated[
-        int | None, typer.Option(min=1, help="Camera samples per pixel. Default: 64.")
+        int | None,
+        typer.Option(min=1, max=1_000_000, help="Camera samples per pixel. Default: 64."),
     ] = None,
     seconds: Annotated[
         float | None, typer.Option(help="Time for a picture, in place of --spp.")
@@ -164,7 +167,7 @@ def render(
         bool | None,
         typer.Option(
             "--denoise/--no-denoise",
-            help="With Open Image Denoise; by default up to 16 samples, if pyoidn is installed.",
+            help="With Open Image Denoise, where noise is visible. Default: if pyoidn is there.",
         ),
     ] = None,
     mp4: Annotated[bool, typer.Option("--mp4", help="A film of all pictures, too.")] = False,
@@ -286,10 +289,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; an error that the user can correct is a message and exit code 2."""
     show_log()
     try:
-        app(args=list(sys.argv[1:] if arguments is None else arguments))
-    except UserError as error:
-        typer.secho(f"error: {error}", fg="red", err=True)
+        with no_lost_interrupts():
+            app(args=list(sys.argv[1:] if arguments is None else arguments))
+    except (UserError, OSError) as error:
+        told = error if isinstance(error, UserError) else explain_file_error(error)
+        if told is None:
+            raise
+        typer.secho(f"error: {told}", fg="red", err=True)
         sys.exit(UserError.exit_code)
+    except Exception as error:
+        if not is_interrupt(error):  # typer knows only a plain one
+            raise
+        typer.echo("\nstopped", err=True)
+        sys.exit(130)
 
 
 if __name__ == "__main__":

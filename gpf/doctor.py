@@ -29,6 +29,7 @@ from gpf.core.runtime import (
     LLVM_MINIMUM,
     LLVM_VARIABLE,
     count_cores,
+    count_memory,
     read_cpu_model,
     read_version,
 )
@@ -272,8 +273,8 @@ def check_disk() -> Check:
 
 
 def check_memory() -> Check:
-    """The machine's memory; with little of it, take a small profile."""
-    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    """The memory that there is; with little of it, take a small profile."""
+    total = count_memory() / 2**30
     enough = True if total >= MEMORY_GIB else None
     detail = f"{total:.1f} GiB, {MEMORY_GIB:.0f} advised"
     return Check("memory", enough, detail, "take the profile quick or desk")

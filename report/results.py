@@ -19,6 +19,7 @@ from gpf.config.pipeline import OWN_METHODS
 from gpf.config.titles import method_titles, passes_title
 from gpf.core.files import read_json
 from gpf.scene.views import SceneViews, read_views
+from metrics.files import CostFile, Judged, NotJudged, Point
 from metrics.image import NUMBERS
 from metrics.stage_costs import passes_done, seconds_per_view, target_seconds
 
@@ -145,10 +146,13 @@ class SceneResults:
     name: str
     folder: Path
 
-    def read(self, *parts: str) -> Any:
-        """A JSON file below the scene's folder; empty if it does not exist."""
+    def read(self, *parts: str, shape: Any = dict[str, Any]) -> Any:
+        """A JSON file below the scene's folder; empty if it does not exist.
+
+        ``shape``: as for :func:`gpf.core.files.read_json`.
+        """
         path = self.folder.joinpath(*parts)
-        return read_json(path) if path.exists() else {}
+        return read_json(path, shape) if path.exists() else {}
 
     @property
     def title(self) -> str:
@@ -168,7 +172,7 @@ class SceneResults:
 
     def numbers(self, method: str) -> dict[str, Any]:
         """A method's means over the novel views, or the ``reason`` why there are none."""
-        found = self.read("metrics", f"{method}.json")
+        found = self.read("metrics", f"{method}.json", shape=Judged | NotJudged)
         if not found:
             return {"reason": "not run"}
         if "cannot_serve" in found:
@@ -182,12 +186,13 @@ class SceneResults:
     @cached_property
     def convergence(self) -> dict[int, float]:
         """Number of SPPM passes -> PSNR against the reference, dB, mean over novel views."""
-        return {int(row["passes"]): float(row["psnr"]) for row in self.read("convergence.json")}
+        rows = self.read("convergence.json", shape=list[Point])
+        return {row["passes"]: row["psnr"] for row in rows}
 
     @cached_property
     def seconds_per_pass(self) -> float | None:
         """Seconds of an SPPM pass that renders a single view."""
-        facts = self.read("costs", "reference.json").get("facts", {})
+        facts = self.read("costs", "reference.json", shape=CostFile).get("facts", {})
         seconds = facts.get("seconds_per_single_view_pass")
         return None if seconds is None else float(seconds)
 
@@ -204,17 +209,17 @@ class SceneResults:
             passes = max(self.convergence, default=params.reference.passes)
             return {"seconds_per_view": per_pass * passes} if per_pass else {}
         file = "render.json" if method == FIELD else f"baselines/{method}.json"
-        found = self.read("costs", file)
+        found = self.read("costs", file, shape=CostFile)
         facts, parts = found.get("facts", {}), found.get("parts", {})
         known = {
             "storage_mb": facts.get("storage_megabytes", facts.get("field_megabytes")),
             "memory_mb": facts.get("peak_memory_megabytes"),
             "path_seconds": facts.get("path_seconds"),
         }
-        if facts.get("views"):
+        if "views" in facts and "render" in parts:
             known["seconds_per_view"] = seconds_per_view(found)
         if method == FIELD:
-            trained = self.read("costs", "train.json").get("facts", {})
+            trained = self.read("costs", "train.json", shape=CostFile).get("facts", {})
             memory = [f.get("peak_memory_megabytes") for f in (facts, trained)]
             known["memory_mb"] = max((m for m in memory if m is not None), default=None)
         if method == FIELD or params.baselines[method].renders_field:
@@ -231,7 +236,7 @@ class SceneResults:
         The views are rendered together from the same photons, with ``passes`` passes or, with
         `reference.target_psnr`, the fewer that were done. None if these times were not measured.
         """
-        cost, seconds = self.read("costs", "reference.json"), 0.0
+        cost, seconds = self.read("costs", "reference.json", shape=CostFile), 0.0
         try:
             passes = passes_done(cost, "train", passes)
             if options.training_views:

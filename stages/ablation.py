@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,12 +10,14 @@ from typing import Any
 
 from gpf.config.params import Params
 from gpf.config.titles import variant_title
-from gpf.core.errors import UserError
+from gpf.core.errors import UserError, WriteError
 from gpf.core.files import read_json, write_json
+from gpf.core.partial import replace_folder
 from gpf.core.progress import say
 from gpf.core.yaml import suggest
 from gpf.field.io import read_field
 from gpf.training.targets import Targets
+from metrics.files import CostFile
 from metrics.stage_costs import learning_seconds, seconds_per_view
 from stages.common.code import digest_of
 from stages.common.costs import CostMeter
@@ -56,16 +57,18 @@ def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = Fal
     common = common_count(work)
     params = work.params.variant(variant, common)
     if params == work.params.vary(common):
-        found = numbers(work, read_json(work.metrics("gpf")))
+        found = numbers(work, read_json(work.metrics("gpf"), dict[str, Any]))
         save(work, row, {"same_as": "gpf", **found}, {})
         say(f"{scene_name}: {variant} has the parameters of the field")
         return
     # Files of earlier stages are read first: if one is missing, that is not the variant's fault.
     judge = Judge.open(work)
-    Targets.load(work.targets)
+    Targets.load(work.targets, work.scene)
     load_photons(work)
     try:
         make(work, row, params, judge)
+    except WriteError:
+        raise
     except UserError as refusal:
         reason = f"{refusal.where}: {refusal.what}"
         shutil.rmtree(_state(work, variant), ignore_errors=True)
@@ -108,7 +111,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
         measured = summarize({v: judge.compare_render("gpf", v) for v in judge.references})
     parts = costs.parts
     for stage in ("train", "render"):
-        parts = read_json(variant.cost(stage))["parts"] | parts
+        parts = read_json(variant.cost(stage), CostFile)["parts"] | parts
     found = numbers(variant, measured)
     shutil.rmtree(state / "checkpoints", ignore_errors=True)
     (state / "task.json").unlink()
@@ -117,7 +120,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
 
 def numbers(work: Workspace, measured: Mapping[str, Any]) -> dict[str, Any]:
     """Quality, times and sizes of a field; without the search for its number of Gaussians."""
-    train, render = (read_json(work.cost(stage)) for stage in ("train", "render"))
+    train, render = (read_json(work.cost(stage), CostFile) for stage in ("train", "render"))
     path_seconds = render["facts"].get("path_seconds")
     return {
         **measured,
@@ -142,10 +145,12 @@ def save(
     """
     name = row["variant"]
     folder = work.folder / "ablations" / name
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    if state is not None:
-        os.replace(state, folder)
+    if state is None:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+    else:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        replace_folder(state, folder)
     work.forget_checkpoints()
     costs = CostMeter(parts)
     costs.facts |= {key: found[key] for key in ("same_as", "reason", "gaussians") if key in found}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from gpf.core.errors import FileError, UserError
+from gpf.core.errors import UserError
 from gpf.core.files import read_json, write_json, write_text
 from gpf.core.progress import say
 from metrics.cost import (
@@ -19,8 +19,9 @@ from metrics.cost import (
     cumulative,
 )
 from metrics.equivalent_passes import equivalent_passes
+from metrics.files import CostFile, Judged, Point
 from metrics.stage_costs import part_seconds, passes_done, seconds_per_view, target_seconds
-from stages.common.costs import KINDS
+from stages.common.costs import KINDS, times_of
 from stages.common.workspace import Workspace
 
 
@@ -45,17 +46,18 @@ def cost_lines(work: Workspace) -> Comparison:
 
     Raises
     ------
-    UserError: the reference's cost file lacks a time.
+    UserError: a file is missing or has another shape, or a cost file lacks a time.
     """
     reference, photons, train, render = (
-        read_json(work.cost(stage)) for stage in ("reference", "photons", "train", "render")
+        read_json(work.cost(stage), CostFile)
+        for stage in ("reference", "photons", "train", "render")
     )
     curve = mean_convergence(work)
     passes = max(curve)
-    quality = read_json(work.metrics("gpf"))["mean"]["psnr"]
+    quality = read_json(work.metrics("gpf"), Judged)["mean"]["psnr"]
     equal = equivalent_passes(quality, curve)
     preparation = part_seconds(train, *train["parts"])
-    try:
+    with times_of(work.cost("reference")):
         if "stream" not in train["parts"]:
             # The field needs only the targets. The stage also renders images of the training views
             # for other methods; this sum leaves them out.
@@ -65,10 +67,10 @@ def cost_lines(work: Workspace) -> Comparison:
         alone, together = (
             reference["facts"][f"seconds_per_{kind}_view_pass"] for kind in ("single", "shared")
         )
-    except KeyError as error:
-        raise FileError(work.cost("reference"), f"has no time of {error.args[0]!r}") from error
+    with times_of(work.cost("render")):
+        field = CostLine(GPF, preparation, seconds_per_view(render))
     return Comparison(
-        CostLine(GPF, preparation, seconds_per_view(render)),
+        field,
         (
             CostLine(SPPM, 0.0, passes * alone),
             CostLine(SPPM_AT_EQUAL_QUALITY, 0.0, equal.passes * alone),
@@ -82,14 +84,14 @@ def cost_lines(work: Workspace) -> Comparison:
 
 def mean_convergence(work: Workspace) -> dict[int, float]:
     """Number of SPPM passes -> PSNR against the reference in dB, mean over novel views."""
-    rows = read_json(work.convergence)
+    rows = read_json(work.convergence, list[Point])
     if not rows:
         raise UserError(
             str(work.convergence),
             "is empty: there were no second references",
             f"Run `gpf stage reference --scene {work.scene}`, then `gpf stage metrics`.",
         )
-    return {int(row["passes"]): float(row["psnr"]) for row in rows}
+    return {row["passes"]: row["psnr"] for row in rows}
 
 
 def seconds_of_all(work: Workspace) -> pd.DataFrame:
@@ -99,7 +101,7 @@ def seconds_of_all(work: Workspace) -> pd.DataFrame:
         {"stage": stage, "part": name, **part}
         for path in sorted(folder.rglob("*.json"))
         for stage in [path.relative_to(folder).with_suffix("").as_posix()]
-        for name, part in read_json(path).get("parts", {}).items()
+        for name, part in read_json(path, CostFile)["parts"].items()
     ]
     return pd.DataFrame(rows, columns=["stage", "part", *KINDS])
 

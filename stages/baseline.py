@@ -20,8 +20,9 @@ from gpf.core.images import check_finite, read_exr, write_exr, write_png
 from gpf.core.progress import Bar, progress_bar, say
 from gpf.core.yaml import suggest
 from metrics import stage_costs
+from metrics.files import CostFile
 from stages.common.code import digest_of
-from stages.common.costs import CostMeter
+from stages.common.costs import CostMeter, times_of
 from stages.common.resuming import open_task_folder
 from stages.common.subprocesses import run_each
 from stages.common.timing_baseline import time_path
@@ -61,9 +62,10 @@ def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
     views, title = work.novel_views(), f"{work.scene}: {method}"
     with progress_bar(f"{title}, preparing", 1) as bar:
         prepared, costs = prepare(work, method, options, bar)
-    shutil.rmtree(work.renders(method), ignore_errors=True)
     with progress_bar(f"{title}, rendering", len(views)) as bar:
         render_all(work, method, prepared, costs, bar)
+    images = [work.render(method, view.name) for view in views]
+    keep_only(work.renders(method), *images, *(image.with_suffix(".png") for image in images))
     costs.facts |= {"views": len(views), **prepared.facts}
     costs.facts["storage_megabytes"] = prepared.storage_bytes / 1e6
     costs.note_peak_memory()
@@ -179,7 +181,7 @@ def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
         path = work.reference(view.name)
         if len(found) < count and path.exists():
             layers, record = read_exr(path)
-            current = record["view"] == view.model_dump(mode="json")
+            current = record.get("view") == view.model_dump(mode="json")
             if current and "radiance" in layers:
                 found.append(TrainingView(view, layers))
     if len(found) < count:
@@ -194,7 +196,9 @@ def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
 
 def seconds_per_view(work: Workspace) -> float:
     """Seconds that a view from the field takes, without compilation."""
-    return stage_costs.seconds_per_view(read_json(work.cost("render")))
+    costs = read_json(work.cost("render"), CostFile)
+    with times_of(work.cost("render")):
+        return stage_costs.seconds_per_view(costs)
 
 
 def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
@@ -229,11 +233,17 @@ def state_folder(work: Workspace, method: str) -> Path:
     return work.folder / "checkpoints" / f"baseline-{method}"
 
 
+def keep_only(folder: Path, *files: Path) -> None:
+    """Remove all other files of a folder, once the new ones are there."""
+    for other in set(folder.iterdir()) - set(files):
+        other.unlink()
+
+
 def refuse(work: Workspace, method: str, refusal: CannotServe) -> None:
     """Save the reason in place of images."""
     file = work.refusal(method)
-    shutil.rmtree(file.parent, ignore_errors=True)
     write_json(file, {"reason": refusal.what, "where": refusal.where, "todo": refusal.todo})
+    keep_only(file.parent, file)
     costs = CostMeter()
     costs.facts["reason"] = refusal.what
     costs.write(work.cost(f"baselines/{method}"))

@@ -16,6 +16,7 @@ from gpf.core.files import read_json, write_json, write_text
 from gpf.core.images import check_finite, read_exr
 from gpf.core.progress import progress_bar, say
 from metrics.equivalent_passes import equivalent_passes
+from metrics.files import Refusal
 from metrics.image import NUMBERS, compare, flip_exposures, psnr
 from stages.common.costs import CostMeter
 from stages.common.makers import command_for
@@ -128,7 +129,7 @@ def _refusal(work: Workspace, method: str) -> str | None:
     file = work.refusal(method)
     if not file.exists():
         return None
-    reason: str = read_json(file)["reason"]
+    reason: str = read_json(file, Refusal)["reason"]
     return reason
 
 
@@ -177,10 +178,10 @@ def _snapshots_of_all(work: Workspace, views: Sequence[str]) -> list[int]:
     files = {name: read_exr(work.second_reference(name)) for name in views}
     wanted = work.params.reference.passes
     for name, (_, record) in files.items():
-        if record["passes"] != wanted:
+        if record.get("passes") != wanted:
             raise UserError(
                 str(work.second_reference(name)),
-                f"has {record['passes']} passes, params.yaml asks for {wanted}",
+                f"has {record.get('passes', 'unknown')} passes, params.yaml asks for {wanted}",
                 f"Run `{command_for(work.second_reference(name))}` again, or set reference.passes "
                 "back.",
             )
@@ -213,7 +214,7 @@ def _read_render(work: Workspace, method: str, name: str, reference: np.ndarray)
 
 def _check_view(work: Workspace, path: Path, name: str, record: Mapping[str, Any]) -> None:
     """Raise an error if the image was made with another camera than that of views.yaml."""
-    if record["view"] != work.views.find(name).model_dump(mode="json"):
+    if record.get("view") != work.views.find(name).model_dump(mode="json"):
         raise UserError(
             str(path), "was made with another camera", f"Run `{command_for(path)}` again."
         )

@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
-from gpf.core.files import read_tensors, write_tensors
+from gpf.core.files import read_tensors, require_finite, require_scene, write_tensors
 from gpf.core.structs import Photons, from_numpy, to_numpy
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
@@ -37,14 +37,16 @@ def trace(scene_name: str) -> None:
         "power": to_numpy(photons.power),
         "depth": to_numpy(photons.depth),
     }
-    write_tensors(work.photons, "photons", tensors, {"paths": paths})
+    write_tensors(work.photons, "photons", tensors, {"paths": paths, "scene": scene_name})
     costs.facts |= {"paths": paths, "stored": dr.width(photons.p), **plan.facts()}
     costs.write(work.cost("photons"))
 
 
 def load_photons(work: Workspace) -> Photons:
     """The photons that this stage saved."""
-    tensors, _ = read_tensors(work.photons, "photons")
+    tensors, metadata = read_tensors(work.photons, "photons")
+    require_scene(work.photons, metadata, work.scene)
+    require_finite(work.photons, tensors)
 
     def columns(name: str) -> np.ndarray:
         return np.ascontiguousarray(tensors[name].T)

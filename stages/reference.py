@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from gpf.core.errors import UserError
-from gpf.core.files import read_tensors, write_tensors
+from gpf.core.files import read_tensors, require_finite, write_tensors
 from gpf.core.images import check_finite, read_exr, write_exr
 from gpf.core.progress import say
 from gpf.core.structs import to_numpy
@@ -150,7 +150,6 @@ def _write_files(
             write_tensors(path, "surfaces", tensors, group.surface_record())
 
     prepare_files(passes.parts.folder, write)
-    passes.parts.clear()
     publish_files(passes.parts.folder, work.folder)
     work.forget_checkpoints()
 
@@ -176,5 +175,6 @@ def _collect_targets(group: Group) -> None:
         parts.append(Targets.from_view(layers, number))
     if group.surface_points > 0:
         tensors, _ = read_tensors(group.work.surfaces, "surfaces")
+        require_finite(group.work.surfaces, tensors)
         parts.append(Targets.from_surfaces(tensors))
-    Targets.join(parts).save(group.work.targets)
+    Targets.join(parts).save(group.work.targets, group.work.scene)

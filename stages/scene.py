@@ -6,6 +6,7 @@ import os
 
 from gpf.core.errors import UserError
 from gpf.core.files import write_json
+from gpf.core.partial import partial_folder, replace_folder
 from gpf.scene.folders import load_views, scene_folder
 from gpf.scene.inventory import scene_info
 from gpf.scene.snapshot import snapshot_scene
@@ -24,8 +25,11 @@ def prepare_scene(scene_name: str) -> None:
         )
     costs = CostMeter()
     with costs.measure("scene"):
-        snapshot_scene(scene_name, work.scene_snapshot)
-        os.replace(work.scene_snapshot / "views.yaml", work.views_file)
+        with partial_folder(work.scene_snapshot) as staging:
+            copy = staging / "scene"
+            snapshot_scene(scene_name, copy)
+            os.replace(copy / "views.yaml", work.views_file)
+            replace_folder(copy, work.scene_snapshot)
         scene = work.load_scene()
     write_json(work.folder / "scene.json", scene_info(scene))
     costs.write(work.cost("scene"))

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 from dvclive import Live
+from scmrepo.exceptions import SCMError
 
+from gpf.core.errors import UserError
+from gpf.core.partial import replace_folder
 from gpf.core.progress import progress_bar
 from gpf.core.structs import Photons
 from gpf.field.io import save_field
@@ -33,6 +37,15 @@ def train_field(scene_name: str) -> None:
     fit(Workspace.open(scene_name))
 
 
+def _open_curves(folder: Path) -> Live:
+    try:
+        return Live(str(folder), save_dvc_exp=False, dvcyaml=None, report=None)
+    except SCMError as error:  # DVCLive asks for the last commit, also if it saves no experiment
+        raise UserError(
+            "git", f"has no commit here ({error})", "Run `git add -A && git commit -m Start` first."
+        ) from error
+
+
 def fit(work: Workspace) -> None:
     """Fit a field; save its best state, the training curves and the costs."""
     costs = CostMeter()
@@ -51,8 +64,9 @@ def fit(work: Workspace) -> None:
         spent = restore_trainer(trainer, work.checkpoint("train"), fingerprint)
         if spent:
             costs.parts["training"] = spent
-    curves = str(work.field_folder / "training")
-    with Live(curves, save_dvc_exp=False, dvcyaml=None, report=None) as live:
+    # Not in their place before they are complete.
+    curves = work.checkpoint("curves").with_suffix("")
+    with _open_curves(curves) as live:
 
         def report(progress: Progress) -> None:
             live.step = progress.step
@@ -72,7 +86,9 @@ def fit(work: Workspace) -> None:
         "params": _params(work),
     }
     save_field(trained, work.field, work.params.field.precision)
+    replace_folder(curves, work.field_folder / "training")
     work.checkpoint("train").unlink(missing_ok=True)
+    work.forget_checkpoints()
     costs.facts |= {"held_out_error": trainer.best_error, "gaussians": count}
     costs.facts |= trained.settings.model_dump()
     costs.note_peak_memory()
@@ -81,7 +97,7 @@ def fit(work: Workspace) -> None:
 
 def _on_references(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
     """The trainer of a new field, on targets of the stage `reference`."""
-    recipe, targets = work.params.recipe, Targets.load(work.targets)
+    recipe, targets = work.params.recipe, Targets.load(work.targets, work.scene)
     if recipe.field.direct == "auto":
         scene = work.load_scene()
         passes = passes_of(work, scene, work.emission_plan(scene))
@@ -147,7 +163,9 @@ def _train(
         def tick(step: int) -> None:
             nonlocal saved
             advance(step)
-            if fingerprint and time.monotonic() - saved > section.checkpoint_seconds:
+            # Only with fresh lists, as a run that goes on from there has: so it gets the same bits.
+            fresh = trainer.rebuilt_at == step
+            if fingerprint and fresh and time.monotonic() - saved > section.checkpoint_seconds:
                 cost = costs.so_far("training")
                 save_trainer(trainer, work.checkpoint("train"), fingerprint, cost)
                 saved = time.monotonic()

@@ -32,7 +32,7 @@ def asked_to_suppress(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     asked = []
 
     def sample(*arguments: object) -> object:
-        asked.append(arguments[-1])
+        asked.append(arguments[5])
         return sample_adaptively(*arguments)
 
     monkeypatch.setattr("gpf.rendering.gpf.sample_adaptively", sample)

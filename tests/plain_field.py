@@ -10,8 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpf.core.structs import SurfacePoints, from_numpy
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
+from gpf.field.settings import FieldSettings
 
 # The field's constants, written down a second time.
 SURFACE_HEIGHT, LARGEST_REACH, WEIGHT_FLOOR = 0.35, 4.0, 1e-6

@@ -19,7 +19,7 @@ from pathlib import Path
 import drjit as dr
 import numpy as np
 
-from gpf.core.cluster import ClusterChoice, cores_of_smallest_machine, task_result
+from gpf.core.cluster import ClusterChoice, cores_of_smallest_machine, task_result, wait_for_tasks
 from gpf.core.runtime import choose_variant
 from gpf.field.io import load_field
 from gpf.rendering.field_renderer import FieldRenderer
@@ -84,8 +84,7 @@ def render_on_cluster(
     running = {task.remote(sent, view, seeds[view.name]): view for view in views}
     try:
         while running:
-            ready, _ = ray.wait(list(running), timeout=1.0)
-            for reference in ready:
+            for reference in wait_for_tasks(ray, running):
                 view = running.pop(reference)
                 yield view, task_result(ray, reference, f"view {view.name}")
     finally:

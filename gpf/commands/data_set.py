@@ -58,11 +58,7 @@ def write_data_set(
         view.name: {"file_path": f"{view.name}.png"} for view in views
     }
     for view in views:
-        wanted = {
-            "depth": folder / f"{view.name}_depth.npy",
-            "normal": folder / f"{view.name}_normal.png",
-        }
-        wanted = {name: file for name, file in wanted.items() if name in layers}
+        wanted = {n: file for n, file in layer_files(folder, view).items() if n in layers}
         files[view.name] |= {f"{name}_file_path": file.name for name, file in wanted.items()}
         if all(file.exists() for file in wanted.values()):
             continue
@@ -78,6 +74,14 @@ def write_data_set(
         write_points(folder / "points.ply", *_collect_points(folder, views, size))
         shared["ply_file_path"] = "points.ply"
     write_transforms(folder / "transforms.json", views, size, files, shared)
+
+
+def layer_files(folder: Path, view: View) -> dict[str, Path]:
+    """Where the depth and the normals of a view are, if they are wanted."""
+    return {
+        "depth": folder / f"{view.name}_depth.npy",
+        "normal": folder / f"{view.name}_normal.png",
+    }
 
 
 def pixel_centres(

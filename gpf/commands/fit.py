@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 from pathlib import Path
 
 import mitsuba as mi
@@ -10,17 +11,20 @@ import numpy as np
 from gpf.commands.cameras import file_beside
 from gpf.core.errors import UserError
 from gpf.core.images import propose_exposure, write_png
+from gpf.core.locks import sole_run
+from gpf.core.partial import remove_leftovers
 from gpf.core.progress import Bar, progress_bar, say
 from gpf.core.runtime import choose_variant
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import save_field
 from gpf.fitting.fit import FitProgress, fit
-from gpf.fitting.state import PHOTONS, Resume
+from gpf.fitting.state import Resume
 from gpf.importing.placement import ROWS
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
 from gpf.scene.transforms import read_sensors
+from gpf.scene.untraceable import telling_untraceable
 
 PREVIEW_ROWS, PREVIEW_SPP = 256, 16
 
@@ -47,7 +51,9 @@ def fit_scene_file(
     groups: groups of emitters whose light is kept apart (:meth:`LightGroups.parse`).
     """
     if out.suffix != ".safetensors":
-        raise UserError(f"--out {out}", "is no field", "Give it a name that ends in .safetensors.")
+        raise UserError(
+            str(out), "is no name of a field", "Give it a name that ends in .safetensors."
+        )
     choose_variant("auto")
     scene = load_scene_file(path)
     light_groups = LightGroups.parse(groups, scene)
@@ -55,8 +61,13 @@ def fit_scene_file(
     sensors, exposure = (None, None) if views is None else read_sensors(views, ROWS)
     say("cameras: placed around the scene's own" if views is None else f"cameras: those of {views}")
     preview, state = out.with_suffix(".png"), out.with_suffix(".fit")
-    resume: Resume = "never" if is_finished(state, out) else "if possible"
-    with progress_bar(f"{path.stem}: looking around", 1) as bar:
+    with (
+        sole_run(out),
+        telling_untraceable(str(path)),
+        progress_bar(f"{path.stem}: looking around", 1) as bar,
+    ):
+        remove_leftovers(out.parent)
+        resume: Resume = "never" if is_finished(state, out) else "if possible"
         field = fit(
             scene,
             sensors,
@@ -70,7 +81,7 @@ def fit_scene_file(
             exposure=exposure,
             resume="always" if go_on else resume,
         )
-    save_field(field, out)
+        save_field(field, out)
     record = field.record
     say(
         f"{out}: {record['passes']} passes, estimated PSNR {record['estimated_psnr']:.1f} dB; "
@@ -81,9 +92,12 @@ def fit_scene_file(
 
 
 def is_finished(state: Path, out: Path) -> bool:
-    """Whether the fit with this state has written its field; False without a state."""
-    photons = state / PHOTONS
-    return photons.exists() and out.exists() and out.stat().st_mtime >= photons.stat().st_mtime
+    """Whether the fit with this state has written its field; False without a state.
+
+    Then the state has the same field. Times of files would tell less: clocks jump.
+    """
+    fields = state.glob("field-*.safetensors") if out.exists() else ()
+    return any(filecmp.cmp(file, out, shallow=False) for file in fields)
 
 
 def _preview_sensor(scene: mi.Scene, sensors: list[mi.Sensor] | None) -> mi.Sensor | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,14 +16,16 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.commands.cameras import CameraChoice, Cameras, choose_cameras
-from gpf.commands.data_set import write_data_set
+from gpf.commands.data_set import layer_files, write_data_set
 from gpf.commands.scenes import find_scene, require_same_scene
 from gpf.core.errors import UserError
 from gpf.core.films import find_encoder, write_film
 from gpf.core.images import propose_exposure, read_exr, read_record, tone_map, write_exr, write_png
+from gpf.core.locks import sole_run
+from gpf.core.partial import remove_leftovers
 from gpf.core.progress import progress_bar, say
 from gpf.core.random import pass_seed, stream_of
-from gpf.core.runtime import choose_variant
+from gpf.core.runtime import choose_variant, require_memory
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
 from gpf.rendering.aovs import expected_psnr, parse_aovs
@@ -33,16 +36,13 @@ from gpf.rendering.lights import set_lights
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.fingerprint import fingerprint
 from gpf.scene.load import load_scene_file
+from gpf.scene.untraceable import telling_untraceable
 from gpf.scene.views import View
 
 ROWS = 256
 """Rows of a picture, if no size is given."""
 
 FILM, FPS = "film.mp4", 24
-
-DENOISED_UP_TO = 16
-"""Samples per pixel up to which pictures are denoised, if the package for it is installed. With
-more samples, the denoiser may add larger errors than it removes."""
 
 WORTH_SAYING = 0.02
 """Share of weakly covered pixels of a picture from which a message says so."""
@@ -63,7 +63,7 @@ class PictureOptions:
     seconds: time for a picture, instead of a number of samples.
     aovs: further layers of the EXR files, a list with commas.
     exposure: of the PNG files; None for that of the views' file, of the field, or a measured one.
-    denoise: whether to denoise; None for what suits the number of samples.
+    denoise: whether to denoise; None: if the package for it is there.
     film: whether to write an MP4.
     seed: of all random numbers.
     changed_scene: whether to render with a field of another scene.
@@ -110,6 +110,10 @@ def render_pictures(
     aovs = _read_aovs(options.aovs)
     if options.denoise and options.seconds is not None:
         raise UserError("--denoise and --seconds", "exclude each other", "Give --spp instead.")
+    for option in ("seconds", "exposure"):
+        value = getattr(options, option)
+        if value is not None and not 0 < value < math.inf:  # or NaN
+            raise UserError(f"--{option}", f"is {value}", "Give a number above 0, or leave it out.")
     if options.cluster and options.executor != "ray":
         raise UserError("--cluster", "is for `--executor ray`", "Give both, or leave it out.")
     if options.film:
@@ -134,17 +138,19 @@ def render_pictures(
     if choice.file is None and views_beside is not None and views_beside.exists():
         choice = CameraChoice(choice.names, views_beside, choice.frames, choice.orbit)
     cameras = choose_cameras(scene, scene_file, choice)
-    pictures = Pictures.plan(scene, field, field_file, cameras, folder, aovs, options)
+    with telling_untraceable(str(scene_file)):  # measures the exposure, if none is given
+        pictures = Pictures.plan(scene, field, field_file, cameras, folder, aovs, options)
     start = time.perf_counter()
+    renderings = pictures.on_this_machine
     if options.executor == "ray":
-        made = pictures.render(
-            partial(pictures.on_cluster, scene_file, field_file, options.cluster, options.lights)
-        )
-    else:
-        made = pictures.render(pictures.on_this_machine)
-    if options.film:
-        pictures.write_film()
-    write_data_set(folder, scene, cameras.views, pictures.size, aovs)
+        places = scene_file, field_file, options.cluster, options.lights
+        renderings = partial(pictures.on_cluster, *places)
+    with sole_run(folder), telling_untraceable(str(scene_file)):
+        remove_leftovers(folder)
+        made = pictures.render(renderings)
+        if options.film:
+            pictures.write_film()
+        write_data_set(folder, scene, cameras.views, pictures.size, aovs)
     for remark in pictures.remarks():
         say(f"{folder}: {remark}")
     kept = len(cameras.views) - made
@@ -174,7 +180,9 @@ def _read_size(text: str | None, aspect: float) -> tuple[int, int]:
             f"--size {text}", "is no size", "Give WIDTHxHEIGHT, such as 512x512, or rows alone."
         )
     rows = numbers[-1]
-    return (numbers[0], rows) if len(numbers) == 2 else (max(1, round(rows * aspect)), rows)
+    width = numbers[0] if len(numbers) == 2 else max(1, round(rows * aspect))
+    require_memory("--size", f"{width}x{rows}", 40 * width * rows)  # layers, and copies of them
+    return width, rows
 
 
 @dataclass(frozen=True)
@@ -206,7 +214,7 @@ class Pictures:
         spp = options.spp or RenderSettings().spp
         denoise = options.denoise
         if denoise is None:
-            denoise = has_denoiser() and options.seconds is None and spp <= DENOISED_UP_TO
+            denoise = has_denoiser() and options.seconds is None
         if denoise and not has_denoiser():
             raise UserError("--denoise", "needs the package pyoidn", f"pip install {PACKAGE}")
         settings = RenderSettings(spp=spp, denoise=denoise)
@@ -237,6 +245,9 @@ class Pictures:
         with progress_bar(f"{self.folder.name}: rendering", len(self.views)) as bar:
             bar(done)
             for view, layers in renderings(missing) if missing else ():
+                # Those of the picture before: they may have another size.
+                for file in layer_files(self.folder, view).values():
+                    file.unlink(missing_ok=True)
                 write_png(self.png(view), layers["radiance"], self.exposure)
                 facts = self.record(view)
                 if "error" in layers:

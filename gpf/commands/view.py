@@ -16,6 +16,8 @@ import mitsuba as mi
 from gpf.commands.cameras import file_beside, known_cameras
 from gpf.commands.scenes import find_scene, require_same_scene
 from gpf.core.errors import UserError, is_interrupt
+from gpf.core.locks import sole_run
+from gpf.core.partial import remove_leftovers
 from gpf.core.progress import say
 from gpf.core.runtime import choose_variant
 from gpf.field.io import load_field
@@ -23,10 +25,14 @@ from gpf.scene.inventory import describe_media
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import make_sensor
+from gpf.scene.untraceable import telling_untraceable
 from gpf.scene.views import View
 from gpf.viewing.background_fit import BackgroundFit
 from gpf.viewing.server import PageServer
 from gpf.viewing.viewer import Viewer
+
+# Ctrl-C, `kill`, and a terminal that is closed.
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True)
@@ -91,9 +97,11 @@ def view_scene(
     cameras, aspect, exposure = _cameras(scene, scene_file, views_file)
     if exposure is None and field is not None:
         exposure = field.record.get("exposure")
-    with tempfile.TemporaryDirectory(prefix="gpf-view-") as folder, _ended_by_signals():
+    lock = contextlib.nullcontext() if field is not None else sole_run(out)
+    with lock, _ended_by_signals(), tempfile.TemporaryDirectory(prefix="gpf-view-") as folder:
         fit = None
         if field is None:
+            remove_leftovers(out.parent)
             # A file that does not exist yet is only where cameras will be saved.
             given = views_file if views_file is not None and views_file.exists() else None
             cameras_file = file_beside(scene_file, given)
@@ -116,7 +124,8 @@ def view_scene(
             if options.opens:
                 webbrowser.open(server.address)
             try:
-                viewer.run()
+                with telling_untraceable(str(scene_file)):
+                    viewer.run()
             finally:
                 server.close()
         except BaseException as error:
@@ -124,8 +133,14 @@ def view_scene(
                 raise
         finally:
             if fit is not None:
+                _ignore_signals()  # a second Ctrl-C would only lose the field
                 kept = fit.close()
-                say(f"{out}: the field after {fit.status.passes} passes" if kept else "No field.")
+                why = f" {fit.status.error}" if fit.status.error else ""
+                say(
+                    f"{out}: the field after {fit.status.passes} passes"
+                    if kept
+                    else f"No field.{why}"
+                )
 
 
 def _title(scene_file: Path, trained: Path | None) -> str:
@@ -168,9 +183,15 @@ def _ended_by_signals() -> Iterator[None]:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    before = {s: signal.signal(s, interrupt) for s in (signal.SIGTERM, signal.SIGHUP)}
+    before = {number: signal.signal(number, interrupt) for number in _ENDING}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _ignore_signals() -> None:
+    """Until the block of :func:`_ended_by_signals` ends."""
+    for number in _ENDING:
+        signal.signal(number, signal.SIG_IGN)

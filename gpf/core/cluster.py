@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import os
 import socket
+import time
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from gpf.core.errors import UserError
+
+HEAD_TRIES = 5
+"""How often a head that does not answer is asked again, a second later each: it may be one that is
+started anew by itself."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,34 @@ def cores_of_smallest_machine(ray: Any) -> float:
     return float(min(cores))
 
 
+def wait_for_tasks(ray: Any, running: Collection[Any]) -> list[Any]:
+    """Those of the running tasks that have ended; empty if none ends within a second.
+
+    Raises
+    ------
+    UserError: the head of the cluster has ended. Ray itself would end this process a minute later.
+    """
+    ready, _ = ray.wait(list(running), timeout=1.0)
+    if not ready:
+        _require_head(ray.get_runtime_context().gcs_address)
+    return list(ready)
+
+
+def _require_head(address: str) -> None:
+    host, _, port = address.rpartition(":")
+    for _ in range(HEAD_TRIES):
+        try:
+            socket.create_connection((host.strip("[]"), int(port)), timeout=5).close()
+            return
+        except OSError:
+            time.sleep(1)
+    raise UserError(
+        f"the head of the Ray cluster, {address}",
+        "does not answer any more",
+        "Start the cluster again, then run this again: what is done is saved.",
+    )
+
+
 def task_result(ray: Any, reference: Any, what: str) -> Any:
     """The result of a task; ``what`` names it in messages.
 
@@ -102,7 +136,7 @@ def task_result(ray: Any, reference: Any, what: str) -> Any:
         if isinstance(cause, UserError):
             raise UserError(cause.where, cause.what, cause.todo) from error
         raise
-    except (ray.exceptions.WorkerCrashedError, ray.exceptions.RaySystemError) as error:
+    except ray.exceptions.RayError as error:
         raise UserError(
             what,
             "was lost, also in all retries",

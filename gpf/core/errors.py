@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -55,6 +58,37 @@ class FileError(UserError):
         return type(self), (self.path, self.what, self.missing)
 
 
+class WriteError(UserError):
+    """A file could not be written: the disk is full, or the folder is not for writing."""
+
+    def __init__(self, path: Path | str, why: object) -> None:
+        self.path, self.why = path, str(why)
+        super().__init__(
+            str(path), f"could not be written ({why})", "Free some disk space or check the folder."
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.path, self.why)
+
+
+# No room, no permission, a file where a folder should be, or a folder where a file should be.
+_OF_FILES = (
+    *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM),
+    *(errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ENOTEMPTY),
+)
+
+
+def explain_file_error(error: OSError) -> UserError | None:
+    """An error of the file system in words; None if a user cannot correct it."""
+    if error.errno not in _OF_FILES:
+        return None
+    return UserError(
+        str(error.filename or "a file"),
+        f"could not be written or read ({error.strerror})",
+        "Free some disk space or check the folder.",
+    )
+
+
 def is_interrupt(error: BaseException | None) -> bool:
     """Whether Ctrl-C caused an error: inside a loop, Dr.Jit raises another error from it."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
@@ -78,3 +112,24 @@ def uninterrupted() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
         if received:
             before(*received[0])
+
+
+@contextmanager
+def no_lost_interrupts() -> Iterator[None]:
+    """Ctrl-C that arrives in a destructor, where Python drops every exception, comes again."""
+    before = sys.unraisablehook
+
+    def come_again(dropped: sys.UnraisableHookArgs) -> None:
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+            before(dropped)
+            return
+        # From another thread and a moment later: here, it would be dropped as well.
+        again = threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT))
+        again.daemon = True
+        again.start()
+
+    sys.unraisablehook = come_again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before

@@ -1,4 +1,4 @@
-"""Text, JSON and tensor files (safetensors with a schema version and metadata).
+"""Text, JSON and tensor files (safetensors with a schema version, metadata and a checksum).
 
 Writes are atomic: a reader sees the old file or the new one, never an incomplete one.
 """
@@ -7,46 +7,38 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
+import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from gpf.core.errors import FileError, UserError
+from gpf.core.errors import FileError, WriteError
+from gpf.core.partial import partial_file
 
 SCHEMA_VERSION = 1
+
+LARGEST_HEADER = 16 << 20
+"""Bytes that the header of a tensor file may have; those of this program have some thousand."""
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Call ``write`` with the path of a temporary file beside ``path``, then rename that file.
 
-    Folders are made as needed. Raises a :class:`UserError` if the file cannot be written.
+    Folders are made as needed. Raises a :class:`WriteError` if the file cannot be written.
     """
-    temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # The same suffix as the file: some writers choose the format by it.
-        handle, name = tempfile.mkstemp(
-            dir=path.parent, prefix=f".partial-{path.stem}-", suffix=path.suffix
-        )
-        os.close(handle)
-        temporary = Path(name)
-        write(temporary)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+        with partial_file(path) as temporary:
+            write(temporary)
+            os.chmod(temporary, 0o644)
+            os.replace(temporary, path)
     except (OSError, RuntimeError) as error:  # RuntimeError: raised by image libraries
-        raise UserError(
-            str(path),
-            f"could not be written ({error})",
-            "Free some disk space or check the folder.",
-        ) from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
+        raise WriteError(path, error) from error
 
 
 def write_text(path: Path, text: str) -> None:
@@ -59,14 +51,40 @@ def write_json(path: Path, value: Any) -> None:
     write_text(path, json.dumps(value, indent=2, sort_keys=True) + "\n")
 
 
-def read_json(path: Path) -> Any:
-    """Read JSON; a :class:`FileError` if the file is missing or is not JSON."""
+def read_json(path: Path, shape: Any = Any) -> Any:
+    """Read JSON.
+
+    Parameters
+    ----------
+    shape: a type such as ``dict[str, float]`` that the content has; other content is not converted.
+
+    Raises
+    ------
+    FileError: the file is missing, is not JSON, or has another shape.
+    """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        data = path.read_bytes()
     except FileNotFoundError as error:
         raise FileError(path, "is missing", missing=True) from error
-    except json.JSONDecodeError as error:
+    except OSError as error:
+        raise FileError(path, f"cannot be read ({error.strerror})") from error
+    return _parse_json(path, data, shape)
+
+
+def _parse_json(path: Path, text: str | bytes, shape: Any) -> Any:
+    """The content of a file, or of a part of it."""
+    try:
+        text = text.decode("utf-8") if isinstance(text, bytes) else text
+        content = json.loads(text)
+        TypeAdapter(shape).validate_json(text, strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"]) or "the whole"
+        raise FileError(path, f"has another shape ({place}: {first['msg']})") from error
+    # ValueError: no UTF-8, no JSON, a number of thousands of digits. RecursionError: too deep.
+    except (ValueError, RecursionError) as error:
         raise FileError(path, f"is not JSON ({error})") from error
+    return content
 
 
 def write_tensors(
@@ -79,37 +97,103 @@ def write_tensors(
     kind: what the file holds, e.g. ``targets``; :func:`read_tensors` asks for it.
     metadata: JSON values.
     """
+    arrays = {name: np.ascontiguousarray(value) for name, value in tensors.items()}
+    text = json.dumps(dict(metadata), sort_keys=True)
     header = {
         "kind": kind,
         "schema_version": str(SCHEMA_VERSION),
-        "metadata": json.dumps(dict(metadata), sort_keys=True),
+        "metadata": text,
+        "checksum": checksum(text, arrays),
     }
-    arrays = {name: np.ascontiguousarray(value) for name, value in tensors.items()}
     data = _sort_header(save(arrays, metadata=header))
     write_atomically(path, lambda p: p.write_bytes(data))
 
 
-def read_tensors(path: Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def read_tensors(
+    path: Path, kind: str, shape: Any = dict[str, Any]
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Read the arrays and the metadata of a file of the given kind.
+
+    ``shape``: type of the metadata, as for :func:`read_json`.
 
     Raises
     ------
-    FileError: the file is missing, truncated, of another kind or of another schema version.
+    FileError: the file is missing, truncated, damaged, of another kind or of another schema
+        version, or its metadata are not JSON or have another shape. An array that the file does
+        not have is a FileError when it is asked for.
     """
     if not path.exists():
         raise FileError(path, "is missing", missing=True)
     try:
+        _check_header_size(path)
         with safe_open(str(path), framework="numpy") as file:
             header = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (SafetensorError, OSError) as error:
+            tensors = Parts(path, "tensor")
+            tensors |= {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    # Others than those of the library: a type that numpy lacks, or a header that is too deep.
+    except (SafetensorError, OSError, ValueError, TypeError, AttributeError, KeyError) as error:
         raise FileError(path, f"is truncated or damaged ({error})") from error
-    version = header.get("schema_version", "none")
+    version, text = header.get("schema_version", "none"), header.get("metadata", "")
     if header.get("kind") != kind:
         raise FileError(path, f"holds {header.get('kind', 'something else')}, not {kind}")
     if version != str(SCHEMA_VERSION):
         raise FileError(path, f"has schema version {version}; this program reads {SCHEMA_VERSION}")
-    return tensors, json.loads(header["metadata"])
+    # Older files have no checksum.
+    if header.get("checksum", found := checksum(text, tensors)) != found:
+        raise FileError(path, "is damaged (its content does not fit its checksum)")
+    return tensors, _parse_json(path, text, shape)
+
+
+def name_not_finite(tensors: Mapping[str, np.ndarray]) -> str | None:
+    """The first tensor with a value that is NaN or infinite."""
+    return next((name for name, value in tensors.items() if not np.isfinite(value).all()), None)
+
+
+def require_finite(path: Path, tensors: Mapping[str, np.ndarray]) -> None:
+    """Raise a :class:`FileError` if the tensors of a file have values that are not finite."""
+    if name := name_not_finite(tensors):
+        raise FileError(path, f"has NaN or infinite values in {name}")
+
+
+def require_scene(path: Path, metadata: Mapping[str, Any], scene: str) -> None:
+    """Raise a :class:`FileError` if a file says that it belongs to another scene; those of earlier
+    versions say nothing."""
+    if (found := metadata.get("scene", scene)) != scene:
+        raise FileError(path, f"belongs to the scene {found}, not to {scene}")
+
+
+class Parts(dict[str, np.ndarray]):
+    """The arrays of a file; one that it does not have is a :class:`FileError`.
+
+    Parameters
+    ----------
+    kind: what an array is called in that message.
+    """
+
+    def __init__(self, path: Path, kind: str) -> None:
+        super().__init__()
+        self.path, self.kind = path, kind
+
+    def __missing__(self, name: str) -> np.ndarray:
+        raise FileError(self.path, f"has no {self.kind} {name}")
+
+
+def checksum(text: str, arrays: Mapping[str, np.ndarray]) -> str:
+    """CRC-32 of a text and of named arrays with their shapes, in any order."""
+    value = zlib.crc32(text.encode())
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        value = zlib.crc32(f"{name} {array.dtype.str} {array.shape}".encode(), value)
+        value = zlib.crc32(array.reshape(-1).view(np.uint8).data, value)
+    return f"{value:08x}"
+
+
+def _check_header_size(path: Path) -> None:
+    """Raise an OSError if the header is larger than the file or than :data:`LARGEST_HEADER`."""
+    with path.open("rb") as file:
+        size = int.from_bytes(file.read(8), "little")
+    if size > min(LARGEST_HEADER, path.stat().st_size - 8):
+        raise OSError(f"its header would have {size} bytes")
 
 
 def _sort_header(data: bytes) -> bytes:

@@ -11,10 +11,10 @@ import numpy as np
 import OpenEXR
 
 from gpf.core.errors import FileError, UserError
-from gpf.core.files import SCHEMA_VERSION, write_atomically
+from gpf.core.files import SCHEMA_VERSION, Parts, checksum, write_atomically
 
-# The header attribute that holds the record: what made the image.
-_RECORD = "gpf"
+# The header attributes that hold the record (what made the image) and the checksum.
+_RECORD, _CHECKSUM = "gpf", "gpf_checksum"
 
 
 def write_exr(path: Path, layers: Mapping[str, np.ndarray], record: Mapping[str, Any]) -> None:
@@ -36,14 +36,20 @@ def write_exr(path: Path, layers: Mapping[str, np.ndarray], record: Mapping[str,
         prefix = "" if name == "radiance" else f"{name}."
         for i, letter in enumerate("RGB"):
             channels[prefix + letter] = np.ascontiguousarray(array[..., i])
+    text = json.dumps({"schema_version": SCHEMA_VERSION, **record}, sort_keys=True)
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
-        _RECORD: json.dumps({"schema_version": SCHEMA_VERSION, **record}, sort_keys=True),
+        _RECORD: text,
+        _CHECKSUM: checksum(text, channels),
     }
 
     def write(temporary: Path) -> None:
         OpenEXR.File(header, channels).write(str(temporary))
+        try:  # OpenEXR does not say if a full disk cuts the end off
+            _read_channels(temporary)
+        except FileError as error:
+            raise OSError("the disk may be full") from error
 
     write_atomically(path, write)
 
@@ -53,20 +59,14 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 
     Raises
     ------
-    FileError: the file is missing, truncated or of another schema version.
+    FileError: the file is missing, truncated, damaged or of another schema version. A layer that
+        the file does not have is a FileError when it is asked for.
     """
-    if not path.exists():
-        raise FileError(path, "is missing", missing=True)
-    try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            record = json.loads(file.header().get(_RECORD, "{}"))
-            channels = {name: c.pixels.copy() for name, c in file.channels().items()}
-    except Exception as error:  # OpenEXR raises several built-in exceptions
-        raise FileError(path, f"is truncated or not an EXR ({error})") from error
+    channels, record = _read_channels(path)
     if record.get("schema_version") != SCHEMA_VERSION:
         version = record.get("schema_version", "none")
         raise FileError(path, f"has schema version {version}; this program reads {SCHEMA_VERSION}")
-    layers: dict[str, np.ndarray] = {}
+    layers = Parts(path, "layer")
     for name, pixels in channels.items():
         layer, _, letter = name.rpartition(".")
         if letter == "V":
@@ -77,14 +77,32 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     return layers, record
 
 
+def _read_channels(path: Path) -> tuple[Parts, dict[str, Any]]:
+    """Channels and record of an EXR that is whole."""
+    if not path.exists():
+        raise FileError(path, "is missing", missing=True)
+    channels = Parts(path, "channel")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            header = dict(file.header())  # a copy: the file empties its own when it is closed
+            text = header.get(_RECORD, "{}")
+            record: dict[str, Any] = dict(json.loads(text))
+            channels |= {name: c.pixels.copy() for name, c in file.channels().items()}
+    except Exception as error:  # OpenEXR raises several built-in exceptions
+        raise FileError(path, f"is truncated or not an EXR ({error})") from error
+    # OpenEXR only prints a warning if pixels cannot be read. Older files have no checksum.
+    if header.get(_CHECKSUM, found := checksum(text, channels)) != found:
+        raise FileError(path, "is truncated or damaged (its content does not fit its checksum)")
+    return channels, record
+
+
 def read_record(path: Path) -> dict[str, Any] | None:
     """The record of an EXR (see :func:`write_exr`); None if the file cannot be read."""
     if not path.exists():
         return None
     try:
         with OpenEXR.File(str(path), header_only=True) as file:
-            record: dict[str, Any] = json.loads(file.header().get(_RECORD, "{}"))
-            return record
+            return dict(json.loads(file.header().get(_RECORD, "{}")))
     except Exception:  # no permission, truncated, another format
         return None
 
@@ -149,4 +167,7 @@ def write_png(path: Path, radiance: np.ndarray, exposure: float) -> None:
     import mitsuba as mi
 
     pixels = np.round(tone_map(radiance, exposure) * 255).astype(np.uint8)
-    write_atomically(path, lambda p: mi.Bitmap(pixels).write(str(p)))
+    # Through memory: Mitsuba does not say if a full disk cuts the end off.
+    stream = mi.MemoryStream()
+    mi.Bitmap(pixels).write(stream, mi.Bitmap.FileFormat.PNG)
+    write_atomically(path, lambda p: p.write_bytes(stream.raw_buffer()))

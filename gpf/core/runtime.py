@@ -18,9 +18,11 @@ it ends the process.
 import os
 import platform
 import re
+import resource
 import subprocess
 import sys
 import warnings
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -185,6 +187,37 @@ def count_cores() -> int:
     if hasattr(os, "sched_getaffinity"):  # not on macOS
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
+
+
+def count_memory() -> int:
+    """The memory that this process may use, bytes; that of a GPU does not count."""
+    limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY:
+        limits.append(limit)
+    with suppress(OSError, ValueError):  # no container, or one without a limit ("max")
+        limits.append(int(CONTAINER_LIMIT.read_text()))
+    return min(limits)
+
+
+def require_memory(where: str, value: object, needed: float) -> None:
+    """Raise a :class:`UserError` if a value needs more memory than there is.
+
+    Parameters
+    ----------
+    where, value: the setting that needs it.
+    needed: bytes; a lower bound, so that nothing is refused that would work.
+    """
+    if needed > (there := count_memory()):
+        raise UserError(
+            where,
+            f"is {value}, which needs {needed / 2**30:,.1f} GiB of memory or more; there are "
+            f"{there / 2**30:,.1f} GiB",
+            "Choose a smaller value.",
+        )
 
 
 def read_version(package: str) -> str | None:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator
 from pydantic_core import PydanticCustomError
 
-Count = Annotated[int, Field(ge=1)]
+Count = Annotated[int, Field(ge=1, lt=2**31)]
 Seed = Annotated[int, Field(ge=0, lt=2**31)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -31,9 +31,11 @@ Length = Annotated[float | Literal["auto"], PlainValidator(_check_length)]
 def _check_count(value: object) -> int | Literal["auto"]:
     if value == "auto":
         return "auto"
-    if isinstance(value, int) and not isinstance(value, bool) and value > 0:
+    if isinstance(value, int) and not isinstance(value, bool) and 0 < value < 2**31:
         return value
-    raise PydanticCustomError("count", "Input should be a whole number greater than 0, or auto")
+    raise PydanticCustomError(
+        "count", "Input should be a whole number from 1 to 2147483647, or auto"
+    )
 
 
 AutoCount = Annotated[int | Literal["auto"], PlainValidator(_check_count)]

@@ -176,14 +176,26 @@ class SpatialHash:
         first = self._cell_of(grid, x - reach)
         last = self._cell_of(grid, x + reach)
         radius2 = radius * radius
+
+        def searching(state):  # type: ignore[no-untyped-def]
+            return active if enough is None else active & ~enough(state)
+
+        # What a loop does not change is no part of its state: Dr.Jit would trace the loop once more
+        # to find that out, and the innermost one of four loops 16 times.
         z = mi.Int32(first.z)
-        while active & (z <= last.z):
+        while dr.hint(
+            searching(state) & (z <= last.z), exclude=[active, x, grid, radius2, first, last]
+        ):
             y = mi.Int32(first.y)
-            while active & (y <= last.y):
+            while dr.hint(
+                searching(state) & (y <= last.y), exclude=[active, x, grid, radius2, first, last, z]
+            ):
                 row = self._row(grid, y, z)
                 index = dr.gather(mi.UInt32, self._starts, row + mi.UInt32(first.x), active)
                 end = dr.gather(mi.UInt32, self._starts, row + mi.UInt32(last.x) + 1, active)
-                while active & (index < end):
+                while dr.hint(
+                    searching(state) & (index < end), exclude=[active, x, grid, radius2, end, y, z]
+                ):
                     record = dr.gather(mi.Vector4f, self.records, index, active)
                     p = mi.Point3f(record.x, record.y, record.z)
                     distance2 = dr.squared_norm(p - x)
@@ -192,8 +204,6 @@ class SpatialHash:
                         c = self._cell_of(grid, p)
                         inside &= (c.y == y) & (c.z == z)
                     state = body(state, index, record, distance2, inside)
-                    if dr.hint(enough is not None, mode="scalar"):
-                        active &= ~enough(state)
                     index += 1
                 y += 1
             z += 1
@@ -225,7 +235,7 @@ class SpatialHash:
         distance2 = [dr.full(mi.Float, dr.inf, dr.width(x)) for _ in range(k)]
         radius = mi.Float(start)
         searching = mi.Bool(active)
-        while searching:
+        while dr.hint(searching, exclude=[x, limit]):
             grid = self._level_for(radius, searching)
             index, distance2 = self._scan(
                 grid, x, radius, _insert(accept), _nothing_found(k), mi.Bool(searching)

@@ -41,7 +41,8 @@ def read_yaml(file: Path, model: type[Model], if_missing: str) -> Model:
         data = YAML(typ="safe").load(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise UserError(str(file), "cannot be read", if_missing) from error
-    except (YAMLError, UnicodeDecodeError) as error:
+    # ValueError: no UTF-8, or a number of thousands of digits. RecursionError: too deep.
+    except (YAMLError, ValueError, RecursionError) as error:
         what = " ".join(str(error).split())
         raise UserError(str(file), f"is not YAML: {what}", "Correct that line.") from error
     try:

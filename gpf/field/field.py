@@ -5,22 +5,20 @@ from __future__ import annotations
 import copy
 import dataclasses
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-from pydantic import Field
 
 from gpf.core.facing_cells import FacingCells
-from gpf.core.settings import Positive, Settings
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import VisiblePoints, from_numpy
 from gpf.core.surface_tags import SAME_SURFACE_HEIGHT, pack_tag, same_orientation
 from gpf.field.detail import Detail
 from gpf.field.gaussians import Gaussians, whitening_rows
 from gpf.field.lights import FieldLights
-from gpf.scene.lamps import Lamps
+from gpf.field.settings import FieldSettings
 
 # Keeps the sum of weights above zero: if all Gaussians of a neighbourhood are too narrow to reach
 # the query point, the blend becomes their plain mean instead of black.
@@ -44,46 +42,6 @@ SUPPLEMENT_REACH = 1.5
 # are filled before training (gpf.field.initialization.find_gaps).
 FIRST_REACH = 1.4
 LARGEST_REACH = 4.0
-
-
-class FieldSettings(Settings):
-    """How a field is queried.
-
-    Attributes
-    ----------
-    search_radius: radius r of the ball, world units.
-    k: if the ball holds at most k Gaussians, the k nearest are used instead.
-    neighbours: ``both`` as described under k, ``radius`` the ball alone, ``knn`` the k nearest
-        alone.
-    blend: ``divided`` by the sum of weights, or the plain ``sum``.
-    stores: ``irradiance`` (multiplied by the reflectance / π at the hit) or ``radiance``.
-    direct: source of direct light: the ``field``, like all other light; a sample of the
-        ``emitters`` at the visible point, and the field stores indirect light only; or such a
-        sample for some of the emitters alone, by their places in ``scene.emitters()``.
-    normal_test: whether to ignore Gaussians of another surface: normals more than 45° apart, or
-        farther from the plane than :data:`SURFACE_HEIGHT`.
-    """
-
-    search_radius: Positive
-    k: Annotated[int, Field(ge=1, le=32)] = 3
-    neighbours: Literal["both", "radius", "knn"] = "both"
-    blend: Literal["divided", "sum"] = "divided"
-    stores: Literal["irradiance", "radiance"] = "irradiance"
-    direct: Literal["field", "emitters"] | tuple[int, ...] = "field"
-    normal_test: bool = True
-
-    def sampled_lamps(self, scene: mi.Scene) -> Lamps:
-        """The emitters whose direct light is sampled when a view is rendered."""
-        if self.direct == "emitters":
-            return Lamps(scene)
-        return Lamps(scene, () if self.direct == "field" else self.direct)
-
-    def stored_lamps(self, scene: mi.Scene) -> Lamps:
-        """The emitters whose direct light the field stores."""
-        if self.direct == "field":
-            return Lamps(scene)
-        every = () if self.direct == "emitters" else range(len(scene.emitters()))
-        return Lamps(scene, [k for k in every if k not in self.direct])
 
 
 def blend_weight(
@@ -252,6 +210,20 @@ class GaussianPhotonField:
         weight = dr.select(active, blend_weight(x - mean, rows, support2), 0)  # type: ignore[arg-type]
         return weight, weight * mi.Color3f(*(p.w for p in packets))
 
+    @dr.syntax
+    def _add(self, state, x, n, index, record, inside):  # type: ignore[no-untyped-def]
+        """Add a candidate to the number of neighbours, their weights and weighted colours."""
+        count, total, colour = state
+        inside &= self.accepts(record, x, n)
+        # Most candidates are too far away for all lanes of a packet, which then skips this.
+        if inside:
+            mean = mi.Point3f(record.x, record.y, record.z)
+            weight, weighted = self._term(x, mean, index, dr.square(self._radius), inside)
+            count += dr.select(inside, 1, 0)
+            total += weight
+            colour += weighted
+        return count, total, colour
+
     def supplement(
         self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool
     ) -> tuple[list[mi.UInt32], list[mi.Float]]:
@@ -291,11 +263,7 @@ class GaussianPhotonField:
         colour = mi.Color3f(0)
 
         def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
-            count, total, colour = state
-            inside &= self.accepts(record, x, n)
-            mean = mi.Point3f(record.x, record.y, record.z)
-            weight, weighted = self._term(x, mean, index, radius2, inside)
-            return count + dr.select(inside, 1, 0), total + weight, colour + weighted
+            return self._add(state, x, n, index, record, inside)
 
         if dr.hint(settings.neighbours != "knn", mode="scalar"):
             count, total, colour = self.hash.visit(

@@ -13,9 +13,10 @@ from gpf.core.settings import AutoCount, Length
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import OrientedPoints, Photons, concatenate, from_numpy, take
 from gpf.field.detail import Detail
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
 from gpf.field.io import Precision
+from gpf.field.settings import FieldSettings
 from gpf.guiding.density_control import cell_keys, oriented_places
 from gpf.sppm.density import PhotonDensity
 

@@ -31,12 +31,19 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import FileError, UserError
-from gpf.core.files import read_tensors, write_tensors
+from gpf.core.files import (
+    name_not_finite,
+    read_tensors,
+    require_finite,
+    write_tensors,
+)
 from gpf.core.structs import from_numpy, to_numpy
+from gpf.field.checks import FieldFacts, check_stored, check_values
 from gpf.field.detail import Detail
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
 from gpf.field.lights import FieldLights
+from gpf.field.settings import FieldSettings
 from gpf.scene.light_groups import LightGroups
 
 Precision = Literal["float32", "compact"]
@@ -155,7 +162,7 @@ def write_field(stored: StoredField, path: Path, precision: Precision = "float32
     ------
     UserError: a value is NaN or infinite, or the file cannot be written.
     """
-    if name := _name_not_finite(stored.tensors):
+    if name := name_not_finite(stored.tensors):
         raise UserError(
             str(path),
             f"was not written, because {name} of the field has NaN or infinite values",
@@ -182,21 +189,22 @@ def read_field(path: Path) -> StoredField:
 
     Raises
     ------
-    FileError: the file is missing or truncated, is of another kind, schema version or precision, or
-        has values that are not finite.
+    FileError: the file is missing or truncated, is of another kind, schema version or precision,
+        has values that are not finite, or something else than a field (:mod:`gpf.field.checks`).
     """
-    tensors, metadata = read_tensors(Path(path), "field")
+    tensors, metadata = read_tensors(Path(path), "field", FieldFacts)
     # Older files do not state their precision; all of them are float32.
     precision = metadata.get("precision", "float32")
-    if precision == "compact":
-        tensors = _unpack(tensors, metadata["encoding"])
-    elif precision != "float32":
+    if precision not in ("float32", "compact"):
         raise FileError(
             path,
             f"has the precision {precision}; this program reads float32 and compact",
         )
-    if name := _name_not_finite(tensors):
-        raise FileError(path, f"has NaN or infinite values in {name}")
+    check_stored(path, tensors, metadata, precision)
+    if precision == "compact":
+        tensors = _unpack(tensors, metadata["encoding"])
+    require_finite(path, tensors)
+    check_values(path, tensors, metadata)
     settings = FieldSettings(**metadata["settings"])
     return StoredField(
         tensors,
@@ -206,11 +214,6 @@ def read_field(path: Path) -> StoredField:
         metadata.get("grid", {}),
         metadata.get("lights", {}),
     )
-
-
-def _name_not_finite(tensors: Mapping[str, np.ndarray]) -> str | None:
-    """The first tensor with a value that is NaN or infinite."""
-    return next((name for name, value in tensors.items() if not np.isfinite(value).all()), None)
 
 
 # --- the compact precision --------------------------------------------------------------------

@@ -16,7 +16,8 @@ from gpf.core.errors import uninterrupted
 from gpf.core.images import check_finite, propose_exposure, tone_map, tone_secant
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.structs import VisiblePoints, concatenate, from_numpy, take, to_numpy
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
+from gpf.field.settings import FieldSettings
 from gpf.photons.emission import Source, emit_light
 from gpf.rendering.adaptive import sample_adaptively
 from gpf.rendering.field_renderer import FieldRenderer

@@ -15,14 +15,15 @@ import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.files import read_tensors, write_tensors
+from gpf.core.partial import remove_leftovers
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field, save_field
 from gpf.scene.fingerprint import changed_parts, fingerprint
 
 PHOTONS = "photons.safetensors"
 
-# Files beside it: fields, and what a kill has left half-written.
-_OWN = re.compile(r"field-\d+\.safetensors|\.partial-(photons|field-\d+)-.*\.safetensors")
+# Files beside it.
+_FIELD = re.compile(r"field-\d+\.safetensors")
 
 FORMAT = 2
 """Of the files; those of another format are not read."""
@@ -62,8 +63,9 @@ class FitState:
         facts = {"identity": self.identity, "facts": facts, "field": field}
         write_tensors(self.folder / PHOTONS, "fit", tensors, facts)
         for file in self.folder.iterdir():
-            if _OWN.fullmatch(file.name) and file.name != field:  # before, or half-written
+            if _FIELD.fullmatch(file.name) and file.name != field:  # of the state before
                 file.unlink(missing_ok=True)
+        remove_leftovers(self.folder)
 
     def load(
         self, resume: Resume = "if possible"
@@ -80,7 +82,7 @@ class FitState:
             if not (self.folder / PHOTONS).exists():
                 raise UserError(str(self.folder), "has no photons of a fit", "Fit anew.")
             tensors, facts = read_tensors(self.folder / PHOTONS, "fit")
-            if other := self._differences(facts["identity"]):
+            if other := self._differences(facts.get("identity", {})):
                 raise UserError(
                     str(self.folder),
                     f"has the photons of another fit: other {other}",

@@ -50,6 +50,9 @@ _SPREADS = (1, 0.6, 0.35, 0.2)
 # backs of its walls.
 _SHOWS_LIGHT, _NEARLY = 0.82, 0.95
 
+# Cameras that are examined together; the report of one takes half a megabyte.
+_BLOCK = 64
+
 # An orbit is examined at this many cameras at least.
 _LEAST_CIRCLE = 24
 
@@ -213,8 +216,12 @@ def _are_of_use(
     scene: mi.Scene, views: Sequence[View], aspect: float, home: ViewReport, enough: float
 ) -> bool:
     """Whether all views are without faults and show enough light."""
-    reports = report_views(scene, views, aspect)
-    return all(not r.faults(home.inside) and r.light_share >= enough for r in reports)
+    blocks = (views[k : k + _BLOCK] for k in range(0, len(views), _BLOCK))
+    return all(
+        not report.faults(home.inside) and report.light_share >= enough
+        for block in blocks
+        for report in report_views(scene, block, aspect)
+    )
 
 
 def measure_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8) -> float:

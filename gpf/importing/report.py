@@ -21,6 +21,7 @@ from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.inventory import describe_media, scene_info, scene_materials
 from gpf.scene.sensors import make_sensor
+from gpf.scene.untraceable import telling_untraceable
 from gpf.scene.views import SceneViews, View
 from gpf.sppm.passes import propose_radius
 
@@ -218,29 +219,14 @@ def _trace(
     """Visible points of the view, share of photon paths that store a photon, and the photons."""
     height = 64
     width = max(1, round(height * aspect))
-    try:
+    with telling_untraceable(where):
         stored = record_photons(scene, PathSettings(photons), seed=1)
         landing = float(
             (trace_pilot(scene, None, PathSettings(photons), seed=0).photons > 0).mean()
         )
         points = sample_film(scene, make_sensor(view, width, height), seed=0).points
         dr.eval(points)
-    except RuntimeError as error:
-        if not isinstance(_origin_of(error), RuntimeError):
-            raise
-        what = str(_origin_of(error)).strip().splitlines()[0]
-        todo = "Replace the material or emitter that Mitsuba names."
-        if "eval_1_grad" in what:
-            todo = "Give the bumpmap a bitmap texture: the slope of this one cannot be evaluated."
-        raise UserError(where, f"light cannot be traced in it: {what}", todo) from error
     return points, landing, stored
-
-
-def _origin_of(error: BaseException) -> BaseException:
-    """The first error of a chain: Dr.Jit wraps errors that occur inside its loops."""
-    while inner := error.__cause__ or error.__context__:
-        error = inner
-    return error
 
 
 def _notes(scene: mi.Scene, emitters: Counter[str], materials: Sequence[Material]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import lzma
 import shutil
 import stat
@@ -108,6 +109,8 @@ def unpack_archive(archive: Path, target: Path) -> None:
         file; there are more than ``MOST_FILES`` members or ``MOST_BYTES`` bytes; the archive is
         damaged or encrypted. ``target`` may have a part of the files then.
     """
+    # What the system says to a place before the file's beginning, and to a name of a member.
+    unreadable = (errno.EINVAL, errno.ENAMETOOLONG)
     damages = (
         *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, RuntimeError),
         # Two members need one name as a file and as a folder.
@@ -126,7 +129,9 @@ def unpack_archive(archive: Path, target: Path) -> None:
                 # Reads at most the size that was checked.
                 with opened.open(member) as source, place.open("wb") as copy:
                     shutil.copyfileobj(source, copy)
-    except damages as error:
+    except (*damages, OSError) as error:
+        if not isinstance(error, damages) and error.errno not in unreadable:
+            raise
         raise UserError(str(archive), f"cannot be unpacked: {error}", "Pack it again.") from error
 
 

@@ -56,6 +56,7 @@ def sample_adaptively(
     spp: int,
     seed: int,
     suppress_fireflies: bool = False,
+    with_variance: bool = False,
 ) -> mi.TensorXf:
     """Means of all channels of an image, (H, W, C), from at most ``spp`` samples per pixel on
     average.
@@ -67,6 +68,8 @@ def sample_adaptively(
     spp: at least :data:`MIN_SPP`.
     suppress_fireflies: whether single samples of great radiance count less; this has a bias
         (:mod:`gpf.rendering.fireflies`).
+    with_variance: whether another channel follows: the variance of each pixel's mean radiance, as
+        far as the sets around it differ (:func:`variance_of_means`).
     """
     width, height = size
     order = tile_order(width, height)
@@ -74,15 +77,20 @@ def sample_adaptively(
     set_size = _choose_set_size(sampler, spp)
     brightest = BrightestBlocks(size) if suppress_fireflies else None
     sets = _Sets(sample, sampler, size, set_size, brightest)
-    sums, squares = sets.take(order, pass_seed(seed, 0, Stream.ADAPTIVE_SAMPLES))
+    sums, squares, of_sets = sets.take(order, pass_seed(seed, 0, Stream.ADAPTIVE_SAMPLES))
     noise = pixel_noise(sums[:, :3] / set_size, squares / set_size, (height, width))
     counts = allocate(noise, max(spp // set_size - 1, 0))
     again = np.repeat(order, counts[order])
     if len(again):
-        sums += sets.take(again, pass_seed(seed, 1, Stream.ADAPTIVE_SAMPLES))[0]
+        further, _, of_further = sets.take(again, pass_seed(seed, 1, Stream.ADAPTIVE_SAMPLES))
+        sums, of_sets = sums + further, of_sets + of_further
+    scatter = of_sets - (sums[:, :3] ** 2).mean(axis=1) / (1 + counts)
     if brightest is not None:
         sums[:, :3] -= brightest.excess()
     means = sums / (set_size * (1 + counts))[:, None]
+    if with_variance:
+        variance = variance_of_means(scatter / set_size**2, counts, (height, width))
+        means = np.column_stack([means, variance])
     return from_numpy(mi.TensorXf, means.reshape(height, width, -1))
 
 
@@ -125,21 +133,21 @@ class _Sets:
     set_size: int
     brightest: BrightestBlocks | None
 
-    def take(self, pixels: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    def take(self, pixels: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Take one set for each entry of ``pixels``, in which a pixel may occur several times.
 
-        Returns, for all N pixels of the image, the sums of the samples, (N, C), and the sums of
-        their squared radiance, (N,).
+        Returns, for all N pixels of the image, the sums of the samples, (N, C), the sums of their
+        squared radiance, (N,), and the sums of the squared sums of sets, (N,).
         """
         total: Any = 0
         step = max(LARGEST_LAUNCH // self.set_size, 1)
         for number, start in enumerate(range(0, len(pixels), step)):
             part = pixels[start : start + step]
             total = total + self._launch(part, pass_seed(seed, number, Stream.ADAPTIVE_SAMPLES))
-        return total[:, :-1], total[:, -1]
+        return total[:, :-2], total[:, -2], total[:, -1]
 
     def _launch(self, pixels: np.ndarray, seed: int) -> np.ndarray:
-        """One launch; the last column is the sum of the squared radiance, (N, C + 1)."""
+        """One launch: what :meth:`take` returns, in the columns of an array, (N, C + 2)."""
         lanes = len(pixels) * self.set_size
         sampler = self.sampler.fork()
         sampler.set_sample_count(self.set_size)
@@ -161,8 +169,41 @@ class _Sets:
         count, in_row = self.size[0] * self.size[1], self.set_size // block_size
         # Double-precision sums of these same blocks, because `excess` subtracts some of them later.
         rows = [values.numpy().astype(np.float64).reshape(-1, in_row) for values in blocks]
-        sums = [np.bincount(pixels, row @ np.ones(in_row), count) for row in rows]
-        return np.stack(sums, axis=1)
+        of_sets = [row @ np.ones(in_row) for row in rows]
+        of_sets.append(sum(values**2 for values in of_sets[:3]) / 3)
+        return np.stack([np.bincount(pixels, values, count) for values in of_sets], axis=1)
+
+
+def least_visible(level: np.ndarray) -> np.ndarray:
+    """The squared error of a radiance ``level`` that is about as visible everywhere, as of the
+    equation of :func:`pixel_noise`: (L + m/100) (1 + (L/4m)²); any shape."""
+    level = np.where(np.isfinite(level), np.maximum(level, 0), 0)
+    lit = level[level > 0]
+    median = float(np.median(lit)) if len(lit) else 1.0
+    visible: np.ndarray = (level + 0.01 * median) * (1 + (level / (4 * median)) ** 2)
+    return visible
+
+
+def variance_of_means(
+    scatter: np.ndarray, counts: np.ndarray, shape: tuple[int, int]
+) -> np.ndarray:
+    """Variance of each pixel's mean, (N,), from how much the sets differ in the pixels around it.
+
+    Pixels with a single set tell nothing; where all around are such, it is zero, because only
+    pixels without noise get no further sets.
+
+    Parameters
+    ----------
+    scatter: sum over a pixel's sets of (mean of the set - mean of the pixel)², (N,).
+    counts: number of further sets, (N,).
+    shape: height and width of the image.
+    """
+    window = np.ones((NEIGHBOURHOOD, NEIGHBOURHOOD))
+    total, free = (
+        convolve(grid.reshape(shape).astype(float), window, mode="constant").ravel()
+        for grid in (np.maximum(scatter, 0), counts)
+    )
+    return np.asarray(total / np.maximum(free, 1) / (1 + counts))
 
 
 def pixel_noise(mean: np.ndarray, square: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -179,14 +220,10 @@ def pixel_noise(mean: np.ndarray, square: np.ndarray, shape: tuple[int, int]) ->
     square: mean squared radiance of the pilot's samples, (N,).
     shape: height and width of the image.
     """
-    level = mean.mean(axis=1)
-    level = np.where(np.isfinite(level), np.maximum(level, 0), 0)
-    lit = level[level > 0]
-    median = float(np.median(lit)) if len(lit) else 1.0
     variance = np.maximum(square - (mean**2).mean(axis=1), 0)
     # Values that are not finite also show in the image, where the caller finds them.
     variance[~np.isfinite(variance)] = 0
-    visible = variance / ((level + 0.01 * median) * (1 + (level / (4 * median)) ** 2))
+    visible = variance / least_visible(mean.mean(axis=1))
     ring = np.ones((NEIGHBOURHOOD, NEIGHBOURHOOD))
     ring[NEIGHBOURHOOD // 2, NEIGHBOURHOOD // 2] = 0
     # No padding at the border, because its values would come from the pixel itself.

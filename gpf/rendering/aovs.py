@@ -117,7 +117,7 @@ def at_first_surface(
     wanted = [name for name in aovs if name in _FIRST_SURFACE]
     if not wanted:
         return {}
-    si = scene.ray_intersect(ray, active=active)
+    si = scene.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=active)
     hit = active & si.is_valid()
     values = {"depth": si.t, "position": si.p, "normal": mi.Vector3f(si.sh_frame.n)}
     return {name: dr.select(hit, values[name], 0) for name in wanted}

@@ -6,13 +6,25 @@ import importlib.util
 from typing import Any, Literal
 
 import numpy as np
+from scipy.ndimage import uniform_filter
 
 from gpf.core.errors import UserError
+from gpf.rendering.adaptive import NEIGHBOURHOOD, least_visible
 
 PACKAGE = "pyoidn==2.5.1"
 
 GUIDES = ("albedo", "visible_normal")
 """The AOVs that guide the denoiser."""
+
+NOISE_TRUST = 2
+"""How many times the estimated noise the denoiser may change a pixel (squared)."""
+
+LIMIT = 100
+"""Radiance that the denoiser sees, in medians of the image. Beside a lamp that is a hundred
+thousand times as bright as the wall, its rounding errors would be brighter than the wall."""
+
+VISIBLE_NOISE = 0.015
+"""Relative noise of an image from which it is denoised."""
 
 Quality = Literal["fast", "balanced", "high"]
 
@@ -109,6 +121,69 @@ class ImageDenoiser:
             raise UserError(
                 "Open Image Denoise", message, "Leave denoising out, or try another machine."
             )
+
+
+def denoise(
+    image: np.ndarray,
+    guides: tuple[np.ndarray, np.ndarray],
+    variance: np.ndarray | None,
+    denoiser: ImageDenoiser,
+) -> np.ndarray:
+    """The image without what is noise; what exceeds :data:`LIMIT` stays as it is.
+
+    An image whose noise is known, and below :data:`VISIBLE_NOISE`, is returned unchanged.
+
+    Parameters
+    ----------
+    image: radiance, (H, W, 3).
+    guides: albedo and normals, (H, W, 3) each.
+    variance: of the pixels of the image, (H, W); None if unknown, then all may be noise.
+    """
+    if variance is not None and relative_noise(image, variance) < VISIBLE_NOISE:
+        return image
+    seen = np.minimum(image, limit := LIMIT * median_lit(image))
+    clean = denoiser.denoise(seen, *guides)
+    if variance is not None:
+        clean = blend(seen, clean, np.minimum(variance, limit**2))
+    whole: np.ndarray = clean + (image - seen)
+    return whole
+
+
+def relative_noise(image: np.ndarray, variance: np.ndarray) -> float:
+    """Root mean square of the relative errors of an image with these variances, (H, W); each counts
+    as 10 % at most, so that a few pixels, such as a lamp's edge, do not decide."""
+    median = median_lit(image)
+    if median == 0:
+        return 0.0
+    squared = variance / (least_visible(image.mean(axis=2)) * median)
+    return float(np.sqrt(np.minimum(squared, 0.1**2).mean()))
+
+
+def median_lit(image: np.ndarray) -> float:
+    """The median of what is not black; 0 if all is."""
+    lit = image[image > 0]
+    return float(np.median(lit)) if len(lit) else 0.0
+
+
+def blend(image: np.ndarray, denoised: np.ndarray, variance: np.ndarray) -> np.ndarray:
+    """The denoised image where noise explains what has changed; elsewhere more of the image, where
+    the denoiser smears what is no noise:
+
+        I + min(1, κ ⟨σ²⟩ / ⟨(D - I)²⟩) (D - I)
+
+    with means over a few pixels around each, in units of what is visible, and κ = NOISE_TRUST.
+
+    Parameters
+    ----------
+    image, denoised: I and D, (H, W, 3).
+    variance: σ² of the image's pixels, (H, W).
+    """
+    scale = least_visible(image.mean(axis=2))
+    changed = uniform_filter(((denoised - image) ** 2).mean(axis=2) / scale, NEIGHBOURHOOD)
+    noise = uniform_filter(variance / scale, NEIGHBOURHOOD)
+    share = np.clip(NOISE_TRUST * noise / np.maximum(changed, 1e-30), 0, 1)
+    blended: np.ndarray = image + share[..., None] * (denoised - image)
+    return blended
 
 
 def _import() -> Any:

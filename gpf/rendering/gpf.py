@@ -20,7 +20,7 @@ from gpf.rendering.aovs import (
     parse_aovs,
     split_layers,
 )
-from gpf.rendering.denoiser import GUIDES, ImageDenoiser
+from gpf.rendering.denoiser import GUIDES, ImageDenoiser, denoise
 from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths, whole_number
 from gpf.rendering.recording import Recording
@@ -69,8 +69,8 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
      * - denoise
        - |bool|
        - Denoise the image with Open Image Denoise (package ``pyoidn``), with the albedo and the
-         normals of visible points as guides. Pays for images with few samples: up to 16 per pixel
-         where there is glass or water. (Default: false)
+         normals of visible points as guides. With adaptive samples, it changes only what their
+         noise explains. (Default: false)
      * - lights
        - |string|
        - Levels of groups of emitters, such as ``window=0.2, lamp=1.5, #ffd0a0``: a factor, and a
@@ -107,6 +107,9 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         self.denoise = props.get("denoise", False)
         self.lights = props.get("lights", "")
         self._denoiser: tuple[tuple[int, int], ImageDenoiser] | None = None
+        # Of the pixels of the last image of adaptive samples, (H, W); only for the denoiser.
+        self._with_variance = False
+        self._variance: np.ndarray | None = None
         super().__init__(props)
         # Shapes of the last checked scene, held so that their ids are not reused. Not the scene: it
         # may hold this integrator, and circular references are never freed.
@@ -174,7 +177,12 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         sampler, spp = sensor.sampler(), spp or sensor.sampler().sample_count()
         seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
         with dr.suspend_grad():
-            means = sample_adaptively(sample, sampler, size, spp, seed, self.suppress_fireflies)
+            means = sample_adaptively(
+                sample, sampler, size, spp, seed, self.suppress_fireflies, self._with_variance
+            )
+            if self._with_variance:
+                self._variance = means[..., -1].numpy()
+                means = means[..., :-1]
             offset = mi.ScalarPoint2i(film.crop_offset())
             film.put_block(mi.ImageBlock(means, offset, border=False))
             return film.develop()
@@ -189,16 +197,17 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
             self._denoiser = size, denoiser
         wanted = self.aovs
         self.aovs = (*wanted, *(name for name in GUIDES if name not in wanted))
-        self.denoise = False
+        self.denoise, self._with_variance = False, True
         try:
             image = np.array(self.render(scene, sensor, seed, spp))
+            variance, self._variance = self._variance, None
             first = image.shape[2] - len(self.aov_names())
             together = np.concatenate([image[..., :3], image[..., first:]], axis=2)
             layers = split_layers(together, self.aovs)
         finally:
-            self.aovs, self.denoise = wanted, True
-        guides = (layers[name] for name in GUIDES)
-        image[..., :3] = self._denoiser[1].denoise(layers["radiance"], *guides)
+            self.aovs, self.denoise, self._with_variance = wanted, True, False
+        guides = layers[GUIDES[0]], layers[GUIDES[1]]
+        image[..., :3] = denoise(layers["radiance"], guides, variance, self._denoiser[1])
         return from_numpy(mi.TensorXf, image[..., : first + len(self.aov_names())])
 
     def _compare(self, scene: mi.Scene) -> None:
@@ -248,7 +257,9 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         self, walks: Walks, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
     ) -> dict[str, Any]:
         """What rays find, with all AOVs."""
-        found = walks.look(sampler, ray, active)
+        # Dr.Jit would trace loops twice to find what is constant; the kernels are as fast without.
+        with dr.scoped_set_flag(dr.JitFlag.OptimizeLoops, False):
+            found = walks.look(sampler, ray, active)
         return found | at_first_surface(walks.scene, ray, self.aovs, active)
 
     def sample_rays(

@@ -7,14 +7,14 @@ those samples alone that need them, and samples close together share a query of 
 
 from __future__ import annotations
 
-import operator
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.film import meets_gloss
-from gpf.camera.visible_points import Side, follow
+from gpf.camera.visible_points import follow
+from gpf.core.morton import order_lanes_in_space
 from gpf.core.structs import VisiblePoints
 from gpf.field.field import GaussianPhotonField
 from gpf.rendering.aovs import at_visible_point
@@ -30,24 +30,6 @@ SAME_SIDE = 0.95
 
 FAINT = 0.2
 """Weight of reflections below which the samples of a group share one."""
-
-# How the values of further walks join those of the first; all others are added.
-_JOIN = {"valid": operator.or_, "coverage": dr.maximum}
-
-
-def _join(found: dict[str, Any], further: dict[str, Any]) -> dict[str, Any]:
-    return {key: _JOIN.get(key, operator.add)(found[key], further[key]) for key in found}
-
-
-def _add(found: dict[str, Any], further: dict[str, Any], share: mi.Float) -> dict[str, Any]:
-    """The sum of two parts; ``valid`` is that of the first if its share is at least a half."""
-    valid = dr.select(share >= 0.5, found["valid"], further["valid"])
-    return {key: valid if key == "valid" else v + further[key] for key, v in found.items()}
-
-
-def _mean(found: dict[str, Any], walks: mi.UInt32) -> dict[str, Any]:
-    number = mi.Float(walks)
-    return {key: value if key in _JOIN else value / number for key, value in found.items()}
 
 
 class Walks:
@@ -78,29 +60,46 @@ class Walks:
         self.max_depth, self.rr_depth = max_depth, rr_depth
         self.number, self.divides = number, divides
 
-    def look(self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool) -> dict[str, Any]:
+    @dr.syntax
+    def look(self, sampler, ray, active):  # type: ignore[no-untyped-def]
         """What rays find: ``radiance``, (N, 3), whether they end on a diffuse surface, ``valid``,
-        (N,), and the AOVs of the visible points."""
-        found, share = self._walk(sampler, ray, active, "through" if self.divides else "either")
-        if self.divides:
-            found = self._reflect(sampler, ray, active & (share < 1), share, found)
-        if self.number > 1:
-            found = self._repeat(sampler, ray, active, found)
-        return found
+        (N,), and the AOVs of the visible points.
+
+        This is the sum of what is behind smooth glass and what it reflects; and, where the first
+        surface is glossy, the mean of several walks.
+        """
+        gloss = mi.Bool(False)
+        if dr.hint(self.number > 1, mode="scalar"):
+            gloss = meets_gloss(self.scene, ray, active)
+        number = dr.opaque(mi.UInt32, self.number)
+        found = self._nothing()
+        through = mi.Float(1)
+        back = mi.Bool(False)
+        n = mi.UInt32(0)
+        walking = mi.Bool(active)
+        while dr.hint(walking, exclude=[ray, gloss, number]):
+            further, share = self._walk(sampler, ray, walking, back)
+            found = _join(found, further, back, through)
+            n += 1
+            through = mi.Float(share)
+            back = ~back & (share < 1)
+            walking &= back | (gloss & (n < number))
+        return _mean(found, dr.select(gloss, n, 1))
 
     def _walk(
-        self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, side: Side = "either"
+        self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
     ) -> tuple[dict[str, Any], mi.Float]:
-        """What one camera walk finds, and the weight of its side, (N,)."""
-        points, share = self._follow(sampler, ray, active, side)
+        """What one camera walk finds, and the weight of its direction, (N,)."""
+        points, share = self._follow(sampler, ray, active, back)
         value, reach = self.field.query(points.p, points.n, points.valid)
         return self._shown(points, value, reach, share), share
 
     def _follow(
-        self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, side: Side
+        self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool | bool
     ) -> tuple[VisiblePoints, mi.Float]:
         lamps = self.field.settings.sampled_lamps(self.scene)
         depths = self.max_depth, self.rr_depth
+        side = back if self.divides else None
         return follow(self.scene, sampler, ray, *depths, active, lamps, side)
 
     def _shown(
@@ -109,26 +108,34 @@ class Walks:
         found = {"radiance": self.field.reflect(points, value), "valid": points.valid}
         return found | at_visible_point(self.field, points, value, reach, share, self.aovs)
 
-    @dr.syntax
-    def _reflect(self, sampler, ray, active, share, found):  # type: ignore[no-untyped-def]
-        """The sum of what was found through smooth glass and what it reflects."""
-        if active:
-            further, _ = self._walk(sampler, ray, active, "back")
-            found = _add(found, further, share)
-        return found
+    def _nothing(self) -> dict[str, Any]:
+        points = dr.zeros(VisiblePoints)
+        shown = self._shown(points, mi.Color3f(0), mi.Float(0), mi.Float(0))
+        return {key: dr.zeros(type(value)) for key, value in shown.items()}
 
-    @dr.syntax
-    def _repeat(self, sampler, ray, active, found):  # type: ignore[no-untyped-def]
-        """The mean over several walks for rays whose first surface is glossy; of ``coverage``, the
-        largest value."""
-        again = meets_gloss(self.scene, ray, active)
-        walks = dr.opaque(mi.UInt32, self.number)
-        n = mi.UInt32(1)
-        while again & (n < walks):
-            further, _ = self._walk(sampler, ray, again)
-            found = _join(found, further)
-            n += 1
-        return _mean(found, n)
+
+def _join(
+    found: dict[str, Any], further: dict[str, Any], back: mi.Bool, through: mi.Float
+) -> dict[str, Any]:
+    """The sum of what walks found; of ``coverage``, the largest value.
+
+    Where a walk went back from glass, and the one before it went through with the weight
+    ``through``, the weights are in ``coverage``, and ``valid`` is that of the heavier one.
+    """
+    # Dr.Jit's loops need the same order of keys each time.
+    joined = {key: v if key == "valid" else v + further[key] for key, v in found.items()}
+    heavier = dr.select(through >= 0.5, found["valid"], further["valid"])
+    joined["valid"] = dr.select(back, heavier, found["valid"] | further["valid"])
+    if "coverage" in found:
+        largest = dr.maximum(found["coverage"], further["coverage"])
+        joined["coverage"] = dr.select(back, joined["coverage"], largest)
+    return joined
+
+
+def _mean(found: dict[str, Any], walks: mi.UInt32) -> dict[str, Any]:
+    number = mi.Float(walks)
+    kept = ("valid", "coverage")
+    return {key: value if key in kept else value / number for key, value in found.items()}
 
 
 class GroupedWalks(Walks):
@@ -152,36 +159,43 @@ class GroupedWalks(Walks):
         """As of every walk; the rays go through memory, too."""
         sampler.schedule_state()
         dr.eval(ray)
-        return super().look(sampler, ray, active)
+        found, share = self._walk(sampler, ray, active, mi.Bool(False))
+        if self.divides:
+            found = self._reflect(sampler, ray, active & (share < 1), share, found)
+        if self.number > 1:
+            found = self._repeat(sampler, ray, active, found)
+        return found
 
     def _walk(
-        self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, side: Side = "either"
+        self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
     ) -> tuple[dict[str, Any], mi.Float]:
-        points, share = self._follow(sampler, ray, active, side)
+        points, share = self._follow(sampler, ray, active, back)
         sampler.schedule_state()
         dr.eval(points, share)
         value, reach = query_together(self.field, points, self.group)
         return self._shown(points, value, reach, share), share
 
-    def _reflect(self, sampler, ray, active, share, found):  # type: ignore[no-untyped-def]
+    def _reflect(  # type: ignore[no-untyped-def]
+        self, sampler, ray, active, share, found
+    ) -> dict[str, Any]:
         lanes, first = _groups(active, self.group)
         faint = active & (share > 1 - FAINT)
         shared = (lanes != first) & faint & dr.gather(mi.Bool, faint, first)
-        further = self._walk_some(sampler, ray, active & ~shared, first, active, "back")
-        return _add(found, further, share) if further else found
+        further = self._walk_some(sampler, ray, active & ~shared, first, active, mi.Bool(True))
+        return _join(found, further, mi.Bool(True), share) if further else found
 
-    def _repeat(self, sampler, ray, active, found):  # type: ignore[no-untyped-def]
+    def _repeat(self, sampler, ray, active, found) -> dict[str, Any]:  # type: ignore[no-untyped-def]
         again = meets_gloss(self.scene, ray, active)
         lanes, _ = _groups(again, 1)
         for _ in range(1, self.number):
-            further = self._walk_some(sampler, ray, again, lanes, again, "either")
+            further = self._walk_some(sampler, ray, again, lanes, again, mi.Bool(False))
             if not further:
                 return found
-            found = _join(found, further)
+            found = _join(found, further, mi.Bool(False), mi.Float(1))
         return _mean(found, dr.select(again, mi.UInt32(self.number), 1))
 
     def _walk_some(  # type: ignore[no-untyped-def]
-        self, sampler, ray, asks, first, active, side: Side
+        self, sampler, ray, asks, first, active, back
     ) -> dict[str, Any]:
         """What the rays of the lanes that ask find, and others get from their first; zeros where
         not active. Empty if no lane asks."""
@@ -195,7 +209,7 @@ class GroupedWalks(Walks):
         parts = (ray.o, ray.d, ray.maxt, ray.time, ray.wavelengths)
         some = mi.Ray3f(*(dr.gather(type(v), v, asking) if dr.width(v) > 1 else v for v in parts))
         alone = GroupedWalks(self, 1)
-        found, _ = alone._walk(own, some, dr.full(mi.Bool, True, count), side)
+        found, _ = alone._walk(own, some, dr.full(mi.Bool, True, count), back)
         dr.eval(found)
         return {key: _answer(value, index, active) for key, value in found.items()}
 
@@ -221,11 +235,22 @@ def query_together(
     asking, index = _shared(points.valid & ~shared, first)
     if dr.width(asking) == 0:
         return mi.Color3f(0), mi.Float(dr.inf)
+    # The lanes of a packet run in step, so they should look at the same Gaussians.
+    order = order_lanes_in_space(dr.gather(mi.Point3f, x, asking), field.settings.search_radius / 2)
+    asking, rank = dr.gather(mi.UInt32, asking, order), _inverse(order)
+    index = dr.gather(mi.UInt32, rank, index, points.valid)
     p, n = dr.gather(mi.Point3f, points.p, asking), dr.gather(mi.Normal3f, points.n, asking)
     value, reach = field.query(p, n, mi.Bool(True))
     dr.eval(value, reach)
     reach = dr.select(points.valid, _answer(reach, index, points.valid), dr.inf)
     return _answer(value, index, points.valid), reach
+
+
+def _inverse(order: mi.UInt32) -> mi.UInt32:
+    """The place of each number in a permutation, (N,)."""
+    place = dr.empty(mi.UInt32, dr.width(order))
+    dr.scatter(place, dr.arange(mi.UInt32, dr.width(order)), order)
+    return place
 
 
 def _groups(lanes: mi.Bool, group: int) -> tuple[mi.UInt32, mi.UInt32]:

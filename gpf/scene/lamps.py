@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 import drjit as dr
 import mitsuba as mi
 
+from gpf.core.errors import UserError
+
 # A sample of direct light asks so many emitters at most; of more, some at random.
 MOST_AT_ONCE = 4
 
@@ -18,9 +20,20 @@ class Lamps:
     Parameters
     ----------
     indices: places of the emitters in ``scene.emitters()``, possibly none; by default all.
+
+    Raises
+    ------
+    UserError: the scene has no emitter at one of these places.
     """
 
     def __init__(self, scene: mi.Scene, indices: Sequence[int] | None = None) -> None:
+        count = len(scene.emitters())
+        if indices and not all(0 <= k < count for k in indices):
+            raise UserError(
+                "field.direct",
+                f"names emitters {list(indices)}, but the scene has {count}",
+                "Correct it in params.yaml, or take a field that was fitted to this scene.",
+            )
         self.scene, self.indices = scene, indices
         self._index = mi.UInt32(list(indices)) if indices else mi.UInt32()
 

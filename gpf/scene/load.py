@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from gpf.core.errors import UserError
 from gpf.scene.folders import scene_folder
 from gpf.scene.inventory import check_scene
 from gpf.scene.materials import INSEPARABLE
-from gpf.scene.xml import read_scene_xml
+from gpf.scene.meshes import check_ply, check_serialized
+from gpf.scene.xml import SceneXml, read_scene_xml
 
 # Plugins of Mitsuba -> plugins of this project that are loaded in their place.
 REPLACED = {name: f"separable_{name}" for name in INSEPARABLE.values()}
@@ -38,25 +40,19 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
     Raises
     ------
     UserError: the file or one that it refers to is missing, it does not parse, or
-        :func:`check_scene` raises.
+        :func:`check_ply`, :func:`check_serialized` or :func:`check_scene` raises.
     """
-    document = read_scene_xml(file)
-    if missing := document.missing():
-        more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
-        todo = "Put it there."
-        if (file.parent / "build.py").exists():
-            build = f"gpf.scene.snapshot.build_scene({file.parent.name!r})"
-            todo = f"build.py beside the scene file generates it: call {build}."
-        where, path = str(missing[0].place), missing[0].path
-        raise UserError(where, f"refers to {path}{more}, which does not exist", todo)
+    document = check_files(file)
     # Mitsuba raises an error for a parameter that the file does not use.
     sizes = {"resx": width, "resy": height}
     sizes = {key: n for key, n in sizes.items() if key in document.parameters}
     try:
-        scene = _load(file, sizes)
+        scene = load_with_parameters(file, sizes)
     except RuntimeError as error:
+        # Plugins in Python, as those of this project, add a traceback to the message.
+        what = re.sub(r"Traceback \(most.*:\s*\n([ \t]+.*\n)*([\w.]+: )?", "", str(error))
         # Mitsuba's message begins with a line of its own source code.
-        what = re.sub(r"^\[[\w.]+:\d+\] ", "", " ".join(str(error).split()))
+        what = re.sub(r"^\[[\w.]+:\d+\] ", "", " ".join(what.split()))
         raise UserError(str(file), f"does not load: {what}", "Correct the scene file.") from error
     if not isinstance(scene, mi.Scene):
         raise UserError(
@@ -66,8 +62,39 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
     return scene
 
 
-def _load(file: Path, parameters: dict[str, int]) -> Any:
-    """What ``mi.load_file`` loads, with the project's plugins in place of some of Mitsuba's."""
+def check_files(file: Path, parameters: Mapping[str, str] | None = None) -> SceneXml:
+    """Check a scene file and the files that it names before Mitsuba reads them.
+
+    ``parameters``: values of parameters, by name, instead of the file's own.
+
+    Raises
+    ------
+    UserError: as :func:`load_scene_file`.
+    """
+    document = read_scene_xml(file, parameters)
+    if missing := document.missing():
+        more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
+        todo = "Put it there."
+        if (file.parent / "build.py").exists():
+            build = f"gpf.scene.snapshot.build_scene({file.parent.name!r})"
+            todo = f"build.py beside the scene file generates it: call {build}."
+        where, path = str(missing[0].place), missing[0].path
+        raise UserError(where, f"refers to {path}{more}, which does not exist", todo)
+    for path, reference in {r.path: r for r in reversed(document.references)}.items():
+        if path.is_file():
+            check_ply(path, str(reference.place))
+            check_serialized(path, str(reference.place))
+    return document
+
+
+def load_with_parameters(file: Path, parameters: Mapping[str, object]) -> Any:
+    """What ``mi.load_file`` loads, with the project's plugins in place of some of Mitsuba's.
+
+    Raises
+    ------
+    RuntimeError: in Mitsuba's words.
+    UserError: a plugin is not of Mitsuba, or would end the process.
+    """
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_equivalent = config.merge_meshes = False
     values = {key: str(value) for key, value in parameters.items()}
@@ -79,6 +106,8 @@ def _load(file: Path, parameters: dict[str, int]) -> Any:
     try:
         state = mi.parser.parse_file(config, str(file), **values)
         mi.parser.transform_all(config, state)
+        _refuse_foreign_code(state)
+        _require_parts(state)
         _use_own_plugins(state)
         loaded = mi.parser.instantiate(config, state)
     finally:
@@ -87,6 +116,46 @@ def _load(file: Path, parameters: dict[str, int]) -> Any:
         # traceback keeps `state`: the next kernel that calls emitters would end the process.
         del state
     return loaded[0] if isinstance(loaded, list) and len(loaded) == 1 else loaded
+
+
+def _refuse_foreign_code(state: mi.parser.ParserState) -> None:
+    """Raise a :class:`UserError` if there are libraries in a folder `plugins` of the folders in
+    which Mitsuba looks, which are those of the scene and the current one: instead of its own
+    plugins, or beside them, Mitsuba would load those, and to load a library is to run it."""
+    for node in state.nodes:
+        if {"/", "\\"} & {*node.props.plugin_name()}:
+            where = mi.parser.file_location(state, node)
+            raise UserError(where, "has a type that is a path", "Correct the scene file.")
+    own = Path(mi.__file__).resolve().parent
+    for folder in mi.file_resolver():
+        for library in Path(str(folder)).glob("plugins/*"):
+            library = library.resolve()
+            if library.suffix in (".so", ".dylib", ".dll") and not library.is_relative_to(own):
+                raise UserError(
+                    str(library),
+                    "would be run by Mitsuba, as a plugin",
+                    "Move it away: scenes may use Mitsuba's own plugins only.",
+                )
+
+
+def _require_parts(state: mi.parser.ParserState) -> None:
+    """Raise a :class:`UserError` for a plugin without what it needs, if Mitsuba would not say so
+    but end the process."""
+    for node in state.nodes:
+        props, name = node.props, node.props.plugin_name()
+        if name == "blendbsdf":
+            kinds = (mi.Properties.Reference, mi.Properties.ResolvedReference)
+            needed, found = (
+                "materials",
+                any(isinstance(props[key], kinds) for key in [*props.keys()]),
+            )
+        elif name == "bitmap":
+            needed, found = "filename", bool({"filename", "data", "bitmap"} & {*props.keys()})
+        else:
+            continue
+        if not found:
+            where = mi.parser.file_location(state, node)
+            raise UserError(where, f"is a {name} without {needed}", "Correct the scene file.")
 
 
 def _use_own_plugins(state: mi.parser.ParserState) -> None:

@@ -7,7 +7,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from pydantic import ValidationError
 
+from gpf.core.errors import UserError
+from gpf.core.yaml import explain
 from gpf.scene.views import View, name_view
 
 
@@ -64,6 +67,10 @@ def views_of_sensors(scene: mi.Scene) -> list[View]:
     from the ids of the sensors; without an id, the name is ``camera``. A view is a pinhole camera
     with its axis through the middle of the image: it has no aperture, shifted principal point,
     crop of the film or mirrored image (:func:`differs_from_view` reports these).
+
+    Raises
+    ------
+    UserError: the transform of a sensor is not finite, or has no direction.
     """
     views: list[View] = []
     for sensor in scene_cameras(scene):
@@ -71,8 +78,8 @@ def views_of_sensors(scene: mi.Scene) -> list[View]:
         matrix = _matrix(sensor)
         origin = np.array([_shortest(x) for x in matrix[:3, 3]])
         ahead = origin + _unit(matrix[:3, 2])
-        views.append(
-            View(
+        try:
+            view = View(
                 name=name_view(sensor.id(), taken, otherwise="camera"),
                 origin=_vector(origin),
                 target=_vector(ahead.round(6) + 0.0),
@@ -80,7 +87,10 @@ def views_of_sensors(scene: mi.Scene) -> list[View]:
                 fov=_shortest(_scalar(mi.traverse(sensor)["x_fov"])),
                 fov_axis="x",
             )
-        )
+        except ValidationError as error:
+            told = explain(f"sensor {sensor.id()!r}", View, error)
+            raise UserError(told.where, told.what, "Correct its to_world and its fov.") from error
+        views.append(view)
     return views
 
 
@@ -144,7 +154,8 @@ def _matrix(sensor: mi.Sensor) -> np.ndarray:
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.linalg.norm(vector)
+    with np.errstate(invalid="ignore"):  # NaN, which no view accepts
+        return vector / np.linalg.norm(vector)
 
 
 def _scalar(value: Any) -> float:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
-import tempfile
 from pathlib import Path
 
 from gpf.core.errors import UserError
+from gpf.core.partial import partial_folder, remove_leftovers, replace_folder
 from gpf.scene.folders import scene_files, scene_folder
 from gpf.scene.load import load_scene_file
 from gpf.scene.views import read_views
@@ -29,8 +29,8 @@ def build_scene(name: str, root: Path | None = None, target: Path | None = None)
     spec = importlib.util.spec_from_file_location(f"scene_builder_{name}", script)
     assert spec is not None and spec.loader is not None  # the path ends in .py
     module = importlib.util.module_from_spec(spec)
-    staging = Path(tempfile.mkdtemp(dir=target, prefix=".build-"))
-    try:
+    remove_leftovers(target)
+    with partial_folder(target / "build") as staging:
         spec.loader.exec_module(module)
         if not hasattr(module, "build"):
             raise UserError(str(script), "has no function build", "Define build(folder: Path).")
@@ -41,8 +41,6 @@ def build_scene(name: str, root: Path | None = None, target: Path | None = None)
             os.replace(source, place)
             made.append(place)
         return made
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
 
 
 def snapshot_scene(name: str, target: Path, root: Path | None = None) -> None:
@@ -54,8 +52,7 @@ def snapshot_scene(name: str, target: Path, root: Path | None = None) -> None:
     """
     folder = scene_folder(name, root)
     target.parent.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(dir=target.parent, prefix=".snapshot-"))
-    try:
+    with partial_folder(target) as staging:
         made = {p.relative_to(staging) for p in build_scene(name, root, staging)}
         references = read_scene_xml(folder / "scene.xml").references
         lines = {reference.path: str(reference.place) for reference in reversed(references)}
@@ -84,11 +81,8 @@ def snapshot_scene(name: str, target: Path, root: Path | None = None) -> None:
         except UserError as error:  # name the files of the scene, not the copies
             where, what = (t.replace(str(staging), str(folder)) for t in (error.where, error.what))
             raise UserError(where, what, error.todo) from None
-        shutil.rmtree(target, ignore_errors=True)
-        os.replace(staging, target)
-        target.chmod(0o755)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+        staging.chmod(0o755)
+        replace_folder(staging, target)
 
 
 def make_folders(file: Path, target: Path) -> None:

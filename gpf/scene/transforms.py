@@ -20,6 +20,7 @@ from pydantic import ValidationError
 
 from gpf.core.errors import UserError
 from gpf.core.files import write_text
+from gpf.core.yaml import explain
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import SceneViews, View, ViewSets, name_view, read_views
@@ -92,7 +93,7 @@ def read_transforms(path: Path) -> SceneViews:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise UserError(str(path), "does not exist", "Check the path.") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise UserError(str(path), f"is no JSON file ({error})", "Check the file.") from error
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames:
@@ -114,7 +115,10 @@ def read_transforms(path: Path) -> SceneViews:
         aspects.append(aspect)
     if max(aspects) > 1.001 * min(aspects):
         raise UserError(str(path), "has images of different aspects", "Use one file for each.")
-    return SceneViews(aspect=round(aspects[0], 6), views=ViewSets(train=tuple(views)))
+    try:
+        return SceneViews(aspect=round(aspects[0], 6), views=ViewSets(train=tuple(views)))
+    except ValidationError as error:
+        raise explain(str(path), SceneViews, error) from error
 
 
 def read_cameras(path: Path) -> SceneViews:
@@ -189,7 +193,7 @@ def _image_size(frame: Mapping[str, Any], folder: Path) -> tuple[float, float]:
             try:
                 with Image.open(file) as opened:
                     return opened.size
-            except OSError as error:
+            except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
                 raise UserError(
                     str(file), f"cannot be read ({error})", "Or give `w` and `h` in the frame."
                 ) from error

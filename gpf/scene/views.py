@@ -36,6 +36,7 @@ from gpf.core.settings import Positive, Settings
 from gpf.core.yaml import read_yaml, suggest
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Aspect = Annotated[float, Field(ge=1e-3, le=1e3, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(gt=0, lt=180)]
 Vector = tuple[Finite, Finite, Finite]
 FovAxis = Literal["x", "y", "diagonal", "smaller", "larger"]
@@ -64,7 +65,8 @@ class Keyframe(Settings):
 class View(Keyframe):
     """A named camera; ``fov`` is the angle across ``fov_axis``."""
 
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_]*$")]
+    # Files of pictures are called so, with more behind it.
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_]*$", max_length=100)]
     fov_axis: FovAxis = "x"
 
     @field_validator("name")
@@ -82,7 +84,7 @@ def name_view(text: str, taken: Collection[str], otherwise: str) -> str:
 
     ``otherwise`` is the name if the text has no letter or digit.
     """
-    name = re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or otherwise
+    name = re.sub(r"[^a-z0-9]+", "_", text.lower())[:80].strip("_") or otherwise
     name = f"{otherwise}_{name}" if name.startswith("frame_") else name
     free, number = name, 1
     while free in taken:
@@ -95,7 +97,7 @@ class CameraPath(Settings):
     """Keyframes, and the number of frames on the curve through them."""
 
     keyframes: Annotated[tuple[Keyframe, ...], Field(min_length=2)]
-    frames: Annotated[int, Field(ge=2)] = 24
+    frames: Annotated[int, Field(ge=2, le=100_000)] = 24
     closed: bool = False
 
 
@@ -125,7 +127,7 @@ class SceneViews(Settings):
     views: ViewSets = ViewSets()
     path: CameraPath | None = None
     exposure: Positive = 1.0
-    aspect: Positive = 1.0
+    aspect: Aspect = 1.0
     fov_axis: FovAxis = "x"
 
     @model_validator(mode="after")

@@ -28,6 +28,8 @@ from xml.parsers import expat
 
 from gpf.core.errors import UserError
 
+CODINGS = ("utf-8", "utf8", "utf-16", "iso-8859-1", "latin1", "us-ascii", "ascii")
+
 _DOLLAR = r"(?<!\\)\$"  # begins the name of a parameter
 
 
@@ -114,21 +116,23 @@ class SceneXml:
         return re.search(_DOLLAR, self.fill(text)) is None
 
 
-def read_scene_xml(file: Path) -> SceneXml:
+def read_scene_xml(file: Path, parameters: Mapping[str, str] | None = None) -> SceneXml:
     """Read a scene file and all existing files that it includes.
+
+    ``parameters``: values of parameters, by name, instead of the file's own.
 
     Raises
     ------
-    UserError: a file cannot be read, does not parse, or includes itself.
+    UserError: a file cannot be read, does not parse, has a document type, or includes itself.
     """
-    return _Reader(file).document
+    return _Reader(file, parameters or {}).document
 
 
 class _Reader:
     """Reads files in the order of Mitsuba."""
 
-    def __init__(self, file: Path) -> None:
-        self.document = SceneXml()
+    def __init__(self, file: Path, parameters: Mapping[str, str]) -> None:
+        self.document = SceneXml(defaults=dict(parameters))
         self.plugins: list[int] = []  # indices of the references that plugins resolve
         search = [file.parent]
         self.read(file, search, ())
@@ -178,13 +182,37 @@ def _find(text: str, folders: Iterable[Path], otherwise: int = -1) -> Path:
     return next((path for path in places if path.exists()), places[otherwise])
 
 
+def _check_coding(file: Path, coding: str | None) -> None:
+    # Mitsuba takes the bytes of others for UTF-8, and Python cannot read ids that are not.
+    if coding and coding.lower() not in CODINGS and not file.read_bytes().isascii():
+        todo = f"Save it in UTF-8; {', '.join(CODINGS)} are possible."
+        raise UserError(str(file), f"does not parse: unknown encoding {coding}", todo)
+
+
+def _refuse_type(place: Place) -> None:
+    raise UserError(str(place), "has a document type (DOCTYPE)", "Remove it, and its entities.")
+
+
+def _coding_of(file: Path) -> str | None:
+    """The encoding of a file whose own word for it expat does not know; None if it does."""
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(200)
+    except OSError as error:
+        raise UserError(str(file), "cannot be read", "Check the path.") from error
+    return "utf-8" if re.match(rb"(?i)<\?xml[^>]*encoding=.utf8\W", head) else None
+
+
 def _parse(file: Path) -> list[tuple[str, dict[str, str], int]]:
     """The name, attributes and line of each tag of a file, in order."""
     tags: list[tuple[str, dict[str, str], int]] = []
-    parser = expat.ParserCreate()
+    parser = expat.ParserCreate(_coding_of(file))
     parser.StartElementHandler = lambda name, attributes: tags.append(
         (name, attributes, parser.CurrentLineNumber)
     )
+    # Its entities can grow to gigabytes or name other files, and scenes need none.
+    parser.StartDoctypeDeclHandler = lambda *_: _refuse_type(Place(file, parser.CurrentLineNumber))
+    parser.XmlDeclHandler = lambda _, coding, __: _check_coding(file, coding)
     try:
         with file.open("rb") as stream:
             parser.ParseFile(stream)

@@ -113,11 +113,3 @@ class PassParts:
         sums.add_tensors(tensors, metadata["passes"])
         costs: dict[str, float] = metadata["costs"]
         return costs
-
-    def clear(self) -> None:
-        """Remove all parts; call this after their sum has been stored elsewhere."""
-        for path in [*self.folder.glob("*.safetensors"), self.folder / _FINGERPRINT]:
-            path.unlink(missing_ok=True)
-        for folder in (self.folder, self.parent):
-            if folder.is_dir() and not any(folder.iterdir()):
-                folder.rmdir()

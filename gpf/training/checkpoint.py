@@ -50,7 +50,7 @@ def restore_trainer(trainer: Trainer, path: Path, fingerprint: Mapping[str, Any]
     if not path.exists():
         return None
     tensors, metadata = read_tensors(path, "checkpoint")
-    if metadata["fingerprint"] != json.loads(json.dumps(fingerprint)):
+    if metadata.get("fingerprint") != json.loads(json.dumps(fingerprint)):
         return None
     arrays = {name: [from_numpy(mi.Float, row) for row in value] for name, value in tensors.items()}
     trainer.gaussians = with_parameters(trainer.gaussians, arrays["parameters"])

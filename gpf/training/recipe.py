@@ -13,6 +13,7 @@ import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.structs import Photons, SurfacePoints, take, to_numpy
+from gpf.field.checks import smallest_search_radius
 from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import (
     TYPICAL_SCALE,
@@ -109,10 +110,20 @@ class Recipe:
         photons: the Gaussians start at some of these.
         targets: the field will be trained on these; they show where gaps are.
         bounds: corners of the scene's bounding box.
+
+        Raises
+        ------
+        UserError: ``field.search_radius`` is too small for a scene of this extent.
         """
         radius, scale = self.field.search_radius, self.field.initial_scale
         if radius == "auto":
             radius = propose_search_radius(photons, count, targets.position, bounds)
+        if not (least := smallest_search_radius(bounds)) <= radius:
+            raise UserError(
+                f"field.search_radius: {radius:.3g}",
+                "is too small for the extent of the scene",
+                f"Give {least:.2g} or more, or auto.",
+            )
         if scale == "auto":
             scale = TYPICAL_SCALE * radius
         decided = {"gaussians": count, "search_radius": radius, "initial_scale": scale}

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import FileError, UserError
-from gpf.core.files import read_tensors, write_tensors
+from gpf.core.files import read_tensors, require_finite, require_scene, write_tensors
 from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import SurfacePoints, VisiblePoints, from_numpy
 from gpf.scene.lamps import Lamps
@@ -74,25 +74,30 @@ class Targets:
         names = [f.name for f in fields(Targets)]
         return Targets(**{n: np.concatenate([getattr(p, n) for p in parts]) for n in names})
 
-    def save(self, path: Path) -> None:
-        """Write the targets."""
-        write_tensors(path, "targets", {k: v for k, v in vars(self).items()}, {})
+    def save(self, path: Path, scene: str | None = None) -> None:
+        """Write the targets, and the name of their scene if it has one."""
+        facts = {} if scene is None else {"scene": scene}
+        write_tensors(path, "targets", {k: v for k, v in vars(self).items()}, facts)
 
     @classmethod
-    def load(cls, path: Path) -> Targets:
+    def load(cls, path: Path, scene: str | None = None) -> Targets:
         """Read targets.
 
         Raises
         ------
-        FileError: the file is not one of targets, or lacks an array.
+        FileError: the file is not one of targets, or says that it is not of the scene of this name;
+            it lacks an array, or has values that are not finite.
         """
-        tensors, _ = read_tensors(path, "targets")
+        tensors, metadata = read_tensors(path, "targets")
+        if scene is not None:
+            require_scene(path, metadata, scene)
         missing = {f.name for f in fields(cls)} - set(tensors)
         if missing:
             raise FileError(
                 path,
                 f"is from an earlier version: it has no {', '.join(sorted(missing))}",
             )
+        require_finite(path, tensors)
         return cls(**tensors)
 
     def select(self, points: Literal["views", "surface", "both"]) -> Targets:

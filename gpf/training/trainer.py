@@ -116,6 +116,7 @@ class Trainer:
 
     def rebuild(self) -> None:
         """Rebuild the neighbour search and the neighbour lists of all points."""
+        self.rebuilt_at = self.step_count
         self.field.update(self.gaussians)
         self.lists = list_neighbours(self.field, self.training)
         if dr.width(self.held_out.p) > 0:

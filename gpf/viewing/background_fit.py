@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from gpf.core.errors import UserError
+from gpf.core.files import write_atomically
 
 PASSES = 1000
 """Photon passes of the whole fit: as many as a reference has."""
@@ -64,7 +65,7 @@ class BackgroundFit:
     ) -> None:
         self.out, self.live = out, folder / "live.safetensors"
         self.status = FitStatus()
-        self._paused = False
+        self._paused = self._closing = False
         self._errors = (folder / "errors.txt").open("wb")
         command = [sys.executable, "-m", "gpf.viewing.background_fit"]
         command += [str(os.getpid()), str(scene_file), str(out), str(self.live)]
@@ -85,6 +86,7 @@ class BackgroundFit:
 
     def close(self) -> bool:
         """End the fit, and keep its newest field; returns whether there is one."""
+        self._closing = True
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
@@ -92,9 +94,7 @@ class BackgroundFit:
         self._errors.close()
         if not self.live.exists():
             return self.status.ended and not self.status.error and self.out.exists()
-        part = self.out.with_name(f".{self.out.name}.partial")
-        shutil.copyfile(self.live, part)
-        part.replace(self.out)
+        write_atomically(self.out, lambda part: shutil.copyfile(self.live, part))
         return True
 
     def _listen(self) -> None:
@@ -105,7 +105,9 @@ class BackgroundFit:
             self.status = FitStatus(**facts, fields=fields)
         code = self._process.wait()
         error = ""
-        if code > 0:
+        if code < 0 and not self._closing:
+            error = f"{signal.Signals(-code).name} ended it; perhaps the memory is too small"
+        elif code > 0:
             text = Path(self._errors.name).read_text(errors="replace").strip()
             error = text.splitlines()[-1] if text else f"the fit ended with code {code}"
         self.status = FitStatus(
@@ -131,6 +133,7 @@ def main(
     from gpf.scene.light_groups import LightGroups
     from gpf.scene.load import load_scene_file
     from gpf.scene.transforms import read_sensors
+    from gpf.scene.untraceable import telling_untraceable
 
     choose_variant("auto")
     scene = load_scene_file(scene_file)
@@ -155,15 +158,16 @@ def main(
             }
             print(json.dumps(facts), flush=True)
 
-    field = fit(
-        scene,
-        sensors,
-        passes=PASSES,
-        callback=report,
-        state=out.with_suffix(".fit"),
-        groups=LightGroups.parse(groups, scene),
-        exposure=exposure,
-    )
+    with telling_untraceable(str(scene_file)):
+        field = fit(
+            scene,
+            sensors,
+            passes=PASSES,
+            callback=report,
+            state=out.with_suffix(".fit"),
+            groups=LightGroups.parse(groups, scene),
+            exposure=exposure,
+        )
     save_field(field, live)
     psnr = field.record["estimated_psnr"]
     facts = {"passes": PASSES, "all_passes": PASSES, "psnr": psnr, "field": True}

@@ -76,12 +76,12 @@ def _costs(results: Results) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     for scene in results.params.scenes:
         folder = results.root / scene / "costs"
         for path in sorted(folder.glob("*.json")):
-            yield results.scene(scene).title, path.stem, read_json(path)
+            yield results.scene(scene).title, path.stem, read_json(path, dict[str, Any])
         for path in sorted(folder.glob("baselines/*.json")):
             title = results.methods.get(path.stem)
             if title:
-                yield results.scene(scene).title, title, read_json(path)
+                yield results.scene(scene).title, title, read_json(path, dict[str, Any])
         for path in sorted(folder.glob("ablations/*.json")):
             if results.params.ablations.asks_for(scene, path.stem):
                 title = f"variant {path.stem}"
-                yield results.scene(scene).title, title, read_json(path)
+                yield results.scene(scene).title, title, read_json(path, dict[str, Any])

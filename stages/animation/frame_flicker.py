@@ -10,7 +10,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.images import read_exr
+from gpf.core.images import check_finite, read_exr
 from gpf.scene.views import View
 from metrics.flicker import (
     FramePoints,
@@ -47,6 +47,8 @@ def compare_frames(
     methods: dict[str, dict[str, Any]] = {}
     for method, files in frames.items():
         images = [read_exr(file)[0]["radiance"] for file in files]
+        for file, image in zip(files, images, strict=True):
+            check_finite(image, str(file))
         methods[method] = {}
         for way, found in links.items():
             flicker = measure_flicker(images, found, work.views.exposure)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from contextlib import nullcontext
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +11,8 @@ from typing import Annotated
 import typer
 
 from gpf.core.errors import UserError, is_interrupt
+from gpf.core.locks import sole_run
+from gpf.core.partial import remove_leftovers
 from stages.common.makers import naming_commands
 
 scene_app = typer.Typer(help="The scenes of the project.", no_args_is_help=True)
@@ -79,9 +82,25 @@ def stage(
     if name.value not in OF_ALL_SCENES and "scene" not in options:
         raise UserError(f"stage {name.value}", "needs a scene", "Name it with --scene.")
     module, function = STAGES[name.value]
-    arguments = [options.pop("scene")] if "scene" in options else []
+    options.pop("scene", None)
+    folder, arguments = Path("results"), []
+    if scene is not None:
+        from gpf.scene.folders import scene_folder
+
+        scene_folder(scene)  # says what is wrong before a lock is written
+        folder, arguments = folder / scene, [scene]
+    # Each row of params.yaml is an output of its own, and ranges of passes add up.
+    rows = [row.replace("/", "_") for row in (method, variant) if row]
+    output = folder / "-".join([name.value, *rows])
+    from gpf.scene.untraceable import telling_untraceable
+
+    # Others run foreign programs, whose errors say nothing about the scene.
+    traces = name.value in ("reference", "photons", "train", "render")
+    telling = telling_untraceable(f"scene {scene!r}") if traces else nullcontext()
     try:
-        getattr(importlib.import_module(module), function)(*arguments, **options)
+        with sole_run(output, shared=passes is not None), telling:
+            remove_leftovers(folder, deep=True)
+            getattr(importlib.import_module(module), function)(*arguments, **options)
     except BaseException as error:  # not in main, because typer catches interrupts itself
         if not is_interrupt(error):
             raise

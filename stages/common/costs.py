@@ -11,8 +11,10 @@ from typing import Any
 
 import drjit as dr
 
+from gpf.core.errors import FileError
 from gpf.core.files import read_json, write_json
 from gpf.core.runtime import device_description
+from metrics.files import CostFile
 
 KINDS = ("wall_seconds", "cpu_seconds", "compile_seconds")
 
@@ -32,7 +34,7 @@ class CostMeter:
     @classmethod
     def load(cls, path: Path) -> CostMeter:
         """Start from the costs of an earlier run, for stages that redo only what changed."""
-        found = read_json(path) if path.exists() else {"parts": {}, "facts": {}}
+        found = read_json(path, CostFile) if path.exists() else {"parts": {}, "facts": {}}
         meter = cls(found["parts"])
         meter.facts |= found["facts"]
         return meter
@@ -81,6 +83,15 @@ class CostMeter:
         """Write the parts, the facts and a description of the machine."""
         machine = device_description()
         write_json(path, {"parts": self.parts, "facts": self.facts, "machine": machine})
+
+
+@contextmanager
+def times_of(path: Path) -> Iterator[None]:
+    """A time that a cost file lacks is named together with the file."""
+    try:
+        yield
+    except KeyError as error:
+        raise FileError(path, f"has no time of {error.args[0]!r}") from error
 
 
 def _compile_seconds() -> float:

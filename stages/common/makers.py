@@ -14,6 +14,10 @@ from gpf.core.errors import FileError, UserError
 P = ParamSpec("P")
 R = TypeVar("R")
 
+DVC_CACHE = Path(".dvc/cache")
+"""Where DVC keeps files. It trusts those that are read-only: only a damaged one that is writable is
+found and removed."""
+
 # Path below results/SCENE -> the stage, with its option.
 _MAKERS = (
     (r"scene(/.*|\.json)?|views\.yaml", "scene"),
@@ -51,6 +55,8 @@ def with_command(error: FileError) -> UserError:
     if command is None:
         return error
     todo = f"Run `{command}` first." if error.missing else f"Delete it and run `{command}` again."
+    if not error.missing and DVC_CACHE.is_dir():
+        todo += f" If DVC restores the damaged file, run `chmod -R u+w {DVC_CACHE}` first."
     return UserError(error.where, error.what, todo)
 
 

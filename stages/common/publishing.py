@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from gpf.core.errors import UserError
+from gpf.core.errors import WriteError
 
 # Folders of files that are being written, and of files that are complete.
 _BEGUN, _READY = "begun", "ready"
@@ -18,18 +18,14 @@ def prepare_files(workshop: Path, write: Callable[[Path], None]) -> None:
 
     Raises
     ------
-    UserError: the folder could not be made. If ``write`` raises an error, nothing is kept.
+    WriteError: the folder could not be made. If ``write`` raises an error, nothing is kept.
     """
     begun = workshop / _BEGUN
     shutil.rmtree(begun, ignore_errors=True)
     try:
         begun.mkdir(parents=True)
     except OSError as error:
-        raise UserError(
-            str(begun),
-            f"could not be made ({error})",
-            "Free some disk space or check the folder.",
-        ) from error
+        raise WriteError(begun, error) from error
     try:
         write(begun)
     except BaseException:
@@ -39,10 +35,16 @@ def prepare_files(workshop: Path, write: Callable[[Path], None]) -> None:
 
 
 def publish_files(workshop: Path, target: Path) -> None:
-    """Move prepared files below ``target``; if a kill interrupts this, the next call continues."""
+    """Move prepared files below ``target``; if a kill interrupts this, the next call continues.
+
+    What else is in the workshop served to make them, and is removed.
+    """
     ready = workshop / _READY
     if not ready.is_dir():
         return
+    for path in workshop.iterdir():
+        if path != ready:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
     for path in sorted(p for p in ready.rglob("*") if p.is_file()):
         place = target / path.relative_to(ready)
         place.parent.mkdir(parents=True, exist_ok=True)

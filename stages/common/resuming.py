@@ -18,7 +18,7 @@ def open_task_folder(folder: Path, task: Mapping[str, Any]) -> Path:
     """
     text = json.dumps(task, indent=2, sort_keys=True) + "\n"
     file = folder / "task.json"
-    if not file.exists() or file.read_text(encoding="utf-8") != text:
+    if not file.exists() or file.read_bytes() != text.encode():
         shutil.rmtree(folder, ignore_errors=True)
         write_text(file, text)
     return folder

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from gpf.config.memory import refuse_too_large
 from gpf.config.params import Params, read_params
 from gpf.core.errors import FileError, UserError
 from gpf.core.runtime import choose_variant
@@ -36,8 +37,10 @@ class Workspace:
 
     @classmethod
     def open(cls, scene: str) -> Workspace:
-        """Read params.yaml, check that the scene exists, and choose the Mitsuba variant."""
+        """Read params.yaml, check that it does not need more memory than there is and that the
+        scene exists, and choose the Mitsuba variant."""
         params = read_params()
+        refuse_too_large(params)
         scene_folder(scene)
         choose_variant(params.runtime.variant)
         return cls(params, scene)

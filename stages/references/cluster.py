@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gpf.core.cluster import ClusterChoice, cores_of_smallest_machine, task_result
+from gpf.core.cluster import ClusterChoice, cores_of_smallest_machine, task_result, wait_for_tasks
 from gpf.core.errors import UserError
 from gpf.core.progress import progress_bar
 from stages.common.workspace import Workspace
@@ -46,8 +46,7 @@ def render_on_cluster(passes: GroupPasses, request: GroupRequest, wanted: range)
             # Tasks end in any order; the total grows by parts that follow without a gap.
             waiting = {part.start: part for part in passes.parts.done()}
             while running and not passes.is_good_enough(total):
-                ready, _ = ray.wait(list(running), timeout=1.0)
-                for reference in ready:
+                for reference in wait_for_tasks(ray, running):
                     part = running.pop(reference)
                     what = f"a task of passes {part.start}:{part.stop}"
                     tensors, costs = task_result(ray, reference, what)

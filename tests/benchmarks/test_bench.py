@@ -5,15 +5,10 @@ import re
 import pytest
 
 import benchmarks.__main__ as bench
-import benchmarks.training
 
 
 @pytest.mark.slow
-def test_it_prints_a_line_for_each_measurement(monkeypatch, capsys):
-    monkeypatch.setattr(bench, "SIZES", (32,))
-    monkeypatch.setattr(bench, "RADII", (0.05,))
-    monkeypatch.setattr(benchmarks.training, "PASSES", 24)
-    monkeypatch.setattr(benchmarks.training, "ROWS", 32)
+def test_it_prints_a_line_for_each_measurement(small_bench, capsys):
     bench.main()
     lines = capsys.readouterr().out.splitlines()
     rows = [line for line in lines if re.search(r"[\d.]+ m?s ", line)]

@@ -10,8 +10,9 @@ import pytest
 import gpf.rendering.sppm as sppm_plugin
 from gpf.camera.film import reconstruct, sample_film, sample_grid
 from gpf.core.structs import from_numpy
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import InitialFieldSettings, initialize_gaussians
+from gpf.field.settings import FieldSettings
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from tests.furnace import Scene, camera, cornell_box, sppm, z_scores

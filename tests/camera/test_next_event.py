@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.camera.next_event import share_of_bsdf
 from gpf.camera.visible_points import find_visible_points
-from gpf.core.structs import to_numpy
+from gpf.core.structs import VisiblePoints, to_numpy
+from gpf.scene.lamps import Lamps
 from tests.furnace import Scene, camera, floor, lamp, point_light, rectangle, rgb
 
 METAL = {"type": "roughconductor", "material": "Al", "alpha": 0.2}
@@ -26,16 +30,21 @@ GLOSSY = {
 }
 
 
-def emission(scene: Scene, spp: int, max_depth: int = -1) -> np.ndarray:
-    """Radiance that the camera walk gathers, one row per sample, (N, 3)."""
-    loaded = mi.load_dict(scene)
+def walk(loaded: mi.Scene, spp: int, **options: Any) -> VisiblePoints:
+    """Camera walks from all over the film, (8 * 6 * spp,)."""
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(3, 8 * 6 * spp)
     ray, _ = loaded.sensors()[0].sample_ray(
         0.0, sampler.next_1d(), sampler.next_2d(), sampler.next_2d()
     )
-    points = find_visible_points(loaded, sampler, mi.Ray3f(ray), max_depth, rr_depth=1000)
+    points = find_visible_points(loaded, sampler, mi.Ray3f(ray), **options)
     dr.eval(points)
+    return points
+
+
+def emission(scene: Scene, spp: int, max_depth: int = -1) -> np.ndarray:
+    """Radiance that the camera walk gathers, one row per sample, (N, 3)."""
+    points = walk(mi.load_dict(scene), spp, max_depth=max_depth, rr_depth=1000)
     assert not np.any(points.valid.numpy())
     return to_numpy(points.emission).astype(np.float64)
 
@@ -69,6 +78,28 @@ def test_it_is_what_a_path_tracer_finds(kind, max_depth):
     assert (np.abs(found.mean(0) - expected) < 4 * error + 1e-3 * expected).all()
 
 
+def test_the_weights_of_both_ways_to_a_lamp_add_up_to_one():
+    """The density of a direction that was sampled at a lamp is the one found on meeting it."""
+    panel = lamp((-0.7, 0.2, 0.6), (-0.4, 0, 0), 0.8, 6, 9, 12)
+    lights = {"panel": panel, "sky": EMITTERS["sky"]}
+    scene = mi.load_dict({"type": "scene", "floor": floor(TWO_SIDED, size=2)} | lights)
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(1, 2000)
+    place = 2 * sampler.next_2d() - 1
+    ray = mi.Ray3f(mi.Point3f(place.x, place.y, 0.01), mi.Vector3f(0, 0, -1))
+    lit = scene.ray_intersect(ray)
+    light, _ = scene.sample_emitter_direction(lit, sampler.next_2d(), False)
+    hit = scene.ray_intersect(lit.spawn_ray(light.d))
+    met = ((hit.emitter(scene) == light.emitter) & (light.pdf > 0)).numpy()
+    met &= light.d.z.numpy() > 0
+    kinds = hit.is_valid().numpy()[met]
+    assert kinds.sum() > 500 and (~kinds).sum() > 200
+    share = share_of_bsdf(scene, hit, lit.p, mi.Float(0.7), mi.Bool(True))
+    taken = light.pdf / (light.pdf + 0.7)
+    # The ray starts a little above the floor.
+    np.testing.assert_allclose((share + taken).numpy()[met], 1, atol=1e-3)
+
+
 def test_the_glint_of_a_small_lamp_is_no_matter_of_luck():
     """Samples of the lobe alone would have a hundred times the variance of a single bounce."""
     scene = gallery(TWO_SIDED, "small lamp")
@@ -87,3 +118,19 @@ def test_walls_without_gloss_draw_no_light():
     found = emission(scene, 4096)
     assert np.isin(np.round(found[:, 0] / 300, 3), [0, 1]).all()
     assert 0 < (found > 0).mean() < 0.1
+
+
+def test_lamps_light_the_diffuse_part_of_a_layered_surface_once():
+    """And not where the walk goes on from the coat, which shows a point light to nobody."""
+    plastic = {"type": "plastic", "diffuse_reflectance": rgb(0.6, 0.4, 0.2), "nonlinear": True}
+    view = {"type": "scene", "sensor": camera((0, -2, 1), (0, 0, 0.3), 70, (8, 6))}
+    loaded = mi.load_dict(view | {"floor": floor(plastic), "point": EMITTERS["point"]})
+    path = mi.load_dict({"type": "path", "max_depth": 2})
+    expected = np.array(mi.render(loaded, integrator=path, spp=4096)).mean((0, 1))
+    points = walk(loaded, 4096, lamps=Lamps(loaded))
+    found = to_numpy(points.emission).astype(np.float64)
+    valid = points.valid.numpy()
+    assert 0.1 < valid.mean() < 0.9 and not found[~valid].any()
+    error = found.std(0) / len(found) ** 0.5
+    assert (error < 0.005 * expected).all()
+    assert (np.abs(found.mean(0) - expected) < 5 * error).all()

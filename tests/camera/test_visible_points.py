@@ -147,8 +147,8 @@ def test_both_sides_of_glass_can_be_followed(kind):
         "before": lamp((0, 0, 3), (0, 0, 0), 40, 4, 5, 6),
     }
     scene = {"pane": floor(glass, size=40)} | lamps
-    through = walk(scene, (0, 0, 1), (0.8, 0, 0), count=100, side="through")
-    back = walk(scene, (0, 0, 1), (0.8, 0, 0), count=100, side="back")
+    through = walk(scene, (0, 0, 1), (0.8, 0, 0), count=100, back=False)
+    back = walk(scene, (0, 0, 1), (0.8, 0, 0), count=100, back=True)
     r = float(mi.fresnel(mi.Float(1 / math.hypot(1, 0.8)), mi.Float(1.5))[0][0])
     r = 2 * r / (1 + r) if kind == "thindielectric" else r
     np.testing.assert_allclose(spread(back.share, 100), r, rtol=1e-4)
@@ -161,10 +161,10 @@ def test_both_sides_of_glass_can_be_followed(kind):
 
 def test_without_glass_one_walk_is_all():
     scene = {"floor": lamp((0, 0, 0), (0, 0, 1), 6, 1, 2, 3) | {"bsdf": diffuse(0.5)}}
-    through = walk(scene, (0, -1, 1), (0.5, 0.2, 0), side="through")
+    through = walk(scene, (0, -1, 1), (0.5, 0.2, 0), back=False)
     assert is_valid(through).all() and (spread(through.share) == 1).all()
     np.testing.assert_allclose(spread(through.emission), [[1, 2, 3]] * 20_000, rtol=1e-5)
-    back = walk(scene, (0, -1, 1), (0.5, 0.2, 0), side="back")
+    back = walk(scene, (0, -1, 1), (0.5, 0.2, 0), back=True)
     assert not is_valid(back).any() and not spread(back.share).any()
     assert not spread(back.emission).any()
 
@@ -172,10 +172,10 @@ def test_without_glass_one_walk_is_all():
 def test_total_reflection_is_a_single_side():
     """From within a block of glass, at a slant, the surface is a mirror."""
     scene = {"surface": floor(GLASS, z=0, size=40), "ground": floor(diffuse(0.5), z=-4, size=40)}
-    through = walk(scene, (0, 0, -1), (1.5, 0, 0), side="through")
+    through = walk(scene, (0, 0, -1), (1.5, 0, 0), back=False)
     assert is_valid(through).all() and (spread(through.share) == 1).all()
     assert (spread(through.p)[:, 2] < -3.9).all()
-    back = walk(scene, (0, 0, -1), (1.5, 0, 0), side="back")
+    back = walk(scene, (0, 0, -1), (1.5, 0, 0), back=True)
     assert not is_valid(back).any() and not spread(back.share).any()
 
 

@@ -8,7 +8,8 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.structs import to_numpy
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
+from gpf.field.settings import FieldSettings
 from gpf.scene.bounds import scene_bounds
 from tests.plain_field import flat_gaussians, to_device
 

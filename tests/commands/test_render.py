@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import json
 import shutil
@@ -114,6 +115,18 @@ def test_pictures_made_in_another_way_are_replaced(box, capsys):
         capsys.readouterr()
         render("-o", "a", *changed)
         assert "1 picture, " in capsys.readouterr().err, changed
+
+
+def test_depth_and_normals_of_another_size_are_made_anew(box):
+    both = ("--aovs", "depth,normal", "-o", "a")
+    render(*both)
+    assert run("--size", "8x6", "--spp", "4", "-o", "a") == 0
+    assert run("--size", "8x6", "--spp", "4", *both) == 0
+    assert np.load(box / "a" / "sensor_depth.npy").shape == (6, 8)
+    with Image.open(box / "a" / "sensor_normal.png") as normal:
+        assert normal.size == (8, 6)
+    assert run("--size", "12x8", "--spp", "4", *both) == 0
+    assert np.load(box / "a" / "sensor_depth.npy").shape == (8, 12)
 
 
 def test_a_picture_does_not_depend_on_those_beside_it(box):
@@ -235,6 +248,9 @@ def test_fields_that_do_not_know_their_scene_are_taken(box):
         (("--denoise", "--seconds", "1"), "--denoise and --seconds: exclude each other"),
         (("--cluster", "head:10001"), "--cluster: is for `--executor ray`"),
         (("--frames",), "box.xml: has no camera path"),
+        (("--seconds", "nan"), "--seconds: is nan. Give a number above 0"),
+        (("--seconds", "-1"), "--seconds: is -1.0. Give a number above 0"),
+        (("--exposure", "inf"), "--exposure: is inf. Give a number above 0"),
         (("--orbit", "3", "--view", "sensor"), "--orbit and --view: exclude each other"),
         (("--field", "none.safetensors"), "none.safetensors: is missing"),
         (("--views", "none.json"), "none.json: does not exist"),
@@ -294,3 +310,18 @@ def test_a_cluster_gives_the_bits_of_one_machine(box, capsys):
     for file in sorted((box / "here").glob("*.exr")):
         here, there = (read_exr(box / f / file.name)[0]["radiance"] for f in ("here", "there"))
         np.testing.assert_array_equal(here, there)
+
+
+@pytest.mark.parametrize("words", [("--orbit", "1000000000"), ("--spp", "10000000000")])
+def test_numbers_that_no_time_and_no_memory_suffice_for_are_refused(box, capsys, words):
+    assert "less than or equal to" in refused(capsys, *words)
+
+
+def test_a_material_that_cannot_be_traced_is_told(box, capsys):
+    text = (box / "box.xml").read_text(encoding="utf-8")
+    bump = '<bsdf type="bumpmap"><texture type="checkerboard"/><bsdf type="diffuse"/></bsdf>'
+    new = text.replace("</scene>", f'<shape type="sphere">{bump}</shape></scene>')
+    (box / "box.xml").write_text(new, encoding="utf-8")
+    said = refused(capsys, "--changed-scene")
+    assert "box.xml: light cannot be traced in it" in said and "Give the bumpmap a bitmap" in said
+    gc.collect()  # the error's traceback holds the scene, and Dr.Jit traces through all that exist

@@ -291,3 +291,11 @@ def test_the_projects_own_params_say_everything():
             fixed = {"max_depth"} if name == "reference" else set()  # -1 is its only value
             assert section.keys() - fixed == written[name].keys(), name
     assert set(params.scenes) <= {p.parent.name for p in (PROJECT / "scenes").glob("*/scene.xml")}
+
+
+@pytest.mark.parametrize("text", ["[" * 3000, "- " * 3000, "film: " + "9" * 5000])
+def test_files_that_are_too_deep_or_have_endless_numbers_are_told(tmp_path, text):
+    file = tmp_path / "params.yaml"
+    file.write_text(text)
+    with pytest.raises(UserError, match=r"params\.yaml: is not YAML: .*Correct that line"):
+        read_params(file)

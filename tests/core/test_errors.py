@@ -2,11 +2,12 @@
 
 import pickle
 import signal
+import time
 from pathlib import Path
 
 import pytest
 
-from gpf.core.errors import FileError, UserError, uninterrupted
+from gpf.core.errors import FileError, UserError, no_lost_interrupts, uninterrupted
 
 
 def test_it_says_where_what_and_what_to_do():
@@ -46,5 +47,15 @@ def test_an_interrupt_waits_until_the_block_ends():
         done.append("first")
         done.append("second")
     assert done == ["first", "second"]
-    with pytest.raises(KeyboardInterrupt):
+    with no_lost_interrupts(), pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
+
+
+def test_an_interrupt_in_a_destructor_is_not_lost():
+    class Interrupted:
+        def __del__(self):
+            signal.raise_signal(signal.SIGINT)
+
+    with no_lost_interrupts(), pytest.raises(KeyboardInterrupt):
+        Interrupted()
+        time.sleep(5)

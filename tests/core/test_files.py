@@ -175,3 +175,83 @@ def test_the_errors_words_are_its_three_parts():
     assert re.fullmatch(r"file: key: is -1\. Give 0 or more", str(error))
     assert (error.where, error.what, error.todo) == ("file: key", "is -1", "Give 0 or more")
     assert error.exit_code == 2
+
+
+# --- damage -----------------------------------------------------------------------------------
+
+
+def test_a_flipped_bit_is_noticed_or_changes_nothing(file):
+    data = file.read_bytes()
+    for bit in range(0, 8 * len(data), 13):
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << (bit % 8)
+        file.write_bytes(flipped)
+        try:
+            tensors, metadata = read_tensors(file, "photons")
+        except FileError:
+            continue
+        assert metadata == {"paths": 7, "nested": {"a": [1.5, None, "ü"]}}, bit
+        assert tensors.keys() == TENSORS.keys(), bit
+        for name, value in TENSORS.items():
+            np.testing.assert_array_equal(tensors[name], value, err_msg=f"bit {bit}")
+
+
+def test_files_without_a_checksum_are_read(tmp_path):
+    path = tmp_path / "old.safetensors"
+    header = {"kind": "field", "schema_version": str(SCHEMA_VERSION), "metadata": '{"a": 1}'}
+    save_file({"x": np.ones(3, np.float32)}, path, metadata=header)
+    assert read_tensors(path, "field")[1] == {"a": 1}
+
+
+@pytest.mark.parametrize("size", [2**62, 10**9, 5000])
+def test_a_header_of_gigabytes_is_not_read(file, size):
+    file.write_bytes(size.to_bytes(8, "little") + file.read_bytes()[8:])
+    with pytest.raises(FileError, match=f"damaged .its header would have {size} bytes"):
+        read_tensors(file, "photons")
+
+
+def test_an_array_that_a_file_does_not_have(file):
+    tensors, _ = read_tensors(file, "photons")
+    assert "colours" not in tensors and tensors.get("colours") is None
+    with pytest.raises(FileError, match=r"photons\.safetensors: has no tensor colours\. Delete"):
+        tensors["colours"]
+
+
+# --- JSON that is not what it should be ---------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b'{"name": "\xff"}', r"costs\.json: is not JSON \('utf-8' codec can't decode"),
+        (b"[" * 100_000, r"is not JSON \(maximum recursion depth"),
+        (b"9" * 5000, r"is not JSON \(Exceeds the limit"),
+        (b'{"parts": [1]}', r"has another shape \(parts: Input should be an object"),
+        (b"[]", r"has another shape \(the whole: Input should be an object"),
+        (b'{"parts": {"a": "b"}}', r"has another shape \(parts\.a: Input should be a valid number"),
+        (
+            b'{"parts": {"a": "1.5"}}',
+            r"has another shape \(parts\.a: Input should be a valid number",
+        ),
+    ],
+)
+def test_json_of_another_form_is_told(tmp_path, data, words):
+    path = tmp_path / "costs.json"
+    path.write_bytes(data)
+    with pytest.raises(FileError, match=words):
+        read_json(path, dict[str, dict[str, float]])
+
+
+def test_a_folder_in_place_of_json_is_told(tmp_path):
+    with pytest.raises(FileError, match=r"cannot be read \(Is a directory\)"):
+        read_json(tmp_path)
+
+
+@pytest.mark.parametrize("metadata", [None, "{", "[]", "[" * 100_000])
+def test_metadata_of_another_form_are_told(tmp_path, metadata):
+    path = tmp_path / "photons.safetensors"
+    header = {"kind": "photons", "schema_version": str(SCHEMA_VERSION)}
+    header |= {} if metadata is None else {"metadata": metadata}
+    save_file({"a": np.zeros(3, np.float32)}, path, metadata=header)
+    with pytest.raises(FileError, match=r"is not JSON|has another shape"):
+        read_tensors(path, "photons")

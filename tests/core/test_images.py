@@ -4,6 +4,7 @@ import json
 import resource
 import time
 from contextlib import contextmanager
+from functools import partial
 
 import drjit as dr
 import mitsuba as mi
@@ -208,6 +209,53 @@ def test_a_full_disk_leaves_the_old_image(tmp_path, name):
         write(noise)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == [name]
+
+
+@pytest.mark.parametrize("name", ["noise.exr", "noise.png"])
+def test_a_disk_that_is_full_before_the_last_byte(tmp_path, name):
+    """The libraries keep the end of a file back, and close it without a word."""
+    noise = np.random.default_rng(1).random((8, 6, 3)).astype(np.float32)
+    path = tmp_path / name
+    write = partial(write_exr, path, {"radiance": noise}, {})
+    if path.suffix == ".png":
+        write = partial(write_png, path, noise, 1.0)
+    write()
+    size = path.stat().st_size
+    path.unlink()
+    for room in (0, 1, size // 2, size - 1):
+        with full_disk(room), pytest.raises(UserError, match="could not be written.*Free"):
+            write()
+    assert list(tmp_path.iterdir()) == []
+    with full_disk(size):
+        write()
+
+
+def test_a_flipped_bit_is_noticed_or_changes_nothing(file, capfd):
+    data, before = file.read_bytes(), read_exr(file)
+    for bit in range(0, 8 * len(data), 61):
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << (bit % 8)
+        file.write_bytes(flipped)
+        try:
+            layers, record = read_exr(file)
+        except FileError:
+            continue
+        assert record == before[1] and layers.keys() == before[0].keys(), bit
+        for name, value in before[0].items():
+            np.testing.assert_array_equal(layers[name], value, err_msg=f"bit {bit}")
+
+
+def test_a_layer_that_an_image_does_not_have(file, tmp_path):
+    layers, _ = read_exr(file)
+    assert "irradiance" not in layers
+    with pytest.raises(FileError, match=r"front\.exr: has no layer irradiance\. Delete it"):
+        layers["irradiance"]
+    path = tmp_path / "red.exr"
+    pixels = np.zeros((HEIGHT, WIDTH), np.float32)
+    header = {"gpf": json.dumps({"schema_version": SCHEMA_VERSION})}
+    OpenEXR.File(header, {"R": pixels, "B": pixels}).write(str(path))
+    with pytest.raises(FileError, match=r"red\.exr: has no channel G"):
+        read_exr(path)
 
 
 def test_beyond_white_all_light_looks_the_same():

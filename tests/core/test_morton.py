@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import mitsuba as mi
 import numpy as np
 
-from gpf.core.morton import order_in_space
+from gpf.core.morton import order_in_space, order_lanes_in_space
+from gpf.core.structs import from_numpy
 
 
 def test_the_curve_goes_through_one_octant_after_another():
@@ -36,3 +38,13 @@ def test_no_points_have_an_order_too():
 def test_cells_too_small_to_be_told_apart_are_no_error():
     points = np.array([[0.0, 0, 0], [1e9, 0, 0], [2e9, 0, 0]])
     assert sorted(order_in_space(points, 1e-3)) == [0, 1, 2]
+
+
+def test_lanes_have_the_same_order():
+    """With 8 cubes of different points on each axis, some with negative coordinates."""
+    points = np.random.default_rng(4).uniform(-4, 4, (500, 3))
+    points[0] = -4  # the first cube of the plain order
+    order = order_lanes_in_space(from_numpy(mi.Point3f, points + 4), 1.0).numpy()
+    assert order.tolist() == order_in_space(points, 1.0).tolist()
+    away = order_lanes_in_space(from_numpy(mi.Point3f, points - 1020), 1.0).numpy()
+    assert away.tolist() == order.tolist()

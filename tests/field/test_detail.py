@@ -11,10 +11,11 @@ import pytest
 
 from gpf.core.structs import from_numpy, to_numpy
 from gpf.field.detail import FADE, Detail
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import place_by_detail
 from gpf.field.io import load_field, read_field, save_field
 from gpf.field.ply import write_splats
+from gpf.field.settings import FieldSettings
 from tests.plain_field import flat_gaussians, to_device
 
 RADIUS, WIDTH = 0.4, 0.5
@@ -83,6 +84,20 @@ def test_a_field_answers_with_the_gaussians_of_one_level():
     np.testing.assert_allclose(to_numpy(value)[:, 0], levels + 1, rtol=1e-5)
     # As dense at each level as the radius asks for: no query has to look farther.
     assert (to_numpy(reach) == 1).mean() > 0.98
+
+
+def test_a_copy_with_the_arrays_of_another_field_has_its_levels():
+    rng = np.random.default_rng(7)
+    turned = Detail(make_detail().table[::-1], WIDTH, CORNER, RADIUS)
+    first, other = make_field(make_detail(), rng), make_field(turned, rng)
+    p, n = floor(rng, 2000)
+    every = dr.full(mi.Bool, True, 2000)
+    ours, theirs, before = (
+        to_numpy(f.query(device(p), mi.Normal3f(device(n)), every)[0])
+        for f in (first.with_arrays(other.arrays()), other, first)
+    )
+    np.testing.assert_array_equal(ours, theirs)
+    assert (ours != before).any(axis=1).mean() > 0.9
 
 
 def test_a_query_is_that_of_a_plain_field_on_a_smaller_scale():

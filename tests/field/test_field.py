@@ -6,8 +6,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import VisiblePoints
-from gpf.field.field import LARGEST_REACH, FieldSettings, blend_weight
+from gpf.core.structs import VisiblePoints, from_numpy
+from gpf.field.field import LARGEST_REACH, blend_weight
+from gpf.field.settings import FieldSettings
 from tests.plain_field import (
     LOWER,
     UPPER,
@@ -146,6 +147,24 @@ def test_a_lamp_in_front_of_a_wall_does_not_leak_onto_it():
     x = np.array([[0.3 * radius, 0.5, 0], [0, 0.5, 0.4 * radius]])
     value, _ = ask(make_field(g, FieldSettings(search_radius=radius, k=1)), x, np.tile(UP, (2, 1)))
     np.testing.assert_allclose(value[:, 0], [1, 1000], rtol=1e-5)
+
+
+def test_a_copy_with_the_arrays_of_another_field_answers_like_it():
+    """Of the error, too: a recorded function takes all of them as arguments."""
+    rng = np.random.default_rng(4)
+    settings = FieldSettings(search_radius=0.5, k=3)
+    first, other = (
+        make_field(random_gaussians(rng, 80), settings, error=rng.uniform(0.1, 1, 80))
+        for _ in range(2)
+    )
+    x, n = from_numpy(mi.Point3f, rng.uniform(LOWER, UPPER, (60, 3))), mi.Normal3f(0, 0, 1)
+    copy = first.with_arrays(other.arrays())
+    for ask_for in ("query", "query_error"):
+        ours, theirs, before = (
+            np.array(getattr(f, ask_for)(x, n, mi.Bool(True))[0]) for f in (copy, other, first)
+        )
+        np.testing.assert_array_equal(ours, theirs)
+        assert np.abs(ours - before).max() > 0.1
 
 
 def test_inactive_lanes_get_nothing():

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from gpf.core.structs import Photons, from_numpy
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import (
     MOST,
     SPACING,
@@ -15,6 +15,7 @@ from gpf.field.initialization import (
     find_gaps,
     initialize_gaussians,
 )
+from gpf.field.settings import FieldSettings
 
 BOUNDS = (mi.ScalarPoint3f(-1, -1, -1), mi.ScalarPoint3f(5, 3, 2))
 RADIUS = 0.2

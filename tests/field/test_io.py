@@ -7,8 +7,10 @@ import pytest
 
 from gpf.core.errors import UserError
 from gpf.core.files import read_tensors, write_tensors
-from gpf.field.field import FieldSettings
 from gpf.field.io import StoredField, load_field, read_field, save_field, write_field
+from gpf.field.lights import FieldLights
+from gpf.field.settings import FieldSettings
+from gpf.scene.light_groups import LightGroups
 from tests.plain_field import (
     PlainGaussians,
     ask,
@@ -92,6 +94,23 @@ def test_a_saved_field_comes_back_bit_for_bit(tmp_path):
         np.testing.assert_array_equal(np.array(after).T, getattr(g, name).astype(np.float32))
     x, n = rng.uniform(-1, 2, (20, 3)), random_normals(rng, 20)
     np.testing.assert_array_equal(ask(field, x, n)[0], ask(loaded, x, n)[0])
+
+
+@pytest.mark.parametrize(("precision", "tolerance"), [("float32", 0), ("compact", 5e-4)])
+def test_the_light_of_groups_comes_back(tmp_path, precision, tolerance):
+    rng = np.random.default_rng(12)
+    parts = rng.uniform(0.1, 2, (2, 37, 3)).astype(np.float32)
+    groups = LightGroups(("sun", "lamps"), ((1,), (0, 2)))
+    g = replace(random_gaussians(rng, 37), irradiance=single(parts.sum(axis=0)))
+    field = make_field(g, FieldSettings(search_radius=0.3), lights=FieldLights(groups, parts))
+    save_field(field, tmp_path / "field.safetensors", precision)
+    again = load_field(tmp_path / "field.safetensors")
+    assert again.lights.groups == groups
+    # The order of a compact file is one in space.
+    order, found = (np.argsort(x.sum(axis=(0, 2))) for x in (parts, again.lights.irradiance))
+    np.testing.assert_allclose(
+        again.lights.irradiance[:, found], parts[:, order], rtol=tolerance, atol=0
+    )
 
 
 def test_a_file_from_before_there_was_a_compact_precision(tmp_path):

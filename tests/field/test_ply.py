@@ -5,7 +5,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gpf.core.images import tone_map
-from gpf.field.field import FieldSettings
 from gpf.field.io import StoredField
 from gpf.field.ply import (
     NARROWING,
@@ -15,6 +14,7 @@ from gpf.field.ply import (
     propose_exposure,
     write_splats,
 )
+from gpf.field.settings import FieldSettings
 from tests.plain_field import PlainGaussians, random_gaussians
 
 # As the readers of PlayCanvas and three.js ask for them by name, in the order of the first program.

@@ -10,7 +10,7 @@ import pytest
 
 import gpf
 from gpf.core.images import tone_map
-from gpf.field.field import FieldSettings
+from gpf.field.settings import FieldSettings
 from gpf.fitting.quality import QualityEstimate
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings

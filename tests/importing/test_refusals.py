@@ -221,3 +221,17 @@ def test_whatever_interrupts_leaves_nothing_behind(original, root):
 def test_a_folder_that_cannot_be_written_is_told(original, tmp_path):
     with pytest.raises(UserError, match=r"nowhere/room: could not be made \(.*Free some disk"):
         bring(original, tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("way", ["place", "name"])
+def test_members_that_the_system_refuses_are_told(original, root, tmp_path, way):
+    archive = pack(original, tmp_path / "room.zip")
+    if way == "name":
+        with zipfile.ZipFile(archive, "a") as opened:
+            opened.writestr("x" * 300, "text")
+    else:  # of the first member: far before the beginning of the file
+        data = bytearray(archive.read_bytes())
+        at = data.find(b"PK\x05\x06") + 16  # where the list of members begins, as the end says
+        data[at : at + 4] = (2**31).to_bytes(4, "little")
+        archive.write_bytes(data)
+    assert_refused(archive, root, r"room\.zip: cannot be unpacked: .*Pack it again")

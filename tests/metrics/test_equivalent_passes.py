@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from metrics.equivalent_passes import EquivalentPasses, equivalent_passes
+from metrics.equivalent_passes import EquivalentPasses, equivalent_passes, snapshot_passes
 
 CURVE = {3: 28.8, 30: 35.9, 100: 39.7, 1000: 45.2}
 
@@ -42,3 +42,9 @@ def test_bad_curves_are_errors():
         equivalent_passes(30.0, {0: 20.0, 3: 25.0})
     with pytest.raises(ValueError, match="PSNR is nan"):
         equivalent_passes(float("nan"), CURVE)
+
+
+def test_a_curve_has_two_points_per_power_of_ten_and_its_end():
+    assert snapshot_passes(1) == [1]
+    assert snapshot_passes(10) == [1, 3, 10]
+    assert snapshot_passes(2000) == [1, 3, 10, 30, 100, 300, 1000, 2000]

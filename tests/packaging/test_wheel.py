@@ -15,8 +15,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from gpf.field.field import FieldSettings
 from gpf.field.io import StoredField, write_field
+from gpf.field.settings import FieldSettings
 
 pytestmark = pytest.mark.slow
 

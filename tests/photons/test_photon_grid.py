@@ -89,6 +89,26 @@ def test_a_small_table_grows_and_knows_the_same(scene):
         np.testing.assert_array_equal(ours, theirs)
 
 
+def test_a_cell_may_hold_very_many_photons(scene):
+    """Sums of whole numbers do not overflow at a hundred thousand of them."""
+    cells, settings = PhotonCells(10, scene_bounds(scene)), PathSettings(100_000)
+    sums = PhotonSums(cells, settings)
+    sums.trace(scene, seed=0, half=0)
+    power = to_numpy(sums.photons(0).power).astype(np.float64)
+    photons = record_photons(scene, settings, seed=0)
+    up = to_numpy(photons.n)[:, 2] > 0
+    expected = [to_numpy(photons.power)[side].astype(np.float64).sum(0) for side in (up, ~up)]
+    assert min(up.sum(), (~up).sum()) > 70_000
+    order = np.argsort(power[:, 0])
+    np.testing.assert_allclose(power[order], sorted(expected, key=lambda x: x[0]), rtol=1e-5)
+
+
+def test_photons_that_do_not_fit_are_not_lost_in_silence(scene, monkeypatch):
+    monkeypatch.setattr(PhotonSums, "_grow", lambda sums, capacity: None)
+    with pytest.raises(RuntimeError, match="photons did not fit into 64 cells"):
+        add_up(scene, capacity=64)
+
+
 def test_no_photons_are_no_cells():
     dark = mi.load_dict(
         {"type": "scene", "floor": floor(diffuse(0.5)), "light": point_light((0, 0, -5), 1, 1, 1)}

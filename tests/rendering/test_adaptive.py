@@ -63,6 +63,30 @@ def test_noise_falls_where_it_is():
     np.testing.assert_array_equal(image[:, 5:], np.ones((HEIGHT, WIDTH - 5, 3)))
 
 
+def test_the_variance_is_that_of_many_images():
+    """Noise in the left half, more of it downwards; the sampler spreads samples evenly, too."""
+
+    def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+        strength = mi.Float(pixel.y + 4) / HEIGHT
+        noise = dr.select(pixel.x < WIDTH // 2, strength * sampler.next_1d(), 1)
+        return [noise, 2 * noise, 3 * noise]
+
+    for kind in ("independent", "multijitter"):
+        sampler = mi.load_dict({"type": kind})
+        runs = np.stack(
+            [
+                np.array(sample_adaptively(sample, sampler, SIZE, 64, s, False, True))
+                for s in range(40)
+            ]
+        )
+        measured = runs[..., :3].var(axis=0, ddof=1).mean(axis=-1)
+        told = runs[..., 3].mean(axis=0)
+        for rows in (slice(0, 6), slice(10, 16)):
+            inner = rows, slice(0, WIDTH // 2 - 2)
+            assert told[inner].mean() == pytest.approx(measured[inner].mean(), rel=0.2)
+        assert told[:, WIDTH // 2 + 2 :].max() < 1e-12
+
+
 def test_the_same_seed_gives_the_same_bits():
     def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
         return [sampler.next_1d() for _ in range(3)]

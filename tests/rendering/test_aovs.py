@@ -6,7 +6,8 @@ import pytest
 
 import gpf  # noqa: F401  # registers the plugins
 from gpf.core.images import tone_map
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
+from gpf.field.settings import FieldSettings
 from gpf.rendering.aovs import (
     AOVS,
     MOST_ERROR,

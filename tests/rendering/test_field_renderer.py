@@ -2,7 +2,8 @@
 
 import mitsuba as mi
 
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
+from gpf.field.settings import FieldSettings
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.bounds import scene_bounds

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import gpf  # noqa: F401  # registers the plugins
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
 from gpf.field.io import save_field
+from gpf.field.settings import FieldSettings
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View

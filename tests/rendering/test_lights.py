@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from gpf.core.errors import UserError
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field, save_field
 from gpf.field.lights import FieldLights
+from gpf.field.settings import FieldSettings
 from gpf.rendering.lights import LightMixer
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.light_groups import LightGroups, emitter_names

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import gpf  # noqa: F401  # registers the plugins
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
+from gpf.field.settings import FieldSettings
 from gpf.rendering.scene_check import warn_of_another_scene
 from gpf.scene.bounds import bounding_box
 from tests.plain_field import flat_gaussians, to_device

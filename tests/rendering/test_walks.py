@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
+from gpf.field.settings import FieldSettings
 from gpf.rendering.walks import GROUP, NEAR, SAME_SIDE, GroupedWalks, Walks, query_together
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.sensors import make_sensor

@@ -13,6 +13,7 @@ from gpf.core.files import write_json, write_text
 from gpf.core.images import tone_map, write_exr
 from report.figures.sketch import Sketch, save
 from report.results import NUMBERS, Results
+from tests.report.made_up import seconds
 
 SCENE, OTHER = "water_caustic", "cornell_box"
 SIZE = HEIGHT, WIDTH = 32, 48
@@ -70,7 +71,7 @@ def make_drawn(root: Path, **changes: Any) -> Results:
             write_json(folder / "metrics" / f"{method}.json", report)
             cost = {
                 "facts": {"views": 2},
-                "parts": {"render": {"wall_seconds": 2 * SECONDS[method]}},
+                "parts": {"render": seconds(2 * SECONDS[method])},
             }
             name = "render" if method == "gpf" else f"baselines/{method}"
             write_json(folder / "costs" / f"{name}.json", cost)

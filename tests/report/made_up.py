@@ -35,6 +35,11 @@ VARIANTS = {
 }
 
 
+def seconds(wall: float) -> dict[str, float]:
+    """A part of a stage's costs."""
+    return {"wall_seconds": wall, "cpu_seconds": 2 * wall, "compile_seconds": 0.0}
+
+
 def made_up_params(**changes: Any) -> Params:
     """Parameters with three scenes, some methods and variants; the variant `sum` does not run."""
     sections: dict[str, Any] = {
@@ -67,16 +72,16 @@ def make_results(root: Path, **changes: Any) -> Results:
                 facts = _facts(numbers) | {"storage_megabytes": next(numbers)}
                 if method.startswith("path"):
                     facts["storage_megabytes"] = 0.0
-                parts = {part: {"wall_seconds": next(numbers)} for part in ("prepare", "render")}
+                parts = {part: seconds(next(numbers)) for part in ("prepare", "render")}
                 cost = {"facts": facts, "parts": parts}
                 write_json(folder / "costs" / "baselines" / f"{method}.json", cost)
         refusal = {"cannot_serve": "glass and water are beyond it"}
         write_json(folder / "metrics" / "renderformer.json", refusal)
         facts = _facts(numbers) | {"field_megabytes": next(numbers)}
-        cost = {"facts": facts, "parts": {"render": {"wall_seconds": next(numbers)}}}
+        cost = {"facts": facts, "parts": {"render": seconds(next(numbers))}}
         write_json(folder / "costs" / "render.json", cost)
         facts = {"gaussians": 100_000 if scene == WATER else 6250}
-        parts = {part: {"wall_seconds": next(numbers)} for part in ("initialization", "training")}
+        parts = {part: seconds(next(numbers)) for part in ("initialization", "training")}
         write_json(folder / "costs" / "train.json", {"facts": facts, "parts": parts})
         kinds = ("single_view", "shared_view")
         facts = {f"seconds_per_{kind}_pass": next(numbers) / 10 for kind in kinds}

@@ -11,7 +11,7 @@ from report.points import Point, extrapolate, measured_points
 from report.results import Results
 from report.tables.equal import equal_quality_table, equal_time_table
 from report.writing import to_markdown
-from tests.report.made_up import BOX, edit, make_results
+from tests.report.made_up import BOX, edit, make_results, seconds
 
 COSTS = {"path_10": 8.0, "path_50": 40.0, "sppm_3": 400.0}
 PSNR = {"path_10": 20.0, "path_50": 26.0, "sppm_3": 22.0, "gpf": 33.0}
@@ -25,9 +25,9 @@ def results(tmp_path):
     folder = results.root / BOX
     for method, psnr in PSNR.items():
         edit(folder / "metrics" / f"{method}.json", mean__psnr=psnr)
-    for method, seconds in COSTS.items():
+    for method, wall in COSTS.items():
         file = folder / "costs" / "baselines" / f"{method}.json"
-        edit(file, parts__render__wall_seconds=seconds)
+        edit(file, parts__render__wall_seconds=wall)
     edit(folder / "costs" / "render.json", parts__render__wall_seconds=40.0)
     edit(folder / "costs" / "reference.json", facts__seconds_per_single_view_pass=1.0)
     rows = [{"passes": passes, "psnr": psnr} for passes, psnr in CURVE.items()]
@@ -62,8 +62,8 @@ def test_a_method_at_equal_time_is_a_point_of_its_system(results):
     rows["methods"]["equal_time"] = ["path_equal_time"]
     results = Results(results.params.model_validate(rows), results.root)
     folder = results.root / BOX
-    write_json(folder / "metrics" / "path_equal_time.json", {"mean": {"psnr": 27.0}})
-    cost = {"facts": {"views": 4}, "parts": {"render": {"wall_seconds": 40.4}}}
+    write_json(folder / "metrics" / "path_equal_time.json", {"mean": {"psnr": 27.0}, "reasons": {}})
+    cost = {"facts": {"views": 4}, "parts": {"render": seconds(40.4)}}
     write_json(folder / "costs" / "baselines" / "path_equal_time.json", cost)
     frame = equal_time_table(results).frame.set_index("method")
     assert frame.loc["Path tracer, equal time", "psnr"] == 27

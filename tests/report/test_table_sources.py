@@ -18,7 +18,7 @@ import report
 from gpf.baselines.options import BaselineOptions
 from report.paper import FILE
 from report.results import NUMBERS, Results
-from tests.report.made_up import BOX, WATER, cells, edit, make_results, tables_of
+from tests.report.made_up import BOX, WATER, cells, edit, make_results, seconds, tables_of
 
 PACKAGE = Path(report.__file__).parent
 
@@ -91,13 +91,15 @@ def test_every_number_comes_from_a_file(results):
 
 
 def changed(data, factors):
-    """The same data with each number multiplied by another factor."""
+    """The same data with each number multiplied by another factor; counts stay whole."""
     if isinstance(data, dict):
         # With another number of passes than in params.yaml, the scene would not be shown.
         return {k: v if k == "passes" else changed(v, factors) for k, v in data.items()}
     if isinstance(data, list):
         return [changed(value, factors) for value in data]
-    return data * next(factors) if leaves(data) else data
+    if not leaves(data):
+        return data
+    return 2 * data if isinstance(data, int) else data * next(factors)
 
 
 def measured(results: Results) -> dict[tuple, float]:
@@ -164,7 +166,7 @@ def test_preparation_includes_the_training_data(results):
     assert scene.inputs_seconds(splats, passes) == 10 * 30 * 0.5
     assert scene.inputs_seconds(cache, passes) is None  # targets were not timed
     edit(file, facts__seconds_per_target_pass=0.25)
-    edit(file, parts={"radius": {"wall_seconds": 7.0}, "points": {"wall_seconds": 5.0}})
+    edit(file, parts={"radius": seconds(7.0), "points": seconds(5.0)})
     assert scene.inputs_seconds(cache, passes) == 30 * 0.25 + 7 + 5
 
 

@@ -9,9 +9,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.errors import UserError
 from gpf.core.random import random_start, spread_sample
 from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
+from gpf.field.settings import FieldSettings
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.lamps import MOST_AT_ONCE, Lamps, small_lamps
 from gpf.sppm.fixed_points import FixedPoints
@@ -133,3 +135,13 @@ def test_a_renderer_adds_their_light_to_the_field(names):
     expected = mi.render(alone, integrator=path, spp=4096).numpy()
     np.testing.assert_allclose(found.mean((0, 1)), expected.mean((0, 1)), rtol=0.01)
     np.testing.assert_allclose(found, expected, atol=0.05 * expected.max())
+
+
+@pytest.mark.parametrize("places", [(3,), (0, 99), (-1,)])
+def test_emitters_that_do_not_exist_are_told(places):
+    lamp = {"type": "point", "position": [0, 1, 0]}
+    scene = mi.load_dict({"type": "scene", "a": lamp, "b": lamp, "c": {"type": "sphere"}})
+    with pytest.raises(
+        UserError, match=r"direct: names emitters .*, but the scene has 2\. Correct it"
+    ):
+        Lamps(scene, places)

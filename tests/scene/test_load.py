@@ -2,6 +2,8 @@
 
 import re
 import shutil
+import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,7 +14,7 @@ import pytest
 from gpf.core.errors import UserError
 from gpf.scene.folders import list_scenes, load_views, scene_files, scenes_root
 from gpf.scene.inventory import scene_info
-from gpf.scene.load import load_scene
+from gpf.scene.load import load_scene, load_scene_file
 from gpf.scene.snapshot import build_scene
 
 PROJECT = Path(__file__).parents[2]
@@ -48,6 +50,39 @@ def make_scene(root: Path, text: str = GOOD_SCENE, name: str = "ball") -> Path:
     (root / name).mkdir()
     (root / name / "scene.xml").write_text(text)
     return root
+
+
+@pytest.mark.parametrize(
+    ("kind", "place", "tags", "what"),
+    [
+        ("foreign", "plugins/foreign.so", "", "would be run by Mitsuba"),
+        ("foreign.x", "plugins/foreign.so", "", "would be run by Mitsuba"),
+        # Instead of Mitsuba's own, also where the scene file does not name it.
+        ("diffuse", "plugins/diffuse.so", "", "would be run by Mitsuba"),
+        ("diffuse", "plugins/independent.so", "", "would be run by Mitsuba"),
+        ("foreign", "inner/plugins/foreign.so", '<path value="inner"/>', "would be run by Mitsuba"),
+        ("../foreign", "foreign.so", "", "has a type that is a path"),
+    ],
+)
+def test_a_library_beside_the_scene_is_not_run(tmp_path, kind, place, tags, what):
+    folder = make_scene(tmp_path, GOOD_SCENE.replace("diffuse", kind)) / "ball"
+    file, library = folder / "scene.xml", folder / place
+    file.write_text(file.read_text().replace("    <shape", f"    {tags}<shape", 1))
+    library.parent.mkdir(parents=True, exist_ok=True)
+    library.write_bytes(b"no library")
+    with pytest.raises(UserError, match=what):
+        load_scene_file(file)
+
+
+def test_a_library_in_the_current_folder_is_not_run(tmp_path):
+    file = make_scene(tmp_path) / "ball" / "scene.xml"
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins" / "independent.so").write_bytes(b"no library")
+    program = "import gpf, sys; gpf.choose_variant('auto'); from pathlib import Path; "
+    program += "gpf.load_scene_file(Path(sys.argv[1]))"
+    command = [sys.executable, "-c", program, str(file)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert "would be run by Mitsuba" in done.stderr
 
 
 def test_scene_info_counts_and_classifies(tmp_path):
@@ -195,3 +230,26 @@ def test_a_failing_builder_leaves_the_old_files(tmp_path):
         build_scene("ball", tmp_path)
     names = {file.name for file in (tmp_path / "ball").iterdir()}
     assert names - {"__pycache__"} == {"build.py", "mesh.bin", "scene.xml"}
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        ('<bsdf type="blendbsdf"/>', r"\(line 2, col 2\): is a blendbsdf without materials"),
+        ('<texture type="bitmap"/>', r"\(line 2, col 2\): is a bitmap without filename"),
+    ],
+)
+def test_plugins_that_lack_a_part_are_told_before_mitsuba_ends_the_process(tmp_path, part, words):
+    file = tmp_path / "scene.xml"
+    file.write_text(GOOD_SCENE.replace("\n", f"\n{part}", 1))
+    with pytest.raises(UserError, match=rf"scene\.xml {words}"):
+        load_scene_file(file)
+
+
+def test_errors_of_plugins_in_python_are_told_without_their_traceback(tmp_path):
+    file = tmp_path / "scene.xml"
+    bad = '<bsdf type="principled"><vector name="roughness" value="1, 2, 3"/></bsdf>'
+    file.write_text(GOOD_SCENE.replace('<bsdf type="plastic" id="gloss"/>', bad))
+    with pytest.raises(UserError, match=r'"roughness" has the wrong type') as caught:
+        load_scene_file(file)
+    assert "Traceback" not in str(caught.value) and "principled.py" not in str(caught.value)

@@ -4,6 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.errors import UserError
 from gpf.scene.sensors import (
     differs_from_view,
     film_aspect,
@@ -122,3 +123,13 @@ def test_what_the_near_clip_hides_is_measured():
     (said,) = looks_through(scene, scene.sensors()[0], view)
     assert said.startswith("leaves out all that is nearer than 4 units")
     assert "50% of this one" in said
+
+
+@pytest.mark.parametrize("distance", [2.0**63, 3e30])
+def test_a_camera_without_a_direction_is_told(distance):
+    far = T().look_at([0, distance, 1], [0, 0, 0], [0, 0, 1])  # a step ahead changes no digit
+    scene = mi.load_dict(
+        {"type": "scene", "eye": {"type": "perspective", "id": "eye", "to_world": far}}
+    )
+    with pytest.raises(UserError, match=r"sensor 'eye': .* Correct its to_world and its fov"):
+        views_of_sensors(scene)

@@ -143,3 +143,41 @@ def test_a_file_that_is_missing_or_no_json(tmp_path):
     (tmp_path / "transforms.json").write_text("views:", encoding="utf-8")
     with pytest.raises(UserError, match="is no JSON file"):
         read_transforms(tmp_path / "transforms.json")
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"[" * 100_000, r"is no JSON file \(maximum recursion"),
+        (b'{"frames": "\xff"}', r"is no JSON file \('utf-8'"),
+    ],
+)
+def test_files_that_are_too_deep_or_not_utf_8_are_told(tmp_path, data, words):
+    path = tmp_path / "transforms.json"
+    path.write_bytes(data)
+    with pytest.raises(UserError, match=rf"transforms\.json: {words}"):
+        read_transforms(path)
+
+
+def test_an_aspect_beyond_all_images_is_told(tmp_path):
+    content = {"w": 1e9, "h": 1, "fl_x": 1, "frames": [frame(name="a")]}
+    with pytest.raises(
+        UserError, match=r"transforms\.json: aspect: is 1000000000\.0\. Input should"
+    ):
+        read_transforms(written(tmp_path, content))
+
+
+def test_an_image_that_is_a_bomb_is_told(tmp_path):
+    import struct
+    import zlib
+
+    def chunk(kind, data):
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
+
+    head = chunk(b"IHDR", struct.pack(">2I5B", 60000, 60000, 8, 2, 0, 0, 0))
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + head + chunk(b"IEND", b""))
+    path = written(tmp_path, {"fl_x": 1, "frames": [frame(file_path="a.png")]})
+    with pytest.raises(UserError, match=r"a\.png: cannot be read"):
+        read_transforms(path)

@@ -8,7 +8,7 @@ import pytest
 
 from gpf.core.errors import UserError
 from gpf.scene.sensors import make_sensor
-from gpf.scene.views import interpolate, read_views
+from gpf.scene.views import interpolate, name_view, read_views
 
 GOOD = """\
 exposure: 2.5
@@ -132,3 +132,34 @@ def test_a_path_that_swings_too_far_is_told_in_words(tmp_path):
     with pytest.raises(UserError, match=r"leads through impossible cameras: fov.*keyframes"):
         read_views(write(tmp_path, text))
     assert len(read_views(write(tmp_path, text.replace("fov: 5}", "fov: 30}"))).frames()) == 7
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "aspect: 1.5",
+            "aspect: 1.0e+12",
+            r"views\.yaml: aspect: is 1000000000000\.0\. Input should",
+        ),
+        (
+            "front",
+            "a" * 101,
+            r"views\.yaml: views\.train\.0\.name: is 'aaa.*at most 100 characters",
+        ),
+        ("aspect: 1.5", "aspect: 1.0e-12", r"views\.yaml: aspect: is 1e-12\. Input should"),
+        ("frames: 4", "frames: 1000000000", r"views\.yaml: path\.frames: is 1000000000\. Input"),
+    ],
+)
+def test_names_and_sizes_that_are_too_large_are_told(tmp_path, old, new, words):
+    file = tmp_path / "views.yaml"
+    assert old in GOOD
+    file.write_text(GOOD.replace(old, new))
+    with pytest.raises(UserError, match=words):
+        read_views(file)
+
+
+def test_names_from_any_text_are_short_enough_for_files():
+    names = {name_view("a" * 3000, set(), "camera")}
+    names.add(name_view("a" * 3000, names, "camera"))
+    assert sorted(map(len, names)) == [80, 82]

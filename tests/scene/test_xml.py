@@ -195,3 +195,33 @@ def test_other_encodings_are_read(tmp_path):
 def test_a_file_that_is_not_there_is_told(tmp_path):
     with pytest.raises(UserError, match=r"lost\.xml: cannot be read\. Check the path"):
         read_scene_xml(tmp_path / "lost.xml")
+
+
+@pytest.mark.parametrize(
+    "kind", ["<!DOCTYPE scene>", '<!DOCTYPE s SYSTEM "s.dtd">', '<!DOCTYPE s [<!ENTITY a "b">]>']
+)
+def test_document_types_are_refused(tmp_path, kind):
+    file = tmp_path / "scene.xml"
+    file.write_text(f'<?xml version="1.0"?>\n{kind}<scene version="3.0.0"/>')
+    with pytest.raises(UserError, match=r"scene\.xml:2: has a document type \(DOCTYPE\)\. Remove"):
+        read_scene_xml(file)
+
+
+@pytest.mark.parametrize(("coding", "id"), [("utf8", "é"), ("latin1", "é"), ("cp1252", "e")])
+def test_encodings_that_mitsuba_reads(tmp_path, coding, id):
+    file = tmp_path / "scene.xml"
+    text = (
+        f'<?xml version="1.0" encoding="{coding}"?><scene version="3.0.0"><bsdf id="{id}"/></scene>'
+    )
+    file.write_bytes(text.encode(coding))
+    assert read_scene_xml(file).tags[1].attributes["id"] == id
+
+
+def test_encodings_that_mitsuba_does_not_know_are_refused(tmp_path):
+    file = tmp_path / "scene.xml"
+    text = '<?xml version="1.0" encoding="latin-1"?><scene version="3.0.0"><bsdf id="é"/></scene>'
+    file.write_bytes(text.encode("latin-1"))
+    with pytest.raises(
+        UserError, match=r"scene\.xml: does not parse: unknown encoding latin-1\. Save it in UTF"
+    ):
+        read_scene_xml(file)

@@ -131,12 +131,6 @@ def test_parts_of_something_else_are_left_alone(renderer, tmp_path):
         other.folder: "other seed (4, not 3)",
         unknown: "an unknown fingerprint",
     }
-    parts_in(tmp_path, seed=5).clear()
-    touch(mine, (0, 3))
-    mine.clear()
-    assert not mine.folder.exists() and other.done() == [range(10)]
-    other.clear()
-    assert not tmp_path.exists()
 
 
 def test_fingerprints_are_compared_as_json(tmp_path):

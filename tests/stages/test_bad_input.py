@@ -3,6 +3,7 @@ and whatever was there before is there after."""
 
 from __future__ import annotations
 
+import gc
 import re
 import subprocess
 import sys
@@ -237,3 +238,22 @@ def test_training_views_that_see_nothing_diffuse(finished, no_probe):
         r"error: train\.points: 'both' selects none of 0 targets\. Choose another, or set "
         r"reference\.surface_points above 0",
     )
+
+
+def test_a_repository_without_a_commit(finished):
+    subprocess.run(["git", "init", "--quiet"], cwd=finished.folder, check=True)
+    subprocess.run(
+        [sys.executable, "-m", "dvc", "init", "--quiet"], cwd=finished.folder, check=True
+    )
+    finished.edit("params.yaml", train__seed=5)
+    assert_refused(finished, "train", r"error: git: has no commit here .*Run `git add -A")
+
+
+@pytest.mark.parametrize("stage", ["reference", "photons"])
+def test_a_material_that_cannot_be_traced(fresh, stage):
+    bump = '<bsdf type="bumpmap"><texture type="checkerboard"/><bsdf type="diffuse"/></bsdf>'
+    fresh.replace(XML, "</scene>", f'<shape type="sphere">{bump}</shape></scene>')
+    assert fresh.stage("scene").code == 0
+    words = r"scene 'cornell_box': light cannot be traced in it: .* Give the bumpmap a bitmap"
+    assert_refused(fresh, stage, words)
+    gc.collect()  # the error's traceback holds the scene, and Dr.Jit traces through all that exist

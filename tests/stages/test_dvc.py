@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-from tests.stages.imports import PACKAGES, PROJECT
+from tests.stages.pipeline import Checkout, add_pipeline
 from tests.stages.results import files_below
 
 pytest.importorskip("dvc")
@@ -38,15 +35,6 @@ for file, old, new in [("", "", ""), *json.loads(sys.argv[1])]:
         Path(file).write_text(text, encoding="utf-8")
 print("found", json.dumps(found))
 """
-
-
-def add_pipeline(project) -> None:
-    """Give a project the code and dvc.yaml, as a checkout has them."""
-    for name in ("dvc.yaml", ".dvcignore"):
-        shutil.copy(PROJECT / name, project.folder)
-    for name in PACKAGES:
-        unwanted = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(PROJECT / name, project.folder / name, ignore=unwanted)
 
 
 def test_a_change_makes_what_depends_on_it_out_of_date(finished, environment):
@@ -81,33 +69,8 @@ def name_of(entry: str) -> str:
 
 @pytest.mark.slow
 def test_repro_twice_the_second_time_for_nothing(fresh, environment, tmp_path):
-    add_pipeline(fresh)
-    programs = tmp_path / "bin"
-    programs.mkdir()
-    # `gpf`, as an installation puts it beside python, but for the copy.
-    program = programs / "gpf"
-    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m gpf.cli "$@"\n')
-    program.chmod(0o755)
-    path = os.pathsep.join([str(programs), str(Path(sys.executable).parent), os.environ["PATH"]])
-    variables = environment(PATH=path, PYTHONPATH=str(fresh.folder), PYTHONDONTWRITEBYTECODE="1")
-    variables |= {
-        f"GIT_{who}_{what}": "x@y" for who in ("AUTHOR", "COMMITTER") for what in ("NAME", "EMAIL")
-    }
-
-    def call(*arguments: str) -> str:
-        done = subprocess.run(
-            arguments, cwd=fresh.folder, env=variables, capture_output=True, text=True, timeout=280
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
-
-    def dvc(*arguments: str) -> str:
-        return call(sys.executable, "-m", "dvc", *arguments)
-
-    call("git", "init", "--quiet")
-    dvc("init", "--quiet")
-    call("git", "add", ".")
-    call("git", "commit", "--quiet", "-m", "project")
+    checkout = Checkout.make(fresh, tmp_path / "bin", environment())
+    dvc = checkout.dvc
     first = dvc("repro")
     assert first.count("Running stage") == 11
     files = files_below(fresh.folder / "results")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gpf.core.files import read_tensors, write_tensors
-from gpf.field.field import FieldSettings
 from gpf.field.io import StoredField, read_field, write_field
+from gpf.field.settings import FieldSettings
 from tests.field.test_ply import columns, read_ply
 from tests.plain_field import random_gaussians
 

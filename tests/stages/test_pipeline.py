@@ -15,7 +15,14 @@ from gpf.field.io import load_field
 from gpf.scene.views import read_views
 from stages.commands.benchmark import STAGES
 from stages.references.group_passes import CHECK_EVERY
-from tests.stages.results import NOVEL, TRAIN, assert_whole, files_below
+from tests.stages.results import (
+    LEAST_PSNR,
+    NOVEL,
+    TRAIN,
+    assert_whole,
+    files_below,
+    share_of_light,
+)
 
 HEIGHT, WIDTH = 16, 20
 WITHOUT_COSTS = ("baseline", "ablation", "animate", "amortize", "report")
@@ -89,11 +96,22 @@ def test_images_are_lit_finite_and_of_the_right_size(built):
         second, _ = read_exr(built.results / "second_reference" / f"{view}.exr")
         assert second.keys() == {"sppm_1", "sppm_3", "sppm_4"}
         layers, _ = read_exr(built.results / "renders" / "gpf" / f"{view}.exr")
-        reference, _ = read_exr(built.results / "reference" / f"{view}.exr")
         assert layers["radiance"].shape == (HEIGHT, WIDTH, 3)
-        # Rough at these sizes, but the same scene from the same place.
-        difference = np.abs(layers["radiance"] - reference["radiance"]).mean()
-        assert difference < 0.5 * reference["radiance"].mean()
+
+
+def test_images_of_the_field_are_as_near_to_the_references_as_other_references(built):
+    """Two references differ by the noise of both. Over seeds, the field is at 0.7 to 1.0 of that;
+    with a fifth more light it would be at 1.1 to 1.3."""
+    found = []
+    for view in NOVEL:
+        reference, _ = read_exr(built.results / "reference" / f"{view}.exr")
+        second, _ = read_exr(built.results / "second_reference" / f"{view}.exr")
+        layers, _ = read_exr(built.results / "renders" / "gpf" / f"{view}.exr")
+        images = layers["radiance"], second["sppm_4"]
+        found.append([np.abs(image - reference["radiance"]).mean() for image in images])
+    ours, theirs = np.sum(found, axis=0)
+    assert ours < 1.1 * theirs
+    assert share_of_light(built.results) == pytest.approx(1, abs=0.12)
 
 
 def test_the_second_reference_is_independent_of_the_reference(built):
@@ -132,7 +150,8 @@ def test_numbers_are_finite_and_tell_the_methods_apart(built):
     assert summary.keys() == {"gpf", "path_10", "second_reference"}
     for numbers in summary.values():
         assert np.isfinite([v for v in numbers.values() if v is not None]).all()
-        assert numbers["psnr"] > 5 and 0 < numbers["ssim"] <= 1
+        assert numbers["psnr"] > 20 and 0 < numbers["ssim"] <= 1
+    assert summary["gpf"]["psnr"] > LEAST_PSNR
     assert summary["second_reference"]["psnr"] > summary["path_10"]["psnr"]
     reasons = json.loads((built.results / "metrics" / "gpf.json").read_text())["reasons"]
     missing = {key for key, value in summary["gpf"].items() if value is None}

@@ -81,6 +81,16 @@ def test_what_a_kill_left_half_written_is_forgotten(tmp_path):
 
 def test_a_folder_that_cannot_be_made_is_said_in_words(tmp_path):
     (tmp_path / "work").write_text("a file in its place")
-    with pytest.raises(UserError, match=r"work/begun: could not be made .*Free some disk space"):
+    with pytest.raises(UserError, match=r"work/begun: could not be written .*Free some disk space"):
         prepare_files(tmp_path / "work", write)
     assert files(tmp_path) == {"work": "a file in its place"}
+
+
+def test_what_a_killed_run_did_not_remove_goes(tmp_path):
+    """It was killed while it removed the parts of which the prepared files were made."""
+    work, target = tmp_path / "parts" / "work", tmp_path / "results"
+    prepare_files(work, lambda folder: (folder / "a.txt").write_text("new"))
+    (work / "0-1.safetensors").write_text("part")
+    publish_files(work, target)
+    assert (target / "a.txt").read_text() == "new"
+    assert not work.parent.exists()

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from gpf.core.files import read_json, read_tensors, write_tensors
 from gpf.core.images import read_exr
 from gpf.field.io import read_field
+from tests.stages.results import LEAST_PSNR, share_of_light
 
 
-def render_and_compare(project):
+def assert_like_the_references(project):
     for stage in ("render", "metrics", "amortize"):
         outcome = project.stage(stage)
         assert outcome.code == 0, (stage, outcome.text)
-    return read_json(project.results / "metrics" / "gpf.json")["mean"]["psnr"]
+    assert read_json(project.results / "metrics" / "gpf.json")["mean"]["psnr"] > LEAST_PSNR
+    assert share_of_light(project.results) == pytest.approx(1, abs=0.12)
 
 
 def test_streaming_needs_no_targets(finished, small_batches):
@@ -29,7 +30,7 @@ def test_streaming_needs_no_targets(finished, small_batches):
     record = read_field(finished.results / "field.safetensors").record
     assert record["params"]["stream"]["passes"] == 12
     before = read_json(finished.results / "amortize.json")["preparation_seconds"]
-    assert render_and_compare(finished) > 15
+    assert_like_the_references(finished)
     after = read_json(finished.results / "amortize.json")["preparation_seconds"]
     spent = sum(part["wall_seconds"] for part in cost["parts"].values())
     assert after == pytest.approx(spent) and after != before
@@ -45,11 +46,16 @@ def test_direct_light_left_to_the_emitters(finished):
     assert outcome.code == 0, outcome.text
     rest = read_field(finished.results / "field.safetensors")
     assert rest.settings.direct == "emitters"
-    assert rest.tensors["irradiance"].mean() < 0.8 * whole.tensors["irradiance"].mean()
-    assert render_and_compare(finished) > 15
+    # Over seeds, the Gaussians have 94 to 99 % of the share that the targets have.
+    targets, _ = read_tensors(finished.results / "targets.safetensors", "targets")
+    left = 1 - targets["direct"].mean() / targets["irradiance"].mean()
+    ratio = rest.tensors["irradiance"].mean() / whole.tensors["irradiance"].mean()
+    assert ratio == pytest.approx(left, rel=0.13)
+    assert_like_the_references(finished)
     after = read_exr(name)[0]["radiance"]
-    assert after.mean() == pytest.approx(before.mean(), rel=0.15)
-    assert np.abs(after - before).max() > 0
+    # Two fields from the same photons: over seeds, one is 0.3 to 2.3 % darker.
+    assert after.mean() == pytest.approx(before.mean(), rel=0.06)
+    assert (after != before).any()
 
 
 def test_direct_light_has_to_be_told_apart(finished):

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
+from gpf.field.settings import FieldSettings
 from gpf.training.kernels import parameters
 from gpf.training.settings import LearningRates, TrainingSettings
 from gpf.training.trainer import Progress, Trainer

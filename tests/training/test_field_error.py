@@ -9,6 +9,7 @@ from scipy.stats import trim_mean
 
 import gpf
 from gpf.core.images import tone_map
+from gpf.field.settings import FieldSettings
 from gpf.rendering.aovs import expected_psnr
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
@@ -16,6 +17,8 @@ from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import ReferenceRenderer
+from gpf.training.field_error import estimate_error
+from tests.plain_field import flat_gaussians, make_field, surface_points
 from tests.small_fit import make_small
 
 VIEWS = [
@@ -68,3 +71,37 @@ def test_pixels_are_as_wrong_as_their_field_says(scene, truth, monkeypatch):
         assert wrong > 2 * right
         mean.append(np.mean(error[lit] ** 2))
     assert mean[1] < 0.7 * mean[0]  # four times as many photons
+
+
+# --- a Gaussian for each point ----------------------------------------------------------------
+
+
+def error_of(colour: np.ndarray, halves: list[np.ndarray], blur: float = 0.0) -> np.ndarray:
+    """Of Gaussians that are alone at their points, (N,)."""
+    x, y = np.divmod(np.arange(len(colour)), 40)
+    means = np.column_stack([-0.9 + 0.06 * x, 0.1 + 0.04 * y, 0 * x])
+    settings = FieldSettings(search_radius=0.03, neighbours="radius")
+    field = make_field(flat_gaussians(means, colour), settings)
+    up = np.tile([0.0, 0.0, 1.0], (len(means), 1))
+    first, second = (surface_points(means, up, half) for half in halves)
+    return estimate_error(field, (first, second), np.full(len(means), blur, np.float32))
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.1])
+def test_what_follows_all_noise_is_as_wrong_as_the_mean_of_the_halves(noise):
+    truth = np.broadcast_to([2.0, 3.0, 4.0], (1600, 3))
+    rng = np.random.default_rng(1)
+    halves = [truth * (1 + noise * rng.normal(size=truth.shape)) for _ in range(2)]
+    colour = (halves[0] + halves[1]) / 2
+    wrong = np.mean((colour - truth) ** 2) / np.mean(truth**2)
+    assert np.mean(error_of(colour, halves) ** 2) == pytest.approx(wrong, rel=0.15)
+
+
+def test_without_noise_the_error_is_what_is_missing():
+    truth = np.broadcast_to([2.0, 3.0, 4.0], (1600, 3))
+    np.testing.assert_allclose(error_of(0.8 * truth, [truth, truth]), 0.25, rtol=1e-3)
+
+
+def test_the_width_of_the_kernels_is_an_error_too():
+    truth = np.broadcast_to([2.0, 2.0, 2.0], (1600, 3))
+    np.testing.assert_allclose(error_of(truth, [truth, truth], blur=0.09), 0.15, rtol=1e-3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import from_numpy
-from gpf.field.field import FieldSettings
+from gpf.field.settings import FieldSettings
 from gpf.training.kernels import (
     accumulate_gradients,
     pack,

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import SurfacePoints, from_numpy, to_numpy
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
+from gpf.field.settings import FieldSettings
 from gpf.photons.emission import emit_light
 from gpf.scene.light_groups import LightGroups, emitter_names
 from gpf.sppm.passes import PassSettings

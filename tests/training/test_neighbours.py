@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import from_numpy
-from gpf.field.field import FieldSettings
+from gpf.field.settings import FieldSettings
 from gpf.training.kernels import blend_neighbours, pack
 from gpf.training.neighbours import LIST_MARGIN, NeighbourLists, list_neighbours
 from tests.plain_field import (

@@ -112,11 +112,14 @@ def test_beyond_costs_no_more_than_its_share():
     assert np.count_nonzero(np.array(points.p.z) < 0.2) == 2700
 
 
-def test_a_point_is_chosen_once():
-    sets = {"seen": seen_at(0.0, 300), "beyond": seen_at(-0.5, 40)}
-    points = sample(100_000, paths=1000, radius=0.1, **sets)
-    places = np.unique(np.array(points.p), axis=1)
-    assert places.shape[1] == dr.width(points.p) > 800
+@pytest.mark.parametrize("beyond", [0, 40])
+def test_a_point_is_chosen_once(beyond):
+    for seen in (0, 300, 301, 302):
+        sets = {"seen": seen_at(0.0, seen)} if seen else {}
+        sets |= {"beyond": seen_at(-0.5, beyond)} if beyond else {}
+        points = sample(100_000, paths=1000, radius=0.1, **sets)
+        places = np.unique(np.array(points.p), axis=1)
+        assert places.shape[1] == dr.width(points.p) > 500 + seen
 
 
 def test_no_more_surface_points_than_photons():

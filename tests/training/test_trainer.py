@@ -7,13 +7,16 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import from_numpy
+from gpf.core.structs import from_numpy, take, to_numpy
+from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
 from gpf.training.kernels import parameters
 from gpf.training.neighbours import local_targets
 from gpf.training.settings import LearningRates
-from tests.plain_field import ask, random_gaussians, surface_points
+from gpf.training.trainer import Trainer
+from tests.plain_field import LOWER, ask, random_gaussians, surface_points
 from tests.training.plane import (
+    SETTINGS,
     UP,
     arrays_of,
     error_of,
@@ -33,10 +36,21 @@ def test_the_error_falls():
     errors = [p.held_out_error for p in reports]
     assert errors == sorted(errors, reverse=True)
     assert before > 0.3
-    assert error_of(field) < 0.05
-    # What training reports is what the field then shows elsewhere.
-    assert reports[-1].held_out_error == pytest.approx(error_of(field), rel=0.35)
-    assert reports[-1].training_error == pytest.approx(reports[-1].held_out_error, rel=0.5)
+    assert error_of(field) < 0.042  # for seeds 5 to 10: 0.035 to 0.038
+    # What training reports is what the field then shows elsewhere: the standard error of both, of
+    # 400 and of 1500 points, is 7 %.
+    assert reports[-1].held_out_error == pytest.approx(error_of(field), rel=0.2)
+
+
+def test_the_training_error_is_that_of_the_batch_before_its_step():
+    trainer = make_trainer(settings_with(steps=3, rebuild_every=1, evaluate_every=3))
+    trainer.advance(2)
+    batch = take(trainer.training, trainer.batch())
+    value, _ = ask(trainer.current_field(), to_numpy(batch.p), to_numpy(batch.n))
+    expected = np.sqrt(np.mean((value / trainer.unit - to_numpy(batch.target)) ** 2))
+    _, reports = run(trainer)
+    assert [p.step for p in reports] == [3]
+    assert reports[0].training_error == pytest.approx(expected, rel=1e-4)
 
 
 def test_every_kind_of_parameter_is_trained():
@@ -70,6 +84,20 @@ def test_the_held_out_error_has_the_weights_of_the_loss():
     assert abs(expected / np.sqrt(square.mean()) - 1) > 0.05
 
 
+def test_points_are_where_a_field_with_levels_looks_for_them():
+    """A table with a single level makes the same field as none, with all lengths scaled."""
+    plain = make_trainer()
+    g = plain.current_field().gaussians
+    detail = Detail(np.full((1, 1, 1), 1, np.uint8), 3.0, LOWER, radius=0.6)
+    means = from_numpy(mi.Point3f, detail.unfold_all(to_numpy(g.means), 1))
+    scaled = replace(g, means=means, log_scales=g.log_scales + np.log(2))
+    settings = plain.field.settings.model_copy(update={"search_radius": 0.6})
+    field = GaussianPhotonField(scaled, settings, plain.field.bounds, detail=detail)
+    assert Trainer(field, make_points(), SETTINGS).evaluate() == pytest.approx(
+        plain.evaluate(), rel=1e-4
+    )
+
+
 def test_the_best_state_is_kept(monkeypatch):
     trainer = make_trainer()
     errors = iter([0.5, 0.2, 0.4, 0.3, 0.25, 0.6])
@@ -100,15 +128,14 @@ def test_round_gaussians_stay_round():
     assert np.abs(scales - np.log(0.15)).max() > 0.01
     np.testing.assert_array_equal(scales[0], scales[1])
     np.testing.assert_array_equal(scales[0], scales[2])
-    assert reports[-1].held_out_error < 0.75 * reports[0].held_out_error
+    assert reports[-1].held_out_error < 0.5 * reports[0].held_out_error
     free = np.array(run(make_trainer(isotropic=True))[0].gaussians.log_scales)
     assert np.abs(free[0] - free[1]).max() > 0.01
 
 
 def test_the_same_seed_gives_the_same_field():
     first, again = (arrays_of(run(make_trainer())[0]) for _ in range(2))
-    # Sums over points are taken in the order in which threads arrive.
-    np.testing.assert_allclose(first, again, atol=2e-3)
+    np.testing.assert_array_equal(first, again)
     other = arrays_of(run(make_trainer(settings_with(seed=6)))[0])
     assert np.abs(first - other).max() > 0.02
 
@@ -117,7 +144,7 @@ def test_the_unit_of_light_does_not_matter():
     _, reports = run(make_trainer())
     _, scaled = run(make_trainer(scale=1e4))
     errors = [[p.held_out_error for p in r] for r in (reports, scaled)]
-    np.testing.assert_allclose(*errors, rtol=5e-3)
+    np.testing.assert_allclose(*errors, rtol=1e-5)
 
 
 def test_black_targets_train_to_black():
@@ -174,7 +201,7 @@ def test_few_points_below_a_sheet_do_not_bring_its_upper_side_in():
 def test_a_start_from_targets_is_near_the_end():
     settings = settings_with(steps=0, held_out=0.2)
     errors = [make_trainer(settings, from_targets=whether).evaluate() for whether in (False, True)]
-    assert errors[1] < 0.3 * errors[0]
+    assert errors[1] < 0.1 * errors[0]
 
 
 def test_no_steps_leave_the_field_as_it_was():

@@ -15,9 +15,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.field.field import FieldSettings, GaussianPhotonField
+from gpf.field.field import GaussianPhotonField
 from gpf.field.io import read_field, save_field
 from gpf.field.lights import FieldLights
+from gpf.field.settings import FieldSettings
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.views import read_views

@@ -27,7 +27,7 @@ from gpf.baselines.radiance_cache.cached_irradiance import (
     CacheTraining,
 )
 from gpf.core.structs import VisiblePoints, to_numpy
-from gpf.field.field import FieldSettings
+from gpf.field.settings import FieldSettings
 from gpf.rendering.batches import render_in_batches
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.bounds import bounding_box, scene_bounds

@@ -1,0 +1,93 @@
+"""Files and folders that are being written, and what killed runs have left of them.
+
+They are called ``.partial-NAME-…``, and the process that writes them locks them. The lock ends with
+the process, so one that nobody locks is left over from a run that was killed.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import fcntl
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+PREFIX = ".partial-"
+
+_AT_FDCWD, _RENAME_EXCHANGE = -100, 2
+
+
+@contextmanager
+def partial_file(path: Path) -> Iterator[Path]:
+    """A new empty file beside ``path``, removed at the end unless it was renamed."""
+    # The same suffix as the file: some writers choose the format by it.
+    handle, name = tempfile.mkstemp(
+        dir=path.parent, prefix=f"{PREFIX}{path.stem}-", suffix=path.suffix
+    )
+    try:
+        _try_to_lock(handle)
+        yield Path(name)
+    finally:
+        Path(name).unlink(missing_ok=True)
+        os.close(handle)
+
+
+@contextmanager
+def partial_folder(path: Path) -> Iterator[Path]:
+    """A new empty folder beside ``path``, removed at the end unless it was renamed."""
+    folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f"{PREFIX}{path.name}-"))
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        _try_to_lock(handle)
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(handle)
+
+
+def remove_leftovers(folder: Path, deep: bool = False) -> None:
+    """Remove what killed runs have left half-written in a folder.
+
+    ``deep``: also in the folders below it.
+    """
+    found = folder.rglob(f"{PREFIX}*") if deep else folder.glob(f"{PREFIX}*")
+    for path in list(found):
+        with suppress(OSError):  # no permission, or gone meanwhile
+            handle = os.open(path, os.O_RDONLY)
+            try:
+                if _try_to_lock(handle):
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+            finally:
+                os.close(handle)
+
+
+def replace_folder(new: Path, target: Path) -> None:
+    """Put a folder in the place of another one, which is removed.
+
+    Where the file system can exchange two folders at once, a kill at any moment leaves the old one
+    or the new one.
+    """
+    if not target.exists():
+        os.replace(new, target)
+        return
+    exchange = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", lambda *_: -1)
+    paths = os.fsencode(new), os.fsencode(target)
+    if exchange(_AT_FDCWD, paths[0], _AT_FDCWD, paths[1], _RENAME_EXCHANGE) == 0:
+        shutil.rmtree(new) if new.is_dir() else new.unlink()
+    else:
+        shutil.rmtree(target)
+        os.replace(new, target)
+
+
+def _try_to_lock(handle: int) -> bool:
+    """Whether no other process has locked a file; then this one has."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        # Some network file systems have no locks: nothing is left over for sure there.
+        return error.errno not in (errno.EWOULDBLOCK, errno.EACCES, errno.ENOLCK, errno.ENOTSUP)
+    return True

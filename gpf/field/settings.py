@@ -1,0 +1,51 @@
+"""How a field is queried: the settings that its file keeps."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import mitsuba as mi
+from pydantic import Field
+
+from gpf.core.settings import Positive, Settings
+from gpf.scene.lamps import Lamps
+
+
+class FieldSettings(Settings):
+    """How a field is queried.
+
+    Attributes
+    ----------
+    search_radius: radius r of the ball, world units.
+    k: if the ball holds at most k Gaussians, the k nearest are used instead.
+    neighbours: ``both`` as described under k, ``radius`` the ball alone, ``knn`` the k nearest
+        alone.
+    blend: ``divided`` by the sum of weights, or the plain ``sum``.
+    stores: ``irradiance`` (multiplied by the reflectance / π at the hit) or ``radiance``.
+    direct: source of direct light: the ``field``, like all other light; a sample of the
+        ``emitters`` at the visible point, and the field stores indirect light only; or such a
+        sample for some of the emitters alone, by their places in ``scene.emitters()``.
+    normal_test: whether to ignore Gaussians of another surface: normals more than 45° apart, or
+        farther from the plane than :data:`gpf.field.field.SURFACE_HEIGHT`.
+    """
+
+    search_radius: Positive
+    k: Annotated[int, Field(ge=1, le=32)] = 3
+    neighbours: Literal["both", "radius", "knn"] = "both"
+    blend: Literal["divided", "sum"] = "divided"
+    stores: Literal["irradiance", "radiance"] = "irradiance"
+    direct: Literal["field", "emitters"] | tuple[int, ...] = "field"
+    normal_test: bool = True
+
+    def sampled_lamps(self, scene: mi.Scene) -> Lamps:
+        """The emitters whose direct light is sampled when a view is rendered."""
+        if self.direct == "emitters":
+            return Lamps(scene)
+        return Lamps(scene, () if self.direct == "field" else self.direct)
+
+    def stored_lamps(self, scene: mi.Scene) -> Lamps:
+        """The emitters whose direct light the field stores."""
+        if self.direct == "field":
+            return Lamps(scene)
+        every = () if self.direct == "emitters" else range(len(scene.emitters()))
+        return Lamps(scene, [k for k in every if k not in self.direct])

@@ -1,0 +1,57 @@
+"""What killed runs leave is removed; what is being written, and what is complete, stays."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from gpf.core import partial
+from gpf.core.files import write_text
+from gpf.core.partial import partial_file, partial_folder, remove_leftovers, replace_folder
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from gpf.core.partial import partial_file, partial_folder
+with partial_file(Path(sys.argv[1], "table.csv")), partial_folder(Path(sys.argv[1], "scene")):
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def names(folder) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_what_a_killed_run_leaves_is_removed(tmp_path):
+    subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False)
+    assert len(names(tmp_path)) == 2
+    write_text(tmp_path / "table.csv", "whole")
+    remove_leftovers(tmp_path)
+    assert names(tmp_path) == ["table.csv"]
+
+
+def test_what_is_being_written_stays(tmp_path):
+    below = tmp_path / "below"
+    below.mkdir()
+    (below / ".partial-old").write_text("half")
+    with partial_file(below / "table.csv") as file, partial_folder(below / "scene") as folder:
+        remove_leftovers(tmp_path)
+        assert (below / ".partial-old").exists()
+        remove_leftovers(tmp_path, deep=True)
+        assert names(below) == sorted([file.name, folder.name])
+    assert names(below) == []
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_a_folder_takes_the_place_of_another(tmp_path, monkeypatch, at_once):
+    if not at_once:  # as on a file system that cannot exchange folders
+        monkeypatch.setattr(partial, "_RENAME_EXCHANGE", 1 << 30)
+    for name, text in (("new", "a"), ("old", "b")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / text).write_text(text)
+    replace_folder(tmp_path / "new", tmp_path / "old")
+    assert names(tmp_path) == ["old"] and names(tmp_path / "old") == ["a"]
+    replace_folder(tmp_path / "old", tmp_path / "other")
+    assert names(tmp_path) == ["other"]
