@@ -14,9 +14,14 @@ from gpf.scene.materials import inseparable_materials
 def check_scene(scene: mi.Scene, where: str = "scene") -> None:
     """Raise a :class:`UserError` if photon mapping cannot render the scene.
 
-    It needs emitters, diffuse surfaces, and only materials whose diffuse part can be separated.
-    ``where`` names the scene in the message.
+    It needs emitters, diffuse surfaces, only materials whose diffuse part can be separated, and
+    triangles in each mesh. ``where`` names the scene in the message.
     """
+    for shape in _all_shapes(scene):
+        # A ray that meets it would make an error of Dr.Jit: a gather from an empty array.
+        if isinstance(shape, mi.Mesh) and not shape.face_count():
+            name = shape.id() or f"a shape ({shape.class_name()})"
+            raise UserError(where, f"has no triangles in the mesh of {name}", "Remove the shape.")
     info = scene_info(scene)
     if info["emitters"]["count"] == 0:
         raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
@@ -89,9 +94,8 @@ def scene_info(scene: mi.Scene) -> dict[str, Any]:
 def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:
     """The materials of all surfaces that a ray can hit, by id, else by their class and shape."""
     found: dict[str, mi.BSDF] = {}
-    # The material of an instance is not used: the shapes of its group have their own.
-    groups = [s for s in mi.traverse(scene).hierarchy if isinstance(s, mi.Shape)]
-    for shape in dict.fromkeys((*scene.shapes(), *groups)):
+    for shape in _all_shapes(scene):
+        # The material of an instance is not used: the shapes of its group have their own.
         bsdf = shape.bsdf()
         if bsdf is None or shape.class_name() in ("Instance", "ShapeGroupPlugin"):
             continue
@@ -102,6 +106,13 @@ def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:
             name = f"{plain} ({number})"
         found[name] = bsdf
     return found
+
+
+def _all_shapes(scene: mi.Scene) -> list[mi.Shape]:
+    """The shapes of a scene and those of its groups, each once."""
+    parts = mi.traverse(scene).hierarchy
+    inner = [part for part in parts if isinstance(part, mi.Shape)]
+    return list(dict.fromkeys((*scene.shapes(), *inner)))
 
 
 def divides_glass(scene: mi.Scene) -> bool:

@@ -1,4 +1,5 @@
-"""Meshes whose triangles name vertices that do not exist: Mitsuba would end the process.
+"""Meshes whose triangles name vertices that do not exist: Mitsuba would end the process. And PLY
+files without triangles, for which it has no clear words.
 
 Files that do not begin as PLY files or Mitsuba's own do are left out. What else is wrong with a
 file, Mitsuba says when it reads it.
@@ -42,7 +43,7 @@ class _NoTriangles(Exception):
 
 def check_ply(file: Path, where: str) -> None:
     """Raise a :class:`UserError` if a triangle of a PLY file names a vertex that does not exist,
-    or if the file is shorter than its header says.
+    if there is no triangle, or if the file is shorter than its header says.
 
     Parameters
     ----------
@@ -69,6 +70,8 @@ def check_ply(file: Path, where: str) -> None:
         raise UserError(where, f"refers to {file}, which {what}", "Export triangles.") from None
     except (ValueError, KeyError, IndexError, OverflowError, StopIteration):
         return
+    if corners is not None and not len(corners):
+        raise UserError(where, f"refers to {file}, which has no triangles", "Remove the shape.")
     _require_vertices(file, where, corners, vertices)
 
 

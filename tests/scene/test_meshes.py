@@ -168,3 +168,23 @@ def test_a_mesh_that_says_it_has_more_than_memory(tmp_path):
     path.write_bytes(b"\x1c\x04\x04\x00" + zlib.compress(body) + struct.pack("<QI", 0, 1))
     with pytest.raises(UserError, match="which needs .* GiB of memory or more"):
         check_serialized(path, "scene.xml:4")
+
+
+def test_a_mesh_without_triangles(tmp_path):
+    """Mitsuba reads it, and each ray of a picture would end in an error of Dr.Jit."""
+    write(tmp_path, "", faces=0).rename(tmp_path / "mesh.ply")
+    (tmp_path / "mesh.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\n")
+    scene = tmp_path / "scene.xml"
+    mesh = '<shape type="{kind}" id="lost"><string name="filename" value="mesh.{kind}"/></shape>'
+    group = '<shape type="shapegroup" id="group">{}</shape>'
+    for inside, message in (
+        (mesh.format(kind="ply"), r"scene.xml:1: refers to .*mesh.ply, which has no triangles\."),
+        (mesh.format(kind="obj"), r"scene.xml: has no triangles in the mesh of lost\. Remove"),
+        (group.format(mesh.format(kind="obj")), r"no triangles in the mesh of lost\."),
+    ):
+        scene.write_text(
+            '<scene version="3.0.0"><emitter type="constant"/><shape type="sphere"/>'
+            f"{inside}</scene>"
+        )
+        with pytest.raises(UserError, match=message):
+            load_scene_file(scene)
