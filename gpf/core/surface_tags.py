@@ -5,6 +5,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from gpf.core.spatial_hash import Record
+
 # Surfaces whose normals differ by more than about 45° do not share photons: the other side of a
 # thin wall and the wall around a corner have different light.
 SAME_SURFACE_COSINE = 0.7
@@ -38,12 +40,12 @@ def unpack_depth(tag: mi.Float) -> mi.UInt32:
     return dr.reinterpret_array(mi.UInt32, tag) >> 24
 
 
-def same_orientation(record: mi.Vector4f, n: mi.Normal3f) -> mi.Bool:
+def same_orientation(record: Record, n: mi.Normal3f) -> mi.Bool:
     """Whether the normal in a record's tag is within about 45° of ``n``, (N,)."""
-    return dr.dot(unpack_normal(record.w), n) > SAME_SURFACE_COSINE
+    return dr.dot(unpack_normal(record.tag), n) > SAME_SURFACE_COSINE
 
 
-def same_surface(record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f, radius2: mi.Float) -> mi.Bool:
+def same_surface(record: Record, p: mi.Point3f, n: mi.Normal3f, radius2: mi.Float) -> mi.Bool:
     """Whether a record lies on the surface that has the normal ``n`` at ``p``, (N,).
 
     Two conditions: the normals are similar (:func:`same_orientation`), and with the offset d from
@@ -51,10 +53,10 @@ def same_surface(record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f, radius2: mi
 
     Parameters
     ----------
-    record: x, y, z and tag, (N, 4).
+    record: of the neighbour search, with a tag of :func:`pack_tag`, (N,).
     radius2: squared radius r² of the kernel, (N,).
     """
-    d = mi.Vector3f(record.x - p.x, record.y - p.y, record.z - p.z)
+    d = record.p - p
     scale2 = dr.maximum(radius2, dr.squared_norm(d))
     flat = dr.square(dr.dot(n, d)) <= SAME_SURFACE_HEIGHT**2 * scale2
     return flat & same_orientation(record, n)

@@ -12,7 +12,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.facing_cells import FacingCells
-from gpf.core.spatial_hash import SpatialHash
+from gpf.core.spatial_hash import Record, SpatialHash
 from gpf.core.structs import VisiblePoints, from_numpy
 from gpf.core.surface_tags import SAME_SURFACE_HEIGHT, pack_tag, same_orientation
 from gpf.field.detail import Detail
@@ -190,11 +190,11 @@ class GaussianPhotonField:
         """Where queries at points look for Gaussians, (N, 3): see :mod:`gpf.field.detail`."""
         return x if self.detail is None else self.detail.unfold(x)
 
-    def accepts(self, record: mi.Vector4f, p: mi.Point3f, n: mi.Normal3f) -> mi.Bool:
+    def accepts(self, record: Record, p: mi.Point3f, n: mi.Normal3f) -> mi.Bool:
         """Whether the Gaussian of a record belongs to the surface with normal ``n`` at ``p``."""
         if not self.settings.normal_test:
             return mi.Bool(True)
-        d = mi.Vector3f(record.x - p.x, record.y - p.y, record.z - p.z)
+        d = record.p - p
         radius2 = dr.square(self._radius)
         beyond2 = dr.maximum(dr.squared_norm(d) - radius2, 0)
         limit2 = SURFACE_HEIGHT**2 * radius2 + SAME_SURFACE_HEIGHT**2 * beyond2
@@ -217,8 +217,7 @@ class GaussianPhotonField:
         inside &= self.accepts(record, x, n)
         # Most candidates are too far away for all lanes of a packet, which then skips this.
         if inside:
-            mean = mi.Point3f(record.x, record.y, record.z)
-            weight, weighted = self._term(x, mean, index, dr.square(self._radius), inside)
+            weight, weighted = self._term(x, record.p, index, dr.square(self._radius), inside)
             count += dr.select(inside, 1, 0)
             total += weight
             colour += weighted
@@ -279,8 +278,7 @@ class GaussianPhotonField:
             colour = dr.select(sparse, 0, colour)
             for j in range(settings.k):
                 found = sparse & (distance2[j] < dr.inf)
-                record = dr.gather(mi.Vector4f, self.hash.records, index[j], found)
-                mean = mi.Point3f(record.x, record.y, record.z)
+                mean = self.hash.record(index[j], found).p
                 weight, weighted = self._term(x, mean, index[j], support2, found)
                 total += weight
                 colour += weighted

@@ -52,11 +52,8 @@ class PhotonDensity:
         if self._empty:
             return
         # Narrow cells hold few photons outside the ball; with wide cells, fewer rows are visited.
-        tag = pack_tag(photons.n, photons.depth)
-        self._grid = SpatialHash(photons.p, cell=1.01 * radius, bounds=bounds, tag=tag)
-        power = dr.gather(mi.Color3f, photons.power, self._grid.order)
-        self._power = dr.ravel(mi.Vector4f(power.x, power.y, power.z, 0))
-        dr.eval(self._power)
+        tag, cell = pack_tag(photons.n, photons.depth), 1.01 * radius
+        self._grid = SpatialHash(photons.p, cell=cell, bounds=bounds, tag=tag, colour=photons.power)
         self._radius = dr.opaque(mi.Float, radius)
         self._scale = dr.opaque(mi.Float, 1 / (math.pi * radius**2))
 
@@ -88,12 +85,11 @@ class PhotonDensity:
 
         def add(total, index, record, distance2, inside):  # type: ignore[no-untyped-def]
             counts = inside & same_surface(record, p, n, radius2)
-            counts &= unpack_depth(record.w) <= limit
-            power = dr.gather(mi.Vector4f, self._power, index, counts)
-            color = mi.Color3f(power.x, power.y, power.z)
+            counts &= unpack_depth(record.tag) <= limit
+            power = dr.select(counts, record.colour, 0)
             if self._smooth:
-                color *= 2 * (1 - distance2 / radius2)
-            return total + color
+                power *= 2 * (1 - distance2 / radius2)
+            return total + power
 
         total = self._grid.visit(p, self._radius, add, mi.Color3f(0), mi.Bool(active))
         return total * self._scale

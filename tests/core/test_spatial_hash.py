@@ -188,6 +188,20 @@ def test_records_carry_the_tag():
     np.testing.assert_array_equal(records[:, 3], tag[order])
 
 
+def test_records_with_colours():
+    points = cloud("uniform", 3000)
+    colour = np.random.default_rng(1).uniform(size=(3000, 3)).astype(np.float32)
+    grid = SpatialHash(
+        to_points(points), cell=0.1, bounds=BOX, colour=from_numpy(mi.Color3f, colour)
+    )
+    chosen = dr.arange(mi.UInt32, 3000)
+    record = grid.record(chosen, chosen < 2000)
+    order = grid.order.numpy()[:2000]
+    np.testing.assert_array_equal(record.p.numpy().T[:2000], points[order])
+    np.testing.assert_array_equal(record.colour.numpy().T[:2000], colour[order])
+    assert not record.colour.numpy().T[2000:].any()
+
+
 def nearest(
     grid: SpatialHash, x: np.ndarray, k: int, start: float, limit: float, **more: Any
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -295,7 +309,7 @@ def test_nearest_among_accepted_records():
         k=3,
         limit=16.0,
         taken=kind == 2,
-        accept=lambda record: record.w == 2,
+        accept=lambda record: record.tag == 2,
     )
 
 

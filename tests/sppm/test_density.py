@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.spatial_hash import SpatialHash
+from gpf.core.spatial_hash import Record, SpatialHash
 from gpf.core.structs import Photons, from_numpy
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface, unpack_depth, unpack_normal
 from gpf.sppm.density import PhotonDensity, radius_at
@@ -83,15 +83,15 @@ def test_tags_survive_the_hash():
     tag = pack_tag(to_normals(n), from_numpy(mi.UInt32, depth))
     assert np.isnan(tag.numpy()).any()
     grid = SpatialHash(to_points(n), cell=0.1, bounds=BOX, tag=tag)
-    record = dr.gather(mi.Vector4f, grid.records, dr.arange(mi.UInt32, 4096))
+    record = grid.record(dr.arange(mi.UInt32, 4096), mi.Bool(True))
     order = grid.order.numpy()
-    np.testing.assert_array_equal(np.array(unpack_depth(record.w)), depth[order])
-    np.testing.assert_allclose(unpack_normal(record.w).numpy().T, n[order], atol=4e-3)
+    np.testing.assert_array_equal(np.array(unpack_depth(record.tag)), depth[order])
+    np.testing.assert_allclose(unpack_normal(record.tag).numpy().T, n[order], atol=4e-3)
 
 
 def same(a: np.ndarray, b: np.ndarray) -> bool:
     """Whether a record with normal ``a`` and a photon with normal ``b`` lie on one surface."""
-    record = mi.Vector4f(0, 0, 0, pack_tag(mi.Normal3f(a.tolist())))
+    record = Record(mi.Point3f(0), pack_tag(mi.Normal3f(a.tolist())), mi.Color3f(0))
     return bool(same_surface(record, mi.Point3f(0), mi.Normal3f(b.tolist()), mi.Float(1))[0])
 
 
@@ -125,7 +125,8 @@ def test_inside_and_outside_of_a_thin_tube_are_two_surfaces(aside, above, one):
     across = np.array([3, -2, 0]) / math.sqrt(13)
     p = np.array([0.1, 0.2, 0.3])
     place = p + aside * across + above * n
-    record = mi.Vector4f(*place.tolist(), pack_tag(mi.Normal3f(n.tolist())))
+    tag = pack_tag(mi.Normal3f(n.tolist()))
+    record = Record(mi.Point3f(place.tolist()), tag, mi.Color3f(0))
     p, n = mi.Point3f(p.tolist()), mi.Normal3f(n.tolist())
     assert bool(same_surface(record, p, n, mi.Float(1))[0]) is one
 
