@@ -49,14 +49,13 @@ def same_surface(record: Record, p: mi.Point3f, n: mi.Normal3f, radius2: mi.Floa
     """Whether a record lies on the surface that has the normal ``n`` at ``p``, (N,).
 
     Two conditions: the normals are similar (:func:`same_orientation`), and with the offset d from
-    ``p`` to the record the distance to the tangent plane is small, ``|n · d| ≤ 0.5 max(r, |d|)``.
+    ``p`` to the record the distance to the tangent plane is small, ``|n · d| ≤ 0.5 r``.
 
     Parameters
     ----------
     record: of the neighbour search, with a tag of :func:`pack_tag`, (N,).
-    radius2: squared radius r² of the kernel, (N,).
+    radius2: squared radius r² of the kernel, or, without one, squared distance of the record, (N,).
     """
     d = record.p - p
-    scale2 = dr.maximum(radius2, dr.squared_norm(d))
-    flat = dr.square(dr.dot(n, d)) <= SAME_SURFACE_HEIGHT**2 * scale2
+    flat = dr.square(dr.dot(n, d)) <= SAME_SURFACE_HEIGHT**2 * radius2
     return flat & same_orientation(record, n)

@@ -18,7 +18,7 @@ from pydantic import Field
 from gpf.camera.next_event import samples_every_emitter
 from gpf.core.random import Stream, pass_seed, spread_sample
 from gpf.core.settings import Count, Positive, Settings
-from gpf.core.spatial_hash import SpatialHash
+from gpf.core.spatial_hash import Record, SpatialHash
 from gpf.core.structs import VisiblePoints, from_numpy
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface
 from gpf.photons.emission import Source, emit_light
@@ -188,10 +188,12 @@ def propose_radius(
     tag = pack_tag(photons.n)
     grid = SpatialHash(photons.p, cell=1e-2 * diagonal, bounds=bounds, far=True, tag=tag)
     start, limit = mi.Float(5e-3 * diagonal), mi.Float(0.2 * diagonal)
-    # Photons behind a thin wall do not count; there may be many more of them.
-    _, distance2 = grid.nearest(
-        x, k, start, limit, lambda record: same_surface(record, x, n, mi.Float(0))
-    )
+
+    def accept(record: Record) -> mi.Bool:
+        """Photons behind a thin wall do not count; there may be many more of them."""
+        return same_surface(record, x, n, dr.squared_norm(record.p - x))
+
+    _, distance2 = grid.nearest(x, k, start, limit, accept)
     typical2 = float(np.median(distance2[k - 1].numpy()))
     radius = np.sqrt(typical2 * photons_in_disc / k * paths / settings.paths)
     return float(np.clip(radius, 1e-4 * diagonal, 5e-2 * diagonal))

@@ -128,7 +128,8 @@ def test_inside_and_outside_of_a_thin_tube_are_two_surfaces(aside, above, one):
     tag = pack_tag(mi.Normal3f(n.tolist()))
     record = Record(mi.Point3f(place.tolist()), tag, mi.Color3f(0))
     p, n = mi.Point3f(p.tolist()), mi.Normal3f(n.tolist())
-    assert bool(same_surface(record, p, n, mi.Float(1))[0]) is one
+    radius2 = dr.maximum(1, dr.squared_norm(record.p - p))
+    assert bool(same_surface(record, p, n, radius2)[0]) is one
 
 
 # Normals that are 0°, 30°, 60°, 90° … apart: none near the limit of 45°.
