@@ -47,6 +47,8 @@ class LightMixer:
                 "lights", "are not kept apart in this field", "Fit it with `gpf fit --groups auto`."
             )
         self.lights: FieldLights = field.lights
+        # Emitters that outlive the shapes of their scene let Dr.Jit crash in the next scene.
+        self._scene = scene
         self._field = field
         self.levels: Levels = {}
         self._emitters = [_Dimmed(emitter) for emitter in scene.emitters()]

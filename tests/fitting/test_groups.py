@@ -102,9 +102,6 @@ def test_dimmed_lamps_are_as_good_as_a_fit_for_that_light(monkeypatch, build, vi
     make_small(monkeypatch, passes=48, steps=100, paths=40_000)
     sensors = [make_sensor(view, *SIZE)]
     scene, changed = build(), build(*levels.values())
-    field = gpf.fit(scene, sensors, passes=48, seed=3, groups=LightGroups.each(scene))
-    mixer = LightMixer(scene, field)
-    assert sorted(mixer.names) == sorted(levels)
     settings = PassSettings(photons_per_pass=100_000, initial_radius=0.05)
     renderer = ReferenceRenderer(changed, {"it": sensors[0]}, {}, settings, seed=7)
     reference = renderer.image("it", renderer.run(150))
@@ -115,9 +112,18 @@ def test_dimmed_lamps_are_as_good_as_a_fit_for_that_light(monkeypatch, build, vi
         shown = [tone_map(i, 0.5) for i in (image, reference)]
         return -10 * np.log10(np.mean(np.square(np.subtract(*shown))))
 
-    own = psnr(changed, gpf.fit(changed, sensors, passes=48, seed=3))
-    mixer.set({name: np.broadcast_to(level, 3).tolist() for name, level in levels.items()})
-    assert psnr(scene, field) > own - 0.5
+    gains = []
+    for seed in range(3, 7):
+        field = gpf.fit(scene, sensors, passes=48, seed=seed, groups=LightGroups.each(scene))
+        mixer = LightMixer(scene, field)
+        assert sorted(mixer.names) == sorted(levels)
+        mixer.set({name: np.broadcast_to(level, 3).tolist() for name, level in levels.items()})
+        dimmed = psnr(scene, field)
+        mixer.set({})
+        gains.append(dimmed - psnr(changed, gpf.fit(changed, sensors, passes=48, seed=seed)))
+    # Fits this short differ by a decibel from seed to seed.
+    error = np.std(gains, ddof=1) / np.sqrt(len(gains))
+    assert np.mean(gains) > -0.5 - 2 * error, gains
 
 
 SOURCE = """<scene version="3.0.0">

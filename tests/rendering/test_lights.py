@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -78,6 +80,17 @@ def test_emitters_of_the_scene_follow(levels):
     assert np.abs(found - expected).mean() < 0.05 * expected.mean()
     mixer.set({})
     np.testing.assert_allclose(render(scene, mi.load_dict(PATH)), before, rtol=1e-4, atol=1e-6)
+
+
+def test_a_mixer_keeps_its_scene():
+    """Emitters without their shapes make Dr.Jit crash as soon as another scene has a lamp."""
+    scene = scene_with()
+    field = field_for(scene, (1, 2, 3))
+    count = sys.getrefcount(scene)
+    mixer = LightMixer(scene, field)
+    assert sys.getrefcount(scene) > count
+    del mixer
+    assert sys.getrefcount(scene) == count
 
 
 def test_the_field_follows(tmp_path):
