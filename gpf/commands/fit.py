@@ -50,10 +50,7 @@ def fit_scene_file(
     go_on: continue the finished fit of ``out`` with more photons.
     groups: groups of emitters whose light is kept apart (:meth:`LightGroups.parse`).
     """
-    if out.suffix != ".safetensors":
-        raise UserError(
-            str(out), "is no name of a field", "Give it a name that ends in .safetensors."
-        )
+    require_field_name(out)
     choose_variant("auto")
     scene = load_scene_file(path)
     light_groups = LightGroups.parse(groups, scene)
@@ -89,6 +86,15 @@ def fit_scene_file(
     )
     used = sum(file.stat().st_size for file in state.iterdir())
     say(f"{state}: {used / 1e6:.0f} MB, for more photons later (--continue); else delete it.")
+
+
+def require_field_name(out: Path) -> None:
+    """Raise a :class:`UserError` unless a field's file can be called so: beside it, the same name
+    with other endings is that of the preview and of the state."""
+    if out.suffix != ".safetensors":
+        raise UserError(
+            str(out), "is no name of a field", "Give it a name that ends in .safetensors."
+        )
 
 
 def is_finished(state: Path, out: Path) -> bool:

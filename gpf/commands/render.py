@@ -145,7 +145,7 @@ def render_pictures(
     if options.executor == "ray":
         places = scene_file, field_file, options.cluster, options.lights
         renderings = partial(pictures.on_cluster, *places)
-    with sole_run(folder), telling_untraceable(str(scene_file)):
+    with sole_run(folder, inside=True), telling_untraceable(str(scene_file)):
         remove_leftovers(folder)
         made = pictures.render(renderings)
         if options.film:

@@ -14,6 +14,7 @@ from typing import Any
 import mitsuba as mi
 
 from gpf.commands.cameras import file_beside, known_cameras
+from gpf.commands.fit import require_field_name
 from gpf.commands.scenes import find_scene, require_same_scene
 from gpf.core.errors import UserError, is_interrupt
 from gpf.core.locks import sole_run
@@ -74,6 +75,8 @@ def view_scene(
     if trained is not None:
         field_file = field_file or trained / "field.safetensors"
         views_file = views_file or trained / "views.yaml"
+    if field_file is None:
+        require_field_name(out)
     if field_file is None and out.exists():
         raise UserError(
             str(out),

@@ -71,10 +71,12 @@ class WriteError(UserError):
         return type(self), (self.path, self.why)
 
 
-# No room, no permission, a file where a folder should be, or a folder where a file should be.
+# No room, no permission, a file where a folder should be or the other way round, a name that is too
+# long, links in a circle, a broken disk, too many open files, a share of the network that is gone.
 _OF_FILES = (
     *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM),
     *(errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ENOTEMPTY),
+    *(errno.ENAMETOOLONG, errno.ELOOP, errno.EIO, errno.EMFILE, errno.ENFILE, errno.ESTALE),
 )
 
 
@@ -85,7 +87,7 @@ def explain_file_error(error: OSError) -> UserError | None:
     return UserError(
         str(error.filename or "a file"),
         f"could not be written or read ({error.strerror})",
-        "Free some disk space or check the folder.",
+        "Check its name, its folder and the free disk space.",
     )
 
 

@@ -18,7 +18,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from gpf.core.errors import FileError, WriteError
-from gpf.core.partial import partial_file
+from gpf.core.partial import grant_as_usual, partial_file
 
 SCHEMA_VERSION = 1
 
@@ -35,7 +35,7 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         with partial_file(path) as temporary:
             write(temporary)
-            os.chmod(temporary, 0o644)
+            grant_as_usual(temporary)
             os.replace(temporary, path)
     except (OSError, RuntimeError) as error:  # RuntimeError: raised by image libraries
         raise WriteError(path, error) from error

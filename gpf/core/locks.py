@@ -18,7 +18,7 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
 
 @contextmanager
-def sole_run(output: Path, shared: bool = False) -> Iterator[None]:
+def sole_run(output: Path, shared: bool = False, inside: bool = False) -> Iterator[None]:
     """Hold the lock of an output, in the file ``.lock-NAME`` beside it.
 
     The system ends the lock with the process, so that of a killed run blocks nobody.
@@ -27,13 +27,15 @@ def sole_run(output: Path, shared: bool = False) -> Iterator[None]:
     ----------
     output: file or folder that the run writes; it need not exist.
     shared: whether other runs may work at the same time, if they are shared too.
+    inside: whether the lock lies in the output, which is a folder: the user may be allowed to write
+        there, but not beside it.
 
     Raises
     ------
     UserError: another run holds the lock.
     WriteError: the folder cannot be written.
     """
-    file = output.parent / f".lock-{output.name}"
+    file = output / ".lock-run" if inside else output.parent / f".lock-{output.name}"
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         handle = _lock(file, fcntl.LOCK_SH if shared else fcntl.LOCK_EX)
@@ -57,7 +59,7 @@ def sole_run(output: Path, shared: bool = False) -> Iterator[None]:
 def _lock(file: Path, kind: int) -> int:
     """The locked file, with a description of this process in it."""
     while True:
-        handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o644)
+        handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
         try:
             fcntl.flock(handle, kind | fcntl.LOCK_NB)
             if os.fstat(handle).st_nlink == 0:  # removed by the run before, between the two calls

@@ -1,7 +1,7 @@
 """Files and folders that are being written, and what killed runs have left of them.
 
-They are called ``.partial-NAME-…``, and the process that writes them locks them. The lock ends with
-the process, so one that nobody locks is left over from a run that was killed.
+They are called ``.gpf-partial-NAME-…``, and the process that writes them locks them. The lock ends
+with the process, so one that nobody locks is left over from a run that was killed.
 """
 
 from __future__ import annotations
@@ -16,9 +16,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-PREFIX = ".partial-"
+PREFIX = ".gpf-partial-"
 
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
+
+# It can only be read by setting it, for all threads.
+_UMASK = os.umask(0o077)
+os.umask(_UMASK)
 
 
 @contextmanager
@@ -63,6 +67,14 @@ def remove_leftovers(folder: Path, deep: bool = False) -> None:
                     shutil.rmtree(path) if path.is_dir() else path.unlink()
             finally:
                 os.close(handle)
+
+
+def grant_as_usual(path: Path) -> None:
+    """Give a new file or folder the permissions that the user's programs give: those of ``umask``.
+
+    Temporary files are for their user alone.
+    """
+    path.chmod((0o777 if path.is_dir() else 0o666) & ~_UMASK)
 
 
 def replace_folder(new: Path, target: Path) -> None:

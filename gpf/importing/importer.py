@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +17,7 @@ from pathlib import Path
 import mitsuba as mi
 
 from gpf.core.errors import UserError
+from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers
 from gpf.importing.checks import check_scene_xml, describe_leftovers
 from gpf.importing.description import describe_scene
 from gpf.importing.report import PHOTONS, ImportReport, examine_scene
@@ -80,14 +80,12 @@ def import_scene(
     root = root or scenes_root()
     check_name(name, root)
     try:
-        work = Path(tempfile.mkdtemp(dir=root, prefix=".import-"))
-        try:
+        remove_leftovers(root)
+        with partial_folder(root / name) as work:
             with _users_paths({work / "unpacked": path}):
                 source = open_source(path, work / "unpacked")
                 report = _make(source, name, work / "scene", root, place_views, photons)
             (work / "scene").rename(root / name)
-        finally:
-            shutil.rmtree(work, ignore_errors=True)
     except OSError as error:
         raise UserError(
             str(root / name),
@@ -152,7 +150,7 @@ def _make(
     )
     if not any(file.name.lower().startswith("readme") for file in copied):
         (target / "README.md").write_text(describe_scene(report, target), encoding="utf-8")
-    target.chmod(0o755)
+    grant_as_usual(target)
     return report
 
 

@@ -47,11 +47,11 @@ def open_source(path: Path, unpacked: Path) -> Source:
     UserError: ``path`` does not exist or is of another kind, there is no scene file or more than
         one, or :func:`unpack_archive` refuses the archive.
     """
+    if not path.exists():
+        raise UserError(str(path), "does not exist", "Check the path.")
     origin = path.resolve().name
     if path.is_dir():
         return Source(origin, find_scene_file(path, path), path)
-    if not path.exists():
-        raise UserError(str(path), "does not exist", "Check the path.")
     if zipfile.is_zipfile(path):
         unpack_archive(path, unpacked)
         return Source(origin, find_scene_file(unpacked, path), unpacked, archive=path)

@@ -8,7 +8,7 @@ import shutil
 from pathlib import Path
 
 from gpf.core.errors import UserError
-from gpf.core.partial import partial_folder, remove_leftovers, replace_folder
+from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers, replace_folder
 from gpf.scene.folders import scene_files, scene_folder
 from gpf.scene.load import load_scene_file
 from gpf.scene.views import read_views
@@ -81,7 +81,7 @@ def snapshot_scene(name: str, target: Path, root: Path | None = None) -> None:
         except UserError as error:  # name the files of the scene, not the copies
             where, what = (t.replace(str(staging), str(folder)) for t in (error.where, error.what))
             raise UserError(where, what, error.todo) from None
-        staging.chmod(0o755)
+        grant_as_usual(staging)
         replace_folder(staging, target)
 
 

@@ -30,6 +30,9 @@ from gpf.core.errors import UserError
 
 CODINGS = ("utf-8", "utf8", "utf-16", "iso-8859-1", "latin1", "us-ascii", "ascii")
 
+DEEPEST_INCLUDE = 14
+"""So many files may be nested by includes below the first; Mitsuba refuses more."""
+
 _DOLLAR = r"(?<!\\)\$"  # begins the name of a parameter
 
 
@@ -123,7 +126,8 @@ def read_scene_xml(file: Path, parameters: Mapping[str, str] | None = None) -> S
 
     Raises
     ------
-    UserError: a file cannot be read, does not parse, has a document type, or includes itself.
+    UserError: a file cannot be read, does not parse, has a document type, or includes itself, or
+        includes are nested too deep.
     """
     return _Reader(file, parameters or {}).document
 
@@ -167,12 +171,14 @@ class _Reader:
                 inner = [file.parent, *search]
                 included = _find(filename, inner, 0)
                 document.references.append(Reference(filename, included, place))
-                chain = (*within, file.resolve())
-                if included.resolve() in chain:
-                    raise UserError(
-                        str(place), f"includes {included}, which includes it", "Remove one include."
-                    )
-                if included.is_file():
+                if included.is_file():  # a link to itself is none, and cannot be resolved
+                    chain = (*within, file.resolve())
+                    if included.resolve() in chain:
+                        circle = f"includes {included}, which includes it"
+                        raise UserError(str(place), circle, "Remove one include.")
+                    if len(chain) > DEEPEST_INCLUDE:
+                        deep = f"is an include in more than {DEEPEST_INCLUDE} others"
+                        raise UserError(str(place), deep, "Join some of these files.")
                     self.read(included, inner, chain)
 
 

@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -61,9 +63,10 @@ def test_a_missing_file(tmp_path):
         read_tensors(tmp_path / "gone.safetensors", "photons")
 
 
-@pytest.mark.parametrize("keep", [0, 5, 60, -1])
-def test_a_truncated_file(file, keep):
-    file.write_bytes(file.read_bytes()[:keep])
+@pytest.mark.parametrize("share", [*np.arange(10) / 10, 0.001, 0.9999])
+def test_a_truncated_file(file, share):
+    data = file.read_bytes()
+    file.write_bytes(data[: int(len(data) * share)])
     with pytest.raises(
         FileError,
         match=r"photons\.safetensors: is truncated or damaged \(.+\)\. Delete it and make it again",
@@ -147,7 +150,27 @@ def test_the_writer_sees_the_suffix_and_the_folder(tmp_path):
 
     write_atomically(path, write)
     assert seen[0].suffix == ".svg" and seen[0].parent == tmp_path and seen[0] != path
-    assert path.read_text() == "x" and path.stat().st_mode & 0o777 == 0o644
+    assert path.read_text() == "x"
+
+
+@pytest.mark.parametrize(
+    ("umask", "file", "folder"), [(0o077, 0o600, 0o700), (0o002, 0o664, 0o775)]
+)
+def test_permissions_follow_umask(tmp_path, umask, file, folder):
+    """As those of files that other programs of the user make."""
+    code = f"""
+import os
+os.umask({umask})
+from pathlib import Path
+from gpf.core.files import write_text
+from gpf.core.partial import grant_as_usual
+write_text(Path("a.txt"), "x")
+Path("b").mkdir(0o700)
+grant_as_usual(Path("b"))
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
+    found = [(tmp_path / name).stat().st_mode & 0o777 for name in ("a.txt", "b")]
+    assert found == [file, folder]
 
 
 # --- JSON -------------------------------------------------------------------------------------

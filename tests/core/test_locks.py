@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -40,6 +41,16 @@ def test_the_second_is_told_who_is_at_work(output):
     with sole_run(output):
         pass
     assert list(output.parent.iterdir()) == []
+
+
+def test_the_lock_of_a_folder_lies_in_it(tmp_path, monkeypatch):
+    folder = tmp_path / "pictures"
+    with sole_run(folder, inside=True):
+        assert [path.name for path in tmp_path.rglob("*")] == ["pictures", ".lock-run"]
+        monkeypatch.chdir(folder)
+        with pytest.raises(UserError, match="is being made"), sole_run(Path("."), inside=True):
+            pass
+    assert list(folder.iterdir()) == []
 
 
 def test_shared_runs_work_side_by_side_but_not_beside_another(output):

@@ -35,10 +35,10 @@ def test_what_a_killed_run_leaves_is_removed(tmp_path):
 def test_what_is_being_written_stays(tmp_path):
     below = tmp_path / "below"
     below.mkdir()
-    (below / ".partial-old").write_text("half")
+    (below / ".gpf-partial-old").write_text("half")
     with partial_file(below / "table.csv") as file, partial_folder(below / "scene") as folder:
         remove_leftovers(tmp_path)
-        assert (below / ".partial-old").exists()
+        assert (below / ".gpf-partial-old").exists()
         remove_leftovers(tmp_path, deep=True)
         assert names(below) == sorted([file.name, folder.name])
     assert names(below) == []

@@ -10,6 +10,10 @@ import time
 import pytest
 
 from gpf.core.locks import sole_run
+from gpf.field.io import save_field
+from gpf.scene.fingerprint import fingerprint
+from gpf.scene.load import load_scene_file
+from tests.commands.box import box_field
 from tests.faults.cases import CASES
 from tests.faults.runner import ENVIRONMENT
 from tests.stages.conftest import PROJECT, SCENE, new_project
@@ -42,6 +46,25 @@ def test_a_fit_that_runs_already(project):
         outcome = project.gpf("fit", "box.xml", "-o", "box.safetensors", "--passes", "2")
     assert_busy(outcome, "box.safetensors", os.getpid())
     assert not (project.folder / "box.fit").exists()
+
+
+def test_a_viewer_that_fits_already(project):
+    shutil.copy(PROJECT / "scenes" / SCENE / "scene.xml", project.folder / "box.xml")
+    with sole_run(project.folder / "box.safetensors"):
+        outcome = project.gpf("view", "box.xml", "-o", "box.safetensors", "--no-open")
+    assert_busy(outcome, "box.safetensors", os.getpid())
+
+
+def test_pictures_that_are_being_made(project):
+    shutil.copy(PROJECT / "scenes" / SCENE / "scene.xml", project.folder / "box.xml")
+    scene = load_scene_file(project.folder / "box.xml")
+    field = box_field(scene)
+    field.record = {"fingerprint": fingerprint(scene)}
+    save_field(field, project.folder / "field.safetensors")
+    with sole_run(project.folder / "pictures", inside=True):
+        outcome = project.gpf("render", "box.xml", "--size", "8x8", "--spp", "1")
+    assert_busy(outcome, "pictures", os.getpid())
+    assert not list((project.folder / "pictures").iterdir())
 
 
 @pytest.mark.slow

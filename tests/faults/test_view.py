@@ -112,6 +112,7 @@ def check(folder: Path) -> None:
 FAULTS = {
     "SIGKILL": (signal.SIGKILL,),
     "SIGTERM": (signal.SIGTERM,),
+    "SIGHUP": (signal.SIGHUP,),
     "Ctrl-C": (signal.SIGINT,),
     "Ctrl-C twice": (signal.SIGINT, signal.SIGINT),
     "SIGTERM twice": (signal.SIGTERM, signal.SIGTERM),
@@ -141,7 +142,7 @@ def test_a_signal(folder, environment, name):
         (folder / "box.safetensors").unlink()
     with viewing(folder, environment) as process:
         assert wait_for_more(folder, process, before) > before
-        assert not list(folder.glob(".partial-*"))
+        assert not list(folder.glob(".gpf-partial-*"))
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=30) == 0
     said = (folder / "log.txt").read_text()

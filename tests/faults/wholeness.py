@@ -11,7 +11,7 @@ from gpf.core.files import read_tensors
 from gpf.core.images import read_exr
 
 # Files of a run that a killed one leaves to the next: locks, half-written files, checkpoints.
-_PASSING = (".partial-", ".lock-", "checkpoints")
+_PASSING = (".gpf-partial-", ".lock-", "checkpoints")
 
 
 def contents(folder: Path) -> dict[str, str]:

@@ -245,9 +245,18 @@ def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch, capsys)
     assert stored.record["exposure"] == read_views(SOURCE.parent / "views.yaml").exposure
     assert stored.tensors["error"].shape == (len(stored.tensors["means"]),)
     assert tuple(mi.Bitmap(str(tmp_path / "box.png")).size()) == (32, 32)
+
+
+@pytest.mark.parametrize("command", ["fit", "view"])
+@pytest.mark.parametrize("name", ["box.exr", "box.fit", "box", "."])
+def test_a_field_has_a_name_of_its_own(tmp_path, monkeypatch, capsys, command, name):
+    from gpf.cli import main
+
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as ended:
-        main(["fit", str(SOURCE), "-o", str(tmp_path / "box.exr")])
-    assert ended.value.code == 2
+        main([command, str(SOURCE), "-o", name])
+    assert ended.value.code == 2 and not list(tmp_path.iterdir())
+    assert "ends in .safetensors" in capsys.readouterr().err
 
 
 def test_a_fit_that_goes_on_has_its_place(capsys):

@@ -70,7 +70,7 @@ def test_the_field_belongs_to_the_photons(folder):
     own = FitState(folder, IDENTITY)
     own.save(TENSORS, {"passes": 72}, field)
     assert own.load("always")[2].record == {"passes": 72}
-    (folder / ".partial-photons-x.safetensors").write_bytes(b"half")
+    (folder / ".gpf-partial-photons-x.safetensors").write_bytes(b"half")
     (folder / "field-of-mine.safetensors").write_bytes(b"not of the fit")
     (folder / "field-216.safetensors").write_bytes(b"whole, but its photons were not written")
     assert own.load("always")[2].record == {"passes": 72}

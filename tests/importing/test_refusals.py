@@ -22,7 +22,7 @@ def assert_refused(path: Path, root: Path, words: str, name: str = "room") -> Us
     before = sorted(root.iterdir())
     with pytest.raises(UserError, match=words) as caught:
         bring(path, root, name)
-    assert ".import-" not in str(caught.value)
+    assert ".gpf-partial-" not in str(caught.value)
     assert sorted(root.iterdir()) == before
     return caught.value
 

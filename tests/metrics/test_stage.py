@@ -8,7 +8,8 @@ import pytest
 from gpf.config.params import Params
 from gpf.core.errors import UserError
 from gpf.core.files import read_json, write_json, write_text
-from gpf.core.images import write_exr
+from gpf.core.images import read_exr, write_exr
+from metrics.image import compare, flip_exposures
 from stages.common.makers import naming_commands
 from stages.common.workspace import Workspace
 from stages.metrics import compare_images
@@ -20,11 +21,12 @@ PARAMS = {
     "reference": {"passes": 4},
     "methods": {"classical": list(METHODS)},
     "baselines": METHODS,
+    "metrics": {"relmse_epsilon": 0.03},
 }
 run = naming_commands(compare_images)  # as the command line calls it
 
 VIEWS_FILE = """\
-exposure: 1.0
+exposure: 0.3
 aspect: 1.5
 views:
   train: [{name: front, origin: [0, 0, 4], target: [0, 0, 0], fov: 40}]
@@ -41,14 +43,26 @@ def work(tmp_path, monkeypatch):
     monkeypatch.setattr(Workspace, "open", classmethod(lambda cls, scene: work))
     write_text(work.views_file, VIEWS_FILE)
     image = np.random.default_rng(4).uniform(0.1, 0.9, (8, 12, 3)).astype(np.float32)
-    for view in VIEWS:
+    for view, light in zip(VIEWS, (1, 30), strict=True):
         record = {"view": work.views.find(view).model_dump(mode="json"), "passes": 4}
-        layers = {"sppm_1": 0.5 * image, "sppm_4": 0.9 * image}
-        write_exr(work.reference(view), {"radiance": image}, record)
+        layers = {"sppm_1": 0.5 * light * image, "sppm_4": 0.9 * light * image}
+        write_exr(work.reference(view), {"radiance": light * image}, record)
         write_exr(work.second_reference(view), layers, record)
         for method in ("gpf", "path_10"):
-            write_exr(work.render(method, view), {"radiance": 0.8 * image}, record)
+            write_exr(work.render(method, view), {"radiance": 0.8 * light * image}, record)
     return work
+
+
+def test_images_are_compared_at_the_exposure_of_the_scene_and_in_the_range_of_all_references(work):
+    run(SCENE)
+    references = [read_exr(work.reference(view))[0]["radiance"] for view in VIEWS]
+    first, last = flip_exposures(references)
+    assert (first, last) != flip_exposures(references[:1])
+    for view, reference in zip(VIEWS, references, strict=True):
+        wanted = compare(0.8 * reference, reference, 0.3, first, last, 0.03)
+        found = read_json(work.metrics("gpf"))["views"][view]
+        for name in ("psnr", "ssim", "flip", "flip_hdr", "relmse"):
+            assert found[name] == pytest.approx(wanted[name], rel=1e-3), name
 
 
 def test_a_method_that_was_not_run_is_left_out(work, capsys):

@@ -5,8 +5,10 @@ from pathlib import Path
 import mitsuba as mi
 import pytest
 
+from gpf.cli import main
 from gpf.core.errors import UserError
-from gpf.scene.xml import read_scene_xml
+from gpf.importing.sources import open_source
+from gpf.scene.xml import DEEPEST_INCLUDE, read_scene_xml
 
 PLY = """\
 ply
@@ -165,6 +167,39 @@ def test_a_circle_of_includes_is_told_with_its_line(tmp_path):
     )
     with pytest.raises(UserError, match=r"a\.xml:2: includes .*scene\.xml, which includes it"):
         read_scene_xml(file)
+
+
+@pytest.mark.parametrize("below", [DEEPEST_INCLUDE, DEEPEST_INCLUDE + 1])
+def test_includes_may_be_nested_as_deep_as_in_mitsuba(tmp_path, below):
+    inner = [f'<include filename="{k + 1}.xml"/>' for k in range(below)]
+    files = {f"{k}_xml": scene(text) for k, text in enumerate([*inner, ""])}
+    file = write(tmp_path, scene_xml=scene('<include filename="1.xml"/>'), **files)
+    if below > DEEPEST_INCLUDE:
+        words = rf"{DEEPEST_INCLUDE}\.xml:1: is an include in more than {DEEPEST_INCLUDE} others"
+        with pytest.raises(UserError, match=words):
+            read_scene_xml(file)
+        with pytest.raises(RuntimeError, match="maximum include recursion"):
+            mi.load_file(str(file))
+    else:
+        read_scene_xml(file)
+        mi.load_file(str(file))
+
+
+def test_a_link_to_itself_is_missing(tmp_path):
+    file = write(tmp_path, scene_xml=scene('<include filename="a.xml"/>'))
+    (tmp_path / "a.xml").symlink_to("a.xml")
+    assert [r.path.name for r in read_scene_xml(file).missing()] == ["a.xml"]
+    with pytest.raises(UserError, match="does not exist"):
+        open_source(tmp_path / "a.xml", tmp_path / "unpacked")
+
+
+@pytest.mark.parametrize("name", ["a" * 300 + ".xml", "a/" * 5000 + "b.xml"])
+def test_a_name_that_no_file_can_have(tmp_path, capsys, name):
+    file = write(tmp_path, scene_xml=scene(f'<include filename="{name}"/>'))
+    with pytest.raises(SystemExit) as ending:
+        main(["fit", str(file)])
+    assert ending.value.code == 2
+    assert "File name too long" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

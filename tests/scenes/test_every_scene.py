@@ -76,7 +76,7 @@ def test_it_is_rebuilt_bit_for_bit(name, root, tmp_path):
         first = root / file.relative_to(tmp_path)
         assert file.read_bytes() == first.read_bytes(), file.name
     assert sum(file.stat().st_size for file in again) < 15e6
-    assert not list((tmp_path / name).glob(".partial-*"))
+    assert not list((tmp_path / name).glob(".gpf-partial-*"))
 
 
 def test_the_first_training_view_is_the_scenes_own_sensor(loaded):
