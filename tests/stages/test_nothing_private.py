@@ -6,6 +6,8 @@ import base64
 import binascii
 import re
 import shutil
+import socket
+import sys
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from gpf.cli import main
+from gpf.core.files import read_json
 from tests.importing.foreign_scene import place_two, write_original
 from tests.small_fit import make_small
 from tests.stages.conftest import PROJECT
@@ -54,9 +57,12 @@ def private(folder: Path, words: tuple[str, ...]) -> list[str]:
 
 
 def places() -> tuple[str, ...]:
-    """Folders of this machine."""
+    """Folders of this machine; its name and the user's, unless short or common."""
     home = str(Path.home())
-    return (str(PROJECT), *((home,) if len(Path(home).parts) > 2 else (f"{home}/",)))
+    common = ("localhost", "runner", "ubuntu", "docker")
+    names = (socket.gethostname().partition(".")[0], Path.home().name)
+    told = tuple(name for name in names if len(name) > 5 and name not in common)
+    return (str(PROJECT), *((home,) if len(Path(home).parts) > 2 else (f"{home}/",)), *told)
 
 
 def test_the_search_finds_what_is_packed(tmp_path):
@@ -75,6 +81,27 @@ def test_results_of_the_pipeline(built):
     assert "built_project" in str(built.folder)
     assert (built.folder / "results" / "report.html").exists()
     assert private(built.folder / "results", ("built_project", *places())) == []
+
+
+def test_reasons_for_missing_numbers(finished, tmp_path, monkeypatch):
+    """They name folders on the terminal alone."""
+    hidden = tmp_path / FOLDER / "code"
+    (hidden / "flip_evaluator").mkdir(parents=True)
+    broken = f"raise ImportError('{hidden}/libflip.so: undefined symbol')\n"
+    (hidden / "flip_evaluator" / "__init__.py").write_text(broken)
+    monkeypatch.syspath_prepend(str(hidden))
+    monkeypatch.delitem(sys.modules, "flip_evaluator", raising=False)
+    for variable in ("GPF_RENDERFORMER", "GPF_LPIPS_WEIGHTS"):
+        monkeypatch.setenv(variable, str(hidden))
+    finished.edit("params.yaml", methods__learned=["renderformer"])
+    told = finished.stage("baseline", more=("--method", "renderformer", "--go-on"))
+    assert f"GPF_RENDERFORMER={hidden} has no" in told.text and told.code == 0
+    finished.run("metrics", "report")
+    page = (finished.folder / "results" / "report.html").read_text(encoding="utf-8")
+    assert "has no renderformer/pipelines" in page
+    reasons = read_json(finished.results / "metrics" / "path_10.json")["reasons"]
+    assert {"lpips", "flip", "flip_hdr"} == set(reasons)
+    assert private(finished.folder / "results", (FOLDER, *places())) == []
 
 
 def test_what_the_commands_write(tmp_path, monkeypatch, capsys):

@@ -21,7 +21,7 @@ import numpy as np
 from gpf.baselines.official import OfficialCode, Program
 from gpf.baselines.optional import import_optional
 from gpf.baselines.options import RenderFormerOptions
-from gpf.baselines.protocol import CannotServe, Task
+from gpf.baselines.protocol import CannotServe, Task, without_folders
 from gpf.baselines.renderformer.files import (
     EDGE,
     Lighting,
@@ -79,7 +79,7 @@ class Renderformer:
             write_scene(scenes[k][0], triangles, lighting)
             task.report(k + 1, len(lightings))
         facts: dict[str, float | str] = {"triangles": len(triangles)}
-        facts["weights"] = self.options.weights
+        facts["weights"] = without_folders(self.options.weights)
         return PreparedRenderformer(program, scenes, placement, task.size, facts)
 
 
