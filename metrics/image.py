@@ -82,7 +82,7 @@ def ssim(test: Image, reference: Image, exposure: float) -> float:
         from skimage.metrics import structural_similarity
     except ImportError as error:
         raise MetricUnavailable(
-            f"scikit-image cannot be imported ({error}): pip install scikit-image"
+            f"scikit-image cannot be imported ({type(error).__name__}): pip install scikit-image"
         ) from error
     # scikit-image leaves half a window out of the mean at each edge: here, the reflected pixels.
     edges = ((SSIM_RADIUS, SSIM_RADIUS), (SSIM_RADIUS, SSIM_RADIUS), (0, 0))
@@ -106,7 +106,9 @@ def lpips(test: Image, reference: Image, exposure: float) -> float:
     try:
         from metrics.lpips import distance
     except ImportError as error:
-        raise MetricUnavailable(f"torch cannot be imported ({error}): pip install torch") from error
+        raise MetricUnavailable(
+            f"torch cannot be imported ({type(error).__name__}): pip install torch"
+        ) from error
     return distance(shown, wanted)
 
 

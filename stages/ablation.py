@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from gpf.baselines.protocol import without_folders
 from gpf.config.params import Params
 from gpf.config.titles import variant_title
 from gpf.core.errors import UserError, WriteError
@@ -70,9 +71,11 @@ def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = Fal
     except WriteError:
         raise
     except UserError as refusal:
-        reason = f"{refusal.where}: {refusal.what}"
+        reason, todo = (
+            without_folders(t) for t in (f"{refusal.where}: {refusal.what}", refusal.todo)
+        )
         shutil.rmtree(_state(work, variant), ignore_errors=True)
-        save(work, row, {"reason": reason, "todo": refusal.todo}, {})
+        save(work, row, {"reason": reason, "todo": todo}, {})
         if not go_on:
             raise
         say(f"{scene_name}, {variant}: {refusal}")

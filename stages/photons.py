@@ -7,7 +7,13 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
-from gpf.core.files import read_tensors, require_finite, require_scene, write_tensors
+from gpf.core.files import (
+    read_tensors,
+    require_finite,
+    require_scene,
+    require_shapes,
+    write_tensors,
+)
 from gpf.core.structs import Photons, from_numpy, to_numpy
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
@@ -46,6 +52,8 @@ def load_photons(work: Workspace) -> Photons:
     """The photons that this stage saved."""
     tensors, metadata = read_tensors(work.photons, "photons")
     require_scene(work.photons, metadata, work.scene)
+    vectors = {name: (("N", 3), "f4") for name in ("position", "normal", "power")}
+    require_shapes(work.photons, tensors, vectors | {"depth": (("N",), "u4")})
     require_finite(work.photons, tensors)
 
     def columns(name: str) -> np.ndarray:

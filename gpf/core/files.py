@@ -155,6 +155,37 @@ def require_finite(path: Path, tensors: Mapping[str, np.ndarray]) -> None:
         raise FileError(path, f"has NaN or infinite values in {name}")
 
 
+def require_shapes(
+    path: Path,
+    tensors: Mapping[str, np.ndarray],
+    wanted: Mapping[str, tuple[tuple[str | int, ...], str]],
+    sizes: Mapping[str, int] | None = None,
+) -> None:
+    """Raise a :class:`FileError` if tensors of a file are missing, empty, or of another shape or
+    type.
+
+    Parameters
+    ----------
+    wanted: name -> shape and type, such as ``(("N", 3), "f4")``. A letter stands for the same size
+        everywhere.
+    sizes: letters whose size is known.
+    """
+    known = dict(sizes or {})
+    for name, (shape, kind) in wanted.items():
+        if name not in tensors:
+            raise FileError(path, f"has no tensor {name}")
+        value = tensors[name]
+        fits = value.ndim == len(shape) and all(
+            size == (known.setdefault(n, size) if isinstance(n, str) else n)
+            for n, size in zip(shape, value.shape, strict=True)
+        )
+        if not fits or value.dtype != np.dtype(kind) or not value.size:
+            dims = ", ".join(str(known.get(n, n) if isinstance(n, str) else n) for n in shape)
+            raise FileError(
+                path, f"has {name} of shape {value.shape}, {value.dtype}, not ({dims}), {kind}"
+            )
+
+
 def require_scene(path: Path, metadata: Mapping[str, Any], scene: str) -> None:
     """Raise a :class:`FileError` if a file says that it belongs to another scene; those of earlier
     versions say nothing."""

@@ -14,6 +14,7 @@ from pydantic import ConfigDict, Field, with_config
 from typing_extensions import TypedDict  # pydantic cannot read that of Python 3.11
 
 from gpf.core.errors import FileError
+from gpf.core.files import require_shapes
 from gpf.core.settings import Positive
 from gpf.field.settings import FieldSettings
 
@@ -103,21 +104,12 @@ def check_stored(
     sizes: dict[str, int] = {"N": len(tensors.get("means", ()))}
     if facts.get("lights"):
         sizes["G"] = len(facts["lights"]["names"])
-    for name, (shape, *types) in _SHAPES.items():
-        if name not in tensors:
-            if name in needed:
-                raise FileError(path, f"has no tensor {name}")
-            continue
-        found, value = types[compact], tensors[name]
-        fits = value.ndim == len(shape) and all(
-            size == (sizes.setdefault(n, size) if isinstance(n, str) else n)
-            for n, size in zip(shape, value.shape, strict=True)
-        )
-        if not fits or value.dtype != np.dtype(found) or not value.size:
-            wanted = ", ".join(str(sizes.get(n, n) if isinstance(n, str) else n) for n in shape)
-            raise FileError(
-                path, f"has {name} of shape {value.shape}, {value.dtype}, not ({wanted}), {found}"
-            )
+    wanted = {
+        name: (shape, types[compact])
+        for name, (shape, *types) in _SHAPES.items()
+        if name in needed or name in tensors
+    }
+    require_shapes(path, tensors, wanted, sizes)
 
 
 def smallest_search_radius(bounds: Any) -> float:

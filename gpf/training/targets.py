@@ -11,8 +11,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.errors import FileError, UserError
-from gpf.core.files import read_tensors, require_finite, require_scene, write_tensors
+from gpf.core.errors import UserError
+from gpf.core.files import (
+    read_tensors,
+    require_finite,
+    require_scene,
+    require_shapes,
+    write_tensors,
+)
 from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import SurfacePoints, VisiblePoints, from_numpy
 from gpf.scene.lamps import Lamps
@@ -86,17 +92,13 @@ class Targets:
         Raises
         ------
         FileError: the file is not one of targets, or says that it is not of the scene of this name;
-            it lacks an array, or has values that are not finite.
+            an array is missing or of another shape or type, or has values that are not finite.
         """
         tensors, metadata = read_tensors(path, "targets")
         if scene is not None:
             require_scene(path, metadata, scene)
-        missing = {f.name for f in fields(cls)} - set(tensors)
-        if missing:
-            raise FileError(
-                path,
-                f"is from an earlier version: it has no {', '.join(sorted(missing))}",
-            )
+        vectors = {f.name: (("P", 3), "f4") for f in fields(cls)}
+        require_shapes(path, tensors, vectors | {"source": (("P",), "i4")})
         require_finite(path, tensors)
         return cls(**tensors)
 

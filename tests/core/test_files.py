@@ -14,6 +14,7 @@ from gpf.core.files import (
     SCHEMA_VERSION,
     read_json,
     read_tensors,
+    require_shapes,
     write_atomically,
     write_json,
     write_tensors,
@@ -238,6 +239,26 @@ def test_an_array_that_a_file_does_not_have(file):
     assert "colours" not in tensors and tensors.get("colours") is None
     with pytest.raises(FileError, match=r"photons\.safetensors: has no tensor colours\. Delete"):
         tensors["colours"]
+
+
+@pytest.mark.parametrize(
+    ("colour", "words"),
+    [
+        (None, "has no tensor colour"),
+        (np.zeros((4, 3), np.float32), r"has colour of shape .4, 3., float32, not .5, 3., f4"),
+        (np.zeros((5, 3)), r"has colour of shape .5, 3., float64, not"),
+        (np.zeros(5, np.float32), r"has colour of shape .5,., float32, not"),
+    ],
+)
+def test_tensors_of_another_shape_or_type(tmp_path, colour, words):
+    wanted = {"position": (("N", 3), "f4"), "colour": (("N", 3), "f4")}
+    tensors = {"position": np.zeros((5, 3), np.float32)}
+    require_shapes(tmp_path, tensors | {"colour": np.ones((5, 3), np.float32)}, wanted)
+    with pytest.raises(FileError, match=words):
+        require_shapes(tmp_path, tensors | ({} if colour is None else {"colour": colour}), wanted)
+    empty = {"position": tensors["position"][:0]}
+    with pytest.raises(FileError, match="has position of shape .0, 3."):
+        require_shapes(tmp_path, empty, wanted)
 
 
 # --- JSON that is not what it should be ---------------------------------------------------------
