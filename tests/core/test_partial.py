@@ -44,6 +44,19 @@ def test_what_is_being_written_stays(tmp_path):
     assert names(below) == []
 
 
+def test_the_old_folder_is_removed_after_the_new_one_has_its_place(tmp_path, monkeypatch):
+    def stop(path, **more):
+        raise KeyboardInterrupt
+
+    for name in ("new", "old"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "of").write_text(name)
+    monkeypatch.setattr(partial.shutil, "rmtree", stop)
+    with pytest.raises(KeyboardInterrupt):
+        replace_folder(tmp_path / "new", tmp_path / "old")
+    assert (tmp_path / "old" / "of").read_text() == "new"
+
+
 @pytest.mark.parametrize("at_once", [True, False])
 def test_a_folder_takes_the_place_of_another(tmp_path, monkeypatch, at_once):
     if not at_once:  # as on a file system that cannot exchange folders

@@ -37,6 +37,7 @@ class Fault:
     signals, after: signals, the first of them after so many seconds.
     file_size: no file can have more bytes.
     clock: whether the clock jumps by days.
+    unprivileged: whether permissions hold for root as well.
     """
 
     before_change: int | None = None
@@ -44,6 +45,7 @@ class Fault:
     after: float = 0
     file_size: int | None = None
     clock: bool = False
+    unprivileged: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,8 +59,8 @@ class Ending:
     changes: int
 
     def is_in_words(self) -> bool:
-        """Whether it told an error without a traceback."""
-        return self.code == 2 and "error:" in self.said and "Traceback" not in self.said
+        """Whether it told an error without a traceback; typer writes it in a frame."""
+        return self.code == 2 and "error" in self.said.lower() and "Traceback" not in self.said
 
 
 class Runner:

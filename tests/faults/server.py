@@ -6,12 +6,14 @@ lines of JSON; ``tests/faults/runner.py`` writes and reads them.
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import json
 import mmap
 import os
 import resource
 import signal
+import struct
 import sys
 import time
 import traceback
@@ -107,6 +109,8 @@ def _child(
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     if fault["clock"]:
         _let_the_clock_jump()
+    if fault["unprivileged"]:
+        _drop_capabilities()
     sys.addaudithook(_counter(changes, fault["before_change"]))
     try:
         main(arguments)
@@ -118,6 +122,14 @@ def _child(
     sys.stdout.flush()
     sys.stderr.flush()
     return code
+
+
+def _drop_capabilities() -> None:
+    """Without them, root may do with a file what its permissions say."""
+    version_3, this_process = 0x20080522, 0
+    header, nothing = struct.pack("<Ii", version_3, this_process), bytes(24)
+    if ctypes.CDLL(None, use_errno=True).capset(header, nothing):
+        raise OSError(ctypes.get_errno(), "capset")
 
 
 def _let_the_clock_jump() -> None:

@@ -6,6 +6,7 @@ import os
 import random
 import shutil
 import signal
+import subprocess
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +17,7 @@ from gpf.commands.fit import is_finished
 from gpf.core.files import read_tensors
 from gpf.field.io import load_field
 from tests.faults.runner import MOMENTS, SEED, SIGNALS, Ending, Fault, Runner, moment
+from tests.faults.test_disks import small_disk
 from tests.faults.wholeness import contents
 from tests.stages.conftest import PROJECT, SCENE
 
@@ -126,6 +128,55 @@ def test_a_limit_on_the_size_of_a_file(box, tmp_path, command, number):
     check(box, folder)
     if command == "render" or ending.code:
         box.finish(folder, command)
+
+
+@pytest.mark.slow
+@commands
+def test_a_full_disk(box, tmp_path, command):
+    folder = box.copy(tmp_path / "box")
+    room = random.Random(f"{SEED} {command} disk").randrange(300_000)
+    with small_disk(folder, room):
+        ending = box.run(folder, command)
+        assert ending.code == 0 or ending.is_in_words(), (SEED, room, ending.said)
+        check(box, folder)
+        subprocess.run(["mount", "-o", "remount,size=1g", str(folder)], check=True)
+        if command == "render" or ending.code:
+            box.finish(folder, command)
+
+
+@pytest.mark.slow
+@commands
+def test_a_folder_that_became_read_only(box, tmp_path, command):
+    folder = box.copy(tmp_path / "box")
+    folder.chmod(0o555)
+    ending = box.run(folder, command, Fault(unprivileged=True))
+    folder.chmod(0o755)
+    assert ending.is_in_words(), ending.said
+    check(box, folder)
+    box.finish(folder, command)
+
+
+@pytest.mark.slow
+@commands
+def test_a_scene_that_may_not_be_read(box, tmp_path, command):
+    folder = box.copy(tmp_path / "box")
+    (folder / "box.xml").chmod(0)
+    ending = box.run(folder, command, Fault(unprivileged=True))
+    (folder / "box.xml").chmod(0o644)
+    assert ending.is_in_words(), ending.said
+    box.finish(folder, command)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("command", "name"), [("fit", "box.fit"), ("render", "pictures")])
+def test_a_file_where_a_folder_should_be(box, tmp_path, command, name):
+    folder = box.copy(tmp_path / "box")
+    (folder / name).write_text("a file")
+    ending = box.run(folder, command)
+    assert ending.is_in_words(), ending.said
+    assert (folder / name).read_text() == "a file"
+    (folder / name).unlink()
+    box.finish(folder, command)
 
 
 @pytest.mark.slow
