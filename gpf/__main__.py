@@ -5,18 +5,26 @@ The native `mitsuba` command does not find plugins written in Python.
 
 from __future__ import annotations
 
-import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import gpf  # noqa: F401  (registers the plugins)
-from gpf.core.errors import UserError
-from gpf.core.runtime import choose_variant
+from gpf.cli import run_app
+from gpf.core.errors import UserError, is_interrupt
+from gpf.core.files import write_atomically
+from gpf.core.locks import sole_run
+from gpf.core.partial import remove_leftovers
+from gpf.core.runtime import choose_variant, require_memory
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+
+# Suffix -> name in mi.Bitmap.FileFormat. Mitsuba writes no floats to the others.
+FORMATS = {".exr": "OpenEXR", ".hdr": "RGBE", ".rgbe": "RGBE", ".pfm": "PFM"}
+FORMATS |= {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 
 
 @app.command()
@@ -30,13 +38,14 @@ def render(
         list[str] | None, typer.Option("-D", "--define", help="Parameter of the scene, name=value.")
     ] = None,
     sensor: Annotated[int, typer.Option("-s", "--sensor", help="Index of the sensor.")] = 0,
-    spp: Annotated[int, typer.Option(help="Samples per pixel; 0: as in the scene.")] = 0,
-    seed: Annotated[int, typer.Option(help="Seed.")] = 0,
+    spp: Annotated[
+        int, typer.Option(min=0, max=1_000_000, help="Samples per pixel; 0: as in the scene.")
+    ] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Seed.")] = 0,
 ) -> None:
     """Render a scene to an image file; the suffix chooses the format."""
-    import mitsuba as mi
-
-    from gpf.scene.load import check_files, load_with_parameters
+    from gpf.scene.inventory import check_meshes
+    from gpf.scene.load import check_files, describe_plugin_error, load_with_parameters
 
     choose_variant(variant)
     values = {}
@@ -44,36 +53,68 @@ def render(
         name, separator, value = item.partition("=")
         if not separator:
             raise UserError(f"-D {item}", "has no =", "Write -D name=value.")
+        if name in ("config", "filename"):  # of an argument of mi.parser.parse_file
+            raise UserError(f"-D {item}", "has a name that Mitsuba reserves", "Choose another.")
         values[name] = value
     if not scene.is_file():
-        raise UserError(str(scene), "does not exist", "Check the path.")
-    check_files(scene, values)
-    try:
-        loaded = load_with_parameters(scene, values)
-    except RuntimeError as error:
-        what = " ".join(str(error).split())
-        raise UserError(str(scene), f"does not load: {what}", "Correct the scene.") from error
-    count = len(loaded.sensors())
-    if sensor not in range(count):
-        raise UserError(f"-s {sensor}", f"the scene has {count} sensors", "The first has index 0.")
-    start = time.perf_counter()
+        raise UserError(str(scene), "is no file", "Check the path.")
     target = output or scene.with_suffix(".exr")
-    try:
-        image = mi.render(loaded, sensor=sensor, spp=spp, seed=seed)
-        mi.util.write_bitmap(str(target), image, write_async=False)
-    except (RuntimeError, ValueError) as error:
-        what = " ".join(str(error.__cause__ or error).split())
-        raise UserError(str(scene), f"does not render: {what}", "Correct the scene.") from error
+    if target.suffix.lower() not in FORMATS:
+        raise UserError(str(target), "is no name of an image", f"End it in {', '.join(FORMATS)}.")
+    if target.is_dir():
+        raise UserError(str(target), "is a folder", "Name a file.")
+    check_files(scene, values)
+    loaded = load_with_parameters(scene, values)
+    check_meshes(loaded, str(scene))
+    integrator, sensors = loaded.integrator(), loaded.sensors()
+    if integrator is None or not sensors:
+        missing = "an integrator" if integrator is None else "a sensor"
+        raise UserError(str(scene), f"lacks {missing}", "Add one.")
+    if sensor not in range(len(sensors)):
+        raise UserError(
+            f"-s {sensor}", f"the scene has {len(sensors)} sensors", "The first has index 0."
+        )
+    film = sensors[sensor].film()
+    width, height = (int(n) for n in film.crop_size())
+    # A film has four floats or more for each pixel, and an image one.
+    require_memory(f"{scene}: film", f"{width}x{height}", 20 * width * height)
+    start = time.perf_counter()
+    with sole_run(target):
+        remove_leftovers(target.parent)
+        try:
+            film.prepare(integrator.aov_names())
+            _encode(film.develop(), target)  # told before the time is spent
+            image = integrator.render(loaded, sensors[sensor], seed=seed, spp=spp)
+        except (RuntimeError, ValueError) as error:
+            if is_interrupt(error):
+                raise
+            what = f"does not render: {describe_plugin_error(error)}"
+            raise UserError(str(scene), what, "Correct the scene or the options.") from error
+        content = _encode(image, target)
+        write_atomically(target, lambda p: p.write_bytes(content))
     typer.echo(f"{target}: {time.perf_counter() - start:.1f} s")
 
 
-def main() -> None:
-    """Run the command; a :class:`UserError` is printed as a message with exit code 2."""
+def _encode(image: Any, target: Path) -> bytes:
+    """The content of the image file ``target``.
+
+    In memory: Mitsuba does not say if a full disk cuts the end of a file off.
+    """
+    import mitsuba as mi
+
+    name, stream = FORMATS[target.suffix.lower()], mi.MemoryStream()
     try:
-        app()
-    except UserError as error:
-        typer.secho(f"error: {error}", fg="red", err=True)
-        sys.exit(UserError.exit_code)
+        bitmap = mi.util.convert_to_bitmap(image, uint8_srgb=name in ("PNG", "JPEG"))
+        bitmap.write(stream, getattr(mi.Bitmap.FileFormat, name))
+    except RuntimeError as error:
+        what = f"cannot hold the image ({' '.join(str(error).split())})"
+        raise UserError(str(target), what, "End it in .exr.") from error
+    return bytes(stream.raw_buffer())
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command."""
+    run_app(app, arguments)
 
 
 if __name__ == "__main__":

@@ -286,11 +286,16 @@ add_benchmark_commands()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; an error that the user can correct is a message and exit code 2."""
+    """Run the command line."""
+    run_app(app, arguments)
+
+
+def run_app(commands: typer.Typer, arguments: Sequence[str] | None = None) -> None:
+    """Run commands; an error that the user can correct is a message and exit code 2."""
     show_log()
     try:
         with no_lost_interrupts():
-            app(args=list(sys.argv[1:] if arguments is None else arguments))
+            commands(args=list(sys.argv[1:] if arguments is None else arguments))
     except (UserError, OSError) as error:
         told = error if isinstance(error, UserError) else explain_file_error(error)
         if told is None:

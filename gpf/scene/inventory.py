@@ -17,11 +17,7 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
     It needs emitters, diffuse surfaces, only materials whose diffuse part can be separated, and
     triangles in each mesh. ``where`` names the scene in the message.
     """
-    for shape in _all_shapes(scene):
-        # A ray that meets it would make an error of Dr.Jit: a gather from an empty array.
-        if isinstance(shape, mi.Mesh) and not shape.face_count():
-            name = shape.id() or f"a shape ({shape.class_name()})"
-            raise UserError(where, f"has no triangles in the mesh of {name}", "Remove the shape.")
+    check_meshes(scene, where)
     info = scene_info(scene)
     if info["emitters"]["count"] == 0:
         raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
@@ -37,6 +33,17 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
             "has no diffuse surface, so no photon can be stored",
             "Give at least one shape a material with a diffuse component.",
         )
+
+
+def check_meshes(scene: mi.Scene, where: str = "scene") -> None:
+    """Raise a :class:`UserError` if a mesh of the scene has no triangles.
+
+    A ray that meets it would make an error of Dr.Jit: a gather from an empty array.
+    """
+    for shape in _all_shapes(scene):
+        if isinstance(shape, mi.Mesh) and not shape.face_count():
+            name = shape.id() or f"a shape ({shape.class_name()})"
+            raise UserError(where, f"has no triangles in the mesh of {name}", "Remove the shape.")
 
 
 def describe_media(scene: mi.Scene) -> str:

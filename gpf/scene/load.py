@@ -46,18 +46,7 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
     # Mitsuba raises an error for a parameter that the file does not use.
     sizes = {"resx": width, "resy": height}
     sizes = {key: n for key, n in sizes.items() if key in document.parameters}
-    try:
-        scene = load_with_parameters(file, sizes)
-    except RuntimeError as error:
-        # Plugins in Python, as those of this project, add a traceback to the message.
-        what = re.sub(r"Traceback \(most.*:\s*\n([ \t]+.*\n)*([\w.]+: )?", "", str(error))
-        # Mitsuba's message begins with a line of its own source code.
-        what = re.sub(r"^\[[\w.]+:\d+\] ", "", " ".join(what.split()))
-        raise UserError(str(file), f"does not load: {what}", "Correct the scene file.") from error
-    if not isinstance(scene, mi.Scene):
-        raise UserError(
-            str(file), f"describes a {type(scene).__name__}", "Its outermost tag has to be <scene>."
-        )
+    scene = load_with_parameters(file, sizes)
     check_scene(scene, str(file))
     return scene
 
@@ -87,14 +76,38 @@ def check_files(file: Path, parameters: Mapping[str, str] | None = None) -> Scen
     return document
 
 
-def load_with_parameters(file: Path, parameters: Mapping[str, object]) -> Any:
+def load_with_parameters(file: Path, parameters: Mapping[str, object]) -> mi.Scene:
     """What ``mi.load_file`` loads, with the project's plugins in place of some of Mitsuba's.
 
     Raises
     ------
-    RuntimeError: in Mitsuba's words.
-    UserError: a plugin is not of Mitsuba, or would end the process.
+    UserError: Mitsuba cannot load the file, or it holds no scene, or a plugin is not of Mitsuba, or
+        would end the process.
     """
+    try:
+        scene = _load(file, parameters)
+    except RuntimeError as error:
+        what = describe_plugin_error(error)
+        raise UserError(str(file), f"does not load: {what}", "Correct the scene file.") from error
+    if not isinstance(scene, mi.Scene):
+        raise UserError(
+            str(file), f"describes a {type(scene).__name__}", "Its outermost tag has to be <scene>."
+        )
+    return scene
+
+
+def describe_plugin_error(error: BaseException) -> str:
+    """The message of an error that Mitsuba or a plugin raised, in a line for users."""
+    while error.__cause__ and "(see above)" in str(error):  # Dr.Jit wraps errors in its loops
+        error = error.__cause__
+    # Plugins in Python, as those of this project, add a traceback to the message.
+    what = re.sub(r"Traceback \(most.*:\s*\n([ \t]+.*\n)*([\w.]+: )?", "", str(error))
+    # Mitsuba's messages name lines of its own source code.
+    return re.sub(r"\[[\w.]+:\d+\] ", "", " ".join(what.split())).rstrip(".")
+
+
+def _load(file: Path, parameters: Mapping[str, object]) -> Any:
+    """What the file describes, in Mitsuba's words if it cannot be loaded."""
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_equivalent = config.merge_meshes = False
     values = {key: str(value) for key, value in parameters.items()}
