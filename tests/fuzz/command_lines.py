@@ -13,6 +13,9 @@ from tests.fuzz.settings import good_text
 NUMBERS = ("0", "-1", "1", "3", "0.5", "nan", "inf", "-inf", "1e-9", "1e30", "1e400", "2147483648")
 NUMBERS += ("18446744073709551616", "9" * 40, "9" * 5000, "x", "", "1_000", "٣", "0x10", "1e3")
 
+# Stands for `python -m gpf`.
+MODULE = "-m"
+
 # Command -> its arguments, and options with words that may follow them.
 FILES = ("scene.xml", "field.safetensors", "views.yaml", "transforms.json", ".", "missing", "bytes")
 FILES += ("/dev/null", "folder", "folder/x.safetensors", "scene.xml/x", "")
@@ -63,6 +66,17 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
             "--changed-scene": (),
         },
     ),
+    MODULE: (
+        ("scene.xml",),
+        {
+            "--output": ("out.exr", "out.PNG", "out.jpg", "out.xyz", *FILES),
+            "--mode": ("llvm_ad_rgb", "scalar_rgb", "x", ""),
+            "--define": ("spp=2", "x", "=", "filename=x", "config=1"),
+            "--sensor": ("0", *NUMBERS),
+            "--spp": ("1", *NUMBERS),
+            "--seed": ("1", *NUMBERS),
+        },
+    ),
     "export": (
         ("field.safetensors",),
         {
@@ -92,6 +106,7 @@ WRITTEN = (
     "out/*",
     "gpf-demo/*",
     "out.*",
+    "scene.exr",
     "pictures/*",
     "scenes/room/*",
     "results/*",
@@ -103,10 +118,11 @@ WRITTEN += ("field.safetensors", "field.png", "field.fit/*", "missing/*", "bytes
 
 def words_of(rng: random.Random) -> list[str]:
     """A command line; some of its words may be wrong."""
-    command = rng.choice([*COMMANDS, "render", "render", "render", "fit", "export", "stage"])
+    command = rng.choice([*COMMANDS, *["render"] * 3, *[MODULE] * 2, "fit", "export", "stage"])
     arguments, options = COMMANDS[command]
     words = [*command.split(), *arguments]
     cheap = {"render": ["--size", "5x4", "--spp", "1"], "fit": ["--passes", "2"]}
+    cheap[MODULE] = ["--spp", "1"]
     words += cheap.get(command, [])
     for option in rng.sample(list(options), min(len(options), rng.choice([0, 1, 1, 2, 3]))):
         words.append(option)
