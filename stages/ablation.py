@@ -8,10 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gpf.baselines.protocol import without_folders
 from gpf.config.params import Params
 from gpf.config.titles import variant_title
-from gpf.core.errors import UserError, WriteError
+from gpf.core.errors import UserError, WriteError, without_folders
 from gpf.core.files import read_json, write_json
 from gpf.core.partial import replace_folder
 from gpf.core.progress import say

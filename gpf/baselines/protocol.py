@@ -7,8 +7,6 @@ is shown in the tables.
 
 from __future__ import annotations
 
-import os
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +15,7 @@ from typing import Protocol
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.errors import UserError
+from gpf.core.errors import UserError, without_folders
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.views import View
 from gpf.training.settings import TrainingSettings
@@ -35,14 +33,6 @@ class CannotServe(UserError):
         self.told = what
         """``what`` for the terminal, with folders."""
         self.where, self.what, self.todo = map(without_folders, (where, what, todo))
-
-
-def without_folders(text: str) -> str:
-    """A text in which only the last part of each absolute path is left."""
-    home = os.path.expanduser("~")  # Path.home() fails for users without one
-    if home != "/":  # its last part is the user's name, and may have spaces
-        text = re.sub(re.escape(home) + r"(?![\w.-])", "~", text)
-    return re.sub(r"(?<![\w/.~-])[~.]*/(?!/)\S*/", "", text)
 
 
 @dataclass(frozen=True)

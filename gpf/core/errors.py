@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import signal
 import sys
 import threading
@@ -89,6 +90,14 @@ def explain_file_error(error: OSError) -> UserError | None:
         f"could not be written or read ({error.strerror})",
         "Check its name, its folder and the free disk space.",
     )
+
+
+def without_folders(text: str) -> str:
+    """A text in which only the last part of each absolute path is left."""
+    home = os.path.expanduser("~")  # Path.home() fails for users without one
+    if home != "/":  # its last part is the user's name, and may have spaces
+        text = re.sub(re.escape(home) + r"(?![\w.-])", "~", text)
+    return re.sub(r"(?<![\w/.~-])[~.]*/(?!/)\S*/", "", text)
 
 
 def is_interrupt(error: BaseException | None) -> bool:

@@ -161,8 +161,7 @@ def require_shapes(
     wanted: Mapping[str, tuple[tuple[str | int, ...], str]],
     sizes: Mapping[str, int] | None = None,
 ) -> None:
-    """Raise a :class:`FileError` if tensors of a file are missing, empty, or of another shape or
-    type.
+    """Raise a :class:`FileError` if tensors of a file are missing or of another shape or type.
 
     Parameters
     ----------
@@ -179,7 +178,7 @@ def require_shapes(
             size == (known.setdefault(n, size) if isinstance(n, str) else n)
             for n, size in zip(shape, value.shape, strict=True)
         )
-        if not fits or value.dtype != np.dtype(kind) or not value.size:
+        if not fits or value.dtype != np.dtype(kind):
             dims = ", ".join(str(known.get(n, n) if isinstance(n, str) else n) for n in shape)
             raise FileError(
                 path, f"has {name} of shape {value.shape}, {value.dtype}, not ({dims}), {kind}"

@@ -110,6 +110,8 @@ def check_stored(
         if name in needed or name in tensors
     }
     require_shapes(path, tensors, wanted, sizes)
+    if empty := next((name for name in wanted if not tensors[name].size), None):
+        raise FileError(path, f"has no values in {empty}")
 
 
 def smallest_search_radius(bounds: Any) -> float:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from gpf.baselines import optional
-from gpf.baselines.protocol import CannotServe, without_folders
+from gpf.baselines.protocol import CannotServe
+from gpf.core.errors import without_folders
 
 
 @pytest.mark.parametrize(

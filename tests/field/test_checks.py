@@ -58,7 +58,7 @@ def take(name, rows):
         (take("quats", slice(1, None)), r"has quats of shape \(19, 4\), .*, not \(20, 4\)"),
         (take("levels", slice(1, None)), r"has levels of shape \(19,\)"),
         (take("lights", slice(1, None)), r"has lights of shape \(1, 20, 3\), .* not \(2, 20, 3\)"),
-        (take("detail", slice(1, None)), r"has detail of shape \(0, 2, 3\)"),
+        (take("detail", slice(1, None)), "has no values in detail"),
         (lambda t, f: t.update(means=t["means"].astype("i8")), r"has means .*int64, not \(20, 3\)"),
         (lambda t, f: t["levels"].__setitem__(3, 2), "has levels that its table lacks"),
         (lambda t, f: t["quats"].__setitem__(3, 0), "has quats of length 0"),
@@ -87,5 +87,5 @@ def test_scales_beyond_single_precision_are_told(tmp_path):
 def test_a_field_without_gaussians_is_told(tmp_path):
     path = tmp_path / "field.safetensors"
     save_field(small_field(), path)
-    with pytest.raises(FileError, match=r"has means of shape \(0, 3\)"):
+    with pytest.raises(FileError, match="has no values in means"):
         read_field(changed(path, lambda t, f: t.update({n: v[:0] for n, v in t.items()})))

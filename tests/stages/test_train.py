@@ -90,7 +90,7 @@ def test_targets_of_an_earlier_version_are_said_to_be_so(finished):
     write_tensors(path, "targets", tensors, {})
     outcome = finished.stage("train")
     assert outcome.code == 2
-    assert "has no direct" in outcome.text and "gpf stage reference" in outcome.text
+    assert "has no tensor direct" in outcome.text and "gpf stage reference" in outcome.text
 
 
 def test_photons_that_are_all_direct_light(finished):

@@ -21,7 +21,7 @@ import numpy as np
 from gpf.baselines.official import OfficialCode, Program
 from gpf.baselines.optional import import_optional
 from gpf.baselines.options import RenderFormerOptions
-from gpf.baselines.protocol import CannotServe, Task, without_folders
+from gpf.baselines.protocol import CannotServe, Task
 from gpf.baselines.renderformer.files import (
     EDGE,
     Lighting,
@@ -33,6 +33,7 @@ from gpf.baselines.renderformer.files import (
 )
 from gpf.baselines.renderformer.triangle_budget import fit_budget, subdivide
 from gpf.baselines.renderformer.triangle_scene import join_triangles, read_surfaces
+from gpf.core.errors import without_folders
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
 
