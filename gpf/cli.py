@@ -293,20 +293,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run_app(commands: typer.Typer, arguments: Sequence[str] | None = None) -> None:
     """Run commands; an error that the user can correct is a message and exit code 2."""
     show_log()
-    try:
-        with no_lost_interrupts():
+    with no_lost_interrupts():
+        try:
             commands(args=list(sys.argv[1:] if arguments is None else arguments))
-    except (UserError, OSError) as error:
-        told = error if isinstance(error, UserError) else explain_file_error(error)
-        if told is None:
-            raise
-        typer.secho(f"error: {told}", fg="red", err=True)
-        sys.exit(UserError.exit_code)
-    except Exception as error:
-        if not is_interrupt(error):  # typer knows only a plain one
-            raise
-        typer.echo("\nstopped", err=True)
-        sys.exit(130)
+        except (UserError, OSError) as error:
+            told = error if isinstance(error, UserError) else explain_file_error(error)
+            if told is None:
+                raise
+            typer.secho(f"error: {told}", fg="red", err=True)
+            sys.exit(UserError.exit_code)
+        except Exception as error:
+            if not is_interrupt(error):  # typer knows only a plain one
+                raise
+            typer.echo("\nstopped", err=True)
+            sys.exit(130)
 
 
 if __name__ == "__main__":

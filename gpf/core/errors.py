@@ -100,8 +100,15 @@ def without_folders(text: str) -> str:
     return re.sub(r"(?<![\w/.~-])[~.]*/(?!/)\S*/", "", text)
 
 
+# Ctrl-C has come since :func:`no_lost_interrupts` began.
+_heard = threading.Event()
+
+
 def is_interrupt(error: BaseException | None) -> bool:
-    """Whether Ctrl-C caused an error: inside a loop, Dr.Jit raises another error from it."""
+    """Whether Ctrl-C caused an error: inside a loop, Dr.Jit raises another error from it, and
+    libraries in C++ raise others in its place."""
+    if _heard.is_set() and not isinstance(error, UserError):
+        return True
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
@@ -127,8 +134,9 @@ def uninterrupted() -> Iterator[None]:
 
 @contextmanager
 def no_lost_interrupts() -> Iterator[None]:
-    """Ctrl-C that arrives in a destructor, where Python drops every exception, comes again."""
-    before = sys.unraisablehook
+    """Ctrl-C that arrives in a destructor, where Python drops every exception, comes again; one
+    that becomes another error is known as its cause (:func:`is_interrupt`)."""
+    before, raises = sys.unraisablehook, signal.getsignal(signal.SIGINT)
 
     def come_again(dropped: sys.UnraisableHookArgs) -> None:
         if not issubclass(dropped.exc_type, KeyboardInterrupt):
@@ -139,8 +147,19 @@ def no_lost_interrupts() -> Iterator[None]:
         again.daemon = True
         again.start()
 
+    def note(*arguments: Any) -> None:
+        _heard.set()
+        assert callable(raises)
+        raises(*arguments)
+
+    hears = threading.current_thread() is threading.main_thread() and callable(raises)
     sys.unraisablehook = come_again
+    if hears:
+        signal.signal(signal.SIGINT, note)
     try:
         yield
     finally:
         sys.unraisablehook = before
+        if hears:
+            signal.signal(signal.SIGINT, raises)
+        _heard.clear()

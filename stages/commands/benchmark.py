@@ -100,6 +100,7 @@ def stage(
     try:
         with sole_run(output, shared=passes is not None), telling:
             remove_leftovers(folder, deep=True)
+            remove_leftovers(Path("results/costs"))  # which all scenes share
             getattr(importlib.import_module(module), function)(*arguments, **options)
     except BaseException as error:  # not in main, because typer catches interrupts itself
         if not is_interrupt(error):

@@ -1,12 +1,15 @@
 """Errors that a user can cause."""
 
+import contextlib
 import pickle
 import signal
 import time
 from pathlib import Path
 
 import pytest
+import typer
 
+from gpf.cli import run_app
 from gpf.core.errors import FileError, UserError, no_lost_interrupts, uninterrupted
 
 
@@ -59,3 +62,22 @@ def test_an_interrupt_in_a_destructor_is_not_lost():
     with no_lost_interrupts(), pytest.raises(KeyboardInterrupt):
         Interrupted()
         time.sleep(5)
+
+
+@pytest.mark.usefixtures("interrupts")
+def test_an_interrupt_that_became_another_error_is_known(capsys):
+    """As in libraries in C++ that call Python and report a failure of their own."""
+    commands = typer.Typer()
+
+    @commands.command()
+    def draw(interrupted: bool = False) -> None:
+        if interrupted:
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+        raise ValueError("Invalid matrix")
+
+    with pytest.raises(SystemExit) as ending:
+        run_app(commands, ["--interrupted"])
+    assert ending.value.code == 130 and "stopped" in capsys.readouterr().err
+    with pytest.raises(ValueError, match="Invalid matrix"):
+        run_app(commands, [])

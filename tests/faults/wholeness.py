@@ -58,7 +58,8 @@ def _passes(name: str) -> bool:
 
 def _digest(path: Path) -> str:
     data = path.read_bytes()
-    if path.suffix == ".json" and {"costs", "ablations"} & set(path.parts):
+    measured = path.suffix == ".json" and {"costs", "ablations"} & set(path.parts)
+    if measured and not _passes(path.name):
         data = json.dumps(_without_times(json.loads(data)), sort_keys=True).encode()
     return hashlib.sha256(data).hexdigest()
 
