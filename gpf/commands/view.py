@@ -77,12 +77,9 @@ def view_scene(
         views_file = views_file or trained / "views.yaml"
     if field_file is None:
         require_field_name(out)
-    if field_file is None and out.exists():
-        raise UserError(
-            str(out),
-            "exists already",
-            f"Look at it with --field {out}, or choose another name with --out.",
-        )
+        if out.exists():
+            todo = f"Look at it with --field {out}, or choose another name with --out."
+            raise UserError(str(out), "exists already", todo)
     if field_file is not None and groups:
         raise UserError(
             "--groups",

@@ -60,7 +60,8 @@ class Ending:
 
     def is_in_words(self) -> bool:
         """Whether it told an error without a traceback; typer writes it in a frame."""
-        return self.code == 2 and "error" in self.said.lower() and "Traceback" not in self.said
+        told = "error:" in self.said or "─ Error ─" in self.said
+        return self.code == 2 and told and "Traceback" not in self.said
 
 
 class Runner:

@@ -54,6 +54,13 @@ class Box:
             assert found[command][0].code == 0, found[command][0].said
         return found
 
+    def survived(self, folder: Path, command: str, ending: Ending) -> None:
+        """What a run with a fault left is whole, and the next run finishes; a fit that ended well
+        would begin anew."""
+        check(folder)
+        if command == "render" or ending.code:
+            self.finish(folder, command)
+
     def finish(self, folder: Path, command: str) -> None:
         """The next run makes what one without a fault makes."""
         ending = self.run(folder, command)
@@ -82,7 +89,7 @@ def box(runner, tmp_path_factory) -> Box:
     return Box(folder, runner)
 
 
-def check(box: Box, folder: Path) -> None:
+def check(folder: Path) -> None:
     """What is there can be read."""
     for path in folder.rglob("*.safetensors"):
         if not path.name.startswith("."):
@@ -97,9 +104,7 @@ def test_a_kill(box, tmp_path, command, number):
     fault = moment(command, number, box.well[command][0])
     ending = box.run(folder, command, fault)
     assert ending.code in (0, -signal.SIGKILL), (SEED, fault, ending.said)
-    check(box, folder)
-    if command == "render" or ending.code:
-        box.finish(folder, command)
+    box.survived(folder, command, ending)
 
 
 @pytest.mark.slow
@@ -112,9 +117,7 @@ def test_a_signal(box, tmp_path, command, name):
     ending = box.run(folder, command, fault)
     assert "Traceback" not in ending.said, (SEED, fault, ending.said)
     assert ending.code in (0, 1, 130, -SIGNALS[name][0]), (SEED, fault, ending.said)
-    check(box, folder)
-    if command == "render" or ending.code:
-        box.finish(folder, command)
+    box.survived(folder, command, ending)
 
 
 @pytest.mark.slow
@@ -125,9 +128,7 @@ def test_a_limit_on_the_size_of_a_file(box, tmp_path, command, number):
     size = random.Random(f"{SEED} {command} size {number}").randrange(100, 200_000)
     ending = box.run(folder, command, Fault(file_size=size))
     assert ending.code == 0 or ending.is_in_words(), (SEED, size, ending.said)
-    check(box, folder)
-    if command == "render" or ending.code:
-        box.finish(folder, command)
+    box.survived(folder, command, ending)
 
 
 @pytest.mark.slow
@@ -138,10 +139,9 @@ def test_a_full_disk(box, tmp_path, command):
     with small_disk(folder, room):
         ending = box.run(folder, command)
         assert ending.code == 0 or ending.is_in_words(), (SEED, room, ending.said)
-        check(box, folder)
+        check(folder)
         subprocess.run(["mount", "-o", "remount,size=1g", str(folder)], check=True)
-        if command == "render" or ending.code:
-            box.finish(folder, command)
+        box.survived(folder, command, ending)
 
 
 @pytest.mark.slow
@@ -152,7 +152,7 @@ def test_a_folder_that_became_read_only(box, tmp_path, command):
     ending = box.run(folder, command, Fault(unprivileged=True))
     folder.chmod(0o755)
     assert ending.is_in_words(), ending.said
-    check(box, folder)
+    check(folder)
     box.finish(folder, command)
 
 
@@ -184,7 +184,7 @@ def test_a_file_where_a_folder_should_be(box, tmp_path, command, name):
 def test_a_clock_that_jumps(box, tmp_path, command):
     folder = box.copy(tmp_path / "box")
     assert box.run(folder, command, Fault(clock=True)).code == 0
-    check(box, folder)
+    check(folder)
 
 
 def test_whether_a_fit_is_finished_is_not_told_by_the_clock(box, tmp_path):
