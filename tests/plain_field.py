@@ -108,13 +108,12 @@ def make_field(g: PlainGaussians, settings: FieldSettings, **more) -> GaussianPh
     return GaussianPhotonField(to_device(g), settings, bounds(), **more)
 
 
-def surface_points(x, n, target=None, weight=None) -> SurfacePoints:
+def surface_points(x, n, target=None) -> SurfacePoints:
     count = len(x)
     return SurfacePoints(
         p=from_numpy(mi.Point3f, x),
         n=from_numpy(mi.Normal3f, n),
         target=from_numpy(mi.Color3f, np.zeros((count, 3)) if target is None else target),
-        weight=from_numpy(mi.Float, np.ones(count) if weight is None else weight),
     )
 
 

@@ -92,13 +92,11 @@ class SurfacePoints:
     p: position, world units, (P, 3).
     n: unit normal, (P, 3).
     target: what the field should answer there, irradiance or radiance, (P, 3).
-    weight: weight of the point in the loss, (P,).
     """
 
     p: mi.Point3f
     n: mi.Normal3f
     target: mi.Color3f
-    weight: mi.Float
 
 
 def take(points: Any, lanes: mi.UInt32) -> Any:

@@ -22,6 +22,7 @@ from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.detail import Detail
 from gpf.field.initialization import DISTANCE
 from gpf.guiding.density_control import cell_keys
+from gpf.training.loss import relative_weight
 
 LEVELS = 6
 
@@ -69,7 +70,6 @@ def choose_detail(
     bounds: corners of the scene's bounding box.
     """
     position, normal = to_numpy(points.p), to_numpy(points.n)
-    weight = np.asarray(points.weight.numpy())
     from scipy.ndimage import gaussian_filter  # slow to import
 
     radius = FINEST * kernel * 2 ** (LEVELS - 1)
@@ -83,6 +83,7 @@ def choose_detail(
     cell = np.ravel_multi_index(cells.T, shape)
     a, b = (to_numpy(half.target) for half in halves)
     both = np.concatenate([a, b], axis=1)
+    weight = _weigh_cells(cell, both.mean(axis=1))[cell]
     errors, fit = [], np.broadcast_to(both.mean(axis=0), both.shape)
     for level in range(LEVELS):
         fit = fit_linear(position, normal, both, _FIT * DISTANCE * radius / 2**level, fit)
@@ -94,6 +95,20 @@ def choose_detail(
     errors[-1] += LEAST_GAIN * np.abs(errors[-2])
     table = np.argmin(errors, axis=0).astype(np.uint8)
     return Detail(table, width, corner, radius)
+
+
+def _weigh_cells(cell: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """What an error in a cell counts beside those in its neighbours, (C,): as in the loss, but the
+    same at all points of the cell, because single targets are noisy.
+
+    Parameters
+    ----------
+    cell: number of each point's cell, (P,).
+    light: at each point, (P,).
+    """
+    unit = max(float(light.mean()), 1e-20)
+    mean = np.bincount(cell, light) / np.maximum(np.bincount(cell), 1)
+    return np.asarray(relative_weight(mean / unit))
 
 
 def fit_linear(

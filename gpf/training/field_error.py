@@ -29,6 +29,7 @@ from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.training.blend_matrix import blend_matrix
 from gpf.training.light_split import split_colours
+from gpf.training.loss import relative_weight
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -61,12 +62,11 @@ def estimate_error(
     a, b = (to_numpy(half.target) for half in halves)
     matrix = blend_matrix(field, halves[0])
     colour = to_numpy(field.gaussians.irradiance)
-    importance = np.asarray(halves[0].weight.numpy())
     unit = max(float(a.mean()), _TINY)  # near 1, single precision is enough
     a, b, colour = a / unit, b / unit, colour / unit
-    parts = split_colours(matrix, colour, importance, np.stack([a, b]) / 2, STEPS)
     f = matrix @ colour
     level = np.maximum(f.mean(axis=1), 0)
+    parts = split_colours(matrix, colour, relative_weight(level), np.stack([a, b]) / 2, STEPS)
     square = (f**2).mean(axis=1)
     counts = 1 / (level**2 + DIM**2)
     values = (

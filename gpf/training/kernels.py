@@ -10,6 +10,7 @@ import mitsuba as mi
 from gpf.core.structs import SurfacePoints
 from gpf.field.field import WEIGHT_FLOOR
 from gpf.field.gaussians import Gaussians, whitening_adjoint, whitening_rows
+from gpf.training.loss import Loss, relative_weight
 from gpf.training.neighbours import NeighbourLists
 
 # Gradients are multiples of this step; the sums may be up to 8192. A typical gradient is 1e-6.
@@ -102,6 +103,7 @@ def accumulate_gradients(
     gradients: Packets,
     scale: mi.Float,
     divided: bool,
+    loss: Loss = "relative",
 ) -> mi.Float:
     """Weighted squared errors of a batch, (B,); adds their gradients to ``gradients``.
 
@@ -112,11 +114,13 @@ def accumulate_gradients(
         ∂M_k = 2 u_k ∂m_i d,   ∂μ = -(2 Mᵀu ∂m_i + ∂ψ_i/∂d (exp(-m_i/2) + ε) ∂w_i).
 
     The loss is ``scale`` times the sum of the result; with ``scale`` = 1 / (3 B) it is the mean
-    squared error.
+    squared error. Its weights (:mod:`gpf.training.loss`) are those of the blend, held fixed.
     """
     blend, inverse = blend_neighbours(points, lists, chosen, packets, divided)
     x = dr.gather(mi.Point3f, points.p, chosen)
-    importance = dr.gather(mi.Float, points.weight, chosen)
+    importance = mi.Float(1)
+    if dr.hint(loss == "relative", mode="scalar"):
+        importance = relative_weight(dr.mean(blend))
     support2 = dr.gather(mi.Float, lists.support2, chosen)
     begin = dr.gather(mi.UInt32, lists.starts, chosen)
     end = dr.gather(mi.UInt32, lists.starts, chosen + 1)

@@ -19,6 +19,7 @@ import numpy as np
 from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.training.blend_matrix import blend_matrix
+from gpf.training.loss import relative_weight
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -38,10 +39,10 @@ def split_light(
     points: supervised points, (P).
     by_group: irradiance of the points from each group, (G, P, 3).
     """
-    importance = np.asarray(points.weight.numpy())
-    return split_colours(
-        blend_matrix(field, points), to_numpy(field.gaussians.irradiance), importance, by_group
-    )
+    matrix, total = blend_matrix(field, points), to_numpy(field.gaussians.irradiance)
+    level = (matrix @ total).mean(axis=1)
+    importance = relative_weight(level / max(float(level.mean()), _TINY))
+    return split_colours(matrix, total, importance, by_group)
 
 
 def split_colours(

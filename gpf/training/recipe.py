@@ -96,7 +96,6 @@ class Recipe:
         return targets.supervised_points(
             self.train.points,
             self.field.stores,
-            self.train.loss,
             indirect=self.field.direct == "emitters",
         )
 

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from gpf.core.settings import Count, NotNegative, Positive, Seed, Settings, Share
+from gpf.training.loss import Loss
 
 
 class LearningRates(Settings):
@@ -29,8 +30,7 @@ class TrainingSettings(Settings):
     batch: supervised points per step.
     points: the supervised points: visible points of ``views``, samples of the ``surface``, or both.
     supervision: targets from a finished ``reference``, or ``streaming``: while passes are traced.
-    loss: ``squared``, or ``relative``: errors relative to target and mean target, so that dark
-        points count too.
+    loss: ``squared``, or ``relative`` to the light at each point (:mod:`gpf.training.loss`).
     rates: initial learning rates; they fall on a cosine to ``final_rate`` times these values.
     rebuild_every: largest number of steps between rebuilds of the neighbour lists; an evaluation
         rebuilds them too.
@@ -45,7 +45,7 @@ class TrainingSettings(Settings):
     batch: Count = 32_768
     points: Literal["views", "surface", "both"] = "both"
     supervision: Literal["reference", "streaming"] = "reference"
-    loss: Literal["squared", "relative"] = "relative"
+    loss: Loss = "relative"
     rates: LearningRates = LearningRates()
     final_rate: Annotated[float, Field(gt=0, le=1)] = 0.1
     rebuild_every: Count = 100

@@ -24,8 +24,6 @@ from gpf.core.structs import SurfacePoints, VisiblePoints, from_numpy
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 
-Loss = Literal["squared", "relative"]
-
 SURFACES = "surfaces of the scene"
 """Name of the set of surface samples, beside sets of points with a view's name."""
 
@@ -124,7 +122,6 @@ class Targets:
         self,
         points: Literal["views", "surface", "both"],
         stores: Literal["irradiance", "radiance"],
-        loss: Loss,
         indirect: bool = False,
     ) -> SurfacePoints:
         """The points that a trainer learns from.
@@ -134,7 +131,6 @@ class Targets:
         points: which targets to use.
         stores: what the field stores: E, or the outgoing radiance ρ/π E; the latter uses points of
             views only, because surface samples have no ρ.
-        loss: how points are weighted (:func:`loss_weights`).
         indirect: whether direct light is subtracted from E.
 
         Raises
@@ -161,20 +157,4 @@ class Targets:
             p=mi.Point3f(columns(chosen.position)),
             n=mi.Normal3f(columns(chosen.normal)),
             target=mi.Color3f(columns(target)),
-            weight=from_numpy(mi.Float, loss_weights(target, loss)),
         )
-
-
-def loss_weights(target: np.ndarray, loss: Loss) -> np.ndarray:
-    """Weights of points in the loss, (P,), from their targets, (P, 3).
-
-    ``squared``: 1. ``relative``: 1 / (E² + mean(E)²), normalised to mean 1, so that dark points
-    count too.
-    """
-    if loss == "squared":
-        return np.ones(len(target), dtype=np.float32)
-    level = target.mean(axis=1)
-    if not level.any():  # all light is that of lamps which the renderer samples
-        return np.ones(len(target), dtype=np.float32)
-    weight = 1 / (level**2 + level.mean() ** 2)
-    return np.asarray(weight / weight.mean(), dtype=np.float32)

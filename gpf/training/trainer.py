@@ -31,6 +31,7 @@ from gpf.training.kernels import (
     with_parameters,
     zero_gradients,
 )
+from gpf.training.loss import relative_weight
 from gpf.training.neighbours import list_neighbours, local_targets
 from gpf.training.settings import TrainingSettings, cosine_decay
 
@@ -113,6 +114,7 @@ class Trainer:
         self.history: list[Progress] = []
         self.best = self.gaussians
         self.rebuild()
+        self.held_out_weight = self._weigh_held_out()
 
     def rebuild(self) -> None:
         """Rebuild the neighbour search and the neighbour lists of all points."""
@@ -121,6 +123,23 @@ class Trainer:
         self.lists = list_neighbours(self.field, self.training)
         if dr.width(self.held_out.p) > 0:
             self.held_out_lists = list_neighbours(self.field, self.held_out)
+
+    def _weigh_held_out(self) -> mi.Float:
+        """Weights of the held-out points, (H,): those of the loss before the first step. With the
+        weights of each state, bright states would seem better."""
+        if self.settings.loss == "squared" or dr.width(self.held_out.p) == 0:
+            return mi.Float(1)
+        weight = relative_weight(dr.mean(self._blend_held_out()))
+        dr.eval(weight)
+        return weight
+
+    def _blend_held_out(self) -> mi.Color3f:
+        """The field's answers at the held-out points, (H, 3)."""
+        every = dr.arange(mi.UInt32, dr.width(self.held_out.p))
+        divided = self.field.settings.blend == "divided"
+        packets = pack(self.gaussians)
+        dr.eval(packets)
+        return blend_neighbours(self.held_out, self.held_out_lists, every, packets, divided)[0]
 
     def rates(self) -> list[mi.Float]:
         """Learning rates of this step, one array per parameter, scaled by :func:`cosine_decay`."""
@@ -143,7 +162,14 @@ class Trainer:
         divided = self.field.settings.blend == "divided"
         dr.eval(packets)
         errors = accumulate_gradients(
-            self.training, self.lists, chosen, packets, gradients, scale, divided
+            self.training,
+            self.lists,
+            chosen,
+            packets,
+            gradients,
+            scale,
+            divided,
+            self.settings.loss,
         )
         dr.eval(errors, gradients)
         values = self.adam.step(
@@ -172,12 +198,8 @@ class Trainer:
         the mean target; 0 without held-out points."""
         if dr.width(self.held_out.p) == 0:
             return 0.0
-        every = dr.arange(mi.UInt32, dr.width(self.held_out.p))
-        divided = self.field.settings.blend == "divided"
-        packets = pack(self.gaussians)
-        dr.eval(packets)
-        blend, _ = blend_neighbours(self.held_out, self.held_out_lists, every, packets, divided)
-        error = self.held_out.weight * dr.squared_norm(blend - self.held_out.target)
+        difference = self._blend_held_out() - self.held_out.target
+        error = self.held_out_weight * dr.squared_norm(difference)
         return float(np.sqrt(dr.mean(error)[0] / 3))
 
     def advance(self, steps: int) -> None:

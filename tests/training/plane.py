@@ -21,6 +21,7 @@ SETTINGS = TrainingSettings(
     rebuild_every=20,
     evaluate_every=10,
     held_out=0.2,
+    loss="squared",
     seed=5,
 )
 

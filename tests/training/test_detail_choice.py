@@ -25,12 +25,9 @@ def make_points(light, noise: float, count: int = COUNT):
             from_numpy(mi.Point3f, p),
             from_numpy(mi.Normal3f, n),
             from_numpy(mi.Color3f, target),
-            mi.Float(1),
         )
         for target in ((halves[0] + halves[1]) / 2, *halves)
     ]
-    for each in sets:
-        each.weight = from_numpy(mi.Float, np.ones(count, np.float32))
     return sets[0], (sets[1], sets[2]), p
 
 

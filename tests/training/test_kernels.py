@@ -40,9 +40,9 @@ NAMES = (
 
 
 class Problem:
-    """Gaussians, points with targets and weights, and their neighbour lists."""
+    """Gaussians, points with targets, their neighbour lists, and the weights of the loss."""
 
-    def __init__(self, blend: str, neighbours: str = "both") -> None:
+    def __init__(self, blend: str, neighbours: str = "both", loss: str = "relative") -> None:
         rng = np.random.default_rng(21)
         self.g = random_gaussians(rng, COUNT, sizes=(0.15, 0.9))
         self.settings = FieldSettings(
@@ -51,25 +51,28 @@ class Problem:
         x = rng.uniform([-1, 0, -0.5], [2, 2, 0.7], (POINTS, 3)).astype(np.float32).astype(float)
         self.x, self.n = x, random_normals(rng, POINTS)
         self.target = rng.uniform(0, 3, (POINTS, 3)).astype(np.float32).astype(float)
-        self.weight = rng.uniform(0.2, 2, POINTS).astype(np.float32).astype(float)
-        self.points = surface_points(self.x, self.n, self.target, self.weight)
+        self.points = surface_points(self.x, self.n, self.target)
         self.lists = list_neighbours(make_field(self.g, self.settings), self.points)
         starts, indices = np.array(self.lists.starts), np.array(self.lists.indices)
         self.rows = [indices[a:b] for a, b in pairwise(starts)]
         support2 = np.broadcast_to(np.array(self.lists.support2), POINTS)
         self.supports = np.sqrt(support2.astype(float))
         self.divided = blend == "divided"
+        self.loss_name = loss
+        level = np.array([self.value(self.g, b).mean() for b in range(POINTS)])
+        self.weight = 1 / (level**2 + 1) if loss == "relative" else np.ones(POINTS)
+
+    def value(self, g: PlainGaussians, b: int) -> np.ndarray:
+        """The blend at a point, with the lists held fixed, in double precision."""
+        w = weights_of(g, self.rows[b], self.supports[b], self.x[b])
+        value = w @ g.irradiance[self.rows[b]]
+        return value / w.sum() if self.divided else value
 
     def errors(self, g: PlainGaussians) -> np.ndarray:
-        """Squared errors of the batch with the lists held fixed, in double precision."""
-        result = []
-        for b in CHOSEN:
-            w = weights_of(g, self.rows[b], self.supports[b], self.x[b])
-            value = w @ g.irradiance[self.rows[b]]
-            if self.divided:
-                value = value / w.sum()
-            result.append(self.weight[b] * ((value - self.target[b]) ** 2).sum())
-        return np.array(result)
+        """Squared errors of the batch, with the weights of the Gaussians that it starts from."""
+        return np.array(
+            [self.weight[b] * ((self.value(g, b) - self.target[b]) ** 2).sum() for b in CHOSEN]
+        )
 
     def loss(self, g: PlainGaussians) -> float:
         """Mean squared error."""
@@ -99,6 +102,7 @@ class Problem:
             gradients,
             mi.Float(1 / (3 * len(CHOSEN))),
             self.divided,
+            self.loss_name,
         )
         dr.eval(errors, gradients)
         unpacked = unpack_gradients(gaussians, gradients, anisotropic)
@@ -107,8 +111,9 @@ class Problem:
 
 @pytest.mark.parametrize("neighbours", ["both", "radius", "knn"])
 @pytest.mark.parametrize("blend", ["divided", "sum"])
-def test_adjoint_is_the_finite_difference_in_all_parameters(blend, neighbours):
-    problem = Problem(blend, neighbours)
+@pytest.mark.parametrize("loss", ["relative", "squared"])
+def test_adjoint_is_the_finite_difference_in_all_parameters(loss, blend, neighbours):
+    problem = Problem(blend, neighbours, loss)
     shared = np.bincount(np.concatenate([problem.rows[b] for b in CHOSEN]), minlength=COUNT)
     assert (shared > 1).sum() > COUNT / 2
     errors, found = problem.adjoint()
@@ -132,12 +137,8 @@ def test_isotropic_gaussians_get_one_gradient_for_their_three_scales():
 
 def test_a_point_that_meets_its_target_pulls_at_nothing():
     problem = Problem("divided")
-    value = []
-    for b in range(POINTS):
-        w = weights_of(problem.g, problem.rows[b], problem.supports[b], problem.x[b])
-        value.append(w @ problem.g.irradiance[problem.rows[b]] / w.sum())
-    problem.target = np.array(value)
-    problem.points = surface_points(problem.x, problem.n, problem.target, problem.weight)
+    problem.target = np.array([problem.value(problem.g, b) for b in range(POINTS)])
+    problem.points = surface_points(problem.x, problem.n, problem.target)
     errors, gradient = problem.adjoint()
     assert errors.max() < 1e-9
     assert np.abs(gradient).max() < 1e-5

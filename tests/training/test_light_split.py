@@ -103,7 +103,6 @@ def test_the_parts_of_a_field_answer_as_their_groups_do():
         p=from_numpy(mi.Point3f, p),
         n=mi.Normal3f(0, 0, 1) + dr.zeros(mi.Normal3f, 6000),
         target=dr.zeros(mi.Color3f, 6000),
-        weight=dr.full(mi.Float, 1, 6000),
     )
     targets = []
     for part in parts:
@@ -121,7 +120,6 @@ def test_where_no_light_arrives_the_groups_share():
         p=mi.Point3f(mi.Float([0.0, 0.5]), 0, 0),
         n=mi.Normal3f(0, 0, 1) + dr.zeros(mi.Normal3f, 2),
         target=dr.zeros(mi.Color3f, 2),
-        weight=dr.full(mi.Float, 1, 2),
     )
     found = split_light(field, points, np.zeros((2, 2, 3)))
     np.testing.assert_allclose(found[0], found[1])

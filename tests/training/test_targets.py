@@ -1,4 +1,4 @@
-"""Targets: which points training gets, what it should learn there, and how much each counts."""
+"""Targets: which points training gets, and what it should learn there."""
 
 import drjit as dr
 import numpy as np
@@ -69,32 +69,18 @@ def test_targets_come_back_from_their_file(tmp_path):
 
 def test_points_for_irradiance_are_the_targets_themselves():
     targets = make_targets()
-    points = targets.supervised_points("both", "irradiance", "squared")
+    points = targets.supervised_points("both", "irradiance")
     np.testing.assert_array_equal(np.array(points.p).T, targets.position)
     np.testing.assert_array_equal(np.array(points.n).T, targets.normal)
     np.testing.assert_array_equal(np.array(points.target).T, targets.irradiance)
-    assert np.array(points.weight).tolist() == [1.0] * 97
 
 
 def test_points_for_radiance_are_those_of_views_times_their_reflectance():
     targets = make_targets()
-    points = targets.supervised_points("both", "radiance", "squared")
+    points = targets.supervised_points("both", "radiance")
     assert dr.width(points.p) == 92
     expected = targets.irradiance[:92] * targets.reflectance[:92] / np.pi
     np.testing.assert_allclose(np.array(points.target).T, expected, rtol=1e-6)
-
-
-def test_relative_weights_count_dark_points_more():
-    targets = make_targets()
-    points = targets.supervised_points("both", "irradiance", "relative")
-    weight = np.array(points.weight)
-    level = targets.irradiance.mean(axis=1)
-    assert weight.mean() == pytest.approx(1, rel=1e-5)
-    np.testing.assert_allclose(
-        weight / weight[0],
-        (level[0] ** 2 + level.mean() ** 2) / (level**2 + level.mean() ** 2),
-        rtol=1e-5,
-    )
 
 
 @pytest.mark.parametrize(("points", "stores"), [("surface", "irradiance"), ("views", "irradiance")])
@@ -106,4 +92,4 @@ def test_a_choice_that_leaves_nothing_is_said_in_words(points, stores):
         match=rf"train\.points: '{points}' selects none of {count} targets\. Choose another, or "
         r"set reference\.surface_points above 0",
     ):
-        targets.supervised_points(points, stores, "squared")
+        targets.supervised_points(points, stores)

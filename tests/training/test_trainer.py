@@ -20,6 +20,7 @@ from tests.training.plane import (
     UP,
     arrays_of,
     error_of,
+    irradiance_at,
     make_points,
     make_trainer,
     on_the_plane,
@@ -69,19 +70,32 @@ def test_the_held_out_error_is_that_of_the_query():
     held_out = trainer.held_out
     value, _ = ask(trainer.field, np.array(held_out.p).T, np.array(held_out.n).T)
     difference = value - np.array(held_out.target).T
-    assert trainer.evaluate() == pytest.approx(np.sqrt(np.mean(difference**2)), rel=1e-4)
+    square = (difference**2).mean(axis=1)
+    assert trainer.evaluate() == pytest.approx(np.sqrt(np.mean(square)), rel=1e-4)
+    weight = 1 / (value.mean(axis=1) ** 2 + 1)
+    relative = make_trainer(settings_with(loss="relative"))
+    assert relative.evaluate() == pytest.approx(np.sqrt(np.mean(weight * square)), rel=1e-4)
 
 
-def test_the_held_out_error_has_the_weights_of_the_loss():
-    points = make_points()
-    points.weight = from_numpy(mi.Float, 10 ** np.random.default_rng(7).uniform(-1, 1, 2000))
-    trainer = make_trainer(points=points)
-    held_out = trainer.held_out
-    value, _ = ask(trainer.field, np.array(held_out.p).T, np.array(held_out.n).T)
-    square = ((value - np.array(held_out.target).T) ** 2).mean(axis=1)
-    expected = np.sqrt(np.mean(np.array(held_out.weight) * square))
-    assert trainer.evaluate() == pytest.approx(expected, rel=1e-4)
-    assert abs(expected / np.sqrt(square.mean()) - 1) > 0.05
+def test_a_brighter_state_is_not_a_better_one():
+    """The weights at held-out points stay those of the start."""
+    trainer = make_trainer(settings_with(loss="relative"))
+    before = trainer.evaluate()
+    trainer.gaussians = replace(trainer.gaussians, irradiance=100 * trainer.gaussians.irradiance)
+    assert trainer.evaluate() > 10 * before
+
+
+@pytest.mark.parametrize("spread", [0.5, 1.5])
+def test_a_field_keeps_the_energy_of_noisy_targets(spread):
+    """Targets like sums of few photons: most are too dark, some much too bright."""
+    rng = np.random.default_rng(8)
+    x = on_the_plane(rng, 40_000)
+    noise = rng.lognormal(-0.5 * spread**2, spread, (len(x), 1))  # its mean is 1
+    points = surface_points(x, np.tile(UP, (len(x), 1)), noise * irradiance_at(x))
+    field, _ = run(make_trainer(settings_with(steps=150, batch=8192, loss="relative"), points=points))
+    value, _ = ask(field, x, np.tile(UP, (len(x), 1)))
+    uncertain = float(noise.std() / np.sqrt(len(x)))
+    assert value.mean() / irradiance_at(x).mean() == pytest.approx(1, abs=3 * uncertain)
 
 
 def test_points_are_where_a_field_with_levels_looks_for_them():

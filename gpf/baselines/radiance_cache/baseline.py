@@ -55,7 +55,7 @@ class RadianceCache:
         """Fit the network to the field's targets."""
         train, render = effort_of(self.options, task)
         targets = Targets.load(task.targets)
-        points = targets.supervised_points(train.points, "irradiance", train.loss)
+        points = targets.supervised_points(train.points, "irradiance")
         unit = float(np.mean(targets.irradiance)) or 1.0
         cube = Cube.around(bounding_box(task.scene), MARGIN)
         model = CachedIrradiance(SHAPES[self.options.size], cube, unit, task.seed)

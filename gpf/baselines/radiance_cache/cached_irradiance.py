@@ -15,6 +15,7 @@ from gpf.baselines.neural.fitting import Fit, Recorded, given, run_steps
 from gpf.baselines.neural.hash_encoding import Cube, GridShape, HashGrid, Network
 from gpf.core.random import stratified_batch
 from gpf.core.structs import SurfacePoints, from_numpy, take
+from gpf.training.loss import relative_weight
 from gpf.training.settings import cosine_decay
 
 
@@ -98,7 +99,7 @@ class CacheTraining:
 
 
 class CacheTrainer:
-    """Fits a :class:`CachedIrradiance` to points by their weighted squared error."""
+    """Fits a :class:`CachedIrradiance` to points by their relative squared error (:mod:`gpf.training.loss`)."""
 
     def __init__(
         self, model: CachedIrradiance, points: SurfacePoints, settings: CacheTraining
@@ -161,7 +162,7 @@ class CacheTrainer:
         with given(self.model, [table, weights]):
             found = self.model.relative(p, n)
         difference = found - dr.gather(mi.Color3f, points.target, chosen)
-        errors = dr.gather(mi.Float, points.weight, chosen) * dr.squared_norm(difference)
+        errors = relative_weight(dr.mean(dr.detach(found))) * dr.squared_norm(difference)
         dr.backward(errors)
         result = dr.grad(table), dr.grad(weights), dr.detach(errors)
         dr.eval(result)
@@ -174,5 +175,5 @@ class CacheTrainer:
             return 0.0
         with dr.suspend_grad():
             value = self.model.relative(points.p, points.n)
-            error = points.weight * dr.squared_norm(value - points.target)
+            error = relative_weight(dr.mean(value)) * dr.squared_norm(value - points.target)
         return float(np.sqrt(dr.mean(error)[0] / 3))

@@ -1,0 +1,144 @@
+"""Small scenes with one kind of light each, which a path tracer finds: for :mod:`benchmarks.energy`.
+
+y is up; lengths are metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mitsuba as mi
+import numpy as np
+
+from benchmarks.check_scenes import (
+    GREY,
+    WHITE,
+    WOOD,
+    Dict,
+    _box,
+    _camera,
+    _lamp,
+    _rectangle,
+    _rgb,
+    _room,
+)
+
+SUN = (-0.5, 0.62, 0.6)
+"""Towards the sun."""
+
+
+def plane_under_sunsky() -> Dict:
+    """A plane and a block of glass under Mitsuba's sky with its sun."""
+    sky = {
+        "type": "sunsky",
+        "sun_direction": list(SUN),
+        "turbidity": 3.0,
+        "to_world": mi.ScalarTransform4f().rotate([1, 0, 0], -90),
+    }
+    return _plane() | {"sky": sky}
+
+
+def plane_under_envmap() -> Dict:
+    """The same under an environment map with a sun of a few pixels."""
+    return _plane() | {"sky": _sky_map()}
+
+
+def plane_with_compensation() -> Dict:
+    """The same map with ``mis_compensation``: its dim parts are not sampled."""
+    return _plane() | {"sky": _sky_map() | {"mis_compensation": True}}
+
+
+def sixteen_lamps() -> Dict:
+    """A room with 16 point lamps below the ceiling."""
+    return _lamps(4, 4)
+
+
+def two_hundred_lamps() -> Dict:
+    """A room with 200 point lamps below the ceiling."""
+    return _lamps(10, 20)
+
+
+def window_room() -> Dict:
+    """A room lit through a window only, by the map with a sun."""
+    scene = _camera((1.7, 1.6, 2.2), (-0.8, 0.8, -1.2), 60) | {"sky": _sky_map()}
+    walls = _room((4, 2.6, 5))
+    del walls["left"]
+    scene |= walls
+    scene |= {
+        "below": _box((-2.05, 0.45, 0), (0.05, 0.45, 2.5), WHITE),
+        "above": _box((-2.05, 2.4, 0), (0.05, 0.2, 2.5), WHITE),
+        "beside": _box((-2.05, 1.55, -1.6), (0.05, 0.65, 0.9), WHITE),
+        "other side": _box((-2.05, 1.55, 1.75), (0.05, 0.65, 0.75), WHITE),
+        "table": _box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD),
+    }
+    return scene
+
+
+def one_lamp() -> Dict:
+    """A room with one lamp and a table."""
+    scene = _room((4, 2.6, 5)) | _camera((1.7, 1.6, 2.2), (-0.8, 0.8, -1.2), 60)
+    scene |= {
+        "lamp": _lamp((0, 2.58, 0), (0.5, 0.5), 18),
+        "table": _box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD),
+    }
+    return scene
+
+
+SCENES: dict[str, Callable[[], Dict]] = {
+    scene.__name__: scene
+    for scene in (
+        plane_under_sunsky,
+        plane_under_envmap,
+        plane_with_compensation,
+        sixteen_lamps,
+        two_hundred_lamps,
+        window_room,
+        one_lamp,
+    )
+}
+"""Name -> function that makes the dictionary for ``mitsuba.load_dict``."""
+
+GLASS_AT = {name: (0.0, 0.3, 0.0) for name in SCENES if name.startswith("plane")}
+"""Scenes with a block of glass, and its centre."""
+
+
+def _plane() -> Dict:
+    scene = _camera((3.6, 2.7, 4.2), (0, 0, 0), 40)
+    scene |= {
+        "floor": _rectangle((0, 0, 0), (20, 20), "up", GREY),
+        "glass": _box((0, 0.3, 0), (0.3, 0.3, 0.3), WHITE) | {"bsdf": {"type": "dielectric"}},
+    }
+    return scene
+
+
+def _sky_map() -> Dict:
+    """A blue sky with a sun of 2 × 2 pixels, which brings most of the light."""
+    height, width = 128, 256
+    row = (np.arange(height) + 0.5) / height * np.pi
+    column = (np.arange(width) + 0.5) / width * 2 * np.pi
+    up = np.cos(row)[:, None]
+    pixels = np.where(up > 0, 0.3 + 0.4 * (1 - up), 0.1)[..., None] * np.array([0.6, 0.8, 1.2])
+    pixels = np.broadcast_to(pixels, (height, width, 3)).astype(np.float32).copy()
+    direction = np.array(SUN) / np.linalg.norm(SUN)
+    # Mitsuba: (sin u sin v, cos v, -cos u sin v).
+    y, x = np.arccos(direction[1]), np.arctan2(direction[0], -direction[2]) % (2 * np.pi)
+    i, j = np.abs(row - y).argmin(), np.abs(column - x).argmin()
+    pixels[i : i + 2, j : j + 2] = np.array([4200.0, 3900.0, 3400.0])
+    return {"type": "envmap", "bitmap": mi.Bitmap(pixels)}
+
+
+def _lamps(rows: int, columns: int) -> Dict:
+    """A room with a grid of point lamps of different brightness."""
+    scene = _room((6, 2.6, 6)) | _camera((2.7, 1.6, 2.7), (-0.6, 0.6, -0.9), 65)
+    brightness = np.random.default_rng(1).uniform(0.2, 1.8, (rows, columns))
+    for i in range(rows):
+        for j in range(columns):
+            place = [-2.5 + 5 * i / (rows - 1), 2.2, -2.5 + 5 * j / (columns - 1)]
+            power = 40 / (rows * columns) * brightness[i, j]
+            scene[f"lamp_{i}_{j}"] = {
+                "type": "point",
+                "position": place,
+                "intensity": _rgb((power, 0.95 * power, 0.85 * power)),
+            }
+    scene["table"] = _box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD)
+    return scene
