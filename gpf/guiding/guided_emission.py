@@ -81,7 +81,9 @@ class EmissionGuide:
         start = EmitterSample.draw(sampler)
         rest, numbers = mi.UInt32(cell), []
         for size, number in zip(reversed(self.shape), reversed(start.numbers()), strict=True):
-            numbers.append((mi.Float(rest % size) + number) / size)
+            # Rounded, the last number of the last cell would be 1.
+            inside = (mi.Float(rest % size) + number) / size
+            numbers.append(dr.minimum(inside, dr.one_minus_epsilon(mi.Float)))
             rest //= size
         ray, power, emitter = emit_from(scene, EmitterSample.of(numbers[::-1]))
         return ray, power / dr.gather(mi.Float, self._density, cell), emitter

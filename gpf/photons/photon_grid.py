@@ -100,9 +100,8 @@ class PhotonSums:
         if not self._unit:
             pilot = replace(self._settings, paths=PILOT, indirect=False)
             few = record_photons(scene, pilot, seed)
-            power = np.asarray(few.power.numpy()).max(axis=0) if dr.width(few.p) else np.ones(1)
-            power = power[np.isfinite(power) & (power > 0)]
-            self._unit = float(power.mean() if len(power) else 1) * PILOT / _POWER_STEPS
+            sizes = np.abs(few.power.numpy()).max(axis=0) if dr.width(few.p) else np.ones(1)
+            self._unit = float(sizes.mean() or 1) * PILOT / _POWER_STEPS
             self._landings = (dr.width(few.p) + 1) / PILOT
         # Each photon may need a new cell.
         wanted = (int(self._cells[0]) + 1.5 * self._landings * paths) / _FULL
@@ -126,7 +125,6 @@ class PhotonSums:
         return ray, power, emitter
 
     def _add(self, photons: Photons, active: mi.Bool) -> None:
-        active &= dr.all(dr.isfinite(photons.power))
         level, corner, place = self._cubes.find(photons.p)
         key = _pack(corner, mi.Vector3u(dr.round(photons.n * 3) + 3))
         key |= mi.UInt64(level) << _LEVEL_SHIFT
@@ -135,7 +133,8 @@ class PhotonSums:
         line = _LINE * self._find(key, active)
         inside = mi.Vector3u(dr.clip(place * _PLACES, 0, _PLACES - 1))
         power = photons.power * self._scale
-        sums = [(self._column + k, mi.UInt64(power[k])) for k in range(3)]
+        # As two's complements: some skies have negative colours.
+        sums = [(self._column + k, mi.UInt64(mi.Int64(power[k]))) for k in range(3)]
         sums.append((mi.UInt32(_XY), mi.UInt64(inside.x) | (mi.UInt64(inside.y) << 32)))
         sums.append((mi.UInt32(_ZN), mi.UInt64(inside.z) | (mi.UInt64(1) << 32)))
         for column, value in sums:
@@ -193,7 +192,7 @@ class PhotonSums:
         photons = Photons(
             p=self._cubes.points(level, corner, inside),
             n=mi.Normal3f(dr.normalize(thirds - _NORMAL_STEPS)),
-            power=mi.Color3f(mi.Float(red), mi.Float(green), mi.Float(blue)) * scale,
+            power=mi.Color3f(*(mi.Float(mi.Int64(v)) for v in (red, green, blue))) * scale,
             depth=dr.full(mi.UInt32, int(self._settings.indirect), len(found)),
         )
         dr.eval(photons)

@@ -58,7 +58,8 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
     """Trace photon paths from the emitters and deposit photons on diffuse surfaces.
 
     The expected sum of the powers at depth 0 is the part of the emitters' power that hits a diffuse
-    surface first, W.
+    surface first, W. A power may have negative channels: skies have colours that no display shows.
+    A path ends where its power is not finite.
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
 
     ray, power, _ = settings.source(scene, sampler)
     power /= dr.opaque(mi.Float, paths)
-    brightest = dr.max(power)
+    brightest = _size(power)
     depth = mi.UInt32(0)
     active = (brightest > 0) & (deepest > 0)
 
@@ -99,7 +100,7 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
             power=_limited(landing, _MAX_GAIN * brightest),
             depth=depth,
         )
-        deposit(photons, stored)
+        deposit(photons, stored & dr.all(dr.isfinite(photons.power)))
 
         sample, weight = bsdf.sample(
             context, si, sampler.next_1d(active), sampler.next_2d(active), active
@@ -114,16 +115,21 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
         depth += 1
 
         # Russian roulette keeps the surviving photons' power near its initial value.
-        survival = dr.minimum(dr.max(power) / brightest, 0.95)
+        survival = dr.minimum(_size(power) / brightest, 0.95)
         roulette = depth >= roulette_from
         lives = ~roulette | (sampler.next_1d(active) < survival)
         power[roulette] = power / survival
-        active &= lives & (dr.max(power) > 0) & (depth < deepest)
+        active &= lives & dr.all(dr.isfinite(power)) & (_size(power) > 0) & (depth < deepest)
+
+
+def _size(power: mi.Color3f) -> mi.Float:
+    """The largest channel of a power, without its sign."""
+    return dr.max(dr.abs(power))
 
 
 def _limited(power: mi.Color3f, limit: mi.Float) -> mi.Color3f:
     """The power, scaled so that its largest channel is at most ``limit``."""
-    greatest = dr.max(power)
+    greatest = _size(power)
     return power * dr.select(greatest > limit, limit / greatest, 1)
 
 

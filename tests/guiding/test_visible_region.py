@@ -7,11 +7,12 @@ import pytest
 
 from gpf.core.errors import UserError
 from gpf.core.structs import VisiblePoints, to_numpy
+from gpf.guiding import guided_emission
 from gpf.guiding.guided_emission import EmissionGuide
 from gpf.guiding.photon_map import collect_photons
 from gpf.guiding.pilot import Pilot, trace_pilot
 from gpf.guiding.visible_region import VisibleRegion
-from gpf.photons.emission import emit_light
+from gpf.photons.emission import EmitterSample, emit_light
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
@@ -127,6 +128,25 @@ def test_a_guide_is_unbiased_whatever_it_has_learned():
     error = np.hypot(*(p.power.std() * np.sqrt(len(p.power)) for p in (plain, guided)))
     assert error < 0.005 * plain.power.sum()
     assert abs(plain.power.sum() - guided.power.sum()) < 4 * error
+
+
+def test_the_numbers_of_a_guide_are_below_one(monkeypatch):
+    """Also the last of the last cell: (15 + .99999994) / 16 is 1 in single precision."""
+    seen = []
+    monkeypatch.setattr(
+        guided_emission, "emit_from", lambda scene, start: (None, seen.append(start) or 1, None)
+    )
+    last = mi.Float(0.99999994)
+    draw = EmitterSample(last, mi.Point2f(last, last), mi.Point2f(last, last))
+    monkeypatch.setattr(EmitterSample, "draw", lambda sampler: draw)
+
+    class Sampler:
+        def next_1d(self):
+            return mi.Float(last)
+
+    EmissionGuide((3, 4, 4, 16, 16), np.ones(3 * 4 * 4 * 16 * 16)).emit(None, Sampler())
+    for number in seen[0].numbers():
+        assert 0.9 < number[0] < 1
 
 
 def test_with_few_paths_to_learn_from_a_guide_is_coarse(rooms, region, pilot):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import to_numpy
+from gpf.photons.emission import emit_light
 from gpf.photons.photon_cells import PhotonCells
 from gpf.photons.photon_grid import PhotonSums
 from gpf.photons.tracing import PathSettings, record_photons
@@ -101,6 +102,24 @@ def test_a_cell_may_hold_very_many_photons(scene):
     assert min(up.sum(), (~up).sum()) > 70_000
     order = np.argsort(power[:, 0])
     np.testing.assert_allclose(power[order], sorted(expected, key=lambda x: x[0]), rtol=1e-5)
+
+
+def test_channels_below_zero_take_away(scene):
+    """As whole numbers without a sign, they would be 10¹²."""
+
+    def signed(scene, sampler):
+        ray, power, emitter = emit_light(scene, sampler)
+        return ray, power * mi.Color3f(1, -0.5, 0), emitter
+
+    settings = PathSettings(PATHS, rr_depth=5, source=signed)
+    sums = PhotonSums(PhotonCells(0.11, scene_bounds(scene)), settings)
+    for seed in range(2):
+        sums.trace(scene, seed, half=0)
+    power = to_numpy(sums.photons(0).power).astype(np.float64)
+    plain = to_numpy(add_up(scene).photons(0).power).astype(np.float64)
+    whole = plain.sum(axis=0) * [1, -0.5, 0]
+    np.testing.assert_allclose(power.sum(axis=0), whole, rtol=0.03, atol=1e-9)
+    assert (power[:, 1] <= 0).all() and (power[:, 2] == 0).all()
 
 
 def test_photons_that_do_not_fit_are_not_lost_in_silence(scene, monkeypatch):

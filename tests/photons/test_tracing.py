@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import Photons, to_numpy
+from gpf.photons.emission import emit_light
 from gpf.photons.tracing import PathSettings, trace_photons
 from tests.furnace import (
     Scene,
@@ -68,6 +69,40 @@ def test_roulette_of_coloured_photons_is_unbiased():
     by_depth = total_by_depth(photons, 6)
     expected = PHI * np.array([0.9, 0.3, 0]) ** np.arange(6)[:, None]
     np.testing.assert_allclose(by_depth, expected, rtol=0.015)
+
+
+SIGNS = (1.0, 1.0, -0.4)
+
+
+def signed(scene, sampler):
+    """Light with less than no blue, as some skies have near the horizon."""
+    ray, power, emitter = emit_light(scene, sampler)
+    return ray, power * mi.Color3f(*SIGNS), emitter
+
+
+@pytest.mark.parametrize("rr_depth", [1, 4])
+def test_a_channel_below_zero_is_carried_like_the_others(rr_depth):
+    """Although only blue, which is negative, survives more than a bounce or two."""
+    scene = closed_room(0.05, 0.1, 0.9)
+    settings = {"paths": 100_000, "rr_depth": rr_depth, "max_depth": 8}
+    photons = record(scene, source=signed, **settings)
+    expected = PHI * np.array(SIGNS) * np.array([0.05, 0.1, 0.9]) ** np.arange(7)[:, None]
+    np.testing.assert_allclose(total_by_depth(photons, 7), expected, rtol=0.02)
+    sizes = np.abs(to_numpy(photons.power)).max(axis=1)
+    assert sizes.max() < 1.01 * np.abs(PHI * SIGNS).max() / 100_000
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_light_that_is_not_finite_is_not_stored(value):
+    """One such photon would spoil every point around it."""
+
+    def broken(scene, sampler):
+        ray, power, emitter = emit_light(scene, sampler)
+        tenth = dr.arange(mi.UInt32, 1000) % 10 == 0
+        return ray, dr.select(tenth, mi.Color3f(1, value, 1), power), emitter
+
+    photons = record(closed_room(0.5), paths=1000, max_depth=2, source=broken)
+    assert dr.width(photons.p) == 900 and np.isfinite(total(photons)).all()
 
 
 @pytest.mark.parametrize(("max_depth", "deposits"), [(0, None), (1, 0), (2, 1), (3, 2), (6, 5)])
