@@ -1,4 +1,4 @@
-"""Small scenes with one kind of light each, which a path tracer finds: for :mod:`benchmarks.energy`.
+"""Small scenes with one kind of light each, which a path tracer finds; :mod:`benchmarks.energy`.
 
 y is up; lengths are metres.
 """

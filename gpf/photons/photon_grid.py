@@ -126,7 +126,7 @@ class PhotonSums:
 
     def _add(self, photons: Photons, active: mi.Bool) -> None:
         level, corner, place = self._cubes.find(photons.p)
-        key = _pack(corner, mi.Vector3u(dr.round(photons.n * 3) + 3))
+        key = _pack(corner, mi.Vector3u(_thirds(photons.n) + _NORMAL_STEPS))
         key |= mi.UInt64(level) << _LEVEL_SHIFT
         if self._groups is not None:
             key |= mi.UInt64(self._group) << _GROUP_SHIFT
@@ -240,6 +240,15 @@ class PhotonSums:
         for k in range(_LINE):
             dr.scatter(self._sums, column(k), _LINE * slot + k)
         dr.eval(self._sums)
+
+
+def rounded_normal(n: mi.Normal3f) -> mi.Normal3f:
+    """What becomes of a photon's normal in a cell, (N, 3)."""
+    return dr.normalize(_thirds(n))
+
+
+def _thirds(n: mi.Normal3f) -> mi.Normal3f:
+    return dr.round(n * _NORMAL_STEPS)
 
 
 def _pack(corner: mi.Vector3u, thirds: mi.Vector3u) -> mi.UInt64:

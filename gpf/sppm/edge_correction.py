@@ -3,6 +3,10 @@
 The kernel density estimate divides by the area of a disc, π r². Where the surface ends within the
 disc (a wall in a corner, the rim of a table), photons land on a part of the disc only. The estimate
 is then too low, and images get dark lines along edges, which fade only as the radius shrinks.
+
+A pass of SPPM corrects its estimate with the rays of a moment (:func:`area_correction`): the mean
+over many passes is right. Photons of all passes that are gathered at once need the area itself
+(:func:`covered_share`), at the points where it matters (:func:`near_edges`).
 """
 
 from __future__ import annotations
@@ -11,23 +15,23 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.core.surface_tags import SAME_SURFACE_COSINE, SAME_SURFACE_HEIGHT
+from gpf.photons.photon_grid import rounded_normal
 
 # Without a limit, a point on an object much smaller than the disc would need very many trials.
 _MOST_TRIALS = 8
 
+# Angle between the points of a sunflower, radians: they cover a disc evenly.
+_GOLDEN_ANGLE = 2.399963
+
+# Rays of near_edges: on the disc's rim, which every straight edge in the disc cuts, and within.
+_RIM, _WITHIN = 8, 8
+
 
 @dr.syntax
 def area_correction(
-    scene: mi.Scene,
-    p: mi.Point3f,
-    n: mi.Normal3f,
-    valid: mi.Bool,
-    radius: float,
-    seed: int,
-    smooth: bool = False,
+    scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, valid: mi.Bool, radius: float, seed: int
 ) -> mi.Float:
-    """An estimate of π r² / A(x), (N,); A(x) is the area on which photons count at x, weighted by
-    the kernel.
+    """An estimate of π r² / A(x), (N,); A(x) is the area on which photons count at x.
 
     Short rays, perpendicular to the disc, go through random points of the disc until one of them
     meets the surface. If a ray does so with probability c, the expected number of rays is 1/c. The
@@ -44,14 +48,9 @@ def area_correction(
     valid: points that take part, (N,); the result is 1 at all others.
     radius: kernel radius, world units.
     seed: a point's random numbers depend on the seed and the point's position alone.
-    smooth: whether the kernel is the smooth one of :class:`gpf.sppm.density.PhotonDensity`.
     """
-    r, key = dr.opaque(mi.Float, radius), dr.opaque(mi.UInt32, seed)
-    frame = mi.Frame3f(n)
-    bits = [dr.reinterpret_array(mi.UInt32, p[i]) for i in range(3)]
-    first, second = mi.sample_tea_32(bits[0] ^ key, bits[1])
-    first, second = mi.sample_tea_32(first ^ bits[2], second)
-
+    r, frame = dr.opaque(mi.Float, radius), mi.Frame3f(n)
+    first, second = _numbers_of(p, seed)
     trials = mi.UInt32(0)
     ray, left = mi.Ray3f(p, -n, 0, 0, mi.Color0f()), mi.Float(0)
     active = mi.Bool(valid)
@@ -62,20 +61,124 @@ def area_correction(
             disc = r * mi.warp.square_to_uniform_disk(
                 mi.Point2f(mi.Float(first >> 8), mi.Float(second >> 8)) * 2.0**-24
             )
-            if smooth:  # from a uniform density to (1 - s); s is the squared distance
-                disc *= dr.rsqrt(1 + dr.sqrt(dr.maximum(1 - dr.squared_norm(disc) / (r * r), 0)))
             ray.o = p + frame.to_world(mi.Vector3f(disc.x, disc.y, r))
             left = 2 * r
-        ray.maxt = left
-        si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False, active=active)
-        cosine = dr.abs(dr.dot(si.n, n))
-        # The kernel's limit on height; the cosine accounts for the slope of the surface.
-        flat = dr.abs(dr.dot(n, si.p - p)) * cosine <= SAME_SURFACE_HEIGHT * r
-        found = si.is_valid() & flat & (cosine > SAME_SURFACE_COSINE)
-        found &= mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Diffuse)
-        # Glass may lie on the surface: continue behind it.
-        step = si.t + 1e-3 * r
+        found, step = _look(scene, ray, left, p, n, r, False, active)
         ray.o = ray(step)
-        left = dr.select(si.is_valid(), left - step, 0)
+        left -= step
         active &= ~found & ((left > 0) | (trials < _MOST_TRIALS))
     return dr.select(valid, mi.Float(trials), 1)
+
+
+@dr.syntax
+def covered_share(
+    scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, radius: float, seed: int, rays: int
+) -> mi.Float:
+    """The part A(x) / π r² of the smooth kernel's disc on which photons count at x, (N,).
+
+    As :func:`area_correction`, but the share of a number of rays, which are spread evenly over the
+    disc, and for photons of :class:`gpf.photons.photon_grid.PhotonSums`, whose normals are rounded.
+    At least an eighth.
+    """
+    r, frame = dr.opaque(mi.Float, radius), mi.Frame3f(n)
+    first, second = _numbers_of(p, seed)
+    turn, shift = 2 * dr.pi * mi.Float(first >> 8) * 2.0**-24, mi.Float(second >> 8) * 2.0**-24
+    count = dr.opaque(mi.UInt32, rays)
+    number, hits = mi.UInt32(0), mi.UInt32(0)
+    ray, left = mi.Ray3f(p, -n, 0, 0, mi.Color0f()), mi.Float(0)
+    active = dr.full(mi.Bool, True, dr.width(p))
+    while active:
+        if left <= 0:
+            # The smooth kernel weighs a place at the distance √s r by 2 (1 - s).
+            s = (mi.Float(number) + shift) / mi.Float(count)
+            ray.o = p + _above(frame, r, dr.sqrt(1 - dr.sqrt(dr.maximum(1 - s, 0))), turn, number)
+            left = 2 * r
+            number += 1
+        found, step = _look(scene, ray, left, p, n, r, True, active)
+        hits += dr.select(found, 1, 0)
+        ray.o = ray(step)
+        left = dr.select(found, 0, left - step)
+        active &= (left > 0) | (number < count)
+    return dr.maximum(mi.Float(hits) / mi.Float(count), 1 / _MOST_TRIALS)
+
+
+@dr.syntax
+def near_edges(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, radius: float, seed: int) -> mi.Bool:
+    """Where the surface does not fill the disc of a kernel, or of a smaller one, (N,).
+
+    Edges that cut off less than 1.2 % of the disc may be missed.
+    """
+    r, frame = dr.opaque(mi.Float, radius), mi.Frame3f(n)
+    first, _ = _numbers_of(p, seed)
+    turn = 2 * dr.pi * mi.Float(first >> 8) * 2.0**-24
+    number = mi.UInt32(0)
+    ray, left = mi.Ray3f(p, -n, 0, 0, mi.Color0f()), mi.Float(0)
+    filled = dr.full(mi.Bool, True, dr.width(p))
+    active = mi.Bool(filled)
+    while active:
+        if left <= 0:
+            within = number >= _RIM
+            place = dr.sqrt(dr.maximum(mi.Float(number) - (_RIM - 0.5), 0) / _WITHIN)
+            turned = turn + mi.Float(number) * (2 * dr.pi / _RIM - _GOLDEN_ANGLE)
+            ray.o = p + _above(
+                frame,
+                r,
+                dr.select(within, place, 0.98),
+                dr.select(within, turn, turned),
+                number,
+            )
+            left = 2 * r
+            number += 1
+        found, step = _look(scene, ray, left, p, n, r, True, active)
+        ray.o = ray(step)
+        left = dr.select(found, 0, left - step)
+        filled &= found | (left > 0)
+        active &= filled & ((left > 0) | (number < _RIM + _WITHIN))
+    return ~filled
+
+
+def _numbers_of(p: mi.Point3f, seed: int) -> tuple[mi.UInt32, mi.UInt32]:
+    """Two random numbers of each position, (N,) each."""
+    key = dr.opaque(mi.UInt32, seed)
+    bits = [dr.reinterpret_array(mi.UInt32, p[i]) for i in range(3)]
+    first, second = mi.sample_tea_32(bits[0] ^ key, bits[1])
+    return mi.sample_tea_32(first ^ bits[2], second)
+
+
+def _above(
+    frame: mi.Frame3f, r: mi.Float, distance: mi.Float, turn: mi.Float, number: mi.UInt32
+) -> mi.Vector3f:
+    """Offset of the start of a ray, (N, 3): number ``number`` of a sunflower that is turned by an
+    angle, at a distance in radii, one radius above the disc."""
+    sine, cosine = dr.sincos(turn + _GOLDEN_ANGLE * mi.Float(number))
+    return frame.to_world(r * mi.Vector3f(distance * cosine, distance * sine, 1))
+
+
+def _look(
+    scene: mi.Scene,
+    ray: mi.Ray3f,
+    left: mi.Float,
+    p: mi.Point3f,
+    n: mi.Normal3f,
+    r: mi.Float,
+    rounded: bool,
+    active: mi.Bool,
+) -> tuple[mi.Bool, mi.Float]:
+    """Whether the next surface below a ray's origin belongs to that of ``p``, (N,), and how far
+    to go on behind it: glass may lie on the surface.
+
+    Parameters
+    ----------
+    left: length of the ray that is left, (N,).
+    rounded: whether photons have rounded normals there.
+    """
+    ray.maxt = left
+    si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False, active=active)
+    cosine = dr.abs(dr.dot(si.n, n))
+    # The kernel's limit on height; the cosine accounts for the slope of the surface.
+    flat = dr.abs(dr.dot(n, si.p - p)) * cosine <= SAME_SURFACE_HEIGHT * r
+    if rounded:
+        cosine = dr.abs(dr.dot(rounded_normal(si.n), n))
+    found = si.is_valid() & flat & (cosine > SAME_SURFACE_COSINE)
+    found &= mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Diffuse)
+    return found, dr.select(si.is_valid(), si.t + 1e-3 * r, left)

@@ -29,7 +29,7 @@ from gpf.scene.bounds import scene_bounds
 from gpf.scene.lamps import Lamps
 from gpf.scene.light_groups import LightGroups
 from gpf.sppm.density import PhotonDensity, radius_at
-from gpf.sppm.edge_correction import area_correction
+from gpf.sppm.edge_correction import covered_share, near_edges
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, suit_scene
 from gpf.training.targets import Targets, source_numbers
@@ -51,6 +51,10 @@ CELL, TYPICAL_PASSES = 0.25 * NARROW, 100
 # Samples of the emitters at each point for each half: so many for each time that the number of
 # passes has grown threefold from the second number.
 DIRECT_SAMPLES, FIRST_SAMPLED = 4, 8
+
+# Rays that measure how much of a kernel's disc lies on the surface, at each point near an edge and
+# for each half.
+EDGE_RAYS = 32
 
 # Samples of each group of emitters at each point for PhotonStream.by_group.
 GROUP_SAMPLES = 16
@@ -128,6 +132,12 @@ class PhotonStream:
         self._direct = [dr.zeros(mi.Color3f, len(self._source)) for _ in range(2)]
         self._samples = 0
         self._sharp = np.zeros(len(self._source), bool)
+        self._edges = mi.UInt32()
+        if self.settings.edge_correction:
+            p, n = self._points.points.p, self._points.points.n
+            edge_seed = pass_seed(seed, 0, Stream.EDGES)
+            first_radius = self.settings.initial_radius  # later ones are smaller
+            self._edges = dr.compress(near_edges(scene, p, n, first_radius, edge_seed))
         self.blur = np.zeros(len(self._source), np.float32)
 
     @property
@@ -213,18 +223,13 @@ class PhotonStream:
             if len(rows) == 0:
                 continue
             part = take(points, from_numpy(mi.UInt32, rows))
-            correction = mi.Float(1)
-            if self.settings.edge_correction:
-                seed = pass_seed(self.seed, 2 * self.count, Stream.EDGES)
-                correction = area_correction(
-                    self.scene, part.p, part.n, part.valid, radius, seed, smooth=True
-                )
+            correction = self._correct_edges(radius, 2 * self.count)[rows][:, None]
             for number in range(len(found)):
                 for half, share in enumerate(shares):
                     photons = self._sums.photons(half, number)
                     density = PhotonDensity(photons, radius, self._bounds, smooth=True)
-                    gathered = to_numpy(density.irradiance(part.p, part.n) * correction)
-                    found[number, rows] += np.float32(share) * gathered
+                    gathered = to_numpy(density.irradiance(part.p, part.n))
+                    found[number, rows] += np.float32(share) * gathered * correction
         if self.settings.direct == "emitters":
             found += self._direct_by_group()
         return found
@@ -249,16 +254,26 @@ class PhotonStream:
         photons = self._sums.photons(half)
         for radius in (self.radius, NARROW * self.radius):
             density = PhotonDensity(photons, radius, self._bounds, smooth=True)
-            gathered = density.irradiance(points.p, points.n)
-            if self.settings.edge_correction:
-                seed = pass_seed(self.seed, 2 * self.count + half, Stream.EDGES)
-                gathered *= area_correction(
-                    self.scene, points.p, points.n, points.valid, radius, seed, smooth=True
-                )
-            found.append(to_numpy(gathered))
+            gathered = to_numpy(density.irradiance(points.p, points.n))
+            correction = self._correct_edges(radius, 2 * self.count + half)
+            found.append(gathered * correction[:, None])
         del photons, density
         dr.flush_malloc_cache()  # hundreds of megabytes, which the other half needs, too
         return found[0], found[1]
+
+    def _correct_edges(self, radius: float, number: int) -> np.ndarray:
+        """By what the density of photons has to be multiplied at each point, (N,) float32.
+
+        ``number`` of the random numbers: the halves have their own, since what they have in common
+        passes for light.
+        """
+        correction = np.ones(len(self._source), np.float32)
+        if dr.width(self._edges):
+            part = take(self._points.points, self._edges)
+            seed = pass_seed(self.seed, number, Stream.EDGES)
+            share = covered_share(self.scene, part.p, part.n, radius, seed, EDGE_RAYS)
+            correction[self._edges.numpy()] = 1 / np.asarray(share.numpy())
+        return correction
 
     def _sample_emitters(self) -> None:
         """Add samples of direct light at the points, as many as suit the number of passes."""

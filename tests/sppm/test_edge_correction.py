@@ -8,8 +8,12 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import Photons, from_numpy
+from gpf.photons.photon_cells import PhotonCells
+from gpf.photons.photon_grid import PhotonSums
+from gpf.photons.tracing import PathSettings
+from gpf.scene.bounds import scene_bounds
 from gpf.sppm.density import PhotonDensity
-from gpf.sppm.edge_correction import area_correction
+from gpf.sppm.edge_correction import area_correction, covered_share, near_edges
 from tests.furnace import camera, diffuse, floor, point_light, rectangle, render, room, sppm
 from tests.tiers import tiers
 
@@ -105,6 +109,71 @@ def test_beside_a_crease(degrees):
     density = PhotonDensity(photons, RADIUS, ((-2, -2, -2), (2, 2, 2)))
     e = density.irradiance(from_numpy(mi.Point3f, x), mi.Normal3f(0, 0, 1)).numpy()[0]
     assert (e * factor).mean() == pytest.approx(1, abs=0.02)
+
+
+@pytest.mark.parametrize("degrees", [20, 32, 38, 43, 46, 52, 58, 64, 70])
+def test_beside_a_crease_with_photons_in_cells(degrees):
+    """The same for photons that were added up in cells, whose normals are rounded: up to 62° they
+    may count as those of one surface, and then the area does, too."""
+    angle = np.radians(degrees)
+    tilted = rectangle(
+        (np.cos(angle) / 2, 0, np.sin(angle) / 2),
+        (np.cos(angle) / 2 - np.sin(angle), 0, np.sin(angle) / 2 + np.cos(angle)),
+        2,
+        1,
+        diffuse(0.5),
+    )
+    left = rectangle((-0.5, 0, 0), (-0.5, 0, 1), 1, 2, diffuse(0.5))
+    scene = mi.load_dict({"type": "scene", "left": left, "tilted": tilted})
+    rng = np.random.default_rng(6)
+    count = 200_000
+    along, aside = rng.uniform(0, 1, (count, 1)), rng.uniform(-1, 1, (count, 1)) * [0, 1, 0]
+    rising = np.arange(count)[:, None] % 2 == 1
+    p = along * np.where(rising, [np.cos(angle), 0, np.sin(angle)], [-1, 0, 0]) + aside
+    n = np.where(rising, [-np.sin(angle), 0, np.cos(angle)], [0, 0, 1])
+    place, normal = from_numpy(mi.Point3f, p), from_numpy(mi.Vector3f, n)
+
+    def evenly(scene, sampler):
+        """One watt per square metre on both facets, which are four square metres."""
+        lane = dr.arange(mi.UInt32, sampler.wavefront_size())
+        o, d = dr.gather(mi.Point3f, place, lane), dr.gather(mi.Vector3f, normal, lane)
+        return mi.Ray3f(o + 0.01 * d, -d), mi.Color3f(4), None
+
+    settings = PathSettings(count, max_depth=2, source=evenly)
+    sums = PhotonSums(PhotonCells(0.02, scene_bounds(scene)), settings)
+    sums.trace(scene, 1, half=0)
+    x = line(-0.03, 20_000)
+    points = from_numpy(mi.Point3f, x)
+    up = from_numpy(mi.Normal3f, np.tile([0.0, 0, 1], (20_000, 1)))
+    share = np.array(covered_share(scene, points, up, RADIUS, 1, 32))
+    density = PhotonDensity(sums.photons(0), RADIUS, scene_bounds(scene), smooth=True)
+    e = density.irradiance(points, up).numpy()[0]
+    # The smooth kernel takes distances through the air, the disc those along the bent surface.
+    assert (e / share).mean() == pytest.approx(1, abs=0.025)
+
+
+@pytest.mark.parametrize("distance", [0.0, 0.05, 0.1, 0.15])
+def test_the_covered_share_along_a_straight_edge(distance):
+    """Of a disc whose places count less towards its rim, with little noise."""
+    rng = np.random.default_rng(0)
+    radii = RADIUS * np.sqrt(1 - np.sqrt(rng.random(500_000)))
+    expected = np.mean(radii * np.cos(rng.uniform(0, 2 * np.pi, 500_000)) < distance)
+    scene = mi.load_dict({"type": "scene", "plate": PLATE})
+    p = from_numpy(mi.Point3f, line(1 - distance, 20_000))
+    n = from_numpy(mi.Normal3f, np.tile([0.0, 0, 1], (20_000, 1)))
+    share = np.array(covered_share(scene, p, n, RADIUS, 1, 32))
+    assert share.mean() == pytest.approx(expected, abs=3e-3)
+    assert (share.std() / expected) < 0.05  # area_correction: 0.7 at the edge itself
+    other = np.array(covered_share(scene, p, n, RADIUS, 2, 32))
+    assert abs(np.corrcoef(share, other)[0, 1]) < 0.05
+
+
+def test_edges_are_found_where_they_are():
+    scene = mi.load_dict({"type": "scene", "plate": PLATE})
+    for distance, share in ((0.0, 1), (0.1, 1), (0.18, 1), (0.205, 0), (0.3, 0)):
+        p = from_numpy(mi.Point3f, line(1 - distance, 500))
+        n = from_numpy(mi.Normal3f, np.tile([0.0, 0, 1], (500, 1)))
+        assert np.array(near_edges(scene, p, n, RADIUS, 1)).mean() == share, distance
 
 
 def test_on_something_smaller_than_the_disc_it_stays_finite():

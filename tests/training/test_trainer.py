@@ -92,7 +92,9 @@ def test_a_field_keeps_the_energy_of_noisy_targets(spread):
     x = on_the_plane(rng, 40_000)
     noise = rng.lognormal(-0.5 * spread**2, spread, (len(x), 1))  # its mean is 1
     points = surface_points(x, np.tile(UP, (len(x), 1)), noise * irradiance_at(x))
-    field, _ = run(make_trainer(settings_with(steps=150, batch=8192, loss="relative"), points=points))
+    field, _ = run(
+        make_trainer(settings_with(steps=150, batch=8192, loss="relative"), points=points)
+    )
     value, _ = ask(field, x, np.tile(UP, (len(x), 1)))
     uncertain = float(noise.std() / np.sqrt(len(x)))
     assert value.mean() / irradiance_at(x).mean() == pytest.approx(1, abs=3 * uncertain)

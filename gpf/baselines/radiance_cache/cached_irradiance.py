@@ -99,7 +99,7 @@ class CacheTraining:
 
 
 class CacheTrainer:
-    """Fits a :class:`CachedIrradiance` to points by their relative squared error (:mod:`gpf.training.loss`)."""
+    """Fits a :class:`CachedIrradiance` by relative squared errors (:mod:`gpf.training.loss`)."""
 
     def __init__(
         self, model: CachedIrradiance, points: SurfacePoints, settings: CacheTraining
