@@ -98,7 +98,7 @@ def fit(work: Workspace) -> None:
 def _on_references(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
     """The trainer of a new field, on targets of the stage `reference`."""
     recipe, targets = work.params.recipe, Targets.load(work.targets, work.scene)
-    if recipe.field.direct == "auto":
+    if recipe.field.direct != "field":
         scene = work.load_scene()
         passes = passes_of(work, scene, work.emission_plan(scene))
         recipe = recipe.suit(scene, passes)

@@ -45,7 +45,4 @@ class FieldSettings(Settings):
 
     def stored_lamps(self, scene: mi.Scene) -> Lamps:
         """The emitters whose direct light the field stores."""
-        if self.direct == "field":
-            return Lamps(scene)
-        every = () if self.direct == "emitters" else range(len(scene.emitters()))
-        return Lamps(scene, [k for k in every if k not in self.direct])
+        return self.sampled_lamps(scene).others()

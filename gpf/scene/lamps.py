@@ -58,6 +58,13 @@ class Lamps:
         seen &= ~self.scene.ray_test(origin.spawn_ray_to(light.p), seen)
         return light, dr.select(seen, weight * count, 0)
 
+    def others(self) -> Lamps:
+        """All emitters but these."""
+        if not self:
+            return Lamps(self.scene)
+        every = range(0 if self.indices is None else len(self.scene.emitters()))
+        return Lamps(self.scene, [k for k in every if k not in (self.indices or ())])
+
     def __bool__(self) -> bool:
         return self.indices is None or len(self.indices) > 0
 

@@ -56,13 +56,16 @@ class Recipe:
         """The settings for a scene: ``direct: auto`` becomes the list of the small lamps.
 
         Lamps below the kernel radius of the first pass are small. If photons bring direct light,
-        the field stores all of it.
+        the field stores all of it; or, with ``emitters``, all but what samples of the emitters add
+        when a view is rendered.
         """
-        if self.field.direct != "auto":
-            return self
         by_photons = suit_scene(passes, scene).direct == "photons"
-        small = [] if by_photons else small_lamps(scene, passes.initial_radius)
-        direct = tuple(small) or "field"
+        direct = self.field.direct
+        if direct == "auto":
+            small = [] if by_photons else small_lamps(scene, passes.initial_radius)
+            direct = tuple(small) or "field"
+        elif direct == "emitters" and by_photons:
+            direct = tuple(range(len(scene.emitters())))
         return replace(self, field=self.field.model_copy(update={"direct": direct}))
 
     def select_photons(self, photons: Photons) -> Photons:
@@ -238,7 +241,7 @@ def open_stream(
         stream.seed,
         photons,
     )
-    # With direct light from the emitters alone, the recipe subtracts it from the targets.
+    # With ``emitters``, the recipe subtracts the samples of direct light from the targets.
     direct = recipe.field.direct
     lamps = recipe.field.stored_lamps(scene) if isinstance(direct, tuple) else None
     made = PhotonStream(scene, settings, points, stream.seed, plan.source, lamps, groups)

@@ -94,8 +94,7 @@ class PhotonStream:
     settings: of the passes; ``alpha`` and ``initial_radius`` give the radius.
     points: sets of points by name: each training view in order, then
         :data:`gpf.training.targets.SURFACES`; any of them may be missing.
-    lamps: with ``settings.direct: emitters``, the emitters whose direct light the targets contain;
-        by default all.
+    lamps: the emitters whose direct light the targets contain; by default all.
     groups: groups of emitters whose light is kept apart, for :meth:`by_group`.
 
     Attributes
@@ -115,8 +114,13 @@ class PhotonStream:
         groups: LightGroups | None = None,
     ) -> None:
         self.scene, self.seed, self.count = scene, seed, 0
-        self._lamps, self._groups = lamps, groups
+        self._groups = groups
         self.settings = suit_scene(settings, scene)
+        # Whose direct light is sampled, and added to that of the photons. If these bring all direct
+        # light, what the targets should not contain is sampled and taken away.
+        self._sampled, self._sign = Lamps(scene) if lamps is None else lamps, 1
+        if self.settings.direct == "photons":
+            self._sampled, self._sign = self._sampled.others(), -1
         self._bounds = scene_bounds(scene)
         # The final radius is not known here, but the radius shrinks slowly.
         cell = CELL * radius_at(TYPICAL_PASSES, self.settings.initial_radius, self.settings.alpha)
@@ -185,7 +189,7 @@ class PhotonStream:
     def halves(self) -> tuple[Targets, Targets]:
         """The points, with the irradiance from passes with even and with odd numbers."""
         points = self._points.points
-        if self.settings.direct == "emitters":
+        if self._sampled:
             self._sample_emitters()
         position, normal = to_numpy(points.p), to_numpy(points.n)
         (wide_a, narrow_a), (wide_b, narrow_b) = (self._gather(half) for half in range(2))
@@ -230,21 +234,21 @@ class PhotonStream:
                     density = PhotonDensity(photons, radius, self._bounds, smooth=True)
                     gathered = to_numpy(density.irradiance(part.p, part.n))
                     found[number, rows] += np.float32(share) * gathered * correction
-        if self.settings.direct == "emitters":
+        if self._sampled:
             found += self._direct_by_group()
         return found
 
     def _direct_by_group(self) -> np.ndarray:
-        """Direct irradiance of the points from each group of emitters, (G, N, 3)."""
+        """Sampled irradiance of the points from each group of emitters, (G, N, 3)."""
         assert self._groups is not None
         found = []
         for number, members in enumerate(self._groups.members):
             kept = members
-            if self._lamps is not None and self._lamps.indices is not None:
-                kept = tuple(k for k in members if k in self._lamps.indices)
+            if self._sampled.indices is not None:
+                kept = tuple(k for k in members if k in self._sampled.indices)
             seed = pass_seed(self.seed, number, Stream.GROUP_EMITTERS)
             lamps = Lamps(self.scene, kept)
-            found.append(self._points.mean_direct(lamps, GROUP_SAMPLES, seed))
+            found.append(self._sign * self._points.mean_direct(lamps, GROUP_SAMPLES, seed))
         return np.stack(found)
 
     def _gather(self, half: int) -> tuple[np.ndarray, np.ndarray]:
@@ -284,7 +288,8 @@ class PhotonStream:
                 for half in range(2):
                     seed = pass_seed(self.seed, half, Stream.STREAM_EMITTERS)
                     sample = spread_sample(random_start(seed, len(self._source)), self._samples)
-                    self._direct[half] += self._points.direct_irradiance(sample, self._lamps)
+                    direct = self._points.direct_irradiance(sample, self._sampled)
+                    self._direct[half] += self._sign * direct
                 dr.eval(self._direct)
 
 

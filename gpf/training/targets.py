@@ -108,7 +108,11 @@ class Targets:
         return Targets(**{name: value[rows] for name, value in vars(self).items()})
 
     def without(self, scene: mi.Scene, lamps: Lamps, seed: int, samples: int = 16) -> Targets:
-        """The targets without the direct light of some lamps, from samples at each point."""
+        """The targets without the direct light of some lamps, from samples at each point.
+
+        Samples have noise, so that some targets may be below zero; cut off there, the others would
+        be too bright in the mean.
+        """
         points = dr.zeros(VisiblePoints, len(self.position))
         points.p, points.n = (
             from_numpy(mi.Point3f, self.position),
@@ -116,7 +120,7 @@ class Targets:
         )
         seed = pass_seed(seed, 0, Stream.STREAM_EMITTERS)
         direct = FixedPoints(scene, points).mean_direct(lamps, samples, seed)
-        return replace(self, irradiance=np.maximum(self.irradiance - direct, 0))
+        return replace(self, irradiance=self.irradiance - direct)
 
     def supervised_points(
         self,
@@ -146,7 +150,7 @@ class Targets:
             )
         target = chosen.irradiance
         if indirect:
-            target = np.maximum(target - chosen.direct, 0)
+            target = target - chosen.direct
         if stores == "radiance":
             target = target * chosen.reflectance / np.pi
 

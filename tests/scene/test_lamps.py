@@ -102,6 +102,12 @@ def test_groups_are_all_of_them(scene):
     assert len(Lamps(scene).groups()) == 1 and not Lamps(scene, ()) and Lamps(scene)
 
 
+def test_the_others_are_all_but_some(scene):
+    count = len(scene.emitters())
+    assert list(Lamps(scene, [1, 3]).others().indices) == [0, 2, *range(4, count)]
+    assert Lamps(scene, ()).others().indices is None and not Lamps(scene).others()
+
+
 def test_no_emitter_brings_no_light(scene):
     assert np.all(irradiance(scene, Lamps(scene, ()), 1) == 0)
 

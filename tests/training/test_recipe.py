@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from gpf.core.errors import UserError
-from gpf.core.structs import Photons
+from gpf.core.structs import Photons, VisiblePoints, from_numpy
 from gpf.field.initialization import InitialFieldSettings
+from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings
 from gpf.training.recipe import Recipe
+from gpf.training.streaming import PhotonStream
 from gpf.training.targets import Targets
 from tests.furnace import diffuse, floor, lamp, point_light
 
@@ -42,6 +44,45 @@ def test_small_lamps_are_left_to_samples(asked, passes, names, small):
         every = scene.emitters()
         large = [k for k, e in enumerate(every) if mi.has_flag(e.flags(), mi.EmitterFlags.Surface)]
         assert len(found) == len(small) and len(set(found) & set(large)) == 1
+
+
+BEAM = lamp((0, 0, 2), (0, 0, 0), 0.5, 1) | {
+    "emitter": {"type": "directionalarea", "radiance": {"type": "rgb", "value": 2.0}}
+}
+
+
+@pytest.mark.parametrize("asked", ["emitters", "bulb"])
+@pytest.mark.parametrize("lights", [("bulb", "panel"), ("bulb", "beam")])
+def test_direct_light_counts_once(lights, asked):
+    """What a stream teaches the field and what the renderer samples are all light together, also
+    if the beam leaves direct light to photons."""
+    scene = mi.load_dict(
+        {"type": "scene", "floor": floor(diffuse(0.5))}
+        | {name: (LAMPS | {"beam": BEAM})[name] for name in lights},
+        optimize=False,
+    )
+    kinds = [emitter.class_name() for emitter in scene.emitters()]
+    direct = asked if asked == "emitters" else (kinds.index("PointLight"),)
+    passes = PassSettings(photons_per_pass=300_000, initial_radius=0.3)
+    recipe = Recipe(InitialFieldSettings(direct=direct)).suit(scene, passes)
+    place = np.random.default_rng(1).uniform(-0.2, 0.2, (400, 2))
+    points = dr.zeros(VisiblePoints, 400)
+    points.p = from_numpy(mi.Point3f, np.column_stack([place, np.zeros(400)]))
+    points.n = mi.Normal3f(0, 0, 1) + dr.zeros(mi.Normal3f, 400)
+    points.valid = dr.full(mi.Bool, True, 400)
+    lamps = recipe.field.stored_lamps(scene) if recipe.field.direct != "emitters" else None
+    stream = PhotonStream(scene, passes, {"view": points}, seed=1, lamps=lamps)
+    stream.advance(8)
+    stored = np.array(recipe.supervise(stream.mean(stream.halves())).target).mean()
+    fixed = FixedPoints(scene, points)
+    sampled = fixed.mean_direct(recipe.field.query(1.0).sampled_lamps(scene), 64, seed=2).mean()
+    whole = PhotonStream(
+        scene, passes.model_copy(update={"direct": "photons"}), {"view": points}, seed=3
+    )
+    whole.advance(8)
+    every = whole.mean(whole.halves()).irradiance.mean()
+    assert sampled > 0.2 * every
+    assert stored + sampled == pytest.approx(every, rel=0.02)
 
 
 def test_a_search_radius_for_which_no_search_can_be_built_is_refused():
