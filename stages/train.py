@@ -18,6 +18,7 @@ from gpf.core.progress import progress_bar
 from gpf.core.structs import Photons
 from gpf.field.io import save_field
 from gpf.guiding.emission_plan import EmissionPlan
+from gpf.scene import fingerprint as scenes
 from gpf.scene.bounds import scene_bounds
 from gpf.sppm.passes import PassSettings
 from gpf.training.checkpoint import restore_trainer, save_trainer
@@ -81,6 +82,7 @@ def fit(work: Workspace) -> None:
     trained = trainer.finish()
     trained.record = {
         "scene": work.scene_digest,
+        "fingerprint": scenes.fingerprint(work.load_scene()),
         "steps": trainer.step_count,
         "held_out_error": trainer.best_error,
         "params": _params(work),

@@ -130,8 +130,7 @@ def render_pictures(
             str(field_file), "does not know its error", "Fit it with `gpf fit`, or leave out error."
         )
     scene = load_scene_file(scene_file)
-    if not options.changed_scene:
-        require_same_scene(scene, scene_file, field, field_file)
+    require_same_scene(scene, scene_file, field, field_file, options.changed_scene)
     if options.lights:
         set_lights(scene, field, options.lights)
     views_beside = trained / "views.yaml" if trained else None

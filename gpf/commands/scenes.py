@@ -23,12 +23,25 @@ def find_scene(name: str) -> tuple[Path, Path | None]:
 
 
 def require_same_scene(
-    scene: mi.Scene, scene_file: Path, field: GaussianPhotonField, field_file: Path
+    scene: mi.Scene,
+    scene_file: Path,
+    field: GaussianPhotonField,
+    field_file: Path,
+    changed_scene: bool = False,
 ) -> None:
     """Raise a :class:`UserError` if a field was fitted to another scene, or to this one before it
-    was changed; fields that do not say so are taken as they are."""
-    known = field.record.get("fingerprint")
-    if changed := changed_parts(known, fingerprint(scene)) if known else []:
+    was changed; fields that do not say so are taken as they are.
+
+    The plugin does not ask again: from now on, lamps may be dimmed.
+
+    Parameters
+    ----------
+    changed_scene: whether a field of another scene is accepted.
+    """
+    known = field.record.pop("fingerprint", None)
+    if changed_scene or not known:
+        return
+    if changed := changed_parts(known, fingerprint(scene)):
         parts = " and ".join(", ".join(changed).rsplit(", ", 1))
         raise UserError(
             str(field_file),

@@ -92,8 +92,8 @@ def view_scene(
     LightGroups.parse(groups, scene)  # says what is wrong before the fit starts
     if media := describe_media(scene):
         say(f"{scene_file}: {media}")
-    if field is not None and field_file is not None and not changed_scene:
-        require_same_scene(scene, scene_file, field, field_file)
+    if field is not None and field_file is not None:
+        require_same_scene(scene, scene_file, field, field_file, changed_scene)
     cameras, aspect, exposure = _cameras(scene, scene_file, views_file)
     if exposure is None and field is not None:
         exposure = field.record.get("exposure")

@@ -35,9 +35,17 @@ class _Encoding(TypedDict, total=False):
     lights: _Finite
 
 
+class _Fingerprint(TypedDict, total=False):
+    """Of :mod:`gpf.scene.fingerprint`; earlier versions had digests of all three."""
+
+    geometry: str | Annotated[list[_Finite], Field(min_length=10, max_length=10)]
+    materials: str | dict[str, _Finite]
+    lights: str | list[str]
+
+
 @with_config(ConfigDict(extra="allow"))
 class _Record(TypedDict, total=False):
-    fingerprint: dict[str, str]
+    fingerprint: _Fingerprint
     exposure: Positive
     passes: int
     estimated_psnr: float

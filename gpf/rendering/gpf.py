@@ -85,8 +85,8 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
 
     Camera rays follow glossy and specular bounces and end at the first diffuse hit, where the
     field gives the irradiance. Direct light that the field does not store is added there from a
-    sample of the emitters. A warning is given if the scene's bounding box differs from
-    that of the scene for which the field was made.
+    sample of the emitters. A warning is given if geometry, materials or lights differ from those
+    of the scene for which the field was made.
 
     Not supported: participating media, polarisation, derivatives, and spectral variants.
 
@@ -216,7 +216,8 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
             bounds = [[float(v) for v in corner] for corner in self.field.bounds]
             if self._compared != (scene.shapes(), bounds):
                 self._compared = scene.shapes(), bounds
-                warn_of_another_scene(scene, bounds)
+                record = getattr(self.field, "record", {})  # another system in the field's place
+                warn_of_another_scene(scene, bounds, record.get("fingerprint"))
 
     def _render_with(
         self, scene: mi.Scene, sensor: mi.Sensor, seed: mi.UInt32, spp: int, arrays: Any

@@ -3,28 +3,38 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
 from gpf.scene.bounds import bounding_box
+from gpf.scene.fingerprint import changed_parts, fingerprint
 
 # Largest distance between corners of the two bounding boxes, as a share of the diagonal.
 TOLERANCE = 1e-3
 
 
-def warn_of_another_scene(scene: mi.Scene, bounds: Sequence[Sequence[float]]) -> None:
-    """Give a Python warning if the scene's bounding box differs from the field's."""
+def warn_of_another_scene(
+    scene: mi.Scene, bounds: Sequence[Sequence[float]], known: Mapping[str, Any] | None = None
+) -> None:
+    """Give a Python warning if the scene's bounding box differs from the field's, or what it
+    consists of from ``known``, the fingerprint of the field's scene."""
     ours, theirs = bounding_box(scene), np.array(bounds)
-    if near(ours, theirs):
-        return
-    warnings.warn(
-        f"This field was made for another scene: that scene reaches from {_format(theirs[0])} to "
-        f"{_format(theirs[1])}, this one from {_format(ours[0])} to {_format(ours[1])}. The image "
-        "shows the light of that scene.",
-        stacklevel=2,
-    )
+    if not near(ours, theirs):
+        warnings.warn(
+            f"This field was made for another scene: that scene reaches from {_format(theirs[0])} "
+            f"to {_format(theirs[1])}, this one from {_format(ours[0])} to {_format(ours[1])}. The "
+            "image shows the light of that scene.",
+            stacklevel=2,
+        )
+    elif known and (changed := changed_parts(known, fingerprint(scene))):
+        warnings.warn(
+            f"This field was made for this scene before it was changed: other "
+            f"{', '.join(changed)}. The image shows the light that it had then.",
+            stacklevel=2,
+        )
 
 
 def near(box: np.ndarray, other: np.ndarray) -> bool:

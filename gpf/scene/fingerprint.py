@@ -1,8 +1,13 @@
-"""What a scene consists of, as short digests: has it changed since a field was fitted to it?"""
+"""What a scene consists of, in short: has it changed since a field was fitted to it?
+
+Mitsuba may merge shapes that share a material when it loads a file. So nothing here depends on how
+a surface is divided into shapes, or on their order.
+"""
 
 from __future__ import annotations
 
 import hashlib
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -11,46 +16,104 @@ import numpy as np
 
 PARTS = ("geometry", "materials", "lights")
 
+# Relative difference of two numbers that are the same but for rounding.
+_SAME = 1e-4
 
-def fingerprint(scene: mi.Scene) -> dict[str, str]:
-    """A digest of each of the :data:`PARTS` of a scene; cameras and integrators do not matter.
 
-    It covers the values that Mitsuba gives access to, and the printed form of materials and lights.
+def fingerprint(scene: mi.Scene) -> dict[str, Any]:
+    """The :data:`PARTS` of a scene as JSON values; cameras and integrators do not matter.
+
+    ``geometry`` has the area of all surfaces, its centre, and the second moments around the origin,
+    ten numbers. ``materials`` has a digest of each material, with the area that it covers.
+    ``lights`` has a digest of each emitter with its place. The digests are of values that Mitsuba
+    gives access to, and of the printed form of materials.
     """
-    digests = {part: hashlib.sha256() for part in PARTS}
-    for part, facts in _facts(scene):
-        digests[part].update(facts)
-    return {part: digest.hexdigest()[:16] for part, digest in digests.items()}
-
-
-def changed_parts(first: Mapping[str, str], second: Mapping[str, str]) -> list[str]:
-    """The parts in which two fingerprints differ."""
-    return [part for part in PARTS if first.get(part) != second.get(part)]
-
-
-def _facts(scene: mi.Scene) -> Iterator[tuple[str, bytes]]:
-    """The facts of each part, in the order of the scene's shapes."""
+    moments, lights = np.zeros(10), []
+    areas: dict[str, float] = defaultdict(float)
     for shape in scene.shapes():
-        bsdf, emitter = shape.bsdf(), shape.emitter()
-        children: set[Any] = set()
-        for child in (bsdf, emitter):
-            children |= set() if child is None else set(mi.traverse(child).hierarchy)
-        yield from (("geometry", fact) for fact in _values(shape, children))
-        if bsdf is not None:
-            yield from (("materials", fact) for fact in _values(bsdf, set()))
-            yield "materials", str(bsdf).encode()  # has what is not among the values
-        # Which shape is a lamp matters as well as how bright it is.
-        yield "lights", b"lamp" if emitter is not None else b"no lamp"
-    for emitter in scene.emitters():
-        yield from (("lights", fact) for fact in _values(emitter, set()))
+        own = _moments(shape)
+        moments += own
+        if (bsdf := shape.bsdf()) is not None:
+            # The printed form has what is not among the values, but also a name.
+            lines = [line for line in str(bsdf).splitlines() if " id = " not in line]
+            printed = "".join(lines).encode()
+            areas[_digest(*_values(bsdf, set()), printed)] += float(own[0])
+        if (emitter := shape.emitter()) is not None:
+            inner = set() if bsdf is None else set(mi.traverse(bsdf).hierarchy)
+            lights.append(_digest(*_values(shape, inner), *_values(emitter, set())))
+    on_shapes = {shape.emitter() for shape in scene.shapes()}
+    free = [emitter for emitter in scene.emitters() if emitter not in on_shapes]
+    lights += [_digest(*_values(emitter, set())) for emitter in free]
+    return {
+        "geometry": [float(moments[0]), *(moments[1:] / max(moments[0], 1e-30)).tolist()],
+        "materials": dict(sorted(areas.items())),
+        "lights": sorted(lights),
+    }
+
+
+def changed_parts(first: Mapping[str, Any], second: Mapping[str, Any]) -> list[str]:
+    """The parts in which two fingerprints differ; those of earlier versions do not tell."""
+    return [part for part in PARTS if not _same(part, first, second)]
+
+
+def _same(part: str, first: Mapping[str, Any], second: Mapping[str, Any]) -> bool:
+    ours, theirs = first.get(part), second.get(part)
+    if type(ours) is not type(theirs) or isinstance(ours, str):
+        return True  # an earlier version had digests of the single shapes
+    if part == "geometry":
+        a, b = np.array(ours), np.array(theirs)
+        # Lengths and squares of lengths are compared with the size of the scene.
+        size = np.sqrt(max(a[4:7].sum(), b[4:7].sum()))
+        units = np.array([max(a[0], b[0]), *[size] * 3, *[size**2] * 6])
+        return bool((np.abs(a - b) <= _SAME * units).all())
+    if part == "materials" and ours.keys() == theirs.keys():  # type: ignore[union-attr]
+        if not _same("geometry", first, second):
+            return True  # then areas are others, too
+        areas = np.array([[ours[name], theirs[name]] for name in ours])  # type: ignore[index,union-attr]
+        return bool((np.abs(areas[:, 0] - areas[:, 1]) <= _SAME * areas.sum()).all())
+    return bool(ours == theirs)
+
+
+def _moments(shape: mi.Shape) -> np.ndarray:
+    """Area A of a shape, and the integrals over it of x, y, z, x², y², z², yz, zx, xy, (10,).
+
+    Of a shape that is neither a mesh nor a rectangle, those of a box with its extent.
+    """
+    if isinstance(shape, mi.Mesh):
+        vertices = np.array(shape.vertex_positions_buffer(), dtype=float).reshape(-1, 3)
+        faces = np.array(shape.faces_buffer(), dtype=np.int64).reshape(-1, 3)
+        corners = vertices[faces]
+    elif shape.class_name() == "Rectangle":
+        matrix = np.array(mi.traverse(shape)["to_world"].matrix, dtype=float).reshape(4, 4)
+        square = np.array([[-1, -1, 0, 1], [1, -1, 0, 1], [1, 1, 0, 1], [-1, 1, 0, 1.0]])
+        corners = (square @ matrix.T)[:, :3][np.array([[0, 1, 2], [0, 2, 3]])]
+    else:
+        box = shape.bbox()
+        centre, extent = np.array(box.center()), np.array(box.extents())
+        area = float(np.array(shape.surface_area()).ravel()[0])
+        square = np.outer(centre, centre) + np.diag(extent**2) / 12
+        return area * np.array([1, *centre, *np.diag(square), *square[[1, 2, 0], [2, 0, 1]]])
+    sides = corners[:, 1:] - corners[:, :1]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    total = corners.sum(axis=1)
+    first = area @ total / 3
+    both = np.einsum("t,tki,tkj->ij", area, corners, corners)
+    both = (both + np.einsum("t,ti,tj->ij", area, total, total)) / 12
+    return np.array([area.sum(), *first, *np.diag(both), *both[[1, 2, 0], [2, 0, 1]]])
+
+
+def _digest(*facts: bytes) -> str:
+    """Of the facts as a set: a texture that two parts share may be found once or twice."""
+    return hashlib.sha256(b"\0".join(sorted(set(facts)))).hexdigest()[:16]
 
 
 def _values(thing: Any, without: set[Any]) -> Iterator[bytes]:
     """The class and the values of an object and of those below it, but for some of them."""
     yield thing.class_name().encode()
     found = mi.traverse(thing)
-    for key in sorted(found.properties):
-        if found.properties[key][2] not in without:
+    for key, facts in found.properties.items():
+        if facts[2] not in without:
             value = found[key]
-            yield key.rpartition(".")[2].encode()
-            yield np.array(getattr(value, "matrix", value)).tobytes()
+            # Transformations have a matrix; of a colour, it would be a swizzle of its channels.
+            value = value.matrix if hasattr(type(value), "matrix") else value
+            yield key.rpartition(".")[2].encode() + np.array(value).tobytes()

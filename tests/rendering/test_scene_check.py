@@ -1,5 +1,6 @@
 """A field is not rendered in another scene without a word."""
 
+import json
 import warnings
 
 import drjit as dr
@@ -12,6 +13,7 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.settings import FieldSettings
 from gpf.rendering.scene_check import warn_of_another_scene
 from gpf.scene.bounds import bounding_box
+from gpf.scene.fingerprint import changed_parts, fingerprint
 from tests.plain_field import flat_gaussians, to_device
 
 LOWER, UPPER = [-4.0, -3.0, 0.0], [4.0, 3.0, 2.0]
@@ -57,6 +59,44 @@ def test_the_bounding_box_is_whole(optimize):
     # Why it is not taken from the scene itself.
     assert np.allclose(scene.bbox().max, UPPER) != optimize
     warn_of_another_scene(scene, [LOWER, UPPER])
+
+
+@pytest.mark.parametrize("optimize", [True, False])
+@pytest.mark.parametrize("fitted", [True, False])
+def test_a_scene_is_the_same_merged_or_not(optimize, fitted):
+    known = json.loads(json.dumps(fingerprint(load(fitted))))
+    assert changed_parts(known, fingerprint(load(optimize))) == []
+    warn_of_another_scene(load(optimize), [LOWER, UPPER], known)
+    # As an earlier version wrote it, it cannot be compared.
+    warn_of_another_scene(load(optimize), [LOWER, UPPER], dict.fromkeys(known, "0123"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "other"),
+    [
+        ('<point name="center" x="1" y="0"', '<point name="center" x="0" y="0"', "lights"),
+        ('<rgb name="radiance" value="1"/>', '<rgb name="radiance" value="1,1,0.9"/>', "lights"),
+        (
+            'type="diffuse" id="grey"/>',
+            'type="diffuse" id="grey"><rgb name="reflectance" value=".2"/></bsdf>',
+            "materials",
+        ),
+        ('<translate z="2"/>', '<scale value=".9"/><translate z="2"/>', "geometry"),
+    ],
+)
+@pytest.mark.parametrize("optimize", [True, False])
+def test_what_changes_within_the_same_box_is_told(old, new, other, optimize):
+    """A lamp that moves, or is of another colour; another material; a smaller wall."""
+    changed = mi.load_string(SCENE.replace(old, new), optimize=optimize)
+    integrator = mi.load_dict({"type": "gpf"})
+    integrator.field = field()
+    integrator.field.record = {"fingerprint": fingerprint(load())}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mi.render(load(), integrator=integrator, spp=1)
+    words = f"before it was changed: other .*{other}.* The image shows the light that it had then"
+    with pytest.warns(UserWarning, match=words):
+        mi.render(changed, integrator=integrator, spp=1)
 
 
 @pytest.mark.parametrize("corner", [0, 1])
