@@ -6,6 +6,7 @@ import pytest
 
 from gpf.field.initialization import InitialFieldSettings
 from gpf.fitting import fit as fitting
+from gpf.fitting import plan
 from gpf.guiding.emission_plan import VisibleRegionSettings
 from gpf.training.streaming import StreamSettings
 
@@ -19,12 +20,13 @@ def make_small(monkeypatch: pytest.MonkeyPatch, passes: int, steps: int, paths: 
     paths: of a pilot that measures how many photons a pass needs.
     """
     small = {
-        "FIRST_PASSES": passes,
-        "MOST_STEPS": steps,
         "REGION": VisibleRegionSettings(rays=20_000, pilot_paths=20_000),
         "FIELD": InitialFieldSettings(gaussians=2000, direct="auto"),
         "STREAM": StreamSettings(view_points=2000, surface_points=10_000),
     }
     for name, value in small.items():
         monkeypatch.setattr(fitting, name, value)
+    monkeypatch.setattr(plan, "FIRST_PASSES", passes)
+    monkeypatch.setattr(plan, "MOST_STEPS", steps)
+    monkeypatch.setattr(plan, "LEAST_STEPS", steps)
     monkeypatch.setattr("gpf.sppm.reference.EQUAL_PATHS", paths)

@@ -305,7 +305,7 @@ class GaussianPhotonField:
 
     def reflect(self, points: VisiblePoints, value: mi.Color3f) -> mi.Color3f:
         """L at visible points, W/(m² sr), (N, 3), from the stored quantity there, (N, 3)."""
-        # Training may make a dark Gaussian slightly negative.
+        # The files of other programs, or a network in the field's place, may have less than none.
         value = dr.maximum(value, 0)
         if self.settings.stores == "irradiance":
             return points.radiance(value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -18,6 +19,7 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import InitialFieldSettings
 from gpf.field.lights import FieldLights
 from gpf.fitting.goals import Goals, TimeBudget
+from gpf.fitting.plan import Done, FieldCost, Plan, plan_next
 from gpf.fitting.quality import LEAST_PASSES, QualityEstimate
 from gpf.fitting.state import FitState, Resume, fit_identity
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
@@ -35,16 +37,7 @@ from gpf.training.streaming import PhotonStream, StreamSettings
 from gpf.training.targets import Targets
 from gpf.training.trainer import Progress, Trainer
 
-# Passes until the first complete field, and the factor by which their number then grows.
-FIRST_PASSES, GROWTH = 24, 3
-
-# A field from fewer than this many times the passes of the one before would be a waste.
-LEAST_GROWTH = 1.25
-
-# Optimiser steps of a field: so many for each pass, up to a limit.
-STEPS_PER_PASS, MOST_STEPS = 3, 300
-
-# A PSNR is out of reach if GROWTH times as many passes gain less than this, dB, twice in turn.
+# A PSNR is out of reach if three times as many passes gain less than this, dB, twice in turn.
 LEAST_GAIN = 0.1
 
 # A new field replaces the one before it unless its estimated PSNR is lower by more than this, dB.
@@ -57,6 +50,15 @@ PASSES_PER_ESTIMATE, LEAST_PER_ESTIMATE = 8, 4
 
 # The last field is judged for so much longer than the time for the fit, as a share of it.
 GRACE = 0.05
+
+# Below this estimated PSNR, or so far below SPPM of the same passes, dB, something is wrong.
+POOR, FAR_BELOW = 15.0, 6.0
+FAILED = (
+    "This field failed: its images have an estimated PSNR of %.1f dB; those of SPPM with %s passes "
+    "would have %.1f dB. Look at a picture of it. Fit longer, or with cameras that look at what "
+    "matters (views.yaml). If it stays so, look for a lamp of extreme brightness or colour, or for "
+    "a floor that is very much larger than what is to be seen."
+)
 
 # Time between saved states while photons are traced.
 SAVE_SECONDS = 60.0
@@ -81,7 +83,7 @@ class FitProgress:
     psnr: estimated PSNR of the field's images against an SPPM reference with 1000 passes, dB; None
         before the first complete field.
     seconds: since the start.
-    field: the field so far, after each evaluation; else None. Later steps change it.
+    field: the field so far, after each evaluation; else None.
     """
 
     passes: int
@@ -112,7 +114,7 @@ def fit(
 
     The fit ends at the first goal that is reached; without any goal, after
     :data:`gpf.fitting.goals.DEFAULT_PASSES` passes. There is always a field from
-    :data:`FIRST_PASSES` passes, or from two if fewer are asked for, whatever time it takes.
+    24 passes, or from two if fewer are asked for, whatever time it takes.
     Interrupted by Ctrl-C, the fit returns the best field so far. The same seed and passes give the
     same bits on the same machine.
 
@@ -190,7 +192,9 @@ class _Fit:
         self.halves: tuple[Targets, Targets] | None = None  # of the last field
         self.best: GaussianPhotonField | None = None
         self.passes, self.all_passes = 0, 0
-        self.fitted = 0  # passes of the last complete field
+        self.fitted, self.fitted_steps = 0, 0  # passes and steps of the last complete field
+        self.cost, self.judging = FieldCost(), 0.0
+        self.history: list[tuple[int, float]] = []  # passes and estimated PSNR of each field
         self.psnr: float | None = None
         self.in_vain = 0
         self.error: float | None = None
@@ -243,10 +247,11 @@ class _Fit:
             self.stream.restore(tensors)
             self.quality.restore(tensors)
             self.best, self.passes, self.fitted = best, facts["passes"], facts["fitted"]
-            self.all_steps = facts["steps"]
+            self.fitted_steps = facts["steps"]
             if facts["target_psnr"] == self.goals.target_psnr:
                 self.in_vain = facts["in_vain"]
-            self.time.pass_seconds, self.time.field_seconds = facts["seconds"]
+            self.time.pass_seconds, *cost = facts["seconds"]
+            self.cost = FieldCost(*cost)
             if best is not None:  # not that of the file: it may be of another exposure
                 self.psnr = self.quality.psnr(best)
 
@@ -258,8 +263,8 @@ class _Fit:
                 "fitted": self.fitted,
                 "in_vain": self.in_vain,
                 "target_psnr": self.goals.target_psnr,
-                "steps": self.all_steps,
-                "seconds": [self.time.pass_seconds, self.time.field_seconds],
+                "steps": self.fitted_steps,
+                "seconds": [self.time.pass_seconds, self.cost.fixed, self.cost.step],
             }
             self.state.save(self.stream.tensors() | self.quality.tensors(), facts, self.best)
             self.saved = time.perf_counter()
@@ -268,8 +273,6 @@ class _Fit:
         """Whether a goal is reached, or can no longer be reached."""
         if self.best is None:
             return False
-        if self.fitted >= self.goals.passes:
-            return True
         if self.goals.target_psnr is not None and self.psnr is not None:
             if self.psnr >= self.goals.target_psnr:
                 return True
@@ -280,33 +283,36 @@ class _Fit:
                     self.goals.target_psnr,
                 )
                 return True
-        next_one = max(LEAST_GROWTH * self.fitted, self.stream.count)
-        return self._passes_that_fit() < next_one
+        return self._plan() is None
 
     def fit_next(self) -> None:
         """Fit the next complete field, from more passes."""
         self.time.start_pass()
-        while self.stream.count < self._plan():
+        while (plan := self._plan()) and self.stream.count < plan.passes:
+            self.all_passes, self.all_steps = plan.passes, plan.steps
             self.stream.advance(self.stream.count + 1, self._count_pass)
+        if plan is None:  # passes took longer than those before
+            return
+        self.all_passes, self.all_steps = plan.passes, plan.steps
         self.save()
         begin = time.perf_counter()
-        self.all_steps = min(MOST_STEPS, STEPS_PER_PASS * self.stream.count)
-        recipe = Recipe(self.field_settings, TrainingSettings(seed=self.seed, steps=self.all_steps))
+        settings = TrainingSettings(seed=self.seed, steps=plan.steps)
+        recipe = Recipe(self.field_settings, settings)
         self.halves = self.stream.halves()
         trainer = recipe.fit_stream(self.stream, self.halves, self.photons, self.bounds)
-        start = time.perf_counter()
+        start = self.halfway = time.perf_counter()
         try:
             trainer.run(lambda progress: self._report(trainer, progress), self._count_step)
         except _OutOfTime:
             if not trainer.history:
                 raise
-        training = time.perf_counter() - start
-        start = time.perf_counter()
+        trained = time.perf_counter()
+        # The first steps compile kernels.
+        step = (trained - self.halfway) / max(trainer.step_count - plan.steps // 2, 1)
         self.evaluate(trainer.finish())
         now = time.perf_counter()
-        self.time.judging = now - start
-        # The next field may have all steps; the rest takes as long as here.
-        self.time.field_seconds = now - begin + (MOST_STEPS / self.all_steps - 1) * training
+        self.judging = now - trained
+        self.cost = FieldCost(start - begin + self.judging, step)
         dr.flush_malloc_cache()  # Dr.Jit would keep what the training needed, a gigabyte and more
 
     def evaluate(self, field: GaussianPhotonField) -> None:
@@ -319,6 +325,7 @@ class _Fit:
         before = float("-inf")
         if self.best is not None:  # compared with the same passes as the new field
             before = self.quality.psnr(self.best)
+        self.history.append((passes, psnr))
         self.in_vain = self.in_vain + 1 if psnr - before < LEAST_GAIN else 0
         if psnr >= before - TOLERATED:
             self.add_error(field)
@@ -328,7 +335,8 @@ class _Fit:
             self.best, self.passes, self.psnr = field, passes, psnr
         else:
             self.psnr = before
-        self.fitted = passes  # not before: an interrupted field has to be fitted again
+        # Not before: an interrupted field has to be fitted again.
+        self.fitted, self.fitted_steps = passes, self.all_steps
         self._tell(self.best)
 
     def add_error(self, field: GaussianPhotonField) -> None:
@@ -357,10 +365,14 @@ class _Fit:
 
     def result(self) -> GaussianPhotonField:
         """The field with its record."""
-        assert self.best is not None
+        assert self.best is not None and self.psnr is not None
+        sppm = self.quality.sppm_psnr(self.best, self.passes)
+        if self.psnr < POOR or self.psnr < sppm - FAR_BELOW:
+            log.warning(FAILED, self.psnr, self.passes, sppm)
         self.best.record = {
             "passes": self.passes,
             "estimated_psnr": self.psnr,
+            "fields": self.history,
             "exposure": self.quality.exposure,
             "seconds": self.time.spent,
             "seed": self.seed,
@@ -371,7 +383,8 @@ class _Fit:
 
     def _report(self, trainer: Trainer, progress: Progress) -> None:
         self.error = progress.held_out_error
-        self._tell(trainer.current_field())
+        # A copy: later steps change the trainer's, and the unit of its colours.
+        self._tell(copy.copy(trainer.current_field()))
 
     def _count_pass(self, passes: int) -> None:
         """After a pass: measure its time, and add to the estimate of the PSNR."""
@@ -385,7 +398,9 @@ class _Fit:
 
     def _count_step(self, steps: int) -> None:
         self.steps = steps
-        self._end_in_time(self.time.judging)
+        if steps == self.all_steps // 2:
+            self.halfway = time.perf_counter()
+        self._end_in_time(self.judging)
 
     def _end_in_time(self, reserve: float = 0) -> None:
         """Show the progress; end the fit if its time, less a reserve, is over and there is a
@@ -394,20 +409,11 @@ class _Fit:
         if self.best is not None and self.time.is_over(reserve):
             raise _OutOfTime
 
-    def _plan(self) -> int:
-        """The number of passes of the next field, at most those of the goal."""
-        count = round(GROWTH * self.fitted) if self.fitted else FIRST_PASSES
-        # If no other field could follow, this one takes all the passes that are left.
-        most = self.goals.passes
-        last = min(self._passes_that_fit(fields=2), most) < LEAST_GROWTH * count
-        self.all_passes = int(min(self._passes_that_fit(), most)) if last else count
-        return self.all_passes
-
-    def _passes_that_fit(self, fields: int = 1) -> float:
-        """The number of passes, with those so far, after which there is time for more fields."""
-        if self.best is None:
-            return float("inf")
-        return self.stream.count + self.time.passes_left(1 / PASSES_PER_ESTIMATE, fields)
+    def _plan(self) -> Plan | None:
+        """The next field."""
+        done = Done(self.stream.count, self.fitted, self.fitted_steps)
+        pass_seconds = self.time.pass_seconds * (1 + 1 / PASSES_PER_ESTIMATE)
+        return plan_next(done, self.goals.passes, self.time.left, pass_seconds, self.cost)
 
     def _tell(self, field: GaussianPhotonField | None) -> None:
         self.callback(

@@ -1,4 +1,4 @@
-"""When a fit ends, and how many passes still fit into its time."""
+"""When a fit ends, and the time that it takes."""
 
 from __future__ import annotations
 
@@ -9,11 +9,6 @@ from gpf.core.errors import UserError
 
 DEFAULT_PASSES = 300
 """Photon passes if neither a time, a PSNR nor a number of passes is asked for."""
-
-
-# A field takes so many times as long as the one before: it has more photons, and its judgement more
-# passes.
-_SLOWER = 1.25
 
 
 @dataclass(frozen=True)
@@ -55,15 +50,18 @@ class TimeBudget:
     Attributes
     ----------
     pass_seconds: of a pass, lately.
-    field_seconds: that the next field will take, from its targets to its judgement.
-    judging: of that, seconds of its judgement.
     """
 
     def __init__(self, seconds: float | None) -> None:
         self.begin = self._last = time.perf_counter()
         self._compiling = True
         self._end = float("inf") if seconds is None else self.begin + seconds
-        self.pass_seconds, self.field_seconds, self.judging = 0.0, 0.0, 0.0
+        self.pass_seconds = 0.0
+
+    @property
+    def left(self) -> float:
+        """Seconds until the end; infinite without one."""
+        return self._end - time.perf_counter()
 
     @property
     def spent(self) -> float:
@@ -84,14 +82,3 @@ class TimeBudget:
     def start_pass(self) -> None:
         """The next pass begins now."""
         self._last = time.perf_counter()
-
-    def passes_left(self, share: float, fields: int = 1) -> float:
-        """Passes for which there is time before so many fields.
-
-        Parameters
-        ----------
-        share: passes for the estimate of the PSNR, of those for the field.
-        """
-        slower = sum(_SLOWER ** (k + 1) for k in range(fields))
-        rest = self._end - time.perf_counter() - slower * self.field_seconds
-        return rest / max(self.pass_seconds * (1 + share), 1e-6)

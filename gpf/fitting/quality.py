@@ -157,6 +157,15 @@ class QualityEstimate:
         # With few passes the estimate is uncertain; then it is rather too low.
         return estimate - uncertain
 
+    def sppm_psnr(self, field: GaussianPhotonField, passes: int) -> float:
+        """The PSNR that images by SPPM with so many passes would have by the same measure, dB;
+        without what the width of their kernels costs. The slopes of the tone curve are the
+        field's."""
+        _, reference, _ = self._compare(field)
+        noise = reference.reshape(len(self._sensors), -1).mean(axis=1)
+        each = np.maximum(noise * (1 / passes + 1 / REFERENCE_PASSES), 1e-10)
+        return float(np.mean(-10 * np.log10(each)))
+
     def needed_passes(self, field: GaussianPhotonField) -> int:
         """The number of passes with which the estimate would be certain enough.
 

@@ -1,6 +1,7 @@
 """Adaptive sampling: noisy pixels get more camera samples, others fewer.
 
-The field has no noise, so most pixels are exact after a few samples. Noise remains in a few pixels,
+Beside the levels of detail, of which it takes one at random near their borders, the field has no
+noise, so most pixels are exact after a few samples. Noise remains in a few pixels,
 behind glass and along edges. A pilot with half of the samples finds these pixels; the other half is
 distributed in proportion to the noise (Neyman's allocation). Samples are taken in sets as large as
 the pilot's, so that one kernel serves all of them. The sampler spreads the samples of a set evenly

@@ -48,12 +48,12 @@ AOVS = tuple(_SUFFIXES)
 
 _FIRST_SURFACE = ("depth", "position", "normal")
 
-# The film treats infinite values as zero, so larger values of `coverage` become this one.
 MOST_ERROR = 1.0
 """Largest relative error that the AOV ``error`` shows. Where light is nearly black beside bright
 light, more would be possible, and a few such samples would decide the error of a picture."""
 
 MOST_COVERAGE = 1e6
+"""Largest value of the AOV ``coverage``: the film treats infinite ones as zero."""
 
 
 def parse_aovs(text: str) -> tuple[str, ...]:

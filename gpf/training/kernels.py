@@ -188,8 +188,12 @@ def zero_gradients(size: int) -> Packets:
 
 
 def _add(sums, values, index):  # type: ignore[no-untyped-def]
-    """Add four numbers per lane to the sums of a Gaussian, each as a whole number of steps."""
-    steps = [mi.Int64(value / STEP) for value in values]
+    """Add four numbers per lane to the sums of a Gaussian, each as a whole number of steps.
+
+    What is not finite is left out: as a whole number it would pass for a gradient. The error of its
+    point is not finite either, which is said (:meth:`gpf.training.trainer.Trainer.finish`).
+    """
+    steps = [mi.Int64(dr.select(dr.isfinite(v), v, 0) / STEP) for v in values]
     dr.scatter_add(sums, dr.int64_array_t(mi.Vector4f)(*steps), index)
 
 

@@ -14,6 +14,8 @@ from gpf.core.errors import UserError
 from gpf.core.images import tone_map
 from gpf.field.io import read_field
 from gpf.fitting import fit as module
+from gpf.fitting import plan
+from gpf.fitting.quality import QualityEstimate
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import make_sensor
@@ -46,7 +48,7 @@ def sensors(rows: int = 32):
 
 
 def test_a_fit_says_how_far_it_is_and_what_it_made(scene, monkeypatch):
-    monkeypatch.setattr(module, "FIRST_PASSES", 12)
+    monkeypatch.setattr(plan, "FIRST_PASSES", 12)
     told = []
     field = gpf.fit(scene, sensors(), passes=20, seed=3, callback=told.append)
     assert field.record["passes"] == 20 and field.record["seed"] == 3
@@ -70,7 +72,7 @@ def test_what_is_out_of_reach_ends_with_a_warning(scene, monkeypatch, caplog):
     monkeypatch.setattr(module, "LEAST_GAIN", 30)
     field = gpf.fit(scene, sensors(), target_psnr=90)
     # The first field, and two more that gain nothing.
-    assert field.record["passes"] == module.FIRST_PASSES * module.GROWTH**2
+    assert field.record["passes"] == plan.FIRST_PASSES * plan.GROWTH**2
     assert "do not raise the estimated PSNR" in caplog.text
 
 
@@ -100,8 +102,32 @@ def test_time_ends_a_fit(scene, monkeypatch):
     assert record["seconds"] == clock.now
 
 
+def test_a_field_that_is_shown_does_not_change_afterwards(scene, monkeypatch):
+    shown = []
+
+    def keep(progress):
+        if progress.field is not None:
+            shown.append((progress.field, np.array(progress.field.gaussians.irradiance)))
+
+    gpf.fit(scene, sensors(), passes=20, callback=keep)
+    assert len(shown) >= 2
+    for field, colours in shown:
+        np.testing.assert_array_equal(np.array(field.gaussians.irradiance), colours)
+
+
+def test_a_fit_that_failed_says_so(scene, monkeypatch, caplog):
+    """By its own estimate, whatever the reason; exit code and field are as always."""
+    monkeypatch.setattr(QualityEstimate, "psnr", lambda self, field: 5.8)
+    field = gpf.fit(scene, sensors(), passes=4)
+    assert field.record["estimated_psnr"] == 5.8
+    assert "This field failed: its images have an estimated PSNR of 5.8 dB" in caplog.text
+    assert "Fit longer, or with cameras that look at what matters" in caplog.text
+    caplog.clear()
+    monkeypatch.undo()
+
+
 def test_interrupted_the_best_field_so_far_is_returned(scene, monkeypatch):
-    monkeypatch.setattr(module, "FIRST_PASSES", 12)
+    monkeypatch.setattr(plan, "FIRST_PASSES", 12)
 
     def stop(progress):
         if progress.psnr is not None:
@@ -124,7 +150,7 @@ def test_the_time_of_a_field_does_not_count_as_that_of_a_pass(scene, monkeypatch
     clock = Clock()
     monkeypatch.setattr(module, "time", clock)
     monkeypatch.setattr("gpf.fitting.goals.time", clock)
-    monkeypatch.setattr(module, "FIRST_PASSES", 12)
+    monkeypatch.setattr(plan, "FIRST_PASSES", 12)
     evaluate = module._Fit.evaluate
 
     def slowly(self, field):
@@ -141,7 +167,7 @@ def test_unused_photons_of_a_state_are_used(scene, monkeypatch, tmp_path):
     clock = Clock()
     monkeypatch.setattr(module, "time", clock)
     monkeypatch.setattr("gpf.fitting.goals.time", clock)
-    monkeypatch.setattr(module, "FIRST_PASSES", 12)
+    monkeypatch.setattr(plan, "FIRST_PASSES", 12)
 
     def stop(progress):
         clock.count(progress)
@@ -159,7 +185,7 @@ def test_unused_photons_of_a_state_are_used(scene, monkeypatch, tmp_path):
 
 
 def test_a_field_whose_judgement_was_interrupted_is_fitted_again(scene, monkeypatch, tmp_path):
-    monkeypatch.setattr(module, "FIRST_PASSES", 12)
+    monkeypatch.setattr(plan, "FIRST_PASSES", 12)
     add_error = module._Fit.add_error
 
     def interrupt(self, field):

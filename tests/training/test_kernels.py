@@ -144,6 +144,17 @@ def test_a_point_that_meets_its_target_pulls_at_nothing():
     assert np.abs(gradient).max() < 1e-5
 
 
+def test_what_is_not_finite_is_no_gradient():
+    """A broken target spoils its own error alone, which is told."""
+    problem = Problem("divided")
+    plain = problem.adjoint()[1]
+    problem.target[CHOSEN[0]] = np.nan
+    problem.points = surface_points(problem.x, problem.n, problem.target)
+    errors, gradient = problem.adjoint()
+    assert np.isnan(errors[0]) and np.isfinite(errors[1:]).all()
+    assert np.isfinite(gradient).all() and np.abs(gradient).max() < 2 * np.abs(plain).max()
+
+
 def test_parameters_are_packed_and_unpacked_in_one_order():
     g = random_gaussians(np.random.default_rng(1), 5)
     gaussians = to_device(g)
