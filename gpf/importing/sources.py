@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from gpf.core.errors import UserError
+from gpf.core.places import make_place
 
 MOST_FILES = 10_000
 MOST_BYTES = 4 * 2**30
@@ -121,11 +122,10 @@ def unpack_archive(archive: Path, target: Path) -> None:
             members = opened.infolist()
             _check_members(archive, members)
             for member in members:
-                place = target.joinpath(*_parts(member))
+                place = make_place(target, PurePosixPath(*_parts(member)), str(archive))
                 if member.filename.endswith(("/", "\\")):
-                    place.mkdir(parents=True, exist_ok=True)
+                    place.mkdir(exist_ok=True)
                     continue
-                place.parent.mkdir(parents=True, exist_ok=True)
                 # Reads at most the size that was checked.
                 with opened.open(member) as source, place.open("wb") as copy:
                     shutil.copyfileobj(source, copy)
