@@ -110,8 +110,9 @@ def unpack_archive(archive: Path, target: Path) -> None:
         file; there are more than ``MOST_FILES`` members or ``MOST_BYTES`` bytes; the archive is
         damaged or encrypted. ``target`` may have a part of the files then.
     """
-    # What the system says to a place before the file's beginning, and to a name of a member.
-    unreadable = (errno.EINVAL, errno.ENAMETOOLONG)
+    # What the system says to a place before the file's beginning, and to a name of a member; None:
+    # bz2 says itself that data are damaged.
+    unreadable = (errno.EINVAL, errno.ENAMETOOLONG, None)
     damages = (
         *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, RuntimeError),
         # Two members need one name as a file and as a folder.
