@@ -12,7 +12,18 @@ from gpf.core.places import make_place, place_below
 
 @pytest.mark.parametrize(
     "name",
-    ["..", "../x", "../home/x", "a/../../home/x", "a/../..", "/x", "/", "out/x", "out", "a/../out/x"],
+    [
+        "..",
+        "../x",
+        "../home/x",
+        "a/../../home/x",
+        "a/../..",
+        "/x",
+        "/",
+        "out/x",
+        "out",
+        "a/../out/x",
+    ],
 )
 def test_no_way_leads_out_of_the_folder(tmp_path, name):
     home = tmp_path / "home"
