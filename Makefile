@@ -14,7 +14,7 @@ INSTALL := $(PIP) install --no-compile
 # one crash, the run ends: pytest-xdist would start another one and wait for ever.
 PYTEST := OMP_NUM_THREADS=1 $(VENV) -m pytest -n 2 --dist loadfile --max-worker-restart 0
 
-# The stages that DVC starts are found by name; with this, in .venv first.
+# DVC starts the stages with the `python` that it finds by name; with this, in .venv first.
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
 .DEFAULT_GOAL := help

@@ -22,6 +22,7 @@ from rich.table import Table
 from ruamel.yaml import YAML
 
 from gpf.core.files import read_json
+from gpf.core.yaml import load_yaml
 
 SCENE, PASSES, PASSES_PER_TASK = "cornell_box", 200, 10
 PREDICTED = (1, 2, 4, 8, 16, 32, 64)
@@ -40,8 +41,8 @@ def run_stage(folder: Path, executor: str, workers: int) -> Run:
     """Render all references in a copy of the project."""
     project = folder / f"{executor}-{workers}"
     shutil.copytree(PROJECT / "scenes" / SCENE, project / "scenes" / SCENE)
-    yaml = YAML()
-    params = yaml.load((PROJECT / "params.yaml").read_text(encoding="utf-8"))
+    yaml, original = YAML(), PROJECT / "params.yaml"
+    params = load_yaml(original.read_text(encoding="utf-8"), str(original), yaml)
     params["executor"], params["scenes"] = executor, [SCENE]
     params["cluster"] |= {"workers": workers, "threads": 1, "passes_per_task": PASSES_PER_TASK}
     params["reference"] |= {"passes": PASSES, "preview_seconds": 0}

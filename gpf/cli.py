@@ -231,7 +231,11 @@ def view(
         str, typer.Argument(metavar="SCENE.xml", help="A scene file, or a scene that was trained.")
     ],
     field: Annotated[
-        Path | None, typer.Option(help="The field's file. Default: fit one while you look.")
+        Path | None,
+        typer.Option(
+            help="The field's file. Default: that of --out if it exists; else fit one while you "
+            "look."
+        ),
     ] = None,
     out: Annotated[
         Path,

@@ -79,11 +79,12 @@ def run_stages(folder: Path, scene: str) -> None:
     """Run the stages of a scene in its own folder, in this process."""
     sys.path.insert(0, str(PROJECT))
     from gpf.cli import main
+    from gpf.core.yaml import load_yaml
 
     drjit = importlib.import_module("drjit")  # after gpf, which finds libLLVM
     drjit.set_thread_count(1)
-    yaml = YAML()
-    document = yaml.load((PROJECT / "params.yaml").read_text(encoding="utf-8"))
+    yaml, params = YAML(), PROJECT / "params.yaml"
+    document = load_yaml(params.read_text(encoding="utf-8"), str(params), yaml)
     values = {**SIZES, **{f"visible_region.{k}": v for k, v in VISIBLE_REGION.items()}}
     for key, value in {**values, **OTHERWISE.get(scene, {})}.items():
         name, _, leaf = key.partition(".")

@@ -16,11 +16,12 @@ import mitsuba as mi
 from gpf.commands.cameras import file_beside, known_cameras
 from gpf.commands.fit import require_field_name
 from gpf.commands.scenes import find_scene, require_same_scene
-from gpf.core.errors import UserError, is_interrupt
+from gpf.core.errors import FileError, UserError, is_interrupt
 from gpf.core.locks import sole_run
 from gpf.core.partial import remove_leftovers
 from gpf.core.progress import say
 from gpf.core.runtime import choose_variant
+from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
 from gpf.scene.inventory import describe_media
 from gpf.scene.light_groups import LightGroups
@@ -60,7 +61,8 @@ def view_scene(
     ----------
     scene_name: a scene file, or in a checkout of the project the name of a trained scene, which is
         then shown with its field and its references.
-    field_file: the field; None to fit one, which is written to ``out``.
+    field_file: the field; None for the one that ``out`` has for this scene, or, without it, to fit
+        one, which is written to ``out``.
     views_file: cameras to jump to, and where cameras are saved; None for ``views.yaml`` in the
         current folder.
     changed_scene: whether to accept a field of another scene.
@@ -77,9 +79,8 @@ def view_scene(
         views_file = views_file or trained / "views.yaml"
     if field_file is None:
         require_field_name(out)
-        if out.exists():
-            todo = f"Look at it with --field {out}, or choose another name with --out."
-            raise UserError(str(out), "exists already", todo)
+        if groups and out.exists():
+            raise UserError(str(out), "exists already", "Choose another name with --out.")
     if field_file is not None and groups:
         raise UserError(
             "--groups",
@@ -94,6 +95,8 @@ def view_scene(
         say(f"{scene_file}: {media}")
     if field is not None and field_file is not None:
         require_same_scene(scene, scene_file, field, field_file, changed_scene)
+    if field is None and out.exists():
+        field = _load_kept(out, scene, scene_file, changed_scene)
     cameras, aspect, exposure = _cameras(scene, scene_file, views_file)
     if exposure is None and field is not None:
         exposure = field.record.get("exposure")
@@ -141,6 +144,29 @@ def view_scene(
                     if kept
                     else f"No field.{why}"
                 )
+
+
+def _load_kept(
+    out: Path, scene: mi.Scene, scene_file: Path, changed_scene: bool
+) -> GaussianPhotonField:
+    """The field that an earlier `gpf fit` or `gpf view` has left where a new one would be kept.
+
+    Raises
+    ------
+    UserError: the file is no field, or does not say that it belongs to this scene.
+    """
+    try:
+        field = load_field(out)
+        if not changed_scene and not field.record.get("fingerprint"):
+            raise UserError(str(out), "does not say to which scene it was fitted", "")
+        require_same_scene(scene, scene_file, field, out, changed_scene)
+    except UserError as error:
+        todo = "Choose another name with --out."
+        if not isinstance(error, FileError):
+            todo = "Choose another name with --out for a new one, or add --changed-scene to see it."
+        raise UserError(str(out), f"exists already, and {error.what}", todo) from error
+    say(f"{out}: the field of this scene; to fit a new one, choose another name with --out.")
+    return field
 
 
 def _title(scene_file: Path, trained: Path | None) -> str:

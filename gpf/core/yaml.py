@@ -5,15 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
+from reprlib import Repr
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
+from ruamel.yaml.events import AliasEvent, CollectionEndEvent, NodeEvent, ScalarEvent
 
 from gpf.core.errors import UserError
 
 Model = TypeVar("Model", bound=BaseModel)
+
+MOST_REPEATED = 100_000
+"""Characters by which names for parts (``&a``, ``*a``) may make a document longer. Without a limit,
+300 bytes become gigabytes when somebody writes or walks through them."""
+
+# Writes only as much of a value as a message shows.
+_SHORT = Repr()
+_SHORT.maxlevel = 3
+_SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 60
+_SHORT.maxdict = _SHORT.maxlist = _SHORT.maxtuple = 20
 
 
 def suggest(word: str, known: Sequence[str], introduction: str) -> str:
@@ -38,17 +50,74 @@ def read_yaml(file: Path, model: type[Model], if_missing: str) -> Model:
         do), it is not YAML, or a key is repeated, unknown, missing or has a bad value.
     """
     try:
-        data = YAML(typ="safe").load(file.read_text(encoding="utf-8"))
+        data = load_yaml(file.read_text(encoding="utf-8"), str(file))
     except OSError as error:
         raise UserError(str(file), "cannot be read", if_missing) from error
-    # ValueError: no UTF-8, or a number of thousands of digits. RecursionError: too deep.
-    except (YAMLError, ValueError, RecursionError) as error:
-        what = " ".join(str(error).split())
-        raise UserError(str(file), f"is not YAML: {what}", "Correct that line.") from error
+    except UnicodeDecodeError as error:
+        raise _not_yaml(str(file), error) from error
     try:
         return model.model_validate({} if data is None else data)
     except ValidationError as error:
         raise explain(str(file), model, error) from error
+
+
+def load_yaml(text: str, source: str, yaml: YAML | None = None) -> Any:
+    """The content of a document.
+
+    Parameters
+    ----------
+    source: the file, for messages.
+    yaml: what reads it; by default the safe reader.
+
+    Raises
+    ------
+    UserError: it is not YAML, or its names for parts repeat more than :data:`MOST_REPEATED`
+        characters.
+    """
+    try:
+        if "*" in text:
+            _check_repetitions(text, source)
+        return (yaml or YAML(typ="safe")).load(text)
+    # ValueError: a number of thousands of digits. RecursionError: too deep.
+    except (YAMLError, ValueError, RecursionError) as error:
+        raise _not_yaml(source, error) from error
+
+
+def _not_yaml(source: str, error: Exception) -> UserError:
+    what = " ".join(str(error).split())
+    return UserError(source, f"is not YAML: {what}", "Correct that line.")
+
+
+def _check_repetitions(text: str, source: str) -> None:
+    """Raise a :class:`UserError` if names for parts make a document too long, or without end.
+
+    The parts are not put together for that. A merge key (``<<``) does not write more than its name.
+    """
+    sizes: dict[str, int] = {}  # of complete parts with names: characters, at least 1 per node
+    begun: list[tuple[str | None, int]] = [(None, 0)]  # names and sizes of those that are not
+    repeated = 0
+    for event in YAML(typ="safe").parse(text):
+        if isinstance(event, CollectionEndEvent):
+            name, size = begun.pop()
+        elif isinstance(event, ScalarEvent):
+            name, size = event.anchor, 1 + len(event.value)
+        elif isinstance(event, AliasEvent):
+            name, size = None, sizes.get(event.anchor, 0)  # an unknown one is told by the reader
+            repeated += size
+            if event.anchor in (open_name for open_name, _ in begun):
+                raise UserError(source, f"repeats *{event.anchor} in itself", "Write it out.")
+            if repeated > MOST_REPEATED:
+                what = f"repeats more than {MOST_REPEATED:,} characters by names such as "
+                raise UserError(source, f"{what}*{event.anchor}", "Repeat less, or write it out.")
+        elif isinstance(event, NodeEvent):
+            begun.append((event.anchor, 1))
+            continue
+        else:
+            continue
+        if name is not None:
+            sizes[name] = size
+        outer, before = begun.pop()
+        begun.append((outer, before + size))
 
 
 def explain(source: str, model: type[BaseModel], error: ValidationError) -> UserError:
@@ -63,7 +132,7 @@ def explain(source: str, model: type[BaseModel], error: ValidationError) -> User
     todo = first.get("ctx", {}).get("todo")
     if todo is not None:
         return UserError(where, first["msg"], todo)
-    value = repr(first["input"])
+    value = _SHORT.repr(first["input"])
     value = value if len(value) <= 60 else f"{value[:57]}..."
     return UserError(where, f"is {value}", f"{first['msg']}.")
 

@@ -10,6 +10,7 @@ import re
 from pathlib import Path, PureWindowsPath
 
 from gpf.core.errors import UserError
+from gpf.core.places import place_below
 from gpf.scene.xml import Reference, SceneXml, Tag
 
 CAMERAS = ("perspective", "thinlens")
@@ -127,7 +128,7 @@ def _check_reference(reference: Reference, home: Path) -> None:
     if os.path.isabs(text) or PureWindowsPath(text).is_absolute():
         raise UserError(where, f"refers to {text} by an absolute path", inward)
     relative = os.path.normpath(os.path.relpath(path, home))
-    if relative.startswith(".."):
+    if Path(relative).parts[:1] == ("..",) or not path.is_relative_to(home):
         raise UserError(
             where, f"refers to {text}, which is outside of the scene's folder {home}", inward
         )
@@ -143,6 +144,7 @@ def _check_reference(reference: Reference, home: Path) -> None:
             f"{home}",
             "Replace the link by the file itself.",
         )
+    place_below(home, path.relative_to(home), where)
     if not (path.is_dir() if reference.is_folder else path.is_file()):
         raise UserError(
             where,

@@ -18,6 +18,7 @@ import mitsuba as mi
 
 from gpf.core.errors import UserError
 from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers
+from gpf.core.places import make_place
 from gpf.importing.checks import check_scene_xml, describe_leftovers
 from gpf.importing.description import describe_scene
 from gpf.importing.report import PHOTONS, ImportReport, examine_scene
@@ -157,18 +158,17 @@ def _make(
 def copy_files(source: Source, document: SceneXml, target: Path) -> list[Path]:
     """Copy a scene that :mod:`gpf.importing.checks` accepted; return the copies."""
     home = source.xml.parent
-    copies = {target / "scene.xml": source.xml}
+    copies = {make_place(target, "scene.xml", str(source.xml)): source.xml}
     for file in document.files():
-        copies[target / file.relative_to(home)] = file
+        copies[make_place(target, file.relative_to(home), str(source.xml))] = file
     for folder in (home, *home.parents):  # of licences with one name, the nearest is copied
         if folder.is_relative_to(source.folder):
             for file in sorted(folder.iterdir()):
                 is_paper = file.is_file() and file.name.lower().startswith(PAPERS)
                 if is_paper and file.resolve().is_relative_to(source.folder.resolve()):
-                    copies.setdefault(target / file.name, file)
+                    copies.setdefault(make_place(target, file.name, str(file)), file)
     make_folders(source.xml, target)
     for copy, file in copies.items():
-        copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, copy)
     return list(copies)
 

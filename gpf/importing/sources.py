@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from gpf.core.errors import UserError
+from gpf.core.places import make_place
 
 MOST_FILES = 10_000
 MOST_BYTES = 4 * 2**30
@@ -109,8 +110,9 @@ def unpack_archive(archive: Path, target: Path) -> None:
         file; there are more than ``MOST_FILES`` members or ``MOST_BYTES`` bytes; the archive is
         damaged or encrypted. ``target`` may have a part of the files then.
     """
-    # What the system says to a place before the file's beginning, and to a name of a member.
-    unreadable = (errno.EINVAL, errno.ENAMETOOLONG)
+    # What the system says to a place before the file's beginning, and to a name of a member; None:
+    # bz2 says itself that data are damaged.
+    unreadable = (errno.EINVAL, errno.ENAMETOOLONG, None)
     damages = (
         *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, RuntimeError),
         # Two members need one name as a file and as a folder.
@@ -121,11 +123,10 @@ def unpack_archive(archive: Path, target: Path) -> None:
             members = opened.infolist()
             _check_members(archive, members)
             for member in members:
-                place = target.joinpath(*_parts(member))
+                place = make_place(target, PurePosixPath(*_parts(member)), str(archive))
                 if member.filename.endswith(("/", "\\")):
-                    place.mkdir(parents=True, exist_ok=True)
+                    place.mkdir(exist_ok=True)
                     continue
-                place.parent.mkdir(parents=True, exist_ok=True)
                 # Reads at most the size that was checked.
                 with opened.open(member) as source, place.open("wb") as copy:
                     shutil.copyfileobj(source, copy)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gpf.core.errors import UserError
 from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers, replace_folder
+from gpf.core.places import make_place
 from gpf.scene.folders import scene_files, scene_folder
 from gpf.scene.load import load_scene_file
 from gpf.scene.views import read_views
@@ -36,8 +37,7 @@ def build_scene(name: str, root: Path | None = None, target: Path | None = None)
             raise UserError(str(script), "has no function build", "Define build(folder: Path).")
         made = []
         for source in module.build(staging):
-            place = target / source.relative_to(staging)
-            place.parent.mkdir(parents=True, exist_ok=True)
+            place = make_place(target, source.relative_to(staging), str(script))
             os.replace(source, place)
             made.append(place)
         return made
@@ -57,9 +57,11 @@ def snapshot_scene(name: str, target: Path, root: Path | None = None) -> None:
         references = read_scene_xml(folder / "scene.xml").references
         lines = {reference.path: str(reference.place) for reference in reversed(references)}
         for source in scene_files(name, root):
-            if not source.resolve().is_relative_to(folder.resolve()):
+            where = lines.get(source, str(folder / "scene.xml"))
+            inside = source.is_relative_to(folder)  # else named by an absolute path
+            if not inside or not source.resolve().is_relative_to(folder.resolve()):
                 raise UserError(
-                    lines.get(source, str(folder / "scene.xml")),
+                    where,
                     f"refers to {source}, which is outside of the scene's folder",
                     "Copy it into the folder and refer to it by a relative path.",
                 )
@@ -67,13 +69,11 @@ def snapshot_scene(name: str, target: Path, root: Path | None = None) -> None:
                 continue
             if not source.exists():
                 raise UserError(
-                    lines.get(source, str(folder / "scene.xml")),
+                    where,
                     f"refers to {source}, which does not exist",
                     "Put it there, or correct the scene file.",
                 )
-            place = staging / source.relative_to(folder)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(source, place)
+            shutil.copyfile(source, make_place(staging, source.relative_to(folder), where))
         make_folders(folder / "scene.xml", staging)
         try:
             views = read_views(staging / "views.yaml")
@@ -89,4 +89,5 @@ def make_folders(file: Path, target: Path) -> None:
     """Make the folders below ``target`` that a scene file names in ``<path>``, even if empty."""
     for reference in read_scene_xml(file).references:
         if reference.is_folder and reference.path.is_relative_to(file.parent):
-            (target / reference.path.relative_to(file.parent)).mkdir(parents=True, exist_ok=True)
+            name, where = reference.path.relative_to(file.parent), str(reference.place)
+            make_place(target, name, where).mkdir(exist_ok=True)

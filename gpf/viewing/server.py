@@ -2,6 +2,7 @@
 
 The page's address contains a random token; a request without it gets nothing. The websocket is
 refused to pages of other origins. No file is ever read for a request: the page is in memory.
+Connections that do not say the token are few, and do not last (:mod:`gpf.viewing.door`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from websockets.http11 import Request, Response
 from websockets.sync.server import Server, ServerConnection, serve
 
 from gpf.core.errors import UserError
+from gpf.viewing.door import Door
 from gpf.viewing.messages import MOST_BYTES, Message, Seen, pack, read_message
 
 PAGE = Path(__file__).with_name("page.html")
@@ -29,6 +31,9 @@ IN_FLIGHT = 2
 
 # A page that sends so many wrong messages is disconnected.
 MOST_MISTAKES = 20
+
+# Connections that have not said the token, and how long they have for it.
+MOST_STRANGERS, HANDSHAKE_SECONDS = 32, 5.0
 
 _EVERYWHERE, _LOOPBACK = ("", "0.0.0.0", "::"), ("127.0.0.1", "localhost", "::1")
 
@@ -143,11 +148,12 @@ class PageServer:
         self._listener = listener
         self._page = PAGE.read_bytes()
         try:
+            self._door = Door(host, port, MOST_STRANGERS)
             self._server: Server = serve(
                 self._talk,
-                host,
-                port,
+                sock=self._door,
                 process_request=self._answer,
+                open_timeout=HANDSHAKE_SECONDS,
                 compression=None,
                 max_size=MOST_BYTES,
                 server_header=None,
@@ -214,6 +220,7 @@ class PageServer:
 
     def _talk(self, connection: ServerConnection) -> None:
         """Receive the messages of a page until it is closed."""
+        self._door.trust(connection.socket)
         client = Client(connection)
         sender = threading.Thread(target=client.send_all, daemon=True)
         sender.start()

@@ -15,7 +15,7 @@ from gpf.config.params import Params, read_params
 from gpf.core.errors import UserError
 from gpf.core.files import write_text
 from gpf.core.progress import say
-from gpf.core.yaml import explain, suggest
+from gpf.core.yaml import explain, load_yaml, suggest
 
 # Value of `ablations.run` that stands for all rows of `ablations.variants`.
 EVERY = "all"
@@ -24,8 +24,9 @@ EVERY = "all"
 def read_profiles() -> Mapping[str, Mapping[str, Any]]:
     """Profile name -> dotted key of params.yaml -> value, for each key of any profile; a key that a
     profile lacks gets the default of the settings."""
-    text = Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8")
-    differing: Mapping[str, Mapping[str, Any]] = YAML(typ="safe").load(text)
+    own = Path(__file__).with_suffix(".yaml")
+    text = own.read_text(encoding="utf-8")
+    differing: Mapping[str, Mapping[str, Any]] = load_yaml(text, str(own))
     defaults = {key: _default(key) for profile in differing.values() for key in profile}
     return {name: {**defaults, **profile} for name, profile in differing.items()}
 
@@ -50,7 +51,7 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
             f"profile {name!r}", "does not exist", suggest(name, list(profiles), "Profiles are")
         )
     read_params(file)
-    yaml, document = open_yaml(file.read_text(encoding="utf-8"))
+    yaml, document = open_yaml(file.read_text(encoding="utf-8"), str(file))
     changes = []
     for key, value in profiles[name].items():
         section, _, leaf = key.partition(".")
@@ -66,7 +67,7 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
             document[section][leaf] = in_one_line(value)
             changes.append(f"{key}: {before} -> {value}")
     try:
-        Params.model_validate(YAML(typ="safe").load(dump_yaml(yaml, document)))
+        Params.model_validate(load_yaml(dump_yaml(yaml, document), str(file)))
     except ValidationError as error:
         raise explain(f"{file}, with profile {name}", Params, error) from error
     for change in changes:
@@ -84,13 +85,16 @@ def in_one_line(value: Any) -> Any:
     return value
 
 
-def open_yaml(text: str) -> tuple[YAML, Any]:
-    """A document that keeps its comments, and the YAML object for :func:`dump_yaml`."""
+def open_yaml(text: str, source: str) -> tuple[YAML, Any]:
+    """A document that keeps its comments, and the YAML object for :func:`dump_yaml`.
+
+    ``source``: the file, for messages.
+    """
     yaml = YAML()
     yaml.preserve_quotes = True
     yaml.width = 200  # a list stays in one line
     yaml.indent(mapping=2, sequence=4, offset=2)  # as params.yaml is written
-    return yaml, yaml.load(text)
+    return yaml, load_yaml(text, source, yaml)
 
 
 def dump_yaml(yaml: YAML, document: Any) -> str:

@@ -6,12 +6,12 @@ import re
 from pathlib import Path
 
 from rich.console import Console
-from ruamel.yaml import YAML
 
 from gpf.config.params import Params, read_params
 from gpf.core.files import write_text
 from gpf.core.progress import console
 from gpf.core.runtime import choose_variant
+from gpf.core.yaml import load_yaml
 from gpf.importing.description import print_report
 from gpf.importing.importer import import_scene
 from gpf.importing.placement import place_views
@@ -43,7 +43,7 @@ def add_scene(name: str, file: Path) -> bool:
     """Add a scene to params.yaml, and keep comments and other lines; False if it is listed
     already."""
     text = file.read_text(encoding="utf-8")
-    yaml, document = open_yaml(text)
+    yaml, document = open_yaml(text, str(file))
     scenes = document["scenes"]
     if name in scenes:
         return False
@@ -57,6 +57,6 @@ def add_scene(name: str, file: Path) -> bool:
     else:  # a list in the style [a, b]
         scenes.append(name)
         text = dump_yaml(yaml, document)
-    Params.model_validate(YAML(typ="safe").load(text))
+    Params.model_validate(load_yaml(text, str(file)))
     write_text(file, text)
     return True

@@ -6,7 +6,7 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-from ruamel.yaml import YAML
+from gpf.core.yaml import load_yaml
 
 PROJECT = Path(__file__).resolve().parents[2]
 
@@ -26,7 +26,8 @@ def digest_of(*stages: str) -> str:
 @cache
 def code_of(stage: str) -> tuple[Path, ...]:
     """The Python files among a stage's dependencies, and those in the folders among them."""
-    pipeline = YAML(typ="safe").load((PROJECT / "dvc.yaml").read_text(encoding="utf-8"))
+    file = PROJECT / "dvc.yaml"
+    pipeline = load_yaml(file.read_text(encoding="utf-8"), str(file))
     entry = pipeline["stages"][stage]
     listed = [PROJECT / name for name in entry.get("do", entry)["deps"] if "$" not in name]
     files = [path if path.is_file() else sorted(path.rglob("*.py")) for path in listed]

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tests.fuzz import odd
 from tests.fuzz.case import Case
-from tests.fuzz.scenes import IMPORTED, make_first_scene
+from tests.fuzz.scenes import IMPORTED, make_first_scene, way_around
 
 NAMES = (
     *("../up.xml", "room/../../up.xml", "/root.xml", "C:\\x.xml", "C:x", "\\\\server\\x", "..\\x"),
@@ -50,9 +50,21 @@ def make_archive(rng: random.Random, good: Path) -> bytes:
         scene = (good / "scene.xml").read_bytes()
         if rng.random() < 0.8:
             archive.writestr("room/scene.xml", scene)
+        elif rng.random() < 0.7:
+            add_way_around(rng, archive, scene)
         for _ in range(rng.choice([0, 0, 1, 2])):
             add_odd_member(rng, archive, scene)
     return buffer.getvalue()
+
+
+def add_way_around(rng: random.Random, archive: zipfile.ZipFile, scene: bytes) -> None:
+    """A scene that includes a file by a way out of its folder and back in; from beside the other
+    scenes, that way leads into the first of them."""
+    way = way_around(rng, Path("first/inner"), "part.xml")
+    archive.writestr("first/inner/nothing/", b"")
+    archive.writestr("first/inner/part.xml", b'<scene version="3.0.0"/>')
+    include = f'<include filename="{way}"/></scene>'.encode()
+    archive.writestr("first/inner/scene.xml", scene.replace(b"</scene>", include))
 
 
 def add_odd_member(rng: random.Random, archive: zipfile.ZipFile, scene: bytes) -> None:

@@ -19,11 +19,19 @@ BOMB = "n0: &n0 [x]\n" + "".join(
     f"n{k}: &n{k} [{', '.join([f'*n{k - 1}'] * 9)}]\n" for k in range(1, 9)
 )
 
+# The same with merge keys.
+MERGED = BOMB.replace("[x]", "{x: 1}").replace(" [*", " {<<: [*").replace("]\n", "]}\n")
+
 YAMLS = (
     *(b"", b"- 1\n- 2\n", b"views", b"a: &x [*x]\n", b"a: &a [1]\nb: *a\n", b"? [a]\n: 1\n"),
     *(b"!!python/object/apply:os.system ['touch x']\n", b"views: !!binary aaaa\n", b"\x00"),
     *(b"a: 1\na: 2\n", b"\xff\xfe", b"\tviews: 1\n", b"--- 1\n--- 2\n", b"%YAML 9.9\n---\n"),
-    *(BOMB.encode() + b"views: *n8\n", b"views: 2026-01-01\n", b"x: 1:2:3:4:5:6:7:8:9"),
+    *(
+        BOMB.encode() + b"views: *n8\n",
+        MERGED.encode(),
+        b"views: 2026-01-01\n",
+        b"x: 1:2:3:4:5:6:7:8:9",
+    ),
     *(b"[" * 3000, b"{a: " * 3000, b"- " * 3000, b"x: " + b"9" * 5000, b"null: 1\n", b"1: 2\n"),
     *(b"<<: 1\n", b"<<: [a, b]\n", b"x: *nobody\n", b"x: 0o9\n", b"x: .inf\n"),
 )

@@ -23,10 +23,11 @@ class SceneGrammar:
     Parameters
     ----------
     wild: share of the values and of the parts that are not as they should be.
+    home: the folder of the scene.
     """
 
-    def __init__(self, rng: random.Random, wild: float) -> None:
-        self.rng, self.wild = rng, wild
+    def __init__(self, rng: random.Random, wild: float, home: Path) -> None:
+        self.rng, self.wild, self.home = rng, wild, home
         self.ids: list[str] = []
         self.files: dict[str, bytes] = {}
 
@@ -113,7 +114,9 @@ class SceneGrammar:
         return f'<transform name="to_uv"><scale x={scale} y="3"/></transform>'
 
     def file(self, name: str) -> str:
-        """The name of a file, perhaps of one that is not there."""
+        """The name of a file, perhaps of one that is not there, or by a way around."""
+        if self.rng.random() < 0.1:
+            return way_around(self.rng, self.home, name)
         away = ["missing.ply", ".", "/etc/hostname", "../x.ply", "scene.xml", odd.text(self.rng)]
         return self.rng.choice(away) if self.odd() else name
 
@@ -276,6 +279,15 @@ class SceneGrammar:
         return self.rng.choice(parts)
 
 
+def way_around(rng: random.Random, home: Path, name: str) -> str:
+    """A file of the folder ``home`` by a way that leads out of it, or into another folder of it,
+    and back in: from another place, the same way may lead anywhere."""
+    levels = rng.randint(0, 4)
+    if levels == 0:
+        return f"{rng.choice(['.', 'nothing'])}/../{name}"
+    return "/".join([*[".."] * levels, *home.parts[-levels:], name])
+
+
 def change_text(rng: random.Random, text: str) -> bytes:
     """The bytes of a scene file with a fault that no grammar makes."""
     way = rng.choice(["doctype", "entities", "bytes", "coding", "name", "attribute", "cut", "file"])
@@ -308,7 +320,8 @@ def change_text(rng: random.Random, text: str) -> bytes:
 def write_scene(rng: random.Random, folder: Path) -> None:
     """A scene and its files."""
     folder.mkdir(exist_ok=True)
-    grammar = SceneGrammar(rng, rng.choice([0.003, 0.01, 0.03, 0.1]))
+    (folder / "nothing").mkdir()
+    grammar = SceneGrammar(rng, rng.choice([0.003, 0.01, 0.03, 0.1]), folder)
     text = grammar.scene()
     data = text.encode()
     if rng.random() < 0.15:

@@ -209,6 +209,16 @@ def test_damaged_archives_are_told(original, root, tmp_path):
     assert_refused(archive, root, r"room\.zip: is neither a folder, nor an XML file, nor a zip")
 
 
+def test_damaged_bzip2_is_told(original, root, tmp_path):
+    """The only method that raises a plain OSError."""
+    archive = tmp_path / "room.zip"
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_BZIP2) as opened:
+        opened.write(original / "scene.xml", "scene.xml")
+    data = archive.read_bytes()
+    archive.write_bytes(data.replace(b"BZh9", b"BZh0"))
+    assert_refused(archive, root, r"room\.zip: cannot be unpacked: Invalid data stream\. Pack it")
+
+
 def test_whatever_interrupts_leaves_nothing_behind(original, root):
     def interrupt(*_: object) -> SceneViews:
         raise KeyboardInterrupt

@@ -35,26 +35,34 @@ class Checkout:
         """Make a project one."""
         add_pipeline(project)
         checkout = cls.at(project, programs, environment)
-        checkout.call("git", "init", "--quiet")
-        checkout.dvc("init", "--quiet")
-        checkout.call("git", "add", ".")
-        checkout.call("git", "commit", "--quiet", "-m", "project")
+        checkout.commit()
         return checkout
 
     @classmethod
     def at(cls, project: Project, programs: Path, environment: Mapping[str, str]) -> Checkout:
-        """That of a project which is one, as a copy is; ``programs``: a folder for `gpf`."""
-        # As an installation puts it beside python, but for the project's own code.
+        """That of a project which is one, as a copy is; ``programs``: a folder for `python` and
+        `gpf`, as an installation puts them there; the project's code is installed."""
         programs.mkdir(exist_ok=True)
-        program = programs / "gpf"
-        program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m gpf.cli "$@"\n')
-        program.chmod(0o755)
+        started = f'#!/bin/sh\nexec "{sys.executable}"'
+        (programs / "python").write_text(f'{started} "$@"\n')
+        script = programs / "start.py"
+        script.write_text("from gpf.cli import main\nmain()\n")
+        (programs / "gpf").write_text(f'{started} "{script}" "$@"\n')
+        for name in ("python", "gpf"):
+            (programs / name).chmod(0o755)
         path = [str(programs), str(Path(sys.executable).parent), os.environ["PATH"]]
         variables = {**environment, "PATH": os.pathsep.join(path)}
         variables |= {"PYTHONPATH": str(project.folder), "PYTHONDONTWRITEBYTECODE": "1"}
         for who in ("AUTHOR", "COMMITTER"):
             variables |= {f"GIT_{who}_{what}": "x@y" for what in ("NAME", "EMAIL")}
         return cls(project, variables)
+
+    def commit(self) -> None:
+        """Begin its history with what is there."""
+        self.call("git", "init", "--quiet")
+        self.dvc("init", "--quiet")
+        self.call("git", "add", ".")
+        self.call("git", "commit", "--quiet", "-m", "project")
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         """Start a command; what it says comes through one pipe."""

@@ -25,6 +25,9 @@ ROWS = {"baseline": "method", "ablation": "variant"}
 # The scenes that a stage runs for.
 SCENES = {"animate": "animation.scenes", "ablation": "ablations.scenes"}
 
+# `gpf stage` of the folder in which DVC works, not of the one that is installed.
+CALL = "python -m gpf.cli stage"
+
 # Names of one command that runs for several lists of methods.
 BASELINES = ("classical", "equal_time", "learned")
 
@@ -119,12 +122,12 @@ def test_the_stages_are_those_of_the_command_line():
             listed = f"methods.{name}" if name in BASELINES else "ablations.run"
             assert stage["matrix"] == {"scene": scenes, row: f"${{{listed}}}"}
             item = f"--go-on --scene ${{item.scene}} --{row} ${{item.{row}}}"
-            assert stage["cmd"] == f"gpf stage {command(name)} {item}"
+            assert stage["cmd"] == f"{CALL} {command(name)} {item}"
         elif name in OF_ALL_SCENES:
-            assert stage["cmd"] == f"gpf stage {name}"
+            assert stage["cmd"] == f"{CALL} {name}"
         else:
             assert stage["foreach"] == scenes
-            assert stage["do"]["cmd"] == f"gpf stage {name} --scene ${{item}}"
+            assert stage["do"]["cmd"] == f"{CALL} {name} --scene ${{item}}"
 
 
 @pytest.mark.parametrize("stage", NAMES)

@@ -340,6 +340,7 @@ def test_a_fit_that_is_watched_is_kept(tmp_path):
     field = read_field(tmp_path / "field.safetensors")
     assert len(field.tensors["means"]) > 1000
     assert "field.safetensors: the field after" in (tmp_path / "log.txt").read_text()
-    words = [sys.executable, "-m", "gpf.cli", "view", str(BOX), "--no-open"]
-    again = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert again.returncode == 2 and "exists already" in again.stderr
+    with viewing(tmp_path) as (process, _):  # the same command shows it
+        os.kill(process.pid, signal.SIGINT)
+        assert process.wait(10) == 0
+    assert "field.safetensors: the field of this scene" in (tmp_path / "log.txt").read_text()

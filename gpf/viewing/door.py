@@ -1,0 +1,64 @@
+"""The listening socket of the page: it keeps few of those who have not said the token."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from contextlib import suppress
+from typing import Any
+
+# Seconds until one that was closed has to be gone.
+_PATIENCE = 1.0
+
+
+class Door(socket.socket):
+    """A listening socket with a limit on strangers: connections that :meth:`trust` was not called
+    for.
+
+    When there are too many, the one that has waited longest is closed before the next is accepted.
+    A page says the token in its first packet, so it gets through a crowd that says nothing.
+
+    Parameters
+    ----------
+    most: number of strangers; each takes two threads of the server.
+    """
+
+    def __init__(self, host: str, port: int, most: int) -> None:
+        super().__init__(fileno=socket.create_server((host, port)).detach())
+        self._most = most
+        self._strangers: list[socket.socket] = []
+        self._lock = threading.Lock()
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """The next connection; called by one thread of the server."""
+        link, address = super().accept()
+        while not self._makes_room():
+            link.close()
+            link, address = super().accept()
+        self._strangers.append(link)
+        return link, address
+
+    def trust(self, link: socket.socket) -> None:
+        """A connection has said the token: it does not count, and is never closed for others."""
+        with self._lock, suppress(ValueError):
+            self._strangers.remove(link)
+
+    def _makes_room(self) -> bool:
+        """Whether there is room for one more."""
+        if self._has_room():
+            return True
+        with self._lock, suppress(OSError, IndexError):
+            self._strangers[0].shutdown(socket.SHUT_RDWR)  # wakes the threads that wait for it
+        end = time.monotonic() + _PATIENCE
+        while not self._has_room():
+            if time.monotonic() > end:
+                return False
+            time.sleep(0.001)
+        return True
+
+    def _has_room(self) -> bool:
+        with self._lock:
+            # To close a connection is the last thing that the server does with it.
+            self._strangers = [link for link in self._strangers if link.fileno() >= 0]
+            return len(self._strangers) < self._most
