@@ -10,6 +10,7 @@ from typing import Any
 import mitsuba as mi
 
 from gpf.core.errors import UserError
+from gpf.core.runtime import two_threads
 from gpf.scene.folders import scene_folder
 from gpf.scene.inventory import check_scene
 from gpf.scene.materials import INSEPARABLE
@@ -122,7 +123,8 @@ def _load(file: Path, parameters: Mapping[str, object]) -> Any:
         _refuse_foreign_code(state)
         _require_parts(state)
         _use_own_plugins(state)
-        loaded = mi.parser.instantiate(config, state)
+        with two_threads():
+            loaded = mi.parser.instantiate(config, state)
     finally:
         mi.set_file_resolver(before)
         # If a shape fails, the others are freed, but `state` keeps their emitters, and the
