@@ -20,6 +20,12 @@ from gpf.scene.xml import SceneXml, read_scene_xml
 # Plugins of Mitsuba -> plugins of this project that are loaded in their place.
 REPLACED = {name: f"separable_{name}" for name in INSEPARABLE.values()}
 
+OLD = (
+    "Of old scenes, Mitsuba 3 renames the parameters only: write <lookat> for <lookAt>, <rgb> for "
+    "<srgb>, hdrfilm for ldrfilm, independent for sobol, bilinear for trilinear, and so on."
+)
+"""What to do if Mitsuba does not take a scene of version 0.5 or 0.6."""
+
 
 def load_scene(
     name: str, width: int = 256, height: int = 256, root: Path | None = None
@@ -96,12 +102,18 @@ def load_with_parameters(
         scene = _load(file, parameters, integrator)
     except RuntimeError as error:
         what = describe_plugin_error(error)
-        raise UserError(str(file), f"does not load: {what}", "Correct the scene file.") from error
+        raise UserError(str(file), f"does not load: {what}", _advise(file)) from error
     if not isinstance(scene, mi.Scene):
         raise UserError(
             str(file), f"describes a {type(scene).__name__}", "Its outermost tag has to be <scene>."
         )
     return scene
+
+
+def _advise(file: Path) -> str:
+    versions = [tag.attributes.get("version", "") for tag in read_scene_xml(file).tags]
+    old = any(version.startswith(("0.", "1.")) for version in versions)
+    return f"Correct the scene file.{f' {OLD}' if old else ''}"
 
 
 def describe_plugin_error(error: BaseException) -> str:
