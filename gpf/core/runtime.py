@@ -22,7 +22,8 @@ import resource
 import subprocess
 import sys
 import warnings
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -143,9 +144,26 @@ def choose_variant(variant: str = "auto") -> str:
             "Set it to auto or llvm_ad_rgb; `gpf doctor` shows what is there.",
         )
     mi.set_variant(variant)
-    if count_cores() == 1:  # with one thread, Mitsuba waits forever when it reads an EXR file
+    if count_cores() == 1:  # for Mitsuba's EXR files, see two_threads
         dr.set_thread_count(2)
     return variant
+
+
+@contextmanager
+def two_threads() -> Iterator[None]:
+    """At least two threads of Dr.Jit: with one, Mitsuba 3.9 waits forever for an EXR file.
+
+    It leaves the reading and writing to Dr.Jit's other threads. Where there are none it means to do
+    it at once, but looks for a ``pool_size()`` of 0, and that counts the caller.
+    """
+    import drjit as dr
+
+    before = dr.thread_count()
+    dr.set_thread_count(max(2, before))
+    try:
+        yield
+    finally:
+        dr.set_thread_count(before)
 
 
 def device_description() -> dict[str, Any]:

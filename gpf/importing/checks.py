@@ -19,20 +19,15 @@ CAMERAS = ("perspective", "thinlens")
 RESERVED = ("build.py", "scene.xml", "views.yaml")
 """Files that have a meaning in the folder of a scene."""
 
-CONVERSION = (
-    "Convert it to Mitsuba 3: write parameters in snake_case (to_world for toWorld, int_ior for "
-    "intIOR), <lookat> for <lookAt>, <rgb> for <srgb>, use plugins that Mitsuba 3 has, and set "
-    'version="3.0.0". Mitsuba 3 itself renames the parameters only.'
-)
-
 
 def check_scene_xml(document: SceneXml, xml: Path) -> None:
     """Check a scene file with all files that it includes and refers to.
 
     Raises
     ------
-    UserError: it is not a scene, or a scene of Mitsuba 0.6; no sensor can become a view; a file is
-        missing or is not below the folder of ``xml``; an emitter cannot emit photons.
+    UserError: it is not a scene, or says not for which version of Mitsuba; no sensor can become a
+        view; a file is missing or is not below the folder of ``xml``; an emitter cannot emit
+        photons.
     """
     for tag in document.tags:
         if tag.is_root:
@@ -84,15 +79,11 @@ def _check_version(root: Tag) -> None:
         raise UserError(
             str(root.place),
             f"<{root.name}> has no version",
-            'Add version="3.0.0" if it was written for Mitsuba 3.',
+            'Add version="3.0.0", or "0.6.0" if its parameters are written as in toWorld.',
         )
     if not re.fullmatch(r"\d+\.\d+\.\d+", version):
         raise UserError(
             str(root.place), f"has the version {version!r}", 'Write three numbers, as in "3.0.0".'
-        )
-    if int(version.partition(".")[0]) < 2:
-        raise UserError(
-            str(root.place), f"is a scene of Mitsuba 0.6 (version {version})", CONVERSION
         )
 
 

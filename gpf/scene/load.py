@@ -10,6 +10,7 @@ from typing import Any
 import mitsuba as mi
 
 from gpf.core.errors import UserError
+from gpf.core.runtime import two_threads
 from gpf.scene.folders import scene_folder
 from gpf.scene.inventory import check_scene
 from gpf.scene.materials import INSEPARABLE
@@ -18,6 +19,12 @@ from gpf.scene.xml import SceneXml, read_scene_xml
 
 # Plugins of Mitsuba -> plugins of this project that are loaded in their place.
 REPLACED = {name: f"separable_{name}" for name in INSEPARABLE.values()}
+
+OLD = (
+    "Of old scenes, Mitsuba 3 renames the parameters only: write <lookat> for <lookAt>, <rgb> for "
+    "<srgb>, hdrfilm for ldrfilm, independent for sobol, bilinear for trilinear, and so on."
+)
+"""What to do if Mitsuba does not take a scene of version 0.5 or 0.6."""
 
 
 def load_scene(
@@ -33,6 +40,9 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
     ``width`` and ``height`` become the parameters ``resx`` and ``resy`` if the file uses them. The
     sensors of :func:`gpf.scene.sensors.make_sensor` do not depend on them.
 
+    The scene has no integrator: the file's own may be a plugin that is not here, or somebody else's
+    ``sppm``.
+
     Loads with ``optimize=False``. The optimisation merges shapes that share a material: their ids
     are lost, and merged rectangles have a wrong bounding box. It saves no measurable time (``path``
     and ``ptracer`` in scenes of 8 to 22 shapes: differences below 3%).
@@ -46,7 +56,7 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
     # Mitsuba raises an error for a parameter that the file does not use.
     sizes = {"resx": width, "resy": height}
     sizes = {key: n for key, n in sizes.items() if key in document.parameters}
-    scene = load_with_parameters(file, sizes)
+    scene = load_with_parameters(file, sizes, integrator=False)
     check_scene(scene, str(file))
     return scene
 
@@ -76,8 +86,12 @@ def check_files(file: Path, parameters: Mapping[str, str] | None = None) -> Scen
     return document
 
 
-def load_with_parameters(file: Path, parameters: Mapping[str, object]) -> mi.Scene:
+def load_with_parameters(
+    file: Path, parameters: Mapping[str, object], integrator: bool = True
+) -> mi.Scene:
     """What ``mi.load_file`` loads, with the project's plugins in place of some of Mitsuba's.
+
+    ``integrator``: whether the scene's own integrator is made, too.
 
     Raises
     ------
@@ -85,15 +99,21 @@ def load_with_parameters(file: Path, parameters: Mapping[str, object]) -> mi.Sce
         would end the process.
     """
     try:
-        scene = _load(file, parameters)
+        scene = _load(file, parameters, integrator)
     except RuntimeError as error:
         what = describe_plugin_error(error)
-        raise UserError(str(file), f"does not load: {what}", "Correct the scene file.") from error
+        raise UserError(str(file), f"does not load: {what}", _advise(file)) from error
     if not isinstance(scene, mi.Scene):
         raise UserError(
             str(file), f"describes a {type(scene).__name__}", "Its outermost tag has to be <scene>."
         )
     return scene
+
+
+def _advise(file: Path) -> str:
+    versions = [tag.attributes.get("version", "") for tag in read_scene_xml(file).tags]
+    old = any(version.startswith(("0.", "1.")) for version in versions)
+    return f"Correct the scene file.{f' {OLD}' if old else ''}"
 
 
 def describe_plugin_error(error: BaseException) -> str:
@@ -106,7 +126,7 @@ def describe_plugin_error(error: BaseException) -> str:
     return re.sub(r"\[[\w.]+:\d+\] ", "", " ".join(what.split())).rstrip(".")
 
 
-def _load(file: Path, parameters: Mapping[str, object]) -> Any:
+def _load(file: Path, parameters: Mapping[str, object], integrator: bool) -> Any:
     """What the file describes, in Mitsuba's words if it cannot be loaded."""
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_equivalent = config.merge_meshes = False
@@ -122,7 +142,10 @@ def _load(file: Path, parameters: Mapping[str, object]) -> Any:
         _refuse_foreign_code(state)
         _require_parts(state)
         _use_own_plugins(state)
-        loaded = mi.parser.instantiate(config, state)
+        if not integrator:
+            _leave_out_integrators(state)
+        with two_threads():
+            loaded = mi.parser.instantiate(config, state)
     finally:
         mi.set_file_resolver(before)
         # If a shape fails, the others are freed, but `state` keeps their emitters, and the
@@ -157,11 +180,7 @@ def _require_parts(state: mi.parser.ParserState) -> None:
     for node in state.nodes:
         props, name = node.props, node.props.plugin_name()
         if name == "blendbsdf":
-            kinds = (mi.Properties.Reference, mi.Properties.ResolvedReference)
-            needed, found = (
-                "materials",
-                any(isinstance(props[key], kinds) for key in [*props.keys()]),
-            )
+            needed, found = "materials", bool(_parts(props))
         elif name == "bitmap":
             needed, found = "filename", bool({"filename", "data", "bitmap"} & {*props.keys()})
         else:
@@ -176,3 +195,19 @@ def _use_own_plugins(state: mi.parser.ParserState) -> None:
     for node in state.nodes:
         name = node.props.plugin_name()
         node.props.set_plugin_name(REPLACED.get(name, name))
+
+
+def _leave_out_integrators(state: mi.parser.ParserState) -> None:
+    """Remove what refers to integrators: Mitsuba makes only what the scene refers to."""
+    for node in state.nodes:
+        for key in _parts(node.props):
+            if state.nodes[node.props[key].index()].type == mi.ObjectType.Integrator:
+                del node.props[key]
+
+
+def _parts(props: mi.Properties) -> list[str]:
+    """The names of the properties that are other nodes.
+
+    By their type: who reads a value tells Mitsuba that it is used, and misspelt names would pass.
+    """
+    return [key for key in props if props.type(key) == mi.Properties.Type.ResolvedReference]

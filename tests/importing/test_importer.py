@@ -20,7 +20,7 @@ from gpf.scene.folders import list_scenes, load_views
 from gpf.scene.load import load_scene
 from gpf.scene.snapshot import snapshot_scene
 from gpf.scene.views import View
-from tests.importing.foreign_scene import SCENE, bring, files_of, pack
+from tests.importing.foreign_scene import LIGHT, SCENE, bring, files_of, pack
 
 ORIGINALS = Path(__file__).parents[3] / "shared/scenes"
 
@@ -64,6 +64,24 @@ def test_an_imported_scene_is_a_scene_like_the_others(original, root, tmp_path):
     assert len(load_scene("room", root=root).shapes()) == 3
     snapshot_scene("room", tmp_path / "frozen", root)
     assert files_of(tmp_path / "frozen") == sorted(set(IMPORTED) - {"LICENSE.txt", "README.md"})
+
+
+@pytest.mark.parametrize("version", ["0.5.0", "0.6.0", "2.2.1"])
+def test_scenes_of_old_versions_are_imported_as_they_are(original, root, version):
+    wanted = bring(original, root, "new")
+    old = SCENE.replace('"3.0.0"', f'"{version}"')
+    if version < "2":
+        old = old.replace(
+            '<float name="fov"', '<float name="nearClip" value="0.1"/><float name="fov"'
+        )
+        old = old.replace("to_world", "toWorld")
+    assert "3.0.0" not in old
+    (original / "scene.xml").write_text(old)
+    (original / "parts/light.xml").write_text(LIGHT.replace("3.0.0", version))
+    report = bring(original, root)
+    assert (report.scene, report.views, report.warnings) == (wanted.scene, wanted.views, ())
+    assert (root / "room/scene.xml").read_text() == old
+    assert len(load_scene("room", root=root).shapes()) == 3
 
 
 def test_the_report_says_what_was_found(original, root):

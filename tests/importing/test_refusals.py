@@ -46,9 +46,10 @@ def assert_refused(path: Path, root: Path, words: str, name: str = "room") -> Us
          r"which is outside of the scene's folder"),
         ("$mesh.ply", "scene.xml", r"scene\.xml:30: refers to scene\.xml, a name "
          r"with a meaning of its own in the folder of a scene"),
-        ('<scene version="3.0.0">', '<scene version="0.6.0">', r"scene\.xml:2: is a scene of Mitsub"
-         r"a 0\.6 \(version 0\.6\.0\)\. Convert it to Mitsuba 3: .*to_world for toWorld"),
-        ('<scene version="3.0.0">', "<scene>", r"scene\.xml:2: <scene> has no version\. Add vers"),
+        ('<scene version="3.0.0">', '<scene version="0.6.0"><film type="ldrfilm"/>', r"scene\.xml: "
+         r"does not load: .*Their Room/scene\.xml \(line 2, .*ldrfilm.* Of old scenes, Mitsuba 3 "),
+        ('<scene version="3.0.0">', "<scene>", r"scene\.xml:2: <scene> has no version\. Add vers"
+         r'ion="3\.0\.0", or "0\.6\.0" if its parameters are written as in toWorld'),
         ('<scene version="3.0.0">', '<scene version="3">', r"scene\.xml:2: has the version '3'"),
         ('type="perspective"', 'type="orthographic"', r"scene\.xml:7: the sensor is of type orthogr"
          r"aphic\. Views need one of type perspective or thinlens"),
@@ -104,9 +105,14 @@ def test_a_light_that_reaches_nothing_is_told(original, root):
     assert_refused(original, root, r"scene\.xml: none of 2,000 photon paths reached a diffuse surf")
 
 
-def test_an_include_of_mitsuba_0_6_is_told_with_its_own_line(original, root):
-    (original / "parts/light.xml").write_text("\n" + LIGHT.replace("3.0.0", "0.5.0"))
-    assert_refused(original, root, r"parts/light\.xml:2: is a scene of Mitsuba 0\.6 \(version 0\.5")
+def test_what_mitsuba_does_not_take_in_an_old_include_is_told_with_its_line(original, root):
+    old = (
+        LIGHT.replace("3.0.0", "0.5.0")
+        .replace("<emitter", "<luminaire")
+        .replace("/emitter", "/luminaire")
+    )
+    (original / "parts/light.xml").write_text("\n" + old)
+    assert_refused(original, root, r"parts/light\.xml \(line 3, .*<luminaire>.* Of old scenes, Mit")
 
 
 def test_a_shape_is_no_scene(original, root):

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
+import OpenEXR
 import pytest
 
 from gpf.core.errors import UserError
@@ -253,3 +255,26 @@ def test_errors_of_plugins_in_python_are_told_without_their_traceback(tmp_path):
     with pytest.raises(UserError, match=r'"roughness" has the wrong type') as caught:
         load_scene_file(file)
     assert "Traceback" not in str(caught.value) and "principled.py" not in str(caught.value)
+
+
+WITH_ONE_THREAD = """
+import sys
+from pathlib import Path
+import gpf
+import drjit as dr
+gpf.choose_variant("auto")
+dr.set_thread_count(1)
+scene = gpf.load_scene_file(Path(sys.argv[1]))
+print(scene.environment().class_name(), dr.thread_count())
+"""
+
+
+def test_an_exr_file_is_read_with_one_thread(tmp_path):
+    """Mitsuba alone would wait for ever."""
+    pixels = np.linspace(0, 1, 6 * 8 * 3, dtype=np.float32).reshape(6, 8, 3)
+    OpenEXR.File({}, {"RGB": pixels}).write(str(tmp_path / "sky.exr"))
+    sky = '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>'
+    (tmp_path / "scene.xml").write_text(GOOD_SCENE.replace("</scene>", f"{sky}</scene>"))
+    command = [sys.executable, "-c", WITH_ONE_THREAD, str(tmp_path / "scene.xml")]
+    done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=120)
+    assert done.stdout.split() == ["EnvironmentMapEmitter", "1"], done.stderr
