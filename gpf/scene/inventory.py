@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 
 from gpf.core.errors import UserError
@@ -27,12 +28,37 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
             f"has materials of type {', '.join(names)}, whose diffuse part cannot be separated",
             "Load the scene by gpf.load_scene_file, or write separable_ before the type.",
         )
+    if loses_dim_sky(scene):
+        raise UserError(
+            where,
+            "has an envmap with mis_compensation, whose dim parts would send no photons",
+            "Load the scene by gpf.load_scene_file, or leave mis_compensation out.",
+        )
     if not any(bsdf["queried"] for bsdf in info["bsdfs"].values()):
         raise UserError(
             where,
             "has no diffuse surface, so no photon can be stored",
             "Give at least one shape a material with a diffuse component.",
         )
+
+
+def loses_dim_sky(scene: mi.Scene, directions: int = 4096) -> bool:
+    """Whether the scene has an environment map with ``mis_compensation``.
+
+    Parts of it that are dimmer than its mean are never sampled then. A path tracer finds them by
+    its BSDFs; photons, and samples of the emitters alone, do not.
+    """
+    sky = scene.environment()
+    if sky is None or sky.class_name() != "EnvironmentMapEmitter":
+        return False
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(0, directions)
+    si, light = dr.zeros(mi.SurfaceInteraction3f), dr.zeros(mi.DirectionSample3f)
+    light.d = mi.warp.square_to_uniform_sphere(sampler.next_2d())
+    si.wi = -light.d
+    radiance = dr.mean(sky.eval(si))
+    lost = dr.select(sky.pdf_direction(dr.zeros(mi.Interaction3f), light) > 0, 0, radiance)
+    return float(dr.sum(lost)[0]) > 1e-3 * float(dr.sum(radiance)[0])
 
 
 def check_meshes(scene: mi.Scene, where: str = "scene") -> None:

@@ -191,10 +191,13 @@ def _require_parts(state: mi.parser.ParserState) -> None:
 
 
 def _use_own_plugins(state: mi.parser.ParserState) -> None:
-    """Put the project's plugins in the place of some of Mitsuba's."""
+    """Put the project's plugins in the place of some of Mitsuba's, and let environment maps emit
+    all of their light (:func:`gpf.scene.inventory.loses_dim_sky`)."""
     for node in state.nodes:
         name = node.props.plugin_name()
         node.props.set_plugin_name(REPLACED.get(name, name))
+        if name == "envmap" and "mis_compensation" in node.props:
+            del node.props["mis_compensation"]
 
 
 def _leave_out_integrators(state: mi.parser.ParserState) -> None:

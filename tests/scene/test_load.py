@@ -14,8 +14,9 @@ import OpenEXR
 import pytest
 
 from gpf.core.errors import UserError
+from gpf.photons.emission import emit_light
 from gpf.scene.folders import list_scenes, load_views, scene_files, scenes_root
-from gpf.scene.inventory import scene_info
+from gpf.scene.inventory import check_scene, scene_info
 from gpf.scene.load import load_scene, load_scene_file
 from gpf.scene.snapshot import build_scene
 
@@ -278,3 +279,38 @@ def test_an_exr_file_is_read_with_one_thread(tmp_path):
     command = [sys.executable, "-c", WITH_ONE_THREAD, str(tmp_path / "scene.xml")]
     done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, timeout=120)
     assert done.stdout.split() == ["EnvironmentMapEmitter", "1"], done.stderr
+
+
+SKY = """
+<scene version="3.0.0">
+    <sensor type="perspective"/>
+    <shape type="rectangle"/>
+    <emitter type="envmap">
+        <string name="filename" value="sky.exr"/>
+        <boolean name="mis_compensation" value="true"/>
+    </emitter>
+</scene>"""
+
+
+def test_the_dim_parts_of_a_sky_emit_light_too(tmp_path):
+    """With ``mis_compensation``, Mitsuba samples nothing below the mean of an environment map."""
+    pixels = np.full((8, 16, 3), 1.0, np.float32)
+    pixels[2, 3] = 500
+    mi.Bitmap(pixels).write(str(tmp_path / "sky.exr"), quality=1)
+    (tmp_path / "scene.xml").write_text(SKY)
+    scene = load_scene_file(tmp_path / "scene.xml")
+    ray, power, _ = emit_light(scene, seeded(40_000))
+    up = np.array(ray.d.y) < -0.9  # from above, where the sun is not
+    found = np.array(power)[0]
+    sphere = scene.bbox().bounding_sphere().radius
+    expected = 2 * np.pi * 0.1 * np.pi * sphere**2  # 1 W/m²/sr from a cap of 2 π (1 - .9)
+    assert (found * up).mean() == pytest.approx(expected, rel=0.1)
+    raw = mi.load_file(str(tmp_path / "scene.xml"))
+    with pytest.raises(UserError, match="mis_compensation, whose dim parts would send no photons"):
+        check_scene(raw)
+
+
+def seeded(lanes: int) -> mi.Sampler:
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(1, lanes)
+    return sampler
