@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 import gpf
-from benchmarks.lit_scenes import GLASS_AT, SCENES
+from benchmarks.lit_scenes import GLASS_AT, NAMES, load
 from benchmarks.placement import open_scene
 from benchmarks.regions import REGIONS, find_regions
 from gpf.core.progress import progress_bar
@@ -76,7 +76,7 @@ def main() -> None:
     parser.add_argument("--passes", type=int, nargs="*", default=[], help="instead of seconds")
     parser.add_argument("--rows", type=int, default=128)
     parser.add_argument("--kept", type=Path, default=Path("results/benchmark_references"))
-    parser.add_argument("scenes", nargs="*", default=[*SCENES, *list_scenes()])
+    parser.add_argument("scenes", nargs="*", default=[*NAMES, *list_scenes()])
     arguments = parser.parse_args()
     goals = [{"passes": n} for n in arguments.passes] or [{"seconds": s} for s in arguments.seconds]
     titles = [f"{value:g} {unit}" for goal in goals for unit, value in goal.items()]
@@ -96,9 +96,9 @@ def main() -> None:
 
 def open_any_scene(name: str) -> tuple[mi.Scene, View, float]:
     """A scene of ours or of `scenes/`, its own camera, and width over height of its images."""
-    if name not in SCENES:
+    if name not in NAMES:
         return open_scene(name)
-    scene = mi.load_dict(SCENES[name](), optimize=False)
+    scene = load(name)
     return scene, views_of_sensors(scene)[0], film_aspect(scene.sensors()[0])
 
 
@@ -106,7 +106,7 @@ def fit_and_render(
     name: str, scene: mi.Scene, own: View, size: tuple[int, int], goal: dict[str, float]
 ) -> np.ndarray:
     """The picture of the scene's own camera from a field with cameras placed around it."""
-    sensors = None if name in SCENES else [make_sensor(own, *size)]
+    sensors = None if name in NAMES else [make_sensor(own, *size)]
     with progress_bar(f"{name}: fit", 1):
         field = gpf.fit(scene, sensors, **goal)  # type: ignore[arg-type]
     renderer = FieldRenderer.make(scene, field, RenderSettings())
@@ -134,7 +134,7 @@ def find_truth(
         kept.mkdir(parents=True, exist_ok=True)
         sensor = make_sensor(own, *size)
         sppm, layers = trace_photons(name, scene, sensor, passes, seed=7)
-        if name in SCENES:
+        if name in NAMES:
             halves = [trace_paths(name, scene, sensor, samples, seed) for seed in range(2)]
         else:
             halves = [

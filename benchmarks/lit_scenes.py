@@ -5,7 +5,9 @@ y is up; lengths are metres.
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
@@ -22,6 +24,7 @@ from benchmarks.check_scenes import (
     _rgb,
     _room,
 )
+from gpf.scene.load import load_scene_file
 
 SUN = (-0.5, 0.62, 0.6)
 """Towards the sun."""
@@ -41,11 +44,6 @@ def plane_under_sunsky() -> Dict:
 def plane_under_envmap() -> Dict:
     """The same under an environment map with a sun of a few pixels."""
     return _plane() | {"sky": _sky_map()}
-
-
-def plane_with_compensation() -> Dict:
-    """The same map with ``mis_compensation``: its dim parts are not sampled."""
-    return _plane() | {"sky": _sky_map() | {"mis_compensation": True}}
 
 
 def sixteen_lamps() -> Dict:
@@ -89,7 +87,6 @@ SCENES: dict[str, Callable[[], Dict]] = {
     for scene in (
         plane_under_sunsky,
         plane_under_envmap,
-        plane_with_compensation,
         sixteen_lamps,
         two_hundred_lamps,
         window_room,
@@ -98,8 +95,53 @@ SCENES: dict[str, Callable[[], Dict]] = {
 }
 """Name -> function that makes the dictionary for ``mitsuba.load_dict``."""
 
-GLASS_AT = {name: (0.0, 0.3, 0.0) for name in SCENES if name.startswith("plane")}
+COMPENSATED = "plane_with_compensation"
+"""The plane under the same map with ``mis_compensation``, as a file: Mitsuba does not sample dim
+parts of the map."""
+
+_FILE = """
+<scene version="3.0.0">
+    <sensor type="perspective">
+        <float name="fov" value="40"/>
+        <transform name="to_world">
+            <lookat origin="3.6, 2.7, 4.2" target="0, 0, 0" up="0, 1, 0"/>
+        </transform>
+        <film type="hdrfilm">
+            <integer name="width" value="96"/><integer name="height" value="72"/>
+            <rfilter type="box"/>
+        </film>
+    </sensor>
+    <shape type="rectangle">
+        <transform name="to_world"><rotate x="1" angle="-90"/><scale value="20"/></transform>
+        <bsdf type="twosided"><bsdf type="diffuse">
+            <rgb name="reflectance" value="0.45"/>
+        </bsdf></bsdf>
+    </shape>
+    <shape type="cube">
+        <transform name="to_world"><scale value="0.3"/><translate y="0.3"/></transform>
+        <bsdf type="dielectric"/>
+    </shape>
+    <emitter type="envmap">
+        <string name="filename" value="sky.exr"/>
+        <boolean name="mis_compensation" value="true"/>
+    </emitter>
+</scene>"""
+
+NAMES = (*SCENES, COMPENSATED)
+
+GLASS_AT = {name: (0.0, 0.3, 0.0) for name in NAMES if name.startswith("plane")}
 """Scenes with a block of glass, and its centre."""
+
+
+def load(name: str) -> mi.Scene:
+    """One of :data:`NAMES`."""
+    if name != COMPENSATED:
+        return mi.load_dict(SCENES[name](), optimize=False)
+    with tempfile.TemporaryDirectory() as folder:
+        _sky_map()["bitmap"].write(str(Path(folder) / "sky.exr"))
+        file = Path(folder) / "scene.xml"
+        file.write_text(_FILE)
+        return load_scene_file(file)
 
 
 def _plane() -> Dict:
