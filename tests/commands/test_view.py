@@ -75,7 +75,7 @@ def damaged(field: Path) -> None:
     [
         (
             other_scene,
-            r"was fitted to another scene, or before box\.xml was changed: other geometry, .*\. "
+            r"was fitted to another scene, or before box\.xml was changed: other geometry and materials\. "
             r"Choose another name with --out for a new one, or add --changed-scene to see it\.",
         ),
         (no_words, r"does not say to which scene it was fitted\. Choose .* add --changed-scene"),

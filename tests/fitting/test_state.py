@@ -11,8 +11,9 @@ from gpf.fitting import state as state_module
 from gpf.fitting.state import PHOTONS, FitState
 from tests.commands.box import box_field
 
+SCENE = {"geometry": [1.0] * 10, "materials": {"m": 1.0}, "lights": ["l"]}
 IDENTITY = {
-    "scene": {"geometry": "g", "materials": "m", "lights": "l"},
+    "scene": SCENE,
     "cameras": "c",
     "seed": 1,
     "settings": [{"radius": 0.5}],
@@ -35,7 +36,7 @@ def test_what_was_saved_is_there(folder):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"scene": {"geometry": "g", "materials": "x", "lights": "y"}}, "other materials, lights"),
+        ({"scene": SCENE | {"materials": {"x": 1.0}, "lights": []}}, "other materials, lights"),
         ({"cameras": "x"}, "other cameras"),
         ({"seed": 2}, "other seed"),
         ({"settings": []}, "other settings"),
