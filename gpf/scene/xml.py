@@ -33,6 +33,10 @@ CODINGS = ("utf-8", "utf8", "utf-16", "iso-8859-1", "latin1", "us-ascii", "ascii
 DEEPEST_INCLUDE = 14
 """So many files may be nested by includes below the first; Mitsuba refuses more."""
 
+MOST_CHARACTERS = 100_000
+"""An attribute may be so long with the values of its parameters: a few lines of parameters within
+parameters could otherwise fill the memory."""
+
 _DOLLAR = r"(?<!\\)\$"  # begins the name of a parameter
 
 
@@ -107,11 +111,18 @@ class SceneXml:
         """Replace parameters by their default values; the longest matching name has priority.
 
         A parameter without a value stays as it is: Mitsuba raises an error with its line.
+
+        Raises
+        ------
+        ValueError: the result has more than :data:`MOST_CHARACTERS`.
         """
         if "$" not in text:
             return text
         for name in sorted(self.defaults, key=len, reverse=True):
-            text = self.defaults[name].join(re.split(rf"{_DOLLAR}{re.escape(name)}", text))
+            value, parts = self.defaults[name], re.split(rf"{_DOLLAR}{re.escape(name)}", text)
+            if len(text) + len(value) * (len(parts) - 1) > MOST_CHARACTERS:
+                raise ValueError(f"more than {MOST_CHARACTERS:,} characters")
+            text = value.join(parts)
         return text
 
     def is_defined(self, text: str) -> bool:
@@ -151,7 +162,12 @@ class _Reader:
             place = Place(file, line)
             for text in raw.values():
                 document.parameters |= set(re.findall(rf"{_DOLLAR}(\w+)", text))
-            attributes = {k: document.fill(text).replace("\\$", "$") for k, text in raw.items()}
+            try:
+                filled = {k: document.fill(text) for k, text in raw.items()}
+            except ValueError as error:
+                what = f"has, with the values of its parameters, {error}"
+                raise UserError(str(place), what, "Use fewer parameters within others.") from None
+            attributes = {k: text.replace("\\$", "$") for k, text in filled.items()}
             document.tags.append(Tag(name, attributes, place, is_root=number == 0))
             value, filename = attributes.get("value", ""), attributes.get("filename", "")
             if name == "default":

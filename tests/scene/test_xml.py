@@ -260,3 +260,14 @@ def test_encodings_that_mitsuba_does_not_know_are_refused(tmp_path):
         UserError, match=r"scene\.xml: does not parse: unknown encoding latin-1\. Save it in UTF"
     ):
         read_scene_xml(file)
+
+
+def test_parameters_within_parameters_do_not_fill_the_memory(tmp_path):
+    """Twenty lines that double the length of a text, each."""
+    lines = ['<default name="a0" value="0123456789"/>']
+    lines += [f'<default name="a{k}" value="{"$a" + str(k - 1)}$a{k - 1}"/>' for k in range(1, 30)]
+    file = write(tmp_path, scene_xml=scene("\n".join(lines)))
+    with pytest.raises(
+        UserError, match=r"scene\.xml:15: has, with .* more than 100,000 characters"
+    ):
+        read_scene_xml(file)

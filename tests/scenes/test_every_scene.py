@@ -34,7 +34,9 @@ def test_the_benchmark_is_complete():
 
 def test_it_renders_finite_radiance(loaded):
     scene, views, name = loaded
-    image = np.array(mi.render(scene, sensor=make_sensor(views.train[0], 8, 6), spp=64))
+    path = mi.load_dict({"type": "path"})
+    sensor = make_sensor(views.train[0], 8, 6)
+    image = np.array(mi.render(scene, sensor=sensor, integrator=path, spp=64))
     assert image.shape == (6, 8, 3)
     assert np.isfinite(image).all()
     # Above the water of the caustics even a path tracer sees light, if seldom.
