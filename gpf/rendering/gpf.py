@@ -217,7 +217,10 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
             if self._compared != (scene.shapes(), bounds):
                 self._compared = scene.shapes(), bounds
                 record = getattr(self.field, "record", {})  # another system in the field's place
-                warn_of_another_scene(scene, bounds, record.get("fingerprint"))
+                known = dict(record.get("fingerprint") or {})
+                if getattr(self.field, "lights", None) is not None:
+                    known.pop("lights", None)  # they may be dimmed (gpf.rendering.lights)
+                warn_of_another_scene(scene, bounds, known)
 
     def _render_with(
         self, scene: mi.Scene, sensor: mi.Sensor, seed: mi.UInt32, spp: int, arrays: Any

@@ -49,8 +49,8 @@ def loses_dim_sky(scene: mi.Scene, directions: int = 4096) -> bool:
     its BSDFs; photons, and samples of the emitters alone, do not.
     """
     sky = scene.environment()
-    if sky is None or sky.class_name() != "EnvironmentMapEmitter":
-        return False
+    if sky is None or sky.class_name() != "EnvironmentMapEmitter" or not dr.is_jit_v(mi.Float):
+        return False  # photons need a variant with wavefronts
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(0, directions)
     si, light = dr.zeros(mi.SurfaceInteraction3f), dr.zeros(mi.DirectionSample3f)

@@ -51,7 +51,8 @@ def test_all_render_in_the_scalar_variant(root):
         "from gpf.scene.load import load_scene\n"
         "for name in sys.argv[2:]:\n"
         "    scene = load_scene(name, 8, 6, Path(sys.argv[1]))\n"
-        "    image = np.array(mi.render(scene, spp=2))\n"
+        "    path = mi.load_dict({'type': 'path'})\n"
+        "    image = np.array(mi.render(scene, integrator=path, spp=2))\n"
         "    assert np.isfinite(image).all(), name\n"
         "    print(name, *image.shape)\n"
     )
