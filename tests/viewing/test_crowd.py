@@ -85,7 +85,7 @@ def test_who_says_nothing_in_time_is_disconnected_and_pages_are_not(ear, monkeyp
                     time.sleep(0.05)
             assert time.monotonic() - start < 3
             assert all(one.recv(1) == b"" for one in idle)
-            wait(lambda: threading.active_count() == before)
+            wait(lambda: threading.active_count() <= before)
             assert ask(server, f"/{server.token}/")[0] == 200
             assert answers(link, ear)
     finally:
