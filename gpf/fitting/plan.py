@@ -9,12 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-FIRST_PASSES, FEWEST_PASSES, GROWTH = 24, 6, 3
-"""Passes until the first complete field, the fewest if time is short, and the factor by which their
-number then grows."""
-
-_FIRST_SHARE = 0.4
-"""Share of the time that is left for the passes of the first field."""
+FIRST_PASSES, GROWTH = 24, 3
+"""Passes until the first complete field, and the factor by which their number then grows."""
 
 LEAST_GROWTH = 1.1
 """The next field has at least so many times the photons of the one before."""
@@ -76,9 +72,6 @@ def plan_next(
     """
     if not done.fitted:
         passes = min(FIRST_PASSES, most)
-        if pass_seconds > 0:
-            soon = done.passes + max(_FIRST_SHARE * left, 0) / pass_seconds
-            passes = min(passes, max(soon, FEWEST_PASSES))
         passes = int(max(passes, done.passes))
         return Plan(passes, usual_steps(passes))
     if done.fitted >= most:
