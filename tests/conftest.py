@@ -4,6 +4,7 @@ A test that needs another one, or none, starts a process of its own.
 """
 
 import os
+from collections.abc import Iterator
 
 import pytest
 
@@ -22,6 +23,15 @@ def pytest_configure() -> None:
         import drjit as dr
 
         dr.set_thread_count(1)
+
+
+@pytest.fixture
+def two_threads() -> Iterator[None]:
+    """For a test in which Mitsuba itself reads or writes an EXR file."""
+    from gpf.core import runtime
+
+    with runtime.two_threads():
+        yield
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ import time
 from contextlib import contextmanager
 from functools import partial
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import OpenEXR
@@ -62,15 +61,6 @@ def test_infinite_values_come_back(tmp_path):
     coverage = np.full((HEIGHT, WIDTH), np.inf, np.float32)
     write_exr(tmp_path / "a.exr", {"coverage": coverage}, {})
     np.testing.assert_array_equal(read_exr(tmp_path / "a.exr")[0]["coverage"], coverage)
-
-
-@pytest.fixture
-def two_threads():
-    """Mitsuba reads and writes EXR in a second thread, and waits forever if there is none."""
-    before = dr.thread_count()
-    dr.set_thread_count(2)
-    yield
-    dr.set_thread_count(before)
 
 
 def test_other_programs_read_the_radiance(file, two_threads):

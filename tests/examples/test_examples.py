@@ -30,17 +30,9 @@ from tests.small_fit import make_small
 PROJECT = Path(__file__).parents[2]
 EXAMPLES = PROJECT / "examples"
 TOUR = EXAMPLES / "tour.ipynb"
-pytestmark = pytest.mark.slow  # they compile many kernels
+# They compile many kernels, and write EXR files.
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("two_threads")]
 SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
-
-
-@pytest.fixture(autouse=True)
-def two_threads():
-    """With one thread, Mitsuba waits forever when it writes an EXR file."""
-    before = dr.thread_count()
-    dr.set_thread_count(max(2, before))
-    yield
-    dr.set_thread_count(before)
 
 
 @pytest.fixture

@@ -292,7 +292,7 @@ SKY = """
 </scene>"""
 
 
-def test_the_dim_parts_of_a_sky_emit_light_too(tmp_path):
+def test_the_dim_parts_of_a_sky_emit_light_too(tmp_path, two_threads):
     """With ``mis_compensation``, Mitsuba samples nothing below the mean of an environment map."""
     pixels = np.full((8, 16, 3), 1.0, np.float32)
     pixels[2, 3] = 500
