@@ -23,6 +23,7 @@ def pytest_configure() -> None:
         import drjit as dr
 
         dr.set_thread_count(1)
+        dr.set_expand_threshold(0)  # see gpf.core.runtime.two_threads
 
 
 @pytest.fixture

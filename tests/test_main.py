@@ -56,15 +56,12 @@ mi.register_integrator("stopped", Stopped)
 
 
 @pytest.fixture
-def room(tmp_path, monkeypatch) -> Iterator[Path]:
+def room(tmp_path, monkeypatch, two_threads) -> Iterator[Path]:
     gc.collect()  # what is left of a scene would be traced with the next
     monkeypatch.chdir(tmp_path)
     (tmp_path / "room.xml").write_text(SCENE)
     (tmp_path / "none.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
-    before = dr.thread_count()
-    dr.set_thread_count(2)  # with one, Mitsuba waits forever when it writes an EXR file
     yield tmp_path
-    dr.set_thread_count(before)
 
 
 def run(*words: str) -> int:

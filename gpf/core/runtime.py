@@ -155,6 +155,9 @@ def two_threads() -> Iterator[None]:
 
     It leaves the reading and writing to Dr.Jit's other threads. Where there are none it means to do
     it at once, but looks for a ``pool_size()`` of 0, and that counts the caller.
+
+    Back at one thread, sums in small arrays must not have a copy for each thread: Dr.Jit 1.5 then
+    sometimes puts all of them one place too far.
     """
     import drjit as dr
 
@@ -164,6 +167,8 @@ def two_threads() -> Iterator[None]:
         yield
     finally:
         dr.set_thread_count(before)
+        if before == 1:
+            dr.set_expand_threshold(0)
 
 
 def device_description() -> dict[str, Any]:

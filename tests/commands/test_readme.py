@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ SMALL = {"--seconds 120": "--passes 4", "--orbit 48": "--orbit 3", "--size 512x5
 
 
 @pytest.fixture
-def viewers(tmp_path, monkeypatch):
+def viewers(tmp_path, monkeypatch, two_threads):
     """In a folder with a scene; the pages that were served until Ctrl-C, which comes at once."""
     monkeypatch.chdir(tmp_path)
     Path("scene.xml").write_text(SCENE)
@@ -28,10 +27,7 @@ def viewers(tmp_path, monkeypatch):
     monkeypatch.setattr("webbrowser.open", lambda address: None)
     served = []
     monkeypatch.setattr(Viewer, "run", lambda viewer: served.append(viewer))
-    before = dr.thread_count()
-    dr.set_thread_count(max(2, before))  # with one, Mitsuba waits forever when it writes an EXR
-    yield served
-    dr.set_thread_count(before)
+    return served
 
 
 @pytest.mark.slow

@@ -54,6 +54,7 @@ def test_an_interrupt_waits_until_the_block_ends():
         signal.raise_signal(signal.SIGINT)
 
 
+@pytest.mark.usefixtures("interrupts")
 def test_an_interrupt_in_a_destructor_is_not_lost():
     class Interrupted:
         def __del__(self):
