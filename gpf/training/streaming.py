@@ -8,8 +8,9 @@ more.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Annotated
 
 import drjit as dr
@@ -20,7 +21,7 @@ from pydantic import Field
 from gpf.core.errors import uninterrupted
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.settings import Count, Positive, Seed, Settings
-from gpf.core.structs import VisiblePoints, concatenate, from_numpy, take, to_numpy
+from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.guiding.density_control import cell_keys
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.photon_cells import PhotonCells
@@ -31,6 +32,7 @@ from gpf.scene.light_groups import LightGroups
 from gpf.sppm.density import PhotonDensity, radius_at
 from gpf.sppm.edge_correction import covered_share, near_edges
 from gpf.sppm.fixed_points import FixedPoints
+from gpf.sppm.obstacles import Hidden, Obstacles, nowhere
 from gpf.sppm.passes import PassSettings, suit_scene
 from gpf.training.targets import Targets, source_numbers
 
@@ -136,12 +138,14 @@ class PhotonStream:
         self._direct = [dr.zeros(mi.Color3f, len(self._source)) for _ in range(2)]
         self._samples = 0
         self._sharp = np.zeros(len(self._source), bool)
-        self._edges = mi.UInt32()
+        self._edges = np.zeros(len(self._source), bool)
+        self._obstacles: Obstacles | None = None
         if self.settings.edge_correction:
             p, n = self._points.points.p, self._points.points.n
             edge_seed = pass_seed(seed, 0, Stream.EDGES)
             first_radius = self.settings.initial_radius  # later ones are smaller
-            self._edges = dr.compress(near_edges(scene, p, n, first_radius, edge_seed))
+            self._edges = near_edges(scene, p, n, first_radius, edge_seed).numpy()
+            self._obstacles = Obstacles(scene, p, n, first_radius)
         self.blur = np.zeros(len(self._source), np.float32)
 
     @property
@@ -219,21 +223,15 @@ class PhotonStream:
         At each point with the radius that the last call of :meth:`halves` has chosen for all light.
         """
         assert self._groups is not None
-        points = self._points.points
         found = np.zeros((len(self._groups.names), len(self._source), 3), np.float32)
         shares = self.count // 2 / self.count, (self.count + 1) // 2 / self.count
         for radius, chosen in ((self.radius, ~self._sharp), (NARROW * self.radius, self._sharp)):
-            rows = np.flatnonzero(chosen)
-            if len(rows) == 0:
-                continue
-            part = take(points, from_numpy(mi.UInt32, rows))
-            correction = self._correct_edges(radius, 2 * self.count)[rows][:, None]
+            correction = self._correct_edges(radius, 2 * self.count)
             for number in range(len(found)):
                 for half, share in enumerate(shares):
                     photons = self._sums.photons(half, number)
-                    density = PhotonDensity(photons, radius, self._bounds, smooth=True)
-                    gathered = to_numpy(density.irradiance(part.p, part.n))
-                    found[number, rows] += np.float32(share) * gathered * correction
+                    gathered = self._irradiance(photons, radius, chosen)
+                    found[number] += np.float32(share) * gathered * correction
         if self._sampled:
             found += self._direct_by_group()
         return found
@@ -254,30 +252,50 @@ class PhotonStream:
     def _gather(self, half: int) -> tuple[np.ndarray, np.ndarray]:
         """Irradiance of the points from the photons of a half, with the wide and the narrow kernel,
         (N, 3) each."""
-        points, found = self._points.points, []
-        photons = self._sums.photons(half)
+        photons, found = self._sums.photons(half), []
         for radius in (self.radius, NARROW * self.radius):
-            density = PhotonDensity(photons, radius, self._bounds, smooth=True)
-            gathered = to_numpy(density.irradiance(points.p, points.n))
-            correction = self._correct_edges(radius, 2 * self.count + half)
-            found.append(gathered * correction[:, None])
-        del photons, density
+            gathered = self._irradiance(photons, radius, np.ones(len(self._source), bool))
+            found.append(gathered * self._correct_edges(radius, 2 * self.count + half))
+        del photons
         dr.flush_malloc_cache()  # hundreds of megabytes, which the other half needs, too
         return found[0], found[1]
 
+    def _irradiance(self, photons: Photons, radius: float, chosen: np.ndarray) -> np.ndarray:
+        """Irradiance of the chosen points, (N,) bool, from photons, without the correction of
+        edges; (N, 3), zero at the others."""
+        density = PhotonDensity(photons, radius, self._bounds, smooth=True)
+        found = np.zeros((len(chosen), 3), np.float32)
+        for rows, part, hidden in self._parts(chosen):
+            found[rows] = to_numpy(density.irradiance(part.p, part.n, hidden=hidden))
+        return found
+
     def _correct_edges(self, radius: float, number: int) -> np.ndarray:
-        """By what the density of photons has to be multiplied at each point, (N,) float32.
+        """By what the density of photons has to be multiplied at each point, (N, 1) float32.
 
         ``number`` of the random numbers: the halves have their own, since what they have in common
         passes for light.
         """
-        correction = np.ones(len(self._source), np.float32)
-        if dr.width(self._edges):
-            part = take(self._points.points, self._edges)
-            seed = pass_seed(self.seed, number, Stream.EDGES)
-            share = covered_share(self.scene, part.p, part.n, radius, seed, EDGE_RAYS)
-            correction[self._edges.numpy()] = 1 / np.asarray(share.numpy())
+        correction = np.ones((len(self._source), 1), np.float32)
+        seed = pass_seed(self.seed, number, Stream.EDGES)
+        near = self._edges if self._obstacles is None else self._edges | self._obstacles.near
+        for rows, part, hidden in self._parts(near):
+            share = covered_share(self.scene, part.p, part.n, radius, seed, EDGE_RAYS, hidden)
+            correction[rows, 0] = 1 / share.numpy()
         return correction
+
+    def _parts(self, chosen: np.ndarray) -> Iterator[tuple[np.ndarray, VisiblePoints, Hidden]]:
+        """The chosen points, (N,) bool, without and with obstacles: their numbers, the points, and
+        what is hidden from them."""
+        near = np.zeros_like(chosen) if self._obstacles is None else self._obstacles.near
+        for rows, obstacles in (
+            (np.flatnonzero(chosen & ~near), None),
+            (np.flatnonzero(chosen & near), self._obstacles),
+        ):
+            if len(rows):
+                numbers = from_numpy(mi.UInt32, rows)
+                part = take(self._points.points, numbers)
+                hidden = nowhere if obstacles is None else partial(obstacles.hide, numbers, part.n)
+                yield rows, part, hidden
 
     def _sample_emitters(self) -> None:
         """Add samples of direct light at the points, as many as suit the number of passes."""
