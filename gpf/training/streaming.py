@@ -22,7 +22,6 @@ from gpf.core.errors import uninterrupted
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.settings import Count, Positive, Seed, Settings
 from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take, to_numpy
-from gpf.guiding.density_control import cell_keys
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.photon_cells import PhotonCells
 from gpf.photons.photon_grid import PhotonSums
@@ -34,17 +33,8 @@ from gpf.sppm.edge_correction import covered_share, near_edges
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.obstacles import Hidden, Obstacles, nowhere
 from gpf.sppm.passes import PassSettings, suit_scene
+from gpf.training.kernel_width import NARROW, is_sharp, kernel_blur
 from gpf.training.targets import Targets, source_numbers
-
-# Radius of the narrow kernel, in units of the wide one.
-NARROW = 0.5
-
-# The narrow kernel is used where the squared bias of the wide one is more than this many times the
-# narrow one's variance, both of half of the photons. With 0.5, much noise passes for light.
-SHARP = 6.0
-
-# Edge of the squares in which the two kernels are compared, in radii of the wide one.
-_COMPARED = 2.0
 
 # Edge of the cells in which photons are added up, in units of the wide kernel's radius after
 # TYPICAL_PASSES passes: a quarter of the narrow one's, where points are dense.
@@ -87,9 +77,9 @@ class PhotonStream:
 
     Photons are added up in cells (:class:`gpf.photons.photon_grid.PhotonSums`), so the cost of a
     pass does not depend on the number of points. For targets, all photons of n passes are gathered
-    with the radius of pass n of SPPM, and where light is sharp with :data:`NARROW` of it
-    (:func:`is_sharp`). Passes with odd and with even numbers are added up apart: these two halves
-    are independent.
+    with the radius of pass n of SPPM, and where light is sharp with half of it
+    (:mod:`gpf.training.kernel_width`). Passes with odd and with even numbers are added up apart:
+    these two halves are independent.
 
     Parameters
     ----------
@@ -102,7 +92,7 @@ class PhotonStream:
     Attributes
     ----------
     blur: squared error of the targets of the last call of :meth:`halves` from the width of their
-        kernels (:func:`kernel_blur`), (N,).
+        kernels (:func:`gpf.training.kernel_width.kernel_blur`), (N,).
     """
 
     def __init__(
@@ -198,7 +188,7 @@ class PhotonStream:
         position, normal = to_numpy(points.p), to_numpy(points.n)
         (wide_a, narrow_a), (wide_b, narrow_b) = (self._gather(half) for half in range(2))
         wide, narrow = (wide_a, wide_b), (narrow_a, narrow_b)
-        sharp = is_sharp(position, normal, wide, narrow, _COMPARED * self.radius) & ~self._coarse
+        sharp = is_sharp(position, normal, wide, narrow, self.radius) & ~self._coarse
         self._sharp = sharp
         self.blur = np.where(self._coarse, 0, kernel_blur(sharp, wide, narrow))
         found = []
@@ -309,62 +299,3 @@ class PhotonStream:
                     direct = self._points.direct_irradiance(sample, self._sampled)
                     self._direct[half] += self._sign * direct
                 dr.eval(self._direct)
-
-
-def kernel_blur(
-    sharp: np.ndarray,
-    wide: tuple[np.ndarray, np.ndarray],
-    narrow: tuple[np.ndarray, np.ndarray],
-) -> np.ndarray:
-    """Squared change of the targets if their kernels had half the radius, mean over the channels,
-    (N,).
-
-    The product over independent halves, (w_a - n_a) (w_b - n_b), is the square of the difference
-    between the wide and the narrow kernel without noise in its mean; it may be negative. Bias is
-    proportional to the square of the radius, so for a narrow kernel the change is ν² as much.
-
-    Parameters
-    ----------
-    sharp: whether the narrow kernel is used, (N,).
-    wide, narrow: irradiance from each half, (N, 3) each.
-    """
-    square = ((wide[0] - narrow[0]) * (wide[1] - narrow[1])).mean(axis=1)
-    blur: np.ndarray = square * np.where(sharp, NARROW**4, 1)
-    return blur.astype(np.float32)
-
-
-def is_sharp(
-    position: np.ndarray,
-    normal: np.ndarray,
-    wide: tuple[np.ndarray, np.ndarray],
-    narrow: tuple[np.ndarray, np.ndarray],
-    width: float,
-) -> np.ndarray:
-    """Where a narrow kernel should replace a wide one, (N,) bool.
-
-    Both kernels gather two independent halves of the photons, a and b. In each cell of a grid, the
-    squared bias B² of the wide kernel w against the narrow one n, and the variance V of each, are
-
-        V_n = mean((n_a - n_b)²) / 2,    V_w likewise,
-        B² = mean((w_a - n_b)² + (w_b - n_a)²) / 2 - V_n - V_w,
-
-    and the cell is sharp if B² > :data:`SHARP` V_n.
-
-    Parameters
-    ----------
-    position, normal: of the points, (N, 3).
-    wide, narrow: irradiance from each half, (N, 3) each.
-    width: edge length of a cell, world units.
-    """
-    _, cell = np.unique(cell_keys(position, normal, width), return_inverse=True)
-    count = np.bincount(cell)
-
-    def difference(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Mean squared difference in each cell."""
-        return np.bincount(cell, ((x - y) ** 2).sum(axis=1)) / count
-
-    variance = difference(*narrow) / 2
-    bias = (difference(wide[0], narrow[1]) + difference(wide[1], narrow[0])) / 2
-    bias -= variance + difference(*wide) / 2
-    sharp: np.ndarray = (bias > SHARP * variance)[cell]
-    return sharp
