@@ -8,8 +8,12 @@ d_a and d_b of fields that are fitted to two independent halves, the detail of t
     λ = ⟨d_a d_b⟩ / ⟨(d_a + d_b)² / 4⟩,    0 ≤ λ ≤ 1
 
 (Wiener's filter, in the scales of a wavelet transform without decimation). ⟨⟩ are means over the
-Gaussians around, each relative to the light there. What this takes from the light of a
-neighbourhood is given back to it evenly.
+Gaussians around, each relative to the light there; the smaller of two λ counts, from a narrow and
+from a wide neighbourhood, because beside a line the wide one is full of the line's own detail. What
+this takes from the light of a neighbourhood is given back to it evenly.
+
+In the pool of the demo after 24 passes, the narrow one alone gains .10 dB, the wide one .14 with
+specks close to the line, both .13 without.
 """
 
 from __future__ import annotations
@@ -23,7 +27,7 @@ from gpf.training.half_colours import HalfColours
 WIDTHS = (1, 1, 2, 4)
 """Rounds of :meth:`HalfColours.spread` from each width to the next."""
 
-AROUND = 4
+NARROW, WIDE = 1, 4
 """Rounds of the means by which detail is judged."""
 
 DIM = 0.1
@@ -43,9 +47,13 @@ def keep_shared_detail(field: GaussianPhotonField, fitted: HalfColours) -> np.nd
         detail, a, b = np.split(now - wider, 3, axis=1)
         square = np.maximum(wider[:, :3].mean(axis=1), 0) + DIM
         powers = np.stack([(a * b).mean(axis=1), ((a + b) ** 2).mean(axis=1) / 4], axis=1)
-        shared, whole = fitted.spread(powers / square[:, None] ** 2, AROUND).T
-        kept += np.clip(shared / np.maximum(whole, _TINY), 0, 1)[:, None] * detail
+        narrow = fitted.spread(powers / square[:, None] ** 2, NARROW)
+        wide = fitted.spread(narrow, WIDE - NARROW)
+        share = np.minimum(
+            *(means[:, 0] / np.maximum(means[:, 1], _TINY) for means in (narrow, wide))
+        )
+        kept += np.clip(share, 0, 1)[:, None] * detail
         now = wider
     kept = np.maximum(kept + now[:, :3], 0)
     lost = fitted.around(fitted.matrix @ (own - kept))
-    return np.maximum(kept + fitted.spread(lost, AROUND), 0) * np.float32(fitted.unit)
+    return np.maximum(kept + fitted.spread(lost, WIDE), 0) * np.float32(fitted.unit)
