@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import filecmp
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import mitsuba as mi
 import numpy as np
@@ -80,12 +82,17 @@ def fit_scene_file(
         )
         save_field(field, out)
     record = field.record
-    say(
-        f"{out}: {record['passes']} passes, estimated PSNR {record['estimated_psnr']:.1f} dB; "
-        f"a picture from it: {preview}"
-    )
+    say(f"{out}: {describe_fit(record)}; a picture from it: {preview}")
     used = sum(file.stat().st_size for file in state.iterdir())
     say(f"{state}: {used / 1e6:.0f} MB, for more photons later (--continue); else delete it.")
+
+
+def describe_fit(record: Mapping[str, Any]) -> str:
+    """Passes and estimated PSNR of a fit, and those of the field before the last, if there was one:
+    what the last part of the time was worth."""
+    *before, (passes, psnr) = record["fields"]
+    text = f"{passes} passes, estimated PSNR {psnr:.1f} dB"
+    return f"{text} (after {before[-1][0]}: {before[-1][1]:.1f} dB)" if before else text
 
 
 def require_field_name(out: Path) -> None:

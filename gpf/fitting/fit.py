@@ -30,9 +30,11 @@ from gpf.scene.inventory import check_scene, describe_media
 from gpf.scene.light_groups import LightGroups
 from gpf.sppm.reference import ReferenceSettings
 from gpf.training.field_error import estimate_error
+from gpf.training.half_colours import HalfColours
 from gpf.training.light_split import split_light
 from gpf.training.recipe import Recipe, open_stream
 from gpf.training.settings import TrainingSettings
+from gpf.training.shared_detail import keep_shared_detail
 from gpf.training.streaming import PhotonStream, StreamSettings
 from gpf.training.targets import Targets
 from gpf.training.trainer import Progress, Trainer
@@ -194,7 +196,7 @@ class _Fit:
         self.passes, self.all_passes = 0, 0
         self.fitted, self.fitted_steps = 0, 0  # passes and steps of the last complete field
         self.cost, self.judging = FieldCost(), 0.0
-        self.history: list[tuple[int, float]] = []  # passes and estimated PSNR of each field
+        self.history: list[tuple[int, float]] = []  # passes and estimated PSNR of the fields
         self.psnr: float | None = None
         self.in_vain = 0
         self.error: float | None = None
@@ -254,6 +256,7 @@ class _Fit:
             self.cost = FieldCost(*cost)
             if best is not None:  # not that of the file: it may be of another exposure
                 self.psnr = self.quality.psnr(best)
+                self.history = [(self.passes, self.psnr)]
 
     def save(self) -> None:
         """Write the state, if it is asked for."""
@@ -316,8 +319,9 @@ class _Fit:
         dr.flush_malloc_cache()  # Dr.Jit would keep what the training needed, a gigabyte and more
 
     def evaluate(self, field: GaussianPhotonField) -> None:
-        """Estimate the PSNR of a field, and keep it unless its training failed."""
-        passes = self.stream.count
+        """Take noise out of a field, estimate its PSNR, and keep it unless its training failed."""
+        passes, fitted = self.stream.count, self.fit_halves(field)
+        field.recolour(keep_shared_detail(field, fitted))
         self._add_estimates(LEAST_PASSES)
         most = passes // LEAST_PER_ESTIMATE
         self._add_estimates(min(self.quality.needed_passes(field), most))
@@ -325,26 +329,31 @@ class _Fit:
         before = float("-inf")
         if self.best is not None:  # compared with the same passes as the new field
             before = self.quality.psnr(self.best)
-        self.history.append((passes, psnr))
+            self.history[-1] = self.passes, before
         self.in_vain = self.in_vain + 1 if psnr - before < LEAST_GAIN else 0
         if psnr >= before - TOLERATED:
-            self.add_error(field)
+            self.add_error(field, fitted)
             if self.groups is not None:
                 field.lights = FieldLights(self.groups, self.split_light(field))
             field.record = {"passes": passes}
             self.best, self.passes, self.psnr = field, passes, psnr
+            self.history.append((passes, psnr))
         else:
             self.psnr = before
         # Not before: an interrupted field has to be fitted again.
         self.fitted, self.fitted_steps = passes, self.all_steps
         self._tell(self.best)
 
-    def add_error(self, field: GaussianPhotonField) -> None:
-        """Tell the last field how wrong it may be."""
+    def fit_halves(self, field: GaussianPhotonField) -> HalfColours:
+        """What the last field would be from each half of the photons."""
         assert self.halves is not None
         recipe = Recipe(self.field_settings)
         first, second = (recipe.supervise(half) for half in self.halves)
-        error = estimate_error(field, (first, second), self.stream.blur)
+        return HalfColours.fit(field, (first, second))
+
+    def add_error(self, field: GaussianPhotonField, fitted: HalfColours) -> None:
+        """Tell the last field how wrong it may be."""
+        error = estimate_error(field, fitted, self.stream.blur)
         field.set_error(error)
         field.set_error(error * np.float32(self.quality.error_scale(field)))
 

@@ -94,8 +94,7 @@ def plan_next(
         steps = min(steps, usual_steps(passes))
         growth, longer = passes / done.fitted, steps / max(done.steps, 1)
         # Many more photons make up for a shorter training, and a longer one for few more.
-        if growth >= (LEAST_GROWTH if longer > 0.6 else 2) or (longer > 1.5 and growth >= 1):
-            return Plan(passes, steps)
-        if passes == most and longer > 0.6:
+        enough = growth >= LEAST_GROWTH or passes == most
+        if (longer > 0.6 and enough) or growth >= 2 or (longer > 1.5 and growth >= 1):
             return Plan(passes, steps)
     return None

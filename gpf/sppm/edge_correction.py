@@ -16,6 +16,7 @@ import mitsuba as mi
 
 from gpf.core.surface_tags import SAME_SURFACE_COSINE, SAME_SURFACE_HEIGHT
 from gpf.photons.photon_grid import rounded_normal
+from gpf.sppm.obstacles import Hidden, nowhere
 
 # Without a limit, a point on an object much smaller than the disc would need very many trials.
 _MOST_TRIALS = 8
@@ -72,13 +73,21 @@ def area_correction(
 
 @dr.syntax
 def covered_share(
-    scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, radius: float, seed: int, rays: int
+    scene: mi.Scene,
+    p: mi.Point3f,
+    n: mi.Normal3f,
+    radius: float,
+    seed: int,
+    rays: int,
+    hidden: Hidden = nowhere,
 ) -> mi.Float:
     """The part A(x) / π r² of the smooth kernel's disc on which photons count at x, (N,).
 
     As :func:`area_correction`, but the share of a number of rays, which are spread evenly over the
     disc, and for photons of :class:`gpf.photons.photon_grid.PhotonSums`, whose normals are rounded.
     At least an eighth.
+
+    ``hidden``: where photons do not count.
     """
     r, frame = dr.opaque(mi.Float, radius), mi.Frame3f(n)
     first, second = _numbers_of(p, seed)
@@ -92,7 +101,7 @@ def covered_share(
             # The smooth kernel weighs a place at the distance √s r by 2 (1 - s).
             s = (mi.Float(number) + shift) / mi.Float(count)
             ray.o = p + _above(frame, r, dr.sqrt(1 - dr.sqrt(dr.maximum(1 - s, 0))), turn, number)
-            left = 2 * r
+            left = dr.select(hidden(ray.o - p), 0, 2 * r)
             number += 1
         found, step = _look(scene, ray, left, p, n, r, True, active)
         hits += dr.select(found, 1, 0)

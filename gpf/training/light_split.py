@@ -61,19 +61,28 @@ def split_colours(
     importance: v, (P,).
     by_group: irradiance of the points from each group, (G, P, 3).
     """
+    # The scale does not matter in the end; near 1, single precision is enough.
+    unit = max(float(by_group.mean()), _TINY)
+    split = fit_colours(matrix, importance, by_group / unit, steps).transpose(1, 0, 2)
+    groups = len(by_group)
+    whole = split.sum(axis=1, keepdims=True)
+    # Where no group brings light to the points, the groups share what the field has.
+    share = np.where(whole > _TINY, split / np.maximum(whole, _TINY), 1 / groups)
+    return np.ascontiguousarray((share * total[:, None]).transpose(1, 0, 2), dtype=np.float32)
+
+
+def fit_colours(
+    matrix: csr_array, importance: np.ndarray, by_group: np.ndarray, steps: int
+) -> np.ndarray:
+    """Colours of the Gaussians for the irradiance of each group, (G, N, 3) float32; the arguments
+    are those of :func:`split_colours`."""
     from scipy.sparse import diags_array  # slow to import
 
     groups, count, _ = by_group.shape
     back = (diags_array(importance) @ matrix).T.tocsr().astype(np.float32)
     target = np.maximum(by_group, 0).transpose(1, 0, 2).reshape(count, 3 * groups)
-    # The scale does not matter in the end; near 1, single precision is enough.
-    target = np.ascontiguousarray(target / max(float(target.mean()), _TINY), dtype=np.float32)
-    wanted = back @ target
+    wanted = back @ np.ascontiguousarray(target, dtype=np.float32)
     colour = wanted / np.maximum(back.sum(axis=1), _TINY)[:, None]
     for _ in range(steps):
         colour *= wanted / np.maximum(back @ (matrix @ colour), _TINY)
-    split = colour.reshape(-1, groups, 3)
-    whole = split.sum(axis=1, keepdims=True)
-    # Where no group brings light to the points, the groups share what the field has.
-    share = np.where(whole > _TINY, split / np.maximum(whole, _TINY), 1 / groups)
-    return np.ascontiguousarray((share * total[:, None]).transpose(1, 0, 2), dtype=np.float32)
+    return np.ascontiguousarray(colour.reshape(-1, groups, 3).transpose(1, 0, 2))

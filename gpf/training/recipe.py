@@ -28,8 +28,9 @@ from gpf.scene.lamps import small_lamps
 from gpf.scene.light_groups import LightGroups
 from gpf.sppm.passes import PassSettings, suit_scene
 from gpf.training.detail_choice import choose_detail
+from gpf.training.kernel_width import NARROW
 from gpf.training.settings import TrainingSettings
-from gpf.training.streaming import NARROW, PhotonStream, StreamSettings
+from gpf.training.streaming import PhotonStream, StreamSettings
 from gpf.training.surface_points import share_of_pixels, target_points
 from gpf.training.targets import Targets
 from gpf.training.trainer import Trainer

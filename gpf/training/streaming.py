@@ -8,8 +8,9 @@ more.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Annotated
 
 import drjit as dr
@@ -20,8 +21,7 @@ from pydantic import Field
 from gpf.core.errors import uninterrupted
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.settings import Count, Positive, Seed, Settings
-from gpf.core.structs import VisiblePoints, concatenate, from_numpy, take, to_numpy
-from gpf.guiding.density_control import cell_keys
+from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.photon_cells import PhotonCells
 from gpf.photons.photon_grid import PhotonSums
@@ -31,18 +31,10 @@ from gpf.scene.light_groups import LightGroups
 from gpf.sppm.density import PhotonDensity, radius_at
 from gpf.sppm.edge_correction import covered_share, near_edges
 from gpf.sppm.fixed_points import FixedPoints
+from gpf.sppm.obstacles import Hidden, Obstacles, nowhere
 from gpf.sppm.passes import PassSettings, suit_scene
+from gpf.training.kernel_width import NARROW, is_sharp, kernel_blur
 from gpf.training.targets import Targets, source_numbers
-
-# Radius of the narrow kernel, in units of the wide one.
-NARROW = 0.5
-
-# The narrow kernel is used where the squared bias of the wide one is more than this many times the
-# narrow one's variance, both of half of the photons. With 0.5, much noise passes for light.
-SHARP = 6.0
-
-# Edge of the squares in which the two kernels are compared, in radii of the wide one.
-_COMPARED = 2.0
 
 # Edge of the cells in which photons are added up, in units of the wide kernel's radius after
 # TYPICAL_PASSES passes: a quarter of the narrow one's, where points are dense.
@@ -85,9 +77,9 @@ class PhotonStream:
 
     Photons are added up in cells (:class:`gpf.photons.photon_grid.PhotonSums`), so the cost of a
     pass does not depend on the number of points. For targets, all photons of n passes are gathered
-    with the radius of pass n of SPPM, and where light is sharp with :data:`NARROW` of it
-    (:func:`is_sharp`). Passes with odd and with even numbers are added up apart: these two halves
-    are independent.
+    with the radius of pass n of SPPM, and where light is sharp with half of it
+    (:mod:`gpf.training.kernel_width`). Passes with odd and with even numbers are added up apart:
+    these two halves are independent.
 
     Parameters
     ----------
@@ -100,7 +92,7 @@ class PhotonStream:
     Attributes
     ----------
     blur: squared error of the targets of the last call of :meth:`halves` from the width of their
-        kernels (:func:`kernel_blur`), (N,).
+        kernels (:func:`gpf.training.kernel_width.kernel_blur`), (N,).
     """
 
     def __init__(
@@ -136,12 +128,14 @@ class PhotonStream:
         self._direct = [dr.zeros(mi.Color3f, len(self._source)) for _ in range(2)]
         self._samples = 0
         self._sharp = np.zeros(len(self._source), bool)
-        self._edges = mi.UInt32()
+        self._edges = np.zeros(len(self._source), bool)
+        self._obstacles: Obstacles | None = None
         if self.settings.edge_correction:
             p, n = self._points.points.p, self._points.points.n
             edge_seed = pass_seed(seed, 0, Stream.EDGES)
             first_radius = self.settings.initial_radius  # later ones are smaller
-            self._edges = dr.compress(near_edges(scene, p, n, first_radius, edge_seed))
+            self._edges = near_edges(scene, p, n, first_radius, edge_seed).numpy()
+            self._obstacles = Obstacles(scene, p, n, first_radius)
         self.blur = np.zeros(len(self._source), np.float32)
 
     @property
@@ -194,7 +188,7 @@ class PhotonStream:
         position, normal = to_numpy(points.p), to_numpy(points.n)
         (wide_a, narrow_a), (wide_b, narrow_b) = (self._gather(half) for half in range(2))
         wide, narrow = (wide_a, wide_b), (narrow_a, narrow_b)
-        sharp = is_sharp(position, normal, wide, narrow, _COMPARED * self.radius) & ~self._coarse
+        sharp = is_sharp(position, normal, wide, narrow, self.radius) & ~self._coarse
         self._sharp = sharp
         self.blur = np.where(self._coarse, 0, kernel_blur(sharp, wide, narrow))
         found = []
@@ -219,21 +213,15 @@ class PhotonStream:
         At each point with the radius that the last call of :meth:`halves` has chosen for all light.
         """
         assert self._groups is not None
-        points = self._points.points
         found = np.zeros((len(self._groups.names), len(self._source), 3), np.float32)
         shares = self.count // 2 / self.count, (self.count + 1) // 2 / self.count
         for radius, chosen in ((self.radius, ~self._sharp), (NARROW * self.radius, self._sharp)):
-            rows = np.flatnonzero(chosen)
-            if len(rows) == 0:
-                continue
-            part = take(points, from_numpy(mi.UInt32, rows))
-            correction = self._correct_edges(radius, 2 * self.count)[rows][:, None]
+            correction = self._correct_edges(radius, 2 * self.count)
             for number in range(len(found)):
                 for half, share in enumerate(shares):
                     photons = self._sums.photons(half, number)
-                    density = PhotonDensity(photons, radius, self._bounds, smooth=True)
-                    gathered = to_numpy(density.irradiance(part.p, part.n))
-                    found[number, rows] += np.float32(share) * gathered * correction
+                    gathered = self._irradiance(photons, radius, chosen)
+                    found[number] += np.float32(share) * gathered * correction
         if self._sampled:
             found += self._direct_by_group()
         return found
@@ -254,30 +242,50 @@ class PhotonStream:
     def _gather(self, half: int) -> tuple[np.ndarray, np.ndarray]:
         """Irradiance of the points from the photons of a half, with the wide and the narrow kernel,
         (N, 3) each."""
-        points, found = self._points.points, []
-        photons = self._sums.photons(half)
+        photons, found = self._sums.photons(half), []
         for radius in (self.radius, NARROW * self.radius):
-            density = PhotonDensity(photons, radius, self._bounds, smooth=True)
-            gathered = to_numpy(density.irradiance(points.p, points.n))
-            correction = self._correct_edges(radius, 2 * self.count + half)
-            found.append(gathered * correction[:, None])
-        del photons, density
+            gathered = self._irradiance(photons, radius, np.ones(len(self._source), bool))
+            found.append(gathered * self._correct_edges(radius, 2 * self.count + half))
+        del photons
         dr.flush_malloc_cache()  # hundreds of megabytes, which the other half needs, too
         return found[0], found[1]
 
+    def _irradiance(self, photons: Photons, radius: float, chosen: np.ndarray) -> np.ndarray:
+        """Irradiance of the chosen points, (N,) bool, from photons, without the correction of
+        edges; (N, 3), zero at the others."""
+        density = PhotonDensity(photons, radius, self._bounds, smooth=True)
+        found = np.zeros((len(chosen), 3), np.float32)
+        for rows, part, hidden in self._parts(chosen):
+            found[rows] = to_numpy(density.irradiance(part.p, part.n, hidden=hidden))
+        return found
+
     def _correct_edges(self, radius: float, number: int) -> np.ndarray:
-        """By what the density of photons has to be multiplied at each point, (N,) float32.
+        """By what the density of photons has to be multiplied at each point, (N, 1) float32.
 
         ``number`` of the random numbers: the halves have their own, since what they have in common
         passes for light.
         """
-        correction = np.ones(len(self._source), np.float32)
-        if dr.width(self._edges):
-            part = take(self._points.points, self._edges)
-            seed = pass_seed(self.seed, number, Stream.EDGES)
-            share = covered_share(self.scene, part.p, part.n, radius, seed, EDGE_RAYS)
-            correction[self._edges.numpy()] = 1 / np.asarray(share.numpy())
+        correction = np.ones((len(self._source), 1), np.float32)
+        seed = pass_seed(self.seed, number, Stream.EDGES)
+        near = self._edges if self._obstacles is None else self._edges | self._obstacles.near
+        for rows, part, hidden in self._parts(near):
+            share = covered_share(self.scene, part.p, part.n, radius, seed, EDGE_RAYS, hidden)
+            correction[rows, 0] = 1 / share.numpy()
         return correction
+
+    def _parts(self, chosen: np.ndarray) -> Iterator[tuple[np.ndarray, VisiblePoints, Hidden]]:
+        """The chosen points, (N,) bool, without and with obstacles: their numbers, the points, and
+        what is hidden from them."""
+        near = np.zeros_like(chosen) if self._obstacles is None else self._obstacles.near
+        for rows, obstacles in (
+            (np.flatnonzero(chosen & ~near), None),
+            (np.flatnonzero(chosen & near), self._obstacles),
+        ):
+            if len(rows):
+                numbers = from_numpy(mi.UInt32, rows)
+                part = take(self._points.points, numbers)
+                hidden = nowhere if obstacles is None else partial(obstacles.hide, numbers, part.n)
+                yield rows, part, hidden
 
     def _sample_emitters(self) -> None:
         """Add samples of direct light at the points, as many as suit the number of passes."""
@@ -291,62 +299,3 @@ class PhotonStream:
                     direct = self._points.direct_irradiance(sample, self._sampled)
                     self._direct[half] += self._sign * direct
                 dr.eval(self._direct)
-
-
-def kernel_blur(
-    sharp: np.ndarray,
-    wide: tuple[np.ndarray, np.ndarray],
-    narrow: tuple[np.ndarray, np.ndarray],
-) -> np.ndarray:
-    """Squared change of the targets if their kernels had half the radius, mean over the channels,
-    (N,).
-
-    The product over independent halves, (w_a - n_a) (w_b - n_b), is the square of the difference
-    between the wide and the narrow kernel without noise in its mean; it may be negative. Bias is
-    proportional to the square of the radius, so for a narrow kernel the change is ν² as much.
-
-    Parameters
-    ----------
-    sharp: whether the narrow kernel is used, (N,).
-    wide, narrow: irradiance from each half, (N, 3) each.
-    """
-    square = ((wide[0] - narrow[0]) * (wide[1] - narrow[1])).mean(axis=1)
-    blur: np.ndarray = square * np.where(sharp, NARROW**4, 1)
-    return blur.astype(np.float32)
-
-
-def is_sharp(
-    position: np.ndarray,
-    normal: np.ndarray,
-    wide: tuple[np.ndarray, np.ndarray],
-    narrow: tuple[np.ndarray, np.ndarray],
-    width: float,
-) -> np.ndarray:
-    """Where a narrow kernel should replace a wide one, (N,) bool.
-
-    Both kernels gather two independent halves of the photons, a and b. In each cell of a grid, the
-    squared bias B² of the wide kernel w against the narrow one n, and the variance V of each, are
-
-        V_n = mean((n_a - n_b)²) / 2,    V_w likewise,
-        B² = mean((w_a - n_b)² + (w_b - n_a)²) / 2 - V_n - V_w,
-
-    and the cell is sharp if B² > :data:`SHARP` V_n.
-
-    Parameters
-    ----------
-    position, normal: of the points, (N, 3).
-    wide, narrow: irradiance from each half, (N, 3) each.
-    width: edge length of a cell, world units.
-    """
-    _, cell = np.unique(cell_keys(position, normal, width), return_inverse=True)
-    count = np.bincount(cell)
-
-    def difference(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Mean squared difference in each cell."""
-        return np.bincount(cell, ((x - y) ** 2).sum(axis=1)) / count
-
-    variance = difference(*narrow) / 2
-    bias = (difference(wide[0], narrow[1]) + difference(wide[1], narrow[0])) / 2
-    bias -= variance + difference(*wide) / 2
-    sharp: np.ndarray = (bias > SHARP * variance)[cell]
-    return sharp

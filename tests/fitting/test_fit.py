@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import gpf
+from gpf.commands.fit import describe_fit
 from gpf.core.errors import UserError
 from gpf.core.images import tone_map
 from gpf.field.io import read_field
@@ -58,6 +59,10 @@ def test_a_fit_says_how_far_it_is_and_what_it_made(scene, monkeypatch):
     shown = [t for t in told if t.field is not None]
     assert len(shown) >= 2 and shown[-1] is told[-1]
     assert 24 < field.record["estimated_psnr"] < 50
+    (first, before), last = field.record["fields"]
+    assert (first, last) == (12, (20, field.record["estimated_psnr"])) and 20 < before < last[1] + 1
+    told = describe_fit(field.record)
+    assert told == f"20 passes, estimated PSNR {last[1]:.1f} dB (after 12: {before:.1f} dB)"
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from gpf.scene.views import View
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import ReferenceRenderer
 from gpf.training.field_error import estimate_error
+from gpf.training.half_colours import HalfColours
 from tests.plain_field import flat_gaussians, make_field, surface_points
 from tests.small_fit import make_small
 
@@ -84,7 +85,8 @@ def error_of(colour: np.ndarray, halves: list[np.ndarray], blur: float = 0.0) ->
     field = make_field(flat_gaussians(means, colour), settings)
     up = np.tile([0.0, 0.0, 1.0], (len(means), 1))
     first, second = (surface_points(means, up, half) for half in halves)
-    return estimate_error(field, (first, second), np.full(len(means), blur, np.float32))
+    fitted = HalfColours.fit(field, (first, second))
+    return estimate_error(field, fitted, np.full(len(means), blur, np.float32))
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.1])

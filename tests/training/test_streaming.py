@@ -11,7 +11,8 @@ from gpf.core.random import pass_seed
 from gpf.core.structs import VisiblePoints, to_numpy
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.sppm.passes import PassSettings
-from gpf.training.streaming import PhotonStream, is_sharp
+from gpf.training.kernel_width import COMPARED, is_sharp
+from gpf.training.streaming import PhotonStream
 from gpf.training.targets import Targets
 from tests.furnace import diffuse, floor, point_light
 
@@ -119,7 +120,7 @@ def test_light_is_sharp_where_the_wide_kernel_has_a_bias_and_the_narrow_one_litt
         return tuple(np.repeat(half[:, None], 3, axis=1) for half in halves)
 
     wide, narrow = gathered(bias, 0.5), gathered(0 * bias, 1.0)
-    sharp = is_sharp(position, normal, wide, narrow, width=1.0)
+    sharp = is_sharp(position, normal, wide, narrow, radius=1 / COMPARED)
     assert [sharp[cell == k].mean() for k in range(3)] == [1, 0, 0]
 
 

@@ -1,0 +1,80 @@
+"""What a field would be if it had been fitted to one half of the photons, and to the other.
+
+What both have in common is light, and how they differ is noise. The error of a field is estimated
+from them (:mod:`gpf.training.field_error`), and detail that they do not share is taken out of it
+(:mod:`gpf.training.shared_detail`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gpf.core.structs import SurfacePoints, to_numpy
+from gpf.field.field import GaussianPhotonField
+from gpf.training.blend_matrix import blend_matrix
+from gpf.training.light_split import fit_colours
+from gpf.training.loss import relative_weight
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+STEPS = 10
+"""Steps that fit the colours of a half."""
+
+_TINY = 1e-20
+
+
+@dataclass(frozen=True)
+class HalfColours:
+    """The colours of a field's Gaussians from all photons and from each half of them.
+
+    All light is in units of the mean target, where single precision is enough.
+
+    Attributes
+    ----------
+    matrix: the weights W of the Gaussians at the supervised points, (P, N).
+    targets: of the halves, (2, P, 3).
+    halves: colours that are fitted to them, (2, N, 3).
+    unit: the mean target, W/m².
+    """
+
+    matrix: csr_array
+    targets: np.ndarray
+    halves: np.ndarray
+    unit: float
+
+    @classmethod
+    def fit(
+        cls, field: GaussianPhotonField, halves: tuple[SurfacePoints, SurfacePoints]
+    ) -> HalfColours:
+        """Those of a field; ``halves``: the supervised points, with the targets of each half."""
+        targets = np.stack([to_numpy(half.target) for half in halves])
+        matrix = blend_matrix(field, halves[0])
+        unit = max(float(targets[0].mean()), _TINY)
+        level = (matrix @ to_numpy(field.gaussians.irradiance)).mean(axis=1) / unit
+        weight = relative_weight(np.maximum(level, 0))
+        return cls(matrix, targets / unit, fit_colours(matrix, weight, targets / unit, STEPS), unit)
+
+    def spread(self, values: np.ndarray, rounds: int) -> np.ndarray:
+        """Means of values of Gaussians, (N, K), over those around, (N, K): the more rounds, the
+        wider."""
+        for _ in range(rounds):
+            values = self.around(self.matrix @ values)
+        return values
+
+    def around(self, values: np.ndarray) -> np.ndarray:
+        """Means of values at points, (P, K), around each Gaussian, (N, K)."""
+        found: np.ndarray = self._back @ values.astype(np.float32)
+        return found
+
+    @cached_property
+    def _back(self) -> csr_array:
+        """The weights of the points for the mean around each Gaussian, (N, P)."""
+        from scipy.sparse import diags_array  # slow to import
+
+        sums = np.maximum(np.asarray(self.matrix.sum(axis=0)), _TINY)
+        return diags_array((1 / sums).astype(np.float32)) @ self.matrix.T.tocsr()

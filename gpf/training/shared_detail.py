@@ -1,0 +1,59 @@
+"""Detail that only one half of the photons shows is noise, and is taken out of a field.
+
+Small Gaussians beside a bright line are needed for the line, and show the noise of the photons
+around it as dark specks. The colours of a field are divided into detail of several widths, each the
+difference between the colours and their means over a neighbourhood, d = c - ⟨c⟩. With the detail
+d_a and d_b of fields that are fitted to two independent halves, the detail of the field counts by
+
+    λ = ⟨d_a d_b⟩ / ⟨(d_a + d_b)² / 4⟩,    0 ≤ λ ≤ 1
+
+(Wiener's filter, in the scales of a wavelet transform without decimation). ⟨⟩ are means over the
+Gaussians around, each relative to the light there; the smaller of two λ counts, from a narrow and
+from a wide neighbourhood, because beside a line the wide one is full of the line's own detail. What
+this takes from the light of a neighbourhood is given back to it evenly.
+
+In the pool of the demo after 24 passes, the narrow one alone gains .10 dB, the wide one .14 with
+specks close to the line, both .13 without.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gpf.core.structs import to_numpy
+from gpf.field.field import GaussianPhotonField
+from gpf.training.half_colours import HalfColours
+
+WIDTHS = (1, 1, 2, 4)
+"""Rounds of :meth:`HalfColours.spread` from each width to the next."""
+
+NARROW, WIDE = 1, 4
+"""Rounds of the means by which detail is judged."""
+
+DIM = 0.1
+"""Light of less than this share of the mean counts as if it were as much."""
+
+_TINY = 1e-20
+
+
+def keep_shared_detail(field: GaussianPhotonField, fitted: HalfColours) -> np.ndarray:
+    """The colours of a field's Gaussians without the detail that its halves do not share,
+    (N, 3) float32."""
+    own = to_numpy(field.gaussians.irradiance) / fitted.unit
+    kept = np.zeros_like(own)
+    now = np.concatenate([own, *fitted.halves], axis=1).astype(np.float32)
+    for rounds in WIDTHS:
+        wider = fitted.spread(now, rounds)
+        detail, a, b = np.split(now - wider, 3, axis=1)
+        square = np.maximum(wider[:, :3].mean(axis=1), 0) + DIM
+        powers = np.stack([(a * b).mean(axis=1), ((a + b) ** 2).mean(axis=1) / 4], axis=1)
+        narrow = fitted.spread(powers / square[:, None] ** 2, NARROW)
+        wide = fitted.spread(narrow, WIDE - NARROW)
+        share = np.minimum(
+            *(means[:, 0] / np.maximum(means[:, 1], _TINY) for means in (narrow, wide))
+        )
+        kept += np.clip(share, 0, 1)[:, None] * detail
+        now = wider
+    kept = np.maximum(kept + now[:, :3], 0)
+    lost = fitted.around(fitted.matrix @ (own - kept))
+    return np.maximum(kept + fitted.spread(lost, WIDE), 0) * np.float32(fitted.unit)
