@@ -193,10 +193,10 @@ def test_a_field_whose_judgement_was_interrupted_is_fitted_again(scene, monkeypa
     monkeypatch.setattr(plan, "FIRST_PASSES", 12)
     add_error = module._Fit.add_error
 
-    def interrupt(self, field):
+    def interrupt(self, field, fitted):
         if self.stream.count > 12:
             raise KeyboardInterrupt
-        add_error(self, field)
+        add_error(self, field, fitted)
 
     state = tmp_path / "box.fit"
     with monkeypatch.context() as once:
