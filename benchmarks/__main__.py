@@ -1,4 +1,5 @@
-"""`python -m benchmarks`: speed of passes, field queries and training, beside Mitsuba's own.
+"""`python -m benchmarks`: speed of passes, field queries and training, beside Mitsuba's own; and
+whether a field is as bright as the truth.
 
 Each line appears as soon as it is measured: what, its time, that of what it is compared with, the
 ratio of both, and the largest ratio or time aimed at.
@@ -6,11 +7,15 @@ ratio of both, and the largest ratio or time aimed at.
 
 from __future__ import annotations
 
+from benchmarks.energy import energy_row
 from benchmarks.glass_sphere import PHOTONS, measure
 from benchmarks.training import training_row
 from gpf.core.runtime import choose_variant, device_description
 
 SIZES, RADII = (256, 512), (0.02, 0.05)
+
+# Rows, samples of the truth and passes of the fit.
+ENERGY = 96, 512, 24
 
 
 def main(variant: str = "auto") -> None:
@@ -44,6 +49,7 @@ def main(variant: str = "auto") -> None:
                 "1.3" if size == min(SIZES) else "1.5",
             )
     show(*training_row())
+    show(*energy_row(*ENERGY))
 
 
 def show(what: str, measured: str, compared: str, ratio: str, goal: str) -> None:

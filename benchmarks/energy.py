@@ -13,6 +13,7 @@ the scenes under a sky, from the block of glass.
 from __future__ import annotations
 
 import argparse
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,6 +93,26 @@ def main() -> None:
             cells += [f"{truth.open_ratio(image):.3f}", f"{truth.whole_ratio(image):.3f}"]
         table.add_row(name, *cells)
         Console(width=60 + 20 * len(goals)).print(table)
+
+
+def energy_row(rows: int, samples: int, passes: int) -> tuple[str, str, str, str, str]:
+    """What it measures, mean of the field on open surfaces, that of the truth, ratio, and goal."""
+    name = next(iter(NAMES))
+    scene, own, aspect = open_any_scene(name)
+    size = round(rows * aspect), rows
+    with tempfile.TemporaryDirectory() as folder:
+        truth = find_truth(name, scene, own, size, Path(folder), samples, passes)
+    field = fit_and_render(name, scene, own, size, {"passes": passes})
+    bright, expected = (
+        float(image[..., truth.is_open, :].mean()) for image in (field, truth.halves)
+    )
+    return (
+        f"light on an open plane under sun and sky after {passes} passes, and by path",
+        f"{bright:.4f}",
+        f"{expected:.4f}",
+        f"{truth.open_ratio(field):.3f}",
+        "1 ±.01",
+    )
 
 
 def open_any_scene(name: str) -> tuple[mi.Scene, View, float]:

@@ -146,7 +146,17 @@ def choose_variant(variant: str = "auto") -> str:
     mi.set_variant(variant)
     if count_cores() == 1:  # for Mitsuba's EXR files, see two_threads
         dr.set_thread_count(2)
+    _mend_sums()
     return variant
+
+
+def _mend_sums() -> None:
+    """With one thread, sums in small arrays must not have a copy for each thread: Dr.Jit 1.5 then
+    sometimes puts all of them one place too far."""
+    import drjit as dr
+
+    if dr.thread_count() == 1:
+        dr.set_expand_threshold(0)
 
 
 @contextmanager
@@ -155,20 +165,16 @@ def two_threads() -> Iterator[None]:
 
     It leaves the reading and writing to Dr.Jit's other threads. Where there are none it means to do
     it at once, but looks for a ``pool_size()`` of 0, and that counts the caller.
-
-    Back at one thread, sums in small arrays must not have a copy for each thread: Dr.Jit 1.5 then
-    sometimes puts all of them one place too far.
     """
     import drjit as dr
 
+    _mend_sums()  # the user may have set one thread since the variant was chosen
     before = dr.thread_count()
     dr.set_thread_count(max(2, before))
     try:
         yield
     finally:
         dr.set_thread_count(before)
-        if before == 1:
-            dr.set_expand_threshold(0)
 
 
 def device_description() -> dict[str, Any]:

@@ -189,7 +189,7 @@ class _Fit:
         self.sensors = list(place_sensors(scene) if sensors is None else sensors)
         if not self.sensors:
             raise UserError("sensors", "is empty", "Give a camera, or leave it out.")
-        self.bounds = scene_bounds(scene)
+        self.bounds, self.fingerprint = scene_bounds(scene), fingerprint(scene)
         self.stream: PhotonStream
         self.halves: tuple[Targets, Targets] | None = None  # of the last field
         self.best: GaussianPhotonField | None = None
@@ -335,7 +335,7 @@ class _Fit:
             self.add_error(field, fitted)
             if self.groups is not None:
                 field.lights = FieldLights(self.groups, self.split_light(field))
-            field.record = {"passes": passes}
+            field.record = self._origin()
             self.best, self.passes, self.psnr = field, passes, psnr
             self.history.append((passes, psnr))
         else:
@@ -385,7 +385,7 @@ class _Fit:
             "exposure": self.quality.exposure,
             "seconds": self.time.spent,
             "seed": self.seed,
-            "fingerprint": fingerprint(self.scene),
+            "fingerprint": self.fingerprint,
         }
         self.save()
         return self.best
@@ -393,7 +393,13 @@ class _Fit:
     def _report(self, trainer: Trainer, progress: Progress) -> None:
         self.error = progress.held_out_error
         # A copy: later steps change the trainer's, and the unit of its colours.
-        self._tell(copy.copy(trainer.current_field()))
+        field = copy.copy(trainer.current_field())
+        field.record = self._origin()
+        self._tell(field)
+
+    def _origin(self) -> dict[str, Any]:
+        """What a field that is shown during the fit says of itself: it may be kept."""
+        return {"passes": self.stream.count, "fingerprint": self.fingerprint}
 
     def _count_pass(self, passes: int) -> None:
         """After a pass: measure its time, and add to the estimate of the PSNR."""

@@ -52,22 +52,15 @@ def area_correction(
     """
     r, frame = dr.opaque(mi.Float, radius), mi.Frame3f(n)
     first, second = _numbers_of(p, seed)
-    trials = mi.UInt32(0)
-    ray, left = mi.Ray3f(p, -n, 0, 0, mi.Color0f()), mi.Float(0)
-    active = mi.Bool(valid)
+    trials, active = mi.UInt32(0), mi.Bool(valid)
     while active:
-        if left <= 0:
-            trials += 1
-            first, second = mi.sample_tea_32(first, second)
-            disc = r * mi.warp.square_to_uniform_disk(
-                mi.Point2f(mi.Float(first >> 8), mi.Float(second >> 8)) * 2.0**-24
-            )
-            ray.o = p + frame.to_world(mi.Vector3f(disc.x, disc.y, r))
-            left = 2 * r
-        found, step = _look(scene, ray, left, p, n, r, False, active)
-        ray.o = ray(step)
-        left -= step
-        active &= ~found & ((left > 0) | (trials < _MOST_TRIALS))
+        trials += 1
+        first, second = mi.sample_tea_32(first, second)
+        disc = mi.warp.square_to_uniform_disk(
+            mi.Point2f(mi.Float(first >> 8), mi.Float(second >> 8)) * 2.0**-24
+        )
+        above = frame.to_world(r * mi.Vector3f(disc.x, disc.y, 1))
+        active &= ~_lands(scene, p, n, r, above, False) & (trials < _MOST_TRIALS)
     return dr.select(valid, mi.Float(trials), 1)
 
 
@@ -94,20 +87,13 @@ def covered_share(
     turn, shift = 2 * dr.pi * mi.Float(first >> 8) * 2.0**-24, mi.Float(second >> 8) * 2.0**-24
     count = dr.opaque(mi.UInt32, rays)
     number, hits = mi.UInt32(0), mi.UInt32(0)
-    ray, left = mi.Ray3f(p, -n, 0, 0, mi.Color0f()), mi.Float(0)
-    active = dr.full(mi.Bool, True, dr.width(p))
-    while active:
-        if left <= 0:
-            # The smooth kernel weighs a place at the distance √s r by 2 (1 - s).
-            s = (mi.Float(number) + shift) / mi.Float(count)
-            ray.o = p + _above(frame, r, dr.sqrt(1 - dr.sqrt(dr.maximum(1 - s, 0))), turn, number)
-            left = dr.select(hidden(ray.o - p), 0, 2 * r)
-            number += 1
-        found, step = _look(scene, ray, left, p, n, r, True, active)
-        hits += dr.select(found, 1, 0)
-        ray.o = ray(step)
-        left = dr.select(found, 0, left - step)
-        active &= (left > 0) | (number < count)
+    while number < count:
+        # The smooth kernel weighs a place at the distance √s r by 2 (1 - s).
+        s = (mi.Float(number) + shift) / mi.Float(count)
+        above = _above(frame, r, dr.sqrt(1 - dr.sqrt(dr.maximum(1 - s, 0))), turn, number)
+        lands = ~hidden(above) & _lands(scene, p, n, r, above, True)
+        hits += dr.select(lands, 1, 0)
+        number += 1
     return dr.maximum(mi.Float(hits) / mi.Float(count), 1 / _MOST_TRIALS)
 
 
@@ -120,29 +106,14 @@ def near_edges(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, radius: float, se
     r, frame = dr.opaque(mi.Float, radius), mi.Frame3f(n)
     first, _ = _numbers_of(p, seed)
     turn = 2 * dr.pi * mi.Float(first >> 8) * 2.0**-24
-    number = mi.UInt32(0)
-    ray, left = mi.Ray3f(p, -n, 0, 0, mi.Color0f()), mi.Float(0)
-    filled = dr.full(mi.Bool, True, dr.width(p))
-    active = mi.Bool(filled)
-    while active:
-        if left <= 0:
-            within = number >= _RIM
-            place = dr.sqrt(dr.maximum(mi.Float(number) - (_RIM - 0.5), 0) / _WITHIN)
-            turned = turn + mi.Float(number) * (2 * dr.pi / _RIM - _GOLDEN_ANGLE)
-            ray.o = p + _above(
-                frame,
-                r,
-                dr.select(within, place, 0.98),
-                dr.select(within, turn, turned),
-                number,
-            )
-            left = 2 * r
-            number += 1
-        found, step = _look(scene, ray, left, p, n, r, True, active)
-        ray.o = ray(step)
-        left = dr.select(found, 0, left - step)
-        filled &= found | (left > 0)
-        active &= filled & ((left > 0) | (number < _RIM + _WITHIN))
+    number, filled = mi.UInt32(0), dr.full(mi.Bool, True, dr.width(p))
+    while filled & (number < _RIM + _WITHIN):
+        within = number >= _RIM
+        place = dr.sqrt(dr.maximum(mi.Float(number) - (_RIM - 0.5), 0) / _WITHIN)
+        on_rim = turn + mi.Float(number) * (2 * dr.pi / _RIM - _GOLDEN_ANGLE)
+        distance, angle = dr.select(within, place, 0.98), dr.select(within, turn, on_rim)
+        filled &= _lands(scene, p, n, r, _above(frame, r, distance, angle, number), True)
+        number += 1
     return ~filled
 
 
@@ -163,31 +134,30 @@ def _above(
     return frame.to_world(r * mi.Vector3f(distance * cosine, distance * sine, 1))
 
 
-def _look(
-    scene: mi.Scene,
-    ray: mi.Ray3f,
-    left: mi.Float,
-    p: mi.Point3f,
-    n: mi.Normal3f,
-    r: mi.Float,
-    rounded: bool,
-    active: mi.Bool,
-) -> tuple[mi.Bool, mi.Float]:
-    """Whether the next surface below a ray's origin belongs to that of ``p``, (N,), and how far
-    to go on behind it: glass may lie on the surface.
+@dr.syntax
+def _lands(
+    scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, r: mi.Float, above: mi.Vector3f, rounded: bool
+) -> mi.Bool:
+    """Whether the surface below a place is that of ``p``, so that photons there count, (N,).
 
     Parameters
     ----------
-    left: length of the ray that is left, (N,).
-    rounded: whether photons have rounded normals there.
+    above: offset of the place from ``p``, one radius above the disc, (N, 3).
+    rounded: whether photons have rounded normals.
     """
-    ray.maxt = left
-    si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False, active=active)
-    cosine = dr.abs(dr.dot(si.n, n))
-    # The kernel's limit on height; the cosine accounts for the slope of the surface.
-    flat = dr.abs(dr.dot(n, si.p - p)) * cosine <= SAME_SURFACE_HEIGHT * r
-    if rounded:
-        cosine = dr.abs(dr.dot(rounded_normal(si.n), n))
-    found = si.is_valid() & flat & (cosine > SAME_SURFACE_COSINE)
-    found &= mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Diffuse)
-    return found, dr.select(si.is_valid(), si.t + 1e-3 * r, left)
+    ray = mi.Ray3f(p + above, -n, 0, 0, mi.Color0f())
+    left, found = mi.Float(2 * r), dr.full(mi.Bool, False, dr.width(p))
+    while ~found & (left > 0):  # glass may lie on the surface: go on below it
+        ray.maxt = left
+        si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False, active=True)
+        cosine = dr.abs(dr.dot(si.n, n))
+        # The kernel's limit on height; the cosine accounts for the slope of the surface.
+        flat = dr.abs(dr.dot(n, si.p - p)) * cosine <= SAME_SURFACE_HEIGHT * r
+        if dr.hint(rounded, mode="scalar"):
+            cosine = dr.abs(dr.dot(rounded_normal(si.n), n))
+        found = si.is_valid() & flat & (cosine > SAME_SURFACE_COSINE)
+        found &= mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.Diffuse)
+        step = dr.select(si.is_valid(), si.t + 1e-3 * r, left)
+        ray.o = ray(step)
+        left -= step
+    return found

@@ -11,5 +11,6 @@ def small_bench(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures of 32 rows, one radius, and few passes."""
     monkeypatch.setattr(bench, "SIZES", (32,))
     monkeypatch.setattr(bench, "RADII", (0.05,))
+    monkeypatch.setattr(bench, "ENERGY", (32, 64, 12))
     monkeypatch.setattr(benchmarks.training, "PASSES", 24)
     monkeypatch.setattr(benchmarks.training, "ROWS", 32)

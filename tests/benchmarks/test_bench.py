@@ -12,6 +12,7 @@ def test_it_prints_a_line_for_each_measurement(small_bench, capsys):
     bench.main()
     lines = capsys.readouterr().out.splitlines()
     rows = [line for line in lines if re.search(r"[\d.]+ m?s ", line)]
+    assert float(lines[-1].split()[-3]) == pytest.approx(1, abs=0.05)  # … ratio, "1 ±.01"
     pass_, sample, recorded, training = rows
     assert pass_.startswith("SPPM pass, 32²") and "(gpf, recorded)" in recorded
     assert sample.startswith("one sample") and training.startswith("training to within")
