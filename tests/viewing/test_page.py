@@ -105,7 +105,7 @@ def test_it_shows_the_scene_and_moves(page):
     page.press("1")
     page.wait_for("viewer.frames > 2")
     assert np.abs(picture(page) - before).mean() < 3
-    assert len(page.evaluate("viewer.delays")) > 5
+    assert len(page.evaluate("viewer.delays")) > 2
 
 
 def test_keys_fly_and_the_panel_hides(page):
@@ -268,22 +268,25 @@ def memory(process) -> float:
 
 
 def test_random_input_does_no_harm(lamps, tmp_path):
-    """Half a minute of it, or GPF_RANDOM_SECONDS; memory stays as it is."""
+    """The same input three times; memory ends where it was after the second."""
     with open_page(PROGRAM, lamps[1], tmp_path) as page:
         page.wait_for("viewer.ready && viewer.frames > 2")
-        give_random_input(lamps, page)
+        used = []
+        for _ in range(3):
+            give_random_input(page, random.Random(5))
+            assert lamps[0].poll() is None
+            used.append(memory(lamps[0]))
+        assert used[2] < 1.15 * used[1] + 30, used
         assert page.complaints == []
 
 
-def give_random_input(viewer, page):
-    seconds = float(os.environ.get("GPF_RANDOM_SECONDS", "30"))
-    dice = random.Random(5)
+def give_random_input(page, dice):
+    """As many times as GPF_RANDOM_INPUTS says, or 60; then the page is loaded again."""
     layers, others, curves = (
         page.evaluate(f"[...document.querySelector('#{menu}').options].map(o => o.value)")
         for menu in ("layer", "compare", "curve")
     )
-    before, end = None, time.monotonic() + seconds
-    while time.monotonic() < end:
+    for _ in range(int(os.environ.get("GPF_RANDOM_INPUTS", "60"))):
         kind = dice.randrange(7)
         if kind == 0:
             page.press(dice.choice("wasdqe123456789h"))
@@ -307,11 +310,8 @@ def give_random_input(viewer, page):
         else:
             page.call("Page.reload")
             page.wait_for("document.readyState === 'complete'")
-        if before is None and time.monotonic() > end - seconds / 2:
-            before = memory(viewer[0])
     page.call("Page.reload")
     page.wait_for("window.viewer && viewer.ready")
-    assert viewer[0].poll() is None and memory(viewer[0]) < 1.15 * before + 30
 
 
 def test_a_fit_that_is_watched_is_kept(tmp_path):
