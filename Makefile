@@ -30,8 +30,8 @@ repro: $(STAMP) ## environment, then every stage of the pipeline that is out of 
 	@echo "results/<scene>/renders (images)."
 	@echo "On the command line: dvc metrics show; dvc plots show   (after: . .venv/bin/activate)"
 
-test: $(STAMP) ## the tests, without those marked slow
-	@$(PYTEST) -m "not slow" $(ARGS)
+test: $(STAMP) ## the tests, without those marked slow or long
+	@$(PYTEST) -m "not slow and not long" $(ARGS)
 
 test-all: $(STAMP) ## all tests
 	@$(PYTEST) $(ARGS)

@@ -1,4 +1,4 @@
-"""Two tiers of a statistical test: a quick one, and a precise one that is marked slow.
+"""Two tiers of a statistical test: a quick one, and a precise one that is marked long.
 
 The quick tier draws a share s of the samples. Standard errors are then 1/√s times as large, and so
 are the tolerances that stand for noise: each tier is as sure of its answer as the other.
@@ -27,6 +27,6 @@ class Tier:
 
 
 def tiers(quick: float) -> pytest.MarkDecorator:
-    """Run a test with a share of its samples, and, if slow tests run, with all of them."""
-    precise = pytest.param(Tier(1), marks=pytest.mark.slow, id="precise")
+    """Run a test with a share of its samples, and, if long tests run, with all of them."""
+    precise = pytest.param(Tier(1), marks=pytest.mark.long, id="precise")
     return pytest.mark.parametrize("tier", [pytest.param(Tier(quick), id="quick"), precise])

@@ -30,7 +30,7 @@ def test_few_inputs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     check(run_cases(QUICK, SEED, tmp_path), capsys)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 def test_many_inputs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sum(SHARES.values()) >= 2000
