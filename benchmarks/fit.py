@@ -1,4 +1,4 @@
-"""`python -m benchmarks.fit [--seconds S | --times T | --passes N] [SCENE …]`: `gpf.fit` alone.
+"""`python -m benchmarks.fit [--seconds S … | --times T | --passes N] [SCENE …]`: `gpf.fit` alone.
 
 The scenes are those of `scenes/` and of `benchmarks/check_scenes.py`. The fit places its own
 cameras; with `--views training` it gets the training views of the scene and its exposure, with
@@ -6,7 +6,7 @@ cameras; with `--views training` it gets the training views of the scene and its
 are the novel views of `scenes/`, or frames of the path that `gpf scene import` would place.
 `--times T`: T times as long as SPPM with 1000 passes takes for a view.
 
-One line per scene, with the time of such a view, and the mean of the views' PSNR
+One line per scene and goal, with the time of such a view, and the mean of the views' PSNR
 
 - that the fit estimates, and that of the rendered field against SPPM with 1000 passes, at the
   exposure that the fit has chosen, and at that of the scene's views;
@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,6 +34,7 @@ import gpf
 from benchmarks.check_scenes import SCENES
 from benchmarks.judged import (
     STANDARD,
+    Judged,
     Kept,
     decibels,
     judged_views,
@@ -44,6 +46,7 @@ from benchmarks.judged import (
 from benchmarks.placement import open_scene
 from benchmarks.regions import REGIONS
 from gpf.core.progress import progress_bar
+from gpf.field.field import GaussianPhotonField
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.scene.folders import list_scenes
 from gpf.scene.sensors import make_sensor
@@ -56,7 +59,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     goal = parser.add_mutually_exclusive_group()
-    goal.add_argument("--seconds", type=float)
+    goal.add_argument("--seconds", type=float, nargs="+")
     goal.add_argument("--times", type=float)
     goal.add_argument("--passes", type=int)
     parser.add_argument("--views", choices=("training", "judged"))
@@ -77,12 +80,13 @@ def main() -> None:
     )
     table = Table("scene", *columns, *REGIONS)
     for name in arguments.scenes:
-        table.add_row(name, *judge(name, arguments))
-        Console(width=190).print(table)
+        for cells in judge(name, arguments):
+            table.add_row(name, *cells)
+            Console(width=190).print(table)
 
 
-def judge(name: str, arguments: argparse.Namespace) -> list[str]:
-    """Fit a field to a scene, and compare its images with references; the cells of a line."""
+def judge(name: str, arguments: argparse.Namespace) -> Iterator[list[str]]:
+    """Fit fields to a scene, and compare their images with references; the cells of each line."""
     scene, own, aspect = open_scene(name)
     views, exposure = judged_views(name, scene, own, aspect)
     size = round(ROWS * aspect), ROWS
@@ -94,12 +98,22 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
         views += judged.views if arguments.views == "judged" else []
         sensors = [make_sensor(view, *judged.size) for view in views]
     view = time_view(scene, make_sensor(own, *judged.size))
-    seconds = arguments.times * view if arguments.times else arguments.seconds
-    with progress_bar(f"{name}: fit", 1):
-        known = exposure if arguments.views else None
-        field = gpf.fit(scene, sensors, seconds=seconds, passes=arguments.passes, exposure=known)
-    images, record = render(scene, field, judged), field.record
-    errors, references_too = judged.errors(images), judged.reference_errors()
+    known = exposure if arguments.views else None
+    goals = [arguments.times * view] if arguments.times else arguments.seconds or [None]
+    for seconds in goals:
+        with progress_bar(f"{name}: fit", 1):
+            field = gpf.fit(
+                scene, sensors, seconds=seconds, passes=arguments.passes, exposure=known
+            )
+        yield describe(field, render(scene, field, judged), judged, view)
+
+
+def describe(
+    field: GaussianPhotonField, images: np.ndarray, judged: Judged, view: float
+) -> list[str]:
+    """The cells of a line; ``view``: seconds of a view by SPPM."""
+    record, references_too = field.record, judged.reference_errors()
+    errors = judged.errors(images)
     so_exposed = replace(judged, exposure=record["exposure"])
     cells = [
         str(record["passes"]),
