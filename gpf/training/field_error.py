@@ -38,6 +38,9 @@ DIM = 0.1
 
 _TINY = 1e-20
 
+# Light of a Gaussian, in units of the mean target, below which it counts as this.
+_DARK = 1e-6
+
 
 def estimate_error(field: GaussianPhotonField, fitted: HalfColours, blur: np.ndarray) -> np.ndarray:
     """The expected error of the field around each Gaussian, relative to its irradiance, (N,).
@@ -62,6 +65,6 @@ def estimate_error(field: GaussianPhotonField, fitted: HalfColours, blur: np.nda
     noise, cross, variance, per_level, square, blur = fitted.spread(around, ROUNDS).T
     share = np.sqrt(np.clip(2 * noise / np.maximum(variance, _TINY), 0, 1))
     misfit = np.maximum(cross + (share - share**2 / 2) * variance, 0) + np.maximum(blur, 0)
-    own = np.maximum(colour.mean(axis=1), _TINY)
+    own = np.maximum(colour.mean(axis=1), _DARK)
     relative = noise / np.maximum(per_level, _TINY) / own + misfit / np.maximum(square, _TINY)
     return np.sqrt(np.clip(relative, 0, MOST**2)).astype(np.float32)
