@@ -7,7 +7,7 @@ import pytest
 from gpf.field.initialization import InitialFieldSettings
 from gpf.fitting import fit as fitting
 from gpf.fitting import plan
-from gpf.guiding.emission_plan import VisibleRegionSettings
+from gpf.guiding.emission_plan import BATCH, VisibleRegionSettings
 from gpf.training.streaming import StreamSettings
 
 
@@ -30,3 +30,4 @@ def make_small(monkeypatch: pytest.MonkeyPatch, passes: int, steps: int, paths: 
     monkeypatch.setattr(plan, "MOST_STEPS", steps)
     monkeypatch.setattr(plan, "LEAST_STEPS", steps)
     monkeypatch.setattr("gpf.sppm.reference.EQUAL_PATHS", paths)
+    monkeypatch.setattr("gpf.guiding.emission_plan.BATCH", min(2 * paths, BATCH))
