@@ -30,4 +30,4 @@ def make_small(monkeypatch: pytest.MonkeyPatch, passes: int, steps: int, paths: 
     monkeypatch.setattr(plan, "MOST_STEPS", steps)
     monkeypatch.setattr(plan, "LEAST_STEPS", steps)
     monkeypatch.setattr("gpf.sppm.reference.EQUAL_PATHS", paths)
-    monkeypatch.setattr("gpf.guiding.emission_plan.BATCH", min(2 * paths, BATCH))
+    monkeypatch.setattr("gpf.guiding.emission_plan.BATCH", min(5 * paths, BATCH))

@@ -52,7 +52,7 @@ def grid_points() -> tuple[VisiblePoints, np.ndarray]:
     [
         pytest.param(2 / 3, QUICK, id="2/3, quick"),
         pytest.param(2 / 3, PRECISE, id="2/3, precise", marks=pytest.mark.long),
-        pytest.param(0.8, PRECISE, id="0.8, precise", marks=pytest.mark.long),
+        pytest.param(0.8, PRECISE, id="0.8, precise", marks=pytest.mark.slow),
     ],
 )
 def test_the_error_falls_as_theory_has_it(alpha, run):

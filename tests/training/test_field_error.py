@@ -49,7 +49,7 @@ def truth(scene):
 
 @pytest.mark.slow
 def test_pixels_are_as_wrong_as_their_field_says(scene, truth, monkeypatch):
-    make_small(monkeypatch, passes=20, steps=60, paths=50_000)
+    make_small(monkeypatch, passes=20, steps=60, paths=20_000)
     sensors = [make_sensor(view, *SIZE) for view in VIEWS]
     a, b = truth[:, 0], truth[:, 1]
     mean = []

@@ -105,7 +105,10 @@ def test_it_shows_the_scene_and_moves(page):
     page.press("1")
     page.wait_for("viewer.frames > 2")
     assert np.abs(picture(page) - before).mean() < 3
-    assert len(page.evaluate("viewer.delays")) > 2
+    for _ in range(4):  # a busy machine leaves cameras out, but never the last of a move
+        drag(page)
+        page.wait_for("viewer.frames > 2")
+    assert len(page.evaluate("viewer.delays")) > 5
 
 
 def test_keys_fly_and_the_panel_hides(page):
