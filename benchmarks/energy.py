@@ -76,6 +76,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, nargs="*", default=[20, 60])
     parser.add_argument("--passes", type=int, nargs="*", default=[], help="instead of seconds")
     parser.add_argument("--rows", type=int, default=128)
+    parser.add_argument("--samples", type=int, default=4096, help="of the truth")
     parser.add_argument("--kept", type=Path, default=Path("results/benchmark_references"))
     parser.add_argument("scenes", nargs="*", default=[*NAMES, *list_scenes()])
     arguments = parser.parse_args()
@@ -86,7 +87,7 @@ def main() -> None:
     for name in arguments.scenes:
         scene, own, aspect = open_any_scene(name)
         size = round(arguments.rows * aspect), arguments.rows
-        truth = find_truth(name, scene, own, size, arguments.kept)
+        truth = find_truth(name, scene, own, size, arguments.kept, arguments.samples)
         cells = [f"{truth.uncertainty():.4f}"]
         images = [truth.sppm, *(fit_and_render(name, scene, own, size, goal) for goal in goals)]
         for image in images:

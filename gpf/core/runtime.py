@@ -28,7 +28,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from gpf.core.errors import UserError
+from gpf.core.errors import UserError, uninterrupted
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 LLVM_MINIMUM = 19
@@ -143,7 +143,8 @@ def choose_variant(variant: str = "auto") -> str:
             f"{variant} needs an NVIDIA GPU with its driver, and Dr.Jit finds none",
             "Set it to auto or llvm_ad_rgb; `gpf doctor` shows what is there.",
         )
-    mi.set_variant(variant)
+    with uninterrupted():  # Ctrl-C inside of the imports that this makes would abort the process
+        mi.set_variant(variant)
     if count_cores() == 1:  # for Mitsuba's EXR files, see two_threads
         dr.set_thread_count(2)
     _mend_sums()

@@ -282,3 +282,28 @@ def test_a_copy_inside_another_repository_has_no_commit(
 def test_a_package_that_is_absent_has_no_version() -> None:
     assert runtime.read_version("gpf-test-llvm") is None
     assert runtime.read_version("drjit") == dr.__version__
+
+
+INTERRUPTED = """
+import os, signal, sys
+import gpf
+from gpf.core.runtime import choose_variant
+import mitsuba  # noqa: F401
+signal.signal(signal.SIGINT, signal.default_int_handler)
+def interrupt(event, details):
+    if event == "exec" and "mitsuba/python" in details[0].co_filename:
+        os.kill(os.getpid(), signal.SIGINT)
+sys.addaudithook(interrupt)
+try:
+    choose_variant()
+except KeyboardInterrupt:
+    print("heard")
+"""
+
+
+def test_ctrl_c_while_the_variant_is_set_does_not_abort():
+    """If Python raises in one of its imports, Mitsuba ends the process or raises another error."""
+    ending = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, check=False
+    )
+    assert (ending.returncode, ending.stdout) == (0, "heard\n"), ending.stderr

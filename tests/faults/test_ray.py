@@ -62,7 +62,7 @@ def check_words(process: subprocess.Popen[str], output: str, what: str) -> None:
         assert process.returncode and NO_HEAD in output and WHAT_THEN in output, output
 
 
-@pytest.mark.parametrize("what", KILLED)
+@pytest.mark.parametrize("what", ["a node", pytest.param("the head", marks=pytest.mark.long)])
 def test_passes(tmp_path, what):
     project = new_project(tmp_path / "project")
     project.edit("params.yaml", reference__passes=40, reference__photons_per_pass=50_000)
@@ -82,7 +82,7 @@ def test_passes(tmp_path, what):
     assert contents(project.folder / "results") == wanted
 
 
-@pytest.mark.parametrize("what", KILLED)
+@pytest.mark.parametrize("what", [pytest.param("a node", marks=pytest.mark.long), "the head"])
 def test_pictures(tmp_path, what):
     shutil.copy(PROJECT / "scenes" / SCENE / "scene.xml", tmp_path / "box.xml")
     scene = load_scene_file(tmp_path / "box.xml")

@@ -119,7 +119,14 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("name", FAULTS)
+# The stages have every signal; here, one that can be heard and one that cannot.
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name in ("SIGKILL", "Ctrl-C") else pytest.param(name, marks=pytest.mark.long)
+        for name in FAULTS
+    ],
+)
 def test_a_signal(folder, environment, name):
     chance = random.Random(f"{SEED} view {name}")
     with viewing(folder, environment) as process:

@@ -93,11 +93,27 @@ def garden(sky=1.0, sun=(1.0, 1.0, 1.0), kind="constant"):
 @pytest.mark.parametrize(
     ("build", "view", "levels"),
     [
-        (room, VIEW, {"light": 0.5, "side": (2.0, 0.6, 0.3)}),
-        (garden, GARDEN_VIEW, {"sky": 1.5, "sun": (0.3, 0.1, 0.05)}),
-        (partial(garden, kind="envmap"), GARDEN_VIEW, {"sky": 0.3, "sun": (1.5, 1.0, 0.5)}),
+        pytest.param(
+            room,
+            VIEW,
+            {"light": 0.5, "side": (2.0, 0.6, 0.3)},
+            marks=pytest.mark.long,
+            id="two lamps",
+        ),
+        pytest.param(
+            garden,
+            GARDEN_VIEW,
+            {"sky": 1.5, "sun": (0.3, 0.1, 0.05)},
+            id="constant sky",
+        ),
+        pytest.param(
+            partial(garden, kind="envmap"),
+            GARDEN_VIEW,
+            {"sky": 0.3, "sun": (1.5, 1.0, 0.5)},
+            marks=pytest.mark.long,
+            id="image of a sky",
+        ),
     ],
-    ids=["two lamps", "constant sky", "image of a sky"],
 )
 def test_dimmed_lamps_are_as_good_as_a_fit_for_that_light(monkeypatch, build, view, levels):
     make_small(monkeypatch, passes=48, steps=100, paths=40_000)

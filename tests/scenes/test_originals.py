@@ -25,7 +25,7 @@ def block_means(scene, sensor, settings: PassSettings, passes: int, seed: int) -
     return image.reshape(BLOCKS, rows, BLOCKS, columns).mean(axis=(1, 3))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(
     not ORIGINALS.is_dir(),
     reason="the authors' own scenes are no part of this repository, and not beside it",
