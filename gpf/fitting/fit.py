@@ -6,7 +6,7 @@ import copy
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import InitialFieldSettings
 from gpf.field.lights import FieldLights
 from gpf.fitting.goals import Goals, TimeBudget
-from gpf.fitting.plan import Done, FieldCost, Plan, plan_next
+from gpf.fitting.plan import STEPS_PER_EVALUATION, FieldCost, Plan, plan_next
 from gpf.fitting.quality import LEAST_PASSES, QualityEstimate
 from gpf.fitting.state import FitState, Resume, fit_identity
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
@@ -67,6 +67,7 @@ SAVE_SECONDS = 60.0
 
 FIELD = InitialFieldSettings(direct="auto")
 STREAM = StreamSettings()
+TRAINING = TrainingSettings(evaluate_every=STEPS_PER_EVALUATION)
 REGION = VisibleRegionSettings(rays=131_072, pilot_paths=131_072)
 
 log = logging.getLogger(__name__)
@@ -194,8 +195,8 @@ class _Fit:
         self.halves: tuple[Targets, Targets] | None = None  # of the last field
         self.best: GaussianPhotonField | None = None
         self.passes, self.all_passes = 0, 0
-        self.fitted, self.fitted_steps = 0, 0  # passes and steps of the last complete field
-        self.cost, self.judging = FieldCost(), 0.0
+        self.last: Plan | None = None  # of the last complete field
+        self.cost, self.reserve = FieldCost(), 0.0
         self.history: list[tuple[int, float]] = []  # passes and estimated PSNR of the fields
         self.psnr: float | None = None
         self.in_vain = 0
@@ -248,8 +249,8 @@ class _Fit:
         if tensors:
             self.stream.restore(tensors)
             self.quality.restore(tensors)
-            self.best, self.passes, self.fitted = best, facts["passes"], facts["fitted"]
-            self.fitted_steps = facts["steps"]
+            self.best, self.passes = best, facts["passes"]
+            self.last = Plan(*facts["last"]) if facts["last"] else None
             if facts["target_psnr"] == self.goals.target_psnr:
                 self.in_vain = facts["in_vain"]
             self.time.pass_seconds, *cost = facts["seconds"]
@@ -263,11 +264,10 @@ class _Fit:
         if self.state is not None:
             facts = {
                 "passes": self.passes,
-                "fitted": self.fitted,
+                "last": astuple(self.last) if self.last else None,
                 "in_vain": self.in_vain,
                 "target_psnr": self.goals.target_psnr,
-                "steps": self.fitted_steps,
-                "seconds": [self.time.pass_seconds, self.cost.fixed, self.cost.step],
+                "seconds": [self.time.pass_seconds, *astuple(self.cost)],
             }
             self.state.save(self.stream.tensors() | self.quality.tensors(), facts, self.best)
             self.saved = time.perf_counter()
@@ -299,30 +299,42 @@ class _Fit:
         self.all_passes, self.all_steps = plan.passes, plan.steps
         self.save()
         begin = time.perf_counter()
-        settings = TrainingSettings(seed=self.seed, steps=plan.steps)
+        settings = TRAINING.model_copy(update={"seed": self.seed, "steps": plan.steps})
         recipe = Recipe(self.field_settings, settings)
-        self.halves = self.stream.halves()
+        self.halves = self.stream.halves(plan.stride)
         trainer = recipe.fit_stream(self.stream, self.halves, self.photons, self.bounds)
-        start = self.halfway = time.perf_counter()
+        start = time.perf_counter()
+        self.ticks = [start]
         try:
             trainer.run(lambda progress: self._report(trainer, progress), self._count_step)
         except _OutOfTime:
             if not trainer.history:
                 raise
         trained = time.perf_counter()
-        # The first steps compile kernels.
-        step = (trained - self.halfway) / max(trainer.step_count - plan.steps // 2, 1)
-        self.evaluate(trainer.finish())
+        intervals = np.diff(self.ticks)
+        step = float(np.median(intervals))
+        evaluation = max(float(intervals[-1]) - step, 0)  # after the last step
+        field = trainer.finish()
+        fitted = self.fit_halves(field)
+        field.recolour(keep_shared_detail(field, fitted))
+        cleaned = time.perf_counter()
+        self._add_estimates(LEAST_PASSES)
+        self.quality.psnr(field)
+        # What the first estimate needs, later ones have.
+        begin_judgement = time.perf_counter()
+        self.evaluate(field, fitted)
+        # Not before: an interrupted field has to be fitted again.
+        self.last = Plan(self.stream.count, plan.steps, plan.stride)
+        self._tell(self.best)
         now = time.perf_counter()
-        self.judging = now - trained
-        self.cost = FieldCost(start - begin + self.judging, step)
+        self.reserve = now - trained
+        points = start - begin + cleaned - trained
+        self.cost = FieldCost.of_all(plan.stride, points, evaluation, step, now - begin_judgement)
         dr.flush_malloc_cache()  # Dr.Jit would keep what the training needed, a gigabyte and more
 
-    def evaluate(self, field: GaussianPhotonField) -> None:
-        """Take noise out of a field, estimate its PSNR, and keep it unless its training failed."""
-        passes, fitted = self.stream.count, self.fit_halves(field)
-        field.recolour(keep_shared_detail(field, fitted))
-        self._add_estimates(LEAST_PASSES)
+    def evaluate(self, field: GaussianPhotonField, fitted: HalfColours) -> None:
+        """Estimate the PSNR of a field, and keep it unless its training failed."""
+        passes = self.stream.count
         most = passes // LEAST_PER_ESTIMATE
         self._add_estimates(min(self.quality.needed_passes(field), most))
         psnr = self.quality.psnr(field)
@@ -340,9 +352,6 @@ class _Fit:
             self.history.append((passes, psnr))
         else:
             self.psnr = before
-        # Not before: an interrupted field has to be fitted again.
-        self.fitted, self.fitted_steps = passes, self.all_steps
-        self._tell(self.best)
 
     def fit_halves(self, field: GaussianPhotonField) -> HalfColours:
         """What the last field would be from each half of the photons."""
@@ -413,9 +422,8 @@ class _Fit:
 
     def _count_step(self, steps: int) -> None:
         self.steps = steps
-        if steps == self.all_steps // 2:
-            self.halfway = time.perf_counter()
-        self._end_in_time(self.judging)
+        self.ticks.append(time.perf_counter())
+        self._end_in_time(self.reserve)
 
     def _end_in_time(self, reserve: float = 0) -> None:
         """Show the progress; end the fit if its time, less a reserve, is over and there is a
@@ -426,9 +434,9 @@ class _Fit:
 
     def _plan(self) -> Plan | None:
         """The next field."""
-        done = Done(self.stream.count, self.fitted, self.fitted_steps)
         pass_seconds = self.time.pass_seconds * (1 + 1 / PASSES_PER_ESTIMATE)
-        return plan_next(done, self.goals.passes, self.time.left, pass_seconds, self.cost)
+        done, most = self.stream.count, self.goals.passes
+        return plan_next(done, self.last, most, self.time.left, pass_seconds, self.cost)
 
     def _tell(self, field: GaussianPhotonField | None) -> None:
         self.callback(

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import statistics
 import time
+from collections import deque
 from dataclasses import dataclass
 
 from gpf.core.errors import UserError
 
 DEFAULT_PASSES = 300
 """Photon passes if neither a time, a PSNR nor a number of passes is asked for."""
+
+
+LATELY = 9
+"""Passes whose time tells that of the next ones."""
 
 
 @dataclass(frozen=True)
@@ -49,13 +55,13 @@ class TimeBudget:
 
     Attributes
     ----------
-    pass_seconds: of a pass, lately.
+    pass_seconds: of a pass, lately (median).
     """
 
     def __init__(self, seconds: float | None) -> None:
         self.begin = self._last = time.perf_counter()
-        self._compiling = True
         self._end = float("inf") if seconds is None else self.begin + seconds
+        self._passes: deque[float] = deque(maxlen=LATELY)
         self.pass_seconds = 0.0
 
     @property
@@ -73,11 +79,9 @@ class TimeBudget:
         return time.perf_counter() + reserve > self._end
 
     def note_pass(self) -> None:
-        """A pass has ended. The time of the first is ignored, because it compiled kernels."""
-        spent = time.perf_counter() - self._last
-        if not self._compiling:
-            self.pass_seconds = 0.8 * (self.pass_seconds or spent) + 0.2 * spent
-        self._compiling = False
+        """A pass has ended. Some take much longer: they compile, or make room for photons."""
+        self._passes.append(time.perf_counter() - self._last)
+        self.pass_seconds = statistics.median(self._passes)
 
     def start_pass(self) -> None:
         """The next pass begins now."""

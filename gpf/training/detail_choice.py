@@ -14,10 +14,12 @@ up over each cell of the field's grid, and the level with the least error is tak
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 
+from gpf.core.runtime import count_cores
 from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.detail import Detail
 from gpf.field.initialization import DISTANCE
@@ -84,10 +86,13 @@ def choose_detail(
     a, b = (to_numpy(half.target) for half in halves)
     both = np.concatenate([a, b], axis=1)
     weight = _weigh_cells(cell, both.mean(axis=1))[cell]
-    errors, fit = [], np.broadcast_to(both.mean(axis=0), both.shape)
-    for level in range(LEVELS):
-        fit = fit_linear(position, normal, both, _FIT * DISTANCE * radius / 2**level, fit)
-        fit_a, fit_b = fit[:, :3], fit[:, 3:]
+    widths = [_FIT * DISTANCE * radius / 2**level for level in range(LEVELS)]
+    errors, before = [], np.broadcast_to(both.mean(axis=0), both.shape)
+    with ThreadPoolExecutor(count_cores()) as pool:  # numpy works with one core each
+        fits = pool.map(lambda width: fit_linear(position, normal, both, width), widths)
+    for fit, alone in fits:
+        fit[alone] = before[alone]
+        before, fit_a, fit_b = fit, fit[:, :3], fit[:, 3:]
         error = ((fit_a - b) ** 2 + (fit_b - a) ** 2) / 2 - (fit_a - fit_b) ** 2 / 4
         total = np.bincount(cell, weight * error.sum(axis=1), math.prod(shape)).reshape(shape)
         errors.append(gaussian_filter(total, SMOOTHING, mode="constant"))
@@ -116,10 +121,9 @@ def fit_linear(
     normal: np.ndarray,
     values: np.ndarray,
     width: float,
-    otherwise: np.ndarray,
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """Linear functions of the position, fitted to values (P, K) in each cell of a grid, at the
-    points, (P, K).
+    points, (P, K), and which of these are alone in their cells, (P,) bool.
 
     At each point, the function that is fitted to the others of its cell: with the leverage h of a
     point, f + h / (1 - h) (f - v). Surfaces with different orientations have different cells.
@@ -127,7 +131,6 @@ def fit_linear(
     Parameters
     ----------
     width: edge length of a cell, world units.
-    otherwise: values at points that are alone in their cells, (P, K).
     """
     key = cell_keys(position, normal, width)
     order = np.argsort(key, kind="stable")
@@ -160,8 +163,6 @@ def fit_linear(
     leverage /= count[index]
     fitted *= (1 / np.maximum(1 - leverage, _LEAST_FREE))[:, None].astype(np.float32)
     fitted += value
-    alone = count[index] == 1
-    fitted[alone] = otherwise[order[alone]]
-    result = np.empty_like(fitted)
-    result[order] = fitted
-    return result
+    result, alone = np.empty_like(fitted), np.empty(len(order), bool)
+    result[order], alone[order] = fitted, count[index] == 1
+    return result, alone

@@ -45,7 +45,7 @@ _DARK = 1e-6
 def estimate_error(field: GaussianPhotonField, fitted: HalfColours, blur: np.ndarray) -> np.ndarray:
     """The expected error of the field around each Gaussian, relative to its irradiance, (N,).
 
-    ``blur``: B at the points, (P,).
+    ``blur``: B at the supervised points, (P,).
     """
     a, b = fitted.targets
     matrix, colour = fitted.matrix, to_numpy(field.gaussians.irradiance) / fitted.unit
@@ -59,7 +59,7 @@ def estimate_error(field: GaussianPhotonField, fitted: HalfColours, blur: np.nda
         ((a - b) ** 2).mean(axis=1) / 2,
         square / np.maximum(level, _TINY),
         square,
-        blur / fitted.unit**2,
+        blur[:: fitted.stride] / fitted.unit**2,
     )
     around = fitted.around(counts[:, None] * np.stack(values, axis=1))
     noise, cross, variance, per_level, square, blur = fitted.spread(around, ROUNDS).T

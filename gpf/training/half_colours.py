@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
-from gpf.core.structs import SurfacePoints, to_numpy
+from gpf.core.structs import SurfacePoints, take, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.training.blend_matrix import blend_matrix
 from gpf.training.light_split import fit_colours
@@ -24,6 +26,10 @@ if TYPE_CHECKING:
 
 STEPS = 10
 """Steps that fit the colours of a half."""
+
+POINTS = 16
+"""Points for each Gaussian. With twice as many or more, every second or third is enough: they share
+the noise of the same photons."""
 
 _TINY = 1e-20
 
@@ -36,12 +42,14 @@ class HalfColours:
 
     Attributes
     ----------
-    matrix: the weights W of the Gaussians at the supervised points, (P, N).
+    stride: every so many-th of the supervised points is used.
+    matrix: the weights W of the Gaussians at these points, (P, N).
     targets: of the halves, (2, P, 3).
     halves: colours that are fitted to them, (2, N, 3).
     unit: the mean target, W/m².
     """
 
+    stride: int
     matrix: csr_array
     targets: np.ndarray
     halves: np.ndarray
@@ -52,12 +60,16 @@ class HalfColours:
         cls, field: GaussianPhotonField, halves: tuple[SurfacePoints, SurfacePoints]
     ) -> HalfColours:
         """Those of a field; ``halves``: the supervised points, with the targets of each half."""
-        targets = np.stack([to_numpy(half.target) for half in halves])
-        matrix = blend_matrix(field, halves[0])
+        gaussians = dr.width(field.gaussians.means)
+        stride = max(1, dr.width(halves[0].p) // (POINTS * gaussians))
+        targets = np.stack([to_numpy(half.target)[::stride] for half in halves])
+        every = dr.arange(mi.UInt32, len(targets[0])) * stride
+        matrix = blend_matrix(field, take(halves[0], every))
         unit = max(float(targets[0].mean()), _TINY)
         level = (matrix @ to_numpy(field.gaussians.irradiance)).mean(axis=1) / unit
         weight = relative_weight(np.maximum(level, 0))
-        return cls(matrix, targets / unit, fit_colours(matrix, weight, targets / unit, STEPS), unit)
+        targets /= unit
+        return cls(stride, matrix, targets, fit_colours(matrix, weight, targets, STEPS), unit)
 
     def spread(self, values: np.ndarray, rounds: int) -> np.ndarray:
         """Means of values of Gaussians, (N, K), over those around, (N, K): the more rounds, the

@@ -127,6 +127,7 @@ class PhotonStream:
         self._sums = PhotonSums(cells, paths, groups=table)
         self._direct = [dr.zeros(mi.Color3f, len(self._source)) for _ in range(2)]
         self._samples = 0
+        self._rows = slice(None)
         self._sharp = np.zeros(len(self._source), bool)
         self._edges = np.zeros(len(self._source), bool)
         self._obstacles: Obstacles | None = None
@@ -180,42 +181,50 @@ class PhotonStream:
             direct=share * even.direct + (1 - share) * odd.direct,
         )
 
-    def halves(self) -> tuple[Targets, Targets]:
-        """The points, with the irradiance from passes with even and with odd numbers."""
+    def halves(self, stride: int = 1) -> tuple[Targets, Targets]:
+        """The points, with the irradiance from passes with even and with odd numbers.
+
+        ``stride``: with more than 1, only so many-th points: these, too, are spread evenly.
+        """
+        self._rows = slice(None, None, stride)
         points = self._points.points
         if self._sampled:
             self._sample_emitters()
-        position, normal = to_numpy(points.p), to_numpy(points.n)
+        position, normal = (to_numpy(v)[self._rows] for v in (points.p, points.n))
+        coarse = self._coarse[self._rows]
         (wide_a, narrow_a), (wide_b, narrow_b) = (self._gather(half) for half in range(2))
         wide, narrow = (wide_a, wide_b), (narrow_a, narrow_b)
-        sharp = is_sharp(position, normal, wide, narrow, self.radius) & ~self._coarse
-        self._sharp = sharp
-        self.blur = np.where(self._coarse, 0, kernel_blur(sharp, wide, narrow))
+        sharp = is_sharp(position, normal, wide, narrow, self.radius) & ~coarse
+        self._sharp[self._rows] = sharp
+        self.blur = np.where(coarse, 0, kernel_blur(sharp, wide, narrow))
         found = []
         for half in range(2):
             irradiance = np.where(sharp[:, None], narrow[half], wide[half])
-            direct = to_numpy(self._direct[half]) / np.float32(max(self._samples, 1))
+            samples = np.float32(max(self._samples, 1))
+            direct = to_numpy(self._direct[half])[self._rows] / samples
             found.append(
                 Targets(
                     position=position,
                     normal=normal,
                     irradiance=irradiance + direct,
                     direct=direct,
-                    reflectance=to_numpy(points.reflectance),
-                    source=self._source,
+                    reflectance=to_numpy(points.reflectance)[self._rows],
+                    source=self._source[self._rows],
                 )
             )
         return found[0], found[1]
 
     def by_group(self) -> np.ndarray:
-        """Irradiance of the points from each group of emitters, from all passes, (G, N, 3).
-
-        At each point with the radius that the last call of :meth:`halves` has chosen for all light.
-        """
+        """Irradiance of the points of the last call of :meth:`halves` from each group of emitters,
+        from all passes, (G, N, 3): with the radius that was chosen there for all light."""
         assert self._groups is not None
         found = np.zeros((len(self._groups.names), len(self._source), 3), np.float32)
         shares = self.count // 2 / self.count, (self.count + 1) // 2 / self.count
-        for radius, chosen in ((self.radius, ~self._sharp), (NARROW * self.radius, self._sharp)):
+        asked = self._asked()
+        for radius, chosen in (
+            (self.radius, asked & ~self._sharp),
+            (NARROW * self.radius, asked & self._sharp),
+        ):
             correction = self._correct_edges(radius, 2 * self.count)
             for number in range(len(found)):
                 for half, share in enumerate(shares):
@@ -224,7 +233,7 @@ class PhotonStream:
                     found[number] += np.float32(share) * gathered * correction
         if self._sampled:
             found += self._direct_by_group()
-        return found
+        return found[:, self._rows]
 
     def _direct_by_group(self) -> np.ndarray:
         """Sampled irradiance of the points from each group of emitters, (G, N, 3)."""
@@ -240,12 +249,13 @@ class PhotonStream:
         return np.stack(found)
 
     def _gather(self, half: int) -> tuple[np.ndarray, np.ndarray]:
-        """Irradiance of the points from the photons of a half, with the wide and the narrow kernel,
-        (N, 3) each."""
+        """Irradiance of the points that are asked for from the photons of a half, with the wide and
+        the narrow kernel, (N, 3) each."""
         photons, found = self._sums.photons(half), []
         for radius in (self.radius, NARROW * self.radius):
-            gathered = self._irradiance(photons, radius, np.ones(len(self._source), bool))
-            found.append(gathered * self._correct_edges(radius, 2 * self.count + half))
+            gathered = self._irradiance(photons, radius, self._asked())
+            gathered *= self._correct_edges(radius, 2 * self.count + half)
+            found.append(gathered[self._rows])
         del photons
         dr.flush_malloc_cache()  # hundreds of megabytes, which the other half needs, too
         return found[0], found[1]
@@ -268,10 +278,17 @@ class PhotonStream:
         correction = np.ones((len(self._source), 1), np.float32)
         seed = pass_seed(self.seed, number, Stream.EDGES)
         near = self._edges if self._obstacles is None else self._edges | self._obstacles.near
+        near = near & self._asked()
         for rows, part, hidden in self._parts(near):
             share = covered_share(self.scene, part.p, part.n, radius, seed, EDGE_RAYS, hidden)
             correction[rows, 0] = 1 / share.numpy()
         return correction
+
+    def _asked(self) -> np.ndarray:
+        """Which of all points the last call of :meth:`halves` asked for, (N,) bool."""
+        asked = np.zeros(len(self._source), bool)
+        asked[self._rows] = True
+        return asked
 
     def _parts(self, chosen: np.ndarray) -> Iterator[tuple[np.ndarray, VisiblePoints, Hidden]]:
         """The chosen points, (N,) bool, without and with obstacles: their numbers, the points, and

@@ -158,9 +158,9 @@ def test_the_time_of_a_field_does_not_count_as_that_of_a_pass(scene, monkeypatch
     monkeypatch.setattr(plan, "FIRST_PASSES", 12)
     evaluate = module._Fit.evaluate
 
-    def slowly(self, field):
+    def slowly(self, field, fitted):
         clock.now += 30
-        evaluate(self, field)
+        evaluate(self, field, fitted)
 
     monkeypatch.setattr(module._Fit, "evaluate", slowly)
     record = gpf.fit(scene, sensors(), seconds=85, callback=clock.count).record

@@ -67,7 +67,7 @@ def test_a_linear_function_is_fitted_exactly_where_points_are_many():
     p = np.column_stack([rng.uniform(0, 1, (5000, 2)), np.zeros(5000)])
     n = np.tile([0.0, 0.0, 1.0], (5000, 1))
     values = np.stack([2 * p[:, 0] - p[:, 1], 3 + p[:, 1]], axis=1)
-    np.testing.assert_allclose(fit_linear(p, n, values, 0.25, values), values, atol=0.01)
+    np.testing.assert_allclose(fit_linear(p, n, values, 0.25)[0], values, atol=0.01)
 
 
 def test_surfaces_with_different_orientations_are_fitted_apart():
@@ -75,7 +75,7 @@ def test_surfaces_with_different_orientations_are_fitted_apart():
     p = rng.uniform(0, 1, (4000, 3))
     n = np.where(np.arange(4000)[:, None] % 2, [0.0, 0.0, 1.0], [0.0, 0.0, -1.0])
     values = n[:, 2:]
-    np.testing.assert_allclose(fit_linear(p, n, values, 0.5, values), values, atol=1e-5)
+    np.testing.assert_allclose(fit_linear(p, n, values, 0.5)[0], values, atol=1e-5)
 
 
 def test_a_point_does_not_count_for_itself():
@@ -86,7 +86,7 @@ def test_a_point_does_not_count_for_itself():
     values = rng.uniform(0, 1, (60, 1))
     changed = values.copy()
     changed[7] += 100
-    fits = [fit_linear(p, n, v, 2.0, v)[7] for v in (values, changed)]
+    fits = [fit_linear(p, n, v, 2.0)[0][7] for v in (values, changed)]
     np.testing.assert_allclose(*fits, atol=0.2)
     others = np.delete(np.arange(60), 7)
     slopes = np.column_stack([p[others, :2], np.ones(59)])
@@ -94,10 +94,10 @@ def test_a_point_does_not_count_for_itself():
     np.testing.assert_allclose(fits[0], np.append(p[7, :2], 1) @ known, atol=0.05)
 
 
-def test_a_point_alone_takes_the_coarser_fit():
-    p, n = np.array([[0.5, 0.5, 0.5], [9.5, 0.5, 0.5]]), np.tile([0.0, 0.0, 1.0], (2, 1))
-    found = fit_linear(p, n, np.array([[1.0], [2.0]]), 1.0, np.array([[5.0], [6.0]]))
-    np.testing.assert_array_equal(found, [[5.0], [6.0]])
+def test_points_that_are_alone_are_told():
+    p, n = np.array([[0.5, 0.5, 0.5], [9.5, 0.5, 0.5], [9.6, 0.5, 0.5]]), np.eye(3)[[2, 2, 2]]
+    _, alone = fit_linear(p, n, np.array([[1.0], [2.0], [3.0]]), 1.0)
+    np.testing.assert_array_equal(alone, [True, False, False])
 
 
 def test_few_points_are_no_reason_for_fine_levels():
