@@ -327,7 +327,7 @@ class _Fit:
         self.last = Plan(self.stream.count, plan.steps, plan.stride)
         self._tell(self.best)
         now = time.perf_counter()
-        self.reserve = now - trained
+        self.reserve = cleaned - trained + now - begin_judgement
         points = start - begin + cleaned - trained
         self.cost = FieldCost.of_all(plan.stride, points, evaluation, step, now - begin_judgement)
         dr.flush_malloc_cache()  # Dr.Jit would keep what the training needed, a gigabyte and more

@@ -62,6 +62,7 @@ class TimeBudget:
         self.begin = self._last = time.perf_counter()
         self._end = float("inf") if seconds is None else self.begin + seconds
         self._passes: deque[float] = deque(maxlen=LATELY)
+        self._compiling = True
         self.pass_seconds = 0.0
 
     @property
@@ -79,9 +80,12 @@ class TimeBudget:
         return time.perf_counter() + reserve > self._end
 
     def note_pass(self) -> None:
-        """A pass has ended. Some take much longer: they compile, or make room for photons."""
-        self._passes.append(time.perf_counter() - self._last)
-        self.pass_seconds = statistics.median(self._passes)
+        """A pass has ended. The time of the first is ignored, because it compiled kernels; others
+        take longer if they make room for photons."""
+        if not self._compiling:
+            self._passes.append(time.perf_counter() - self._last)
+            self.pass_seconds = statistics.median(self._passes)
+        self._compiling = False
 
     def start_pass(self) -> None:
         """The next pass begins now."""

@@ -29,7 +29,6 @@ STEPS_PER_EVALUATION = 100
 _SLOWER = 1.15
 """A field takes so many times as long as the one before: it has more photons."""
 
-
 _PER_POINT = 0.65
 """Exponent of the number of points in the time for them: the photons are sorted in any case."""
 

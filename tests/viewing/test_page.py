@@ -337,7 +337,7 @@ def test_a_fit_that_is_watched_is_kept(tmp_path):
         ).stdout.split()
         assert children
         os.kill(process.pid, signal.SIGINT)
-        assert process.wait(30) == 0
+        assert process.wait(10) == 0
         assert not any(Path(f"/proc/{child}").exists() for child in children)
         page.wait_for("document.querySelector('#message').textContent.includes('has ended')")
     field = read_field(tmp_path / "field.safetensors")
@@ -345,5 +345,5 @@ def test_a_fit_that_is_watched_is_kept(tmp_path):
     assert "field.safetensors: the field after" in (tmp_path / "log.txt").read_text()
     with viewing(tmp_path) as (process, _):  # the same command shows it
         os.kill(process.pid, signal.SIGINT)
-        assert process.wait(30) == 0
+        assert process.wait(10) == 0
     assert "field.safetensors: the field of this scene" in (tmp_path / "log.txt").read_text()
