@@ -1,8 +1,8 @@
 """What a fit does next: how many passes of photons, and how long the field from them trains.
 
-The first field comes early, from few passes; each further one has three times as many photons, as
-long as there is time for that and for a last one. The last field takes all the photons for which
-there is time, and trains shorter if its time is short.
+The first field comes early, from few passes, and tells what a field costs; each further one has
+three times as many photons, as long as it takes a small part of the time. The last field takes all
+the photons for which there is time, and trains shorter if its time is short.
 """
 
 from __future__ import annotations
@@ -12,9 +12,13 @@ from dataclasses import dataclass
 FIRST_PASSES, GROWTH = 24, 3
 """Passes until the first complete field, and the factor by which their number then grows."""
 
-FIRST_STRIDE = 2
-"""The first field learns from every second point alone: it is soon there, and its few photons
-have not much to say about more. A last one does so if it has little time."""
+FIRST_STRIDE, SPARSE_STRIDE, ENOUGH = 2, 4, 25.0
+"""The first field learns from every second point alone: it is soon there, and its few photons have
+not much to say about more. A last one does so if it has little time. Where so many seconds are
+left, another one follows, and the first needs no more than every fourth."""
+
+SMALL_PART = 0.15
+"""A field that is not the last takes at most this part of the time that is left."""
 
 LEAST_GROWTH = 1.1
 """The next field has at least so many times the photons of the one before."""
@@ -101,7 +105,8 @@ def plan_next(
     """
     if last is None:
         passes = int(max(min(FIRST_PASSES, most), done))
-        return Plan(passes, usual_steps(passes), FIRST_STRIDE if most > passes else 1)
+        stride = SPARSE_STRIDE if left > ENOUGH else FIRST_STRIDE
+        return Plan(passes, usual_steps(passes), stride if most > passes else 1)
     if last.passes >= most:
         return None
 
@@ -112,7 +117,7 @@ def plan_next(
     count = max(round(GROWTH * last.passes), done)
     steps = usual_steps(count)
     another = passes_before(cost.seconds(steps) + cost.seconds(MOST_STEPS))
-    if another >= LEAST_GROWTH * count:
+    if another >= LEAST_GROWTH * count and cost.seconds(steps) < SMALL_PART * left:
         return Plan(count, steps)
     # No other field could follow: this one takes all the photons that are left.
     possible = []

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+import pytest
 
 from tests.stages.conftest import SCENE, Project
 
@@ -64,3 +66,22 @@ CASES = {
         Case("report", {"amortize__views": 50}, "tables"),
     )
 }
+
+
+def in_turn(cases: Iterable[tuple[Any, ...]]) -> list[Any]:
+    """Parameters of a test; all but every third case are marked long. The faults meet a few
+    mechanisms that all stages share, and a third of the cases meets each of them many times."""
+    return [
+        pytest.param(*case, marks=() if number % 3 == 0 else pytest.mark.long)
+        for number, case in enumerate(cases)
+    ]
+
+
+def stages(*others: Any, turn: int = 0) -> Any:
+    """Parametrizes a test with ``stage``, in turn (:func:`in_turn`), from stage number ``turn`` on;
+    if there are ``others``, with each of them as ``other``."""
+    names = [*CASES][turn:] + [*CASES][:turn]
+    if not others:
+        return pytest.mark.parametrize("stage", in_turn((name,) for name in names))
+    pairs = ((name, other) for name in names for other in others)
+    return pytest.mark.parametrize(("stage", "other"), in_turn(pairs))

@@ -12,7 +12,7 @@ import pytest
 
 from gpf.core.files import read_json, read_tensors, write_json, write_tensors
 from gpf.core.images import read_exr, write_exr
-from tests.faults.cases import CASES
+from tests.faults.cases import CASES, in_turn
 from tests.faults.runner import SEED
 from tests.faults.wholeness import contents
 from tests.stages.conftest import SCENE
@@ -98,14 +98,12 @@ DAMAGES = {
     ".safetensors": (flip, cut, add_nan, leave_out),
 }
 CASES_OF_DAMAGE = [
-    pytest.param(stage, name, damage, id=f"{stage}-{name}-{damage.__name__}")
-    for stage, name in READ
-    for damage in DAMAGES[Path(name).suffix]
+    (stage, name, damage) for stage, name in READ for damage in DAMAGES[Path(name).suffix]
 ]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("stage", "name", "damage"), CASES_OF_DAMAGE)
+@pytest.mark.parametrize(("stage", "name", "damage"), in_turn(CASES_OF_DAMAGE))
 def test_damage(ready, runner, tmp_path, stage, name, damage):
     """Nothing else has changed since the stage has run."""
     project = ready.copy(tmp_path / "project")

@@ -13,11 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.cases import CASES
+from tests.faults.cases import stages
 from tests.faults.runner import MOMENTS, SEED, Fault
 
 pytestmark = pytest.mark.slow
-stages = pytest.mark.parametrize("stage", CASES)
 
 PAGE = 4096
 UNPRIVILEGED = Fault(unprivileged=True)
@@ -41,7 +40,7 @@ def small_disk(folder: Path, room: int) -> Iterator[None]:
         subprocess.run(["umount", str(folder)], check=True)
 
 
-@stages
+@stages()
 def test_a_full_disk(trials, tmp_path, stage):
     trial = trials(stage)
     made = trial.before.folder.parent / f"{stage}-well" / "results"
@@ -60,7 +59,7 @@ def test_a_full_disk(trials, tmp_path, stage):
             trial.finish(project)
 
 
-@stages
+@stages(turn=1)
 def test_a_folder_that_became_read_only(trials, tmp_path, stage):
     trial = trials(stage)
     project = trial.before.copy(tmp_path / "project")
@@ -78,7 +77,7 @@ def test_a_folder_that_became_read_only(trials, tmp_path, stage):
     trial.finish(project)
 
 
-@stages
+@stages(turn=2)
 def test_a_file_that_may_not_be_read(trials, tmp_path, stage):
     trial = trials(stage)
     project = trial.before.copy(tmp_path / "project")

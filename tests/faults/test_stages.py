@@ -12,27 +12,23 @@ import signal
 
 import pytest
 
-from tests.faults.cases import CASES
+from tests.faults.cases import stages
 from tests.faults.runner import MOMENTS, SEED, SIGNALS, Fault, moment
-
-stages = pytest.mark.parametrize("stage", CASES)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(MOMENTS))
-@stages
-def test_a_kill(trials, tmp_path, stage, number):
+@stages(*range(MOMENTS))
+def test_a_kill(trials, tmp_path, stage, other):
     trial = trials(stage)
-    fault = moment(stage, number, trial.well[0])
+    fault = moment(stage, other, trial.well[0])
     trial.survives(tmp_path / "project", fault, lambda end: end.code in (0, -signal.SIGKILL))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SIGNALS)
-@stages
-def test_a_signal(trials, tmp_path, stage, name):
-    trial, signals = trials(stage), SIGNALS[name]
-    chance = random.Random(f"{SEED} {stage} {name}")
+@stages(*SIGNALS)
+def test_a_signal(trials, tmp_path, stage, other):
+    trial, signals = trials(stage), SIGNALS[other]
+    chance = random.Random(f"{SEED} {stage} {other}")
     fault = Fault(signals=signals, after=chance.uniform(0.2, trial.well[0].seconds))
 
     def may_end(ending):
@@ -42,7 +38,7 @@ def test_a_signal(trials, tmp_path, stage, name):
 
 
 @pytest.mark.slow
-@stages
+@stages()
 def test_a_limit_on_the_size_of_a_file(trials, tmp_path, stage):
     trial = trials(stage)
     largest = max(p.stat().st_size for p in trial.before.folder.glob("results/**/*.*"))
@@ -54,7 +50,7 @@ def test_a_limit_on_the_size_of_a_file(trials, tmp_path, stage):
 
 
 @pytest.mark.slow
-@stages
+@stages(turn=1)
 def test_a_file_where_a_folder_was(trials, tmp_path, stage):
     trial = trials(stage)
     project = trial.before.copy(tmp_path / "project")
@@ -72,6 +68,6 @@ def test_a_file_where_a_folder_was(trials, tmp_path, stage):
 
 
 @pytest.mark.slow
-@stages
+@stages(turn=2)
 def test_a_clock_that_jumps(trials, tmp_path, stage):
     trials(stage).survives(tmp_path / "project", Fault(clock=True), lambda end: end.code == 0)

@@ -19,13 +19,14 @@ INFINITE = float("inf")
     ("done", "last", "most", "left", "plan"),
     [
         # The first field: early, or after what is asked for, or from what is there. It learns from
-        # every second point, unless it is the only one.
-        (0, None, INFINITE, 60, Plan(24, 72, 2)),
+        # some of the points, unless it is the only one.
+        (0, None, INFINITE, 60, Plan(24, 72, 4)),
+        (0, None, INFINITE, 20, Plan(24, 72, 2)),
         (0, None, 2, INFINITE, Plan(2, 6)),
-        (30, None, INFINITE, 60, Plan(30, 90, 2)),
+        (30, None, INFINITE, 60, Plan(30, 90, 4)),
         # Whatever the time: a field from fewer photons is speckled.
         (2, None, INFINITE, 1, Plan(24, 72, 2)),
-        # Three times as many, if a last one can follow.
+        # Three times as many, if that takes a small part of the time.
         (24, Plan(24, 72, 2), INFINITE, 100, Plan(72, 216)),
         (24, Plan(24, 72, 2), 1000, INFINITE, Plan(72, 216)),
         # Else a last one with all photons for which there is time, or up to the goal.
