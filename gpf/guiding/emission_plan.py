@@ -25,6 +25,9 @@ from gpf.photons.tracing import PathSettings
 GUIDED_BELOW = 0.3
 LEAST_GAIN = 1.2
 
+# Each of so many guides learns from the paths of the one before.
+GUIDES = 2
+
 PHOTONS_PER_GAUSSIAN = 3
 
 log = logging.getLogger(__name__)
@@ -85,12 +88,16 @@ class EmissionPlan:
         pilot = trace_pilot(scene, region, paths, seed)
         if not settings.guide or pilot.efficiency >= GUIDED_BELOW:
             return cls(region, emit_light, pilot)
-        guide = EmissionGuide.learn(scene, pilot)
-        seed = pass_seed(settings.seed, 1, Stream.PILOT)
-        guided = trace_pilot(scene, region, replace(paths, source=guide.emit), seed)
+        guide: EmissionGuide | None = None
+        source, guided = emit_light, pilot
+        for number in range(1, GUIDES + 1):
+            guide = EmissionGuide.learn(scene, guided, guide)
+            source = guide.emit
+            seed = pass_seed(settings.seed, number, Stream.PILOT)
+            guided = trace_pilot(scene, region, replace(paths, source=source), seed)
         if guided.efficiency < LEAST_GAIN * pilot.efficiency:
             return cls(region, emit_light, pilot)
-        return cls(region, guide.emit, guided)
+        return cls(region, source, guided)
 
     def collect(self, scene: mi.Scene, paths: int, seed: int, rr_depth: int = 5) -> Photons:
         """The photons of so many paths in the visible region, (N,); see :func:`collect_photons`."""

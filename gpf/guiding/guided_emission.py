@@ -1,16 +1,20 @@
 """Guided emission: more photons start with rays that are likely to reach the visible region.
 
 Mitsuba's emitters make a ray from five uniform random numbers u: one for the emitter, two for the
-place, two for the direction. For every emitter, the rays of some parts of this unit cube reach the
-region and those of other parts do not. A histogram p over the cube is learned from a pilot. The
-numbers are drawn from it, and the power of a photon is divided by the density of its cell,
+place, two for the direction. The rays of some parts of this unit cube reach the region and those of
+other parts do not: behind a window, one in a thousand. Pilots of photon paths tell which. The cube
+is divided into boxes, in halves again and again, where that lowers the noise most. Box b, of volume
+V_b, is chosen with probability P_b, the numbers are uniform in it, and the power of a photon is
 
-    Φ' = Φ / p(u),    p(u) = 1/5 + 4/5 p_learned(u),
+    Φ' = Φ V_b / P_b,    P_b = V_b/4 + 3/4 V_b sqrt(m_b) / Σ V sqrt(m),
 
-so that the expected photon map is unchanged.
+so that the expected photon map is unchanged; m_b is the mean of Φ² in the box. With this P, the
+variance of the power that reaches the region is least: (Σ V sqrt(m))², less the square of the mean.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -20,78 +24,181 @@ from gpf.core.structs import from_numpy
 from gpf.guiding.pilot import Pilot
 from gpf.photons.emission import Emitted, EmitterSample, emit_from
 
-# Number of cells along each number of the place and of the direction, finest first. The first grid
-# with at least _PATHS_PER_CELL paths of the pilot per cell is used.
-_GRIDS = ((4, 16), (4, 8), (2, 8), (2, 4), (1, 4), (1, 2), (1, 1))
-_PATHS_PER_CELL = 64
-_MOST_EMITTERS = 64
 # Part of the photons that are emitted without guiding, so that every ray remains possible.
-_UNIFORM = 0.2
+_UNIFORM = 0.25
+
+_MOST_EMITTERS = 64
+_MOST_BOXES = 1 << 14
+_MOST_HALVINGS = 40
+
+# A box is divided if that lowers the variance by more than this many times what chance would.
+# Chance alone lowers the root by 1 / 8n if n paths of equal power have reached the region from it.
+_SIGNIFICANT = 8
+
+# Number of further paths that a box is taken to have, whose mean square is that of the box that it
+# is a half of. Where no path of a pilot has reached the region, one of the next one may.
+_PRIOR = 0.5
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Boxes that fill the unit cube: corners and edges, (B, 5) each, and what is known of them.
+
+    Attributes
+    ----------
+    mean: mean square m of the power that their rays bring into the region, W², (B,).
+    """
+
+    corner: np.ndarray
+    edges: np.ndarray
+    mean: np.ndarray
+
+    @property
+    def volume(self) -> np.ndarray:
+        """(B,)."""
+        return np.asarray(self.edges.prod(axis=1))
+
+    @classmethod
+    def whole(cls, emitters: int) -> Boxes:
+        """One box for each emitter."""
+        corner, edges = np.zeros((emitters, 5)), np.ones((emitters, 5))
+        corner[:, 0], edges[:, 0] = np.arange(emitters) / emitters, 1 / emitters
+        return cls(corner, edges, np.ones(emitters))
 
 
 class EmissionGuide:
-    """A density p over the random numbers that determine emitted rays.
+    """A density over the random numbers that determine emitted rays."""
 
-    Parameters
-    ----------
-    shape: number of cells along choice, place (2) and direction (2).
-    use: non-negative value per cell; p_learned is proportional to it.
-    """
-
-    def __init__(self, shape: tuple[int, ...], use: np.ndarray) -> None:
-        self.shape = shape
-        self._cells = use.size
-        share = _UNIFORM / use.size + (1 - _UNIFORM) * use / use.sum()
-        # At most 1: rounding must not put a number behind the last cell.
+    def __init__(self, boxes: Boxes) -> None:
+        self.boxes = boxes
+        wanted = boxes.volume * np.sqrt(boxes.mean)
+        share = _UNIFORM * boxes.volume + (1 - _UNIFORM) * wanted / wanted.sum()
+        # At most 1: rounding must not put a number behind the last box.
         cumulated = np.minimum(np.cumsum(share), 1).astype(np.float32)
         cumulated[-1] = 1
         self._cumulated = from_numpy(mi.Float, cumulated)
-        # The density after rounding, because the rounded distribution is sampled.
-        density = np.diff(cumulated.astype(np.float64), prepend=0) * use.size
-        self._density = from_numpy(mi.Float, density)
+        # The probability after rounding, because the rounded distribution is sampled.
+        chance = np.diff(cumulated.astype(np.float64), prepend=0)
+        self.density = chance / boxes.volume
+        self._density = from_numpy(mi.Float, self.density)
+        self._corner = [from_numpy(mi.Float, x) for x in boxes.corner.T]
+        self._edges = [from_numpy(mi.Float, x) for x in boxes.edges.T]
 
-    @classmethod
-    def learn(cls, scene: mi.Scene, pilot: Pilot) -> EmissionGuide:
-        """Learn from the power that the paths of a pilot bring into the region.
-
-        The density of a cell is proportional to the root mean square of the power of its paths,
-        which minimises the variance of the total power.
-        """
-        emitters = min(len(scene.emitters()), _MOST_EMITTERS)
-        paths = len(pilot.power)
-        shapes = [(emitters, p, p, d, d) for p, d in _GRIDS]
-        shape = next((s for s in shapes if np.prod(s) * _PATHS_PER_CELL <= paths), shapes[-1])
-        cell = np.asarray(_cell(pilot.start(), shape).numpy())
-        size = int(np.prod(shape))
-        count = np.bincount(cell, minlength=size)
-        square = np.bincount(cell, pilot.power**2, minlength=size)
-        use = np.sqrt(square / np.maximum(count, 1))
-        return cls(shape, use if use.any() else np.ones(size))
+    def draw(self, sampler: mi.Sampler) -> tuple[EmitterSample, mi.UInt32]:
+        """The numbers of emitted rays, and their boxes, (N,)."""
+        u = sampler.next_1d()
+        # The same for all guides, so that none needs a kernel of its own.
+        box, step, count = mi.UInt32(0), _MOST_BOXES, dr.opaque(mi.UInt32, len(self.density))
+        while step:
+            probe = box + step - 1
+            below = dr.gather(mi.Float, self._cumulated, probe, probe < count) <= u
+            box = dr.select((probe < count) & below, box + step, box)
+            step //= 2
+        box = dr.minimum(box, count - 1)
+        numbers = []
+        for number, corner, edge in zip(
+            EmitterSample.draw(sampler).numbers(), self._corner, self._edges, strict=True
+        ):
+            # Rounded, the last number of the last box would be 1.
+            inside = dr.gather(mi.Float, corner, box) + dr.gather(mi.Float, edge, box) * number
+            numbers.append(dr.minimum(inside, dr.one_minus_epsilon(mi.Float)))
+        return EmitterSample.of(numbers), box
 
     def emit(self, scene: mi.Scene, sampler: mi.Sampler) -> Emitted:
         """Guided rays from the emitters of the scene, their powers, W, and emitters: (N,) each."""
-        u = sampler.next_1d()
-        cell, step = mi.UInt32(0), 1 << (self._cells - 1).bit_length()
-        while step:
-            probe = cell + step - 1
-            below = dr.gather(mi.Float, self._cumulated, probe, probe < self._cells) <= u
-            cell = dr.select((probe < self._cells) & below, cell + step, cell)
-            step //= 2
-        cell = dr.minimum(cell, self._cells - 1)
-        start = EmitterSample.draw(sampler)
-        rest, numbers = mi.UInt32(cell), []
-        for size, number in zip(reversed(self.shape), reversed(start.numbers()), strict=True):
-            # Rounded, the last number of the last cell would be 1.
-            inside = (mi.Float(rest % size) + number) / size
-            numbers.append(dr.minimum(inside, dr.one_minus_epsilon(mi.Float)))
-            rest //= size
-        ray, power, emitter = emit_from(scene, EmitterSample.of(numbers[::-1]))
-        return ray, power / dr.gather(mi.Float, self._density, cell), emitter
+        start, box = self.draw(sampler)
+        ray, power, emitter = emit_from(scene, start)
+        return ray, power / dr.gather(mi.Float, self._density, box), emitter
+
+    @classmethod
+    def learn(
+        cls, scene: mi.Scene, pilot: Pilot, guide: EmissionGuide | None = None
+    ) -> EmissionGuide:
+        """Learn from a pilot, whose paths ``guide`` has emitted; without one, every ray was equally
+        likely."""
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(pilot.seed, len(pilot.power))
+        if guide is None:
+            start = EmitterSample.draw(sampler)
+            boxes = Boxes.whole(min(len(scene.emitters()), _MOST_EMITTERS))
+            choice = np.asarray(start.choice.numpy())
+            number = np.minimum((choice * len(boxes.mean)).astype(np.int64), len(boxes.mean) - 1)
+            density = np.ones(len(number))
+        else:
+            start, box = guide.draw(sampler)
+            boxes, number = guide.boxes, np.asarray(box.numpy())
+            density = guide.density[number]
+        numbers = np.stack([np.asarray(x.numpy()) for x in start.numbers()], axis=1)
+        # Each path stands for so much of the cube; and its power as it would be without a guide.
+        weight = 1 / (len(number) * density)
+        square = weight * (pilot.power * density) ** 2
+        return cls(_divide(boxes, numbers, number, weight, square))
 
 
-def _cell(start: EmitterSample, shape: tuple[int, ...]) -> mi.UInt32:
-    """The index of the cell that contains each sample, (N,)."""
-    cell = mi.UInt32(0)
-    for size, number in zip(shape, start.numbers(), strict=True):
-        cell = cell * size + dr.minimum(mi.UInt32(number * size), size - 1)
-    return cell
+def _divide(
+    boxes: Boxes, numbers: np.ndarray, box: np.ndarray, weight: np.ndarray, square: np.ndarray
+) -> Boxes:
+    """Boxes that are halved where it pays.
+
+    Parameters
+    ----------
+    numbers: of paths, (N, 5).
+    box: the number of each path's box, (N,).
+    weight: how much of the cube each path stands for, (N,).
+    square: square of its power, times that, (N,).
+    """
+    corner, edges = boxes.corner.copy(), boxes.edges.copy()
+    mean = _mean(box, square, weight, boxes.mean * square.sum() / max(_total(boxes), 1e-300))
+    open_ = np.ones(len(mean), bool)
+    for _ in range(_MOST_HALVINGS):
+        count = len(mean)
+        volume = edges.prod(axis=1)
+        whole = np.bincount(box, square, count)
+        fourth = np.bincount(box, square**2, count)
+        paths = whole**2 / np.maximum(fourth, 1e-300)
+        high = numbers >= (corner + edges / 2)[box]
+        roots = np.empty((count, 5))
+        for axis in range(5):
+            upper = np.bincount(box, square * high[:, axis], count)
+            roots[:, axis] = np.sqrt(upper) + np.sqrt(np.maximum(whole - upper, 0))
+        roots *= np.sqrt(volume / 2)[:, None]
+        least = roots.min(axis=1)
+        root = np.sqrt(volume * whole)
+        divided = (
+            open_ & (paths > 2) & (root - least > _SIGNIFICANT / 8 * root / np.maximum(paths, 1))
+        )
+        divided &= root - least > 1e-5 * root.sum()
+        chosen = np.flatnonzero(divided)[: _MOST_BOXES - count]
+        if len(chosen) == 0:
+            break
+        axis = roots[chosen].argmin(axis=1)
+        place = np.full(count, -1)
+        place[chosen] = np.arange(len(chosen))
+        edges[chosen, axis] /= 2
+        further = corner[chosen].copy()
+        further[np.arange(len(chosen)), axis] += edges[chosen, axis]
+        corner = np.concatenate([corner, further])
+        edges = np.concatenate([edges, edges[chosen]])
+        moved = place[box] >= 0
+        moved &= high[np.arange(len(box)), axis[np.maximum(place[box], 0)]]
+        box = np.where(moved, count + place[box], box)
+        before = np.concatenate([mean, mean[chosen]])
+        mean = _mean(box, square, weight, before)
+        open_ = np.zeros(len(mean), bool)
+        open_[chosen] = open_[count:] = True
+    return Boxes(corner, edges, mean)
+
+
+def _total(boxes: Boxes) -> float:
+    return float((boxes.volume * boxes.mean).sum())
+
+
+def _mean(
+    box: np.ndarray, square: np.ndarray, weight: np.ndarray, before: np.ndarray
+) -> np.ndarray:
+    """Mean square of the power in each box, (B,), from its paths and what was known ``before``."""
+    count = len(before)
+    paths = np.bincount(box, minlength=count)
+    volume = np.bincount(box, weight, count)
+    found = np.bincount(box, square, count) / np.maximum(volume, 1e-300)
+    return np.asarray((paths * found + _PRIOR * before) / (paths + _PRIOR))

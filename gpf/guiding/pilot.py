@@ -10,7 +10,6 @@ import numpy as np
 
 from gpf.core.structs import Photons
 from gpf.guiding.visible_region import VisibleRegion
-from gpf.photons.emission import EmitterSample
 from gpf.photons.tracing import PathSettings, trace_photons
 
 
@@ -39,12 +38,6 @@ class Pilot:
         """(Σ Φ)² / (N Σ Φ²): this share of N paths has the same noise if all have equal power."""
         total, square = self.power.sum(), (self.power**2).sum()
         return float(total**2 / (len(self.power) * square)) if square > 0 else 0.0
-
-    def start(self) -> EmitterSample:
-        """The random numbers of the emitted rays, if the emission was not guided."""
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(self.seed, len(self.power))
-        return EmitterSample.draw(sampler)
 
 
 def trace_pilot(

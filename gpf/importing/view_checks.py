@@ -106,9 +106,12 @@ def report_views(
         if ok.any()
     ]
     typical = float(np.median(distances)) if distances else 1.0
-    lit = np.asarray(_is_lit(scene, points, 0.03 * typical, sampler, seed).numpy()).reshape(
-        valid.shape
-    )
+    near = dr.full(mi.Bool, False, lanes * len(views))
+    photons = record_photons(scene, PathSettings(200_000), seed)
+    if dr.width(photons.p) > 0:
+        patch = SurfacePatch(photons.p, photons.n, 0.03 * typical, scene_bounds(scene))
+        near = patch.contains(points.p, points.n, points.valid)
+    lit = np.asarray(_is_lit(scene, points, near, sampler).numpy()).reshape(valid.shape)
     shines = np.asarray((dr.max(points.emission) > 0).numpy()).reshape(valid.shape)
     clearances, inside = look_around(scene, [view.origin for view in views])
     every = dr.arange(mi.UInt32, lanes)
@@ -127,11 +130,9 @@ def report_views(
 
 
 @dr.syntax
-def _is_lit(scene, points, radius, sampler, seed):  # type: ignore[no-untyped-def]
-    """Whether light reaches points directly, or photons land within ``radius``, (N,)."""
-    photons = record_photons(scene, PathSettings(200_000), seed)
-    patch = SurfacePatch(photons.p, photons.n, radius, scene_bounds(scene))
-    lit = patch.contains(points.p, points.n, points.valid)
+def _is_lit(scene, points, near, sampler):  # type: ignore[no-untyped-def]
+    """Whether light reaches points directly, or photons land ``near`` them, (N,)."""
+    lit = mi.Bool(near)
     here = dr.zeros(mi.SurfaceInteraction3f, dr.width(points.p))
     here.p, here.n = points.p, points.n
     k = mi.UInt32(0)

@@ -7,7 +7,6 @@ more.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
@@ -19,7 +18,7 @@ import numpy as np
 from pydantic import Field
 
 from gpf.core.errors import uninterrupted
-from gpf.core.random import Stream, pass_seed, random_start, spread_sample
+from gpf.core.random import Stream, pass_seed
 from gpf.core.settings import Count, Positive, Seed, Settings
 from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.photons.emission import Source, emit_light
@@ -33,6 +32,7 @@ from gpf.sppm.edge_correction import covered_share, near_edges
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.obstacles import Hidden, Obstacles, nowhere
 from gpf.sppm.passes import PassSettings, suit_scene
+from gpf.training.direct_light import DirectLight
 from gpf.training.kernel_width import NARROW, is_sharp, kernel_blur
 from gpf.training.targets import Targets, source_numbers
 
@@ -40,9 +40,9 @@ from gpf.training.targets import Targets, source_numbers
 # TYPICAL_PASSES passes: a quarter of the narrow one's, where points are dense.
 CELL, TYPICAL_PASSES = 0.25 * NARROW, 100
 
-# Samples of the emitters at each point for each half: so many for each time that the number of
-# passes has grown threefold from the second number.
-DIRECT_SAMPLES, FIRST_SAMPLED = 4, 8
+# After so many passes, the noise of the photons is compared with that of direct light, in so many
+# runs of so many points.
+BALANCED, RUNS, RUN = (12, 48, 192), 64, 512
 
 # Rays that measure how much of a kernel's disc lies on the surface, at each point near an edge and
 # for each half.
@@ -110,9 +110,9 @@ class PhotonStream:
         self.settings = suit_scene(settings, scene)
         # Whose direct light is sampled, and added to that of the photons. If these bring all direct
         # light, what the targets should not contain is sampled and taken away.
-        self._sampled, self._sign = Lamps(scene) if lamps is None else lamps, 1
+        sampled, sign = Lamps(scene) if lamps is None else lamps, 1
         if self.settings.direct == "photons":
-            self._sampled, self._sign = self._sampled.others(), -1
+            sampled, sign = sampled.others(), -1
         self._bounds = scene_bounds(scene)
         # The final radius is not known here, but the radius shrinks slowly.
         cell = CELL * radius_at(TYPICAL_PASSES, self.settings.initial_radius, self.settings.alpha)
@@ -125,9 +125,8 @@ class PhotonStream:
         # The narrow kernel would show the single cubes there.
         self._coarse = np.asarray((cells.find(self._points.points.p)[0] > 0).numpy())
         self._sums = PhotonSums(cells, paths, groups=table)
-        self._direct = [dr.zeros(mi.Color3f, len(self._source)) for _ in range(2)]
-        self._samples = 0
-        self._rows = slice(None)
+        self._direct = DirectLight(self._points, sampled, sign, seed)
+        self._rows: slice | np.ndarray = slice(None)
         self._sharp = np.zeros(len(self._source), bool)
         self._edges = np.zeros(len(self._source), bool)
         self._obstacles: Obstacles | None = None
@@ -154,22 +153,43 @@ class PhotonStream:
                 )
                 dr.sync_thread()
                 self.count = number
+            if number in BALANCED and self._direct.lamps:
+                self._balance()
+            if self._direct.per_pass > 0:
+                self._direct.sample(number)
             tick(self.count)
+
+    def _balance(self) -> None:
+        """Choose how many samples of direct light come with a pass."""
+        self._direct.sample(self.count)
+        every = len(self._source)
+        starts = np.linspace(0, max(every - RUN, 0), RUNS).astype(np.int64)
+        rows = np.unique(starts[:, None] + np.arange(min(RUN, every)))
+        self._rows = rows
+        points = self._points.points
+        position, normal = (to_numpy(v)[rows] for v in (points.p, points.n))
+        direct, photons = [], []
+        for half in range(2):
+            direct.append(self._direct.mean(half)[rows])
+            found = self._irradiance(self._sums.photons(half), self.radius, self._asked())
+            photons.append(found[rows])
+        dr.flush_malloc_cache()
+        halves = (direct[0], direct[1]), (photons[0], photons[1])
+        self._direct.balance(self.count, position, normal, *halves)
 
     def tensors(self) -> dict[str, np.ndarray]:
         """The photons and samples so far, for a file."""
-        found = {"counts": np.array([self.count, self._samples])}
+        found = {"count": np.array([self.count])}
         found |= {f"photons/{name}": values for name, values in self._sums.tensors().items()}
-        found["direct"] = np.stack([to_numpy(direct) for direct in self._direct])
+        found |= {f"direct/{name}": values for name, values in self._direct.tensors().items()}
         return found
 
     def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
         """Continue from :meth:`tensors` of a stream with the same arguments."""
-        self.count, self._samples = (int(n) for n in tensors["counts"])
-        start = "photons/"
-        own = {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
-        self._sums.restore(own)
-        self._direct = [from_numpy(mi.Color3f, part) for part in tensors["direct"]]
+        self.count = int(tensors["count"][0])
+        for part, start in ((self._sums, "photons/"), (self._direct, "direct/")):
+            own = {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
+            part.restore(own)
 
     def mean(self, halves: tuple[Targets, Targets]) -> Targets:
         """The points, with the irradiance from all passes so far; ``halves``: of :meth:`halves`."""
@@ -188,8 +208,7 @@ class PhotonStream:
         """
         self._rows = slice(None, None, stride)
         points = self._points.points
-        if self._sampled:
-            self._sample_emitters()
+        self._direct.sample(self.count)
         position, normal = (to_numpy(v)[self._rows] for v in (points.p, points.n))
         coarse = self._coarse[self._rows]
         (wide_a, narrow_a), (wide_b, narrow_b) = (self._gather(half) for half in range(2))
@@ -200,8 +219,7 @@ class PhotonStream:
         found = []
         for half in range(2):
             irradiance = np.where(sharp[:, None], narrow[half], wide[half])
-            samples = np.float32(max(self._samples, 1))
-            direct = to_numpy(self._direct[half])[self._rows] / samples
+            direct = self._direct.mean(half)[self._rows]
             found.append(
                 Targets(
                     position=position,
@@ -231,21 +249,21 @@ class PhotonStream:
                     photons = self._sums.photons(half, number)
                     gathered = self._irradiance(photons, radius, chosen)
                     found[number] += np.float32(share) * gathered * correction
-        if self._sampled:
+        if self._direct.lamps:
             found += self._direct_by_group()
         return found[:, self._rows]
 
     def _direct_by_group(self) -> np.ndarray:
         """Sampled irradiance of the points from each group of emitters, (G, N, 3)."""
         assert self._groups is not None
-        found = []
+        found, sampled = [], self._direct.lamps.indices
         for number, members in enumerate(self._groups.members):
             kept = members
-            if self._sampled.indices is not None:
-                kept = tuple(k for k in members if k in self._sampled.indices)
+            if sampled is not None:
+                kept = tuple(k for k in members if k in sampled)
             seed = pass_seed(self.seed, number, Stream.GROUP_EMITTERS)
             lamps = Lamps(self.scene, kept)
-            found.append(self._sign * self._points.mean_direct(lamps, GROUP_SAMPLES, seed))
+            found.append(self._direct.sign * self._points.mean_direct(lamps, GROUP_SAMPLES, seed))
         return np.stack(found)
 
     def _gather(self, half: int) -> tuple[np.ndarray, np.ndarray]:
@@ -303,16 +321,3 @@ class PhotonStream:
                 part = take(self._points.points, numbers)
                 hidden = nowhere if obstacles is None else partial(obstacles.hide, numbers, part.n)
                 yield rows, part, hidden
-
-    def _sample_emitters(self) -> None:
-        """Add samples of direct light at the points, as many as suit the number of passes."""
-        rounds = max(1, round(math.log(max(self.count, 1) / FIRST_SAMPLED, 3)))
-        with uninterrupted():
-            while self._samples < rounds * DIRECT_SAMPLES:
-                self._samples += 1
-                for half in range(2):
-                    seed = pass_seed(self.seed, half, Stream.STREAM_EMITTERS)
-                    sample = spread_sample(random_start(seed, len(self._source)), self._samples)
-                    direct = self._points.direct_irradiance(sample, self._sampled)
-                    self._direct[half] += self._sign * direct
-                dr.eval(self._direct)

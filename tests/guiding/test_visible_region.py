@@ -8,7 +8,7 @@ import pytest
 from gpf.core.errors import UserError
 from gpf.core.structs import VisiblePoints, to_numpy
 from gpf.guiding import guided_emission
-from gpf.guiding.guided_emission import EmissionGuide
+from gpf.guiding.guided_emission import Boxes, EmissionGuide
 from gpf.guiding.photon_map import collect_photons
 from gpf.guiding.pilot import Pilot, trace_pilot
 from gpf.guiding.visible_region import VisibleRegion
@@ -120,9 +120,7 @@ def test_a_guide_is_unbiased_whatever_it_has_learned():
     sky = {"type": "constant", "radiance": {"type": "rgb", "value": 0.5}}
     lamp = {"type": "point", "position": [0, 0, 0.7], "intensity": {"type": "rgb", "value": 0.3}}
     scene = mi.load_dict({"type": "scene", "floor": {"type": "disk"}, "sky": sky, "lamp": lamp})
-    shape = (2, 4, 4, 16, 16)
-    use = np.random.default_rng(0).random(int(np.prod(shape))) ** 8
-    guide = EmissionGuide(shape, use)
+    guide = EmissionGuide(some_boxes())
     plain = trace_pilot(scene, None, PathSettings(4_000_000), seed=1)
     guided = trace_pilot(scene, None, PathSettings(4_000_000, source=guide.emit), seed=2)
     error = np.hypot(*(p.power.std() * np.sqrt(len(p.power)) for p in (plain, guided)))
@@ -144,15 +142,44 @@ def test_the_numbers_of_a_guide_are_below_one(monkeypatch):
         def next_1d(self):
             return mi.Float(last)
 
-    EmissionGuide((3, 4, 4, 16, 16), np.ones(3 * 4 * 4 * 16 * 16)).emit(None, Sampler())
+    EmissionGuide(Boxes.whole(3)).emit(None, Sampler())
     for number in seen[0].numbers():
         assert 0.9 < number[0] < 1
 
 
 def test_with_few_paths_to_learn_from_a_guide_is_coarse(rooms, region, pilot):
     few = [trace_pilot(rooms, region, PathSettings(paths), seed=1) for paths in (100, 20_000)]
-    cells = [int(np.prod(EmissionGuide.learn(rooms, p).shape)) for p in (*few, pilot)]
-    assert cells[0] == 1 and 64 <= cells[1] <= 20_000 / 64 and cells[2] == 4096
+    boxes = [len(EmissionGuide.learn(rooms, p).density) for p in (*few, pilot)]
+    assert boxes[0] <= 4 and boxes[0] < boxes[1] < boxes[2]
+
+
+def test_a_guide_finds_the_rays_that_matter():
+    """Only rays from a hundredth of the cube bring anything: after two pilots most start there."""
+    guide, rng = EmissionGuide(Boxes.whole(2)), np.random.default_rng(0)
+    for _ in range(3):
+        boxes, density = guide.boxes, guide.density
+        chance = density * boxes.volume
+        box = rng.choice(len(density), 20_000, p=chance / chance.sum())
+        numbers = boxes.corner[box] + boxes.edges[box] * rng.random((len(box), 5))
+        hit = (numbers[:, 0] < 0.5) & (np.abs(numbers[:, 1:3] - [0.3, 0.8]) < 0.07).all(axis=1)
+        weight = 1 / (len(box) * density[box])
+        square = weight * hit
+        guide = EmissionGuide(guided_emission._divide(boxes, numbers, box, weight, square))
+        # What the paths stand for is the same, however they are spread.
+        assert square.sum() == pytest.approx(0.5 * 0.14**2, rel=0.3)
+    assert hit.mean() > 0.4
+
+
+def some_boxes() -> Boxes:
+    """Boxes of many sizes, with random means."""
+    rng = np.random.default_rng(0)
+    corner, edges = Boxes.whole(2).corner, Boxes.whole(2).edges
+    for _ in range(300):
+        box, axis = rng.integers(len(corner)), rng.integers(5)
+        edges[box, axis] /= 2
+        further = corner[box] + edges[box] * (np.arange(5) == axis)
+        corner, edges = np.vstack([corner, further]), np.vstack([edges, edges[box]])
+    return Boxes(corner, edges, rng.random(len(corner)) ** 16)
 
 
 @tiers(quick=1 / 4)

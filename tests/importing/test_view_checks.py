@@ -120,3 +120,13 @@ def test_points_are_covered_by_near_ones():
     by = np.array([[0, 0, 0.1], [1, 0.3, 0]], float)
     assert covered(points, by, within=0.2).tolist() == [True, False, False]
     assert spacing(points) == 1
+
+
+def test_where_no_lamp_shines_nothing_is_lit():
+    """Not a single photon lands, as under a sun below the horizon."""
+    dark = mi.load_dict(
+        {"type": "scene", "floor": {"type": "rectangle"}, "sky": {"type": "constant", "radiance": 0}}
+    )
+    view = View(name="a", origin=(0, 0, 2), target=(0, 0.1, 0), fov=20)
+    found = report_views(dark, [view])[0]
+    assert found.lit_share == 0 and found.diffuse_share == 1

@@ -1,0 +1,136 @@
+"""Direct light at supervised points, from samples of the emitters, in two independent halves."""
+
+from __future__ import annotations
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.errors import uninterrupted
+from gpf.core.random import Stream, pass_seed, random_start, spread_sample
+from gpf.core.structs import from_numpy, to_numpy
+from gpf.guiding.density_control import cell_keys
+from gpf.scene.lamps import Lamps
+from gpf.sppm.fixed_points import FixedPoints
+from gpf.training.loss import relative_weight
+
+LEAST = 4
+"""Samples at each point for each half, at least."""
+
+MOST_PER_PASS = 8.0
+"""Samples at each point for each half that come with a pass of photons, at most."""
+
+COST = 5.0
+"""A pass takes about as long as so many samples at each point for both halves."""
+
+SHARED_BY = 8
+"""Points whose targets are compared together, because a Gaussian averages over about as many."""
+
+
+class DirectLight:
+    """Direct light at points.
+
+    Most samples of a sky outside of the window find the wall. Such light has more noise than that
+    of the photons, and more samples help more than more photons. With n samples and N passes, whose
+    noise has the variances v/n and V/N, there is least noise for the time if n/N = sqrt(c v / V),
+    where c is the time of a pass in that of a sample.
+
+    Parameters
+    ----------
+    lamps: the emitters that are sampled.
+    sign: -1 if their light is taken away from that of the photons.
+
+    Attributes
+    ----------
+    samples: at each point for each half, so far.
+    per_pass: how many come with a pass; 0 until :meth:`balance` has chosen.
+    """
+
+    def __init__(self, points: FixedPoints, lamps: Lamps, sign: int, seed: int) -> None:
+        self.points, self.lamps, self.sign, self.seed = points, lamps, sign, seed
+        self.samples, self.per_pass = 0, 0.0
+        self._sums = [dr.zeros(mi.Color3f, dr.width(points.points.p)) for _ in range(2)]
+
+    def sample(self, passes: int) -> None:
+        """Add the samples that belong to so many passes."""
+        wanted = max(LEAST, math.ceil(self.per_pass * passes)) if self.lamps else 0
+        with uninterrupted():
+            while self.samples < wanted:
+                self.samples += 1
+                for half in range(2):
+                    seed = pass_seed(self.seed, half, Stream.STREAM_EMITTERS)
+                    start = random_start(seed, dr.width(self._sums[half]))
+                    sample = spread_sample(start, self.samples)
+                    found = self.points.direct_irradiance(sample, self.lamps)
+                    self._sums[half] += self.sign * found
+                dr.eval(self._sums)
+
+    def mean(self, half: int) -> np.ndarray:
+        """Irradiance from the samples of a half, W/m², (N, 3)."""
+        return to_numpy(self._sums[half]) / np.float32(max(self.samples, 1))
+
+    def balance(
+        self,
+        passes: int,
+        position: np.ndarray,
+        normal: np.ndarray,
+        direct: tuple[np.ndarray, np.ndarray],
+        photons: tuple[np.ndarray, np.ndarray],
+    ) -> None:
+        """Choose how many samples come with a pass, from the noise of both kinds of light.
+
+        Parameters
+        ----------
+        passes: so far.
+        position, normal: of some points beside each other, (P, 3).
+        direct, photons: irradiance from each half at these, (P, 3) each.
+        """
+        light = direct[0] + direct[1] + photons[0] + photons[1]
+        sample = self.samples * _variance(position, normal, direct, light)
+        of_pass = passes * _variance(position, normal, photons, light)
+        print(
+            "BALANCE",
+            passes,
+            sample,
+            of_pass,
+            math.sqrt(COST * sample / max(of_pass, 1e-30)),
+            flush=True,
+        )
+        self.per_pass = min(math.sqrt(COST * sample / max(of_pass, 1e-30)), MOST_PER_PASS)
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """The samples so far, for a file."""
+        sums = np.stack([to_numpy(each) for each in self._sums])
+        return {"sums": sums, "samples": np.array([self.samples, self.per_pass])}
+
+    def restore(self, tensors: dict[str, np.ndarray]) -> None:
+        """Continue from :meth:`tensors`."""
+        self._sums = [from_numpy(mi.Color3f, part) for part in tensors["sums"]]
+        self.samples, self.per_pass = int(tensors["samples"][0]), float(tensors["samples"][1])
+
+
+def _variance(
+    position: np.ndarray,
+    normal: np.ndarray,
+    halves: tuple[np.ndarray, np.ndarray],
+    light: np.ndarray,
+) -> float:
+    """Variance of the mean of both halves, from their difference in small groups of points,
+    relative to the ``light`` there as in the loss."""
+    width = float(np.ptp(position, axis=0).max()) or 1.0
+    # The largest cells that hold few enough points.
+    while True:
+        _, cell, count = np.unique(
+            cell_keys(position, normal, width), return_inverse=True, return_counts=True
+        )
+        if np.median(count[cell]) <= SHARED_BY:
+            break
+        width *= 0.7
+    difference = (halves[0] - halves[1]).mean(axis=1)
+    level = light.mean(axis=1)
+    unit = max(float(level.mean()), 1e-20)
+    mean, seen = (np.bincount(cell, values) / count for values in (difference, level))
+    weight = count * relative_weight(seen / unit)
+    return float((weight * mean**2).sum() / (weight.sum() * unit**2)) / 4
