@@ -124,9 +124,8 @@ def test_points_are_covered_by_near_ones():
 
 def test_where_no_lamp_shines_nothing_is_lit():
     """Not a single photon lands, as under a sun below the horizon."""
-    dark = mi.load_dict(
-        {"type": "scene", "floor": {"type": "rectangle"}, "sky": {"type": "constant", "radiance": 0}}
-    )
+    sky = {"type": "constant", "radiance": 0}
+    dark = mi.load_dict({"type": "scene", "floor": {"type": "rectangle"}, "sky": sky})
     view = View(name="a", origin=(0, 0, 2), target=(0, 0.1, 0), fov=20)
     found = report_views(dark, [view])[0]
     assert found.lit_share == 0 and found.diffuse_share == 1
