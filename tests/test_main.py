@@ -29,6 +29,7 @@ SCENE = """\
         <transform name="to_world"><lookat origin="1,0,4" target="1,0,0" up="0,1,0"/></transform>
         <film type="hdrfilm">
             <integer name="width" value="8"/><integer name="height" value="6"/>
+            <rfilter type="box"/> <!-- others add up pixels in the order of threads -->
         </film>
     </sensor>
     <shape type="sphere"><emitter type="area"/></shape>
