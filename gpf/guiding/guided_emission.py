@@ -71,7 +71,8 @@ class EmissionGuide:
 
     def __init__(self, boxes: Boxes) -> None:
         self.boxes = boxes
-        wanted = boxes.volume * np.sqrt(boxes.mean)
+        # Where nothing is known to reach the region, all rays are equally likely.
+        wanted = boxes.volume * np.sqrt(boxes.mean if boxes.mean.any() else 1)
         share = _UNIFORM * boxes.volume + (1 - _UNIFORM) * wanted / wanted.sum()
         # At most 1: rounding must not put a number behind the last box.
         cumulated = np.minimum(np.cumsum(share), 1).astype(np.float32)

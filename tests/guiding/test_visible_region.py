@@ -142,7 +142,11 @@ def test_the_numbers_of_a_guide_are_below_one(monkeypatch):
         def next_1d(self):
             return mi.Float(last)
 
-    EmissionGuide(Boxes.whole(3)).emit(None, Sampler())
+    edges = np.array([1 / 3, 1 / 4, 1 / 4, 1 / 16, 1 / 16])
+    grid = np.stack(np.meshgrid(*(np.arange(0, 1, e) for e in edges), indexing="ij"), axis=-1)
+    corner = grid.reshape(-1, 5)
+    boxes = Boxes(corner, np.broadcast_to(edges, corner.shape), np.ones(len(corner)))
+    EmissionGuide(boxes).emit(None, Sampler())
     for number in seen[0].numbers():
         assert 0.9 < number[0] < 1
 
@@ -150,11 +154,11 @@ def test_the_numbers_of_a_guide_are_below_one(monkeypatch):
 def test_with_few_paths_to_learn_from_a_guide_is_coarse(rooms, region, pilot):
     few = [trace_pilot(rooms, region, PathSettings(paths), seed=1) for paths in (100, 20_000)]
     boxes = [len(EmissionGuide.learn(rooms, p).density) for p in (*few, pilot)]
-    assert boxes[0] <= 4 and boxes[0] < boxes[1] < boxes[2]
+    assert boxes[0] == 1 and 1 < boxes[1] <= 20_000 / 64 and boxes[1] < boxes[2]
 
 
 def test_a_guide_finds_the_rays_that_matter():
-    """Only rays from a hundredth of the cube bring anything: after two pilots most start there."""
+    """Only rays from a hundredth of the cube bring anything: after two pilots, four in ten start there."""
     guide, rng = EmissionGuide(Boxes.whole(2)), np.random.default_rng(0)
     for _ in range(3):
         boxes, density = guide.boxes, guide.density
@@ -168,6 +172,13 @@ def test_a_guide_finds_the_rays_that_matter():
         # What the paths stand for is the same, however they are spread.
         assert square.sum() == pytest.approx(0.5 * 0.14**2, rel=0.3)
     assert hit.mean() > 0.4
+
+
+def test_a_guide_that_has_seen_no_power_takes_every_ray(rooms):
+    none = Pilot(power=np.zeros(1000), photons=np.zeros(1000, int), seed=1)
+    guide = EmissionGuide.learn(rooms, none)
+    np.testing.assert_allclose(guide.density, 1, rtol=1e-6)
+    np.testing.assert_allclose(EmissionGuide.learn(rooms, none, guide).density, 1, rtol=1e-6)
 
 
 def some_boxes() -> Boxes:
