@@ -11,7 +11,6 @@ import numpy as np
 from gpf.core.errors import uninterrupted
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.structs import from_numpy, to_numpy
-from gpf.guiding.density_control import cell_keys
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.training.loss import relative_weight
@@ -74,8 +73,6 @@ class DirectLight:
     def balance(
         self,
         passes: int,
-        position: np.ndarray,
-        normal: np.ndarray,
         direct: tuple[np.ndarray, np.ndarray],
         photons: tuple[np.ndarray, np.ndarray],
     ) -> None:
@@ -84,20 +81,12 @@ class DirectLight:
         Parameters
         ----------
         passes: so far.
-        position, normal: of some points beside each other, (P, 3).
-        direct, photons: irradiance from each half at these, (P, 3) each.
+        direct, photons: irradiance from each half at some points, (P, 3) each. Points that follow
+            each other lie beside each other.
         """
         light = direct[0] + direct[1] + photons[0] + photons[1]
-        sample = self.samples * _variance(position, normal, direct, light)
-        of_pass = passes * _variance(position, normal, photons, light)
-        print(
-            "BALANCE",
-            passes,
-            sample,
-            of_pass,
-            math.sqrt(COST * sample / max(of_pass, 1e-30)),
-            flush=True,
-        )
+        sample = self.samples * _variance(direct, light)
+        of_pass = passes * _variance(photons, light)
         self.per_pass = min(math.sqrt(COST * sample / max(of_pass, 1e-30)), MOST_PER_PASS)
 
     def tensors(self) -> dict[str, np.ndarray]:
@@ -111,26 +100,15 @@ class DirectLight:
         self.samples, self.per_pass = int(tensors["samples"][0]), float(tensors["samples"][1])
 
 
-def _variance(
-    position: np.ndarray,
-    normal: np.ndarray,
-    halves: tuple[np.ndarray, np.ndarray],
-    light: np.ndarray,
-) -> float:
+def _variance(halves: tuple[np.ndarray, np.ndarray], light: np.ndarray) -> float:
     """Variance of the mean of both halves, from their difference in small groups of points,
     relative to the ``light`` there as in the loss."""
-    width = float(np.ptp(position, axis=0).max()) or 1.0
-    # The largest cells that hold few enough points.
-    while True:
-        _, cell, count = np.unique(
-            cell_keys(position, normal, width), return_inverse=True, return_counts=True
-        )
-        if np.median(count[cell]) <= SHARED_BY:
-            break
-        width *= 0.7
-    difference = (halves[0] - halves[1]).mean(axis=1)
-    level = light.mean(axis=1)
+    starts = np.arange(0, len(light), SHARED_BY)
+    count = np.diff(np.r_[starts, len(light)])
+    difference, level = (
+        np.add.reduceat(values.mean(axis=1), starts) / count
+        for values in (halves[0] - halves[1], light)
+    )
     unit = max(float(level.mean()), 1e-20)
-    mean, seen = (np.bincount(cell, values) / count for values in (difference, level))
-    weight = count * relative_weight(seen / unit)
-    return float((weight * mean**2).sum() / (weight.sum() * unit**2)) / 4
+    weight = count * relative_weight(level / unit)
+    return float((weight * difference**2).sum() / (weight.sum() * unit**2)) / 4

@@ -166,16 +166,13 @@ class PhotonStream:
         starts = np.linspace(0, max(every - RUN, 0), RUNS).astype(np.int64)
         rows = np.unique(starts[:, None] + np.arange(min(RUN, every)))
         self._rows = rows
-        points = self._points.points
-        position, normal = (to_numpy(v)[rows] for v in (points.p, points.n))
         direct, photons = [], []
         for half in range(2):
             direct.append(self._direct.mean(half)[rows])
             found = self._irradiance(self._sums.photons(half), self.radius, self._asked())
             photons.append(found[rows])
         dr.flush_malloc_cache()
-        halves = (direct[0], direct[1]), (photons[0], photons[1])
-        self._direct.balance(self.count, position, normal, *halves)
+        self._direct.balance(self.count, (direct[0], direct[1]), (photons[0], photons[1]))
 
     def tensors(self) -> dict[str, np.ndarray]:
         """The photons and samples so far, for a file."""

@@ -158,7 +158,7 @@ def test_with_few_paths_to_learn_from_a_guide_is_coarse(rooms, region, pilot):
 
 
 def test_a_guide_finds_the_rays_that_matter():
-    """Only rays from a hundredth of the cube bring anything: after two pilots, four in ten start there."""
+    """A hundredth of the cube brings all light: after two pilots, four rays in ten start there."""
     guide, rng = EmissionGuide(Boxes.whole(2)), np.random.default_rng(0)
     for _ in range(3):
         boxes, density = guide.boxes, guide.density

@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import VisiblePoints, to_numpy
+from gpf.core.structs import VisiblePoints
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.training.direct_light import LEAST, MOST_PER_PASS, DirectLight
@@ -62,12 +62,10 @@ def test_a_saved_one_continues_with_the_same_bits(direct):
 def test_the_noisier_light_gets_more_of_the_time(direct, noise, expected):
     """n/N = sqrt(5 v/V): with as much noise in 4 samples as in 25 passes, sqrt(5 · 4/25) = .89."""
     rng = np.random.default_rng(1)
-    position = to_numpy(direct.points.points.p)
-    normal = to_numpy(direct.points.points.n)
 
     def halves(sigma):
         return tuple(1 + sigma * rng.normal(size=(COUNT, 3)) for _ in range(2))
 
     direct.samples = LEAST
-    direct.balance(25, position, normal, halves(noise), halves(0.045))
+    direct.balance(25, halves(noise), halves(0.045))
     assert direct.per_pass == pytest.approx(expected, rel=0.15)
