@@ -6,6 +6,7 @@ import copy
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
@@ -305,11 +306,8 @@ class _Fit:
         trainer = recipe.fit_stream(self.stream, self.halves, self.photons, self.bounds)
         start = time.perf_counter()
         self.ticks = [start]
-        try:
+        with suppress(_OutOfTime):
             trainer.run(lambda progress: self._report(trainer, progress), self._count_step)
-        except _OutOfTime:
-            if not trainer.history:
-                raise
         trained = time.perf_counter()
         intervals = np.diff(self.ticks)
         step = float(np.median(intervals))
@@ -423,7 +421,9 @@ class _Fit:
     def _count_step(self, steps: int) -> None:
         self.steps = steps
         self.ticks.append(time.perf_counter())
-        self._end_in_time(self.reserve)
+        # Not without any training: all the photons of the last field would be for nothing.
+        trained = steps >= STEPS_PER_EVALUATION
+        self._end_in_time(self.reserve if trained else float("-inf"))
 
     def _end_in_time(self, reserve: float = 0) -> None:
         """Show the progress; end the fit if its time, less a reserve, is over and there is a

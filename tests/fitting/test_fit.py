@@ -107,6 +107,23 @@ def test_time_ends_a_fit(scene, monkeypatch):
     assert record["seconds"] == clock.now
 
 
+def test_a_field_that_comes_late_is_not_lost(scene, monkeypatch):
+    """The targets of the second take longer than the first's: the time is over before it trains."""
+    clock = Clock()
+    monkeypatch.setattr(module, "time", clock)
+    monkeypatch.setattr("gpf.fitting.goals.time", clock)
+    monkeypatch.setattr(plan, "FIRST_PASSES", 12)
+    halves = module.PhotonStream.halves
+
+    def slowly(self, stride):
+        clock.now += 0 if self.count == 12 else 30
+        return halves(self, stride)
+
+    monkeypatch.setattr(module.PhotonStream, "halves", slowly)
+    record = gpf.fit(scene, sensors(), seconds=20, callback=clock.count).record
+    assert record["passes"] == 36 and record["seconds"] > 30
+
+
 def test_a_field_that_is_shown_does_not_change_afterwards(scene, monkeypatch):
     shown = []
 
