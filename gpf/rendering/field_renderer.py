@@ -51,7 +51,6 @@ class FieldRenderer:
             {
                 "type": "gpf",
                 "rr_depth": settings.rr_depth,
-                "glossy_walks": settings.glossy_walks,
                 "adaptive": settings.adaptive,
                 "suppress_fireflies": settings.suppress_fireflies,
                 "denoise": settings.denoise,

@@ -22,12 +22,12 @@ from gpf.rendering.aovs import (
 )
 from gpf.rendering.denoiser import GUIDES, ImageDenoiser, denoise
 from gpf.rendering.lights import mixed
-from gpf.rendering.properties import read_depths, whole_number
+from gpf.rendering.properties import read_depths
 from gpf.rendering.recording import Recording
 from gpf.rendering.scene_check import warn_of_another_scene
 from gpf.rendering.walks import GroupedWalks, Walks
 from gpf.scene.inventory import divides_glass
-from gpf.scene.materials import has_gloss, require_separable
+from gpf.scene.materials import require_separable
 
 
 class GPF(mi.ad.integrators.common.ADIntegrator):
@@ -47,10 +47,6 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
      * - rr_depth
        - |int|
        - Bounces before Russian roulette starts. (Default: 5)
-     * - glossy_walks
-       - |int|
-       - Number of camera walks of a sample that meets a glossy surface first, because the
-         surface may reflect in many directions. (Default: 4)
      * - aovs
        - |string|
        - Further channels, a list of names with commas, such as ``depth, albedo``. They are
@@ -100,7 +96,6 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
     def __init__(self, props: mi.Properties) -> None:
         self.depth_limit = read_depths(props, "gpf")
         path = props.get("field", "")
-        self.glossy_walks = whole_number(props.get("glossy_walks", 4), "glossy_walks", 1)
         self.aovs = parse_aovs(props.get("aovs", ""))
         self.adaptive = props.get("adaptive", False)
         self.suppress_fireflies = props.get("suppress_fireflies", False)
@@ -115,7 +110,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         # may hold this integrator, and circular references are never freed.
         self._checked: list[mi.Shape] | None = None
         self._compared: Any = None
-        self._number, self._divides = 1, False
+        self._divides = False
         self.record = props.get("record", False)
         self.recording: Recording | None = None
         found = mi.file_resolver().resolve(path) if path else ""
@@ -251,11 +246,10 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
             )
         if self._checked != scene.shapes():
             require_separable(scene)
-            self._number = self.glossy_walks if has_gloss(scene) else 1
             self._divides = divides_glass(scene)
             self._checked = scene.shapes()
         depths = self.depth_limit, self.rr_depth
-        return Walks(scene, self.field, self.aovs, *depths, self._number, self._divides)
+        return Walks(scene, self.field, self.aovs, *depths, self._divides)
 
     def _look(
         self, walks: Walks, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool

@@ -11,7 +11,6 @@ class RenderSettings(Settings):
     """How views are rendered from a field; see the parameters of the plugin ``gpf``."""
 
     spp: Count = 64
-    glossy_walks: Count = 4
     adaptive: bool = True
     suppress_fireflies: bool = True
     denoise: bool = False

@@ -12,7 +12,6 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from gpf.camera.film import meets_gloss
 from gpf.camera.visible_points import follow
 from gpf.core.morton import order_lanes_in_space
 from gpf.core.structs import VisiblePoints
@@ -41,7 +40,6 @@ class Walks:
     ----------
     aovs: names of the AOVs (:mod:`gpf.rendering.aovs`).
     max_depth, rr_depth: as of :func:`gpf.camera.visible_points.follow`.
-    number: of walks of a sample that meets a glossy surface first.
     divides: whether samples see both what is behind smooth glass and what it reflects
         (:func:`gpf.scene.inventory.divides_glass`).
     """
@@ -53,38 +51,32 @@ class Walks:
         aovs: tuple[str, ...],
         max_depth: int,
         rr_depth: int,
-        number: int,
         divides: bool,
     ) -> None:
         self.scene, self.field, self.aovs = scene, field, aovs
         self.max_depth, self.rr_depth = max_depth, rr_depth
-        self.number, self.divides = number, divides
+        self.divides = divides
 
     @dr.syntax
     def look(self, sampler, ray, active):  # type: ignore[no-untyped-def]
         """What rays find: ``radiance``, (N, 3), whether they end on a diffuse surface, ``valid``,
         (N,), and the AOVs of the visible points.
 
-        This is the sum of what is behind smooth glass and what it reflects; and, where the first
-        surface is glossy, the mean of several walks.
+        This is the sum of what is behind smooth glass and what it reflects.
         """
-        gloss = mi.Bool(False)
-        if dr.hint(self.number > 1, mode="scalar"):
-            gloss = meets_gloss(self.scene, ray, active)
-        number = dr.opaque(mi.UInt32, self.number)
+        if dr.hint(not self.divides, mode="scalar"):
+            return self._walk(sampler, ray, active, mi.Bool(False))[0]
         found = self._nothing()
-        through = mi.Float(1)
+        through = mi.Float(0)
         back = mi.Bool(False)
-        n = mi.UInt32(0)
         walking = mi.Bool(active)
-        while dr.hint(walking, exclude=[ray, gloss, number]):
+        while dr.hint(walking, exclude=[ray]):
             further, share = self._walk(sampler, ray, walking, back)
-            found = _join(found, further, back, through)
-            n += 1
+            found = _join(found, further, through)
             through = mi.Float(share)
             back = ~back & (share < 1)
-            walking &= back | (gloss & (n < number))
-        return _mean(found, dr.select(gloss, n, 1))
+            walking &= back
+        return found
 
     def _walk(
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
@@ -114,28 +106,13 @@ class Walks:
         return {key: dr.zeros(type(value)) for key, value in shown.items()}
 
 
-def _join(
-    found: dict[str, Any], further: dict[str, Any], back: mi.Bool, through: mi.Float
-) -> dict[str, Any]:
-    """The sum of what walks found; of ``coverage``, the largest value.
-
-    Where a walk went back from glass, and the one before it went through with the weight
-    ``through``, the weights are in ``coverage``, and ``valid`` is that of the heavier one.
-    """
+def _join(found: dict[str, Any], further: dict[str, Any], through: mi.Float) -> dict[str, Any]:
+    """The sum of what is behind glass and what it reflects; ``valid`` is that of the walk with the
+    greater weight. ``through``: weight of the walk that went through, (N,)."""
     # Dr.Jit's loops need the same order of keys each time.
     joined = {key: v if key == "valid" else v + further[key] for key, v in found.items()}
-    heavier = dr.select(through >= 0.5, found["valid"], further["valid"])
-    joined["valid"] = dr.select(back, heavier, found["valid"] | further["valid"])
-    if "coverage" in found:
-        largest = dr.maximum(found["coverage"], further["coverage"])
-        joined["coverage"] = dr.select(back, joined["coverage"], largest)
+    joined["valid"] = dr.select(through >= 0.5, found["valid"], further["valid"])
     return joined
-
-
-def _mean(found: dict[str, Any], walks: mi.UInt32) -> dict[str, Any]:
-    number = mi.Float(walks)
-    kept = ("valid", "coverage")
-    return {key: value if key in kept else value / number for key, value in found.items()}
 
 
 class GroupedWalks(Walks):
@@ -162,8 +139,6 @@ class GroupedWalks(Walks):
         found, share = self._walk(sampler, ray, active, mi.Bool(False))
         if self.divides:
             found = self._reflect(sampler, ray, active & (share < 1), share, found)
-        if self.number > 1:
-            found = self._repeat(sampler, ray, active, found)
         return found
 
     def _walk(
@@ -182,17 +157,7 @@ class GroupedWalks(Walks):
         faint = active & (share > 1 - FAINT)
         shared = (lanes != first) & faint & dr.gather(mi.Bool, faint, first)
         further = self._walk_some(sampler, ray, active & ~shared, first, active, mi.Bool(True))
-        return _join(found, further, mi.Bool(True), share) if further else found
-
-    def _repeat(self, sampler, ray, active, found) -> dict[str, Any]:  # type: ignore[no-untyped-def]
-        again = meets_gloss(self.scene, ray, active)
-        lanes, _ = _groups(again, 1)
-        for _ in range(1, self.number):
-            further = self._walk_some(sampler, ray, again, lanes, again, mi.Bool(False))
-            if not further:
-                return found
-            found = _join(found, further, mi.Bool(False), mi.Float(1))
-        return _mean(found, dr.select(again, mi.UInt32(self.number), 1))
+        return _join(found, further, share) if further else found
 
     def _walk_some(  # type: ignore[no-untyped-def]
         self, sampler, ray, asks, first, active, back

@@ -111,7 +111,6 @@ class Screens:
                         "type": "gpf",
                         "record": True,
                         "aovs": aovs_of(layer, guides=not moving and has_denoiser()),
-                        "glossy_walks": 1 if moving else 4,
                     }
                 )
                 integrator.field = self._field_of(layer)

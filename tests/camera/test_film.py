@@ -10,11 +10,6 @@ import pytest
 import gpf.rendering.sppm as sppm_plugin
 from gpf.camera.film import reconstruct, sample_film, sample_grid
 from gpf.core.structs import from_numpy
-from gpf.field.field import GaussianPhotonField
-from gpf.field.initialization import InitialFieldSettings, initialize_gaussians
-from gpf.field.settings import FieldSettings
-from gpf.photons.tracing import PathSettings, record_photons
-from gpf.scene.bounds import scene_bounds
 from tests.furnace import Scene, camera, cornell_box, sppm, z_scores
 from tests.tiers import tiers
 
@@ -191,24 +186,16 @@ def test_radiance_is_computed_once_for_all_channels():
     assert [k["size"] for k in kernels].count(size) == 1
 
 
+@pytest.mark.slow
 @tiers(quick=1 / 6)
-@pytest.mark.parametrize("kind", [pytest.param("sppm", marks=pytest.mark.slow), "gpf"])
-def test_more_walks_have_less_noise_and_the_same_mean(kind, tier):
+def test_more_walks_have_less_noise_and_the_same_mean(tier):
     """The ratio of means has a standard error of 1.4 %, or 3.5 % in the quick tier."""
     seeds, spp, photons = (48, 8, 20_000) if tier.share == 1 else (16, 4, 5000)
-    options = sppm(photons=photons, radius=0.15) if kind == "sppm" else {"type": "gpf"}
+    options = sppm(photons=photons, radius=0.15)
     means, errors, noise = [], [], []
     for walks in (1, 8):
         scene = mi.load_dict(metal_box(**options | {"glossy_walks": walks}))
-        integrator = scene.integrator()
-        if kind == "gpf":
-            integrator.field = small_field(scene)
-        images = np.stack(
-            [
-                np.array(mi.render(scene, integrator=integrator, spp=spp, seed=s))
-                for s in range(seeds)
-            ]
-        )
+        images = np.stack([np.array(mi.render(scene, spp=spp, seed=s)) for s in range(seeds)])
         gloss = np.zeros(24 * 18, bool)
         gloss[np.array(sample_film(scene, scene.sensors()[0], seed=1, walks=2).split)] = True
         sphere = images.reshape(seeds, -1, 3)[:, gloss]
@@ -221,13 +208,3 @@ def test_more_walks_have_less_noise_and_the_same_mean(kind, tier):
     assert error < tier.noise(0.02) * means[0]
     assert abs(means[1] - means[0]) < 3.5 * error
     assert noise[1] < 0.5 * noise[0]
-
-
-def small_field(scene: mi.Scene) -> GaussianPhotonField:
-    bounds = scene_bounds(scene)
-    photons = record_photons(scene, PathSettings(20_000), seed=1)
-    settings = InitialFieldSettings(
-        gaussians=3000, search_radius=0.15, initial_colour="density", initial_scale=0.1
-    )
-    gaussians = initialize_gaussians(photons, settings, bounds, seed=1)
-    return GaussianPhotonField(gaussians, FieldSettings(search_radius=0.15), bounds)

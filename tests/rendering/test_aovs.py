@@ -144,18 +144,6 @@ def test_lamps_have_an_albedo_of_at_most_one_and_no_irradiance():
     np.testing.assert_allclose(layers["albedo"][lamp], [[1, 0.5, 0]] * lamp.sum(), atol=0.01)
 
 
-def test_means_over_the_walks_of_a_glossy_surface():
-    """A rough mirror in place of the plate: four walks a sample or one, the mean is the same."""
-    rough = {"type": "roughconductor", "alpha": 0.2, "material": "none"}
-    names = ["albedo", "irradiance", "visible_normal", "radiance"]
-    several, one = (
-        render(make_scene(rough), names[:3], spp=4096, glossy_walks=walks) for walks in (4, 1)
-    )
-    for name in names:
-        np.testing.assert_allclose(several[name], one[name], atol=0.06)
-        np.testing.assert_allclose(several[name].mean(), one[name].mean(), atol=2e-3)
-
-
 def test_the_error_is_a_share_of_the_radiance_and_lamps_have_none():
     layers = render(make_scene(), ["error", "albedo"])
     lamp = layers["radiance"][..., 0] > 8.9

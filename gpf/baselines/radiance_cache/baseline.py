@@ -117,7 +117,6 @@ class PreparedCache:
             {
                 "type": "gpf",
                 "rr_depth": task.rr_depth,
-                "glossy_walks": settings.glossy_walks,
                 "adaptive": settings.adaptive,
                 "suppress_fireflies": settings.suppress_fireflies,
             }
