@@ -164,7 +164,7 @@ def test_single_walks_and_answers_that_are_the_same_for_all(rays):
         def reflect(self, points, value):
             return points.radiance(value)
 
-    walks = Walks(scene, Constant(), ("coverage", "albedo"), -1, 5, 1, True)
+    walks = Walks(scene, Constant(), ("coverage", "albedo"), -1, 5, True)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(1, rays)
     o, d = np.tile([0.1, 0.2, 2.0], (rays, 1)), np.tile([0, 0, -1.0], (rays, 1))
