@@ -32,6 +32,9 @@ class Record(NamedTuple):
 # Called for each candidate of a query: body(state, index, record, distance², inside) -> state.
 Body = Callable[[Any, "mi.UInt32", Record, "mi.Float", "mi.Bool"], Any]
 
+# Which candidates count: accept(index, record, inside) -> inside.
+Accept = Callable[["mi.UInt32", Record, "mi.Bool"], "mi.Bool"]
+
 NOT_FOUND = 0xFFFFFFFF
 
 # The attributes that queries read.
@@ -238,14 +241,14 @@ class SpatialHash:
         k: int,
         start: mi.Float,
         limit: mi.Float,
-        accept: Callable[[Record], mi.Bool] | None = None,
+        accept: Accept | None = None,
         active: mi.Bool | bool = True,
     ) -> tuple[list[mi.UInt32], list[mi.Float]]:
         """The ``k`` nearest points of each query, nearest first. Needs ``far=True``.
 
         Balls of radius ``start``, 2 ``start``, … are searched until one contains ``k`` points that
-        ``accept(record)`` admits. The last ball has the radius ``limit``. The result is exact
-        within the last ball that is searched.
+        ``accept(index, record, inside)`` admits. The last ball has the radius ``limit``. The result
+        is exact within the last ball that is searched.
 
         Returns
         -------
@@ -294,13 +297,13 @@ def _nothing_found(k: int) -> tuple[list[mi.UInt32], list[mi.Float]]:
     return [mi.UInt32(NOT_FOUND)] * k, [mi.Float(dr.inf)] * k
 
 
-def _insert(accept: Callable[[Record], mi.Bool] | None) -> Body:
+def _insert(accept: Accept | None) -> Body:
     """A body that keeps the nearest candidates in ascending order (an insertion network)."""
 
     def body(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
         indices, distances = state
         if accept is not None:
-            inside = inside & accept(record)
+            inside = accept(index, record, inside)
         distance = dr.select(inside, distance2, dr.inf)
         new_indices, new_distances = [], []
         for best, best_index in zip(distances, indices, strict=True):

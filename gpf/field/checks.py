@@ -84,6 +84,8 @@ _SHAPES: dict[str, tuple[tuple[str | int, ...], str, str]] = {
     "irradiance": (("N", 3), "f4", "f2"),
     "normals": (("N", 3), "f4", "i1"),
     "error": (("N",), "f4", "f2"),
+    "limits": (("N", 3), "f4", "i1"),
+    "limit_distances": (("N",), "f4", "f2"),
     "lights": (("G", "N", 3), "f4", "f2"),
     "levels": (("N",), "u1", "u1"),
     "detail": (("X", "Y", "Z"), "u1", "u1"),
@@ -102,6 +104,7 @@ def check_stored(
     needed = [*_ALWAYS]
     needed += ["levels", "detail"] if facts.get("grid") else []
     needed += ["lights"] if facts.get("lights") else []
+    needed += ["limit_distances"] if "limits" in tensors else []
     compact = precision == "compact"
     encoded = ["means", "log_scales", "irradiance"] + ["lights"] * ("lights" in needed)
     keys = [("settings", facts), ("bounds", facts), ("record", facts)]

@@ -12,9 +12,13 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.facing_cells import FacingCells
-from gpf.core.spatial_hash import Record, SpatialHash
+from gpf.core.spatial_hash import NOT_FOUND, Record, SpatialHash
 from gpf.core.structs import VisiblePoints, from_numpy
-from gpf.core.surface_tags import SAME_SURFACE_HEIGHT, pack_tag, same_orientation
+from gpf.core.surface_tags import (
+    SAME_SURFACE_HEIGHT,
+    pack_tag,
+    same_orientation,
+)
 from gpf.field.detail import Detail
 from gpf.field.gaussians import Gaussians, whitening_rows
 from gpf.field.lights import FieldLights
@@ -42,6 +46,9 @@ SUPPLEMENT_REACH = 1.5
 # are filled before training (gpf.field.initialization.find_gaps).
 FIRST_REACH = 1.4
 LARGEST_REACH = 4.0
+
+# Distance of a plane that no point is beyond.
+_BEYOND_ALL = np.array([0, 0, 0, 1e30], np.float32)
 
 
 def blend_weight(
@@ -87,7 +94,8 @@ class GaussianPhotonField:
         E(x) = Σ w_i c_i / Σ w_i,   i in N(x)
         N(x) = Ball(x, max(r, d_{k+1})),   d_{k+1} the distance of the (k + 1)-th nearest:
 
-    the ball of radius r, or the k nearest Gaussians where the ball holds no more than k.
+    the ball of radius r, or the k nearest Gaussians where the ball holds no more than k; without
+    those that end before x (:mod:`gpf.field.limits`).
 
     Parameters
     ----------
@@ -100,6 +108,8 @@ class GaussianPhotonField:
     lights: the irradiance by groups of emitters; None if they are not kept apart.
     error: expected error around each Gaussian, relative to its irradiance, (N,)
         (:mod:`gpf.training.field_error`); None if it is not known.
+    limits: the planes at which the Gaussians end, (N, 4), in the space of their centres
+        (:mod:`gpf.field.limits`); None if nothing stands on the surfaces.
     """
 
     def __init__(
@@ -111,8 +121,10 @@ class GaussianPhotonField:
         detail: Detail | None = None,
         lights: FieldLights | None = None,
         error: np.ndarray | None = None,
+        limits: np.ndarray | None = None,
     ) -> None:
         self.settings = settings
+        self.limits = limits
         self.lights = lights
         self.bounds = bounds
         self.detail = detail
@@ -153,6 +165,12 @@ class GaussianPhotonField:
             return [dr.ravel(mi.Vector4f(row.x, row.y, row.z, value)) for row, value in pairs]
 
         self._packets = packets(gaussians.irradiance)
+        self._limits: mi.Float | None = None
+        if self.limits is not None:
+            free = np.any(self.limits[:, :3], axis=1, keepdims=True) == 0
+            planes = from_numpy(mi.Vector4f, self.limits + free * _BEYOND_ALL)
+            self._limits = dr.ravel(dr.gather(mi.Vector4f, planes, order))
+            dr.eval(self._limits)
         self._error_packets: list[Any] | None = None
         if self.error is not None:
             self._error_packets = packets(gaussians.irradiance * from_numpy(mi.Float, self.error))
@@ -169,6 +187,7 @@ class GaussianPhotonField:
             "hash": self.hash.arrays(),
             "packets": self._packets,
             "error": self._error_packets,
+            "limits": self._limits,
             "facing": self.facing.arrays(),
             "radius": self._radius,
             "detail": None if self.detail is None else self.detail.arrays(),
@@ -181,7 +200,7 @@ class GaussianPhotonField:
         other.hash = self.hash.with_arrays(arrays["hash"])
         other.facing = self.facing.with_arrays(arrays["facing"])
         other._packets, other._radius = arrays["packets"], arrays["radius"]
-        other._error_packets = arrays["error"]
+        other._error_packets, other._limits = arrays["error"], arrays["limits"]
         if self.detail is not None:
             other.detail = self.detail.with_arrays(arrays["detail"])
         return other
@@ -189,6 +208,14 @@ class GaussianPhotonField:
     def unfold(self, x: mi.Point3f) -> mi.Point3f:
         """Where queries at points look for Gaussians, (N, 3): see :mod:`gpf.field.detail`."""
         return x if self.detail is None else self.detail.unfold(x)
+
+    def reaches(self, index: mi.UInt32, p: mi.Point3f, active: mi.Bool) -> mi.Bool:
+        """Whether the Gaussians at places ``index`` in the order of the search do not end before
+        ``p``; false where not active."""
+        if self._limits is None:
+            return active
+        plane = dr.gather(mi.Vector4f, self._limits, index, active)
+        return active & (dr.dot(mi.Vector3f(plane.x, plane.y, plane.z), p) < plane.w)
 
     def accepts(self, record: Record, p: mi.Point3f, n: mi.Normal3f) -> mi.Bool:
         """Whether the Gaussian of a record belongs to the surface with normal ``n`` at ``p``."""
@@ -217,27 +244,41 @@ class GaussianPhotonField:
         inside &= self.accepts(record, x, n)
         # Most candidates are too far away for all lanes of a packet, which then skips this.
         if inside:
+            inside = self.reaches(index, x, inside)
             weight, weighted = self._term(x, record.p, index, dr.square(self._radius), inside)
             count += dr.select(inside, 1, 0)
             total += weight
             colour += weighted
         return count, total, colour
 
-    def supplement(
-        self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool
-    ) -> tuple[list[mi.UInt32], list[mi.Float]]:
+    @dr.syntax
+    def supplement(self, x, n, active):  # type: ignore[no-untyped-def]
         """The k + 1 nearest Gaussians, as :meth:`SpatialHash.nearest` returns them; none that are
-        farther than :data:`LARGEST_REACH`."""
-        if self.settings.normal_test:
+        farther than :data:`LARGEST_REACH`. Where all of them end before a point, as in a niche
+        without any of its own, they count all the same."""
+        if dr.hint(self.settings.normal_test, mode="scalar"):
             active = self.facing.may_contain(x, n, active)
-        return self.hash.nearest(
-            x,
-            self.settings.k + 1,
-            FIRST_REACH * self._radius,
-            LARGEST_REACH * self._radius,
-            lambda record: self.accepts(record, x, n),
-            active,
-        )
+        radii = FIRST_REACH * self._radius, LARGEST_REACH * self._radius
+        count = self.settings.k + 1
+
+        def search(active, everyone):  # type: ignore[no-untyped-def]
+            def accept(index, record, inside):  # type: ignore[no-untyped-def]
+                inside = inside & self.accepts(record, x, n)
+                return inside & (everyone | self.reaches(index, x, inside))
+
+            return self.hash.nearest(x, count, *radii, accept, active)
+
+        if dr.hint(self._limits is None, mode="scalar"):
+            return search(active, mi.Bool(True))
+        index = [mi.UInt32(NOT_FOUND)] * count
+        distance2 = [mi.Float(dr.inf)] * count
+        everyone = mi.Bool(False)
+        searching = mi.Bool(active)
+        while dr.hint(searching, exclude=[x, n, active]):
+            index, distance2 = search(searching, everyone)
+            searching &= (distance2[0] == dr.inf) & ~everyone
+            everyone = mi.Bool(True)
+        return index, distance2
 
     @dr.syntax
     def query(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> tuple[mi.Color3f, mi.Float]:

@@ -12,6 +12,7 @@ irradiance    float16 in a unit that makes the maximum at least 2^14      0.05%,
 lights        as irradiance                                               0.05%, over 8 orders
 normals       as quats                                                    half a degree
 error         float16                                                     0.05%
+limits        as quats; distances float16                                 half a degree, 0.05%
 ============  ==========================================================  ====================
 
 A Gaussian takes 22 bytes instead of 64. A field that was read from a compact file gives the same
@@ -38,6 +39,7 @@ from gpf.core.files import (
     write_tensors,
 )
 from gpf.core.structs import from_numpy, to_numpy
+from gpf.field import limits
 from gpf.field.checks import FieldFacts, check_stored, check_values
 from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
@@ -65,7 +67,9 @@ class StoredField:
         (N, 4). Positions and sizes are in world units. A field with levels
         (:mod:`gpf.field.detail`) also has ``levels``, those of the Gaussians, (N,) uint8, and
         ``detail``, its table, (X, Y, Z) uint8. A field that knows its error has ``error``, relative
-        to the irradiance, (N,).
+        to the irradiance, (N,). A field whose Gaussians end at obstacles has ``limits``, the
+        directions of the planes, (N, 3), and ``limit_distances`` from the centres in search radii,
+        (N,).
     settings: settings of the query.
     bounds: two corners of the scene's bounding box, world units.
     record: facts about the making of the field.
@@ -119,6 +123,10 @@ def save_field(field: GaussianPhotonField, path: Path, precision: Precision = "f
         lights = dataclasses.asdict(field.lights.groups)
     if field.error is not None:
         tensors["error"] = field.error
+    if field.limits is not None:
+        planes = limits.fold(field.limits, to_numpy(g.means), detail)
+        tensors["limits"] = planes[:, :3]
+        tensors["limit_distances"] = planes[:, 3] / np.float32(field.settings.search_radius)
     bounds = [[float(corner[i]) for i in range(3)] for corner in field.bounds]
     stored = StoredField(tensors, field.settings, bounds, field.record, grid, lights)
     write_field(stored, path, precision)
@@ -141,6 +149,11 @@ def load_field(path: Path) -> GaussianPhotonField:
         irradiance=from_numpy(mi.Color3f, irradiance),
         normals=from_numpy(mi.Normal3f, normals),
     )
+    planes = None
+    if "limits" in stored.tensors:
+        distances = stored.tensors["limit_distances"] * np.float32(stored.settings.search_radius)
+        planes = np.column_stack([stored.tensors["limits"], distances])
+        planes = limits.unfold(planes, to_numpy(places), detail)
     lower, upper = (mi.ScalarPoint3f(corner) for corner in stored.bounds)
     groups = stored.groups()
     lights = None if groups is None else FieldLights(groups, stored.tensors["lights"])
@@ -152,6 +165,7 @@ def load_field(path: Path) -> GaussianPhotonField:
         detail,
         lights,
         stored.tensors.get("error"),
+        planes,
     )
 
 
@@ -226,9 +240,9 @@ def _pack(
     exact = {name: tensors[name] for name in ("levels", "detail") if name in tensors}
     finest = int(exact["levels"].max()) if exact else 0
     least, most = SCALES
-    limits = np.log([least * radius / 2**finest, most * radius]).astype(np.float32)
+    sizes = np.log([least * radius / 2**finest, most * radius]).astype(np.float32)
     means, of_means = _to_steps(tensors["means"], np.uint16)
-    scales, of_scales = _to_steps(np.clip(tensors["log_scales"], *limits), np.uint8)
+    scales, of_scales = _to_steps(np.clip(tensors["log_scales"], *sizes), np.uint8)
     irradiance, unit = _to_halves(tensors["irradiance"])
     packed = {
         "means": means,
@@ -243,6 +257,9 @@ def _pack(
         packed["lights"], encoding["lights"] = _to_halves(tensors["lights"])
     if "error" in tensors:
         packed["error"] = tensors["error"].astype(np.float16)
+    if "limits" in tensors:
+        packed["limits"] = _to_bytes(tensors["limits"])
+        packed["limit_distances"] = tensors["limit_distances"].astype(np.float16)
     return packed, encoding
 
 
@@ -254,6 +271,9 @@ def _unpack(
         more["lights"] = (tensors["lights"] * np.float64(encoding["lights"])).astype("f4")
     if "error" in tensors:
         more["error"] = tensors["error"].astype(np.float32)
+    if "limits" in tensors:
+        more["limits"] = _from_bytes(tensors["limits"])
+        more["limit_distances"] = tensors["limit_distances"].astype(np.float32)
     return {
         **more,
         "means": _from_steps(tensors["means"], encoding["means"]),

@@ -189,9 +189,9 @@ def propose_radius(
     grid = SpatialHash(photons.p, cell=1e-2 * diagonal, bounds=bounds, far=True, tag=tag)
     start, limit = mi.Float(5e-3 * diagonal), mi.Float(0.2 * diagonal)
 
-    def accept(record: Record) -> mi.Bool:
+    def accept(index: mi.UInt32, record: Record, inside: mi.Bool) -> mi.Bool:
         """Photons behind a thin wall do not count; there may be many more of them."""
-        return same_surface(record, x, n, dr.squared_norm(record.p - x))
+        return inside & same_surface(record, x, n, dr.squared_norm(record.p - x))
 
     _, distance2 = grid.nearest(x, k, start, limit, accept)
     typical2 = float(np.median(distance2[k - 1].numpy()))

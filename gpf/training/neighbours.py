@@ -54,6 +54,7 @@ def _list_neighbours(field, points, fill, indices, offset, dense):  # type: igno
     def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
         within, count = state
         inside &= field.accepts(record, points.p, points.n)
+        inside = field.reaches(index, points.p, inside)
         write(index, offset + count, inside)
         near = inside & (distance2 <= radius2)
         return within + dr.select(near, 1, 0), count + dr.select(inside, 1, 0)

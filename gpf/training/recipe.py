@@ -23,7 +23,9 @@ from gpf.field.initialization import (
     place_by_detail,
     propose_search_radius,
 )
+from gpf.field.limits import find_limits
 from gpf.guiding.emission_plan import EmissionPlan
+from gpf.scene.bounds import scene_bounds
 from gpf.scene.lamps import small_lamps
 from gpf.scene.light_groups import LightGroups
 from gpf.sppm.passes import PassSettings, suit_scene
@@ -148,7 +150,7 @@ class Recipe:
         points: SurfacePoints,
         halves: tuple[SurfacePoints, SurfacePoints],
         kernel: float,
-        bounds: tuple[Any, Any],
+        scene: mi.Scene,
     ) -> GaussianPhotonField:
         """The field before training, with as many Gaussians at each place as its light asks for.
 
@@ -157,12 +159,13 @@ class Recipe:
         points: the field will be trained on these.
         halves: the same points, with targets from two independent halves of the photons.
         kernel: radius of the targets' narrowest kernel, world units.
-        bounds: corners of the scene's bounding box.
         """
+        bounds = scene_bounds(scene)
         detail = choose_detail(points, halves, kernel, bounds)
         gaussians = place_by_detail(detail, to_numpy(points.p), to_numpy(points.n), self.train.seed)
+        limits = find_limits(scene, gaussians, detail)
         settings = self.field.query(detail.radius)
-        return GaussianPhotonField(gaussians, settings, bounds, detail=detail)
+        return GaussianPhotonField(gaussians, settings, bounds, detail=detail, limits=limits)
 
     def fit_stream(
         self,
@@ -183,7 +186,7 @@ class Recipe:
         points = self.supervise(targets)
         if self.field.gaussians == "auto":
             split = self.supervise(halves[0]), self.supervise(halves[1])
-            field = self.field_by_place(points, split, NARROW * stream.radius, bounds)
+            field = self.field_by_place(points, split, NARROW * stream.radius, stream.scene)
         else:
             photons = self.select_photons(photons)
             field = self.initial_field(self.field.gaussians, photons, targets, bounds)

@@ -67,7 +67,9 @@ def as_ellipses(field: GaussianPhotonField) -> GaussianPhotonField:
         field.gaussians, log_scales=field.gaussians.log_scales + float(np.log(_SHOWN_SIZE))
     )
     settings = field.settings.model_copy(update={"blend": "sum", "neighbours": "radius"})
-    return GaussianPhotonField(gaussians, settings, field.bounds, field.record, field.detail)
+    return GaussianPhotonField(
+        gaussians, settings, field.bounds, field.record, field.detail, limits=field.limits
+    )
 
 
 class PhotonPoints:

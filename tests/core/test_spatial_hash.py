@@ -309,7 +309,7 @@ def test_nearest_among_accepted_records():
         k=3,
         limit=16.0,
         taken=kind == 2,
-        accept=lambda record: record.tag == 2,
+        accept=lambda index, record, inside: inside & (record.tag == 2),
     )
 
 

@@ -1,0 +1,103 @@
+"""Gaussians end at what stands on their surface."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.core.structs import from_numpy, take, to_numpy
+from gpf.field.field import GaussianPhotonField
+from gpf.field.io import load_field, save_field
+from gpf.field.limits import nearest_obstacles
+from gpf.field.settings import FieldSettings
+from gpf.training.blend_matrix import blend_matrix
+from tests.plain_field import flat_gaussians, make_field, surface_points
+
+WALL, RADIUS = 0.02, 0.3
+"""A wall between x = 0 and its thickness."""
+
+
+@pytest.fixture(scope="module")
+def scene() -> mi.Scene:
+    """A floor, z = 0, with a thin wall on it."""
+    wall = mi.ScalarTransform4f().translate([WALL / 2, 0, 0.5]).scale([WALL / 2, 1, 0.5])
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "floor": {"type": "rectangle"},
+            "wall": {"type": "cube", "to_world": wall},
+        }
+    )
+
+
+def planes_at(scene: mi.Scene, places: np.ndarray) -> np.ndarray:
+    """On the floor, (N, 4)."""
+    p = from_numpy(mi.Point3f, places)
+    n = from_numpy(mi.Normal3f, np.tile([0.0, 0, 1], (len(places), 1)))
+    return nearest_obstacles(scene, p, n, dr.full(mi.Float, RADIUS, len(places)))
+
+
+def lit_on_one_side(scene: mi.Scene) -> GaussianPhotonField:
+    """Gaussians on the floor, wider than the wall is thick, bright on the left of it alone."""
+    x, y = np.meshgrid(np.arange(-0.475, 0.5, 0.05), np.arange(-0.475, 0.5, 0.05))
+    places = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
+    bright = np.where(places[:, :1] < 0, 1.0, 0.001) * np.ones(3)
+    plain = make_field(
+        flat_gaussians(places, bright, size=0.1), FieldSettings(search_radius=RADIUS)
+    )
+    planes = planes_at(scene, places)
+    planes[:, 3] += (planes[:, :3] * places).sum(axis=1)
+    return GaussianPhotonField(plain.gaussians, plain.settings, plain.bounds, limits=planes)
+
+
+def ask(field: GaussianPhotonField, x: np.ndarray) -> np.ndarray:
+    up = from_numpy(mi.Normal3f, np.tile([0.0, 0, 1], (len(x), 1)))
+    return to_numpy(field.query(from_numpy(mi.Point3f, x), up, dr.full(mi.Bool, True, len(x)))[0])
+
+
+def test_the_nearest_obstacle_is_found(scene):
+    planes = planes_at(scene, np.array([[-0.1, 0, 0], [0.25, 0.3, 0], [-0.5, 0, 0]]))
+    np.testing.assert_allclose(planes[0], [1, 0, 0, 0.1], atol=1e-5)
+    np.testing.assert_allclose(planes[1], [-1, 0, 0, 0.25 - WALL], atol=1e-5)
+    np.testing.assert_array_equal(planes[2], 0)
+
+
+def test_no_light_comes_from_behind_a_wall(scene):
+    field = lit_on_one_side(scene)
+    y = np.linspace(-0.4, 0.4, 33)
+    for x, light in ((-0.005, 1.0), (-0.1, 1.0), (WALL + 0.005, 0.001), (0.1, 0.001)):
+        places = np.column_stack([0 * y + x, y, 0 * y])
+        np.testing.assert_allclose(ask(field, places), light, rtol=1e-4)
+    leaks = GaussianPhotonField(field.gaussians, field.settings, field.bounds)
+    assert (ask(leaks, places) > 0.01).all()
+
+
+def test_a_niche_without_gaussians_of_its_own_is_not_black(scene):
+    field = lit_on_one_side(scene)
+    left = np.flatnonzero(to_numpy(field.gaussians.means)[:, 0] < 0)
+    alone = take(field.gaussians, from_numpy(mi.UInt32, left))
+    field = GaussianPhotonField(alone, field.settings, field.bounds, limits=field.limits[left])
+    np.testing.assert_allclose(ask(field, np.array([[WALL + 0.005, 0, 0]])), 1, rtol=1e-4)
+
+
+def test_training_sees_what_queries_see(scene):
+    field = lit_on_one_side(scene)
+    rng = np.random.default_rng(3)
+    places = np.column_stack([rng.uniform(-0.45, 0.45, (200, 2)), np.zeros(200)])
+    up = np.tile([0.0, 0, 1], (200, 1))
+    matrix = blend_matrix(field, surface_points(places, up, np.ones((200, 3))))
+    found = matrix @ to_numpy(field.gaussians.irradiance)
+    np.testing.assert_allclose(found, ask(field, places), rtol=1e-4)
+
+
+@pytest.mark.parametrize(("precision", "within"), [("float32", 1e-6), ("compact", 6e-3)])
+def test_limits_travel_in_both_precisions(scene, tmp_path, precision, within):
+    field, path = lit_on_one_side(scene), tmp_path / "field.safetensors"
+    save_field(field, path, precision)
+    loaded = load_field(path)
+    np.testing.assert_allclose(loaded.limits, field.limits, atol=within)
+    save_field(loaded, tmp_path / "again.safetensors", precision)
+    if precision == "compact":
+        assert (tmp_path / "again.safetensors").read_bytes() == path.read_bytes()
