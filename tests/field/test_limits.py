@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import from_numpy, take, to_numpy
+from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
+from gpf.field.initialization import place_by_detail
 from gpf.field.io import load_field, save_field
-from gpf.field.limits import nearest_obstacles
+from gpf.field.limits import find_limits, nearest_obstacles
 from gpf.field.settings import FieldSettings
 from gpf.training.blend_matrix import blend_matrix
 from tests.plain_field import flat_gaussians, make_field, surface_points
@@ -90,6 +92,23 @@ def test_training_sees_what_queries_see(scene):
     matrix = blend_matrix(field, surface_points(places, up, np.ones((200, 3))))
     found = matrix @ to_numpy(field.gaussians.irradiance)
     np.testing.assert_allclose(found, ask(field, places), rtol=1e-4)
+
+
+def test_planes_of_all_levels_are_at_the_wall(scene):
+    """In the unfolded space, where the wall's left side lies elsewhere for each level."""
+    table = np.array([0, 1, 2, 1], np.uint8).reshape(1, 4, 1)
+    detail = Detail(table, 0.5, np.array([-1.0, -1.0, -0.5]), RADIUS)
+    rng = np.random.default_rng(2)
+    places = np.column_stack(
+        [rng.uniform(-0.05, 0, 2000), rng.uniform(-0.9, 0.9, 2000), np.zeros(2000)]
+    )
+    g = place_by_detail(detail, places, np.tile([0.0, 0, 1], (2000, 1)), seed=1)
+    planes = find_limits(scene, g, detail)
+    levels = detail.levels_of(to_numpy(g.means))
+    assert set(levels) == {0, 1, 2}
+    np.testing.assert_allclose(planes[:, :3], np.tile([1, 0, 0], (len(planes), 1)), atol=1e-5)
+    at_wall = (0 - detail.corner[0]) * 2.0**levels + detail.starts[levels]
+    np.testing.assert_allclose(planes[:, 3], at_wall, atol=1e-4)
 
 
 @pytest.mark.parametrize(("precision", "within"), [("float32", 1e-6), ("compact", 6e-3)])
