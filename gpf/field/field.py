@@ -14,11 +14,7 @@ import numpy as np
 from gpf.core.facing_cells import FacingCells
 from gpf.core.spatial_hash import NOT_FOUND, Record, SpatialHash
 from gpf.core.structs import VisiblePoints, from_numpy
-from gpf.core.surface_tags import (
-    SAME_SURFACE_HEIGHT,
-    pack_tag,
-    same_orientation,
-)
+from gpf.core.surface_tags import SAME_SURFACE_HEIGHT, pack_tag, same_orientation
 from gpf.field.detail import Detail
 from gpf.field.gaussians import Gaussians, whitening_rows
 from gpf.field.lights import FieldLights
@@ -145,6 +141,12 @@ class GaussianPhotonField:
         )
         reach = LARGEST_REACH * self.settings.search_radius
         self.facing = FacingCells(gaussians.means, gaussians.normals, reach, bounds)
+        self._limits: mi.Float | None = None
+        if self.limits is not None:
+            free = np.any(self.limits[:, :3], axis=1, keepdims=True) == 0
+            planes = from_numpy(mi.Vector4f, self.limits + free * _BEYOND_ALL)
+            self._limits = dr.ravel(dr.gather(mi.Vector4f, planes, self.hash.order))
+            dr.eval(self._limits)
         self._pack()
         self._radius = dr.opaque(mi.Float, self.settings.search_radius)
 
@@ -165,12 +167,6 @@ class GaussianPhotonField:
             return [dr.ravel(mi.Vector4f(row.x, row.y, row.z, value)) for row, value in pairs]
 
         self._packets = packets(gaussians.irradiance)
-        self._limits: mi.Float | None = None
-        if self.limits is not None:
-            free = np.any(self.limits[:, :3], axis=1, keepdims=True) == 0
-            planes = from_numpy(mi.Vector4f, self.limits + free * _BEYOND_ALL)
-            self._limits = dr.ravel(dr.gather(mi.Vector4f, planes, order))
-            dr.eval(self._limits)
         self._error_packets: list[Any] | None = None
         if self.error is not None:
             self._error_packets = packets(gaussians.irradiance * from_numpy(mi.Float, self.error))

@@ -15,8 +15,8 @@ error         float16                                                     0.05%
 limits        as quats; distances float16                                 half a degree, 0.05%
 ============  ==========================================================  ====================
 
-A Gaussian takes 22 bytes instead of 64. A field that was read from a compact file gives the same
-bytes when it is written again.
+A Gaussian takes 22 bytes instead of 64; 27 instead of 80 in a field with limits. A field that was
+read from a compact file gives the same bytes when it is written again.
 """
 
 from __future__ import annotations

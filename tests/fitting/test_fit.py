@@ -97,21 +97,24 @@ class Clock:
         self.before = progress.passes, progress.steps
 
 
-def test_time_ends_a_fit(scene, monkeypatch):
+@pytest.fixture
+def clock(monkeypatch) -> Clock:
+    """The only clock of a fit that has it as its callback, ``clock.count``."""
     clock = Clock()
     monkeypatch.setattr(module, "time", clock)
     monkeypatch.setattr("gpf.fitting.goals.time", clock)
+    return clock
+
+
+def test_time_ends_a_fit(scene, clock):
     record = gpf.fit(scene, sensors(), seconds=12, callback=clock.count).record
     # The last field takes all passes for which there is time.
     assert record["passes"] > 37 and 10 < record["seconds"] < 12.1
     assert record["seconds"] == clock.now
 
 
-def test_a_field_that_comes_late_is_not_lost(scene, monkeypatch):
+def test_a_field_that_comes_late_is_not_lost(scene, monkeypatch, clock):
     """The targets of the second take longer than the first's: the time is over before it trains."""
-    clock = Clock()
-    monkeypatch.setattr(module, "time", clock)
-    monkeypatch.setattr("gpf.fitting.goals.time", clock)
     monkeypatch.setattr(plan, "FIRST_PASSES", 12)
     halves = module.PhotonStream.halves
 
@@ -167,11 +170,8 @@ def test_before_the_first_field_an_interrupt_ends_the_fit(scene):
         gpf.fit(scene, sensors(), passes=30, callback=stop)
 
 
-def test_the_time_of_a_field_does_not_count_as_that_of_a_pass(scene, monkeypatch):
+def test_the_time_of_a_field_does_not_count_as_that_of_a_pass(scene, monkeypatch, clock):
     """A field takes 30 s, a pass .2 s: after the first field there is time for all passes."""
-    clock = Clock()
-    monkeypatch.setattr(module, "time", clock)
-    monkeypatch.setattr("gpf.fitting.goals.time", clock)
     monkeypatch.setattr(plan, "FIRST_PASSES", 12)
     evaluate = module._Fit.evaluate
 
@@ -184,11 +184,8 @@ def test_the_time_of_a_field_does_not_count_as_that_of_a_pass(scene, monkeypatch
     assert record["passes"] > 20
 
 
-def test_unused_photons_of_a_state_are_used(scene, monkeypatch, tmp_path):
+def test_unused_photons_of_a_state_are_used(scene, monkeypatch, clock, tmp_path):
     """Interrupted in the second field, with photons for it, and time for a few more."""
-    clock = Clock()
-    monkeypatch.setattr(module, "time", clock)
-    monkeypatch.setattr("gpf.fitting.goals.time", clock)
     monkeypatch.setattr(plan, "FIRST_PASSES", 12)
 
     def stop(progress):
