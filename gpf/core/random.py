@@ -31,6 +31,8 @@ class Stream(IntEnum):
     DENOISING_GUIDES = 15
     TIMED_SAMPLES = 16
     EM_CAMERA = 17
+    NOISE_POINTS = 18
+    NOISE_PHOTONS = 19
     SPLAT_VIEWS = 31
     SPLAT_GROWTH = 32
     SPLAT_SIGHT = 33
@@ -47,6 +49,7 @@ class Stream(IntEnum):
     STREAM_EMITTERS = 1000
     STREAM_JUDGES = 1001
     GROUP_EMITTERS = 1002
+    LAMP_PILOT = 1003
 
 
 def pass_seed(seed: int, t: int, stream: int, *more: int) -> int:

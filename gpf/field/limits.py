@@ -1,8 +1,7 @@
 """Where Gaussians end: at what stands on their surface.
 
-A wall that stands on a floor separates the light on both of its sides, although the floor goes on
-beneath it, and Gaussians are often wider than a wall is thick. So each ends at a plane: that of the
-nearest obstacle that short rays along the surface meet. A point beyond the plane does not use it.
+Gaussians are often wider than a wall is thick. So each ends at a plane: that of the nearest
+obstacle (:mod:`gpf.scene.obstacles`). A point beyond the plane does not use it.
 """
 
 from __future__ import annotations
@@ -12,15 +11,12 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.structs import from_numpy, to_numpy
-from gpf.core.surface_tags import SAME_SURFACE_COSINE
 from gpf.field.detail import Detail
 from gpf.field.gaussians import Gaussians
+from gpf.scene.obstacles import look_along
 
 RAYS = 16
 """Directions in which obstacles are looked for."""
-
-# Height of the rays above the surface, in units of their length: what is lower is no obstacle.
-_HEIGHT = 0.03
 
 
 def find_limits(scene: mi.Scene, gaussians: Gaussians, detail: Detail) -> np.ndarray | None:
@@ -49,21 +45,13 @@ def nearest_obstacles(
     reach: how far away obstacles are looked for, world units, (N,).
     """
     best, found = mi.Float(reach), dr.zeros(mi.Vector3f, dr.width(p))
-    frame, origin = mi.Frame3f(n), p + _HEIGHT * reach * n
+    frame = mi.Frame3f(n)
     for number in range(RAYS):
         sine, cosine = dr.sincos(dr.opaque(mi.Float, (number + 0.5) * 2 * np.pi / RAYS))
-        along = frame.to_world(mi.Vector3f(cosine, sine, 0))
-        ray = mi.Ray3f(origin, along, reach, 0, mi.Color0f())
-        si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
-        stands = si.is_valid() & (dr.dot(si.n, n) < SAME_SURFACE_COSINE)
-        # What leans far over is taken to face the point.
-        upright = mi.Vector3f(si.n) - dr.dot(si.n, n) * mi.Vector3f(n)
-        upright *= dr.sign(dr.dot(upright, along))
-        upright = dr.select(dr.squared_norm(upright) > 0.01, dr.normalize(upright), along)
-        distance = si.t * dr.dot(upright, along)
-        nearer = stands & (distance < best)
-        best = dr.select(nearer, distance, best)
-        found = dr.select(nearer, upright, found)
+        met = look_along(scene, p, n, reach, mi.Vector2f(cosine, sine))
+        nearer = met.stands & (met.distance < best)
+        best = dr.select(nearer, met.distance, best)
+        found = dr.select(nearer, frame.to_world(mi.Vector3f(met.away.x, met.away.y, 0)), found)
         dr.eval(best, found)
     planes = np.column_stack([to_numpy(found), best.numpy()]).astype(np.float32)
     planes[~planes[:, :3].any(axis=1)] = 0

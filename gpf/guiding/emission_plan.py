@@ -5,14 +5,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import mitsuba as mi
 from pydantic import Field
 
+from gpf.camera.next_event import samples_every_emitter
 from gpf.core.random import Stream, pass_seed
 from gpf.core.settings import Seed, Settings
 from gpf.core.structs import Photons
+from gpf.guiding.arriving_noise import least_noisy
 from gpf.guiding.guided_emission import EmissionGuide
 from gpf.guiding.photon_map import BATCH, collect_photons
 from gpf.guiding.pilot import Pilot, trace_pilot
@@ -20,13 +22,15 @@ from gpf.guiding.visible_region import VisibleRegion
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.tracing import PathSettings
 
-# Emission is guided if the efficiency of the paths is below GUIDED_BELOW, and if guiding improves
-# it by the factor LEAST_GAIN.
+# Emission may be guided if the efficiency of the paths is below this.
 GUIDED_BELOW = 0.3
-LEAST_GAIN = 1.2
 
-# Each of so many guides learns from the paths of the one before.
-GUIDES = 2
+# Each guide learns from the paths of the one before; none follows one that was not better by the
+# factor LEAST_GAIN.
+MOST_GUIDES, LEAST_GAIN = 6, 1.2
+
+# If fewer paths than FEW reach the region, pilots have MORE times as many paths.
+FEW, MORE = 4000, 4
 
 PHOTONS_PER_GAUSSIAN = 3
 
@@ -74,30 +78,39 @@ class EmissionPlan:
         sensors: Sequence[mi.Sensor],
         settings: VisibleRegionSettings,
         rr_depth: int = 5,
+        direct: Literal["photons", "emitters"] = "emitters",
     ) -> EmissionPlan:
-        """Sample the visible region of the sensors, and guide the emission if that is efficient.
+        """Sample the visible region of the sensors, and guide the emission if that lowers the
+        noise there.
 
         The plan depends on the number of pixels of the sensors: use sensors of a fixed size, not of
         the size of the images.
+
+        Parameters
+        ----------
+        direct: what brings direct light, as in :class:`gpf.sppm.passes.PassSettings`. If samples of
+            the emitters do, a guide may be for the other photons alone.
         """
         region = None
         if settings.use:
             region = VisibleRegion(scene, sensors, settings.seed, settings.rays)
-        seed = pass_seed(settings.seed, 0, Stream.PILOT)
         paths = PathSettings(settings.pilot_paths, rr_depth=rr_depth)
+        seed = pass_seed(settings.seed, 0, Stream.PILOT)
         pilot = trace_pilot(scene, region, paths, seed)
         if not settings.guide or pilot.efficiency >= GUIDED_BELOW:
             return cls(region, emit_light, pilot)
-        guide: EmissionGuide | None = None
-        source, guided = emit_light, pilot
-        for number in range(1, GUIDES + 1):
-            guide = EmissionGuide.learn(scene, guided, guide)
-            source = guide.emit
-            seed = pass_seed(settings.seed, number, Stream.PILOT)
-            guided = trace_pilot(scene, region, replace(paths, source=source), seed)
-        if guided.efficiency < LEAST_GAIN * pilot.efficiency:
-            return cls(region, emit_light, pilot)
-        return cls(region, source, guided)
+        found = [(emit_light, pilot), _guide(scene, region, paths, pilot, settings.seed)]
+        if region is None:
+            return cls(region, *max(found, key=lambda each: each[1].efficiency))
+        if direct == "emitters" and samples_every_emitter(scene):
+            paths = replace(paths, indirect=True)
+            pilot = trace_pilot(scene, region, paths, seed)
+            if pilot.arrived < FEW:
+                paths = replace(paths, paths=MORE * paths.paths)
+                pilot = trace_pilot(scene, region, paths, seed)
+            found.append(_guide(scene, region, paths, pilot, settings.seed))
+        sources = [source for source, _ in found]
+        return cls(region, *found[least_noisy(scene, region.points, sources, paths, seed)])
 
     def collect(self, scene: mi.Scene, paths: int, seed: int, rr_depth: int = 5) -> Photons:
         """The photons of so many paths in the visible region, (N,); see :func:`collect_photons`."""
@@ -126,6 +139,22 @@ class EmissionPlan:
             "path_efficiency": self.pilot.efficiency,
             "emission_guided": self.source is not emit_light,
         }
+
+
+def _guide(
+    scene: mi.Scene, region: VisibleRegion | None, paths: PathSettings, pilot: Pilot, seed: int
+) -> tuple[Source, Pilot]:
+    """A guided source that has learnt from a pilot of such paths, and a pilot of its own."""
+    guide = None
+    for number in range(1, MOST_GUIDES + 1):
+        guide = EmissionGuide.learn(scene, pilot, guide)
+        before = pilot.efficiency
+        paths = replace(paths, source=guide.emit)
+        pilot = trace_pilot(scene, region, paths, pass_seed(seed, number, Stream.PILOT))
+        if number > 1 and pilot.efficiency < LEAST_GAIN * before:
+            break
+    assert guide is not None
+    return guide.emit, pilot
 
 
 def _batches(paths: float, most: int) -> int:

@@ -29,6 +29,11 @@ class Pilot:
     seed: int
 
     @property
+    def arrived(self) -> int:
+        """Number of paths with a photon in the region."""
+        return int(np.count_nonzero(self.photons))
+
+    @property
     def photons_per_path(self) -> float:
         """Mean number of photons of a path in the visible region."""
         return float(self.photons.mean())
@@ -43,7 +48,7 @@ class Pilot:
 def trace_pilot(
     scene: mi.Scene, region: VisibleRegion | None, settings: PathSettings, seed: int
 ) -> Pilot:
-    """Trace paths without storing photons. Without a visible region, all photons count."""
+    """Trace paths without storing photons. Without a visible region, photons count everywhere."""
     paths = settings.paths
     power, photons = dr.zeros(mi.Float, paths), dr.zeros(mi.UInt32, paths)
     lane = dr.arange(mi.UInt32, paths)

@@ -15,16 +15,13 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.structs import from_numpy
-from gpf.core.surface_tags import SAME_SURFACE_COSINE
+from gpf.scene.obstacles import Obstacle, look_along
 
 Hidden = Callable[["mi.Vector3f"], "mi.Bool"]
 """Whether places are hidden from points, (N,), by their offsets from the points, (N, 3)."""
 
 SECTORS = 16
 """Directions around a point."""
-
-# Height of the rays above the surface, in units of their length: what is lower is no obstacle.
-_HEIGHT = 0.03
 
 # Of a point between obstacles that leave less than this part of the disc free, as in a carpet, none
 # counts: too few photons would be left.
@@ -56,10 +53,8 @@ class Obstacles:
     """
 
     def __init__(self, scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: float) -> None:
-        everyone = dr.arange(mi.UInt32, dr.width(p))
-        si, _ = _look_around(scene, p, n, reach, everyone)
-        stands = _stands(si, n, everyone)
-        free = dr.select(stands, dr.square(si.t / reach), 1).numpy().reshape(-1, SECTORS)
+        met = _look_around(scene, p, n, reach, dr.arange(mi.UInt32, dr.width(p)))
+        free = dr.select(met.stands, dr.square(met.t / reach), 1).numpy().reshape(-1, SECTORS)
         self.near = (free.min(axis=1) < 1) & (free.mean(axis=1) >= _LEAST_FREE)
         self._place = from_numpy(mi.UInt32, np.maximum(np.cumsum(self.near) - 1, 0))
         self._planes = mi.Float()
@@ -87,39 +82,23 @@ class Obstacles:
 
 def _look_around(
     scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: float, rows: mi.UInt32
-) -> tuple[mi.SurfaceInteraction3f, mi.Vector3f]:
-    """What the rays of points find, and their directions in the frame of the point's normal;
-    (:data:`SECTORS` M,) for M rows."""
-    length = dr.opaque(mi.Float, reach)
+) -> Obstacle:
+    """What the rays of points meet, one in the middle of each sector, (:data:`SECTORS` M,) for M
+    rows."""
     row = dr.repeat(rows, SECTORS)
     number = mi.Float(dr.arange(mi.UInt32, dr.width(row)) % SECTORS)
     sine, cosine = dr.sincos((number + 0.5) * (2 * dr.pi / SECTORS))
-    normal = dr.gather(mi.Normal3f, n, row)
-    direction = mi.Vector3f(cosine, sine, 0)
-    origin = dr.gather(mi.Point3f, p, row) + _HEIGHT * length * normal
-    ray = mi.Ray3f(origin, mi.Frame3f(normal).to_world(direction), length, 0, mi.Color0f())
-    return scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False), direction
-
-
-def _stands(si: mi.SurfaceInteraction3f, n: mi.Normal3f, rows: mi.UInt32) -> mi.Bool:
-    """Whether what was found is an obstacle, and not the surface of the point itself."""
-    normal = dr.gather(mi.Normal3f, n, dr.repeat(rows, SECTORS))
-    return si.is_valid() & (dr.dot(si.n, normal) < SAME_SURFACE_COSINE)
+    p, n = dr.gather(mi.Point3f, p, row), dr.gather(mi.Normal3f, n, row)
+    return look_along(scene, p, n, dr.opaque(mi.Float, reach), mi.Vector2f(cosine, sine))
 
 
 def _planes(
     scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: float, rows: mi.UInt32
 ) -> mi.Float:
     """a, b and c of each sector, flat, (3 :data:`SECTORS` M,) for M rows."""
-    si, direction = _look_around(scene, p, n, reach, rows)
-    frame = mi.Frame3f(dr.gather(mi.Normal3f, n, dr.repeat(rows, SECTORS)))
-    facing = frame.to_local(mi.Vector3f(si.n))
-    # Towards the point; an obstacle that leans far over is taken to face it.
-    flat = mi.Vector2f(facing.x, facing.y)
-    flat *= -dr.sign(dr.dot(flat, direction.xy))
-    flat = dr.select(dr.squared_norm(flat) > 0.01, dr.normalize(flat), -direction.xy)
-    limit = si.t * dr.dot(flat, direction.xy)
-    planes = mi.Vector3f(flat.x, flat.y, dr.select(_stands(si, n, rows), limit, _NOWHERE))
+    met = _look_around(scene, p, n, reach, rows)
+    limit = dr.select(met.stands, -met.distance, _NOWHERE)
+    planes = mi.Vector3f(-met.away.x, -met.away.y, limit)
     dr.eval(planes)
     # A wall reaches a little way into the sectors beside those whose rays meet it.
     number = dr.arange(mi.UInt32, dr.width(planes))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import drjit as dr
 import mitsuba as mi
@@ -11,6 +12,7 @@ import numpy as np
 from gpf.core.errors import uninterrupted
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.structs import from_numpy, to_numpy
+from gpf.guiding.lamp_guide import LampGuide, count_bins, find_cells
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.training.loss import relative_weight
@@ -24,6 +26,12 @@ MOST_PER_PASS = 8.0
 COST = 5.0
 """A pass takes about as long as so many samples at each point for both halves."""
 
+PILOT = 8
+"""Samples at each point from which a guide learns."""
+
+WORTH = 0.95
+"""Samples are guided if their variance is below this part of that without a guide."""
+
 SHARED_BY = 8
 """Points whose targets are compared together, because a Gaussian averages over about as many."""
 
@@ -31,8 +39,9 @@ SHARED_BY = 8
 class DirectLight:
     """Direct light at points.
 
-    Most samples of a sky outside of the window find the wall. Such light has more noise than that
-    of the photons, and more samples help more than more photons. With n samples and N passes, whose
+    Most samples of a sky outside of the window find the wall. They are guided to the window
+    (:mod:`gpf.guiding.lamp_guide`) if that pays. Where direct light still has more noise than that
+    of the photons, more samples help more than more photons. With n samples and N passes, whose
     noise has the variances v/n and V/N, there is least noise for the time if n/N = sqrt(c v / V),
     where c is the time of a pass in that of a sample.
 
@@ -61,10 +70,31 @@ class DirectLight:
                 for half in range(2):
                     seed = pass_seed(self.seed, half, Stream.STREAM_EMITTERS)
                     start = random_start(seed, dr.width(self._sums[half]))
-                    sample = spread_sample(start, self.samples)
-                    found = self.points.direct_irradiance(sample, self.lamps)
+                    found = self._light(spread_sample(start, self.samples))
                     self._sums[half] += self.sign * found
                 dr.eval(self._sums)
+
+    def _light(self, sample: mi.Point2f) -> mi.Color3f:
+        """Irradiance of one sample of each point, W/m², (N, 3)."""
+        if self._guide is None:
+            return self.points.direct_irradiance(sample, self.lamps)
+        guided, weight = self._guide.warp(sample)
+        return self.points.direct_irradiance(guided, self.lamps) * weight
+
+    @cached_property
+    def _guide(self) -> LampGuide | None:
+        """What a pilot has learnt; None if that does not pay."""
+        p, n = (to_numpy(values) for values in (self.points.points.p, self.points.points.n))
+        cell = find_cells(p, n)
+        seed = pass_seed(self.seed, 0, Stream.LAMP_PILOT)
+        start, square, count = random_start(seed, len(p)), 0.0, 0
+        for number in range(PILOT):
+            sample = spread_sample(start, number)
+            light = dr.mean(self.points.direct_irradiance(sample, self.lamps))
+            found = count_bins(cell, to_numpy(sample), light.numpy())
+            square, count = square + found[0], count + found[1]
+        guide = LampGuide(cell, square, count)
+        return guide if guide.remaining < WORTH else None
 
     def mean(self, half: int) -> np.ndarray:
         """Irradiance from the samples of a half, W/m², (N, 3)."""

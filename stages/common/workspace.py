@@ -200,8 +200,9 @@ class Workspace:
         """Where photons are needed, and how they are emitted."""
         # Always the same size, so that photons do not depend on the size of the film.
         sensors = [make_sensor(view, *self.views.size(256)) for view in self.views.train]
+        reference = self.params.reference
         return EmissionPlan.make(
-            scene, sensors, self.params.visible_region, self.params.reference.rr_depth
+            scene, sensors, self.params.visible_region, reference.rr_depth, reference.direct
         )
 
     @property

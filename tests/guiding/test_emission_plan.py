@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
-from gpf.guiding.pilot import Pilot
+from gpf.guiding.pilot import Pilot, trace_pilot
 from gpf.photons.emission import emit_light
+from gpf.photons.tracing import PathSettings
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from tests.furnace import cornell_box
@@ -70,4 +71,39 @@ def test_a_box_that_is_seen_whole_needs_no_guide():
     front = View(name="front", origin=(0, 0, 3.6), target=(0, 0, 0), fov=45)
     emission = make_plan(mi.load_dict(box, optimize=False), front)
     assert emission.region is not None and emission.source is emit_light
-    assert 0.5 < emission.pilot.efficiency <= 1
+    assert 0.3 < emission.pilot.efficiency <= 1
+
+
+def test_where_direct_light_is_sampled_emission_is_guided_to_the_other_photons():
+    """A black floor and a white wall, each before a lamp of its own: most photons that land there
+    are direct light from the floor's, and most others come from the wall."""
+
+    def lamp(place: list[float], target: list[float], radiance: float) -> dict[str, object]:
+        to_world = mi.ScalarTransform4f().look_at(origin=place, target=target, up=[0, 0.1, 1])
+        emitter = {"type": "area", "radiance": {"type": "rgb", "value": radiance}}
+        return {"type": "rectangle", "to_world": to_world.scale(0.2), "emitter": emitter}
+
+    def matt(reflectance: float) -> dict[str, object]:
+        return {"type": "diffuse", "reflectance": {"type": "rgb", "value": reflectance}}
+
+    T = mi.ScalarTransform4f
+    floor, wall = T().rotate([1, 0, 0], -90), T().translate([0, 2, -3]).scale(2)
+    parts = {
+        "floor": {"type": "rectangle", "to_world": floor, "bsdf": matt(0.02)},
+        "wall": {"type": "rectangle", "to_world": wall, "bsdf": matt(0.9)},
+        "above": lamp([0, 2, 0], [0, 0, 0], 10),
+        "before": lamp([0, 2, -2], [0, 2, -3], 1),
+    }
+    parts |= {f"away_{k}": lamp([0, 5 + k, 0], [0, 9, 0], 10) for k in range(4)}
+    scene = mi.load_dict({"type": "scene"} | parts)
+    view = View(name="floor", origin=(0, 1.5, 1.5), target=(0, 0, 0), fov=30)
+    few = VisibleRegionSettings(rays=1 << 16, pilot_paths=100_000)
+    powers = {}
+    for direct in ("emitters", "photons"):
+        plan = EmissionPlan.make(scene, [make_sensor(view, 8, 6)], few, direct=direct)
+        assert plan.source is not emit_light
+        others = PathSettings(200_000, source=plan.source, indirect=True)
+        powers[direct] = trace_pilot(scene, plan.region, others, seed=1)
+    assert powers["emitters"].efficiency > 2 * powers["photons"].efficiency
+    totals = [pilot.power.sum() for pilot in powers.values()]
+    assert totals[0] == pytest.approx(totals[1], rel=0.05)

@@ -224,11 +224,16 @@ def test_a_pass_with_guided_photons_agrees_with_one_without(rooms, pilot, tier):
 
 def test_collected_batches_have_the_power_of_all_paths(rooms, region, monkeypatch):
     monkeypatch.setattr("gpf.guiding.photon_map.BATCH", 40_000)
-    photons = collect_photons(rooms, region, PathSettings(60_000), seed=3)
-    single = collect_photons(rooms, region, PathSettings(40_000), seed=4)
-    assert dr.width(photons.p) == pytest.approx(1.5 * dr.width(single.p), rel=0.05)
-    total, other = (to_numpy(p.power).sum() for p in (photons, single))
-    assert total == pytest.approx(other, rel=0.05)
+
+    def collected(paths: int, seeds: range) -> np.ndarray:
+        """Number and power of the photons of so many paths, (2,), mean over seeds."""
+        each = [collect_photons(rooms, region, PathSettings(paths), seed=s) for s in seeds]
+        return np.mean([(dr.width(p.p), to_numpy(p.power).sum()) for p in each], axis=0)
+
+    # Roulette has thinned them, so that the power of each collection varies by 3 %.
+    photons, single = collected(60_000, range(3, 9)), collected(40_000, range(10, 16))
+    assert photons[0] == pytest.approx(1.5 * single[0], rel=0.05)
+    assert photons[1] == pytest.approx(single[1], rel=0.05)
 
 
 def test_without_a_visible_region_all_photons_are_collected(rooms):

@@ -1,0 +1,60 @@
+"""What stands on a surface, found by short rays along it.
+
+A wall that stands on a floor separates the light on both of its sides, although the floor goes on
+beneath it. An obstacle is taken for a plane that stands upright on the surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+from gpf.core.surface_tags import SAME_SURFACE_COSINE
+
+# Height of the rays above the surface, in units of their length: what is lower is no obstacle.
+_HEIGHT = 0.03
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """What rays along surfaces meet first, (N,) each.
+
+    Attributes
+    ----------
+    stands: whether there is something, other than the surface itself.
+    t: how far the ray goes, world units.
+    away: unit vector across the obstacle's plane, away from the point, in the frame of the point's
+        normal.
+    distance: of the plane from the point, world units.
+    """
+
+    stands: mi.Bool
+    t: mi.Float
+    away: mi.Vector2f
+    distance: mi.Float
+
+
+def look_along(
+    scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float, direction: mi.Vector2f
+) -> Obstacle:
+    """The obstacles that rays from points on surfaces meet.
+
+    Parameters
+    ----------
+    p, n: positions and unit normals, world units, (N, 3).
+    reach: how far the rays go, world units, (N,).
+    direction: unit vectors in the frame of the normal, (N, 2).
+    """
+    frame = mi.Frame3f(n)
+    along = frame.to_world(mi.Vector3f(direction.x, direction.y, 0))
+    ray = mi.Ray3f(p + _HEIGHT * reach * n, along, reach, 0, mi.Color0f())
+    si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
+    stands = si.is_valid() & (dr.dot(si.n, n) < SAME_SURFACE_COSINE)
+    facing = frame.to_local(mi.Vector3f(si.n))
+    # What leans far over is taken to face the point.
+    away = mi.Vector2f(facing.x, facing.y)
+    away *= dr.sign(dr.dot(away, direction))
+    away = dr.select(dr.squared_norm(away) > 0.01, dr.normalize(away), direction)
+    return Obstacle(stands, si.t, away, si.t * dr.dot(away, direction))
