@@ -67,7 +67,7 @@ def least_noisy(
     found = np.array([[light(each, k) for k in range(2)] for each in sources])
     level = found.mean(axis=(0, 1))
     weight = 1 / (level**2 + level.mean() ** 2 + 1e-30)
-    best, *noise = 0, *(weight * (found[:, 0] - found[:, 1]) ** 2).mean(axis=1)
+    best, noise = 0, (weight * (found[:, 0] - found[:, 1]) ** 2).mean(axis=1)
     for number in range(1, len(sources)):
         if noise[number] * CLEARLY < noise[best]:
             best = number

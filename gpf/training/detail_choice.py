@@ -26,13 +26,14 @@ from gpf.field.initialization import DISTANCE
 from gpf.guiding.density_control import cell_keys
 from gpf.training.loss import relative_weight
 
-LEVELS = 6
+LEVELS = 7
 
 # Search radius of the finest level, in radii of the targets' narrowest kernel: the distance between
 # its Gaussians is two thirds of the kernel's radius.
 FINEST = 1.5
 
-# The finest level is taken if its error is smaller by this share than that of the level before it.
+# Each of the two finest levels is taken if its error is smaller by this share than that of the one
+# before it.
 LEAST_GAIN = 0.2
 
 # Edge of a cell of the field's grid, in search radii of level 3. In smaller cells, too few points
@@ -96,8 +97,9 @@ def choose_detail(
         error = ((fit_a - b) ** 2 + (fit_b - a) ** 2) / 2 - (fit_a - fit_b) ** 2 / 4
         total = np.bincount(cell, weight * error.sum(axis=1), math.prod(shape)).reshape(shape)
         errors.append(gaussian_filter(total, SMOOTHING, mode="constant"))
-    # The finest level is for targets of the narrow kernel; elsewhere it gains nothing.
-    errors[-1] += LEAST_GAIN * np.abs(errors[-2])
+    # The finest levels are for targets of narrow kernels; elsewhere they gain nothing.
+    for level in (-2, -1):
+        errors[level] += LEAST_GAIN * np.abs(errors[level - 1])
     table = np.argmin(errors, axis=0).astype(np.uint8)
     return Detail(table, width, corner, radius)
 

@@ -87,12 +87,12 @@ class DirectLight:
         p, n = (to_numpy(values) for values in (self.points.points.p, self.points.points.n))
         cell = find_cells(p, n)
         seed = pass_seed(self.seed, 0, Stream.LAMP_PILOT)
-        start, square, count = random_start(seed, len(p)), 0.0, 0
+        start, found = random_start(seed, len(p)), []
         for number in range(PILOT):
             sample = spread_sample(start, number)
             light = dr.mean(self.points.direct_irradiance(sample, self.lamps))
-            found = count_bins(cell, to_numpy(sample), light.numpy())
-            square, count = square + found[0], count + found[1]
+            found.append(count_bins(cell, to_numpy(sample), light.numpy()))
+        square, count = (np.sum(part, axis=0) for part in zip(*found, strict=True))
         guide = LampGuide(cell, square, count)
         return guide if guide.remaining < WORTH else None
 

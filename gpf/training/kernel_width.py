@@ -1,54 +1,92 @@
-"""Where targets are gathered with a narrow kernel instead of a wide one.
+"""Where targets are gathered with narrow kernels instead of a wide one.
 
-A wide kernel has less noise, and blurs what is sharp. Both gather two independent halves of the
+A wide kernel has less noise, and blurs what is sharp. All gather two independent halves of the
 photons, which tell noise from light.
 """
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+
 import numpy as np
 
 from gpf.guiding.density_control import cell_keys
 
-# Radius of the narrow kernel, in units of the wide one.
-NARROW = 0.5
+WIDTHS = (1.0, 0.5, 0.25)
+"""Radii of the kernels, in units of the widest."""
 
-# The narrow kernel is used where the squared bias of the wide one is more than this many times the
+Halves = tuple[np.ndarray, np.ndarray]
+"""Irradiance from each half of the photons, (N, 3) each."""
+
+# A narrow kernel is used where the squared bias of a wide one is more than this many times the
 # narrow one's variance, both of half of the photons. With 0.5, much noise passes for light.
-SHARP = 6.0
+SHARP, A_LITTLE = 6.0, 2.0
 
-# Edge of the squares in which the two kernels are compared, in radii of the wide one.
+# Edge of the squares in which two kernels are compared, in radii of the wide one.
 COMPARED = 2.0
 
 
-def kernel_blur(
-    sharp: np.ndarray,
-    wide: tuple[np.ndarray, np.ndarray],
-    narrow: tuple[np.ndarray, np.ndarray],
+def choose_kernels(
+    position: np.ndarray, normal: np.ndarray, gathered: Sequence[Halves], radius: float
 ) -> np.ndarray:
+    """Which kernel each point takes, (N,) uint8: places in :data:`WIDTHS`.
+
+    A point leaves the widest for the second or the third if that :func:`is_sharp` beside it: beside
+    a bright surface, the second may be as wrong as the first. It takes the third rather than the
+    second if that is a little sharp beside the second.
+
+    Parameters
+    ----------
+    position, normal: of the points, (N, 3).
+    gathered: with each kernel.
+    radius: of the widest, world units.
+    """
+    wide, narrow, narrowest = gathered
+    second = is_sharp(position, normal, wide, narrow, radius)
+    third = is_sharp(position, normal, wide, narrowest, radius)
+    third &= ~second | is_sharp(position, normal, narrow, narrowest, radius, A_LITTLE)
+    chosen: np.ndarray = np.where(third, 2, np.where(second, 1, 0)).astype(np.uint8)
+    return chosen
+
+
+def pick(chosen: np.ndarray, gathered: Sequence[Halves]) -> Halves:
+    """What the chosen kernels have gathered."""
+    rows = np.arange(len(chosen))
+    first, second = (np.stack(part)[chosen, rows] for part in zip(*gathered, strict=True))
+    return first, second
+
+
+def kernel_blur(chosen: np.ndarray, gathered: Sequence[Halves]) -> np.ndarray:
     """Squared change of the targets if their kernels had half the radius, mean over the channels,
     (N,).
 
     The product over independent halves, (w_a - n_a) (w_b - n_b), is the square of the difference
-    between the wide and the narrow kernel without noise in its mean; it may be negative. Bias is
-    proportional to the square of the radius, so for a narrow kernel the change is ν² as much.
+    between a kernel and the next narrower one without noise in its mean; it may be negative. Bias
+    is proportional to the square of the radius, so for the narrowest kernel the change is ν⁴ of
+    that of the one before, where ν is the ratio of their radii.
 
     Parameters
     ----------
-    sharp: whether the narrow kernel is used, (N,).
-    wide, narrow: irradiance from each half, (N, 3) each.
+    chosen: of :func:`choose_kernels`, (N,).
+    gathered: with each kernel.
     """
-    square = ((wide[0] - narrow[0]) * (wide[1] - narrow[1])).mean(axis=1)
-    blur: np.ndarray = square * np.where(sharp, NARROW**4, 1)
+    changes = [
+        ((wide[0] - narrow[0]) * (wide[1] - narrow[1])).mean(axis=1)
+        for wide, narrow in itertools.pairwise(gathered)
+    ]
+    changes.append(changes[-1] * (WIDTHS[-1] / WIDTHS[-2]) ** 4)
+    blur: np.ndarray = np.stack(changes)[chosen, np.arange(len(chosen))]
     return blur.astype(np.float32)
 
 
 def is_sharp(
     position: np.ndarray,
     normal: np.ndarray,
-    wide: tuple[np.ndarray, np.ndarray],
-    narrow: tuple[np.ndarray, np.ndarray],
+    wide: Halves,
+    narrow: Halves,
     radius: float,
+    least: float = SHARP,
 ) -> np.ndarray:
     """Where a narrow kernel should replace a wide one, (N,) bool.
 
@@ -58,12 +96,12 @@ def is_sharp(
         V_n = mean((n_a - n_b)²) / 2,    V_w likewise,
         B² = mean((w_a - n_b)² + (w_b - n_a)²) / 2 - V_n - V_w,
 
-    and the cell is sharp if B² > :data:`SHARP` V_n.
+    and the cell is sharp if B² > ``least`` V_n.
 
     Parameters
     ----------
     position, normal: of the points, (N, 3).
-    wide, narrow: irradiance from each half, (N, 3) each.
+    wide, narrow: gathered with each.
     radius: of the wide kernel, world units.
     """
     _, cell = np.unique(cell_keys(position, normal, COMPARED * radius), return_inverse=True)
@@ -76,5 +114,5 @@ def is_sharp(
     variance = difference(*narrow) / 2
     bias = (difference(wide[0], narrow[1]) + difference(wide[1], narrow[0])) / 2
     bias -= variance + difference(*wide) / 2
-    sharp: np.ndarray = (bias > SHARP * variance)[cell]
+    sharp: np.ndarray = (bias > least * variance)[cell]
     return sharp

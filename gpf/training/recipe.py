@@ -30,7 +30,7 @@ from gpf.scene.lamps import small_lamps
 from gpf.scene.light_groups import LightGroups
 from gpf.sppm.passes import PassSettings, suit_scene
 from gpf.training.detail_choice import choose_detail
-from gpf.training.kernel_width import NARROW
+from gpf.training.kernel_width import WIDTHS
 from gpf.training.settings import TrainingSettings
 from gpf.training.streaming import PhotonStream, StreamSettings
 from gpf.training.surface_points import share_of_pixels, target_points
@@ -186,7 +186,7 @@ class Recipe:
         points = self.supervise(targets)
         if self.field.gaussians == "auto":
             split = self.supervise(halves[0]), self.supervise(halves[1])
-            field = self.field_by_place(points, split, NARROW * stream.radius, stream.scene)
+            field = self.field_by_place(points, split, WIDTHS[-1] * stream.radius, stream.scene)
         else:
             photons = self.select_photons(photons)
             field = self.initial_field(self.field.gaussians, photons, targets, bounds)

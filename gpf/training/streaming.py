@@ -33,12 +33,12 @@ from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.obstacles import Hidden, Obstacles, nowhere
 from gpf.sppm.passes import PassSettings, suit_scene
 from gpf.training.direct_light import DirectLight
-from gpf.training.kernel_width import NARROW, is_sharp, kernel_blur
+from gpf.training.kernel_width import WIDTHS, choose_kernels, kernel_blur, pick
 from gpf.training.targets import Targets, source_numbers
 
-# Edge of the cells in which photons are added up, in units of the wide kernel's radius after
-# TYPICAL_PASSES passes: a quarter of the narrow one's, where points are dense.
-CELL, TYPICAL_PASSES = 0.25 * NARROW, 100
+# Edge of the cells in which photons are added up, in units of the widest kernel's radius after
+# TYPICAL_PASSES passes: half of the narrowest one's, where points are dense.
+CELL, TYPICAL_PASSES = 0.5 * WIDTHS[-1], 100
 
 # After so many passes, the noise of the photons is compared with that of direct light, in so many
 # runs of so many points.
@@ -77,7 +77,7 @@ class PhotonStream:
 
     Photons are added up in cells (:class:`gpf.photons.photon_grid.PhotonSums`), so the cost of a
     pass does not depend on the number of points. For targets, all photons of n passes are gathered
-    with the radius of pass n of SPPM, and where light is sharp with half of it
+    with the radius of pass n of SPPM, and where light is sharp with half or a quarter of it
     (:mod:`gpf.training.kernel_width`). Passes with odd and with even numbers are added up apart:
     these two halves are independent.
 
@@ -122,12 +122,12 @@ class PhotonStream:
         self._source = np.repeat(source_numbers(points), [dr.width(each.p) for each in valid])
         self._points = FixedPoints(scene, concatenate(valid))
         cells = PhotonCells(cell, self._bounds, to_numpy(self._points.points.p))
-        # The narrow kernel would show the single cubes there.
+        # Narrow kernels would show the single cubes there.
         self._coarse = np.asarray((cells.find(self._points.points.p)[0] > 0).numpy())
         self._sums = PhotonSums(cells, paths, groups=table)
         self._direct = DirectLight(self._points, sampled, sign, seed)
         self._rows: slice | np.ndarray = slice(None)
-        self._sharp = np.zeros(len(self._source), bool)
+        self._kernel = np.zeros(len(self._source), np.uint8)
         self._edges = np.zeros(len(self._source), bool)
         self._obstacles: Obstacles | None = None
         if self.settings.edge_correction:
@@ -140,7 +140,7 @@ class PhotonStream:
 
     @property
     def radius(self) -> float:
-        """Radius of the wide kernel with which photons are gathered, world units."""
+        """Radius of the widest kernel with which photons are gathered, world units."""
         return radius_at(max(self.count, 1), self.settings.initial_radius, self.settings.alpha)
 
     def advance(self, count: int, tick: Callable[[int], None] = lambda done: None) -> None:
@@ -208,20 +208,19 @@ class PhotonStream:
         self._direct.sample(self.count)
         position, normal = (to_numpy(v)[self._rows] for v in (points.p, points.n))
         coarse = self._coarse[self._rows]
-        (wide_a, narrow_a), (wide_b, narrow_b) = (self._gather(half) for half in range(2))
-        wide, narrow = (wide_a, wide_b), (narrow_a, narrow_b)
-        sharp = is_sharp(position, normal, wide, narrow, self.radius) & ~coarse
-        self._sharp[self._rows] = sharp
-        self.blur = np.where(coarse, 0, kernel_blur(sharp, wide, narrow))
+        gathered = list(zip(*(self._gather(half) for half in range(2)), strict=True))
+        kernel = np.where(coarse, 0, choose_kernels(position, normal, gathered, self.radius))
+        self._kernel[self._rows] = kernel
+        self.blur = np.where(coarse, 0, kernel_blur(kernel, gathered))
+        light = pick(kernel, gathered)
         found = []
         for half in range(2):
-            irradiance = np.where(sharp[:, None], narrow[half], wide[half])
             direct = self._direct.mean(half)[self._rows]
             found.append(
                 Targets(
                     position=position,
                     normal=normal,
-                    irradiance=irradiance + direct,
+                    irradiance=light[half] + direct,
                     direct=direct,
                     reflectance=to_numpy(points.reflectance)[self._rows],
                     source=self._source[self._rows],
@@ -236,16 +235,14 @@ class PhotonStream:
         found = np.zeros((len(self._groups.names), len(self._source), 3), np.float32)
         shares = self.count // 2 / self.count, (self.count + 1) // 2 / self.count
         asked = self._asked()
-        for radius, chosen in (
-            (self.radius, asked & ~self._sharp),
-            (NARROW * self.radius, asked & self._sharp),
-        ):
+        for number, width in enumerate(WIDTHS):
+            radius, chosen = width * self.radius, asked & (self._kernel == number)
             correction = self._correct_edges(radius, 2 * self.count)
-            for number in range(len(found)):
+            for group in range(len(found)):
                 for half, share in enumerate(shares):
-                    photons = self._sums.photons(half, number)
+                    photons = self._sums.photons(half, group)
                     gathered = self._irradiance(photons, radius, chosen)
-                    found[number] += np.float32(share) * gathered * correction
+                    found[group] += np.float32(share) * gathered * correction
         if self._direct.lamps:
             found += self._direct_by_group()
         return found[:, self._rows]
@@ -263,17 +260,18 @@ class PhotonStream:
             found.append(self._direct.sign * self._points.mean_direct(lamps, GROUP_SAMPLES, seed))
         return np.stack(found)
 
-    def _gather(self, half: int) -> tuple[np.ndarray, np.ndarray]:
-        """Irradiance of the points that are asked for from the photons of a half, with the wide and
-        the narrow kernel, (N, 3) each."""
+    def _gather(self, half: int) -> list[np.ndarray]:
+        """Irradiance of the points that are asked for from the photons of a half, with each kernel,
+        (N, 3) each."""
         photons, found = self._sums.photons(half), []
-        for radius in (self.radius, NARROW * self.radius):
+        for width in WIDTHS:
+            radius = width * self.radius
             gathered = self._irradiance(photons, radius, self._asked())
             gathered *= self._correct_edges(radius, 2 * self.count + half)
             found.append(gathered[self._rows])
         del photons
         dr.flush_malloc_cache()  # hundreds of megabytes, which the other half needs, too
-        return found[0], found[1]
+        return found
 
     def _irradiance(self, photons: Photons, radius: float, chosen: np.ndarray) -> np.ndarray:
         """Irradiance of the chosen points, (N,) bool, from photons, without the correction of

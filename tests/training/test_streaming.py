@@ -11,7 +11,7 @@ from gpf.core.random import pass_seed
 from gpf.core.structs import VisiblePoints, to_numpy
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.sppm.passes import PassSettings
-from gpf.training.kernel_width import COMPARED, is_sharp
+from gpf.training.kernel_width import COMPARED, choose_kernels, is_sharp, kernel_blur, pick
 from gpf.training.streaming import PhotonStream
 from gpf.training.targets import Targets
 from tests.furnace import diffuse, floor, point_light
@@ -122,6 +122,30 @@ def test_light_is_sharp_where_the_wide_kernel_has_a_bias_and_the_narrow_one_litt
     wide, narrow = gathered(bias, 0.5), gathered(0 * bias, 1.0)
     sharp = is_sharp(position, normal, wide, narrow, radius=1 / COMPARED)
     assert [sharp[cell == k].mean() for k in range(3)] == [1, 0, 0]
+
+
+def test_the_narrowest_kernel_is_for_what_the_second_does_not_resolve():
+    """Four cells, by the biases of the kernels: none; of the first; of the first and the second,
+    which agree, as beside a bright surface; of both, but in noise."""
+    rng, cell = np.random.default_rng(3), np.repeat(np.arange(4), 400)
+    position = np.zeros((1600, 3))
+    position[:, 0] = cell + rng.uniform(0.1, 0.9, 1600)
+    normal = np.broadcast_to([0.0, 0.0, 1.0], (1600, 3))
+    biases = [0, 1, 1, 1], [0, 0, 1, 1], [0, 0, 0, 0]
+    noises = [0.02, 0.02, 0.02, 1], [0.05, 0.05, 0.05, 2], [0.1, 0.1, 0.1, 4]
+
+    def halves(bias: list[float], noise: list[float]) -> tuple[np.ndarray, np.ndarray]:
+        level, sigma = np.array(bias, float)[cell], np.array(noise)[cell]
+        both = [level + sigma * rng.normal(size=1600) for _ in range(2)]
+        return tuple(np.repeat(half[:, None], 3, axis=1) for half in both)
+
+    gathered = [halves(*each) for each in zip(biases, noises, strict=True)]
+    chosen = choose_kernels(position, normal, gathered, radius=1 / COMPARED)
+    assert [set(chosen[cell == k]) for k in range(4)] == [{0}, {1}, {2}, {0}]
+    light = pick(chosen, gathered)
+    np.testing.assert_array_equal(light[1][cell == 2], gathered[2][1][cell == 2])
+    blur = kernel_blur(chosen, gathered)
+    assert [blur[cell == k].mean() for k in range(3)] == pytest.approx([0, 0, 1 / 16], abs=0.01)
 
 
 def test_the_narrow_kernel_is_not_for_places_with_large_cubes():
