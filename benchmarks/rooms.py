@@ -22,6 +22,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 from PIL import Image
@@ -33,6 +34,7 @@ from benchmarks.energy import TRIMMED, trace_paths
 from gpf.baselines.denoised.baseline import Denoised
 from gpf.baselines.options import DenoisedOptions
 from gpf.baselines.protocol import Task
+from gpf.camera.film import sample_film
 from gpf.core.images import tone_map
 from gpf.core.progress import progress_bar
 from gpf.field.field import GaussianPhotonField
@@ -96,6 +98,7 @@ def main() -> None:
     """Print the tables of all rooms."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=60, help="of the fit")
+    parser.add_argument("--passes", type=int, help="of the fit, whatever time they take")
     parser.add_argument("--rows", type=int, default=256)
     parser.add_argument("--views", type=int, default=10, help="that are rendered")
     parser.add_argument("--judged", type=int, default=3, help="views that are judged")
@@ -156,7 +159,8 @@ def compare(room: Room, truth: Truth, arguments: argparse.Namespace) -> None:
 
     start = time.perf_counter()
     with progress_bar(f"{room.name}: fit", 1):
-        field = gpf.fit(room.scene, seconds=arguments.seconds)
+        seconds = None if arguments.passes else arguments.seconds
+        field = gpf.fit(room.scene, seconds=seconds, passes=arguments.passes)
     fitted = time.perf_counter()
     images = render_field(room, field)
     total = time.perf_counter() - start
@@ -219,7 +223,10 @@ def describe(room: Room, field: GaussianPhotonField, view: float) -> str:
     sensor = make_sensor(room.views[0], *room.size)
     plan = EmissionPlan.make(room.scene, [sensor], VisibleRegionSettings())
     settings = ReferenceSettings().measure(room.scene, sensor, plan)
-    record = field.record
+    record, arriving = field.record, plan.facts()["photons_in_region_per_path"]
+    seen = sample_film(room.scene, sensor, 0).points
+    distance = dr.norm(seen.p - sensor.world_transform().translation()).numpy()
+    far = float(np.median(distance[seen.valid.numpy()]))
     renderer = FieldRenderer.make(room.scene, field, RenderSettings(adaptive=False))
     times = [
         time_sample(room.scene, sensor, integrator)
@@ -228,7 +235,8 @@ def describe(room: Room, field: GaussianPhotonField, view: float) -> str:
     return (
         f"{room.name}: {record['passes']} passes in {record['seconds']:.0f} s, estimated "
         f"{record['estimated_psnr']:.1f} dB, {field.gaussians.means.numpy().shape[1]} Gaussians; "
-        f"kernel of the first pass {settings.initial_radius:.3g}, "
+        f"{arriving:.3g} photons of a path arrive; kernel of the first pass "
+        f"{settings.initial_radius:.3g}, what the camera sees is {far:.3g} away; "
         f"{view:.2f} s a view; a sample {1e3 * times[0]:.0f} ms, of path {1e3 * times[1]:.0f} ms, "
         f"ratio {times[0] / times[1]:.2f}"
     )
