@@ -5,7 +5,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import VisiblePoints, to_numpy
+from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
 from gpf.guiding.lamp_guide import SIDE, UNIFORM, LampGuide, count_bins, find_cells
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
@@ -33,7 +33,7 @@ def corner(u: np.ndarray, cell: np.ndarray) -> np.ndarray:
 def test_the_mean_stays_and_the_noise_goes():
     guide = learn(corner, cells=2)
     u, cell = uniform(1, POINTS), np.arange(POINTS) % 2
-    guided, weight = guide.warp(mi.Point2f(u.T))
+    guided, weight = guide.warp(from_numpy(mi.Point2f, u))
     light = corner(to_numpy(guided), cell) * weight.numpy()
     for own in (0, 1):
         assert light[cell == own].mean() == pytest.approx(1, abs=0.03)
@@ -45,7 +45,7 @@ def test_every_part_of_the_square_stays_possible():
     """The weight is the inverse of the density."""
     guide = learn(corner)
     u = uniform(2, POINTS)
-    guided, weight = guide.warp(mi.Point2f(u.T))
+    guided, weight = guide.warp(from_numpy(mi.Point2f, u))
     place = np.minimum((to_numpy(guided) * SIDE).astype(int), SIDE - 1)
     chance = guide.chance[0, place[:, 0], place[:, 1]]
     np.testing.assert_allclose(weight.numpy(), 1 / (chance * SIDE**2), rtol=1e-3)
@@ -57,7 +57,7 @@ def test_every_part_of_the_square_stays_possible():
 @pytest.mark.parametrize("edge", [0.0, np.nextafter(np.float32(1), np.float32(0))])
 def test_numbers_at_the_edge_of_the_square_stay_inside(edge):
     guide = learn(corner)
-    guided, weight = guide.warp(mi.Point2f(np.full((2, POINTS), edge, np.float32)))
+    guided, weight = guide.warp(from_numpy(mi.Point2f, np.full((POINTS, 2), edge, np.float32)))
     assert to_numpy(guided).min() >= 0 and to_numpy(guided).max() < 1
     assert np.isfinite(weight.numpy()).all()
 
@@ -65,7 +65,7 @@ def test_numbers_at_the_edge_of_the_square_stay_inside(edge):
 def test_a_scene_without_light_is_sampled_evenly():
     guide = learn(lambda u, cell: np.zeros(len(u)))
     u = uniform(3, POINTS)
-    guided, weight = guide.warp(mi.Point2f(u.T))
+    guided, weight = guide.warp(from_numpy(mi.Point2f, u))
     np.testing.assert_allclose(to_numpy(guided), u, atol=1e-5)
     np.testing.assert_allclose(weight.numpy(), 1, rtol=1e-5)
 
