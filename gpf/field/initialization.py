@@ -11,13 +11,12 @@ import numpy as np
 
 from gpf.core.settings import AutoCount, Length
 from gpf.core.spatial_hash import SpatialHash
-from gpf.core.structs import OrientedPoints, Photons, concatenate, from_numpy, take
-from gpf.field.detail import Detail
+from gpf.core.structs import OrientedPoints, Photons, concatenate, from_numpy, take, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
 from gpf.field.io import Precision
 from gpf.field.settings import FieldSettings
-from gpf.guiding.density_control import cell_keys, oriented_places
+from gpf.guiding.density_control import oriented_places
 from gpf.sppm.density import PhotonDensity
 
 # Distance between Gaussians, in search radii: 16 of them in the area of a search.
@@ -136,43 +135,6 @@ def propose_search_radius(
     return float(np.sqrt(np.median(distance2[k - 1].numpy())))
 
 
-def place_by_detail(
-    detail: Detail, position: np.ndarray, normal: np.ndarray, seed: int
-) -> Gaussians:
-    """Gaussians at some of the points where a field is needed, as many as its levels ask for.
-
-    At each level, a grid has cells of :data:`DISTANCE` radii; each cell with points that queries of
-    the level may reach gets a Gaussian at one of them. Irradiance is 0.
-
-    Parameters
-    ----------
-    position, normal: world units and unit vectors, (P, 3).
-    """
-    rng = np.random.default_rng(seed)
-    means, normals = [], []
-    for level in range(detail.count):
-        near = np.flatnonzero(detail.reaches(position, level))
-        if len(near) == 0:
-            continue
-        rng.shuffle(near)
-        width = DISTANCE * detail.radius / 2**level
-        _, first = np.unique(cell_keys(position[near], normal[near], width), return_index=True)
-        chosen = near[np.sort(first)]
-        means.append(detail.unfold_all(position[chosen], level))
-        normals.append(normal[chosen])
-    p, n = np.concatenate(means), np.concatenate(normals)
-    count = len(p)
-    gaussians = Gaussians(
-        means=from_numpy(mi.Point3f, p),
-        log_scales=dr.full(mi.Vector3f, math.log(TYPICAL_SCALE * detail.radius), count),
-        quats=from_numpy(mi.Quaternion4f, rng.normal(size=(4, count)).T),
-        irradiance=dr.zeros(mi.Color3f, count),
-        normals=from_numpy(mi.Normal3f, n),
-    )
-    dr.eval(gaussians)
-    return gaussians
-
-
 # Distance between the Gaussians in a gap, in search radii: about twelve within one search radius.
 SPACING = 0.5
 
@@ -181,7 +143,12 @@ MOST = 0.1
 
 
 def find_gaps(
-    field: GaussianPhotonField, position: np.ndarray, normal: np.ndarray, seed: int
+    field: GaussianPhotonField,
+    position: np.ndarray,
+    normal: np.ndarray,
+    seed: int,
+    spacing: float = SPACING,
+    most: float = MOST,
 ) -> OrientedPoints:
     """Points whose search radius holds fewer than k Gaussians.
 
@@ -192,15 +159,18 @@ def find_gaps(
     ----------
     field: a field without gap filling.
     position, normal: points where the field will be queried, world units and unit vectors, (P, 3).
+    spacing: edge length of a cell, search radii.
+    most: the largest number, as a share of the field's Gaussians.
     """
     p, n = from_numpy(mi.Point3f, position), from_numpy(mi.Normal3f, normal)
     _, reach = field.query(p, n, dr.full(mi.Bool, True, len(position)))
     sparse = np.flatnonzero(reach.numpy() > 1)
     rng = np.random.default_rng(seed)
     rng.shuffle(sparse)
-    width = SPACING * field.settings.search_radius
-    cells = np.floor(oriented_places(position[sparse], normal[sparse], width) / width)
+    width = spacing * field.settings.search_radius
+    places = to_numpy(field.unfold(p))[sparse]
+    cells = np.floor(oriented_places(places, normal[sparse], width) / width)
     _, first = np.unique(cells, axis=0, return_index=True)
-    most = int(MOST * dr.width(field.gaussians.means))
-    chosen = np.sort(sparse[np.sort(first)[:most]])
+    limit = int(most * dr.width(field.gaussians.means))
+    chosen = np.sort(sparse[np.sort(first)[:limit]])
     return take(OrientedPoints(p=p, n=n), from_numpy(mi.UInt32, chosen))

@@ -13,6 +13,7 @@ import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.structs import Photons, SurfacePoints, take, to_numpy
+from gpf.field.by_detail import field_by_detail
 from gpf.field.checks import smallest_search_radius
 from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import (
@@ -20,10 +21,8 @@ from gpf.field.initialization import (
     InitialFieldSettings,
     find_gaps,
     initialize_gaussians,
-    place_by_detail,
     propose_search_radius,
 )
-from gpf.field.limits import find_limits
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.lamps import small_lamps
@@ -162,10 +161,9 @@ class Recipe:
         """
         bounds = scene_bounds(scene)
         detail = choose_detail(points, halves, kernel, bounds)
-        gaussians = place_by_detail(detail, to_numpy(points.p), to_numpy(points.n), self.train.seed)
-        limits = find_limits(scene, gaussians, detail)
-        settings = self.field.query(detail.radius)
-        return GaussianPhotonField(gaussians, settings, bounds, detail=detail, limits=limits)
+        settings, at = self.field.query(detail.radius), (to_numpy(points.p), to_numpy(points.n))
+        fill = self.field.fill_gaps
+        return field_by_detail(scene, detail, settings, bounds, at, self.train.seed, fill)
 
     def fit_stream(
         self,

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import from_numpy, to_numpy
+from gpf.field.by_detail import place_by_detail
 from gpf.field.detail import FADE, Detail
 from gpf.field.field import GaussianPhotonField
-from gpf.field.initialization import place_by_detail
 from gpf.field.io import load_field, read_field, save_field
 from gpf.field.ply import write_splats
 from gpf.field.settings import FieldSettings

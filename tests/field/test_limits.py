@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import from_numpy, take, to_numpy
+from gpf.field.by_detail import place_by_detail
 from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
-from gpf.field.initialization import place_by_detail
 from gpf.field.io import load_field, save_field
 from gpf.field.limits import find_limits, nearest_obstacles
 from gpf.field.settings import FieldSettings

@@ -1,0 +1,109 @@
+"""The Gaussians of a field with levels, before training: as many at each place as its level asks
+for, and some wherever a point would have none near it."""
+
+from __future__ import annotations
+
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.structs import concatenate, from_numpy, to_numpy
+from gpf.field.detail import Detail
+from gpf.field.field import GaussianPhotonField
+from gpf.field.gaussians import Gaussians
+from gpf.field.initialization import DISTANCE, TYPICAL_SCALE, find_gaps
+from gpf.field.limits import find_limits
+from gpf.field.settings import FieldSettings
+from gpf.guiding.density_control import cell_keys
+
+# Distances between the Gaussians that fill gaps, in search radii, one after the other: the more a
+# surface is curved, the closer they have to be for one to be near that faces the same way.
+GAP_DISTANCES = DISTANCE / 2, DISTANCE / 4, DISTANCE / 8
+
+
+def field_by_detail(
+    scene: mi.Scene,
+    detail: Detail,
+    settings: FieldSettings,
+    bounds: tuple[mi.ScalarPoint3f, mi.ScalarPoint3f],
+    points: tuple[np.ndarray, np.ndarray],
+    seed: int,
+    fill_gaps: bool = True,
+) -> GaussianPhotonField:
+    """A field with levels before training, with Gaussians at some of the points where it is needed.
+
+    One Gaussian in each cell of a grid (:func:`place_by_detail`) is too few for what is smaller
+    than the cell: it may be on another side, or another object. So points around which not enough
+    are found get more, closer and closer (:data:`GAP_DISTANCES`).
+
+    Parameters
+    ----------
+    bounds: corners of the scene's bounding box.
+    points: positions, world units, and unit normals, (P, 3) each.
+    fill_gaps: whether there are more than one in each cell.
+    """
+    position, normal = points
+    gaussians = place_by_detail(detail, position, normal, seed)
+    limits = find_limits(scene, gaussians, detail)
+    field = GaussianPhotonField(gaussians, settings, bounds, detail=detail, limits=limits)
+    for number, distance in enumerate(GAP_DISTANCES if fill_gaps else ()):
+        gaps = find_gaps(field, position, normal, seed + number, distance, most=1)
+        if dr.width(gaps.p) == 0:
+            break
+        more = _untrained(to_numpy(field.unfold(gaps.p)), to_numpy(gaps.n), detail, seed + number)
+        more_limits = find_limits(scene, more, detail)
+        if field.limits is not None or more_limits is not None:
+            parts = (field.gaussians, field.limits), (more, more_limits)
+            field.limits = np.concatenate([_planes(*part) for part in parts])
+        field.update(concatenate([field.gaussians, more]))
+    return field
+
+
+def place_by_detail(
+    detail: Detail, position: np.ndarray, normal: np.ndarray, seed: int
+) -> Gaussians:
+    """Gaussians at some of the points where a field is needed, as many as its levels ask for.
+
+    At each level, a grid has cells of :data:`gpf.field.initialization.DISTANCE` radii; each cell
+    with points that queries of the level may reach gets a Gaussian at one of them. Irradiance is 0.
+
+    Parameters
+    ----------
+    position, normal: world units and unit vectors, (P, 3).
+    """
+    rng = np.random.default_rng(seed)
+    means, normals = [], []
+    for level in range(detail.count):
+        near = np.flatnonzero(detail.reaches(position, level))
+        if len(near) == 0:
+            continue
+        rng.shuffle(near)
+        width = DISTANCE * detail.radius / 2**level
+        _, first = np.unique(cell_keys(position[near], normal[near], width), return_index=True)
+        chosen = near[np.sort(first)]
+        means.append(detail.unfold_all(position[chosen], level))
+        normals.append(normal[chosen])
+    return _untrained(np.concatenate(means), np.concatenate(normals), detail, seed)
+
+
+def _untrained(p: np.ndarray, n: np.ndarray, detail: Detail, seed: int) -> Gaussians:
+    """Gaussians at places of the unfolded space and with normals, (N, 3) each."""
+    count = len(p)
+    quats = np.random.default_rng(seed).normal(size=(4, count)).T
+    gaussians = Gaussians(
+        means=from_numpy(mi.Point3f, p),
+        log_scales=dr.full(mi.Vector3f, math.log(TYPICAL_SCALE * detail.radius), count),
+        quats=from_numpy(mi.Quaternion4f, quats),
+        irradiance=dr.zeros(mi.Color3f, count),
+        normals=from_numpy(mi.Normal3f, n),
+    )
+    dr.eval(gaussians)
+    return gaussians
+
+
+def _planes(gaussians: Gaussians, limits: np.ndarray | None) -> np.ndarray:
+    """The limits of Gaussians, (N, 4), also where nothing stands."""
+    none = np.zeros((dr.width(gaussians.means), 4), np.float32)
+    return none if limits is None else limits

@@ -1,0 +1,72 @@
+"""Fields with levels before training: every point finds Gaussians near it."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.core.structs import from_numpy, to_numpy
+from gpf.field.by_detail import field_by_detail
+from gpf.field.detail import Detail
+from gpf.field.settings import FieldSettings
+
+BOX = mi.ScalarPoint3f(-1, -1, -0.1), mi.ScalarPoint3f(1, 1, 0.9)
+RADIUS = 0.8
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A small ball above a floor, and a wall beside it."""
+    turned = mi.ScalarTransform4f().translate([0.3, 0, 0]).rotate([0, 1, 0], -90)
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "floor": {"type": "rectangle"},
+            "wall": {"type": "rectangle", "to_world": turned},
+            "ball": {"type": "sphere", "center": [0, 0, 0.2], "radius": 0.1},
+        }
+    )
+
+
+def on_ball_and_floor(rng, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Few points on the ball, many on the floor, with their normals."""
+    n = rng.normal(size=(count // 10, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    floor = np.column_stack([rng.uniform(-1, 1, (count, 2)), np.zeros(count)])
+    ball = np.array([0, 0, 0.2]) + 0.1 * n
+    return np.concatenate([ball, floor]), np.concatenate([n, np.tile([0.0, 0, 1], (count, 1))])
+
+
+def reach(field, points: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    p, n = from_numpy(mi.Point3f, points[0]), from_numpy(mi.Normal3f, points[1])
+    return field.query(p, n, dr.full(mi.Bool, True, len(points[0])))[1].numpy()
+
+
+def make(scene, points, fill_gaps: bool):
+    table = np.zeros((4, 4, 2), np.uint8)
+    table[2:] = 1
+    detail = Detail(table, 0.5, np.array([-1.0, -1.0, -0.1]), RADIUS)
+    settings = FieldSettings(search_radius=RADIUS)
+    return field_by_detail(scene, detail, settings, BOX, points, 1, fill_gaps)
+
+
+def test_what_is_smaller_than_the_search_radius_has_gaussians_all_around(scene):
+    rng = np.random.default_rng(4)
+    points, others = on_ball_and_floor(rng, 4000), on_ball_and_floor(rng, 4000)
+    plain, filled = make(scene, points, False), make(scene, points, True)
+    assert np.isinf(reach(plain, others)).any()  # no Gaussian that faces their way
+    assert (reach(filled, points) == 1).all() and reach(filled, others).max() < 1.5
+    # Where enough are near, none is added.
+    added = to_numpy(filled.gaussians.means)[dr.width(plain.gaussians.means) :]
+    assert len(added) > 0 and (filled.detail.fold(added)[:, 2] > 0.05).all()
+
+
+def test_gaussians_in_gaps_end_at_walls(scene):
+    rng = np.random.default_rng(4)
+    filled = make(scene, on_ball_and_floor(rng, 4000), True)
+    means = filled.detail.fold(to_numpy(filled.gaussians.means))
+    assert len(filled.limits) == len(means)
+    top = (means[:, 2] > 0.15) & (to_numpy(filled.gaussians.normals)[:, 2] > 0.9)
+    assert top.any() and (filled.limits[top][:, 0] > 0.9).all()
