@@ -50,6 +50,9 @@ class Stream(IntEnum):
     STREAM_JUDGES = 1001
     GROUP_EMITTERS = 1002
     LAMP_PILOT = 1003
+    GATHER_RAYS = 1004
+    GATHER_LAMPS = 1005
+    FURTHER = 1006
 
 
 def pass_seed(seed: int, t: int, stream: int, *more: int) -> int:

@@ -7,7 +7,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,9 @@ TOLERATED = 3.0
 # One pass for the estimate of the PSNR comes with so many passes for the field; with fewer of them,
 # if the estimate is too uncertain.
 PASSES_PER_ESTIMATE, LEAST_PER_ESTIMATE = 8, 4
+
+# Rays for the next field are gathered if the first of them take at most this part of the time left.
+GATHER_PART = 0.4
 
 # The last field is judged for so much longer than the time for the fit, as a share of it.
 GRACE = 0.05
@@ -248,7 +251,7 @@ class _Fit:
     ) -> None:
         """Continue from what was saved, if anything was."""
         if tensors:
-            self.stream.restore(tensors)
+            self.stream.restore(tensors, best)
             self.quality.restore(tensors)
             self.best, self.passes = best, facts["passes"]
             self.last = Plan(*facts["last"]) if facts["last"] else None
@@ -322,13 +325,24 @@ class _Fit:
         begin_judgement = time.perf_counter()
         self.evaluate(field, fitted)
         # Not before: an interrupted field has to be fitted again.
-        self.last = Plan(self.stream.count, plan.steps, plan.stride)
+        self.last = replace(plan, passes=self.stream.count)
         self._tell(self.best)
         now = time.perf_counter()
         self.reserve = cleaned - trained + now - begin_judgement
         points = start - begin + cleaned - trained
         self.cost = FieldCost.of_all(plan.stride, points, evaluation, step, now - begin_judgement)
         dr.flush_malloc_cache()  # Dr.Jit would keep what the training needed, a gigabyte and more
+        self._light_by_best()
+
+    def _light_by_best(self) -> None:
+        """Let the best field say what diffuse surfaces send, if there is time for a better one."""
+        assert self.best is not None
+        if self.last is not None and self.last.passes >= self.goals.passes and self.last.gathered:
+            return
+        before = self.stream.gathered
+        self.stream.light_by(self.best, GATHER_PART * self.time.left)
+        if (gathered := self.stream.gathered) is not None and before is None:
+            self.time.lengthen_passes(gathered.per_pass * gathered.seconds)
 
     def evaluate(self, field: GaussianPhotonField, fitted: HalfColours) -> None:
         """Estimate the PSNR of a field, and keep it unless its training failed."""
@@ -436,7 +450,8 @@ class _Fit:
         """The next field."""
         pass_seconds = self.time.pass_seconds * (1 + 1 / PASSES_PER_ESTIMATE)
         done, most = self.stream.count, self.goals.passes
-        return plan_next(done, self.last, most, self.time.left, pass_seconds, self.cost)
+        gathers = self.stream.gathered is not None
+        return plan_next(done, self.last, most, self.time.left, pass_seconds, self.cost, gathers)
 
     def _tell(self, field: GaussianPhotonField | None) -> None:
         self.callback(

@@ -87,6 +87,11 @@ class TimeBudget:
             self.pass_seconds = statistics.median(self._passes)
         self._compiling = False
 
+    def lengthen_passes(self, seconds: float) -> None:
+        """From now on, passes take longer by so much."""
+        self._passes.clear()
+        self.pass_seconds += seconds
+
     def start_pass(self) -> None:
         """The next pass begins now."""
         self._last = time.perf_counter()

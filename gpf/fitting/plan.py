@@ -23,7 +23,11 @@ SMALL_PART = 0.15
 LEAST_GROWTH = 1.1
 """The next field has at least so many times the photons of the one before."""
 
-STEPS_PER_PASS, MOST_STEPS, LEAST_STEPS = 3, 300, 100
+GATHERED = 4
+"""A field whose diffuse light is gathered is as good as one from so many times its photons, and
+more."""
+
+STEPS_PER_PASS, MOST_STEPS, LEAST_STEPS = 8, 300, 100
 """Optimiser steps of a field: so many for each pass, up to a limit; and the fewest of a last field
 that has little time."""
 
@@ -71,12 +75,20 @@ class FieldCost:
 
 @dataclass(frozen=True)
 class Plan:
-    """The next field: passes of photons in all, steps of its training, and which of the points it
-    learns from: every ``stride``-th."""
+    """The next field: passes of photons in all, steps of its training, which of the points it
+    learns from, every ``stride``-th, and whether its diffuse light is gathered."""
 
     passes: int
     steps: int
     stride: int = 1
+    gathered: bool = False
+
+    @property
+    def worth(self) -> float:
+        """Passes with all points that would make as good a field. Of 24 passes, with every third
+        point, the Cornell Box loses .5 dB, as with 1.2 times fewer passes; a living room 1.6 dB, as
+        with fewer than a third of them."""
+        return (GATHERED if self.gathered else 1) * self.passes / self.stride**0.5
 
 
 def usual_steps(passes: int) -> int:
@@ -91,6 +103,7 @@ def plan_next(
     left: float,
     pass_seconds: float,
     cost: FieldCost,
+    gathers: bool = False,
 ) -> Plan | None:
     """The next field; None if it would be no better than the last, or if there is no time for it.
 
@@ -102,12 +115,14 @@ def plan_next(
     left: seconds; may be infinite.
     pass_seconds: of a pass, with its share for the estimate of the quality.
     cost: of that field.
+    gathers: whether diffuse light is gathered by now.
     """
     if last is None:
         passes = int(max(min(FIRST_PASSES, most), done))
         stride = SPARSE_STRIDE if left > ENOUGH else FIRST_STRIDE
-        return Plan(passes, usual_steps(passes), stride if most > passes else 1)
-    if last.passes >= most:
+        # Another field follows from the same photons, for which light is gathered.
+        return Plan(passes, usual_steps(passes), stride if most > passes else FIRST_STRIDE)
+    if last.passes >= most and not (gathers and not last.gathered):
         return None
 
     def passes_before(seconds: float) -> float:
@@ -118,7 +133,7 @@ def plan_next(
     steps = usual_steps(count)
     another = passes_before(cost.seconds(steps) + cost.seconds(MOST_STEPS))
     if another >= LEAST_GROWTH * count and cost.seconds(steps) < SMALL_PART * left:
-        return Plan(count, steps)
+        return Plan(count, steps, gathered=gathers)
     # No other field could follow: this one takes all the photons that are left.
     possible = []
     for stride in range(1, FIRST_STRIDE + 1):
@@ -126,19 +141,11 @@ def plan_next(
             if cost.seconds(steps, stride) > left:
                 continue
             passes = int(passes_before(cost.seconds(steps, stride)))
-            steps = min(steps, usual_steps(passes))
-            worth, before = _worth(passes, stride), _worth(last.passes, last.stride)
-            growth, longer = worth / before, steps / max(last.steps, 1)
+            plan = Plan(passes, min(steps, usual_steps(passes)), stride, gathers)
+            growth, longer = plan.worth / last.worth, plan.steps / max(last.steps, 1)
             # Many more photons make up for a shorter training, and a longer one for few more.
             enough = growth >= LEAST_GROWTH or passes == most
-            if (longer > 0.6 and enough) or growth >= 2 or (longer > 1.5 and growth >= 1):
-                possible.append((worth, Plan(passes, steps, stride)))
+            if (longer > 0.5 and enough) or growth >= 2 or (longer > 1.5 and growth >= 1):
+                possible.append(plan)
                 break
-    return max(possible, key=lambda found: found[0])[1] if possible else None
-
-
-def _worth(passes: int, stride: int) -> float:
-    """Passes with all points that would make as good a field. Of 24 passes, with every third point,
-    the Cornell Box loses .5 dB, as with 1.2 times fewer passes; a living room 1.6 dB, as with
-    fewer than a third of them."""
-    return passes / stride**0.5
+    return max(possible, key=lambda plan: plan.worth) if possible else None

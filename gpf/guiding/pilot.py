@@ -53,7 +53,7 @@ def trace_pilot(
     power, photons = dr.zeros(mi.Float, paths), dr.zeros(mi.UInt32, paths)
     lane = dr.arange(mi.UInt32, paths)
 
-    def deposit(found: Photons, active: mi.Bool) -> None:
+    def deposit(found: Photons, diffused: mi.Bool, active: mi.Bool) -> None:
         if region is not None:
             active = active & region.contains(found.p, found.n, active)
         dr.scatter_reduce(dr.ReduceOp.Add, power, dr.mean(found.power), lane, active)

@@ -30,6 +30,8 @@ _NORMAL_STEPS = 3
 # Places of the numbers of the level and the group in a cell's key.
 _LEVEL_SHIFT = 57
 _GROUP_SHIFT = _LEVEL_SHIFT + LEVEL_BITS
+_GROUP_BITS = 4
+_DIFFUSED = 1 << 63
 
 # Positions in a cell are in 1024ths of its edge: sums of four million photons fit into 32 bits.
 _PLACES = 1024
@@ -124,12 +126,13 @@ class PhotonSums:
             self._group = group_of(self._groups, emitter)
         return ray, power, emitter
 
-    def _add(self, photons: Photons, active: mi.Bool) -> None:
+    def _add(self, photons: Photons, diffused: mi.Bool, active: mi.Bool) -> None:
         level, corner, place = self._cubes.find(photons.p)
         key = _pack(corner, mi.Vector3u(_thirds(photons.n) + _NORMAL_STEPS))
         key |= mi.UInt64(level) << _LEVEL_SHIFT
         if self._groups is not None:
             key |= mi.UInt64(self._group) << _GROUP_SHIFT
+        key |= dr.select(diffused, mi.UInt64(_DIFFUSED), mi.UInt64(0))
         line = _LINE * self._find(key, active)
         inside = mi.Vector3u(dr.clip(place * _PLACES, 0, _PLACES - 1))
         power = photons.power * self._scale
@@ -161,15 +164,18 @@ class PhotonSums:
                 looking = mi.Bool(False)
         return slot
 
-    def photons(self, half: int, group: int | None = None) -> Photons:
+    def photons(self, half: int, group: int | None = None, diffused: bool = True) -> Photons:
         """One photon per cell with light of a half, sorted by cell; powers are divided by the
         number of the half's paths so far.
 
-        ``group``: those of one group of emitters; by default all.
+        ``group``: those of one group of emitters; by default all. ``diffused``: whether those from
+        diffuse surfaces are among them.
         """
         wanted = self._keys != 0
         if group is not None:
-            wanted &= (self._keys >> _GROUP_SHIFT) == group
+            wanted &= ((self._keys >> _GROUP_SHIFT) & ((1 << _GROUP_BITS) - 1)) == group
+        if not diffused:
+            wanted &= (self._keys & _DIFFUSED) == 0
         line, power = _LINE * dr.arange(mi.UInt32, self.capacity), mi.UInt64(0)
         for k in range(3):
             power |= dr.gather(mi.UInt64, self._sums, line + (_POWER[half] + k), wanted)

@@ -21,7 +21,7 @@ from gpf.scene.materials import diffuse_transfer, has_diffuse
 # shading and geometric normals differ by 25°.
 _MAX_GAIN = 16
 
-Deposit = Callable[[Photons, "mi.Bool"], None]
+Deposit = Callable[[Photons, "mi.Bool", "mi.Bool"], None]
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,10 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
 
     Parameters
     ----------
-    deposit: called in a recorded loop as ``deposit(photons, active)`` at each surface interaction;
-        it has side effects, masked with ``active``.
+    deposit: called in a recorded loop as ``deposit(photons, diffused, active)`` at each surface
+        interaction; it has side effects, masked with ``active``. ``diffused``: whether a photon
+        comes from a diffuse surface, or through something that does not change its direction from
+        one.
     """
     paths, max_depth = settings.paths, settings.max_depth
     sampler = mi.load_dict({"type": "independent"})
@@ -77,7 +79,7 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
     ray, power, _ = settings.source(scene, sampler)
     power /= dr.opaque(mi.Float, paths)
     brightest = _size(power)
-    depth = mi.UInt32(0)
+    depth, diffused = mi.UInt32(0), mi.Bool(False)
     active = (brightest > 0) & (deepest > 0)
 
     while active:
@@ -100,11 +102,14 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
             power=_limited(landing, _MAX_GAIN * brightest),
             depth=depth,
         )
-        deposit(photons, stored & dr.all(dr.isfinite(photons.power)))
+        deposit(photons, diffused, stored & dr.all(dr.isfinite(photons.power)))
 
         sample, weight = bsdf.sample(
             context, si, sampler.next_1d(active), sampler.next_2d(active), active
         )
+        straight = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
+        scattered = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Diffuse)
+        diffused = dr.select(straight, diffused, scattered)
         wo = si.to_world(sample.wo)
         wo_dot_ng = dr.dot(si.n, wo)
         leaks = wo_dot_ng * sample.wo.z <= 0
@@ -167,7 +172,7 @@ class _Recorder:
         self.power = dr.empty(mi.Float, 4 * capacity)
         self.normal = dr.empty(mi.Float, 4 * capacity)
 
-    def deposit(self, photons: Photons, active: mi.Bool) -> None:
+    def deposit(self, photons: Photons, diffused: mi.Bool, active: mi.Bool) -> None:
         slot = dr.scatter_inc(self.count, mi.UInt32(0), active)
         active = active & (slot < dr.opaque(mi.UInt32, self.capacity))
         depth = dr.reinterpret_array(mi.Float, photons.depth)

@@ -54,22 +54,32 @@ class FixedPoints:
         sample: random numbers in [0, 1)², (N, 2).
         lamps: the emitters that are sampled; by default all.
         """
-        p, n, si = self.points.p, self.points.n, self._surface
-        here = dr.zeros(mi.SurfaceInteraction3f, dr.width(p))
-        here.p, here.n = p, n
+        here, n = self.interactions(), self.points.n
         lamps = Lamps(self.scene) if lamps is None else lamps
         light, weight = lamps.sample(here, sample, mi.Bool(True))
-        cosine = dr.dot(light.d, n)
+        seen = (light.pdf > 0) & (dr.dot(light.d, n) > 0)
+        return dr.select(seen, weight * self.share(light.d), 0)
+
+    def interactions(self) -> mi.SurfaceInteraction3f:
+        """The points as origins of rays, (N,)."""
+        here = dr.zeros(mi.SurfaceInteraction3f, dr.width(self.points.p))
+        here.p, here.n = self.points.p, self.points.n
+        return here
+
+    def share(self, direction: mi.Vector3f) -> mi.Color3f:
+        """Irradiance for light from a direction above the surface, over that of light from above
+        of the same radiance: |cos θ| g(ω), (N, 3)."""
+        n, si = self.points.n, self._surface
+        cosine = dr.dot(direction, n)
         # As for a photon that lands: the BSDF for light from ω over the BSDF for light from above.
         context, known = diffuse_context(), si.is_valid()
         upright = mi.SurfaceInteraction3f(si)
         upright.wi = mi.Vector3f(0, 0, dr.select(dr.dot(si.sh_frame.n, n) > 0, 1, -1))
-        bsdf, wo = si.bsdf(), si.to_local(light.d)
+        bsdf, wo = si.bsdf(), si.to_local(direction)
         straight = bsdf.eval(context, upright, upright.wi, known)
         slanted = bsdf.eval(context, upright, wo, known)
         shaded = dr.select(straight > 0, slanted / straight, dr.maximum(wo.z * upright.wi.z, 0))
-        share = dr.select(known, shaded, cosine)
-        return dr.select((light.pdf > 0) & (cosine > 0), weight * share, 0)
+        return dr.select(known, shaded, cosine)
 
     def mean_direct(self, lamps: Lamps, samples: int, seed: int) -> np.ndarray:
         """Irradiance from lamps, W/m², (N, 3) float32: means of evenly spread samples, so many of

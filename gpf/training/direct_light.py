@@ -1,30 +1,19 @@
-"""Direct light at supervised points, from samples of the emitters, in two independent halves."""
+"""Direct light at supervised points, from samples of the emitters."""
 
 from __future__ import annotations
 
-import math
 from functools import cached_property
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.errors import uninterrupted
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
-from gpf.core.structs import from_numpy, to_numpy
+from gpf.core.structs import to_numpy
 from gpf.guiding.lamp_guide import LampGuide, count_bins, find_cells
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
-from gpf.training.loss import relative_weight
-
-LEAST = 4
-"""Samples at each point for each half, at least."""
-
-MOST_PER_PASS = 8.0
-"""Samples at each point for each half that come with a pass of photons, at most."""
-
-COST = 5.0
-"""A pass takes about as long as so many samples at each point for both halves."""
+from gpf.training.sampled_light import SampledLight
 
 PILOT = 8
 """Samples at each point from which a guide learns."""
@@ -32,54 +21,38 @@ PILOT = 8
 WORTH = 0.95
 """Samples are guided if their variance is below this part of that without a guide."""
 
-SHARED_BY = 8
-"""Points whose targets are compared together, because a Gaussian averages over about as many."""
 
-
-class DirectLight:
+class DirectLight(SampledLight):
     """Direct light at points.
 
     Most samples of a sky outside of the window find the wall. They are guided to the window
-    (:mod:`gpf.guiding.lamp_guide`) if that pays. Where direct light still has more noise than that
-    of the photons, more samples help more than more photons. With n samples and N passes, whose
-    noise has the variances v/n and V/N, there is least noise for the time if n/N = sqrt(c v / V),
-    where c is the time of a pass in that of a sample.
+    (:mod:`gpf.guiding.lamp_guide`) if that pays.
 
     Parameters
     ----------
     lamps: the emitters that are sampled.
     sign: -1 if their light is taken away from that of the photons.
-
-    Attributes
-    ----------
-    samples: at each point for each half, so far.
-    per_pass: how many come with a pass; 0 until :meth:`balance` has chosen.
     """
 
+    LEAST, MOST_PER_PASS, COST = 4, 8.0, 5.0
+
     def __init__(self, points: FixedPoints, lamps: Lamps, sign: int, seed: int) -> None:
-        self.points, self.lamps, self.sign, self.seed = points, lamps, sign, seed
-        self.samples, self.per_pass = 0, 0.0
-        self._sums = [dr.zeros(mi.Color3f, dr.width(points.points.p)) for _ in range(2)]
+        super().__init__(points, seed)
+        self.lamps, self.sign = lamps, sign
 
     def sample(self, passes: int) -> None:
-        """Add the samples that belong to so many passes."""
-        wanted = max(LEAST, math.ceil(self.per_pass * passes)) if self.lamps else 0
-        with uninterrupted():
-            while self.samples < wanted:
-                self.samples += 1
-                for half in range(2):
-                    seed = pass_seed(self.seed, half, Stream.STREAM_EMITTERS)
-                    start = random_start(seed, dr.width(self._sums[half]))
-                    found = self._light(spread_sample(start, self.samples))
-                    self._sums[half] += self.sign * found
-                dr.eval(self._sums)
+        """Add the samples that belong to so many passes; none without lamps."""
+        if self.lamps:
+            super().sample(passes)
 
-    def _light(self, sample: mi.Point2f) -> mi.Color3f:
-        """Irradiance of one sample of each point, W/m², (N, 3)."""
+    def _light(self, half: int, number: int) -> mi.Color3f:
+        seed = pass_seed(self.seed, half, Stream.STREAM_EMITTERS)
+        start = random_start(seed, dr.width(self.points.points.p))
+        sample = spread_sample(start, number)
         if self._guide is None:
-            return self.points.direct_irradiance(sample, self.lamps)
+            return self.sign * self.points.direct_irradiance(sample, self.lamps)
         guided, weight = self._guide.warp(sample)
-        return self.points.direct_irradiance(guided, self.lamps) * weight
+        return self.sign * self.points.direct_irradiance(guided, self.lamps) * weight
 
     @cached_property
     def _guide(self) -> LampGuide | None:
@@ -95,50 +68,3 @@ class DirectLight:
         square, count = (np.sum(part, axis=0) for part in zip(*found, strict=True))
         guide = LampGuide(cell, square, count)
         return guide if guide.remaining < WORTH else None
-
-    def mean(self, half: int) -> np.ndarray:
-        """Irradiance from the samples of a half, W/m², (N, 3)."""
-        return to_numpy(self._sums[half]) / np.float32(max(self.samples, 1))
-
-    def balance(
-        self,
-        passes: int,
-        direct: tuple[np.ndarray, np.ndarray],
-        photons: tuple[np.ndarray, np.ndarray],
-    ) -> None:
-        """Choose how many samples come with a pass, from the noise of both kinds of light.
-
-        Parameters
-        ----------
-        passes: so far.
-        direct, photons: irradiance from each half at some points, (P, 3) each. Points that follow
-            each other lie beside each other.
-        """
-        light = direct[0] + direct[1] + photons[0] + photons[1]
-        sample = self.samples * _variance(direct, light)
-        of_pass = passes * _variance(photons, light)
-        self.per_pass = min(math.sqrt(COST * sample / max(of_pass, 1e-30)), MOST_PER_PASS)
-
-    def tensors(self) -> dict[str, np.ndarray]:
-        """The samples so far, for a file."""
-        sums = np.stack([to_numpy(each) for each in self._sums])
-        return {"sums": sums, "samples": np.array([self.samples, self.per_pass])}
-
-    def restore(self, tensors: dict[str, np.ndarray]) -> None:
-        """Continue from :meth:`tensors`."""
-        self._sums = [from_numpy(mi.Color3f, part) for part in tensors["sums"]]
-        self.samples, self.per_pass = int(tensors["samples"][0]), float(tensors["samples"][1])
-
-
-def _variance(halves: tuple[np.ndarray, np.ndarray], light: np.ndarray) -> float:
-    """Variance of the mean of both halves, from their difference in small groups of points,
-    relative to the ``light`` there as in the loss."""
-    starts = np.arange(0, len(light), SHARED_BY)
-    count = np.diff(np.r_[starts, len(light)])
-    difference, level = (
-        np.add.reduceat(values.mean(axis=1), starts) / count
-        for values in (halves[0] - halves[1], light)
-    )
-    unit = max(float(level.mean()), 1e-20)
-    weight = count * relative_weight(level / unit)
-    return float((weight * difference**2).sum() / (weight.sum() * unit**2)) / 4

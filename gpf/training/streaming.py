@@ -7,6 +7,7 @@ more.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
@@ -21,6 +22,7 @@ from gpf.core.errors import uninterrupted
 from gpf.core.random import Stream, pass_seed
 from gpf.core.settings import Count, Positive, Seed, Settings
 from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take, to_numpy
+from gpf.field.field import GaussianPhotonField
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.photon_cells import PhotonCells
 from gpf.photons.photon_grid import PhotonSums
@@ -33,16 +35,17 @@ from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.obstacles import Hidden, Obstacles, nowhere
 from gpf.sppm.passes import PassSettings, suit_scene
 from gpf.training.direct_light import DirectLight
+from gpf.training.gathered_light import GatheredLight
 from gpf.training.kernel_width import WIDTHS, choose_kernels, kernel_blur, pick
+from gpf.training.sampled_light import balance, some_runs
 from gpf.training.targets import Targets, source_numbers
 
 # Edge of the cells in which photons are added up, in units of the widest kernel's radius after
 # TYPICAL_PASSES passes: half of the narrowest one's, where points are dense.
 CELL, TYPICAL_PASSES = 0.5 * WIDTHS[-1], 100
 
-# After so many passes, the noise of the photons is compared with that of direct light, in so many
-# runs of so many points.
-BALANCED, RUNS, RUN = (12, 48, 192), 64, 512
+# After so many passes, the noise of the photons is compared with that of samples.
+BALANCED = 12, 48, 192
 
 # Rays that measure how much of a kernel's disc lies on the surface, at each point near an edge and
 # for each half.
@@ -91,6 +94,7 @@ class PhotonStream:
 
     Attributes
     ----------
+    gathered: the light of diffuse surfaces, if it is gathered (:meth:`light_by`).
     blur: squared error of the targets of the last call of :meth:`halves` from the width of their
         kernels (:func:`gpf.training.kernel_width.kernel_blur`), (N,).
     """
@@ -126,6 +130,8 @@ class PhotonStream:
         self._coarse = np.asarray((cells.find(self._points.points.p)[0] > 0).numpy())
         self._sums = PhotonSums(cells, paths, groups=table)
         self._direct = DirectLight(self._points, sampled, sign, seed)
+        self.gathered: GatheredLight | None = None
+        self._lit = 0
         self._rows: slice | np.ndarray = slice(None)
         self._kernel = np.zeros(len(self._source), np.uint8)
         self._edges = np.zeros(len(self._source), bool)
@@ -153,40 +159,71 @@ class PhotonStream:
                 )
                 dr.sync_thread()
                 self.count = number
-            if number in BALANCED and self._direct.lamps:
+            if number in BALANCED and (self._direct.lamps or self.gathered):
                 self._balance()
             if self._direct.per_pass > 0:
                 self._direct.sample(number)
+            if self.gathered:
+                self.gathered.sample(number - self._lit)
             tick(self.count)
 
+    def light_by(self, field: GaussianPhotonField, seconds: float = math.inf) -> None:
+        """Gather the light of diffuse surfaces from now on, by rays that end in a field of the same
+        scene; the photons that bring it do not count any more.
+
+        ``seconds``: nothing changes if the first rays would take longer.
+        """
+        gathered = self._gathered_by(field, self.count)
+        if seconds < math.inf and gathered.LEAST * gathered.seconds > seconds:
+            return
+        self._lit, self.gathered = self.count, gathered
+        self.gathered.sample(0)
+        self._balance()
+
+    def _gathered_by(self, field: GaussianPhotonField, lit: int) -> GatheredLight:
+        seed = pass_seed(self.seed, lit, Stream.GATHER_RAYS)
+        return GatheredLight(self._points, field, seed)
+
     def _balance(self) -> None:
-        """Choose how many samples of direct light come with a pass."""
+        """Choose how many samples come with a pass."""
         self._direct.sample(self.count)
-        every = len(self._source)
-        starts = np.linspace(0, max(every - RUN, 0), RUNS).astype(np.int64)
-        rows = np.unique(starts[:, None] + np.arange(min(RUN, every)))
-        self._rows = rows
-        direct, photons = [], []
-        for half in range(2):
-            direct.append(self._direct.mean(half)[rows])
-            found = self._irradiance(self._sums.photons(half), self.radius, self._asked())
-            photons.append(found[rows])
+        rows = self._rows = some_runs(len(self._source))
+        photons = [
+            self._irradiance(self._photons(half), self.radius, self._asked())[rows]
+            for half in range(2)
+        ]
         dr.flush_malloc_cache()
-        self._direct.balance(self.count, (direct[0], direct[1]), (photons[0], photons[1]))
+        sampled = [self._direct] if self._direct.lamps else []
+        kinds = [*sampled, self.gathered] if self.gathered else sampled
+        means = [(kind.mean(0)[rows], kind.mean(1)[rows]) for kind in kinds]
+        balance(self.count, (photons[0], photons[1]), kinds, means)
 
     def tensors(self) -> dict[str, np.ndarray]:
         """The photons and samples so far, for a file."""
         found = {"count": np.array([self.count])}
         found |= {f"photons/{name}": values for name, values in self._sums.tensors().items()}
         found |= {f"direct/{name}": values for name, values in self._direct.tensors().items()}
+        if self.gathered:
+            own = self.gathered.tensors() | {"lit": np.array([self._lit])}
+            found |= {f"gathered/{name}": values for name, values in own.items()}
         return found
 
-    def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
-        """Continue from :meth:`tensors` of a stream with the same arguments."""
+    def restore(
+        self, tensors: Mapping[str, np.ndarray], field: GaussianPhotonField | None = None
+    ) -> None:
+        """Continue from :meth:`tensors` of a stream with the same arguments; ``field``: that of its
+        :meth:`light_by`, if any."""
+
+        def part(start: str) -> dict[str, np.ndarray]:
+            return {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
+
         self.count = int(tensors["count"][0])
-        for part, start in ((self._sums, "photons/"), (self._direct, "direct/")):
-            own = {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
-            part.restore(own)
+        self._sums.restore(part("photons/"))
+        self._direct.restore(part("direct/"))
+        if field is not None and (gathered := part("gathered/")):
+            self._lit = int(gathered["lit"][0])
+            self.gathered = self._gathered_by(field, self._lit)
+            self.gathered.restore(gathered)
 
     def mean(self, halves: tuple[Targets, Targets]) -> Targets:
         """The points, with the irradiance from all passes so far; ``halves``: of :meth:`halves`."""
@@ -212,15 +249,15 @@ class PhotonStream:
         kernel = np.where(coarse, 0, choose_kernels(position, normal, gathered, self.radius))
         self._kernel[self._rows] = kernel
         self.blur = np.where(coarse, 0, kernel_blur(kernel, gathered))
-        light = pick(kernel, gathered)
-        found = []
+        light, found = pick(kernel, gathered), []
         for half in range(2):
             direct = self._direct.mean(half)[self._rows]
+            diffuse = self.gathered.mean(half)[self._rows] if self.gathered else np.float32(0)
             found.append(
                 Targets(
                     position=position,
                     normal=normal,
-                    irradiance=light[half] + direct,
+                    irradiance=light[half] + diffuse + direct,
                     direct=direct,
                     reflectance=to_numpy(points.reflectance)[self._rows],
                     source=self._source[self._rows],
@@ -237,7 +274,7 @@ class PhotonStream:
         asked = self._asked()
         for number, width in enumerate(WIDTHS):
             radius, chosen = width * self.radius, asked & (self._kernel == number)
-            correction = self._correct_edges(radius, 2 * self.count)
+            correction = self._correct_edges(radius, 2 * self.count, chosen)
             for group in range(len(found)):
                 for half, share in enumerate(shares):
                     photons = self._sums.photons(half, group)
@@ -263,15 +300,20 @@ class PhotonStream:
     def _gather(self, half: int) -> list[np.ndarray]:
         """Irradiance of the points that are asked for from the photons of a half, with each kernel,
         (N, 3) each."""
-        photons, found = self._sums.photons(half), []
+        photons, found = self._photons(half), []
         for width in WIDTHS:
             radius = width * self.radius
             gathered = self._irradiance(photons, radius, self._asked())
-            gathered *= self._correct_edges(radius, 2 * self.count + half)
+            lit = self._asked() & gathered.any(axis=1)
+            gathered *= self._correct_edges(radius, 2 * self.count + half, lit)
             found.append(gathered[self._rows])
         del photons
         dr.flush_malloc_cache()  # hundreds of megabytes, which the other half needs, too
         return found
+
+    def _photons(self, half: int) -> Photons:
+        """Those of a half whose light nothing else brings."""
+        return self._sums.photons(half, diffused=self.gathered is None)
 
     def _irradiance(self, photons: Photons, radius: float, chosen: np.ndarray) -> np.ndarray:
         """Irradiance of the chosen points, (N,) bool, from photons, without the correction of
@@ -282,16 +324,19 @@ class PhotonStream:
             found[rows] = to_numpy(density.irradiance(part.p, part.n, hidden=hidden))
         return found
 
-    def _correct_edges(self, radius: float, number: int) -> np.ndarray:
+    def _correct_edges(self, radius: float, number: int, lit: np.ndarray) -> np.ndarray:
         """By what the density of photons has to be multiplied at each point, (N, 1) float32.
 
-        ``number`` of the random numbers: the halves have their own, since what they have in common
-        passes for light.
+        Parameters
+        ----------
+        number: of the random numbers: the halves have their own, since what they have in common
+            passes for light.
+        lit: the points that need it, (N,) bool; 1 at the others.
         """
         correction = np.ones((len(self._source), 1), np.float32)
         seed = pass_seed(self.seed, number, Stream.EDGES)
         near = self._edges if self._obstacles is None else self._edges | self._obstacles.near
-        near = near & self._asked()
+        near = near & lit
         for rows, part, hidden in self._parts(near):
             share = covered_share(self.scene, part.p, part.n, radius, seed, EDGE_RAYS, hidden)
             correction[rows, 0] = 1 / share.numpy()

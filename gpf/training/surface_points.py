@@ -10,10 +10,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.camera.visible_points import find_visible_points
 from gpf.core.errors import UserError
 from gpf.core.morton import order_in_space
 from gpf.core.random import Stream, pass_seed
-from gpf.core.structs import Photons, VisiblePoints, from_numpy, to_numpy
+from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.guiding.density_control import count_in_cells, oriented_places
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.photons.tracing import PathSettings, record_photons
@@ -98,11 +99,29 @@ def target_points(
                 seed=pass_seed(seed, 0, Stream.ARRIVALS),
             )
             beyond = plan.region.reject(arrivals)
-            places = Places(photons, plan.region.points, arrivals, beyond)
+            seen = plan.region.points
+            seen = concatenate([seen, see_further(scene, seen, pass_seed(seed, 0, Stream.FURTHER))])
+            places = Places(photons, seen, arrivals, beyond)
         points[SURFACES] = sample_surface_points(
             places, surfaces, settings.initial_radius, scene_bounds(scene), seed
         )
     return points
+
+
+def see_further(scene: mi.Scene, points: VisiblePoints, seed: int) -> VisiblePoints:
+    """What diffuse light comes from: visible points of one ray from each point, (N,) or fewer.
+
+    The directions are in proportion to the cosine.
+    """
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, dr.width(points.p))
+    start = dr.zeros(mi.SurfaceInteraction3f, dr.width(points.p))
+    start.p, start.n = points.p, points.n
+    local = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
+    ray = start.spawn_ray(mi.Frame3f(points.n).to_world(local))
+    found = find_visible_points(scene, sampler, mi.Ray3f(ray))
+    dr.eval(found)
+    return take(found, dr.compress(found.valid))
 
 
 def sample_surface_points(

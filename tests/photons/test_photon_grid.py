@@ -41,7 +41,7 @@ def add_up(scene: mi.Scene, passes: int = 2, indirect: bool = False, **options: 
 
 def single(scene: mi.Scene, passes: int = 2, least_depth: int = 0) -> dict[str, np.ndarray]:
     """The same photons one by one, with powers of paths of all passes."""
-    found: dict[str, list[np.ndarray]] = {"p": [], "n": [], "power": []}
+    found: dict[str, list[np.ndarray]] = {"p": [], "n": [], "power": [], "depth": []}
     for seed in range(passes):
         photons = record_photons(scene, PathSettings(PATHS, rr_depth=5), seed=seed)
         kept = to_numpy(photons.depth) >= least_depth
@@ -54,7 +54,8 @@ def single(scene: mi.Scene, passes: int = 2, least_depth: int = 0) -> dict[str, 
 def cells_of(scene: mi.Scene, rows: dict[str, np.ndarray]) -> np.ndarray:
     lower = np.array([scene_bounds(scene)[0][k] for k in range(3)])
     corner = np.floor((rows["p"] - lower) / np.float32(0.11)).clip(0)
-    return np.concatenate([corner, np.round(3 * rows["n"])], axis=1)
+    # Photons of a depth above 0 come from diffuse surfaces here.
+    return np.column_stack([corner, np.round(3 * rows["n"]), rows["depth"] > 0])
 
 
 @pytest.mark.parametrize("least_depth", [0, 1])
@@ -92,14 +93,15 @@ def test_a_small_table_grows_and_knows_the_same(scene):
 
 def test_a_cell_may_hold_very_many_photons(scene):
     """Sums of whole numbers do not overflow at a hundred thousand of them."""
-    cells, settings = PhotonCells(10, scene_bounds(scene)), PathSettings(100_000)
+    cells, settings = PhotonCells(10, scene_bounds(scene)), PathSettings(200_000)
     sums = PhotonSums(cells, settings)
     sums.trace(scene, seed=0, half=0)
     power = to_numpy(sums.photons(0).power).astype(np.float64)
     photons = record_photons(scene, settings, seed=0)
-    up = to_numpy(photons.n)[:, 2] > 0
-    expected = [to_numpy(photons.power)[side].astype(np.float64).sum(0) for side in (up, ~up)]
-    assert min(up.sum(), (~up).sum()) > 70_000
+    up, first = to_numpy(photons.n)[:, 2] > 0, photons.depth.numpy() == 0
+    sides = [up & first, up & ~first, ~up & first, ~up & ~first]
+    expected = [to_numpy(photons.power)[side].astype(np.float64).sum(0) for side in sides]
+    assert max(side.sum() for side in sides) > 70_000
     order = np.argsort(power[:, 0])
     np.testing.assert_allclose(power[order], sorted(expected, key=lambda x: x[0]), rtol=1e-5)
 
@@ -167,3 +169,30 @@ def test_a_table_from_a_file_goes_on(scene):
     for name in ("p", "n", "power"):
         ours, theirs = (to_numpy(getattr(sums.photons(0), name)) for sums in (copy, whole))
         np.testing.assert_array_equal(ours, theirs)
+
+
+def test_photons_from_diffuse_surfaces_can_be_left_out():
+    """Where all surfaces are diffuse, those of depth 0 are left; a mirror's and those that went
+    straight through something count by where they were scattered last."""
+    mirror = floor({"type": "twosided", "bsdf": {"type": "conductor"}}, z=-1)
+    veil = floor({"type": "mask", "opacity": 0.5, "bsdf": two_sided(0.7)}, z=1.5)
+    light = point_light((0, 0, 1), 2, 1, 0.5)
+    for shapes, bounced in (
+        ({"floor": floor(diffuse(0.5)), "ceiling": floor(two_sided(0.7), z=2)}, False),
+        ({"veil": veil, "ceiling": floor(two_sided(0.7), z=2)}, False),
+        ({"floor": mirror, "ceiling": floor(two_sided(0.7), z=2)}, True),
+    ):
+        scene = mi.load_dict({"type": "scene", "light": light} | shapes)
+        sums = add_up(scene, passes=1)
+        power = sums.photons(0, diffused=False).power.numpy().sum()
+        photons = record_photons(scene, PathSettings(PATHS, rr_depth=5), seed=0)
+        at = photons.depth.numpy()
+        first = photons.power.numpy()[:, at == 0].sum()
+        assert first > 0
+        if bounced:
+            assert power > 1.2 * first
+        elif "veil" not in shapes:
+            assert power == pytest.approx(first, rel=1e-4)
+        else:  # light that the veil lets pass, too, but none that it scattered
+            straight = photons.power.numpy()[:, (at == 1) & (photons.p.z.numpy() > 1.9)].sum()
+            assert first < power < first + 1.01 * straight

@@ -273,7 +273,7 @@ def test_the_walk_alone_finds_what_the_recorder_keeps():
     """`trace_photons` hands every interaction to its caller once."""
     sums = dr.zeros(mi.Float, 2)
 
-    def deposit(photons: Photons, active: mi.Bool) -> None:
+    def deposit(photons: Photons, diffused: mi.Bool, active: mi.Bool) -> None:
         dr.scatter_add(sums, photons.power.y, mi.UInt32(0), active)
         dr.scatter_add(sums, mi.Float(1), mi.UInt32(1), active)
 

@@ -8,7 +8,8 @@ import pytest
 from gpf.core.structs import VisiblePoints
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
-from gpf.training.direct_light import LEAST, MOST_PER_PASS, DirectLight
+from gpf.training.direct_light import DirectLight
+from gpf.training.sampled_light import balance
 
 COUNT = 1000
 
@@ -38,7 +39,7 @@ def direct() -> DirectLight:
 
 def test_the_halves_are_independent_and_agree_with_many_samples(direct):
     direct.sample(1)
-    assert direct.samples == LEAST
+    assert direct.samples == DirectLight.LEAST
     exact = direct.points.mean_direct(Lamps(direct.points.scene), 512, seed=9)
     errors = [direct.mean(half) - exact for half in range(2)]
     spread = exact.mean() * 0.02
@@ -58,14 +59,24 @@ def test_a_saved_one_continues_with_the_same_bits(direct):
     np.testing.assert_array_equal(direct.mean(1), other.mean(1))
 
 
-@pytest.mark.parametrize(("noise", "expected"), [(0.0, 0.0), (0.02, 0.4), (9.0, MOST_PER_PASS)])
+@pytest.mark.parametrize(("noise", "expected"), [(0.0, 0.0), (0.02, 0.4), (9.0, 8.0)])
 def test_the_noisier_light_gets_more_of_the_time(direct, noise, expected):
     """n/N = sqrt(5 v/V): with as much noise in 4 samples as in 25 passes, sqrt(5 · 4/25) = .89."""
-    rng = np.random.default_rng(1)
-
-    def halves(sigma):
-        return tuple(1 + sigma * rng.normal(size=(COUNT, 3)) for _ in range(2))
-
-    direct.samples = LEAST
-    direct.balance(25, halves(noise), halves(0.045))
+    direct.samples = DirectLight.LEAST
+    balance(25, halves(0.045), [direct], [halves(noise)])
     assert direct.per_pass == pytest.approx(expected, rel=0.15)
+
+
+def test_kinds_of_light_share_the_time_that_is_too_much_for_one(direct):
+    """Twice the noise, twice the samples, also where one has reached its most."""
+    other = DirectLight(direct.points, direct.lamps, 1, seed=4)
+    direct.samples = other.samples = DirectLight.LEAST
+    balance(25, halves(0.001), [direct, other], [halves(0.5), halves(1.0)])
+    assert other.per_pass == DirectLight.MOST_PER_PASS
+    assert direct.per_pass == pytest.approx(other.per_pass / 2, rel=0.1)
+
+
+def halves(sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(round(1e6 * sigma))
+    first, second = (1 + sigma * rng.normal(size=(COUNT, 3)) for _ in range(2))
+    return first, second

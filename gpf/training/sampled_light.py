@@ -1,0 +1,125 @@
+"""Light at supervised points from samples that come with the passes of photons, in two halves."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.errors import uninterrupted
+from gpf.core.structs import from_numpy, to_numpy
+from gpf.sppm.fixed_points import FixedPoints
+from gpf.training.loss import relative_weight
+
+RUNS, RUN = 64, 512
+"""Runs of points that stand for all, and their length."""
+
+Halves = tuple[np.ndarray, np.ndarray]
+"""Irradiance of points from each half, (P, 3) each."""
+
+SHARED_BY = 8
+"""Points whose targets are compared together, because a Gaussian averages over about as many."""
+
+
+class SampledLight(ABC):
+    """Irradiance of points, from samples in two independent halves.
+
+    Where this light has more noise than that of the photons, more samples help more than more
+    photons. With n samples and N passes, whose noise has the variances v/n and V/N, there is least
+    noise for the time if n/N = sqrt(c v / V), where c is the time of a pass in that of a sample.
+
+    Attributes
+    ----------
+    LEAST: samples at each point for each half, at least.
+    MOST_PER_PASS: samples that come with a pass of photons, at most.
+    COST: a pass takes about as long as so many samples at each point for both halves.
+    samples: at each point for each half, so far.
+    per_pass: how many come with a pass; 0 until :func:`balance` has chosen.
+    """
+
+    LEAST: int
+    MOST_PER_PASS: float
+    COST: float
+
+    def __init__(self, points: FixedPoints, seed: int) -> None:
+        self.points, self.seed = points, seed
+        self.samples, self.per_pass = 0, 0.0
+        self._sums = [dr.zeros(mi.Color3f, dr.width(points.points.p)) for _ in range(2)]
+
+    @abstractmethod
+    def _light(self, half: int, number: int) -> mi.Color3f:
+        """Irradiance of each point from sample ``number``, 1 at first, of a half, W/m², (N, 3)."""
+
+    def sample(self, passes: int) -> None:
+        """Add the samples that belong to so many passes."""
+        wanted = max(self.LEAST, math.ceil(self.per_pass * passes))
+        while self.samples < wanted:
+            with uninterrupted():
+                self.samples += 1
+                for half in range(2):
+                    self._sums[half] += self._light(half, self.samples)
+                dr.eval(self._sums)
+
+    def mean(self, half: int) -> np.ndarray:
+        """Irradiance from the samples of a half, W/m², (N, 3)."""
+        return to_numpy(self._sums[half]) / np.float32(max(self.samples, 1))
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """The samples so far, for a file."""
+        sums = np.stack([to_numpy(each) for each in self._sums])
+        return {"sums": sums, "samples": np.array([self.samples, self.per_pass])}
+
+    def restore(self, tensors: dict[str, np.ndarray]) -> None:
+        """Continue from :meth:`tensors`."""
+        self._sums = [from_numpy(mi.Color3f, part) for part in tensors["sums"]]
+        self.samples, self.per_pass = int(tensors["samples"][0]), float(tensors["samples"][1])
+
+
+def some_runs(count: int) -> np.ndarray:
+    """Some of so many points, (P,) integers: in runs, so that they still lie beside each other."""
+    starts = np.linspace(0, max(count - RUN, 0), RUNS).astype(np.int64)
+    return np.unique(starts[:, None] + np.arange(min(RUN, count)))
+
+
+def balance(
+    passes: int, photons: Halves, kinds: Sequence[SampledLight], means: Sequence[Halves]
+) -> None:
+    """Choose how many samples come with a pass, from the noise of each kind of light.
+
+    If one kind would need more than its most, all have fewer in proportion.
+
+    Parameters
+    ----------
+    passes: so far.
+    photons: irradiance from each half at some points, (P, 3) each. Points that follow each other
+        lie beside each other.
+    means: that of each kind.
+    """
+    light = np.sum([photons, *means], axis=(0, 1))
+    of_pass = max(passes * _variance(photons, light), 1e-30)
+    wanted = [
+        math.sqrt(kind.COST * kind.samples * _variance(mean, light) / of_pass)
+        for kind, mean in zip(kinds, means, strict=True)
+    ]
+    pairs = list(zip(kinds, wanted, strict=True))
+    share = min([1.0, *(kind.MOST_PER_PASS / most for kind, most in pairs if most > 0)])
+    for kind, most in pairs:
+        kind.per_pass = share * most
+
+
+def _variance(halves: Halves, light: np.ndarray) -> float:
+    """Variance of the mean of both halves, from their difference in small groups of points,
+    relative to the ``light`` there as in the loss."""
+    starts = np.arange(0, len(light), SHARED_BY)
+    count = np.diff(np.r_[starts, len(light)])
+    difference, level = (
+        np.add.reduceat(values.mean(axis=1), starts) / count
+        for values in (halves[0] - halves[1], light)
+    )
+    unit = max(float(level.mean()), 1e-20)
+    weight = count * relative_weight(level / unit)
+    return float((weight * difference**2).sum() / (weight.sum() * unit**2)) / 4
