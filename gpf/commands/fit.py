@@ -92,7 +92,10 @@ def describe_fit(record: Mapping[str, Any]) -> str:
     what the last part of the time was worth."""
     *before, (passes, psnr) = record["fields"]
     text = f"{passes} passes, estimated PSNR {psnr:.1f} dB"
-    return f"{text} (after {before[-1][0]}: {before[-1][1]:.1f} dB)" if before else text
+    if not before:
+        return text
+    earlier = "by photons alone" if before[-1][0] == passes else f"after {before[-1][0]}"
+    return f"{text} ({earlier}: {before[-1][1]:.1f} dB)"
 
 
 def require_field_name(out: Path) -> None:

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-FIRST_PASSES, GROWTH = 24, 3
-"""Passes until the first complete field, and the factor by which their number then grows."""
+FIRST_PASSES, FEW_PASSES, GROWTH = 24, 12, 3
+"""Passes until the first complete field; fewer if they would take long and others follow; and the
+factor by which their number then grows."""
 
 FIRST_STRIDE, SPARSE_STRIDE, ENOUGH = 2, 4, 25.0
 """The first field learns from every second point alone: it is soon there, and its few photons have
@@ -27,7 +28,7 @@ GATHERED = 4
 """A field whose diffuse light is gathered is as good as one from so many times its photons, and
 more."""
 
-STEPS_PER_PASS, MOST_STEPS, LEAST_STEPS = 8, 300, 100
+STEPS_PER_PASS, MOST_STEPS, LEAST_STEPS = 16, 300, 100
 """Optimiser steps of a field: so many for each pass, up to a limit; and the fewest of a last field
 that has little time."""
 
@@ -118,7 +119,8 @@ def plan_next(
     gathers: whether diffuse light is gathered by now.
     """
     if last is None:
-        passes = int(max(min(FIRST_PASSES, most), done))
+        slow = left > ENOUGH and FIRST_PASSES * pass_seconds > SMALL_PART * left
+        passes = int(max(min(FEW_PASSES if slow else FIRST_PASSES, most), done))
         stride = SPARSE_STRIDE if left > ENOUGH else FIRST_STRIDE
         # Another field follows from the same photons, for which light is gathered.
         return Plan(passes, usual_steps(passes), stride if most > passes else FIRST_STRIDE)
@@ -145,7 +147,7 @@ def plan_next(
             growth, longer = plan.worth / last.worth, plan.steps / max(last.steps, 1)
             # Many more photons make up for a shorter training, and a longer one for few more.
             enough = growth >= LEAST_GROWTH or passes == most
-            if (longer > 0.5 and enough) or growth >= 2 or (longer > 1.5 and growth >= 1):
+            if (longer > 0.6 and enough) or growth >= 1.5 or (longer > 1.5 and growth >= 1):
                 possible.append(plan)
                 break
     return max(possible, key=lambda plan: plan.worth) if possible else None

@@ -101,7 +101,8 @@ def gather(
         active &= si.is_valid()
         bsdf = si.bsdf()
         diffuse = active & has_diffuse(bsdf, si)
-        near = diffuse & (si.t < resolved)
+        straight = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
+        near = diffuse & (si.t < resolved) & ~straight
         known = diffuse & ~near
         sent, further = mi.Color3f(0), ray.d
         if known:
@@ -115,7 +116,6 @@ def gather(
             sent += direct_light(scene, sampler, context, bsdf, si, near, every)
         radiance += through * sent
 
-        straight = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
         if straight:
             through *= dr.select(straight, bsdf.eval_null_transmission(si, straight), 1)
         if near:

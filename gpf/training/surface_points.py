@@ -99,8 +99,7 @@ def target_points(
                 seed=pass_seed(seed, 0, Stream.ARRIVALS),
             )
             beyond = plan.region.reject(arrivals)
-            seen = plan.region.points
-            seen = concatenate([seen, see_further(scene, seen, pass_seed(seed, 0, Stream.FURTHER))])
+            seen = see_further(scene, plan.region.points, pass_seed(seed, 0, Stream.FURTHER))
             places = Places(photons, seen, arrivals, beyond)
         points[SURFACES] = sample_surface_points(
             places, surfaces, settings.initial_radius, scene_bounds(scene), seed
@@ -109,18 +108,15 @@ def target_points(
 
 
 def see_further(scene: mi.Scene, points: VisiblePoints, seed: int) -> VisiblePoints:
-    """What diffuse light comes from: visible points of one ray from each point, (N,) or fewer.
-
-    The directions are in proportion to the cosine.
-    """
+    """Points, and what their diffuse light comes from: visible points of one ray from each, with
+    densities in proportion to the cosine; N to 2 N."""
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, dr.width(points.p))
     start = dr.zeros(mi.SurfaceInteraction3f, dr.width(points.p))
     start.p, start.n = points.p, points.n
     local = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
     ray = start.spawn_ray(mi.Frame3f(points.n).to_world(local))
-    found = find_visible_points(scene, sampler, mi.Ray3f(ray))
-    dr.eval(found)
+    found = concatenate([points, find_visible_points(scene, sampler, mi.Ray3f(ray))])
     return take(found, dr.compress(found.valid))
 
 

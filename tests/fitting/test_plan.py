@@ -20,25 +20,27 @@ INFINITE = float("inf")
     [
         # The first field: early, or after what is asked for, or from what is there. It learns from
         # some of the points, unless it is the only one.
-        (0, None, INFINITE, 60, Plan(24, 192, 4)),
-        (0, None, INFINITE, 20, Plan(24, 192, 2)),
-        (0, None, 2, INFINITE, Plan(2, 16, 2)),
-        (30, None, INFINITE, 60, Plan(30, 240, 4)),
+        (0, None, INFINITE, 90, Plan(24, 300, 4)),
+        (0, None, INFINITE, 20, Plan(24, 300, 2)),
+        (0, None, 2, INFINITE, Plan(2, 32, 2)),
+        (30, None, INFINITE, 90, Plan(30, 300, 4)),
+        # Sooner where passes are slow, if there is time for another one.
+        (12, None, INFINITE, 59, Plan(12, 192, 4)),
         # Whatever the time: a field from fewer photons is speckled.
-        (2, None, INFINITE, 1, Plan(24, 192, 2)),
+        (2, None, INFINITE, 1, Plan(24, 300, 2)),
         # Three times as many, if that takes a small part of the time.
-        (24, Plan(24, 192, 2), INFINITE, 100, Plan(72, 300)),
-        (24, Plan(24, 192, 2), 1000, INFINITE, Plan(72, 300)),
+        (24, Plan(24, 300, 2), INFINITE, 100, Plan(72, 300)),
+        (24, Plan(24, 300, 2), 1000, INFINITE, Plan(72, 300)),
         # Else a last one with all photons for which there is time, or up to the goal.
-        (24, Plan(24, 192, 2), INFINITE, 40, Plan(81, 300)),
-        (24, Plan(24, 192, 2), 50, INFINITE, Plan(50, 300)),
+        (24, Plan(24, 300, 2), INFINITE, 40, Plan(81, 300)),
+        (24, Plan(24, 300, 2), 50, INFINITE, Plan(50, 300)),
         (72, Plan(72, 300), INFINITE, 20.4, Plan(90, 300)),
         # With little time it trains shorter, or from fewer points.
         (72, Plan(72, 300), INFINITE, 12.4, Plan(80, 200)),
-        (24, Plan(24, 192, 2), INFINITE, 8, Plan(28, 100)),
-        (24, Plan(24, 192, 2), INFINITE, 5.5, Plan(27, 100, 2)),
+        (24, Plan(24, 300, 2), INFINITE, 8, Plan(28, 100)),
+        (24, Plan(24, 300, 2), INFINITE, 5.5, None),
         # The photons of an interrupted field.
-        (60, Plan(24, 192, 2), INFINITE, 6.3, Plan(61, 100)),
+        (60, Plan(24, 300, 2), INFINITE, 6.3, Plan(61, 100)),
         # Too little time, or nothing to gain.
         (72, Plan(72, 300), INFINITE, 3, None),
         (72, Plan(72, 300), INFINITE, 12, None),
@@ -50,13 +52,13 @@ def test_the_next_field(done, last, most, left, plan):
 
 
 def test_once_light_is_gathered_a_field_of_the_same_photons_is_worth_it():
-    first = Plan(24, 192, 2)
+    first = Plan(24, 300, 2)
 
     def following(last, most, left):
         return plan_next(24, last, most, left, pass_seconds=1.0, cost=COST, gathers=True)
 
-    assert following(first, 24, INFINITE) == Plan(24, 192, 1, gathered=True)
-    assert following(Plan(24, 192, 1, gathered=True), 24, INFINITE) is None
+    assert following(first, 24, INFINITE) == Plan(24, 300, 1, gathered=True)
+    assert following(Plan(24, 300, 1, gathered=True), 24, INFINITE) is None
     assert following(first, INFINITE, 7.0) == Plan(25, 100, 1, gathered=True)
     assert following(first, INFINITE, 300).gathered
     assert plan_next(24, first, 24, INFINITE, 1.0, COST) is None
@@ -96,7 +98,7 @@ def test_a_fit_uses_its_time(seconds, pass_seconds, cost):
     """All of it but what the next pass or a shorter training would take."""
     fields, spent = simulate(seconds, pass_seconds, cost)
     assert len(fields) <= 8
-    if 24 * pass_seconds + cost.seconds(192, 2) < 0.5 * seconds:
+    if 24 * pass_seconds + cost.seconds(300, 2) < 0.5 * seconds:
         assert seconds - cost.seconds(100, 2) - pass_seconds < spent <= seconds
         assert spent > 0.9 * seconds or seconds - spent < 1.1 * cost.seconds(100, 2)
 
