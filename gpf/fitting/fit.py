@@ -52,7 +52,7 @@ TOLERATED = 3.0
 PASSES_PER_ESTIMATE, LEAST_PER_ESTIMATE = 8, 4
 
 # Rays for the next field are gathered if the first of them take at most this part of the time left.
-GATHER_PART = 0.4
+GATHER_PART = 0.5
 
 # The last field is judged for so much longer than the time for the fit, as a share of it.
 GRACE = 0.05
@@ -121,7 +121,7 @@ def fit(
 
     The fit ends at the first goal that is reached; without any goal, after
     :data:`gpf.fitting.goals.DEFAULT_PASSES` passes. There is always a field from
-    24 passes, or from two if fewer are asked for, whatever time it takes.
+    12 passes, or from two if fewer are asked for, whatever time it takes.
     Interrupted by Ctrl-C, the fit returns the best field so far. The same seed and passes give the
     same bits on the same machine.
 

@@ -65,6 +65,11 @@ def test_a_fit_says_how_far_it_is_and_what_it_made(scene, monkeypatch):
     assert told == f"20 passes, estimated PSNR {last[1]:.1f} dB (after 12: {before:.1f} dB)"
 
 
+def test_what_gathered_light_was_worth_is_told():
+    told = describe_fit({"fields": [(24, 30.0), (24, 34.04)]})
+    assert told == "24 passes, estimated PSNR 34.0 dB (by photons alone: 30.0 dB)"
+
+
 @pytest.mark.slow
 def test_with_a_psnr_as_the_goal_there_are_as_many_passes_as_it_needs(scene):
     asked = gpf.fit(scene, sensors(), passes=30, seed=1).record["estimated_psnr"] + 2
