@@ -67,8 +67,8 @@ class FixedPoints:
         return here
 
     def share(self, direction: mi.Vector3f) -> mi.Color3f:
-        """Irradiance for light from a direction above the surface, over that of light from above
-        of the same radiance: |cos θ| g(ω), (N, 3)."""
+        """Irradiance for light from a direction ω, over that for light from above of the same
+        radiance, (N, 3): the cosine of the direction times g(ω)."""
         n, si = self.points.n, self._surface
         cosine = dr.dot(direction, n)
         # As for a photon that lands: the BSDF for light from ω over the BSDF for light from above.
