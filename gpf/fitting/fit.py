@@ -20,7 +20,14 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import InitialFieldSettings
 from gpf.field.lights import FieldLights
 from gpf.fitting.goals import Goals, TimeBudget
-from gpf.fitting.plan import STEPS_PER_EVALUATION, FieldCost, Plan, plan_next
+from gpf.fitting.plan import (
+    FIRST_STRIDE,
+    LEAST_STEPS,
+    STEPS_PER_EVALUATION,
+    FieldCost,
+    Plan,
+    plan_next,
+)
 from gpf.fitting.quality import LEAST_PASSES, QualityEstimate
 from gpf.fitting.state import FitState, Resume, fit_identity
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
@@ -262,6 +269,8 @@ class _Fit:
             if best is not None:  # not that of the file: it may be of another exposure
                 self.psnr = self.quality.psnr(best)
                 self.history = [(self.passes, self.psnr)]
+                if self.stream.gathered is None:  # interrupted before it was
+                    self._light_by_best()
 
     def save(self) -> None:
         """Write the state, if it is asked for."""
@@ -336,12 +345,15 @@ class _Fit:
 
     def _light_by_best(self) -> None:
         """Let the best field say what diffuse surfaces send, if there is time for a better one."""
-        assert self.best is not None
-        if self.last is not None and self.last.passes >= self.goals.passes and self.last.gathered:
+        assert self.best is not None and self.last is not None
+        if self.last.passes >= self.goals.passes and self.last.gathered:
             return
-        before = self.stream.gathered
-        self.stream.light_by(self.best, GATHER_PART * self.time.left)
-        if (gathered := self.stream.gathered) is not None and before is None:
+        left, before = self.time.left, self.stream.gathered
+        if left < self.cost.seconds(LEAST_STEPS, FIRST_STRIDE):  # no other field could follow
+            return
+        self.stream.light_by(self.best, GATHER_PART * left)
+        gathered = self.stream.gathered
+        if left < float("inf") and gathered is not None and before is None:
             self.time.lengthen_passes(gathered.per_pass * gathered.seconds)
 
     def evaluate(self, field: GaussianPhotonField, fitted: HalfColours) -> None:

@@ -54,13 +54,22 @@ class FixedPoints:
         sample: random numbers in [0, 1)², (N, 2).
         lamps: the emitters that are sampled; by default all.
         """
-        here, n = self.interactions(), self.points.n
+        here, n = self._interactions(), self.points.n
         lamps = Lamps(self.scene) if lamps is None else lamps
         light, weight = lamps.sample(here, sample, mi.Bool(True))
         seen = (light.pdf > 0) & (dr.dot(light.d, n) > 0)
         return dr.select(seen, weight * self.share(light.d), 0)
 
-    def interactions(self) -> mi.SurfaceInteraction3f:
+    def cosine_rays(self, sample: mi.Point2f) -> tuple[mi.Ray3f, mi.Float]:
+        """Rays from the points, (N,), with densities cos θ / π, and cos θ, (N,).
+
+        ``sample``: random numbers in [0, 1)², (N, 2).
+        """
+        local = mi.warp.square_to_cosine_hemisphere(sample)
+        direction = mi.Frame3f(self.points.n).to_world(local)
+        return mi.Ray3f(self._interactions().spawn_ray(direction)), local.z
+
+    def _interactions(self) -> mi.SurfaceInteraction3f:
         """The points as origins of rays, (N,)."""
         here = dr.zeros(mi.SurfaceInteraction3f, dr.width(self.points.p))
         here.p, here.n = self.points.p, self.points.n

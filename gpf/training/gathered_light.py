@@ -84,18 +84,17 @@ def gather(
     sample: random numbers in [0, 1)², (N, 2).
     seed: of the random numbers beyond the first surface.
     """
-    scene, n = points.scene, points.points.n
+    scene, width = points.scene, dr.width(points.points.p)
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed, dr.width(n))
+    sampler.seed(seed, width)
     context, every = diffuse_context(), Lamps(scene)
     lamps = field.settings.sampled_lamps(scene)
     resolved = dr.opaque(mi.Float, _resolved(field))
 
-    local = mi.warp.square_to_cosine_hemisphere(sample)
-    direction = mi.Frame3f(n).to_world(local)
-    ray = points.interactions().spawn_ray(direction)
-    radiance, through = dr.zeros(mi.Color3f, dr.width(n)), mi.Color3f(1)
-    surfaces, active = mi.UInt32(0), mi.Bool(local.z > 0)
+    ray, cosine = points.cosine_rays(sample)
+    direction = mi.Vector3f(ray.d)
+    radiance, through = dr.zeros(mi.Color3f, width), mi.Color3f(1)
+    surfaces, active = mi.UInt32(0), mi.Bool(cosine > 0)
     while active:
         si = scene.ray_intersect(ray, active=active)
         active &= si.is_valid()
@@ -127,7 +126,7 @@ def gather(
         surfaces += 1
         active = (straight | near) & dr.any(through > 0) & (surfaces < _MOST_SURFACES)
         ray = si.spawn_ray(further)
-    weight = dr.select(local.z > 0, dr.pi / local.z, 0)
+    weight = dr.select(cosine > 0, dr.pi / cosine, 0)
     return radiance * weight * points.share(direction)
 
 

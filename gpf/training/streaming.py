@@ -161,10 +161,8 @@ class PhotonStream:
                 self.count = number
             if number in BALANCED and (self._direct.lamps or self.gathered):
                 self._balance()
-            if self._direct.per_pass > 0:
-                self._direct.sample(number)
-            if self.gathered:
-                self.gathered.sample(number - self._lit)
+            if self._direct.per_pass > 0 or self.gathered:
+                self._sample()
             tick(self.count)
 
     def light_by(self, field: GaussianPhotonField, seconds: float = math.inf) -> None:
@@ -177,16 +175,21 @@ class PhotonStream:
         if seconds < math.inf and gathered.LEAST * gathered.seconds > seconds:
             return
         self._lit, self.gathered = self.count, gathered
-        self.gathered.sample(0)
         self._balance()
 
     def _gathered_by(self, field: GaussianPhotonField, lit: int) -> GatheredLight:
         seed = pass_seed(self.seed, lit, Stream.GATHER_RAYS)
         return GatheredLight(self._points, field, seed)
 
+    def _sample(self) -> None:
+        """Add the samples that belong to the passes so far."""
+        self._direct.sample(self.count)
+        if self.gathered:
+            self.gathered.sample(self.count - self._lit)
+
     def _balance(self) -> None:
         """Choose how many samples come with a pass."""
-        self._direct.sample(self.count)
+        self._sample()
         rows = self._rows = some_runs(len(self._source))
         photons = [
             self._irradiance(self._photons(half), self.radius, self._asked())[rows]
@@ -242,7 +245,7 @@ class PhotonStream:
         """
         self._rows = slice(None, None, stride)
         points = self._points.points
-        self._direct.sample(self.count)
+        self._sample()
         position, normal = (to_numpy(v)[self._rows] for v in (points.p, points.n))
         coarse = self._coarse[self._rows]
         gathered = list(zip(*(self._gather(half) for half in range(2)), strict=True))

@@ -19,6 +19,7 @@ from gpf.guiding.density_control import count_in_cells, oriented_places
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
+from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import fixed_points
 from gpf.training.targets import SURFACES
@@ -112,11 +113,8 @@ def see_further(scene: mi.Scene, points: VisiblePoints, seed: int) -> VisiblePoi
     densities in proportion to the cosine; N to 2 N."""
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, dr.width(points.p))
-    start = dr.zeros(mi.SurfaceInteraction3f, dr.width(points.p))
-    start.p, start.n = points.p, points.n
-    local = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
-    ray = start.spawn_ray(mi.Frame3f(points.n).to_world(local))
-    found = concatenate([points, find_visible_points(scene, sampler, mi.Ray3f(ray))])
+    ray, _ = FixedPoints(scene, points).cosine_rays(sampler.next_2d())
+    found = concatenate([points, find_visible_points(scene, sampler, ray)])
     return take(found, dr.compress(found.valid))
 
 

@@ -21,6 +21,7 @@ from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View, read_views
+from gpf.training.streaming import PhotonStream
 from tests.furnace import diffuse, floor, lamp, point_light
 from tests.small_fit import make_small
 
@@ -204,6 +205,24 @@ def test_unused_photons_of_a_state_are_used(scene, monkeypatch, clock, tmp_path)
     field = gpf.fit(scene, sensors(), seconds=2, state=state, callback=clock.count)
     assert 36 <= field.record["passes"] < 1.25 * 36
     whole = gpf.fit(scene, sensors(), passes=field.record["passes"])
+    for name, values in vars(whole.gaussians).items():
+        np.testing.assert_array_equal(vars(field.gaussians)[name].numpy(), values.numpy())
+
+
+def test_a_fit_that_was_interrupted_before_light_was_gathered_gathers_it(
+    scene, monkeypatch, tmp_path
+):
+    def interrupt(stream, *arguments):
+        raise KeyboardInterrupt
+
+    state = tmp_path / "box.fit"
+    with monkeypatch.context() as once:
+        once.setattr(PhotonStream, "light_by", interrupt)
+        first = gpf.fit(scene, sensors(), passes=12, state=state)
+    field = gpf.fit(scene, sensors(), passes=12, state=state)
+    whole = gpf.fit(scene, sensors(), passes=12)
+    means = [np.array(each.gaussians.means) for each in (first, whole)]
+    assert np.abs(means[0] - means[1]).max() > 1e-3  # the first is by photons alone
     for name, values in vars(whole.gaussians).items():
         np.testing.assert_array_equal(vars(field.gaussians)[name].numpy(), values.numpy())
 

@@ -145,6 +145,11 @@ def test_with_gathered_light_points_have_as_much_as_with_photons():
     assert stream.gathered is not None and stream.gathered.samples == GatheredLight.LEAST
     indirect = (before.irradiance - before.direct).mean()
     assert (after.irradiance - after.direct).mean() == pytest.approx(indirect, rel=0.015)
+    # Interrupted before its first rays, a stream takes them when it has to.
+    stream.gathered = GatheredLight(stream.gathered.points, stream.gathered.field, seed=7)
+    again = stream.mean(stream.halves())
+    assert stream.gathered.samples == GatheredLight.LEAST
+    assert again.irradiance.mean() == pytest.approx(after.irradiance.mean(), rel=0.01)
     # What the mirror sends stays with the photons.
     alone = after.irradiance.mean() - after.direct.mean()
     alone -= np.mean([stream.gathered.mean(half).mean() for half in range(2)])
