@@ -99,24 +99,48 @@ def wait_for_tasks(ray: Any, running: Collection[Any]) -> list[Any]:
 
     Raises
     ------
-    UserError: the head of the cluster has ended. Ray itself would end this process a minute later.
+    UserError: the cluster is lost, see `_require_cluster`.
     """
+    _require_cluster(ray)
     ready, _ = ray.wait(list(running), timeout=1.0)
-    if not ready:
-        _require_head(ray.get_runtime_context().gcs_address)
     return list(ready)
+
+
+def _require_cluster(ray: Any) -> None:
+    """Check that the head and this machine's node live. Without them, Ray ends this process and
+    says nothing, as soon as it needs them or a minute later."""
+    _require_head(ray.get_runtime_context().gcs_address)
+    _require_own_node(ray)
 
 
 def _require_head(address: str) -> None:
     host, _, port = address.rpartition(":")
     for _ in range(HEAD_TRIES):
-        try:
-            socket.create_connection((host.strip("[]"), int(port)), timeout=5).close()
+        if _listens(host.strip("[]"), int(port)):
             return
-        except OSError:
-            time.sleep(1)
-    raise UserError(
-        f"the head of the Ray cluster, {address}",
+        time.sleep(1)
+    raise _lost(f"the head of the Ray cluster, {address}")
+
+
+def _require_own_node(ray: Any) -> None:
+    own = ray.get_runtime_context().get_node_id()
+    for node in ray.nodes():
+        host, port = node["NodeManagerAddress"], node["NodeManagerPort"]
+        if node["NodeID"] == own and not _listens(host, port):
+            raise _lost(f"this machine's node of the Ray cluster, {host}:{port}")
+
+
+def _listens(host: str, port: int) -> bool:
+    try:
+        socket.create_connection((host, port), timeout=5).close()
+    except OSError:
+        return False
+    return True
+
+
+def _lost(what: str) -> UserError:
+    return UserError(
+        what,
         "does not answer any more",
         "Start the cluster again, then run this again: what is done is saved.",
     )
@@ -127,8 +151,10 @@ def task_result(ray: Any, reference: Any, what: str) -> Any:
 
     Raises
     ------
-    UserError: the task raised it, or its worker was lost more often than Ray tries again.
+    UserError: the task raised it, its worker was lost more often than Ray tries again, or the
+        cluster is lost, see `_require_cluster`.
     """
+    _require_cluster(ray)
     try:
         return ray.get(reference)
     except ray.exceptions.RayTaskError as error:
