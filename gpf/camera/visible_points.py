@@ -29,9 +29,18 @@ def find_visible_points(
 ) -> VisiblePoints:
     """Follow rays through glossy and specular bounces to their first diffuse hit, (N,).
 
-    This is :func:`follow` with all choices at random.
+    This is :func:`follow` with all choices at random, evaluated. The rays are evaluated before, so
+    that one kernel serves all cameras: for a room with many materials, it takes a second or two to
+    compile.
     """
-    return follow(scene, sampler, ray, max_depth, rr_depth, active, lamps)[0]
+    ray, none = mi.Ray3f(ray), dr.zeros(mi.Float, dr.width(ray))
+    ray.o, ray.d = none + ray.o, none + ray.d
+    ray.time, ray.maxt = none + ray.time, none + ray.maxt
+    sampler.schedule_state()
+    dr.make_opaque(ray)
+    points, _ = follow(scene, sampler, ray, max_depth, rr_depth, active, lamps)
+    dr.eval(points)
+    return points
 
 
 COHERENT = 4

@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike
 
-# More values than the widest packet of a processor holds.
+# Bytes of the widest packet of a processor; and more values than it holds.
 _PACKET = 64
 
 
@@ -101,6 +101,7 @@ class SurfacePoints:
 
 def take(points: Any, lanes: mi.UInt32) -> Any:
     """Some lanes of a structure; attributes with a single lane stay as they are."""
+    dr.eval(points)  # at once: each member alone would need the whole loop that it comes from
     width, taken = dr.width(points), {}
     for f in fields(points):
         value = getattr(points, f.name)
@@ -113,6 +114,7 @@ def take(points: Any, lanes: mi.UInt32) -> Any:
 
 def concatenate(parts: Sequence[Any]) -> Any:
     """Join structures or arrays in order; attributes with a single lane are repeated."""
+    dr.eval(parts)  # as in `take`
     if is_dataclass(parts[0]):
         widths = [dr.width(part) for part in parts]
         joined = {}
@@ -145,7 +147,8 @@ def from_numpy(kind: Any, values: ArrayLike) -> Any:
 
     Dr.Jit does not copy what numpy gives it, and its kernels read whole packets of values, beyond
     the last one too. Where that memory belongs to nobody, the process would end. So this makes a
-    copy with room behind it.
+    copy with room behind it. It begins where a packet can be read at once: what is not so aligned
+    is read by other kernels, which would have to be compiled as well.
 
     Parameters
     ----------
@@ -165,8 +168,11 @@ def from_numpy(kind: Any, values: ArrayLike) -> Any:
         dr.VarType.Float32: np.float32,
         dr.VarType.Float64: np.float64,
     }
-    room: np.ndarray = np.empty(values.size + _PACKET, types[dr.type_v(kind)])
-    copy = room[: values.size].reshape(values.shape)
+    dtype: np.dtype = np.dtype(types[dr.type_v(kind)])
+    size = (values.size + _PACKET) * dtype.itemsize
+    room = np.empty(size + _PACKET, np.uint8)
+    begin = -room.ctypes.data % _PACKET
+    copy = room[begin : begin + size].view(dtype)[: values.size].reshape(values.shape)
     copy[...] = values
     return kind(copy)
 

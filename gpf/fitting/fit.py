@@ -28,7 +28,7 @@ from gpf.fitting.plan import (
     Plan,
     plan_next,
 )
-from gpf.fitting.quality import LEAST_PASSES, QualityEstimate
+from gpf.fitting.quality import ENOUGH_PASSES, LEAST_PASSES, QualityEstimate
 from gpf.fitting.state import FitState, Resume, fit_identity
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.importing.placement import place_sensors
@@ -128,7 +128,7 @@ def fit(
 
     The fit ends at the first goal that is reached; without any goal, after
     :data:`gpf.fitting.goals.DEFAULT_PASSES` passes. There is always a field from
-    12 passes, or from two if fewer are asked for, whatever time it takes.
+    six passes, or from two if fewer are asked for, whatever time it takes.
     Interrupted by Ctrl-C, the fit returns the best field so far. The same seed and passes give the
     same bits on the same machine.
 
@@ -163,6 +163,7 @@ def fit(
         run.open(resume)
         while not run.is_done():
             run.fit_next()
+        run.judge()
     except BaseException as error:
         if run.best is None or not (isinstance(error, _OutOfTime) or is_interrupt(error)):
             raise
@@ -198,10 +199,11 @@ class _Fit:
         self.groups, self.exposure = groups, exposure
         self.state: FitState | None = None
         self.scene, self.seed, self.callback = scene, seed, callback
+        # First: it evaluates parameters of the scene, and kernels from before would not be of use.
+        self.bounds, self.fingerprint = scene_bounds(scene), fingerprint(scene)
         self.sensors = list(place_sensors(scene) if sensors is None else sensors)
         if not self.sensors:
             raise UserError("sensors", "is empty", "Give a camera, or leave it out.")
-        self.bounds, self.fingerprint = scene_bounds(scene), fingerprint(scene)
         self.stream: PhotonStream
         self.halves: tuple[Targets, Targets] | None = None  # of the last field
         self.best: GaussianPhotonField | None = None
@@ -310,6 +312,7 @@ class _Fit:
         if plan is None:  # passes took longer than those before
             return
         self.all_passes, self.all_steps = plan.passes, plan.steps
+        self.stream.sample()
         self.save()
         begin = time.perf_counter()
         settings = TRAINING.model_copy(update={"seed": self.seed, "steps": plan.steps})
@@ -328,7 +331,9 @@ class _Fit:
         fitted = self.fit_halves(field)
         field.recolour(keep_shared_detail(field, fitted))
         cleaned = time.perf_counter()
-        self._add_estimates(LEAST_PASSES)
+        # A first field is soon replaced; what a target is compared with has to be certain.
+        first = self.best is None and self.goals.target_psnr is None
+        self._add_estimates(LEAST_PASSES if first else ENOUGH_PASSES)
         self.quality.psnr(field)
         # What the first estimate needs, later ones have.
         begin_judgement = time.perf_counter()
@@ -348,13 +353,11 @@ class _Fit:
         assert self.best is not None and self.last is not None
         if self.last.passes >= self.goals.passes and self.last.gathered:
             return
-        left, before = self.time.left, self.stream.gathered
+        left, before = self.time.left, self.stream.sample_seconds
         if left < self.cost.seconds(LEAST_STEPS, FIRST_STRIDE):  # no other field could follow
             return
         self.stream.light_by(self.best, GATHER_PART * left)
-        gathered = self.stream.gathered
-        if left < float("inf") and gathered is not None and before is None:
-            self.time.lengthen_passes(gathered.per_pass * gathered.seconds)
+        self.time.lengthen_passes(self.stream.sample_seconds - before)
 
     def evaluate(self, field: GaussianPhotonField, fitted: HalfColours) -> None:
         """Estimate the PSNR of a field, and keep it unless its training failed."""
@@ -376,6 +379,14 @@ class _Fit:
             self.history.append((passes, psnr))
         else:
             self.psnr = before
+
+    def judge(self) -> None:
+        """Estimate the PSNR of the best field well enough."""
+        assert self.best is not None
+        if self.quality.passes < ENOUGH_PASSES:
+            self._add_estimates(ENOUGH_PASSES)
+            self.psnr = self.quality.psnr(self.best)
+            self.history[-1] = self.passes, self.psnr
 
     def fit_halves(self, field: GaussianPhotonField) -> HalfColours:
         """What the last field would be from each half of the photons."""

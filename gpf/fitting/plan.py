@@ -7,11 +7,11 @@ the photons for which there is time, and trains shorter if its time is short.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-FIRST_PASSES, FEW_PASSES, GROWTH = 24, 12, 3
-"""Passes until the first complete field; fewer if they would take long and others follow; and the
-factor by which their number then grows."""
+FIRST_PASSES, GROWTH = 6, 3
+"""Passes until the first complete field, and the factor by which their number then grows."""
 
 FIRST_STRIDE, SPARSE_STRIDE, ENOUGH = 2, 4, 25.0
 """The first field learns from every second point alone: it is soon there, and its few photons have
@@ -21,8 +21,9 @@ left, another one follows, and the first needs no more than every fourth."""
 SMALL_PART = 0.15
 """A field that is not the last takes at most this part of the time that is left."""
 
-LEAST_GROWTH = 1.1
-"""The next field has at least so many times the photons of the one before."""
+LEAST_GROWTH, WORTH_WAITING = 1.1, 2
+"""The next field has at least so many times the photons of the one before; and there is none before
+the last unless that will have so many times its photons."""
 
 GATHERED = 4
 """A field whose diffuse light is gathered is as good as one from so many times its photons, and
@@ -119,8 +120,7 @@ def plan_next(
     gathers: whether diffuse light is gathered by now.
     """
     if last is None:
-        slow = left > ENOUGH and FIRST_PASSES * pass_seconds > SMALL_PART * left
-        passes = int(max(min(FEW_PASSES if slow else FIRST_PASSES, most), done))
+        passes = int(max(min(FIRST_PASSES, most), done))
         stride = SPARSE_STRIDE if left > ENOUGH else FIRST_STRIDE
         # Another field follows from the same photons, for which light is gathered.
         return Plan(passes, usual_steps(passes), stride if most > passes else FIRST_STRIDE)
@@ -134,7 +134,7 @@ def plan_next(
     count = max(round(GROWTH * last.passes), done)
     steps = usual_steps(count)
     another = passes_before(cost.seconds(steps) + cost.seconds(MOST_STEPS))
-    if another >= LEAST_GROWTH * count and cost.seconds(steps) < SMALL_PART * left:
+    if another >= WORTH_WAITING * count and cost.seconds(steps) < SMALL_PART * left:
         return Plan(count, steps, gathered=gathers)
     # No other field could follow: this one takes all the photons that are left.
     possible = []
@@ -143,6 +143,8 @@ def plan_next(
             if cost.seconds(steps, stride) > left:
                 continue
             passes = int(passes_before(cost.seconds(steps, stride)))
+            if steps < MOST_STEPS:  # of more photons, a shorter training would make less
+                passes = min(passes, max(done, math.ceil(LEAST_GROWTH * last.passes)))
             plan = Plan(passes, min(steps, usual_steps(passes)), stride, gathers)
             growth, longer = plan.worth / last.worth, plan.steps / max(last.steps, 1)
             # Many more photons make up for a shorter training, and a longer one for few more.

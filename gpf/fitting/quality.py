@@ -28,8 +28,8 @@ from gpf.sppm.passes import PassSettings, PhotonPasses
 REFERENCE_PASSES = 1000
 """The estimate is the PSNR against an SPPM reference with this many passes."""
 
-LEAST_PASSES = 16
-"""With fewer passes, the estimate is too uncertain."""
+LEAST_PASSES, ENOUGH_PASSES = 4, 16
+"""With fewer passes there is no estimate, or a rather uncertain one."""
 
 # The estimate is certain enough if its standard error is this small, dB.
 SURE = 0.3
@@ -252,9 +252,7 @@ class QualityEstimate:
     def _find_points(self) -> VisiblePoints:
         """Visible points of :data:`SAMPLES` camera rays for each pixel, (SAMPLES P,)."""
         sampler = mi.load_dict({"type": "independent", "sample_count": SAMPLES})
-        points = find_visible_points(self._scene, sampler, self._rays(sampler))
-        dr.eval(points)
-        return points
+        return find_visible_points(self._scene, sampler, self._rays(sampler))
 
     def _measure_noise(self, field: GaussianPhotonField) -> np.ndarray:
         """Mean squared error of the field's images from their camera samples alone, (V,).

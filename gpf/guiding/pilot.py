@@ -56,8 +56,9 @@ def trace_pilot(
     def deposit(found: Photons, diffused: mi.Bool, active: mi.Bool) -> None:
         if region is not None:
             active = active & region.contains(found.p, found.n, active)
-        dr.scatter_reduce(dr.ReduceOp.Add, power, dr.mean(found.power), lane, active)
-        dr.scatter_reduce(dr.ReduceOp.Add, photons, mi.UInt32(1), lane, active)
+        # Each path has its own sums.
+        for total, more in ((power, dr.sum(found.power) / 3), (photons, mi.UInt32(1))):
+            dr.scatter_add(total, more, lane, active, dr.ReduceMode.NoConflicts)
 
     trace_photons(scene, deposit, settings, seed)
     return Pilot(

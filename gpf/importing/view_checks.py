@@ -96,8 +96,8 @@ def report_views(
     o, d = (np.concatenate(parts, axis=1) for parts in zip(*rays, strict=True))
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(seed, lanes * len(views))
-    points = find_visible_points(scene, sampler, mi.Ray3f(mi.Point3f(o), mi.Vector3f(d)))
-    dr.eval(points)
+    ray = mi.Ray3f(from_numpy(mi.Point3f, o.T), from_numpy(mi.Vector3f, d.T))
+    points = find_visible_points(scene, sampler, ray)
     valid = np.asarray(points.valid.numpy()).reshape(len(views), lanes)
     place = to_numpy(points.p).reshape(len(views), lanes, 3)
     distances = [

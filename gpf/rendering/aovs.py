@@ -151,9 +151,9 @@ def at_visible_point(
         "coverage": dr.select(points.valid, share * dr.minimum(reach, MOST_COVERAGE), 0),
     }
     if "error" in aovs:
-        radiance = dr.mean(field.reflect(points, irradiance))
+        radiance = dr.sum(field.reflect(points, irradiance)) / 3
         dark = field.reflect(points, mi.Color3f(0))
         wrong = field.reflect(points, field.query_error(points.p, points.n, points.valid)) - dark
-        relative = dr.minimum(dr.mean(wrong) / radiance, MOST_ERROR)
+        relative = dr.minimum(dr.sum(wrong) / 3 / radiance, MOST_ERROR)
         values["error"] = dr.select(radiance > 0, share * relative, 0)
     return {name: values[name] for name in aovs if name in values}

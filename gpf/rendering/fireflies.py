@@ -85,7 +85,7 @@ class BrightestBlocks:
                 block = dr.gather(mi.Color3f, values, there.y * width + there.x, inside)
                 _insert(rivals, dr.select(inside, block, -dr.inf))
         # In double precision, because the difference is much smaller than its terms.
-        limit = TOLERANCE * dr.mean(rivals[-1]).numpy().astype(np.float64)
+        limit = TOLERANCE * (dr.sum(rivals[-1]) / 3).numpy().astype(np.float64)
         total = np.zeros((len(limit), 3))
         for values in self.kept:
             block = values.numpy().T.astype(np.float64)
@@ -109,5 +109,5 @@ def _brightest(kept, blocks, at, end):  # type: ignore[no-untyped-def]
 def _insert(kept: list[mi.Color3f], new: mi.Color3f) -> None:
     """Insert a block into the sorted list ``kept`` and drop the darkest."""
     for k, old in enumerate(kept):
-        brighter = dr.mean(new) > dr.mean(old)
+        brighter = dr.sum(new) > dr.sum(old)
         kept[k], new = dr.select(brighter, new, old), dr.select(brighter, old, new)

@@ -54,11 +54,14 @@ class FixedPoints:
         sample: random numbers in [0, 1)², (N, 2).
         lamps: the emitters that are sampled; by default all.
         """
+        dr.eval(sample)  # and the result: one kernel for whatever is made of it
         here, n = self._interactions(), self.points.n
         lamps = Lamps(self.scene) if lamps is None else lamps
         light, weight = lamps.sample(here, sample, mi.Bool(True))
         seen = (light.pdf > 0) & (dr.dot(light.d, n) > 0)
-        return dr.select(seen, weight * self.share(light.d), 0)
+        found = dr.select(seen, weight * self.share(light.d), 0)
+        dr.eval(found)
+        return found
 
     def cosine_rays(self, sample: mi.Point2f) -> tuple[mi.Ray3f, mi.Float]:
         """Rays from the points, (N,), with densities cos θ / π, and cos θ, (N,).

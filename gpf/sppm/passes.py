@@ -154,7 +154,6 @@ class PhotonPass:
         if self.settings.direct == "photons":
             return self.irradiance(fixed.points), None
         direct = fixed.direct_irradiance(spread_sample(start, number), lamps)
-        dr.eval(direct)  # otherwise each use of it would trace it again
         return self.irradiance(fixed.points) + direct, direct
 
 

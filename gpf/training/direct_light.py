@@ -63,7 +63,7 @@ class DirectLight(SampledLight):
         start, found = random_start(seed, len(p)), []
         for number in range(PILOT):
             sample = spread_sample(start, number)
-            light = dr.mean(self.points.direct_irradiance(sample, self.lamps))
+            light = dr.sum(self.points.direct_irradiance(sample, self.lamps)) / 3
             found.append(count_bins(cell, to_numpy(sample), light.numpy()))
         square, count = (np.sum(part, axis=0) for part in zip(*found, strict=True))
         guide = LampGuide(cell, square, count)

@@ -8,20 +8,16 @@ photons, direct light to samples of the emitters.
 
 from __future__ import annotations
 
-import time
-from functools import cached_property
-
 import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.next_event import direct_light
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
-from gpf.core.structs import from_numpy, take
 from gpf.field.field import GaussianPhotonField
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import diffuse_context, diffuse_reflectance, has_diffuse
 from gpf.sppm.fixed_points import FixedPoints
-from gpf.training.sampled_light import SampledLight, some_runs
+from gpf.training.sampled_light import SampledLight
 
 NEAR = 0.25
 """Below this distance, in cells of the field's levels, a ray does not end in the field but goes on,
@@ -51,19 +47,6 @@ class GatheredLight(SampledLight):
         start = random_start(seed, dr.width(self.points.points.p))
         others = pass_seed(self.seed, half, Stream.GATHER_LAMPS, number)
         return gather(self.points, self.field, spread_sample(start, number), others)
-
-    @cached_property
-    def seconds(self) -> float:
-        """The time of a sample of all points for both halves, from that of some, wall clock."""
-        points = self.points.points
-        rows = some_runs(dr.width(points.p))
-        some = FixedPoints(self.points.scene, take(points, from_numpy(mi.UInt32, rows)))
-        trial = GatheredLight(some, self.field, self.seed)
-        for _ in range(3):  # the first ones compile
-            begin = time.perf_counter()
-            dr.eval(trial._light(0, 1))
-            dr.sync_thread()
-        return 2 * dr.width(points.p) / len(rows) * (time.perf_counter() - begin)
 
 
 @dr.syntax

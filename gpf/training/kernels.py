@@ -69,7 +69,7 @@ def unpack_gradients(g: Gaussians, gradients: Packets, anisotropic: bool) -> lis
         tuple(mi.Vector3f(r.x, r.y, r.z) for r in rows),  # type: ignore[arg-type]
     )
     if not anisotropic:
-        scales = mi.Vector3f(dr.mean(scales))
+        scales = mi.Vector3f(dr.sum(scales) / 3)
     return [means.x, means.y, means.z, *scales, *quats, rows[0].w, rows[1].w, rows[2].w]
 
 
@@ -120,7 +120,7 @@ def accumulate_gradients(
     x = dr.gather(mi.Point3f, points.p, chosen)
     importance = mi.Float(1)
     if dr.hint(loss == "relative", mode="scalar"):
-        importance = relative_weight(dr.mean(blend))
+        importance = relative_weight(dr.sum(blend) / 3)
     support2 = dr.gather(mi.Float, lists.support2, chosen)
     begin = dr.gather(mi.UInt32, lists.starts, chosen)
     end = dr.gather(mi.UInt32, lists.starts, chosen + 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
@@ -39,6 +40,8 @@ class SampledLight(ABC):
     COST: a pass takes about as long as so many samples at each point for both halves.
     samples: at each point for each half, so far.
     per_pass: how many come with a pass; 0 until :func:`balance` has chosen.
+    seconds: the time of a sample of all points for both halves, wall clock: of the last one; 0
+        before.
     """
 
     LEAST: int
@@ -47,7 +50,7 @@ class SampledLight(ABC):
 
     def __init__(self, points: FixedPoints, seed: int) -> None:
         self.points, self.seed = points, seed
-        self.samples, self.per_pass = 0, 0.0
+        self.samples, self.per_pass, self.seconds = 0, 0.0, 0.0
         self._sums = [dr.zeros(mi.Color3f, dr.width(points.points.p)) for _ in range(2)]
 
     @abstractmethod
@@ -58,11 +61,20 @@ class SampledLight(ABC):
         """Add the samples that belong to so many passes."""
         wanted = max(self.LEAST, math.ceil(self.per_pass * passes))
         while self.samples < wanted:
-            with uninterrupted():
-                self.samples += 1
-                for half in range(2):
-                    self._sums[half] += self._light(half, self.samples)
-                dr.eval(self._sums)
+            self.add()
+
+    def add(self) -> None:
+        """Add a sample at each point for each half."""
+        with uninterrupted():
+            begin = time.perf_counter()
+            self.samples += 1
+            for half in range(2):
+                light = self._light(half, self.samples)
+                dr.eval(light)  # one kernel for both halves, and for all samples
+                self._sums[half] += light
+            dr.eval(self._sums)
+            dr.sync_thread()
+            self.seconds = time.perf_counter() - begin
 
     def mean(self, half: int) -> np.ndarray:
         """Irradiance from the samples of a half, W/m², (N, 3)."""

@@ -162,7 +162,7 @@ class PhotonStream:
             if number in BALANCED and (self._direct.lamps or self.gathered):
                 self._balance()
             if self._direct.per_pass > 0 or self.gathered:
-                self._sample()
+                self.sample()
             tick(self.count)
 
     def light_by(self, field: GaussianPhotonField, seconds: float = math.inf) -> None:
@@ -172,16 +172,25 @@ class PhotonStream:
         ``seconds``: nothing changes if the first rays would take longer.
         """
         gathered = self._gathered_by(field, self.count)
-        if seconds < math.inf and gathered.LEAST * gathered.seconds > seconds:
+        for _ in range(2):  # the first one compiles
+            gathered.add()
+        if (gathered.LEAST - gathered.samples) * gathered.seconds > seconds:
             return
         self._lit, self.gathered = self.count, gathered
         self._balance()
+        self.sample()
+
+    @property
+    def sample_seconds(self) -> float:
+        """The time of the samples that come with a pass, wall clock."""
+        kinds = self._direct, self.gathered
+        return sum(kind.per_pass * kind.seconds for kind in kinds if kind)
 
     def _gathered_by(self, field: GaussianPhotonField, lit: int) -> GatheredLight:
         seed = pass_seed(self.seed, lit, Stream.GATHER_RAYS)
         return GatheredLight(self._points, field, seed)
 
-    def _sample(self) -> None:
+    def sample(self) -> None:
         """Add the samples that belong to the passes so far."""
         self._direct.sample(self.count)
         if self.gathered:
@@ -189,7 +198,7 @@ class PhotonStream:
 
     def _balance(self) -> None:
         """Choose how many samples come with a pass."""
-        self._sample()
+        self.sample()
         rows = self._rows = some_runs(len(self._source))
         photons = [
             self._irradiance(self._photons(half), self.radius, self._asked())[rows]
@@ -245,7 +254,7 @@ class PhotonStream:
         """
         self._rows = slice(None, None, stride)
         points = self._points.points
-        self._sample()
+        self.sample()
         position, normal = (to_numpy(v)[self._rows] for v in (points.p, points.n))
         coarse = self._coarse[self._rows]
         gathered = list(zip(*(self._gather(half) for half in range(2)), strict=True))

@@ -129,7 +129,7 @@ class Trainer:
         weights of each state, bright states would seem better."""
         if self.settings.loss == "squared" or dr.width(self.held_out.p) == 0:
             return mi.Float(1)
-        weight = relative_weight(dr.mean(self._blend_held_out()))
+        weight = relative_weight(dr.sum(self._blend_held_out()) / 3)
         dr.eval(weight)
         return weight
 

@@ -20,27 +20,26 @@ INFINITE = float("inf")
     [
         # The first field: early, or after what is asked for, or from what is there. It learns from
         # some of the points, unless it is the only one.
-        (0, None, INFINITE, 90, Plan(24, 300, 4)),
-        (0, None, INFINITE, 20, Plan(24, 300, 2)),
+        (0, None, INFINITE, 90, Plan(6, 96, 4)),
+        (0, None, INFINITE, 20, Plan(6, 96, 2)),
         (0, None, 2, INFINITE, Plan(2, 32, 2)),
         (30, None, INFINITE, 90, Plan(30, 300, 4)),
-        # Sooner where passes are slow, if there is time for another one.
-        (12, None, INFINITE, 59, Plan(12, 192, 4)),
         # Whatever the time: a field from fewer photons is speckled.
-        (2, None, INFINITE, 1, Plan(24, 300, 2)),
-        # Three times as many, if that takes a small part of the time.
+        (2, None, INFINITE, 1, Plan(6, 96, 2)),
+        # Three times as many, if that takes a small part of the time and the last has many more.
         (24, Plan(24, 300, 2), INFINITE, 100, Plan(72, 300)),
-        (24, Plan(24, 300, 2), 1000, INFINITE, Plan(72, 300)),
+        (24, Plan(24, 300, 2), 144, INFINITE, Plan(72, 300)),
+        (24, Plan(24, 300, 2), 143, INFINITE, Plan(143, 300)),
         # Else a last one with all photons for which there is time, or up to the goal.
         (24, Plan(24, 300, 2), INFINITE, 40, Plan(81, 300)),
         (24, Plan(24, 300, 2), 50, INFINITE, Plan(50, 300)),
         (72, Plan(72, 300), INFINITE, 20.4, Plan(90, 300)),
         # With little time it trains shorter, or from fewer points.
         (72, Plan(72, 300), INFINITE, 12.4, Plan(80, 200)),
-        (24, Plan(24, 300, 2), INFINITE, 8, Plan(28, 100)),
+        (24, Plan(24, 300, 2), INFINITE, 8, Plan(27, 100)),
         (24, Plan(24, 300, 2), INFINITE, 5.5, None),
         # The photons of an interrupted field.
-        (60, Plan(24, 300, 2), INFINITE, 6.3, Plan(61, 100)),
+        (60, Plan(24, 300, 2), INFINITE, 6.3, Plan(60, 100)),
         # Too little time, or nothing to gain.
         (72, Plan(72, 300), INFINITE, 3, None),
         (72, Plan(72, 300), INFINITE, 12, None),
