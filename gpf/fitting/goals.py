@@ -55,7 +55,7 @@ class TimeBudget:
 
     Attributes
     ----------
-    pass_seconds: of a pass, lately (median).
+    pass_seconds: of a pass, lately (mean: samples come with some passes).
     """
 
     def __init__(self, seconds: float | None) -> None:
@@ -84,7 +84,7 @@ class TimeBudget:
         take longer if they make room for photons."""
         if not self._compiling:
             self._passes.append(time.perf_counter() - self._last)
-            self.pass_seconds = statistics.median(self._passes)
+            self.pass_seconds = statistics.mean(self._passes)
         self._compiling = False
 
     def lengthen_passes(self, seconds: float) -> None:

@@ -140,7 +140,7 @@ def plan_next(
     possible = []
     for stride in range(1, FIRST_STRIDE + 1):
         for steps in (MOST_STEPS, (MOST_STEPS + LEAST_STEPS) // 2, LEAST_STEPS):
-            if cost.seconds(steps, stride) > left:
+            if cost.seconds(steps, stride) > left + pass_seconds:  # the last pass may be late
                 continue
             passes = int(passes_before(cost.seconds(steps, stride)))
             if steps < MOST_STEPS:  # of more photons, a shorter training would make less

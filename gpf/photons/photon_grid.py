@@ -81,7 +81,7 @@ class PhotonSums:
         self._cubes = cells
         self._unit, self._landings = 0.0, 0.0
         self._settings, self._groups = settings, groups
-        self._group, self._column = mi.UInt32(0), mi.UInt32(0)
+        self._group, self._column, self._every = mi.UInt32(0), mi.UInt32(0), mi.Bool(True)
         self._lost = dr.zeros(mi.UInt32, 1)
         self.paths = [0, 0]
         self._make_room(capacity)
@@ -96,8 +96,9 @@ class PhotonSums:
         self._sums = dr.zeros(mi.UInt64, _LINE * capacity)
         dr.eval(self._keys, self._sums)
 
-    def trace(self, scene: mi.Scene, seed: int, half: int) -> None:
-        """Add the photons of one more pass to half 0 or 1."""
+    def trace(self, scene: mi.Scene, seed: int, half: int, diffused: bool = True) -> None:
+        """Add the photons of one more pass to half 0 or 1; ``diffused``: those that come from
+        diffuse surfaces, too. Once they are left out, they are missing for good."""
         paths = self._settings.paths
         if not self._unit:
             pilot = replace(self._settings, paths=PILOT, indirect=False)
@@ -113,6 +114,7 @@ class PhotonSums:
         # Photons have the power of one of `paths` paths; the sums are for a single path.
         self._scale = dr.opaque(mi.Float, paths / self._unit)
         self._column = dr.opaque(mi.UInt32, _POWER[half])
+        self._every = dr.opaque(mi.Bool, diffused)
         trace_photons(scene, self._add, replace(self._settings, source=self._emit), seed)
         dr.eval(self._cells, self._lost, self._keys, self._sums)
         self.paths[half] += paths
@@ -127,6 +129,7 @@ class PhotonSums:
         return ray, power, emitter
 
     def _add(self, photons: Photons, diffused: mi.Bool, active: mi.Bool) -> None:
+        active = active & (self._every | ~diffused)
         level, corner, place = self._cubes.find(photons.p)
         key = _pack(corner, mi.Vector3u(_thirds(photons.n) + _NORMAL_STEPS))
         key |= mi.UInt64(level) << _LEVEL_SHIFT

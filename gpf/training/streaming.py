@@ -154,9 +154,10 @@ class PhotonStream:
         while self.count < count:
             with uninterrupted():
                 number = self.count + 1
-                self._sums.trace(
-                    self.scene, pass_seed(self.seed, number, Stream.PHOTONS), number % 2
-                )
+                seed = pass_seed(self.seed, number, Stream.PHOTONS)
+                # Groups of lights still need to know whose light the diffuse surfaces send.
+                every = self.gathered is None or self._groups is not None
+                self._sums.trace(self.scene, seed, number % 2, every)
                 dr.sync_thread()
                 self.count = number
             if number in BALANCED and (self._direct.lamps or self.gathered):

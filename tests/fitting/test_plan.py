@@ -36,7 +36,7 @@ INFINITE = float("inf")
         (72, Plan(72, 300), INFINITE, 20.4, Plan(90, 300)),
         # With little time it trains shorter, or from fewer points.
         (72, Plan(72, 300), INFINITE, 12.4, Plan(80, 200)),
-        (24, Plan(24, 300, 2), INFINITE, 8, Plan(27, 100)),
+        (24, Plan(24, 300, 2), INFINITE, 8, Plan(24, 200)),
         (24, Plan(24, 300, 2), INFINITE, 5.5, None),
         # The photons of an interrupted field.
         (60, Plan(24, 300, 2), INFINITE, 6.3, Plan(60, 100)),
