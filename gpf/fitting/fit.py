@@ -271,7 +271,7 @@ class _Fit:
             if best is not None:  # not that of the file: it may be of another exposure
                 self.psnr = self.quality.psnr(best)
                 self.history = [(self.passes, self.psnr)]
-                if self.stream.gathered is None:  # interrupted before it was
+                if self.last is not None and self.stream.gathered is None:  # interrupted before
                     self._light_by_best()
 
     def save(self) -> None:
@@ -312,7 +312,7 @@ class _Fit:
         if plan is None:  # passes took longer than those before
             return
         self.all_passes, self.all_steps = plan.passes, plan.steps
-        self.stream.sample()
+        self.stream.sample()  # the time for it is not a part of the field's cost
         self.save()
         begin = time.perf_counter()
         settings = TRAINING.model_copy(update={"seed": self.seed, "steps": plan.steps})
