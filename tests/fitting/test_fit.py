@@ -243,6 +243,23 @@ def test_a_field_whose_judgement_was_interrupted_is_fitted_again(scene, monkeypa
     assert gpf.fit(scene, sensors(), passes=30, state=state).record["passes"] == 30
 
 
+def test_a_first_field_whose_judgement_was_interrupted_at_its_end_is_kept(
+    scene, monkeypatch, tmp_path
+):
+    evaluate = module._Fit.evaluate
+
+    def interrupt(self, field, fitted):
+        evaluate(self, field, fitted)
+        raise KeyboardInterrupt
+
+    state = tmp_path / "box.fit"
+    with monkeypatch.context() as once:
+        once.setattr(module._Fit, "evaluate", interrupt)
+        assert gpf.fit(scene, sensors(), passes=12, state=state).record["passes"] == 12
+    field = gpf.fit(scene, sensors(), passes=18, state=state)
+    assert field.record["passes"] == 18
+
+
 def test_light_that_the_renderer_samples_leaves_a_black_field():
     """A floor under a bulb: no light is indirect, and lamps without a size are not in the field."""
     parts = {"floor": floor(diffuse(0.5)), "bulb": point_light((0, 0, 1), 2)}
