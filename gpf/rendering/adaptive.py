@@ -11,43 +11,29 @@ The number of sets of a pixel depends on the pilot's samples in the pixels *arou
 own. Otherwise a pixel whose pilot missed something bright would get few further samples and one
 whose pilot found it would get many, which would make the mean too dark. A small dependence remains:
 the allocation is scaled by the noise of the whole image, which includes the pixel's own.
-
-The samples of a set are summed in small blocks, which tell fireflies from really bright pixels
-(:mod:`gpf.rendering.fireflies`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
-from scipy.ndimage import convolve
 
-from gpf.camera.rays import TILE
 from gpf.core.random import Stream, pass_seed
-from gpf.core.structs import from_numpy
-from gpf.rendering.fireflies import BrightestBlocks, choose_block_size
+from gpf.rendering.fireflies import BrightestBlocks, neighbours
+from gpf.rendering.sample_sets import SampleFunction, SampleSets
 
 MIN_SPP = 16
 """With fewer samples per pixel, the pilot is too small."""
-
-# Largest number of samples in one launch; all of them are in memory for a moment.
-LARGEST_LAUNCH = 1 << 21
 
 # Largest number of further sets of a pixel, in units of the mean over all pixels.
 MAX_RATIO = 16
 
 # A pixel's noise is estimated from a square of this many pixels a side, without its centre.
 NEIGHBOURHOOD = 5
-
-SampleFunction = Callable[["mi.Sampler", "mi.Vector2u"], "list[mi.Float]"]
-"""From a seeded sampler and the pixel of each lane to the channels of each lane's sample; the first
-three channels are the radiance."""
 
 
 def sample_adaptively(
@@ -72,27 +58,26 @@ def sample_adaptively(
     with_variance: whether another channel follows: the variance of each pixel's mean radiance, as
         far as the sets around it differ (:func:`variance_of_means`).
     """
-    width, height = size
-    order = tile_order(width, height)
     sampler = sampler.fork()
     set_size = _choose_set_size(sampler, spp)
     brightest = BrightestBlocks(size) if suppress_fireflies else None
-    sets = _Sets(sample, sampler, size, set_size, brightest)
-    sums, squares, of_sets = sets.take(order, pass_seed(seed, 0, Stream.ADAPTIVE_SAMPLES))
-    noise = pixel_noise(sums[:, :3] / set_size, squares / set_size, (height, width))
+    sets = SampleSets(sample, sampler, size, set_size, brightest)
+    one = dr.full(mi.UInt32, 1, size[0] * size[1])
+    sums = sets.take(one, pass_seed(seed, 0, Stream.ADAPTIVE_SAMPLES))
+    *channels, square, of_sets = sums
+    noise = pixel_noise([c / set_size for c in channels[:3]], square / set_size, size)
     counts = allocate(noise, max(spp // set_size - 1, 0))
-    again = np.repeat(order, counts[order])
-    if len(again):
-        further, _, of_further = sets.take(again, pass_seed(seed, 1, Stream.ADAPTIVE_SAMPLES))
-        sums, of_sets = sums + further, of_sets + of_further
-    scatter = of_sets - (sums[:, :3] ** 2).mean(axis=1) / (1 + counts)
+    if further := sets.take(counts, pass_seed(seed, 1, Stream.ADAPTIVE_SAMPLES)):
+        *channels, _, of_sets = (a + b for a, b in zip(sums, further, strict=True))
+    taken = 1 + mi.Float64(counts)
+    scatter = of_sets - _mean_square(channels) / taken
     if brightest is not None:
-        sums[:, :3] -= brightest.excess()
-    means = sums / (set_size * (1 + counts))[:, None]
+        channels[:3] = [c - e for c, e in zip(channels[:3], brightest.excess(), strict=True)]
+    means = [c / (set_size * taken) for c in channels]
     if with_variance:
-        variance = variance_of_means(scatter / set_size**2, counts, (height, width))
-        means = np.column_stack([means, variance])
-    return from_numpy(mi.TensorXf, means.reshape(height, width, -1))
+        means.append(variance_of_means(scatter / set_size**2, counts, size))
+    pixels = mi.ArrayXf([mi.Float(mean) for mean in means])
+    return mi.TensorXf(dr.ravel(pixels), (size[1], size[0], len(means)))
 
 
 def _choose_set_size(sampler: mi.Sampler, spp: int) -> int:
@@ -118,76 +103,18 @@ def _has_grid(sampler: mi.Sampler, n: int) -> bool:
             return n == side * side
 
 
-def tile_order(width: int, height: int) -> np.ndarray:
-    """Numbers of all pixels, (H W,), sorted so that the pixels of a small square are together."""
-    y, x = (i.ravel() for i in np.indices((height, width)))
-    return np.lexsort((x % TILE, y % TILE, x // TILE, y // TILE))
-
-
-@dataclass(frozen=True)
-class _Sets:
-    """Takes sets of samples, and adds their blocks to ``brightest`` if it is given."""
-
-    sample: SampleFunction
-    sampler: mi.Sampler
-    size: tuple[int, int]
-    set_size: int
-    brightest: BrightestBlocks | None
-
-    def take(self, pixels: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Take one set for each entry of ``pixels``, in which a pixel may occur several times.
-
-        Returns, for all N pixels of the image, the sums of the samples, (N, C), the sums of their
-        squared radiance, (N,), and the sums of the squared sums of sets, (N,).
-        """
-        total: Any = 0
-        step = max(LARGEST_LAUNCH // self.set_size, 1)
-        for number, start in enumerate(range(0, len(pixels), step)):
-            part = pixels[start : start + step]
-            total = total + self._launch(part, pass_seed(seed, number, Stream.ADAPTIVE_SAMPLES))
-        return total[:, :-2], total[:, -2], total[:, -1]
-
-    def _launch(self, pixels: np.ndarray, seed: int) -> np.ndarray:
-        """One launch: what :meth:`take` returns, in the columns of an array, (N, C + 2)."""
-        lanes = len(pixels) * self.set_size
-        sampler = self.sampler.fork()
-        sampler.set_sample_count(self.set_size)
-        sampler.set_samples_per_wavefront(self.set_size)
-        sampler.seed(seed, lanes)
-        place = dr.arange(mi.UInt32, lanes) // dr.opaque(mi.UInt32, self.set_size)
-        number = dr.gather(mi.UInt32, from_numpy(mi.UInt32, pixels), place)
-        width = dr.opaque(mi.UInt32, self.size[0])
-        row = number // width
-        channels = self.sample(sampler, mi.Vector2u(number - row * width, row))
-        square = sum((c * c for c in channels[:3]), mi.Float(0)) / 3
-        each = dr.zeros(mi.Float, lanes)  # a channel may hold a single value for all lanes
-        values = [value + each for value in (*channels, square)]
-        dr.eval(values)  # otherwise the kernel of each sum would trace them again
-        block_size = choose_block_size(self.set_size)
-        blocks = [dr.block_sum(value, block_size) for value in values]
-        if self.brightest is not None:
-            self.brightest.add(pixels, mi.Color3f(blocks[:3]))
-        count, in_row = self.size[0] * self.size[1], self.set_size // block_size
-        # Double-precision sums of these same blocks, because `excess` subtracts some of them later.
-        rows = [values.numpy().astype(np.float64).reshape(-1, in_row) for values in blocks]
-        of_sets = [row @ np.ones(in_row) for row in rows]
-        of_sets.append(sum(values**2 for values in of_sets[:3]) / 3)
-        return np.stack([np.bincount(pixels, values, count) for values in of_sets], axis=1)
-
-
-def least_visible(level: np.ndarray) -> np.ndarray:
+def least_visible(level: Any, median: float) -> Any:
     """The squared error of a radiance ``level`` that is about as visible everywhere, as of the
-    equation of :func:`pixel_noise`: (L + m/100) (1 + (L/4m)²); any shape."""
-    level = np.where(np.isfinite(level), np.maximum(level, 0), 0)
-    lit = level[level > 0]
-    median = float(np.median(lit)) if len(lit) else 1.0
-    visible: np.ndarray = (level + 0.01 * median) * (1 + (level / (4 * median)) ** 2)
-    return visible
+    equation of :func:`pixel_noise`: (L + m/100) (1 + (L/4m)²), with the median m of the image.
+
+    ``level`` is not negative: any array, of numpy or Dr.Jit.
+    """
+    return (level + 0.01 * median) * (1 + (level / (4 * median)) ** 2)
 
 
 def variance_of_means(
-    scatter: np.ndarray, counts: np.ndarray, shape: tuple[int, int]
-) -> np.ndarray:
+    scatter: mi.Float64, counts: mi.UInt32, size: tuple[int, int]
+) -> mi.Float64:
     """Variance of each pixel's mean, (N,), from how much the sets differ in the pixels around it.
 
     Pixels with a single set tell nothing; where all around are such, it is zero, because only
@@ -197,17 +124,15 @@ def variance_of_means(
     ----------
     scatter: sum over a pixel's sets of (mean of the set - mean of the pixel)², (N,).
     counts: number of further sets, (N,).
-    shape: height and width of the image.
+    size: width and height of the image.
     """
-    window = np.ones((NEIGHBOURHOOD, NEIGHBOURHOOD))
-    total, free = (
-        convolve(grid.reshape(shape).astype(float), window, mode="constant").ravel()
-        for grid in (np.maximum(scatter, 0), counts)
-    )
-    return np.asarray(total / np.maximum(free, 1) / (1 + counts))
+    total, free = _sums_around([dr.maximum(scatter, 0), mi.Float64(counts)], size, itself=True)
+    return total / dr.maximum(free, 1) / (1 + mi.Float64(counts))
 
 
-def pixel_noise(mean: np.ndarray, square: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def pixel_noise(
+    mean: Sequence[mi.Float64], square: mi.Float64, size: tuple[int, int]
+) -> mi.Float64:
     """Standard deviation of one sample of each pixel, as visible on a display, (N,).
 
         σ² = (⟨L²⟩ - ⟨L⟩²) / ((⟨L⟩ + m/100) (1 + (⟨L⟩/4m)²)),
@@ -217,37 +142,62 @@ def pixel_noise(mean: np.ndarray, square: np.ndarray, shape: tuple[int, int]) ->
 
     Parameters
     ----------
-    mean: mean radiance of the pilot's samples, (N, 3).
+    mean: mean radiance of the pilot's samples, (N,) for each of three channels.
     square: mean squared radiance of the pilot's samples, (N,).
-    shape: height and width of the image.
+    size: width and height of the image.
     """
-    variance = np.maximum(square - (mean**2).mean(axis=1), 0)
+    variance = dr.maximum(square - _mean_square(mean), 0)
+    level = sum(mean[1:3], mean[0]) / 3
     # Values that are not finite also show in the image, where the caller finds them.
-    variance[~np.isfinite(variance)] = 0
-    visible = variance / least_visible(mean.mean(axis=1))
-    ring = np.ones((NEIGHBOURHOOD, NEIGHBOURHOOD))
-    ring[NEIGHBOURHOOD // 2, NEIGHBOURHOOD // 2] = 0
+    variance = dr.select(dr.isfinite(variance), variance, 0)
+    level = dr.select(dr.isfinite(level), dr.maximum(level, 0), 0)
+    lit = dr.compress(level > 0)
+    median = float(dr.median(dr.gather(mi.Float64, level, lit))[0]) if dr.width(lit) else 1.0
+    visible = variance / least_visible(level, dr.opaque(mi.Float64, median))
     # No padding at the border, because its values would come from the pixel itself.
-    total, count = (
-        convolve(grid, ring, mode="constant") for grid in (visible.reshape(shape), np.ones(shape))
-    )
-    return np.asarray(np.sqrt(total / np.maximum(count, 1)).ravel())
+    total, count = _sums_around([visible, dr.full(mi.Float64, 1, dr.width(visible))], size)
+    return dr.sqrt(total / dr.maximum(count, 1))
 
 
-def allocate(noise: np.ndarray, mean: int) -> np.ndarray:
+def _mean_square(channels: Sequence[mi.Float64]) -> mi.Float64:
+    """Of the first three channels."""
+    red, green, blue = channels[:3]
+    return (red * red + green * green + blue * blue) / 3
+
+
+def _sums_around(
+    grids: list[mi.Float64], size: tuple[int, int], itself: bool = False
+) -> list[mi.Float64]:
+    """Sums of each grid over the :data:`NEIGHBOURHOOD` of each pixel, with or without the pixel."""
+    dr.eval(grids)
+    pixel = dr.arange(mi.UInt32, size[0] * size[1])
+    sums = [mi.Float64(0) for _ in grids]
+    for there, inside in neighbours(size, NEIGHBOURHOOD // 2):
+        counts = inside & ((there != pixel) | itself)
+        sums = [s + dr.gather(mi.Float64, g, there, counts) for s, g in zip(sums, grids, strict=True)]
+    dr.eval(sums)
+    return sums
+
+
+def allocate(noise: mi.Float64, mean: int) -> mi.UInt32:
     """Numbers of further sets in proportion to the noise, rounded, (N,).
 
     A common scale makes their mean as large as possible without exceeding ``mean``.
     """
-    if mean == 0 or not noise.any():
-        return np.full(len(noise), mean)
-    noise = noise / noise.mean()
+    pixels = dr.width(noise)
+    whole = float(dr.sum(noise)[0])
+    if mean == 0 or whole == 0:
+        return dr.full(mi.UInt32, mean, pixels)
+    noise = noise * dr.opaque(mi.Float64, pixels / whole)
+    dr.eval(noise)
+
+    def rounded(scale: float) -> mi.UInt32:
+        wanted = dr.round(dr.opaque(mi.Float64, scale) * noise)
+        return mi.UInt32(dr.minimum(wanted, MAX_RATIO * mean))
+
     low, high = 0.0, 1e6 * mean
-    for _ in range(100):
+    while high - low > 1e-6 * high:
         scale = 0.5 * (low + high)
-        low, high = (scale, high) if _rounded(noise, scale, mean).mean() <= mean else (low, scale)
-    return _rounded(noise, low, mean)
-
-
-def _rounded(noise: np.ndarray, scale: float, mean: int) -> np.ndarray:
-    return np.minimum(np.rint(scale * noise), MAX_RATIO * mean).astype(np.int64)
+        enough = int(dr.sum(rounded(scale))[0]) <= mean * pixels
+        low, high = (scale, high) if enough else (low, scale)
+    return rounded(low)

@@ -155,7 +155,7 @@ def relative_noise(image: np.ndarray, variance: np.ndarray) -> float:
     median = median_lit(image)
     if median == 0:
         return 0.0
-    squared = variance / (least_visible(image.mean(axis=2)) * median)
+    squared = variance / (_least_visible(image) * median)
     return float(np.sqrt(np.minimum(squared, 0.1**2).mean()))
 
 
@@ -163,6 +163,14 @@ def median_lit(image: np.ndarray) -> float:
     """The median of what is not black; 0 if all is."""
     lit = image[image > 0]
     return float(np.median(lit)) if len(lit) else 0.0
+
+
+def _least_visible(image: np.ndarray) -> np.ndarray:
+    """What is visible in each pixel (:func:`gpf.rendering.adaptive.least_visible`), (H, W)."""
+    level = image.mean(axis=2)
+    level = np.where(np.isfinite(level), np.maximum(level, 0), 0)
+    scale: np.ndarray = least_visible(level, median_lit(level) or 1.0)
+    return scale
 
 
 def blend(image: np.ndarray, denoised: np.ndarray, variance: np.ndarray) -> np.ndarray:
@@ -178,7 +186,7 @@ def blend(image: np.ndarray, denoised: np.ndarray, variance: np.ndarray) -> np.n
     image, denoised: I and D, (H, W, 3).
     variance: σ² of the image's pixels, (H, W).
     """
-    scale = least_visible(image.mean(axis=2))
+    scale = _least_visible(image)
     changed = uniform_filter(((denoised - image) ** 2).mean(axis=2) / scale, NEIGHBOURHOOD)
     noise = uniform_filter(variance / scale, NEIGHBOURHOOD)
     share = np.clip(NOISE_TRUST * noise / np.maximum(changed, 1e-30), 0, 1)

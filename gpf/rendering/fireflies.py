@@ -16,11 +16,11 @@ and Dachsbacher, "Reweighting Firefly Samples for Improved Finite-Sample Monte C
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-
-from gpf.core.structs import from_numpy
 
 MIN_BLOCK_SIZE = 4
 """Samples of a block, if sets are large enough. Noise in smaller blocks looks like fireflies."""
@@ -55,44 +55,49 @@ class BrightestBlocks:
         self.size = size
         self.kept = [dr.full(mi.Color3f, -dr.inf, size[0] * size[1]) for _ in range(RIVALS)]
 
-    def add(self, pixels: np.ndarray, blocks: mi.Color3f) -> None:
-        """Add blocks; ``pixels`` (N,) is grouped, and each entry adds the same number of blocks.
+    def add(
+        self, pixels: mi.UInt32, blocks: mi.Color3f, first: mi.UInt32, end: mi.UInt32
+    ) -> None:
+        """Add the blocks from ``first`` to ``end`` of some pixels, (M,) each; no pixel twice.
 
         A block is the sum of the radiance of its samples.
         """
-        each = dr.width(blocks) // len(pixels)
-        starts = np.flatnonzero(np.r_[True, pixels[1:] != pixels[:-1]])
-        ends = np.r_[starts[1:], len(pixels)]
-        at, end = (from_numpy(mi.UInt32, n * each) for n in (starts, ends))
-        pixel = from_numpy(mi.UInt32, pixels[starts])
-        kept = _brightest(
-            [dr.gather(mi.Color3f, values, pixel) for values in self.kept], blocks, at, end
-        )
+        before = [dr.gather(mi.Color3f, values, pixels) for values in self.kept]
+        kept = _brightest(before, blocks, mi.UInt32(first), end)
         for values, better in zip(self.kept, kept, strict=True):
-            dr.scatter(values, better, pixel)
+            dr.scatter(values, better, pixels)
         dr.eval(self.kept)
 
-    def excess(self) -> np.ndarray:
-        """Sum of L_b - L_b' over the blocks of each pixel, in the unit of the blocks, (H W, 3)."""
-        width, height = (dr.opaque(mi.Int32, n) for n in self.size)
-        pixel = dr.arange(mi.Int32, self.size[0] * self.size[1])
-        x, y = pixel % width, pixel // width
+    def excess(self) -> list[mi.Float64]:
+        """Sum of L_b - L_b' over the blocks of each pixel, in the unit of the blocks: one array,
+        (H W,), for each channel."""
         rivals = [dr.full(mi.Color3f, -dr.inf) for _ in range(RIVALS)]
-        for dx, dy in np.ndindex(3, 3):
-            there = mi.Point2i(x + dx - 1, y + dy - 1)
-            inside = (there.x >= 0) & (there.x < width) & (there.y >= 0) & (there.y < height)
+        for there, inside in neighbours(self.size, 1):
             for values in self.kept:
-                block = dr.gather(mi.Color3f, values, there.y * width + there.x, inside)
+                block = dr.gather(mi.Color3f, values, there, inside)
                 _insert(rivals, dr.select(inside, block, -dr.inf))
         # In double precision, because the difference is much smaller than its terms.
-        limit = TOLERANCE * (dr.sum(rivals[-1]) / 3).numpy().astype(np.float64)
-        total = np.zeros((len(limit), 3))
+        limit = TOLERANCE * (sum(mi.Float64(c) for c in rivals[-1]) / 3)
+        total = [mi.Float64(0)] * 3
         for values in self.kept:
-            block = values.numpy().T.astype(np.float64)
-            level = block.mean(axis=1)
-            over = np.isfinite(limit) & (level > limit) & (limit >= 0)
-            total[over] += block[over] * (1 - limit[over] / level[over])[:, None]
+            block = [mi.Float64(c) for c in values]
+            level = sum(block) / 3
+            over = dr.isfinite(limit) & (level > limit) & (limit >= 0)
+            lost = dr.select(over, 1 - limit / level, 0)
+            total = [t + dr.select(over, c * lost, 0) for t, c in zip(total, block, strict=True)]
+        dr.eval(total)
         return total
+
+
+def neighbours(size: tuple[int, int], reach: int) -> Iterator[tuple[mi.UInt32, mi.Bool]]:
+    """For each place in a square of 2 ``reach`` + 1 pixels around each pixel of an image: the number
+    of the pixel there, (H W,), and whether it is in the image."""
+    width, height = (dr.opaque(mi.Int32, n) for n in size)
+    pixel = dr.arange(mi.Int32, size[0] * size[1])
+    x, y = pixel % width, pixel // width
+    for dx, dy in np.ndindex(2 * reach + 1, 2 * reach + 1):
+        u, v = x + dx - reach, y + dy - reach
+        yield mi.UInt32(v * width + u), (u >= 0) & (u < width) & (v >= 0) & (v < height)
 
 
 @dr.syntax

@@ -170,7 +170,7 @@ class GroupedWalks(Walks):
             return {}
         # Mitsuba cannot take some lanes of a sampler.
         own = mi.load_dict({"type": "independent"})
-        own.seed(int(dr.slice(sampler.next_1d(), 0) * (1 << 24)), count)
+        own.seed(mi.UInt32(dr.gather(mi.Float, sampler.next_1d(), 0) * (1 << 24)), count)
         parts = (ray.o, ray.d, ray.maxt, ray.time, ray.wavelengths)
         some = mi.Ray3f(*(dr.gather(type(v), v, asking) if dr.width(v) > 1 else v for v in parts))
         alone = GroupedWalks(self, 1)

@@ -14,7 +14,7 @@ from gpf.core.runtime import two_threads
 from gpf.scene.folders import scene_folder
 from gpf.scene.inventory import check_scene
 from gpf.scene.materials import INSEPARABLE
-from gpf.scene.meshes import check_ply, check_serialized
+from gpf.scene.meshes import check_obj, check_ply, check_serialized
 from gpf.scene.xml import SceneXml, read_scene_xml
 
 # Plugins of Mitsuba -> plugins of this project that are loaded in their place.
@@ -50,7 +50,8 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
     Raises
     ------
     UserError: the file or one that it refers to is missing, it does not parse, or
-        :func:`check_ply`, :func:`check_serialized` or :func:`check_scene` raises.
+        :func:`check_ply`, :func:`check_serialized`, :func:`check_obj` or
+        :func:`check_scene` raises.
     """
     document = check_files(file)
     # Mitsuba raises an error for a parameter that the file does not use.
@@ -81,8 +82,8 @@ def check_files(file: Path, parameters: Mapping[str, str] | None = None) -> Scen
         raise UserError(where, f"refers to {path}{more}, which does not exist", todo)
     for path, reference in {r.path: r for r in reversed(document.references)}.items():
         if path.is_file():
-            check_ply(path, str(reference.place))
-            check_serialized(path, str(reference.place))
+            for check in (check_ply, check_serialized, check_obj):
+                check(path, str(reference.place))
     return document
 
 

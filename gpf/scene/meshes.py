@@ -1,7 +1,7 @@
-"""Meshes whose triangles name vertices that do not exist: Mitsuba would end the process. And PLY
-files without triangles, for which it has no clear words.
+"""Meshes whose triangles name vertices that do not exist, and meshes without triangles: Mitsuba
+would end the process, or have no clear words.
 
-Files that do not begin as PLY files or Mitsuba's own do are left out. What else is wrong with a
+Files of another kind than their beginning or their name says are left out. What else is wrong with a
 file, Mitsuba says when it reads it.
 """
 
@@ -52,7 +52,7 @@ def check_ply(file: Path, where: str) -> None:
     with file.open("rb") as stream:
         if stream.read(256).lstrip()[:3] != b"ply":
             return
-        data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+    data = _mapped(file)
     end = re.search(rb"(?m)^[ \t]*end_header[ \t]*\r?\n", data)
     try:
         if end is None:
@@ -71,8 +71,17 @@ def check_ply(file: Path, where: str) -> None:
     except (ValueError, KeyError, IndexError, OverflowError, StopIteration):
         return
     if corners is not None and not len(corners):
-        raise UserError(where, f"refers to {file}, which has no triangles", "Remove the shape.")
+        raise _no_triangles(file, where)
     _require_vertices(file, where, corners, vertices)
+
+
+def check_obj(file: Path, where: str) -> None:
+    """Raise a :class:`UserError` if an OBJ file has no face."""
+    if file.suffix.lower() != ".obj":
+        return
+    # The first face is soon found, however large the file is.
+    if not file.stat().st_size or not re.search(rb"(?m)^[ \t]*f[ \t]", _mapped(file)):
+        raise _no_triangles(file, where)
 
 
 def check_serialized(file: Path, where: str) -> None:
@@ -84,7 +93,7 @@ def check_serialized(file: Path, where: str) -> None:
     with file.open("rb") as stream:
         if stream.read(4) not in _SERIALIZED:
             return
-        data = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+    data = memoryview(_mapped(file))
     wide = data[2] == 4  # places of 8 bytes, and meshes with names
     begin = len(data) - 4 - int.from_bytes(data[-4:], "little") * (8 if wide else 4)
     listed = data[begin:-4] if begin > 0 else b""
@@ -95,6 +104,16 @@ def check_serialized(file: Path, where: str) -> None:
         except (ValueError, IndexError, struct.error, zlib.error):
             continue
         _require_vertices(file, where, corners, vertices)
+
+
+def _mapped(file: Path) -> mmap.mmap:
+    """The bytes of a file that is not empty; those that are asked for are read."""
+    with file.open("rb") as stream:
+        return mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+
+
+def _no_triangles(file: Path, where: str) -> UserError:
+    return UserError(where, f"refers to {file}, which has no triangles", "Remove the shape.")
 
 
 def _require_vertices(file: Path, where: str, corners: Corners, vertices: int) -> None:

@@ -10,22 +10,27 @@ import pytest
 from gpf.core.structs import from_numpy
 from gpf.rendering.adaptive import sample_adaptively
 from gpf.rendering.fireflies import RIVALS, TOLERANCE, BrightestBlocks, choose_block_size
+from gpf.rendering.sample_sets import LARGEST_LAUNCH
 
 SIZE = WIDTH, HEIGHT = 7, 5
 
 
 def told(*launches: tuple[np.ndarray, np.ndarray]) -> BrightestBlocks:
-    """Of blocks (N, B, 3) of pixels (N,), launch by launch."""
+    """Of blocks (N, B, 3) of pixels (N,) in groups, launch by launch."""
     brightest = BrightestBlocks(SIZE)
     for pixels, blocks in launches:
         colours = from_numpy(mi.Color3f, blocks.reshape(-1, 3))
-        dr.eval(colours)
-        brightest.add(pixels, colours)
+        first = np.flatnonzero(np.r_[True, pixels[1:] != pixels[:-1]])
+        end = np.r_[first[1:], len(pixels)]
+        places = (n * blocks.shape[1] for n in (first, end))
+        numbers = (from_numpy(mi.UInt32, n) for n in (pixels[first], *places))
+        pixel, at, stop = numbers
+        brightest.add(pixel, colours, at, stop)
     return brightest
 
 
 def excess(*launches: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    return told(*launches).excess()
+    return np.stack([channel.numpy() for channel in told(*launches).excess()], axis=1)
 
 
 def plain_excess(*launches: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -143,7 +148,9 @@ def test_a_spike_of_any_height_leaves_the_rest_as_it_was():
 @pytest.mark.parametrize("launch", [1 << 20, 1000])
 def test_rare_samples_no_longer_dominate_the_error(launch, monkeypatch):
     """One in 30,000 is 30,000 times as bright as the rest: a pixel of 64 has 1, or 500."""
-    monkeypatch.setattr("gpf.rendering.adaptive.LARGEST_LAUNCH", launch)
+    monkeypatch.setattr(
+        "gpf.rendering.sample_sets.LARGEST_LAUNCH", dict.fromkeys(LARGEST_LAUNCH, launch)
+    )
 
     def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
         rare = sampler.next_1d() < 1 / 30_000

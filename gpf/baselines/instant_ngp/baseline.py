@@ -39,7 +39,7 @@ from gpf.baselines.protocol import CannotServe, Task, TrainingView
 from gpf.core.images import tone_map
 from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import from_numpy
-from gpf.rendering.adaptive import tile_order
+from gpf.rendering.sample_sets import tile_order
 from gpf.scene.bounds import bounding_box
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
@@ -156,8 +156,8 @@ class PreparedVolume:
         """A view's radiance, W/(m² sr), (H, W, 3) float32."""
         width, height = self._size
         cameras = Cameras.gather([make_pinhole(view, self._size)], self._cube)
-        order = tile_order(width, height)
-        index = from_numpy(mi.UInt32, order)
+        index = tile_order(width, height)
+        order = index.numpy()
         row = index // dr.opaque(mi.UInt32, width)
         corner = mi.Point2f(index - row * dr.opaque(mi.UInt32, width), row)
         total = np.zeros((height * width, 3))
