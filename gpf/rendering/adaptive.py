@@ -76,8 +76,8 @@ def sample_adaptively(
     means = [c / (set_size * taken) for c in channels]
     if with_variance:
         means.append(variance_of_means(scatter / set_size**2, counts, size))
-    pixels = mi.ArrayXf([mi.Float(mean) for mean in means])
-    return mi.TensorXf(dr.ravel(pixels), (size[1], size[0], len(means)))
+    flat = dr.ravel(mi.ArrayXf([mi.Float(mean) for mean in means]))
+    return mi.TensorXf(flat, (size[1], size[0], len(means)))
 
 
 def _choose_set_size(sampler: mi.Sampler, spp: int) -> int:

@@ -126,8 +126,8 @@ def test_a_pixel_says_nothing_of_itself():
     mean, square = np.ones((15, 3)), np.ones(15)
     square[7] = 5  # in the middle of 5 × 3 pixels
     noise = noise_of(mean, square, (5, 3))
-    assert noise[1, 2] == 0
-    assert noise[1, 1] > 0 and noise[0, 2] > 0
+    assert noise[1, 2] < 1e-6  # no more than rounding
+    assert noise[1, 1] > 0.1 and noise[0, 2] > 0.1
 
 
 def test_what_is_far_brighter_than_the_rest_hardly_counts():

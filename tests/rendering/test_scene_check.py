@@ -124,7 +124,8 @@ def test_the_integrator_warns_once_for_each_scene_and_goes_on(record):
         images = [np.array(mi.render(scene, integrator=integrator, spp=2)) for _ in range(3)]
     assert len(caught) == 1
     assert images[0][..., :3].min() > 0
-    np.testing.assert_array_equal(images[0], images[2])
+    # A GPU adds up the samples of a pixel in any order.
+    np.testing.assert_allclose(images[0], images[2], rtol=1e-6)
     with pytest.warns(UserWarning, match="made for another scene"):
         mi.render(other, integrator=integrator, spp=2)
     integrator.field = field()
