@@ -112,9 +112,7 @@ def least_visible(level: Any, median: float) -> Any:
     return (level + 0.01 * median) * (1 + (level / (4 * median)) ** 2)
 
 
-def variance_of_means(
-    scatter: mi.Float64, counts: mi.UInt32, size: tuple[int, int]
-) -> mi.Float64:
+def variance_of_means(scatter: mi.Float64, counts: mi.UInt32, size: tuple[int, int]) -> mi.Float64:
     """Variance of each pixel's mean, (N,), from how much the sets differ in the pixels around it.
 
     Pixels with a single set tell nothing; where all around are such, it is zero, because only
@@ -174,7 +172,8 @@ def _sums_around(
     sums = [mi.Float64(0) for _ in grids]
     for there, inside in neighbours(size, NEIGHBOURHOOD // 2):
         counts = inside & ((there != pixel) | itself)
-        sums = [s + dr.gather(mi.Float64, g, there, counts) for s, g in zip(sums, grids, strict=True)]
+        values = [dr.gather(mi.Float64, grid, there, counts) for grid in grids]
+        sums = [a + b for a, b in zip(sums, values, strict=True)]
     dr.eval(sums)
     return sums
 

@@ -55,9 +55,7 @@ class BrightestBlocks:
         self.size = size
         self.kept = [dr.full(mi.Color3f, -dr.inf, size[0] * size[1]) for _ in range(RIVALS)]
 
-    def add(
-        self, pixels: mi.UInt32, blocks: mi.Color3f, first: mi.UInt32, end: mi.UInt32
-    ) -> None:
+    def add(self, pixels: mi.UInt32, blocks: mi.Color3f, first: mi.UInt32, end: mi.UInt32) -> None:
         """Add the blocks from ``first`` to ``end`` of some pixels, (M,) each; no pixel twice.
 
         A block is the sum of the radiance of its samples.
@@ -90,8 +88,8 @@ class BrightestBlocks:
 
 
 def neighbours(size: tuple[int, int], reach: int) -> Iterator[tuple[mi.UInt32, mi.Bool]]:
-    """For each place in a square of 2 ``reach`` + 1 pixels around each pixel of an image: the number
-    of the pixel there, (H W,), and whether it is in the image."""
+    """For each place in a square of 2 ``reach`` + 1 pixels around each pixel of an image: the
+    number of the pixel there, (H W,), and whether it is in the image."""
     width, height = (dr.opaque(mi.Int32, n) for n in size)
     pixel = dr.arange(mi.Int32, size[0] * size[1])
     x, y = pixel % width, pixel // width

@@ -152,7 +152,7 @@ def tile_order(width: int, height: int) -> mi.UInt32:
 
 
 def _places(sets: mi.UInt32, ends: mi.UInt32) -> mi.UInt32:
-    """To which place sets belong; ``ends`` has the numbers of the sets after those of each place."""
+    """To which place sets belong; ``ends`` has the number of the set after those of each place."""
     return dr.binary_search(
         0, dr.width(ends) - 1, lambda place: dr.gather(mi.UInt32, ends, place) <= sets
     )

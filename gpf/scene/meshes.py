@@ -1,8 +1,8 @@
 """Meshes whose triangles name vertices that do not exist, and meshes without triangles: Mitsuba
 would end the process, or have no clear words.
 
-Files of another kind than their beginning or their name says are left out. What else is wrong with a
-file, Mitsuba says when it reads it.
+Files of another kind than their beginning or their name says are left out. What else is wrong with
+a file, Mitsuba says when it reads it.
 """
 
 from __future__ import annotations

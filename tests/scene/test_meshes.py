@@ -171,8 +171,8 @@ def test_a_mesh_that_says_it_has_more_than_memory(tmp_path):
 
 
 def test_a_mesh_without_triangles(tmp_path):
-    """Mitsuba reads it, and each ray of a picture would end in an error of Dr.Jit; on a GPU, it ends
-    the process."""
+    """Mitsuba reads it, and each ray of a picture would end in an error of Dr.Jit. On a GPU, it
+    would end the process."""
     write(tmp_path, "", faces=0).rename(tmp_path / "mesh.ply")
     (tmp_path / "mesh.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\n")
     scene = tmp_path / "scene.xml"

@@ -38,7 +38,6 @@ from gpf.baselines.options import InstantNgpOptions
 from gpf.baselines.protocol import CannotServe, Task, TrainingView
 from gpf.core.images import tone_map
 from gpf.core.random import Stream, pass_seed
-from gpf.core.structs import from_numpy
 from gpf.rendering.sample_sets import tile_order
 from gpf.scene.bounds import bounding_box
 from gpf.scene.pinhole import make_pinhole
