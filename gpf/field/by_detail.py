@@ -14,7 +14,7 @@ from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
 from gpf.field.initialization import DISTANCE, TYPICAL_SCALE, find_gaps
-from gpf.field.limits import find_limits
+from gpf.field.limits import find_limits, no_limits
 from gpf.field.settings import FieldSettings
 from gpf.guiding.density_control import cell_keys
 
@@ -56,7 +56,9 @@ def field_by_detail(
         more_limits = find_limits(scene, more, detail)
         if field.limits is not None or more_limits is not None:
             parts = (field.gaussians, field.limits), (more, more_limits)
-            field.limits = np.concatenate([_planes(*part) for part in parts])
+            field.limits = np.concatenate(
+                [no_limits(g, detail.radius) if found is None else found for g, found in parts]
+            )
         field.update(concatenate([field.gaussians, more]))
     return field
 
@@ -101,9 +103,3 @@ def _untrained(p: np.ndarray, n: np.ndarray, detail: Detail, seed: int) -> Gauss
     )
     dr.eval(gaussians)
     return gaussians
-
-
-def _planes(gaussians: Gaussians, limits: np.ndarray | None) -> np.ndarray:
-    """The limits of Gaussians, (N, 4), also where nothing stands."""
-    none = np.zeros((dr.width(gaussians.means), 4), np.float32)
-    return none if limits is None else limits

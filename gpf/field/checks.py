@@ -85,7 +85,7 @@ _SHAPES: dict[str, tuple[tuple[str | int, ...], str, str]] = {
     "normals": (("N", 3), "f4", "i1"),
     "error": (("N",), "f4", "f2"),
     "limits": (("N", 3), "f4", "i1"),
-    "limit_distances": (("N",), "f4", "f2"),
+    "limit_distances": (("N", 3), "f4", "f2"),
     "lights": (("G", "N", 3), "f4", "f2"),
     "levels": (("N",), "u1", "u1"),
     "detail": (("X", "Y", "Z"), "u1", "u1"),

@@ -18,6 +18,7 @@ from gpf.core.surface_tags import SAME_SURFACE_HEIGHT, pack_tag, same_orientatio
 from gpf.field.detail import Detail
 from gpf.field.gaussians import Gaussians, whitening_rows
 from gpf.field.lights import FieldLights
+from gpf.field.limits import HEIGHT
 from gpf.field.settings import FieldSettings
 
 # Keeps the sum of weights above zero: if all Gaussians of a neighbourhood are too narrow to reach
@@ -28,7 +29,7 @@ WEIGHT_FLOOR = 1e-6
 # the limit rises to that of gpf.core.surface_tags.same_surface. It is smaller than for photons,
 # because their radius shrinks and this one does not: a wall behind a lamp may be a thousand times
 # darker than the lamp's back, and training cannot correct for light that leaks from there.
-SURFACE_HEIGHT = 0.35
+SURFACE_HEIGHT = HEIGHT
 
 # Where the ball holds at most k Gaussians, the k nearest are blended instead (the supplement).
 # Their falloff reaches zero slightly beyond the (k + 1)-th neighbour, so that weights stay above
@@ -104,8 +105,8 @@ class GaussianPhotonField:
     lights: the irradiance by groups of emitters; None if they are not kept apart.
     error: expected error around each Gaussian, relative to its irradiance, (N,)
         (:mod:`gpf.training.field_error`); None if it is not known.
-    limits: the planes at which the Gaussians end, (N, 4), in the space of their centres
-        (:mod:`gpf.field.limits`); None if nothing stands on the surfaces.
+    limits: where the Gaussians end, (N, 6), in the space of their centres
+        (:mod:`gpf.field.limits`); None if there is nothing near the surfaces.
     """
 
     def __init__(
@@ -141,11 +142,17 @@ class GaussianPhotonField:
         )
         reach = LARGEST_REACH * self.settings.search_radius
         self.facing = FacingCells(gaussians.means, gaussians.normals, reach, bounds)
-        self._limits: mi.Float | None = None
+        self._limits: tuple[mi.Float, ...] | None = None
         if self.limits is not None:
             free = np.any(self.limits[:, :3], axis=1, keepdims=True) == 0
-            planes = from_numpy(mi.Vector4f, self.limits + free * _BEYOND_ALL)
-            self._limits = dr.ravel(dr.gather(mi.Vector4f, planes, self.hash.order))
+            planes = from_numpy(mi.Vector4f, self.limits[:, :4] + free * _BEYOND_ALL)
+            top, bottom = (from_numpy(mi.Float, self.limits[:, k]) for k in (4, 5))
+            n, scale = gaussians.normals, 2 / (top - bottom)
+            # Points between top and bottom are those with |s · x - c| < 1.
+            slabs = mi.Vector4f(*(scale * n), scale * (top + bottom) / 2)
+            self._limits = tuple(
+                dr.ravel(dr.gather(mi.Vector4f, v, self.hash.order)) for v in (planes, slabs)
+            )
             dr.eval(self._limits)
         self._pack()
         self._radius = dr.opaque(mi.Float, self.settings.search_radius)
@@ -210,8 +217,9 @@ class GaussianPhotonField:
         ``p``; false where not active."""
         if self._limits is None:
             return active
-        plane = dr.gather(mi.Vector4f, self._limits, index, active)
-        return active & (dr.dot(mi.Vector3f(plane.x, plane.y, plane.z), p) < plane.w)
+        plane, slab = (dr.gather(mi.Vector4f, v, index, active) for v in self._limits)
+        inside = dr.abs(dr.dot(mi.Vector3f(slab.x, slab.y, slab.z), p) - slab.w) < 1
+        return active & inside & (dr.dot(mi.Vector3f(plane.x, plane.y, plane.z), p) < plane.w)
 
     def accepts(self, record: Record, p: mi.Point3f, n: mi.Normal3f) -> mi.Bool:
         """Whether the Gaussian of a record belongs to the surface with normal ``n`` at ``p``."""

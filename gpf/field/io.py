@@ -15,7 +15,7 @@ error         float16                                                     0.05%
 limits        as quats; distances float16                                 half a degree, 0.05%
 ============  ==========================================================  ====================
 
-A Gaussian takes 22 bytes instead of 64; 27 instead of 80 in a field with limits. A field that was
+A Gaussian takes 22 bytes instead of 64; 31 instead of 88 in a field with limits. A field that was
 read from a compact file gives the same bytes when it is written again.
 """
 
@@ -68,7 +68,8 @@ class StoredField:
         (:mod:`gpf.field.detail`) also has ``levels``, those of the Gaussians, (N,) uint8, and
         ``detail``, its table, (X, Y, Z) uint8. A field that knows its error has ``error``, relative
         to the irradiance, (N,). A field whose Gaussians end at obstacles has ``limits``, the
-        directions of the planes, (N, 3), and ``limit_distances`` from the centres in search radii,
+        directions of the planes, (N, 3), and ``limit_distances``, (N, 3), from the centres in
+        search radii: of the planes, and up to which they count over and under their surface,
         (N,).
     settings: settings of the query.
     bounds: two corners of the scene's bounding box, world units.
@@ -124,9 +125,9 @@ def save_field(field: GaussianPhotonField, path: Path, precision: Precision = "f
     if field.error is not None:
         tensors["error"] = field.error
     if field.limits is not None:
-        planes = limits.fold(field.limits, to_numpy(g.means), detail)
-        tensors["limits"] = planes[:, :3]
-        tensors["limit_distances"] = planes[:, 3] / np.float32(field.settings.search_radius)
+        ends = limits.fold(field.limits, to_numpy(g.means), tensors["normals"], detail)
+        tensors["limits"] = ends[:, :3]
+        tensors["limit_distances"] = ends[:, 3:] / np.float32(field.settings.search_radius)
     bounds = [[float(corner[i]) for i in range(3)] for corner in field.bounds]
     stored = StoredField(tensors, field.settings, bounds, field.record, grid, lights)
     write_field(stored, path, precision)
@@ -149,11 +150,11 @@ def load_field(path: Path) -> GaussianPhotonField:
         irradiance=from_numpy(mi.Color3f, irradiance),
         normals=from_numpy(mi.Normal3f, normals),
     )
-    planes = None
+    ends = None
     if "limits" in stored.tensors:
         distances = stored.tensors["limit_distances"] * np.float32(stored.settings.search_radius)
-        planes = np.column_stack([stored.tensors["limits"], distances])
-        planes = limits.unfold(planes, to_numpy(places), detail)
+        ends = np.column_stack([stored.tensors["limits"], distances])
+        ends = limits.unfold(ends, to_numpy(places), normals, detail)
     lower, upper = (mi.ScalarPoint3f(corner) for corner in stored.bounds)
     groups = stored.groups()
     lights = None if groups is None else FieldLights(groups, stored.tensors["lights"])
@@ -165,7 +166,7 @@ def load_field(path: Path) -> GaussianPhotonField:
         detail,
         lights,
         stored.tensors.get("error"),
-        planes,
+        ends,
     )
 
 

@@ -21,7 +21,7 @@ from gpf.field.initialization import InitialFieldSettings
 from gpf.field.lights import FieldLights
 from gpf.fitting.goals import Goals, TimeBudget
 from gpf.fitting.plan import (
-    FIRST_STRIDE,
+    LARGEST_STRIDE,
     LEAST_STEPS,
     STEPS_PER_EVALUATION,
     FieldCost,
@@ -351,10 +351,10 @@ class _Fit:
     def _light_by_best(self) -> None:
         """Let the best field say what diffuse surfaces send, if there is time for a better one."""
         assert self.best is not None and self.last is not None
-        if self.last.passes >= self.goals.passes and self.last.gathered:
+        if self.last.passes >= self.goals.passes and self.last.gathered and not self.last.is_draft:
             return
         left, before = self.time.left, self.stream.sample_seconds
-        if left < self.cost.seconds(LEAST_STEPS, FIRST_STRIDE):  # no other field could follow
+        if left < self.cost.seconds(LEAST_STEPS, LARGEST_STRIDE):  # no other field could follow
             return
         self.stream.light_by(self.best, GATHER_PART * left)
         self.time.lengthen_passes(self.stream.sample_seconds - before)
@@ -474,7 +474,8 @@ class _Fit:
         pass_seconds = self.time.pass_seconds * (1 + 1 / PASSES_PER_ESTIMATE)
         done, most = self.stream.count, self.goals.passes
         gathers = self.stream.gathered is not None
-        return plan_next(done, self.last, most, self.time.left, pass_seconds, self.cost, gathers)
+        times = self.time.spent, self.time.left, pass_seconds
+        return plan_next(done, self.last, most, *times, self.cost, gathers)
 
     def _tell(self, field: GaussianPhotonField | None) -> None:
         self.callback(

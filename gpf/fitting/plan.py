@@ -1,8 +1,9 @@
 """What a fit does next: how many passes of photons, and how long the field from them trains.
 
-The first field comes early, from few passes, and tells what a field costs; each further one has
-three times as many photons, as long as it takes a small part of the time. The last field takes all
-the photons for which there is time, and trains shorter if its time is short.
+The first field is a draft from few passes and points. It tells what a field costs, and what diffuse
+surfaces send, from which light is gathered for the next field. Each further field has three times
+as many photons, as long as it takes a small part of the time. The last field takes all the photons
+for which there is time; if that is short, it trains shorter, or learns from fewer points.
 """
 
 from __future__ import annotations
@@ -13,10 +14,17 @@ from dataclasses import dataclass
 FIRST_PASSES, GROWTH = 6, 3
 """Passes until the first complete field, and the factor by which their number then grows."""
 
-FIRST_STRIDE, SPARSE_STRIDE, ENOUGH = 2, 4, 25.0
-"""The first field learns from every second point alone: it is soon there, and its few photons have
-not much to say about more. A last one does so if it has little time. Where so many seconds are
-left, another one follows, and the first needs no more than every fourth."""
+DRAFT_STRIDE, DRAFT_STEPS = 4, 32
+"""A draft learns from every fourth point, and trains so shortly. Its errors are averaged over all
+directions from which light is gathered; a better one made no better fields."""
+
+FIRST_STRIDE, SHORT_TIME = 2, 4
+"""There is no draft if less than so many times the time is left that has been spent: nothing could
+follow. The first field then learns from every second point: its few photons have not much to say
+about more."""
+
+LARGEST_STRIDE = 3
+"""A last field with little time learns from every third point at least."""
 
 SMALL_PART = 0.15
 """A field that is not the last takes at most this part of the time that is left."""
@@ -39,8 +47,9 @@ STEPS_PER_EVALUATION = 100
 _SLOWER = 1.15
 """A field takes so many times as long as the one before: it has more photons."""
 
-_PER_POINT = 0.65
-"""Exponent of the number of points in the time for them: the photons are sorted in any case."""
+_LATE = 3
+"""The last field may begin so many passes late, for a shorter training costs more: samples come
+with some passes only, so the time of the next one is not known."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +74,12 @@ class FieldCost:
         cls, stride: int, points: float, evaluation: float, step: float, judgement: float
     ) -> FieldCost:
         """From what a field from every ``stride``-th point has cost."""
-        scale = stride**_PER_POINT
-        return cls(scale * points, scale * evaluation, step, judgement)
+        return cls(stride * points, stride * evaluation, step, judgement)
 
     def seconds(self, steps: int, stride: int = 1) -> float:
         """Of the next field with so many steps, from every ``stride``-th point."""
         evaluations = -(-steps // STEPS_PER_EVALUATION)
-        of_points = (self.points + evaluations * self.evaluation) / stride**_PER_POINT
+        of_points = (self.points + evaluations * self.evaluation) / stride
         return _SLOWER * of_points + steps * self.step + self.judgement
 
 
@@ -86,6 +94,11 @@ class Plan:
     gathered: bool = False
 
     @property
+    def is_draft(self) -> bool:
+        """Whether it is made for the next one alone."""
+        return self.stride == DRAFT_STRIDE
+
+    @property
     def worth(self) -> float:
         """Passes with all points that would make as good a field. Of 24 passes, with every third
         point, the Cornell Box loses .5 dB, as with 1.2 times fewer passes; a living room 1.6 dB, as
@@ -93,15 +106,16 @@ class Plan:
         return (GATHERED if self.gathered else 1) * self.passes / self.stride**0.5
 
 
-def usual_steps(passes: int) -> int:
+def usual_steps(passes: int, gathered: bool = False) -> int:
     """Steps of a field from so many passes."""
-    return min(MOST_STEPS, STEPS_PER_PASS * passes)
+    return min(MOST_STEPS, STEPS_PER_PASS * passes * (GATHERED if gathered else 1))
 
 
 def plan_next(
     done: int,
     last: Plan | None,
     most: float,
+    spent: float,
     left: float,
     pass_seconds: float,
     cost: FieldCost,
@@ -114,6 +128,7 @@ def plan_next(
     done: passes of photons so far.
     last: the last complete field.
     most: passes of the goal; may be infinite.
+    spent: seconds since the start.
     left: seconds; may be infinite.
     pass_seconds: of a pass, with its share for the estimate of the quality.
     cost: of that field.
@@ -121,10 +136,10 @@ def plan_next(
     """
     if last is None:
         passes = int(max(min(FIRST_PASSES, most), done))
-        stride = SPARSE_STRIDE if left > ENOUGH else FIRST_STRIDE
-        # Another field follows from the same photons, for which light is gathered.
-        return Plan(passes, usual_steps(passes), stride if most > passes else FIRST_STRIDE)
-    if last.passes >= most and not (gathers and not last.gathered):
+        if left > SHORT_TIME * spent:
+            return Plan(passes, DRAFT_STEPS, DRAFT_STRIDE)
+        return Plan(passes, usual_steps(passes), FIRST_STRIDE)
+    if last.passes >= most and not (last.is_draft or (gathers and not last.gathered)):
         return None
 
     def passes_before(seconds: float) -> float:
@@ -132,20 +147,20 @@ def plan_next(
         return min(most, done + max(left - seconds, 0) / max(pass_seconds, 1e-6))
 
     count = max(round(GROWTH * last.passes), done)
-    steps = usual_steps(count)
+    steps = usual_steps(count, gathers)
     another = passes_before(cost.seconds(steps) + cost.seconds(MOST_STEPS))
     if another >= WORTH_WAITING * count and cost.seconds(steps) < SMALL_PART * left:
         return Plan(count, steps, gathered=gathers)
     # No other field could follow: this one takes all the photons that are left.
     possible = []
-    for stride in range(1, FIRST_STRIDE + 1):
+    for stride in range(1, LARGEST_STRIDE + 1):
         for steps in (MOST_STEPS, (MOST_STEPS + LEAST_STEPS) // 2, LEAST_STEPS):
-            if cost.seconds(steps, stride) > left + pass_seconds:  # the last pass may be late
+            if cost.seconds(steps, stride) > left + _LATE * pass_seconds:
                 continue
             passes = int(passes_before(cost.seconds(steps, stride)))
             if steps < MOST_STEPS:  # of more photons, a shorter training would make less
                 passes = min(passes, max(done, math.ceil(LEAST_GROWTH * last.passes)))
-            plan = Plan(passes, min(steps, usual_steps(passes)), stride, gathers)
+            plan = Plan(passes, min(steps, usual_steps(passes, gathers)), stride, gathers)
             growth, longer = plan.worth / last.worth, plan.steps / max(last.steps, 1)
             # Many more photons make up for a shorter training, and a longer one for few more.
             enough = growth >= LEAST_GROWTH or passes == most

@@ -16,6 +16,9 @@ from gpf.core.surface_tags import SAME_SURFACE_COSINE
 # Height of the rays above the surface, in units of their length: what is lower is no obstacle.
 _HEIGHT = 0.03
 
+# Where rays straight up begin, in units of their length: not on the surface itself.
+_START = 0.03
+
 
 @dataclass(frozen=True)
 class Obstacle:
@@ -58,3 +61,14 @@ def look_along(
     away *= dr.sign(dr.dot(away, direction))
     away = dr.select(dr.squared_norm(away) > 0.01, dr.normalize(away), direction)
     return Obstacle(stands, si.t, away, si.t * dr.dot(away, direction))
+
+
+def clear_height(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float) -> mi.Float:
+    """How far from points on surfaces, straight along their normals, the next surface is, world
+    units, (N,); infinite if there is none within ``reach``, (N,)."""
+    start = _START * reach
+    ray = mi.Ray3f(p + start * n, mi.Vector3f(n), reach - start, 0, mi.Color0f())
+    si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
+    height = dr.select(si.is_valid(), si.t + start, dr.inf)
+    dr.eval(height)
+    return height

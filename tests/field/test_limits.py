@@ -12,7 +12,7 @@ from gpf.field.by_detail import place_by_detail
 from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field, save_field
-from gpf.field.limits import find_limits, nearest_obstacles
+from gpf.field.limits import find_limits, fold, nearest_obstacles, no_limits
 from gpf.field.settings import FieldSettings
 from gpf.training.blend_matrix import blend_matrix
 from tests.plain_field import flat_gaussians, make_field, surface_points
@@ -49,9 +49,10 @@ def lit_on_one_side(scene: mi.Scene) -> GaussianPhotonField:
     plain = make_field(
         flat_gaussians(places, bright, size=0.1), FieldSettings(search_radius=RADIUS)
     )
-    planes = planes_at(scene, places)
-    planes[:, 3] += (planes[:, :3] * places).sum(axis=1)
-    return GaussianPhotonField(plain.gaussians, plain.settings, plain.bounds, limits=planes)
+    limits = no_limits(plain.gaussians, RADIUS)
+    limits[:, :4] = planes_at(scene, places)
+    limits[:, 3] += (limits[:, :3] * places).sum(axis=1)
+    return GaussianPhotonField(plain.gaussians, plain.settings, plain.bounds, limits=limits)
 
 
 def ask(field: GaussianPhotonField, x: np.ndarray) -> np.ndarray:
@@ -109,6 +110,47 @@ def test_planes_of_all_levels_are_at_the_wall(scene):
     np.testing.assert_allclose(planes[:, :3], np.tile([1, 0, 0], (len(planes), 1)), atol=1e-5)
     at_wall = (0 - detail.corner[0]) * 2.0**levels + detail.starts[levels]
     np.testing.assert_allclose(planes[:, 3], at_wall, atol=1e-4)
+
+
+def test_surfaces_over_and_under_one_end_it():
+    """A shelf a little over a floor, both of which face up: no light comes from the one to the
+    other, nor from where one is alone."""
+    gap, radius = 0.05, 0.3
+    shelf = mi.ScalarTransform4f().translate([-0.5, 0, gap]).scale([0.5, 1, 1])
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "floor": {"type": "rectangle"},
+            "shelf": {"type": "rectangle", "to_world": shelf},
+        }
+    )
+    detail = Detail(np.zeros((1, 1, 1), np.uint8), 4.0, np.array([-2.0, -2.0, -2.0]), radius)
+    x, y = (v.ravel() for v in np.meshgrid(*2 * [np.linspace(-0.9, 0.9, 37)]))
+    left = x < 0
+    floor, above = np.column_stack([x, y, 0 * x]), np.column_stack([x, y, 0 * x + gap])[left]
+    places = np.concatenate([floor, above])
+    g = place_by_detail(detail, places, np.tile([0.0, 0, 1], (len(places), 1)), seed=1)
+    limits = find_limits(scene, g, detail)
+    mean = detail.fold(to_numpy(g.means))
+    under, over = (mean[:, 0] < -0.05) & (mean[:, 2] < gap / 2), mean[:, 2] > gap / 2
+    open_floor = mean[:, 0] > 0.05
+    heights = fold(limits, to_numpy(g.means), to_numpy(g.normals), detail)[:, 4:]
+    np.testing.assert_allclose(heights[under, 0], 0.75 * gap, rtol=1e-3)
+    np.testing.assert_allclose(heights[over, 1], -0.75 * gap, rtol=1e-3)
+    assert np.abs(heights[open_floor]).min() > 4 * radius
+
+    light = np.where(over, 1.0, 0.001)[:, None] * np.ones(3)
+    g.irradiance = from_numpy(mi.Color3f, light)
+    bounds = (mi.ScalarPoint3f(-1), mi.ScalarPoint3f(1))
+    settings = FieldSettings(search_radius=radius)
+    field = GaussianPhotonField(g, settings, bounds, detail=detail, limits=limits)
+    row = np.linspace(-0.8, -0.35, 50)  # farther from the open floor than the radius
+    for height, seen in ((0, 0.001), (gap, 1.0)):
+        np.testing.assert_allclose(
+            ask(field, np.column_stack([row, 0.3 * row, 0 * row + height])), seen, rtol=1e-3
+        )
+    leaks = GaussianPhotonField(g, settings, bounds, detail=detail)
+    assert (ask(leaks, np.column_stack([row, 0.3 * row, 0 * row])) > 0.05).all()
 
 
 @pytest.mark.parametrize(("precision", "within"), [("float32", 1e-6), ("compact", 6e-3)])

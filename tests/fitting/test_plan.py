@@ -10,7 +10,7 @@ import pytest
 from gpf.fitting import goals
 from gpf.fitting.plan import FieldCost, Plan, plan_next
 
-# With 300 steps 11.2 s, with 100 steps 5.6 s; from every second point 7.9 and 3.9 s.
+# With 300 steps 11.2 s, with 100 steps 5.6 s; from every second point 6.6 and 3.3 s.
 COST = FieldCost(points=2.0, evaluation=2.0, step=0.005, judgement=0.5)
 INFINITE = float("inf")
 
@@ -18,14 +18,18 @@ INFINITE = float("inf")
 @pytest.mark.parametrize(
     ("done", "last", "most", "left", "plan"),
     [
-        # The first field: early, or after what is asked for, or from what is there. It learns from
-        # some of the points, unless it is the only one.
-        (0, None, INFINITE, 90, Plan(6, 96, 4)),
+        # First a draft: early, or after what is asked for, or from what is there. None if there is
+        # little time after the six seconds so far.
+        (0, None, INFINITE, 90, Plan(6, 32, 4)),
         (0, None, INFINITE, 20, Plan(6, 96, 2)),
-        (0, None, 2, INFINITE, Plan(2, 32, 2)),
-        (30, None, INFINITE, 90, Plan(30, 300, 4)),
+        (0, None, 2, INFINITE, Plan(2, 32, 4)),
+        (30, None, INFINITE, 90, Plan(30, 32, 4)),
         # Whatever the time: a field from fewer photons is speckled.
         (2, None, INFINITE, 1, Plan(6, 96, 2)),
+        # After a draft there is another field, also without more photons.
+        (6, Plan(6, 32, 4), 6, INFINITE, Plan(6, 96)),
+        (6, Plan(6, 32, 4), INFINITE, 60, Plan(103, 300)),
+        (6, Plan(6, 32, 4), INFINITE, 4, Plan(6, 96, 2)),
         # Three times as many, if that takes a small part of the time and the last has many more.
         (24, Plan(24, 300, 2), INFINITE, 100, Plan(72, 300)),
         (24, Plan(24, 300, 2), 144, INFINITE, Plan(72, 300)),
@@ -47,20 +51,21 @@ INFINITE = float("inf")
     ],
 )
 def test_the_next_field(done, last, most, left, plan):
-    assert plan_next(done, last, most, left, pass_seconds=0.5, cost=COST) == plan
+    found = plan_next(done, last, most, spent=6.0, left=left, pass_seconds=0.5, cost=COST)
+    assert found == plan
 
 
 def test_once_light_is_gathered_a_field_of_the_same_photons_is_worth_it():
     first = Plan(24, 300, 2)
 
     def following(last, most, left):
-        return plan_next(24, last, most, left, pass_seconds=1.0, cost=COST, gathers=True)
+        return plan_next(24, last, most, 6.0, left, pass_seconds=1.0, cost=COST, gathers=True)
 
     assert following(first, 24, INFINITE) == Plan(24, 300, 1, gathered=True)
     assert following(Plan(24, 300, 1, gathered=True), 24, INFINITE) is None
-    assert following(first, INFINITE, 7.0) == Plan(25, 100, 1, gathered=True)
+    assert following(first, INFINITE, 7.0) == Plan(24, 200, 1, gathered=True)
     assert following(first, INFINITE, 300).gathered
-    assert plan_next(24, first, 24, INFINITE, 1.0, COST) is None
+    assert plan_next(24, first, 24, 6.0, INFINITE, 1.0, COST) is None
 
 
 def test_a_slow_first_pass_is_no_measure(monkeypatch):
@@ -82,7 +87,7 @@ def simulate(seconds, pass_seconds, cost):
     """The fields that a fit makes, and the time that it takes."""
     spent, fields, done = 0.0, [], 0
     last = None
-    while plan := plan_next(done, last, INFINITE, seconds - spent, pass_seconds, cost):
+    while plan := plan_next(done, last, INFINITE, spent, seconds - spent, pass_seconds, cost):
         spent += (plan.passes - done) * pass_seconds + cost.seconds(plan.steps, plan.stride)
         assert plan.passes >= done and plan.steps <= 300
         last, done = plan, plan.passes
