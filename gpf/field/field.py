@@ -18,18 +18,12 @@ from gpf.core.surface_tags import SAME_SURFACE_HEIGHT, pack_tag, same_orientatio
 from gpf.field.detail import Detail
 from gpf.field.gaussians import Gaussians, whitening_rows
 from gpf.field.lights import FieldLights
-from gpf.field.limits import HEIGHT
+from gpf.field.limits import SURFACE_HEIGHT
 from gpf.field.settings import FieldSettings
 
 # Keeps the sum of weights above zero: if all Gaussians of a neighbourhood are too narrow to reach
 # the query point, the blend becomes their plain mean instead of black.
 WEIGHT_FLOOR = 1e-6
-
-# Largest distance of a Gaussian from the plane of the surface, in search radii. Beyond one radius
-# the limit rises to that of gpf.core.surface_tags.same_surface. It is smaller than for photons,
-# because their radius shrinks and this one does not: a wall behind a lamp may be a thousand times
-# darker than the lamp's back, and training cannot correct for light that leaks from there.
-SURFACE_HEIGHT = HEIGHT
 
 # Where the ball holds at most k Gaussians, the k nearest are blended instead (the supplement).
 # Their falloff reaches zero slightly beyond the (k + 1)-th neighbour, so that weights stay above

@@ -26,8 +26,11 @@ from gpf.scene.obstacles import clear_height, look_along
 RAYS = 16
 """Directions in which obstacles are looked for."""
 
-HEIGHT = 0.35
-"""Gaussians count for points up to this height over their surface, or under it, in search radii."""
+SURFACE_HEIGHT = 0.35
+"""Largest distance of a Gaussian from the plane of the surface, in search radii. Beyond one radius
+the limit rises to that of :func:`gpf.core.surface_tags.same_surface`. It is smaller than for
+photons, because their radius shrinks and this one does not: a wall behind a lamp may be a thousand
+times darker than the lamp's back, and training cannot correct for light that leaks from there."""
 
 _FREE = 8.0
 """Search radii up to which a Gaussian counts over and under its surface where nothing else is."""
@@ -44,7 +47,7 @@ def find_limits(scene: mi.Scene, gaussians: Gaussians, detail: Detail) -> np.nda
     p, n = from_numpy(mi.Point3f, detail.fold(means)), gaussians.normals
     reach = from_numpy(mi.Float, radii)
     planes = nearest_obstacles(scene, p, n, reach)
-    sides = [clear_height(scene, p, side, HEIGHT * reach).numpy() for side in (n, -n)]
+    sides = [clear_height(scene, p, side, SURFACE_HEIGHT * reach).numpy() for side in (n, -n)]
     if not (planes[:, :3].any() or np.isfinite(sides).any()):
         return None
     heights = [np.where(np.isfinite(side), _CLEAR * side, _FREE * radii) for side in sides]

@@ -26,7 +26,7 @@ class FieldSettings(Settings):
         ``emitters`` at the visible point, and the field stores indirect light only; or such a
         sample for some of the emitters alone, by their places in ``scene.emitters()``.
     normal_test: whether to ignore Gaussians of another surface: normals more than 45° apart, or
-        farther from the plane than :data:`gpf.field.field.SURFACE_HEIGHT`.
+        farther from the plane than :data:`gpf.field.limits.SURFACE_HEIGHT`.
     """
 
     search_radius: Positive
