@@ -105,7 +105,11 @@ def test_scenes_that_photon_mapping_cannot_render(room):
     [
         ('<integrator type="$kind"/>', SPPM, r'does not load: At \S*room\.xml .*"passes" is 0; '),
         (SCENE, '<shape version="3.0.0" type="sphere"/>', "describes a Shape. Its outermost tag"),
-        ("</scene>", NO_TRIANGLES, r"refers to \S*none.obj, which has no triangles. Remove the shape"),
+        (
+            "</scene>",
+            NO_TRIANGLES,
+            r"refers to \S*none.obj, which has no triangles. Remove the shape",
+        ),
         ('<integrator type="$kind"/>', "", "lacks an integrator"),
         ('value="8"', 'value="4000000000"', "film: is 4000000000x6, which needs .* GiB"),
         ("path", "gpf", "does not render: The gpf integrator has no field"),

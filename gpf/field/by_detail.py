@@ -57,7 +57,7 @@ def field_by_detail(
         if field.limits is not None or more_limits is not None:
             parts = (field.gaussians, field.limits), (more, more_limits)
             field.limits = np.concatenate(
-                [no_limits(g, detail.radius) if found is None else found for g, found in parts]
+                [no_limits(dr.width(g.means)) if found is None else found for g, found in parts]
             )
         field.update(concatenate([field.gaussians, more]))
     return field

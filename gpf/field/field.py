@@ -99,7 +99,7 @@ class GaussianPhotonField:
     lights: the irradiance by groups of emitters; None if they are not kept apart.
     error: expected error around each Gaussian, relative to its irradiance, (N,)
         (:mod:`gpf.training.field_error`); None if it is not known.
-    limits: where the Gaussians end, (N, 6), in the space of their centres
+    limits: the planes at which the Gaussians end, (N, 3, 4), in the space of their centres
         (:mod:`gpf.field.limits`); None if there is nothing near the surfaces.
     """
 
@@ -138,14 +138,11 @@ class GaussianPhotonField:
         self.facing = FacingCells(gaussians.means, gaussians.normals, reach, bounds)
         self._limits: tuple[mi.Float, ...] | None = None
         if self.limits is not None:
-            free = np.any(self.limits[:, :3], axis=1, keepdims=True) == 0
-            planes = from_numpy(mi.Vector4f, self.limits[:, :4] + free * _BEYOND_ALL)
-            top, bottom = (from_numpy(mi.Float, self.limits[:, k]) for k in (4, 5))
-            n, scale = gaussians.normals, 2 / (top - bottom)
-            # Points between top and bottom are those with |s · x - c| < 1.
-            slabs = mi.Vector4f(*(scale * n), scale * (top + bottom) / 2)
+            free = ~np.any(self.limits[:, :, :3], axis=2, keepdims=True)
+            ends = self.limits + free * _BEYOND_ALL
             self._limits = tuple(
-                dr.ravel(dr.gather(mi.Vector4f, v, self.hash.order)) for v in (planes, slabs)
+                dr.ravel(dr.gather(mi.Vector4f, from_numpy(mi.Vector4f, v), self.hash.order))
+                for v in ends.swapaxes(0, 1)
             )
             dr.eval(self._limits)
         self._pack()
@@ -211,9 +208,11 @@ class GaussianPhotonField:
         ``p``; false where not active."""
         if self._limits is None:
             return active
-        plane, slab = (dr.gather(mi.Vector4f, v, index, active) for v in self._limits)
-        inside = dr.abs(dr.dot(mi.Vector3f(slab.x, slab.y, slab.z), p) - slab.w) < 1
-        return active & inside & (dr.dot(mi.Vector3f(plane.x, plane.y, plane.z), p) < plane.w)
+        before = mi.Bool(active)
+        for planes in self._limits:
+            plane = dr.gather(mi.Vector4f, planes, index, active)
+            before &= dr.dot(mi.Vector3f(plane.x, plane.y, plane.z), p) < plane.w
+        return before
 
     def accepts(self, record: Record, p: mi.Point3f, n: mi.Normal3f) -> mi.Bool:
         """Whether the Gaussian of a record belongs to the surface with normal ``n`` at ``p``."""

@@ -15,7 +15,7 @@ error         float16                                                     0.05%
 limits        as quats; distances float16                                 half a degree, 0.05%
 ============  ==========================================================  ====================
 
-A Gaussian takes 22 bytes instead of 64; 31 instead of 88 in a field with limits. A field that was
+A Gaussian takes 22 bytes instead of 64; 37 instead of 112 in a field with limits. A field that was
 read from a compact file gives the same bytes when it is written again.
 """
 
@@ -67,10 +67,9 @@ class StoredField:
         (N, 4). Positions and sizes are in world units. A field with levels
         (:mod:`gpf.field.detail`) also has ``levels``, those of the Gaussians, (N,) uint8, and
         ``detail``, its table, (X, Y, Z) uint8. A field that knows its error has ``error``, relative
-        to the irradiance, (N,). A field whose Gaussians end at obstacles has ``limits``, the
-        directions of the planes, (N, 3), and ``limit_distances``, (N, 3), from the centres in
-        search radii: of the planes, and up to which they count over and under their surface,
-        (N,).
+        to the irradiance, (N,). A field whose Gaussians end at planes has ``limits``, the
+        directions of these, (N, 3, 3), and ``limit_distances``, (N, 3), from the centres in search
+        radii.
     settings: settings of the query.
     bounds: two corners of the scene's bounding box, world units.
     record: facts about the making of the field.
@@ -125,9 +124,9 @@ def save_field(field: GaussianPhotonField, path: Path, precision: Precision = "f
     if field.error is not None:
         tensors["error"] = field.error
     if field.limits is not None:
-        ends = limits.fold(field.limits, to_numpy(g.means), tensors["normals"], detail)
-        tensors["limits"] = ends[:, :3]
-        tensors["limit_distances"] = ends[:, 3:] / np.float32(field.settings.search_radius)
+        ends = limits.fold(field.limits, to_numpy(g.means), detail)
+        tensors["limits"] = ends[:, :, :3]
+        tensors["limit_distances"] = ends[:, :, 3] / np.float32(field.settings.search_radius)
     bounds = [[float(corner[i]) for i in range(3)] for corner in field.bounds]
     stored = StoredField(tensors, field.settings, bounds, field.record, grid, lights)
     write_field(stored, path, precision)
@@ -153,8 +152,8 @@ def load_field(path: Path) -> GaussianPhotonField:
     ends = None
     if "limits" in stored.tensors:
         distances = stored.tensors["limit_distances"] * np.float32(stored.settings.search_radius)
-        ends = np.column_stack([stored.tensors["limits"], distances])
-        ends = limits.unfold(ends, to_numpy(places), normals, detail)
+        ends = np.concatenate([stored.tensors["limits"], distances[:, :, None]], axis=2)
+        ends = limits.unfold(ends, to_numpy(places), detail)
     lower, upper = (mi.ScalarPoint3f(corner) for corner in stored.bounds)
     groups = stored.groups()
     lights = None if groups is None else FieldLights(groups, stored.tensors["lights"])
@@ -303,15 +302,15 @@ def _from_steps(steps: np.ndarray, ranges: Any) -> np.ndarray:
 
 
 def _to_bytes(vectors: np.ndarray) -> np.ndarray:
-    """Directions (N, D) of any length as int8; zero stays zero."""
-    longest = np.abs(vectors).max(axis=1, keepdims=True).astype(float)
+    """Directions (..., D) of any length as int8; zero stays zero."""
+    longest = np.abs(vectors).max(axis=-1, keepdims=True).astype(float)
     return np.rint(127 * (vectors / np.where(longest > 0, longest, 1))).astype(np.int8)
 
 
 def _from_bytes(codes: np.ndarray) -> np.ndarray:
     """Directions of unit length."""
     vectors = codes.astype(float)
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return (vectors / np.where(length > 0, length, 1)).astype(np.float32)
 
 

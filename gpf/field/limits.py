@@ -1,15 +1,15 @@
 """Where Gaussians end: at what stands on their surface, lies over it, or is behind it.
 
-Gaussians are often wider than a wall is thick. So each ends at a plane: that of the nearest
-obstacle (:mod:`gpf.scene.obstacles`). And it ends before the next surfaces over and under its own:
-between a lamp and the cap behind it there is much light, behind the cap none, although both are
-surfaces that face the same way, a finger's breadth from each other. A point that is beyond one of
-these does not use the Gaussian.
+Gaussians are often wider than a wall is thick. So each ends at three planes. One is that of the
+nearest obstacle on its surface (:mod:`gpf.scene.obstacles`). The other two lie before the next
+surfaces over and under its own, and are tilted like these: between a lamp and the cap behind it
+there is much light, behind the cap none, although the lamp's back, the cap and the wall behind it
+face nearly the same way, a finger's breadth from each other. A point that is beyond one of the
+planes does not use the Gaussian.
 
-The limits of a Gaussian are six numbers: a, d, top, bottom. Points x of the unfolded space are
-before the plane if a · x < d; a is a unit vector, or 0 without an obstacle. And with the Gaussian's
-normal n, bottom < n · x < top; where there is no other surface, these are farther away than any
-query looks. All of them stay where they are if training moves the Gaussian.
+The limits of a Gaussian are three planes (a, d): points x of the unfolded space are before one if
+a · x < d; a is a unit vector, or 0 where nothing is near. The planes stay where they are if
+training moves the Gaussian.
 """
 
 from __future__ import annotations
@@ -19,9 +19,13 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.structs import from_numpy, to_numpy
+from gpf.core.surface_tags import SAME_SURFACE_COSINE
 from gpf.field.detail import Detail
 from gpf.field.gaussians import Gaussians
-from gpf.scene.obstacles import clear_height, look_along
+from gpf.scene.obstacles import CLEAR, look_along, next_surface
+
+PLANES = 3
+"""Planes of a Gaussian."""
 
 RAYS = 16
 """Directions in which obstacles are looked for."""
@@ -32,35 +36,34 @@ the limit rises to that of :func:`gpf.core.surface_tags.same_surface`. It is sma
 photons, because their radius shrinks and this one does not: a wall behind a lamp may be a thousand
 times darker than the lamp's back, and training cannot correct for light that leaks from there."""
 
-_FREE = 8.0
-"""Search radii up to which a Gaussian counts over and under its surface where nothing else is."""
-
-_CLEAR = 0.75
-"""The part of the way to the next surface, over or under its own, for which a Gaussian counts."""
-
 
 def find_limits(scene: mi.Scene, gaussians: Gaussians, detail: Detail) -> np.ndarray | None:
-    """The limits of the Gaussians of a field with levels, (N, 6) float32; None if no Gaussian has
-    any."""
+    """The limits of the Gaussians of a field with levels, (N, :data:`PLANES`, 4) float32; None if
+    no Gaussian has any."""
     means = to_numpy(gaussians.means)
     radii = detail.radius / np.float32(2) ** detail.levels_of(means)
     p, n = from_numpy(mi.Point3f, detail.fold(means)), gaussians.normals
     reach = from_numpy(mi.Float, radii)
-    planes = nearest_obstacles(scene, p, n, reach)
-    sides = [clear_height(scene, p, side, SURFACE_HEIGHT * reach).numpy() for side in (n, -n)]
-    if not (planes[:, :3].any() or np.isfinite(sides).any()):
-        return None
-    heights = [np.where(np.isfinite(side), _CLEAR * side, _FREE * radii) for side in sides]
-    found = np.column_stack([planes, heights[0], -heights[1]])
-    return unfold(found, means, to_numpy(n), detail)
+    # As far as from a surface that is tilted as much as may be, to one at the largest height.
+    away = reach * (SURFACE_HEIGHT / SAME_SURFACE_COSINE)
+    beside = [surface_before(scene, p, side, away) for side in (n, -n)]
+    found = np.stack([nearest_obstacles(scene, p, n, reach), *beside], axis=1)
+    return unfold(found, means, detail) if found.any() else None
 
 
-def no_limits(gaussians: Gaussians, radius: float) -> np.ndarray:
-    """The limits of Gaussians that have none, (N, 6); ``radius``: of the search."""
-    means, normals = to_numpy(gaussians.means), to_numpy(gaussians.normals)
-    free = _FREE * radius
-    found = np.tile(np.array([0, 0, 0, 0, free, -free], np.float32), (len(means), 1))
-    return unfold(found, means, normals, None)
+def no_limits(count: int) -> np.ndarray:
+    """The limits of so many Gaussians that have none."""
+    return np.zeros((count, PLANES, 4), np.float32)
+
+
+def before(limits: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Whether points (N, K, 3) are before all planes of each Gaussian, (N, K)."""
+    found = np.ones(x.shape[:2], bool)
+    for k in range(PLANES):
+        away, distance = limits[:, k, :3], limits[:, k, 3:]
+        free = ~np.any(away, axis=1, keepdims=True)
+        found &= free | (np.einsum("ni,nji->nj", away, x) < distance)
+    return found
 
 
 def nearest_obstacles(
@@ -83,37 +86,43 @@ def nearest_obstacles(
         best = dr.select(nearer, met.distance, best)
         found = dr.select(nearer, frame.to_world(mi.Vector3f(met.away.x, met.away.y, 0)), found)
         dr.eval(best, found)
-    planes = np.column_stack([to_numpy(found), best.numpy()]).astype(np.float32)
+    return _planes(found, best)
+
+
+def surface_before(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float) -> np.ndarray:
+    """The planes before the next surfaces straight along the normals, tilted like these, as those
+    of :func:`nearest_obstacles`."""
+    height, facing = next_surface(scene, p, n, reach)
+    found = dr.select(height < dr.inf, facing, 0)
+    return _planes(found, CLEAR * height * dr.dot(facing, n))
+
+
+def _planes(away: mi.Vector3f, distance: mi.Float) -> np.ndarray:
+    planes = np.column_stack([to_numpy(away), distance.numpy()]).astype(np.float32)
     planes[~planes[:, :3].any(axis=1)] = 0
     return planes
 
 
-def unfold(
-    limits: np.ndarray, means: np.ndarray, normals: np.ndarray, detail: Detail | None
-) -> np.ndarray:
-    """Limits whose d, top and bottom are distances from the Gaussians' centres, world units, as
-    limits of the unfolded space, (N, 6); ``means``: centres there, (N, 3)."""
+def unfold(limits: np.ndarray, means: np.ndarray, detail: Detail | None) -> np.ndarray:
+    """Limits whose d are distances from the Gaussians' centres, world units, as limits of the
+    unfolded space; ``means``: centres there, (N, 3)."""
     found = np.array(limits)
-    found[:, 3:] *= _scales(means, detail)
-    found[:, 3:] += _own(found, means, normals)
+    found[:, :, 3] *= _scales(means, detail)
+    found[:, :, 3] += _own(found, means)
     return found
 
 
-def fold(
-    limits: np.ndarray, means: np.ndarray, normals: np.ndarray, detail: Detail | None
-) -> np.ndarray:
+def fold(limits: np.ndarray, means: np.ndarray, detail: Detail | None) -> np.ndarray:
     """The inverse of :func:`unfold`."""
     found = np.array(limits)
-    found[:, 3:] -= _own(found, means, normals)
-    found[:, 3:] /= _scales(means, detail)
+    found[:, :, 3] -= _own(found, means)
+    found[:, :, 3] /= _scales(means, detail)
     return found
 
 
-def _own(limits: np.ndarray, means: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """What d, top and bottom would be if all of them were at the centres, (N, 3)."""
-    across = np.einsum("ni,ni->n", limits[:, :3], means)
-    height = np.einsum("ni,ni->n", normals, means)
-    return np.column_stack([across, height, height])
+def _own(limits: np.ndarray, means: np.ndarray) -> np.ndarray:
+    """What d would be if all planes were at the centres, (N, PLANES)."""
+    return np.einsum("nki,ni->nk", limits[:, :, :3], means)
 
 
 def _scales(means: np.ndarray, detail: Detail | None) -> np.ndarray:

@@ -13,6 +13,9 @@ from gpf.core.structs import Photons, VisiblePoints, from_numpy, take, to_numpy
 # points: a caustic needs more Gaussians than the wall around it, the inside of a lamp does not.
 MAX_RATIO = 8.0
 
+HEIGHTS = 4
+"""Layers of a cell in which surfaces that lie over each other are told apart."""
+
 
 def control_density(
     photons: Photons, points: Photons | VisiblePoints, width: float, seed: int
@@ -46,9 +49,12 @@ def control_density(
 
 
 def oriented_places(p: np.ndarray, n: np.ndarray, width: float) -> np.ndarray:
-    """Positions with the nearest axis of their normals as a fourth coordinate, (N, 4).
+    """Positions, the nearest axis of their normals, and their height along the normal over the
+    middle of their cell, (N, 5).
 
-    A grid with cells of ``width`` then separates surfaces with different orientations.
+    A grid with cells of ``width`` then separates surfaces with different orientations, and those
+    that lie over each other: a lamp's back and the cap behind it. On a plane, all points of a cell
+    have the same height.
 
     Parameters
     ----------
@@ -56,7 +62,9 @@ def oriented_places(p: np.ndarray, n: np.ndarray, width: float) -> np.ndarray:
     """
     axis = np.abs(n).argmax(axis=1)
     side = np.take_along_axis(n, axis[:, None], axis=1)[:, 0] > 0
-    return np.column_stack([p, (2 * axis + side + 0.5) * width])
+    middle = (np.floor(p / width) + 0.5) * width
+    height = np.einsum("ni,ni->n", n, p - middle)
+    return np.column_stack([p, (2 * axis + side + 0.5) * width, HEIGHTS * height])
 
 
 def cell_keys(p: np.ndarray, n: np.ndarray, width: float) -> np.ndarray:

@@ -16,6 +16,9 @@ from gpf.core.surface_tags import SAME_SURFACE_COSINE
 # Height of the rays above the surface, in units of their length: what is lower is no obstacle.
 _HEIGHT = 0.03
 
+CLEAR = 0.75
+"""The part of the way to the next surface, over or under its own, for which something counts."""
+
 # Where rays straight up begin, in units of their length: not on the surface itself.
 _START = 0.03
 
@@ -63,12 +66,16 @@ def look_along(
     return Obstacle(stands, si.t, away, si.t * dr.dot(away, direction))
 
 
-def clear_height(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float) -> mi.Float:
-    """How far from points on surfaces, straight along their normals, the next surface is, world
-    units, (N,); infinite if there is none within ``reach``, (N,)."""
+def next_surface(
+    scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float
+) -> tuple[mi.Float, mi.Vector3f]:
+    """The next surface from points on surfaces, straight along their normals: how far away it is,
+    world units, (N,), infinite if there is none within ``reach``, (N,); and its unit normal, on the
+    far side, (N, 3)."""
     start = _START * reach
     ray = mi.Ray3f(p + start * n, mi.Vector3f(n), reach - start, 0, mi.Color0f())
     si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
     height = dr.select(si.is_valid(), si.t + start, dr.inf)
-    dr.eval(height)
-    return height
+    facing = dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, n))
+    dr.eval(height, facing)
+    return height, facing

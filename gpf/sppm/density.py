@@ -12,7 +12,6 @@ import numpy as np
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import OrientedPoints, Photons
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface, unpack_depth
-from gpf.sppm.obstacles import Hidden, nowhere
 
 
 def radius_at(t: int, initial_radius: float, alpha: float) -> float:
@@ -72,7 +71,6 @@ class PhotonDensity:
         n: mi.Normal3f,
         active: mi.Bool | bool = True,
         budget: mi.UInt32 | int = UNLIMITED,
-        hidden: Hidden = nowhere,
     ) -> mi.Color3f:
         """E at points, W/m², (N, 3); 0 at inactive points.
 
@@ -80,7 +78,6 @@ class PhotonDensity:
         ----------
         p, n: positions and oriented normals, (N, 3).
         budget: the greatest photon depth that each point accepts, (N,).
-        hidden: where photons do not count.
         """
         if self._empty:
             return dr.zeros(mi.Color3f, dr.width(p))
@@ -89,7 +86,6 @@ class PhotonDensity:
         def add(total, index, record, distance2, inside):  # type: ignore[no-untyped-def]
             counts = inside & same_surface(record, p, n, radius2)
             counts &= unpack_depth(record.tag) <= limit
-            counts &= ~hidden(record.p - p)
             power = dr.select(counts, record.colour, 0)
             if self._smooth:
                 power *= 2 * (1 - distance2 / radius2)

@@ -16,7 +16,6 @@ import mitsuba as mi
 
 from gpf.core.surface_tags import SAME_SURFACE_COSINE, SAME_SURFACE_HEIGHT
 from gpf.photons.photon_grid import rounded_normal
-from gpf.sppm.obstacles import Hidden, nowhere
 
 # Without a limit, a point on an object much smaller than the disc would need very many trials.
 _MOST_TRIALS = 8
@@ -66,21 +65,13 @@ def area_correction(
 
 @dr.syntax
 def covered_share(
-    scene: mi.Scene,
-    p: mi.Point3f,
-    n: mi.Normal3f,
-    radius: float,
-    seed: int,
-    rays: int,
-    hidden: Hidden = nowhere,
+    scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, radius: float, seed: int, rays: int
 ) -> mi.Float:
     """The part A(x) / π r² of the smooth kernel's disc on which photons count at x, (N,).
 
     As :func:`area_correction`, but the share of a number of rays, which are spread evenly over the
     disc, and for photons of :class:`gpf.photons.photon_grid.PhotonSums`, whose normals are rounded.
     At least an eighth.
-
-    ``hidden``: where photons do not count.
     """
     r, frame = dr.opaque(mi.Float, radius), mi.Frame3f(n)
     first, second = _numbers_of(p, seed)
@@ -91,8 +82,7 @@ def covered_share(
         # The smooth kernel weighs a place at the distance √s r by 2 (1 - s).
         s = (mi.Float(number) + shift) / mi.Float(count)
         above = _above(frame, r, dr.sqrt(1 - dr.sqrt(dr.maximum(1 - s, 0))), turn, number)
-        lands = ~hidden(above) & _lands(scene, p, n, r, above, True)
-        hits += dr.select(lands, 1, 0)
+        hits += dr.select(_lands(scene, p, n, r, above, True), 1, 0)
         number += 1
     return dr.maximum(mi.Float(hits) / mi.Float(count), 1 / _MOST_TRIALS)
 

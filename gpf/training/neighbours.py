@@ -11,10 +11,18 @@ import numpy as np
 from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.field import GaussianPhotonField, supplement_support
 from gpf.field.gaussians import Gaussians
+from gpf.field.limits import before
 
 # Radius of the lists, in search radii: Gaussians move a little until the next rebuild, and the
 # lists include those that may enter the ball.
 LIST_MARGIN = 1.1
+
+# If not all of the nearest points are on a Gaussian's surface, they are looked for among so many
+# times as many.
+_AMONG = 6
+
+# Largest height of a point on the same surface over the Gaussian's, in search radii.
+_HEIGHT = 0.1
 
 
 @dataclass
@@ -99,26 +107,52 @@ def list_neighbours(field: GaussianPhotonField, points: SurfacePoints) -> Neighb
 
 
 def local_targets(
-    gaussians: Gaussians, points: SurfacePoints, radius: float, neighbours: int = 8
+    gaussians: Gaussians,
+    points: SurfacePoints,
+    radius: float,
+    limits: np.ndarray | None = None,
+    neighbours: int = 8,
 ) -> np.ndarray:
     """Mean target of the supervised points nearest to each Gaussian on its surface, (N, 3).
 
     The distance includes the normals: a right angle between them adds 1.4 ``radius`` (world units)
     and the other side of a thin wall adds 2. Otherwise points inside a lamp would count for
-    Gaussians on its outside.
+    Gaussians on its outside. Nor do points on other surfaces count if there are any on the same:
+    those beyond the Gaussian's ``limits`` (:mod:`gpf.field.limits`), and those over or under it,
+    along the mean of both normals. On a round surface that height is zero.
     """
-
     from scipy.spatial import cKDTree  # slow to import
 
-    def places(p: mi.Point3f, n: mi.Normal3f) -> np.ndarray:
-        return np.hstack([to_numpy(p), radius * to_numpy(n)])
+    def places(p: np.ndarray, n: np.ndarray) -> np.ndarray:
+        return np.hstack([p, radius * n])
 
-    count = min(neighbours, dr.width(points.p))
-    tree = cKDTree(places(points.p, points.n))
-    _, near = tree.query(places(gaussians.means, gaussians.normals), k=count)
-    near = near.reshape(-1, count)
-    # Where points are sparse, those on the other side of a thin wall are among the nearest.
-    facing = np.einsum("nkc,nc->nk", to_numpy(points.n)[near], to_numpy(gaussians.normals)) > 0
-    facing[~facing.any(axis=1)] = True
-    target = np.where(facing[:, :, None], to_numpy(points.target)[near], 0)
-    return target.sum(axis=1) / facing.sum(axis=1, keepdims=True)
+    p, n, target = (to_numpy(v) for v in (points.p, points.n, points.target))
+    means, normals = to_numpy(gaussians.means), to_numpy(gaussians.normals)
+    tree = cKDTree(places(p, n))
+
+    def mean(rows: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Of those that count among so many nearest; and whether all of them do."""
+        count = min(count, len(p))
+        _, near = tree.query(places(means[rows], normals[rows]), k=count, workers=-1)
+        near = near.reshape(-1, count)
+        x, facing = p[near], n[near]
+        # Where points are sparse, those on the other side of a thin wall are among the nearest.
+        counts = np.einsum("nkc,nc->nk", facing, normals[rows]) > 0
+        offset = x - means[rows][:, None]
+        height = np.einsum("nkc,nkc->nk", facing + normals[rows][:, None], offset) / 2
+        farthest = np.maximum(radius, np.linalg.norm(offset, axis=2))
+        own = counts & (np.abs(height) <= _HEIGHT * farthest)
+        if limits is not None:
+            own &= before(limits[rows], x)
+        every = own.all(axis=1)
+        counts = np.where(own.any(axis=1, keepdims=True), own, counts)
+        counts[~counts.any(axis=1)] = True
+        counts &= np.cumsum(counts, axis=1) <= neighbours
+        found = np.where(counts[:, :, None], target[near], 0)
+        return found.sum(axis=1) / counts.sum(axis=1, keepdims=True), every
+
+    found, every = mean(np.arange(len(means)), neighbours)
+    rest = np.flatnonzero(~every)
+    if len(rest):
+        found[rest], _ = mean(rest, _AMONG * neighbours)
+    return found

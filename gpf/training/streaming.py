@@ -8,9 +8,8 @@ more.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Annotated
 
 import drjit as dr
@@ -32,7 +31,6 @@ from gpf.scene.light_groups import LightGroups
 from gpf.sppm.density import PhotonDensity, radius_at
 from gpf.sppm.edge_correction import covered_share, near_edges
 from gpf.sppm.fixed_points import FixedPoints
-from gpf.sppm.obstacles import Hidden, Obstacles, nowhere
 from gpf.sppm.passes import PassSettings, suit_scene
 from gpf.training.direct_light import DirectLight
 from gpf.training.gathered_light import GatheredLight
@@ -135,13 +133,11 @@ class PhotonStream:
         self._rows: slice | np.ndarray = slice(None)
         self._kernel = np.zeros(len(self._source), np.uint8)
         self._edges = np.zeros(len(self._source), bool)
-        self._obstacles: Obstacles | None = None
         if self.settings.edge_correction:
             p, n = self._points.points.p, self._points.points.n
             edge_seed = pass_seed(seed, 0, Stream.EDGES)
             first_radius = self.settings.initial_radius  # later ones are smaller
             self._edges = near_edges(scene, p, n, first_radius, edge_seed).numpy()
-            self._obstacles = Obstacles(scene, p, n, first_radius)
         self.blur = np.zeros(len(self._source), np.float32)
 
     @property
@@ -333,8 +329,9 @@ class PhotonStream:
         edges; (N, 3), zero at the others."""
         density = PhotonDensity(photons, radius, self._bounds, smooth=True)
         found = np.zeros((len(chosen), 3), np.float32)
-        for rows, part, hidden in self._parts(chosen):
-            found[rows] = to_numpy(density.irradiance(part.p, part.n, hidden=hidden))
+        if chosen.any():
+            part = take(self._points.points, from_numpy(mi.UInt32, np.flatnonzero(chosen)))
+            found[chosen] = to_numpy(density.irradiance(part.p, part.n))
         return found
 
     def _correct_edges(self, radius: float, number: int, lit: np.ndarray) -> np.ndarray:
@@ -348,11 +345,11 @@ class PhotonStream:
         """
         correction = np.ones((len(self._source), 1), np.float32)
         seed = pass_seed(self.seed, number, Stream.EDGES)
-        near = self._edges if self._obstacles is None else self._edges | self._obstacles.near
-        near = near & lit
-        for rows, part, hidden in self._parts(near):
-            share = covered_share(self.scene, part.p, part.n, radius, seed, EDGE_RAYS, hidden)
-            correction[rows, 0] = 1 / share.numpy()
+        near = self._edges & lit
+        if near.any():
+            part = take(self._points.points, from_numpy(mi.UInt32, np.flatnonzero(near)))
+            share = covered_share(self.scene, part.p, part.n, radius, seed, EDGE_RAYS)
+            correction[near, 0] = 1 / share.numpy()
         return correction
 
     def _asked(self) -> np.ndarray:
@@ -360,17 +357,3 @@ class PhotonStream:
         asked = np.zeros(len(self._source), bool)
         asked[self._rows] = True
         return asked
-
-    def _parts(self, chosen: np.ndarray) -> Iterator[tuple[np.ndarray, VisiblePoints, Hidden]]:
-        """The chosen points, (N,) bool, without and with obstacles: their numbers, the points, and
-        what is hidden from them."""
-        near = np.zeros_like(chosen) if self._obstacles is None else self._obstacles.near
-        for rows, obstacles in (
-            (np.flatnonzero(chosen & ~near), None),
-            (np.flatnonzero(chosen & near), self._obstacles),
-        ):
-            if len(rows):
-                numbers = from_numpy(mi.UInt32, rows)
-                part = take(self._points.points, numbers)
-                hidden = nowhere if obstacles is None else partial(obstacles.hide, numbers, part.n)
-                yield rows, part, hidden

@@ -94,7 +94,7 @@ class Trainer:
                 dr.eval(part)
 
         g = field.gaussians
-        around = local_targets(g, self.training, field.settings.search_radius)
+        around = local_targets(g, self.training, field.settings.search_radius, field.limits)
         irradiance = g.irradiance / self.unit
         if from_targets:
             irradiance = from_numpy(mi.Color3f, around)

@@ -10,22 +10,26 @@ import pytest
 from gpf.core.structs import from_numpy, to_numpy
 from gpf.field.by_detail import field_by_detail
 from gpf.field.detail import Detail
+from gpf.field.initialization import DISTANCE
 from gpf.field.settings import FieldSettings
 
 BOX = mi.ScalarPoint3f(-1, -1, -0.1), mi.ScalarPoint3f(1, 1, 0.9)
 RADIUS = 0.8
+MIDDLE = DISTANCE * RADIUS / 2
+BALL = np.array([-MIDDLE, MIDDLE, MIDDLE])
+"""In the middle of a cell of the coarsest level, so that all of it has the same height there."""
 
 
 @pytest.fixture(scope="module")
 def scene():
     """A small ball above a floor, and a wall beside it."""
-    turned = mi.ScalarTransform4f().translate([0.3, 0, 0]).rotate([0, 1, 0], -90)
+    turned = mi.ScalarTransform4f().translate([-MIDDLE + 0.3, 0, 0]).rotate([0, 1, 0], -90)
     return mi.load_dict(
         {
             "type": "scene",
             "floor": {"type": "rectangle"},
             "wall": {"type": "rectangle", "to_world": turned},
-            "ball": {"type": "sphere", "center": [0, 0, 0.2], "radius": 0.1},
+            "ball": {"type": "sphere", "center": BALL.tolist(), "radius": 0.1},
         }
     )
 
@@ -35,7 +39,7 @@ def on_ball_and_floor(rng, count: int) -> tuple[np.ndarray, np.ndarray]:
     n = rng.normal(size=(count // 10, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     floor = np.column_stack([rng.uniform(-1, 1, (count, 2)), np.zeros(count)])
-    ball = np.array([0, 0, 0.2]) + 0.1 * n
+    ball = BALL + 0.1 * n
     return np.concatenate([ball, floor]), np.concatenate([n, np.tile([0.0, 0, 1], (count, 1))])
 
 
@@ -68,5 +72,5 @@ def test_gaussians_in_gaps_end_at_walls(scene):
     filled = make(scene, on_ball_and_floor(rng, 4000), True)
     means = filled.detail.fold(to_numpy(filled.gaussians.means))
     assert len(filled.limits) == len(means)
-    top = (means[:, 2] > 0.15) & (to_numpy(filled.gaussians.normals)[:, 2] > 0.9)
-    assert top.any() and (filled.limits[top][:, 0] > 0.9).all()
+    top = (means[:, 2] > BALL[2] - 0.05) & (to_numpy(filled.gaussians.normals)[:, 2] > 0.9)
+    assert top.any() and (filled.limits[top][:, 0, 0] > 0.9).all()

@@ -49,9 +49,9 @@ def lit_on_one_side(scene: mi.Scene) -> GaussianPhotonField:
     plain = make_field(
         flat_gaussians(places, bright, size=0.1), FieldSettings(search_radius=RADIUS)
     )
-    limits = no_limits(plain.gaussians, RADIUS)
-    limits[:, :4] = planes_at(scene, places)
-    limits[:, 3] += (limits[:, :3] * places).sum(axis=1)
+    limits = no_limits(len(places))
+    limits[:, 0] = planes_at(scene, places)
+    limits[:, 0, 3] += (limits[:, 0, :3] * places).sum(axis=1)
     return GaussianPhotonField(plain.gaussians, plain.settings, plain.bounds, limits=limits)
 
 
@@ -104,7 +104,7 @@ def test_planes_of_all_levels_are_at_the_wall(scene):
         [rng.uniform(-0.05, 0, 2000), rng.uniform(-0.9, 0.9, 2000), np.zeros(2000)]
     )
     g = place_by_detail(detail, places, np.tile([0.0, 0, 1], (2000, 1)), seed=1)
-    planes = find_limits(scene, g, detail)
+    planes = find_limits(scene, g, detail)[:, 0]
     levels = detail.levels_of(to_numpy(g.means))
     assert set(levels) == {0, 1, 2}
     np.testing.assert_allclose(planes[:, :3], np.tile([1, 0, 0], (len(planes), 1)), atol=1e-5)
@@ -134,10 +134,10 @@ def test_surfaces_over_and_under_one_end_it():
     mean = detail.fold(to_numpy(g.means))
     under, over = (mean[:, 0] < -0.05) & (mean[:, 2] < gap / 2), mean[:, 2] > gap / 2
     open_floor = mean[:, 0] > 0.05
-    heights = fold(limits, to_numpy(g.means), to_numpy(g.normals), detail)[:, 4:]
-    np.testing.assert_allclose(heights[under, 0], 0.75 * gap, rtol=1e-3)
-    np.testing.assert_allclose(heights[over, 1], -0.75 * gap, rtol=1e-3)
-    assert np.abs(heights[open_floor]).min() > 4 * radius
+    up, down = fold(limits, to_numpy(g.means), detail)[:, 1:].swapaxes(0, 1)
+    np.testing.assert_allclose(up[under], [[0, 0, 1, 0.75 * gap]] * under.sum(), atol=1e-5)
+    np.testing.assert_allclose(down[over], [[0, 0, -1, 0.75 * gap]] * over.sum(), atol=1e-5)
+    assert not up[open_floor].any() and not down[open_floor].any()
 
     light = np.where(over, 1.0, 0.001)[:, None] * np.ones(3)
     g.irradiance = from_numpy(mi.Color3f, light)

@@ -5,7 +5,12 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import Photons, from_numpy, to_numpy
-from gpf.guiding.density_control import MAX_RATIO, control_density, count_in_cells
+from gpf.guiding.density_control import (
+    MAX_RATIO,
+    control_density,
+    count_in_cells,
+    oriented_places,
+)
 
 
 def test_counts_are_those_of_a_histogram():
@@ -63,3 +68,15 @@ def test_the_few_photons_outside_a_lamp_all_stay():
     up = to_numpy(kept.n)[:, 2] > 0
     assert (~up).sum() == 50
     assert up.sum() == pytest.approx(50_000 * min(1, MAX_RATIO * 0.1), rel=0.05)
+
+
+def test_surfaces_over_each_other_have_cells_of_their_own():
+    """A tilted plane in one cell of the grid, and another one a quarter of the cell over it."""
+    rng = np.random.default_rng(0)
+    n = np.array([0.3, -0.2, 1]) / np.linalg.norm([0.3, -0.2, 1])
+    flat = np.column_stack([rng.uniform(0.2, 0.8, (200, 2)), np.zeros(200)])
+    flat[:, 2] = 0.45 - (flat[:, :2] - 0.5) @ n[:2] / n[2]
+    both = np.concatenate([flat[:150], flat[150:] + 0.25 * n])
+    places = oriented_places(both, np.tile(n, (200, 1)), 1.0)
+    (counts,) = count_in_cells(places, 1.0, places)
+    np.testing.assert_array_equal(counts, np.repeat([150, 50], [150, 50]))

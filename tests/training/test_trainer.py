@@ -320,3 +320,15 @@ def test_any_number_of_threads_gives_the_same_bits():
     for arrays, reports in found[1:]:
         np.testing.assert_array_equal(arrays, found[0][0])
         assert reports == found[0][1]
+
+
+def test_a_surface_close_above_is_another_surface():
+    """Many bright points a little over the Gaussians' plane face the same way."""
+    g = make_trainer().gaussians
+    x = on_the_plane(np.random.default_rng(4), 4000)
+    above = np.arange(4000) >= 1000
+    x[above, 2] += 0.05
+    points = surface_points(
+        x, np.tile(UP, (4000, 1)), np.where(above, 1000.0, 1.0)[:, None] * np.ones(3)
+    )
+    np.testing.assert_allclose(local_targets(g, points, radius=0.3), 1, rtol=1e-5)
