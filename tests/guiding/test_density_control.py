@@ -43,8 +43,10 @@ def test_photons_inside_a_lamp_are_fewer_and_the_others_all_stay():
     """Nine tenths of the photons in a corner that gets a hundredth of the looks."""
     rng = np.random.default_rng(1)
     aside = np.array([5.0, 0, 0])
-    lamp, room = rng.random((90_000, 3)), rng.random((10_000, 3)) + aside
-    looks = np.concatenate([rng.random((500, 3)), rng.random((49_500, 3)) + aside])
+    flat = np.array([1, 1, 0])
+    lamp, room = rng.random((90_000, 3)) * flat, rng.random((10_000, 3)) * flat + aside
+    seen = rng.random((500, 3)) * flat, rng.random((49_500, 3)) * flat + aside
+    looks = np.concatenate(seen)
     photons = make_photons(np.concatenate([lamp, room]))
     kept = control_density(photons, make_photons(looks), width=1.0, seed=3)
     p, power = to_numpy(kept.p), to_numpy(kept.power)
