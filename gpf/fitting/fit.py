@@ -457,6 +457,7 @@ class _Fit:
 
     def _count_step(self, steps: int) -> None:
         self.steps = steps
+        dr.sync_thread()  # or the time of the steps would be that of the next evaluation
         self.ticks.append(time.perf_counter())
         # Not without any training: all the photons of the last field would be for nothing.
         trained = steps >= STEPS_PER_EVALUATION
