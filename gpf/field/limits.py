@@ -22,10 +22,13 @@ from gpf.core.structs import from_numpy, to_numpy
 from gpf.core.surface_tags import SAME_SURFACE_COSINE
 from gpf.field.detail import Detail
 from gpf.field.gaussians import Gaussians
-from gpf.scene.obstacles import CLEAR, look_along, next_surface
+from gpf.scene.obstacles import look_along, next_surface
 
 PLANES = 3
 """Planes of a Gaussian."""
+
+CLEAR = 0.75
+"""The part of the way to the next surface, over or under its own, for which a Gaussian counts."""
 
 RAYS = 16
 """Directions in which obstacles are looked for."""

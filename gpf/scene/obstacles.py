@@ -1,4 +1,4 @@
-"""What stands on a surface, found by short rays along it.
+"""What stands on a surface, or lies over it, found by short rays from it.
 
 A wall that stands on a floor separates the light on both of its sides, although the floor goes on
 beneath it. An obstacle is taken for a plane that stands upright on the surface.
@@ -15,9 +15,6 @@ from gpf.core.surface_tags import SAME_SURFACE_COSINE
 
 # Height of the rays above the surface, in units of their length: what is lower is no obstacle.
 _HEIGHT = 0.03
-
-CLEAR = 0.75
-"""The part of the way to the next surface, over or under its own, for which something counts."""
 
 # Where rays straight up begin, in units of their length: not on the surface itself.
 _START = 0.03

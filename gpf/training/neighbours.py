@@ -8,6 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.runtime import count_cores
 from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.field import GaussianPhotonField, supplement_support
 from gpf.field.gaussians import Gaussians
@@ -133,7 +134,7 @@ def local_targets(
     def mean(rows: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Of those that count among so many nearest; and whether all of them do."""
         count = min(count, len(p))
-        _, near = tree.query(places(means[rows], normals[rows]), k=count, workers=-1)
+        _, near = tree.query(places(means[rows], normals[rows]), k=count, workers=count_cores())
         near = near.reshape(-1, count)
         x, facing = p[near], n[near]
         # Where points are sparse, those on the other side of a thin wall are among the nearest.
