@@ -8,22 +8,29 @@ of a photographer.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
 
 import mitsuba as mi
 import numpy as np
 
 from gpf.modelling.meshes import lathe
-
-Dict = dict[str, Any]
-
-WHITE, GREY, RED, GREEN, BLUE, WOOD = (
-    (0.75, 0.75, 0.75),
-    (0.45, 0.45, 0.45),
-    (0.6, 0.08, 0.06),
-    (0.12, 0.45, 0.1),
-    (0.12, 0.2, 0.55),
-    (0.5, 0.32, 0.18),
+from gpf.modelling.shapes import (
+    BLUE,
+    GREEN,
+    GREY,
+    RED,
+    WHITE,
+    WOOD,
+    Dict,
+    box,
+    camera,
+    lamp,
+    rectangle,
+    rgb,
+    room,
+    sphere,
+    triangles,
+    walls,
 )
 
 
@@ -34,175 +41,175 @@ def load(name: str) -> mi.Scene:
 
 def closed_room() -> Dict:
     """A furnished room without a window, seen from a corner."""
-    scene = _room((4, 2.6, 5)) | _camera((1.7, 1.6, 2.2), (-0.8, 0.8, -1.2), 60)
+    scene = room((4, 2.6, 5)) | camera((1.7, 1.6, 2.2), (-0.8, 0.8, -1.2), 60)
     scene |= {
-        "lamp": _lamp((0, 2.58, 0), (0.5, 0.5), 18),
-        "table": _box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD),
-        "glass": _sphere((-0.4, 0.92, -0.8), 0.2, {"type": "dielectric"}),
-        "gold": _sphere((-0.95, 0.87, -0.7), 0.15, {"type": "roughconductor", "material": "Au"}),
-        "shelf": _box((1.7, 0.9, -1.6), (0.25, 0.9, 0.6), BLUE),
+        "lamp": lamp((0, 2.58, 0), (0.5, 0.5), 18),
+        "table": box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD),
+        "glass": sphere((-0.4, 0.92, -0.8), 0.2, {"type": "dielectric"}),
+        "gold": sphere((-0.95, 0.87, -0.7), 0.15, {"type": "roughconductor", "material": "Au"}),
+        "shelf": box((1.7, 0.9, -1.6), (0.25, 0.9, 0.6), BLUE),
     }
     return scene
 
 
 def open_box() -> Dict:
     """A box without a lid on a large dark floor, seen from above and outside."""
-    scene = _camera((2.1, 2.6, 3.0), (0, 0.3, 0), 36)
-    scene |= _walls((2, 1, 2), ("left", "right", "back", "front"))
+    scene = camera((2.1, 2.6, 3.0), (0, 0.3, 0), 36)
+    scene |= walls((2, 1, 2), ("left", "right", "back", "front"))
     scene |= {
-        "ground": _rectangle((0, -0.01, 0), (8, 8), "up", GREY),
-        "bottom": _rectangle((0, 0, 0), (1, 1), "up", WHITE),
-        "lamp": _lamp((0.3, 3.5, 0.2), (0.25, 0.25), 60),
-        "glass": _sphere((0.25, 0.3, 0.2), 0.3, {"type": "dielectric"}),
-        "cube": _box((-0.45, 0.2, -0.35), (0.2, 0.2, 0.2), RED),
+        "ground": rectangle((0, -0.01, 0), (8, 8), "up", GREY),
+        "bottom": rectangle((0, 0, 0), (1, 1), "up", WHITE),
+        "lamp": lamp((0.3, 3.5, 0.2), (0.25, 0.25), 60),
+        "glass": sphere((0.25, 0.3, 0.2), 0.3, {"type": "dielectric"}),
+        "cube": box((-0.45, 0.2, -0.35), (0.2, 0.2, 0.2), RED),
     }
     return scene
 
 
 def terrace() -> Dict:
     """A terrace with two walls under a sky with a sun."""
-    scene = _camera((3.6, 1.7, 4.2), (0, 0.7, 0), 45)
+    scene = camera((3.6, 1.7, 4.2), (0, 0.7, 0), 45)
     scene |= {
-        "sky": {"type": "constant", "radiance": _rgb((0.35, 0.45, 0.7))},
+        "sky": {"type": "constant", "radiance": rgb((0.35, 0.45, 0.7))},
         "sun": {
             "type": "directional",
             "direction": [-0.5, -0.8, -0.35],
-            "irradiance": _rgb((4, 3.7, 3.2)),
+            "irradiance": rgb((4, 3.7, 3.2)),
         },
-        "floor": _rectangle((0, 0, 0), (4, 4), "up", WOOD),
-        "wall": _box((0, 0.6, -2.5), (3, 0.6, 0.1), WHITE),
-        "side": _box((-2.6, 0.6, -0.6), (0.1, 0.6, 2), WHITE),
-        "pot": _box((-1.2, 0.35, -1.2), (0.35, 0.35, 0.35), RED),
-        "ball": _sphere((0.4, 0.45, 0.2), 0.45, {"type": "dielectric"}),
-        "tabletop": _box((1.4, 0.7, -0.7), (0.5, 0.03, 0.5), GREEN),
-        "foot": _box((1.4, 0.34, -0.7), (0.06, 0.34, 0.06), GREY),
+        "floor": rectangle((0, 0, 0), (4, 4), "up", WOOD),
+        "wall": box((0, 0.6, -2.5), (3, 0.6, 0.1), WHITE),
+        "side": box((-2.6, 0.6, -0.6), (0.1, 0.6, 2), WHITE),
+        "pot": box((-1.2, 0.35, -1.2), (0.35, 0.35, 0.35), RED),
+        "ball": sphere((0.4, 0.45, 0.2), 0.45, {"type": "dielectric"}),
+        "tabletop": box((1.4, 0.7, -0.7), (0.5, 0.03, 0.5), GREEN),
+        "foot": box((1.4, 0.34, -0.7), (0.06, 0.34, 0.06), GREY),
     }
     return scene
 
 
 def object_on_a_table() -> Dict:
     """A glass and a gold ball on a table in the middle of a large room."""
-    scene = _room((12, 5, 12)) | _camera((0.75, 1.35, 0.95), (0, 0.85, 0), 38)
+    scene = room((12, 5, 12)) | camera((0.75, 1.35, 0.95), (0, 0.85, 0), 38)
     scene |= {
-        "table": _box((0, 0.74, 0), (0.8, 0.03, 0.5), WOOD),
-        "leg": _box((0, 0.355, 0), (0.06, 0.355, 0.06), GREY),
-        "glass": _sphere((-0.1, 0.87, 0.05), 0.1, {"type": "dielectric"}),
-        "gold": _sphere((0.17, 0.83, -0.1), 0.06, {"type": "conductor", "material": "Au"}),
-        "lamp": _lamp((-0.7, 2.4, 0.3), (0.12, 0.12), 150),
-        "ceiling_light": _lamp((3, 4.98, -3), (0.6, 0.6), 12),
+        "table": box((0, 0.74, 0), (0.8, 0.03, 0.5), WOOD),
+        "leg": box((0, 0.355, 0), (0.06, 0.355, 0.06), GREY),
+        "glass": sphere((-0.1, 0.87, 0.05), 0.1, {"type": "dielectric"}),
+        "gold": sphere((0.17, 0.83, -0.1), 0.06, {"type": "conductor", "material": "Au"}),
+        "lamp": lamp((-0.7, 2.4, 0.3), (0.12, 0.12), 150),
+        "ceiling_light": lamp((3, 4.98, -3), (0.6, 0.6), 12),
     }
     return scene
 
 
 def corridor() -> Dict:
     """A corridor of 18 metres with three lamps."""
-    scene = _room((2.2, 2.5, 18)) | _camera((0.5, 1.6, 8.4), (0, 1.2, 0), 65)
+    scene = room((2.2, 2.5, 18)) | camera((0.5, 1.6, 8.4), (0, 1.2, 0), 65)
     for k, z in enumerate((-6, 0, 6)):
-        scene[f"lamp_{k}"] = _lamp((0, 2.48, z), (0.3, 0.15), 25)
-    scene["locker"] = _box((-0.9, 0.9, 2.5), (0.2, 0.9, 0.5), BLUE)
-    scene["bench"] = _box((0.85, 0.22, -2), (0.2, 0.22, 1), WOOD)
-    scene["vase"] = _sphere((0.85, 0.64, -1.6), 0.2, {"type": "dielectric"})
+        scene[f"lamp_{k}"] = lamp((0, 2.48, z), (0.3, 0.15), 25)
+    scene["locker"] = box((-0.9, 0.9, 2.5), (0.2, 0.9, 0.5), BLUE)
+    scene["bench"] = box((0.85, 0.22, -2), (0.2, 0.22, 1), WOOD)
+    scene["vase"] = sphere((0.85, 0.64, -1.6), 0.2, {"type": "dielectric"})
     return scene
 
 
 def mirror_room() -> Dict:
     """A room with a wall that is a mirror."""
-    scene = _room((4, 2.6, 4)) | _camera((1.5, 1.5, 1.6), (-0.9, 0.9, -1.0), 60)
-    mirror = _rectangle((-1.98, 1.3, 0), (1.7, 1.1), "right", WHITE)
+    scene = room((4, 2.6, 4)) | camera((1.5, 1.5, 1.6), (-0.9, 0.9, -1.0), 60)
+    mirror = rectangle((-1.98, 1.3, 0), (1.7, 1.1), "right", WHITE)
     scene["mirror"] = mirror | {"bsdf": {"type": "conductor", "material": "Ag"}}
     scene |= {
-        "lamp": _lamp((0.4, 2.58, -0.4), (0.35, 0.35), 26),
-        "box": _box((-0.6, 0.4, -0.9), (0.4, 0.4, 0.4), GREEN),
-        "ball": _sphere((0.5, 0.35, -1.0), 0.35, {"type": "roughplastic"}),
+        "lamp": lamp((0.4, 2.58, -0.4), (0.35, 0.35), 26),
+        "box": box((-0.6, 0.4, -0.9), (0.4, 0.4, 0.4), GREEN),
+        "ball": sphere((0.5, 0.35, -1.0), 0.35, {"type": "roughplastic"}),
     }
     return scene
 
 
 def pool() -> Dict:
     """A basin with water, lit by a small strong lamp, with a wall behind it."""
-    scene = _camera((2.9, 2.1, 3.3), (0, -0.2, -0.3), 45)
+    scene = camera((2.9, 2.1, 3.3), (0, -0.2, -0.3), 45)
     scene |= {
-        "sky": {"type": "constant", "radiance": _rgb((0.1, 0.13, 0.2))},
-        "lamp": _lamp((1.5, 6, 1), (0.3, 0.3), 160),
-        "water": _rectangle((0, -0.15, 0), (1.5, 2), "up", WHITE)
+        "sky": {"type": "constant", "radiance": rgb((0.1, 0.13, 0.2))},
+        "lamp": lamp((1.5, 6, 1), (0.3, 0.3), 160),
+        "water": rectangle((0, -0.15, 0), (1.5, 2), "up", WHITE)
         | {"bsdf": {"type": "dielectric", "int_ior": 1.33}},
-        "bottom": _rectangle((0, -1.2, 0), (1.5, 2), "up", (0.35, 0.6, 0.7)),
-        "east": _rectangle((1.5, -0.6, 0), (2, 0.6), "left", (0.35, 0.6, 0.7)),
-        "west": _rectangle((-1.5, -0.6, 0), (2, 0.6), "right", (0.35, 0.6, 0.7)),
-        "north": _rectangle((0, -0.6, -2), (1.5, 0.6), "front", (0.35, 0.6, 0.7)),
-        "south": _rectangle((0, -0.6, 2), (1.5, 0.6), "back", (0.35, 0.6, 0.7)),
-        "deck_east": _box((2.25, -0.05, 0), (0.75, 0.05, 3), WHITE),
-        "deck_west": _box((-2.25, -0.05, 0), (0.75, 0.05, 3), WHITE),
-        "deck_north": _box((0, -0.05, -2.5), (1.5, 0.05, 0.5), WHITE),
-        "deck_south": _box((0, -0.05, 2.5), (1.5, 0.05, 0.5), WHITE),
-        "wall": _box((0, 1, -3.1), (3, 1.1, 0.1), WHITE),
-        "ball": _sphere((0.3, -0.05, -0.4), 0.3, {"type": "diffuse", "reflectance": _rgb(RED)}),
+        "bottom": rectangle((0, -1.2, 0), (1.5, 2), "up", (0.35, 0.6, 0.7)),
+        "east": rectangle((1.5, -0.6, 0), (2, 0.6), "left", (0.35, 0.6, 0.7)),
+        "west": rectangle((-1.5, -0.6, 0), (2, 0.6), "right", (0.35, 0.6, 0.7)),
+        "north": rectangle((0, -0.6, -2), (1.5, 0.6), "front", (0.35, 0.6, 0.7)),
+        "south": rectangle((0, -0.6, 2), (1.5, 0.6), "back", (0.35, 0.6, 0.7)),
+        "deck_east": box((2.25, -0.05, 0), (0.75, 0.05, 3), WHITE),
+        "deck_west": box((-2.25, -0.05, 0), (0.75, 0.05, 3), WHITE),
+        "deck_north": box((0, -0.05, -2.5), (1.5, 0.05, 0.5), WHITE),
+        "deck_south": box((0, -0.05, 2.5), (1.5, 0.05, 0.5), WHITE),
+        "wall": box((0, 1, -3.1), (3, 1.1, 0.1), WHITE),
+        "ball": sphere((0.3, -0.05, -0.4), 0.3, {"type": "diffuse", "reflectance": rgb(RED)}),
     }
     return scene
 
 
 def spot_in_the_dark() -> Dict:
     """A stage with a spot light and nothing else."""
-    scene = _camera((2.6, 1.6, 3.6), (0, 0.6, 0), 45)
+    scene = camera((2.6, 1.6, 3.6), (0, 0.6, 0), 45)
     scene |= {
-        "floor": _rectangle((0, 0, 0), (4, 4), "up", WOOD),
-        "backdrop": _rectangle((0, 2, -2.5), (4, 2), "front", GREY),
+        "floor": rectangle((0, 0, 0), (4, 4), "up", WOOD),
+        "backdrop": rectangle((0, 2, -2.5), (4, 2), "front", GREY),
         "spot": {
             "type": "spot",
             "to_world": mi.ScalarTransform4f().look_at([1.5, 3.5, 2], [0, 0.3, -0.3], [0, 1, 0]),
-            "intensity": _rgb((60, 57, 50)),
+            "intensity": rgb((60, 57, 50)),
             "cutoff_angle": 24,
             "beam_width": 18,
         },
-        "cube": _box((-0.5, 0.4, -0.4), (0.4, 0.4, 0.4), RED),
-        "glass": _sphere((0.5, 0.45, 0.1), 0.45, {"type": "dielectric"}),
+        "cube": box((-0.5, 0.4, -0.4), (0.4, 0.4, 0.4), RED),
+        "glass": sphere((0.5, 0.45, 0.1), 0.45, {"type": "dielectric"}),
     }
     return scene
 
 
 def two_rooms() -> Dict:
     """A room whose light comes through a door from the room beside it."""
-    scene = _room((8, 2.6, 4)) | _camera((3.4, 1.6, 1.5), (0.6, 0.9, -0.6), 60)
+    scene = room((8, 2.6, 4)) | camera((3.4, 1.6, 1.5), (0.6, 0.9, -0.6), 60)
     scene |= {
-        "partition_back": _box((0, 1.3, -1.25), (0.06, 1.3, 0.75), WHITE),
-        "partition_front": _box((0, 1.3, 1.25), (0.06, 1.3, 0.75), WHITE),
-        "lintel": _box((0, 2.35, 0), (0.06, 0.25, 0.5), WHITE),
-        "lamp": _lamp((-2, 2.58, 0), (0.6, 0.6), 30),
-        "table": _box((1.6, 0.36, -0.7), (0.5, 0.36, 0.4), WOOD),
-        "glass": _sphere((1.6, 0.9, -0.7), 0.18, {"type": "dielectric"}),
+        "partition_back": box((0, 1.3, -1.25), (0.06, 1.3, 0.75), WHITE),
+        "partition_front": box((0, 1.3, 1.25), (0.06, 1.3, 0.75), WHITE),
+        "lintel": box((0, 2.35, 0), (0.06, 0.25, 0.5), WHITE),
+        "lamp": lamp((-2, 2.58, 0), (0.6, 0.6), 30),
+        "table": box((1.6, 0.36, -0.7), (0.5, 0.36, 0.4), WOOD),
+        "glass": sphere((1.6, 0.9, -0.7), 0.18, {"type": "dielectric"}),
     }
     return scene
 
 
 def close_to_a_wall() -> Dict:
     """A room whose camera nearly touches a wall."""
-    scene = _room((5, 2.6, 4)) | _camera((2.42, 1.5, 1.2), (-1.5, 0.8, -0.8), 65)
+    scene = room((5, 2.6, 4)) | camera((2.42, 1.5, 1.2), (-1.5, 0.8, -0.8), 65)
     scene |= {
-        "lamp": _lamp((-0.5, 2.58, 0), (0.45, 0.45), 22),
-        "pillar": _box((0.6, 1.3, -0.6), (0.15, 1.3, 0.15), GREY),
-        "crate": _box((-1.2, 0.4, -0.9), (0.4, 0.4, 0.4), WOOD),
-        "glass": _sphere((-1.2, 1.0, -0.9), 0.2, {"type": "dielectric"}),
+        "lamp": lamp((-0.5, 2.58, 0), (0.45, 0.45), 22),
+        "pillar": box((0.6, 1.3, -0.6), (0.15, 1.3, 0.15), GREY),
+        "crate": box((-1.2, 0.4, -0.9), (0.4, 0.4, 0.4), WOOD),
+        "glass": sphere((-1.2, 1.0, -0.9), 0.2, {"type": "dielectric"}),
     }
     return scene
 
 
 def tumbler() -> Dict:
     """A tumbler of cut glass and a gold ball on a table under a spot light, in a large room."""
-    scene = _room((8, 3.5, 8)) | _camera((0.5, 1.05, 0.62), (0, 0.81, 0), 34)
+    scene = room((8, 3.5, 8)) | camera((0.5, 1.05, 0.62), (0, 0.81, 0), 34)
     target = [0, 0.77, 0]
     scene |= {
-        "table": _box((0, 0.74, 0), (0.7, 0.03, 0.5), WOOD),
-        "leg": _box((0, 0.355, 0), (0.06, 0.355, 0.06), GREY),
+        "table": box((0, 0.74, 0), (0.7, 0.03, 0.5), WOOD),
+        "leg": box((0, 0.355, 0), (0.06, 0.355, 0.06), GREY),
         "tumbler": _cut_glass((0, 0.7705, 0)),
-        "gold": _sphere((-0.16, 0.8, 0.1), 0.03, {"type": "roughconductor", "material": "Au"}),
+        "gold": sphere((-0.16, 0.8, 0.1), 0.03, {"type": "roughconductor", "material": "Au"}),
         "spot": {
             "type": "spot",
             "to_world": mi.ScalarTransform4f().look_at([-1.1, 2.3, -0.6], target, [0, 1, 0]),
-            "intensity": _rgb((24, 23, 21)),
+            "intensity": rgb((24, 23, 21)),
             "cutoff_angle": 26,
             "beam_width": 20,
         },
-        "ceiling_light": _lamp((1, 3.48, 1), (0.5, 0.5), 9),
+        "ceiling_light": lamp((1, 3.48, 1), (0.5, 0.5), 9),
     }
     return scene
 
@@ -225,60 +232,6 @@ SCENES: dict[str, Callable[[], Dict]] = {
 }
 """Name -> function that makes the dictionary for ``mitsuba.load_dict``."""
 
-# Rotations of Mitsuba's rectangle, which faces +z: axis and degrees.
-_FACING = {
-    "front": ((0, 1, 0), 0),
-    "back": ((0, 1, 0), 180),
-    "right": ((0, 1, 0), 90),
-    "left": ((0, 1, 0), -90),
-    "up": ((1, 0, 0), -90),
-    "down": ((1, 0, 0), 90),
-}
-
-
-def _rgb(colour: tuple[float, ...]) -> Dict:
-    return {"type": "rgb", "value": list(colour)}
-
-
-def _diffuse(colour: tuple[float, ...]) -> Dict:
-    return {"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": _rgb(colour)}}
-
-
-def _camera(origin: tuple[float, ...], target: tuple[float, ...], fov: float) -> Dict:
-    film = {"type": "hdrfilm", "width": 96, "height": 72, "rfilter": {"type": "box"}}
-    place = mi.ScalarTransform4f().look_at(list(origin), list(target), [0, 1, 0])
-    return {
-        "type": "scene",
-        "camera": {"type": "perspective", "fov": fov, "to_world": place, "film": film},
-    }
-
-
-def _rectangle(
-    centre: tuple[float, ...], half: tuple[float, float], facing: str, colour: tuple[float, ...]
-) -> Dict:
-    axis, degrees = _FACING[facing]
-    place = mi.ScalarTransform4f().translate(list(centre)).rotate(list(axis), degrees)
-    return {
-        "type": "rectangle",
-        "to_world": place.scale([half[0], half[1], 1]),
-        "bsdf": _diffuse(colour),
-    }
-
-
-def _lamp(centre: tuple[float, ...], half: tuple[float, float], radiance: float) -> Dict:
-    """A rectangle that shines downwards."""
-    emitter = {"type": "area", "radiance": _rgb((radiance, 0.95 * radiance, 0.85 * radiance))}
-    return _rectangle(centre, half, "down", GREY) | {"emitter": emitter}
-
-
-def _box(centre: tuple[float, ...], half: tuple[float, ...], colour: tuple[float, ...]) -> Dict:
-    place = mi.ScalarTransform4f().translate(list(centre)).scale(list(half))
-    return {"type": "cube", "to_world": place, "bsdf": _diffuse(colour)}
-
-
-def _sphere(centre: tuple[float, ...], radius: float, bsdf: Dict) -> Dict:
-    return {"type": "sphere", "center": list(centre), "radius": radius, "bsdf": bsdf}
-
 
 def _cut_glass(place: tuple[float, ...]) -> mi.Mesh:
     """A tumbler, 9.5 cm high, whose outer side is cut to diamonds of two depths."""
@@ -294,30 +247,4 @@ def _cut_glass(place: tuple[float, ...]) -> mi.Mesh:
     angle = np.where(turned, np.pi / sides, 0)  # half of a side, so that the sides are diamonds
     cos, sin = np.cos(angle), np.sin(angle)
     points = np.stack([cos * x + sin * z, y, cos * z - sin * x], axis=1)
-    properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict({"type": "dielectric"})
-    properties["face_normals"] = True
-    mesh = mi.Mesh("tumbler", len(points), len(glass.faces), props=properties)
-    values = mi.traverse(mesh)
-    values["vertex_positions"] = (points + place).astype(np.float32).ravel()
-    values["faces"] = glass.faces.astype(np.uint32).ravel()
-    values.update()
-    return mesh
-
-
-def _walls(size: tuple[float, float, float], names: tuple[str, ...]) -> Dict:
-    """Some walls, inside of a box on the floor with the origin in the middle of the floor."""
-    x, y, z = size[0] / 2, size[1], size[2] / 2
-    walls = {
-        "floor": _rectangle((0, 0, 0), (x, z), "up", WOOD),
-        "ceiling": _rectangle((0, y, 0), (x, z), "down", WHITE),
-        "left": _rectangle((-x, y / 2, 0), (z, y / 2), "right", RED),
-        "right": _rectangle((x, y / 2, 0), (z, y / 2), "left", GREEN),
-        "back": _rectangle((0, y / 2, -z), (x, y / 2), "front", WHITE),
-        "front": _rectangle((0, y / 2, z), (x, y / 2), "back", WHITE),
-    }
-    return {name: walls[name] for name in names}
-
-
-def _room(size: tuple[float, float, float]) -> Dict:
-    return _walls(size, ("floor", "ceiling", "left", "right", "back", "front"))
+    return triangles(replace(glass, points=points + place), {"type": "dielectric"})

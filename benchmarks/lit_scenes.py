@@ -12,17 +12,17 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from benchmarks.check_scenes import (
+from gpf.modelling.shapes import (
     GREY,
     WHITE,
     WOOD,
     Dict,
-    _box,
-    _camera,
-    _lamp,
-    _rectangle,
-    _rgb,
-    _room,
+    box,
+    camera,
+    lamp,
+    rectangle,
+    rgb,
+    room,
 )
 from gpf.scene.load import load_scene_file
 
@@ -58,26 +58,26 @@ def two_hundred_lamps() -> Dict:
 
 def window_room() -> Dict:
     """A room lit through a window only, by the map with a sun."""
-    scene = _camera((1.7, 1.6, 2.2), (-0.8, 0.8, -1.2), 60) | {"sky": _sky_map()}
-    walls = _room((4, 2.6, 5))
+    scene = camera((1.7, 1.6, 2.2), (-0.8, 0.8, -1.2), 60) | {"sky": _sky_map()}
+    walls = room((4, 2.6, 5))
     del walls["left"]
     scene |= walls
     scene |= {
-        "below": _box((-2.05, 0.45, 0), (0.05, 0.45, 2.5), WHITE),
-        "above": _box((-2.05, 2.4, 0), (0.05, 0.2, 2.5), WHITE),
-        "beside": _box((-2.05, 1.55, -1.6), (0.05, 0.65, 0.9), WHITE),
-        "other side": _box((-2.05, 1.55, 1.75), (0.05, 0.65, 0.75), WHITE),
-        "table": _box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD),
+        "below": box((-2.05, 0.45, 0), (0.05, 0.45, 2.5), WHITE),
+        "above": box((-2.05, 2.4, 0), (0.05, 0.2, 2.5), WHITE),
+        "beside": box((-2.05, 1.55, -1.6), (0.05, 0.65, 0.9), WHITE),
+        "other side": box((-2.05, 1.55, 1.75), (0.05, 0.65, 0.75), WHITE),
+        "table": box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD),
     }
     return scene
 
 
 def one_lamp() -> Dict:
     """A room with one lamp and a table."""
-    scene = _room((4, 2.6, 5)) | _camera((1.7, 1.6, 2.2), (-0.8, 0.8, -1.2), 60)
+    scene = room((4, 2.6, 5)) | camera((1.7, 1.6, 2.2), (-0.8, 0.8, -1.2), 60)
     scene |= {
-        "lamp": _lamp((0, 2.58, 0), (0.5, 0.5), 18),
-        "table": _box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD),
+        "lamp": lamp((0, 2.58, 0), (0.5, 0.5), 18),
+        "table": box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD),
     }
     return scene
 
@@ -145,10 +145,10 @@ def load(name: str) -> mi.Scene:
 
 
 def _plane() -> Dict:
-    scene = _camera((3.6, 2.7, 4.2), (0, 0, 0), 40)
+    scene = camera((3.6, 2.7, 4.2), (0, 0, 0), 40)
     scene |= {
-        "floor": _rectangle((0, 0, 0), (20, 20), "up", GREY),
-        "glass": _box((0, 0.3, 0), (0.3, 0.3, 0.3), WHITE) | {"bsdf": {"type": "dielectric"}},
+        "floor": rectangle((0, 0, 0), (20, 20), "up", GREY),
+        "glass": box((0, 0.3, 0), (0.3, 0.3, 0.3), WHITE) | {"bsdf": {"type": "dielectric"}},
     }
     return scene
 
@@ -171,7 +171,7 @@ def _sky_map() -> Dict:
 
 def _lamps(rows: int, columns: int) -> Dict:
     """A room with a grid of point lamps of different brightness."""
-    scene = _room((6, 2.6, 6)) | _camera((2.7, 1.6, 2.7), (-0.6, 0.6, -0.9), 65)
+    scene = room((6, 2.6, 6)) | camera((2.7, 1.6, 2.7), (-0.6, 0.6, -0.9), 65)
     brightness = np.random.default_rng(1).uniform(0.2, 1.8, (rows, columns))
     for i in range(rows):
         for j in range(columns):
@@ -180,7 +180,7 @@ def _lamps(rows: int, columns: int) -> Dict:
             scene[f"lamp_{i}_{j}"] = {
                 "type": "point",
                 "position": place,
-                "intensity": _rgb((power, 0.95 * power, 0.85 * power)),
+                "intensity": rgb((power, 0.95 * power, 0.85 * power)),
             }
-    scene["table"] = _box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD)
+    scene["table"] = box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD)
     return scene

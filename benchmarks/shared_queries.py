@@ -1,7 +1,7 @@
 """`python -m benchmarks.shared_queries [--seconds S] [SCENE …]`: what samples of a pixel save.
 
 Views of a field with 64 adaptive samples per pixel, rendered in turns with walks that share queries
-and reflections (:class:`gpf.rendering.walks.GroupedWalks`) and with walks that share nothing. A
+(:class:`gpf.rendering.walks.GroupedWalks`) and with walks that share nothing. A
 line for each view: seconds without and with, their ratio, and the PSNR of the noise alone, against
 an image with many samples.
 """
@@ -23,7 +23,7 @@ from gpf.rendering.walks import GroupedWalks
 
 ROWS, VIEWS, ROUNDS = 256, 2, 3
 MANY = RenderSettings(spp=576, suppress_fireflies=False)
-KINDS = {"apart": lambda walks, samples: walks, "shared": GroupedWalks}
+KINDS = {"apart": lambda walks, *more: walks, "shared": GroupedWalks}
 
 
 def main() -> None:

@@ -76,11 +76,13 @@ def follow(
     rr_depth: number of bounces after which Russian roulette may end a ray.
     active: lanes that are followed.
     lamps: emitters whose direct light at the visible points the emission also contains.
-    back: where the first surface is smooth glass with Fresnel's reflectance F, whether rays are
-        reflected, with the weight F, or go through, with 1 - F, (N,). None: one of both at random,
-        in proportion to F. Only for scenes of :func:`gpf.scene.inventory.divides_glass`. The sum of
-        both has the same mean as one at random. Where the first surface is not glass, and with
-        total reflection, rays that go through have the weight 1, and the others find nothing.
+    back: which of two ways rays take at their first surface, (N,). If it is smooth glass with
+        Fresnel's reflectance F, they are reflected, with the weight F, or go through, with 1 - F.
+        If it has a diffuse and other components, they leave by the others, or end at the diffuse
+        one. None: one of both ways at random. Only for scenes of
+        :func:`gpf.scene.inventory.divides_walks`. The sum of both has the same mean as one at
+        random. At any other first surface, and with total reflection, rays that do not go back
+        have the weight 1, and those that do find nothing.
     """
     context = specular_context()
     diffusely = diffuse_context()
@@ -116,10 +118,11 @@ def follow(
         emission += dr.select(active, emitted, 0)
         active &= si.is_valid() & (depth + 1 < deepest)
         bsdf = si.bsdf(ray)
-        divided = mi.Bool(False)
+        divided, layered = mi.Bool(False), mi.Bool(False)
         if dr.hint(dividing, mode="scalar"):
             divided = (depth == 0) & is_smooth_glass(bsdf)
-            active &= ~reflected | divided | (depth > 0)
+            layered = (depth == 0) & has_diffuse(bsdf, si)
+            active &= ~reflected | divided | layered | (depth > 0)
 
         diffuse = active & has_diffuse(bsdf, si)
         diffuse_part = diffuse_reflectance(bsdf, si, diffuse)
@@ -141,9 +144,13 @@ def follow(
         from_others = dr.max(weight)
         share = dr.select(diffuse, from_diffuse / (from_diffuse + from_others), 0)
         share = dr.select(diffuse & (from_diffuse + from_others <= 0), 1, share)
+        if dr.hint(dividing, mode="scalar"):
+            layered &= active
+            side_weight = dr.select(layered, dr.select(reflected, 1 - share, share), side_weight)
+            share = dr.select(layered, dr.select(reflected, mi.Float(0), 1), share)
 
         # Rays from a glossy lobe rarely hit a small emitter: sample the emitters as well.
-        lit = active & is_glossy(bsdf)
+        lit = active & is_glossy(bsdf) & ~(layered & ~reflected)
         if lit:
             emission += throughput * direct_light(scene, sampler, context, bsdf, si, lit)
         ends = diffuse & (sampler.next_1d(active) < share)

@@ -19,7 +19,7 @@ from gpf.core.errors import UserError, is_interrupt
 from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import InitialFieldSettings
 from gpf.field.lights import FieldLights
-from gpf.fitting.goals import Goals, TimeBudget
+from gpf.fitting.goals import Goals, TimeBudget, WorkClock
 from gpf.fitting.plan import (
     LARGEST_STRIDE,
     LEAST_STEPS,
@@ -160,10 +160,11 @@ def fit(
         raise UserError("resume", "needs a state", "Give the folder of the photons.")
     run = _Fit(scene, sensors, goals, seed, callback, state, groups, exposure)
     try:
-        run.open(resume)
-        while not run.is_done():
-            run.fit_next()
-        run.judge()
+        with run.clock:
+            run.open(resume)
+            while not run.is_done():
+                run.fit_next()
+            run.judge()
     except BaseException as error:
         if run.best is None or not (isinstance(error, _OutOfTime) or is_interrupt(error)):
             raise
@@ -195,6 +196,7 @@ class _Fit:
             log.warning("scene: %s", media)
         self.goals = goals
         self.time, self.saved = TimeBudget(goals.seconds), time.perf_counter()
+        self.clock = WorkClock()
         self.folder = None if state is None else Path(state)
         self.groups, self.exposure = groups, exposure
         self.state: FitState | None = None
@@ -314,39 +316,49 @@ class _Fit:
         self.all_passes, self.all_steps = plan.passes, plan.steps
         self.stream.sample()  # the time for it is not a part of the field's cost
         self.save()
-        begin = time.perf_counter()
+        self._fit_field(plan)
+        dr.flush_malloc_cache()  # Dr.Jit would keep what the training needed, a gigabyte and more
+        self._light_by_best()
+
+    def _fit_field(self, plan: Plan) -> None:
+        """Fit a field from the passes so far, judge it, and measure what it costs."""
+        begin = self.clock.seconds()
         settings = TRAINING.model_copy(update={"seed": self.seed, "steps": plan.steps})
         recipe = Recipe(self.field_settings, settings)
         self.halves = self.stream.halves(plan.stride)
         trainer = recipe.fit_stream(self.stream, self.halves, self.photons, self.bounds)
-        start = time.perf_counter()
-        self.ticks = [start]
+        start = self.clock.seconds()
+        ticks = [start]
+
+        def count_step(steps: int) -> None:
+            dr.sync_thread()  # or the time of the steps would be that of the next evaluation
+            ticks.append(self.clock.seconds())
+            self._count_step(steps)
+
         with suppress(_OutOfTime):
-            trainer.run(lambda progress: self._report(trainer, progress), self._count_step)
-        trained = time.perf_counter()
-        intervals = np.diff(self.ticks)
+            trainer.run(lambda progress: self._report(trainer, progress), count_step)
+        trained = self.clock.seconds()
+        intervals = np.diff(ticks)
         step = float(np.median(intervals))
         evaluation = max(float(intervals[-1]) - step, 0)  # after the last step
         field = trainer.finish()
         fitted = self.fit_halves(field)
         field.recolour(keep_shared_detail(field, fitted))
-        cleaned = time.perf_counter()
+        cleaned = self.clock.seconds()
         # A first field is soon replaced; what a target is compared with has to be certain.
         first = self.best is None and self.goals.target_psnr is None
         self._add_estimates(LEAST_PASSES if first else ENOUGH_PASSES)
         self.quality.psnr(field)
         # What the first estimate needs, later ones have.
-        begin_judgement = time.perf_counter()
+        begin_judgement = self.clock.seconds()
         self.evaluate(field, fitted)
         # Not before: an interrupted field has to be fitted again.
         self.last = replace(plan, passes=self.stream.count)
         self._tell(self.best)
-        now = time.perf_counter()
+        now = self.clock.seconds()
         self.reserve = cleaned - trained + now - begin_judgement
         points = start - begin + cleaned - trained
         self.cost = FieldCost.of_all(plan.stride, points, evaluation, step, now - begin_judgement)
-        dr.flush_malloc_cache()  # Dr.Jit would keep what the training needed, a gigabyte and more
-        self._light_by_best()
 
     def _light_by_best(self) -> None:
         """Let the best field say what diffuse surfaces send, if there is time for a better one."""
@@ -457,8 +469,6 @@ class _Fit:
 
     def _count_step(self, steps: int) -> None:
         self.steps = steps
-        dr.sync_thread()  # or the time of the steps would be that of the next evaluation
-        self.ticks.append(time.perf_counter())
         # Not without any training: all the photons of the last field would be for nothing.
         trained = steps >= STEPS_PER_EVALUATION
         self._end_in_time(self.reserve if trained else float("-inf"))
@@ -475,7 +485,7 @@ class _Fit:
         pass_seconds = self.time.pass_seconds * (1 + 1 / PASSES_PER_ESTIMATE)
         done, most = self.stream.count, self.goals.passes
         gathers = self.stream.gathered is not None
-        times = self.time.spent, self.time.left, pass_seconds
+        times = self.clock.seconds(), self.time.left, pass_seconds
         return plan_next(done, self.last, most, *times, self.cost, gathers)
 
     def _tell(self, field: GaussianPhotonField | None) -> None:

@@ -6,6 +6,9 @@ import statistics
 import time
 from collections import deque
 from dataclasses import dataclass
+from types import TracebackType
+
+import drjit as dr
 
 from gpf.core.errors import UserError
 
@@ -95,3 +98,34 @@ class TimeBudget:
     def start_pass(self) -> None:
         """The next pass begins now."""
         self._last = time.perf_counter()
+
+
+class WorkClock:
+    """A clock that runs within a ``with`` block, and stands still while Dr.Jit compiles kernels.
+    They are compiled once, so that time says nothing of what comes next."""
+
+    def __enter__(self) -> WorkClock:
+        self._begin, self._compiling = time.perf_counter(), 0.0
+        self._recorded = dr.flag(dr.JitFlag.KernelHistory)
+        dr.set_flag(dr.JitFlag.KernelHistory, True)
+        dr.kernel_history_clear()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        where: TracebackType | None,
+    ) -> None:
+        dr.set_flag(dr.JitFlag.KernelHistory, self._recorded)
+
+    def seconds(self) -> float:
+        """Since the block began."""
+        self._compiling += _seconds_of_compiling()
+        return time.perf_counter() - self._begin - self._compiling
+
+
+def _seconds_of_compiling() -> float:
+    """Since the last call, if Dr.Jit keeps the history of its kernels."""
+    kernels = dr.kernel_history([dr.KernelType.JIT])
+    return sum(float(kernel["backend_time"]) for kernel in kernels) / 1000

@@ -128,7 +128,7 @@ def plan_next(
     done: passes of photons so far.
     last: the last complete field.
     most: passes of the goal; may be infinite.
-    spent: seconds since the start.
+    spent: seconds of work since the start, without compiling.
     left: seconds; may be infinite.
     pass_seconds: of a pass, with its share for the estimate of the quality.
     cost: of that field.
@@ -167,4 +167,6 @@ def plan_next(
             if (longer > 0.6 and enough) or growth >= 1.5 or (longer > 1.5 and growth >= 1):
                 possible.append(plan)
                 break
+    if not possible and last.is_draft:  # which is not meant to be seen
+        return Plan(done, min(LEAST_STEPS, usual_steps(done, gathers)), LARGEST_STRIDE, gathers)
     return max(possible, key=lambda plan: plan.worth) if possible else None

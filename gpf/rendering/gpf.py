@@ -23,10 +23,10 @@ from gpf.rendering.aovs import (
 from gpf.rendering.denoiser import GUIDES, ImageDenoiser, denoise
 from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths
-from gpf.rendering.recording import Recording
+from gpf.rendering.recording import RecordedWalks, Recording
 from gpf.rendering.scene_check import warn_of_another_scene
 from gpf.rendering.walks import GroupedWalks, Walks
-from gpf.scene.inventory import divides_glass
+from gpf.scene.inventory import divides_walks
 from gpf.scene.materials import require_separable
 
 
@@ -111,6 +111,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         self._checked: list[mi.Shape] | None = None
         self._compared: Any = None
         self._divides = False
+        self._recorded = RecordedWalks()
         self.record = props.get("record", False)
         self.recording: Recording | None = None
         found = mi.file_resolver().resolve(path) if path else ""
@@ -161,7 +162,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
 
         def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
             ray, weight = sample_pixel_rays(sensor, sampler, pixel)
-            walks = GroupedWalks(self._walks_in(scene), sampler.sample_count())
+            walks = GroupedWalks(self._walks_in(scene), sampler.sample_count(), self._recorded)
             found = self._look(walks, sampler, ray, mi.Bool(True))
             alpha = [dr.select(found["valid"], mi.Float(1), 0)] if has_alpha else []
             radiance = found["radiance"] * weight
@@ -246,7 +247,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
             )
         if self._checked != scene.shapes():
             require_separable(scene)
-            self._divides = divides_glass(scene)
+            self._divides, self._recorded = divides_walks(scene), RecordedWalks()
             self._checked = scene.shapes()
         depths = self.depth_limit, self.rr_depth
         return Walks(scene, self.field, self.aovs, *depths, self._divides)

@@ -1,19 +1,29 @@
-"""Recorded frames: kernels are recorded once and launched again without running Python code.
+"""Recorded frames and walks: kernels are recorded once and launched again without running Python
+code.
 
 Tracing an integrator that is written in Python takes some milliseconds per frame, more than a third
-of the time for a small image. Dr.Jit can record the kernels that a function launches and launch
-them again with other arguments. Everything that is not an argument must stay the same.
+of the time for a small image; in a room with 80 materials, a camera walk takes a tenth of a second.
+Dr.Jit can record the kernels that a function launches and launch them again with other arguments.
+Everything that is not an argument must stay the same.
 """
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+
+from gpf.camera.visible_points import follow
+from gpf.core.structs import VisiblePoints
+from gpf.scene.lamps import Lamps
+
+MOST_WALKS = 8
+"""Recordings of camera walks that are kept, each for other samplers, depths, or kinds of arrays."""
 
 
 @dataclass
@@ -35,24 +45,88 @@ class Recording:
 
     def frame(self, seed: mi.UInt32, spp: int, arrays: Any) -> Any:
         """Render one frame; the first two calls record."""
-        # If another scene were garbage-collected during the recording, it would change Dr.Jit's
-        # registry, and the process would abort.
-        collects = gc.isenabled()
-        if not self.frames:
-            gc.collect()
-        gc.disable()
         self.frames += 1
         try:
-            return self._frozen(self.scene, self.sensor, seed, spp, arrays)
+            with _nothing_collected(first=self.frames == 1):
+                return self._frozen(self.scene, self.sensor, seed, spp, arrays)
         except RuntimeError as error:
             raise RuntimeError(
                 "This scene cannot be recorded: one of its plugins, such as an orthographic "
                 'camera, does not expose all its data to Dr.Jit. Set "record" to false.'
             ) from error
-        finally:
-            if collects:
-                gc.enable()
 
     def serves(self, scene: mi.Scene, sensor: mi.Sensor, facts: Hashable) -> bool:
         """Whether the recording was made with these objects and plain values."""
         return self.scene is scene and self.sensor is sensor and self.facts == facts
+
+
+class RecordedWalks:
+    """The camera walks of a scene: :func:`gpf.camera.visible_points.follow`, recorded, with the
+    same bits. If the scene cannot be recorded, they are traced each time."""
+
+    def __init__(self) -> None:
+        self._frozen: Any = dr.freeze(_follow, limit=MOST_WALKS, warn_after=1 << 30)
+        self._calls = 0
+
+    def follow(
+        self,
+        scene: mi.Scene,
+        sampler: mi.Sampler,
+        ray: mi.Ray3f,
+        depths: tuple[int, int],
+        active: mi.Bool,
+        lamps: Lamps,
+        back: mi.Bool | None,
+    ) -> tuple[VisiblePoints, mi.Float]:
+        """The visible points and the weights of their directions, evaluated.
+
+        Parameters
+        ----------
+        sampler, ray, active, back: evaluated.
+        """
+        indices = None if lamps.indices is None else tuple(lamps.indices)
+        # Dr.Jit does not see the plain values of a sampler.
+        kind = str(sampler.class_name()), int(sampler.sample_count())
+        arguments = scene, sampler, ray, active, back, lamps.arrays(), depths, indices, kind
+        self._calls += 1
+        if self._frozen is not None:
+            try:
+                with _nothing_collected(first=self._calls == 1):
+                    found: tuple[VisiblePoints, mi.Float] = self._frozen(*arguments)
+                    return found
+            except RuntimeError:
+                self._frozen = None
+        return _follow(*arguments)
+
+
+def _follow(
+    scene: mi.Scene,
+    sampler: mi.Sampler,
+    ray: mi.Ray3f,
+    active: mi.Bool,
+    back: mi.Bool | None,
+    arrays: list[mi.UInt32],
+    depths: tuple[int, int],
+    indices: tuple[int, ...] | None,
+    kind: tuple[str, int],
+) -> tuple[VisiblePoints, mi.Float]:
+    lamps = Lamps(scene, indices).with_arrays(arrays)
+    found = follow(scene, sampler, ray, *depths, active, lamps, back)
+    sampler.schedule_state()
+    dr.eval(found)
+    return found
+
+
+@contextmanager
+def _nothing_collected(first: bool) -> Iterator[None]:
+    """No garbage collection within the block. If another scene were collected during a recording,
+    it would change Dr.Jit's registry, and the process would abort."""
+    collects = gc.isenabled()
+    if first:
+        gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()

@@ -17,6 +17,7 @@ from gpf.core.morton import order_lanes_in_space
 from gpf.core.structs import VisiblePoints
 from gpf.field.field import GaussianPhotonField
 from gpf.rendering.aovs import at_visible_point
+from gpf.rendering.recording import RecordedWalks
 
 GROUP = 4
 """Most samples of a pixel that share a query."""
@@ -27,8 +28,10 @@ NEAR = 0.125
 SAME_SIDE = 0.95
 """Least cosine between their normals."""
 
-FAINT = 0.2
-"""Weight of reflections below which the samples of a group share one."""
+REFLECTIONS = 4
+"""Where the second way from a first surface has the share F of the weight, a sample takes it with
+the probability min(1, REFLECTIONS F), so many times as often as by chance. It then counts less, and
+the picture has less noise; but it takes time in which there could be more samples."""
 
 
 class Walks:
@@ -40,8 +43,8 @@ class Walks:
     ----------
     aovs: names of the AOVs (:mod:`gpf.rendering.aovs`).
     max_depth, rr_depth: as of :func:`gpf.camera.visible_points.follow`.
-    divides: whether samples see both what is behind smooth glass and what it reflects
-        (:func:`gpf.scene.inventory.divides_glass`).
+    divides: whether samples may take both ways at their first surface
+        (:func:`gpf.scene.inventory.divides_walks`).
     """
 
     def __init__(
@@ -62,19 +65,22 @@ class Walks:
         """What rays find: ``radiance``, (N, 3), whether they end on a diffuse surface, ``valid``,
         (N,), and the AOVs of the visible points.
 
-        This is the sum of what is behind smooth glass and what it reflects.
+        At the first surface, this is the sum of what is behind smooth glass and what it reflects,
+        or of a diffuse component and the others.
         """
         if dr.hint(not self.divides, mode="scalar"):
             return self._walk(sampler, ray, active, mi.Bool(False))[0]
         found = self._nothing()
-        through = mi.Float(0)
+        through, weight = mi.Float(0), mi.Float(1)
         back = mi.Bool(False)
         walking = mi.Bool(active)
         while dr.hint(walking, exclude=[ray]):
             further, share = self._walk(sampler, ray, walking, back)
-            found = _join(found, further, through)
+            found = _join(found, further, through, weight)
             through = mi.Float(share)
-            back = ~back & (share < 1)
+            chance = _chance(share)
+            back = ~back & (sampler.next_1d(walking) < chance)
+            weight = 1 / chance
             walking &= back
         return found
 
@@ -106,11 +112,24 @@ class Walks:
         return {key: dr.zeros(type(value)) for key, value in shown.items()}
 
 
-def _join(found: dict[str, Any], further: dict[str, Any], through: mi.Float) -> dict[str, Any]:
-    """The sum of what is behind glass and what it reflects; ``valid`` is that of the walk with the
-    greater weight. ``through``: weight of the walk that went through, (N,)."""
+def _chance(share: mi.Float) -> mi.Float:
+    """Probability of the second way, (N,), if the first one has a ``share`` of the weight."""
+    return dr.minimum(REFLECTIONS * (1 - share), 1)
+
+
+def _join(
+    found: dict[str, Any], further: dict[str, Any], through: mi.Float, weight: mi.Float
+) -> dict[str, Any]:
+    """The sum of both ways from a first surface; ``valid`` is that of the way with the greater
+    weight.
+
+    Parameters
+    ----------
+    through: share of the first way, (N,).
+    weight: by which the second one is multiplied, (N,).
+    """
     # Dr.Jit's loops need the same order of keys each time.
-    joined = {key: v if key == "valid" else v + further[key] for key, v in found.items()}
+    joined = {k: v if k == "valid" else v + weight * further[k] for k, v in found.items()}
     joined["valid"] = dr.select(through >= 0.5, found["valid"], further["valid"])
     return joined
 
@@ -121,16 +140,18 @@ class GroupedWalks(Walks):
     Up to :data:`GROUP` consecutive lanes of the same pixel are a group. Samples of a group are
     exchangeable, so one of them may stand for others without an error of the mean. Those that lie
     close to the first take its answer; the mean then changes only by the covariance, within a
-    group, of irradiance and reflectance. Where glass reflects little, they take its reflection.
+    group, of irradiance and reflectance.
 
     Parameters
     ----------
     samples: of each pixel, in consecutive lanes.
+    recorded: the walks of the scene.
     """
 
-    def __init__(self, walks: Walks, samples: int) -> None:
+    def __init__(self, walks: Walks, samples: int, recorded: RecordedWalks) -> None:
         vars(self).update(vars(walks))
         self.group = max(n for n in range(1, GROUP + 1) if samples % n == 0)
+        self.recorded = recorded
 
     def look(self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool) -> dict[str, Any]:
         """As of every walk; the rays go through memory, too."""
@@ -138,33 +159,33 @@ class GroupedWalks(Walks):
         dr.eval(ray)
         found, share = self._walk(sampler, ray, active, mi.Bool(False))
         if self.divides:
-            found = self._reflect(sampler, ray, active & (share < 1), share, found)
+            chance = _chance(share)
+            back = active & (sampler.next_1d(active) < chance)
+            further = self._walk_back(sampler, ray, back)
+            if further:
+                found = _join(found, further, share, dr.select(back, 1 / chance, 0))
         return found
 
     def _walk(
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
     ) -> tuple[dict[str, Any], mi.Float]:
         points, share = self._follow(sampler, ray, active, back)
-        sampler.schedule_state()
-        dr.eval(points, share)
         value, reach = query_together(self.field, points, self.group)
         return self._shown(points, value, reach, share), share
 
-    def _reflect(  # type: ignore[no-untyped-def]
-        self, sampler, ray, active, share, found
-    ) -> dict[str, Any]:
-        lanes, first = _groups(active, self.group)
-        faint = active & (share > 1 - FAINT)
-        shared = (lanes != first) & faint & dr.gather(mi.Bool, faint, first)
-        further = self._walk_some(sampler, ray, active & ~shared, first, active, mi.Bool(True))
-        return _join(found, further, share) if further else found
+    def _follow(
+        self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool | bool
+    ) -> tuple[VisiblePoints, mi.Float]:
+        lamps = self.field.settings.sampled_lamps(self.scene)
+        depths = self.max_depth, self.rr_depth
+        side = back if self.divides else None
+        return self.recorded.follow(self.scene, sampler, ray, depths, active, lamps, side)
 
-    def _walk_some(  # type: ignore[no-untyped-def]
-        self, sampler, ray, asks, first, active, back
+    def _walk_back(  # type: ignore[no-untyped-def]
+        self, sampler, ray, back
     ) -> dict[str, Any]:
-        """What the rays of the lanes that ask find, and others get from their first; zeros where
-        not active. Empty if no lane asks."""
-        asking, index = _shared(asks, first)
+        """What rays find the second way, zeros where not ``back``; empty if there are none."""
+        asking, index = _compressed(back)
         count = dr.width(asking)
         if count == 0:
             return {}
@@ -173,10 +194,10 @@ class GroupedWalks(Walks):
         own.seed(mi.UInt32(dr.gather(mi.Float, sampler.next_1d(), 0) * (1 << 24)), count)
         parts = (ray.o, ray.d, ray.maxt, ray.time, ray.wavelengths)
         some = mi.Ray3f(*(dr.gather(type(v), v, asking) if dr.width(v) > 1 else v for v in parts))
-        alone = GroupedWalks(self, 1)
-        found, _ = alone._walk(own, some, dr.full(mi.Bool, True, count), back)
+        alone = GroupedWalks(self, 1, self.recorded)
+        found, _ = alone._walk(own, some, dr.full(mi.Bool, True, count), mi.Bool(True))
         dr.eval(found)
-        return {key: _answer(value, index, active) for key, value in found.items()}
+        return {key: _answer(value, index, back) for key, value in found.items()}
 
 
 def query_together(
@@ -197,9 +218,11 @@ def query_together(
     shared = (lanes != first) & dr.gather(mi.Bool, points.valid, first)
     shared &= apart < (NEAR * field.settings.search_radius) ** 2
     shared &= dr.dot(points.n, dr.gather(mi.Normal3f, points.n, first)) > SAME_SIDE
-    asking, index = _shared(points.valid & ~shared, first)
+    asks = points.valid & ~shared
+    asking, place = _compressed(asks)
     if dr.width(asking) == 0:
         return mi.Color3f(0), mi.Float(dr.inf)
+    index = dr.select(asks, place, dr.gather(mi.UInt32, place, first))
     # The lanes of a packet run in step, so they should look at the same Gaussians.
     order = order_lanes_in_space(dr.gather(mi.Point3f, x, asking), field.settings.search_radius / 2)
     asking, rank = dr.gather(mi.UInt32, asking, order), _inverse(order)
@@ -224,12 +247,11 @@ def _groups(lanes: mi.Bool, group: int) -> tuple[mi.UInt32, mi.UInt32]:
     return number, number - number % group
 
 
-def _shared(asks: mi.Bool, first: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32]:
-    """The lanes that ask, (M,), and whose answer each lane gets, (N,): its own if it asks, or that
-    of the first lane of its group."""
+def _compressed(asks: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
+    """The lanes that ask, (M,), and the place of each lane among them if it asks, (N,)."""
     place = dr.prefix_reduce(dr.ReduceOp.Add, dr.select(asks, mi.UInt32(1), 0), exclusive=True)
     dr.eval(asks, place)
-    return dr.compress(asks), dr.select(asks, place, dr.gather(mi.UInt32, place, first))
+    return dr.compress(asks), place
 
 
 def _answer(values: Any, index: mi.UInt32, active: mi.Bool) -> Any:

@@ -148,14 +148,23 @@ def _all_shapes(scene: mi.Scene) -> list[mi.Shape]:
     return list(dict.fromkeys((*scene.shapes(), *inner)))
 
 
-def divides_glass(scene: mi.Scene) -> bool:
-    """Whether the scene has smooth glass, and all of it is such that a random number alone chooses
-    between both directions: no mixture of materials, and no mask."""
+def divides_walks(scene: mi.Scene) -> bool:
+    """Whether a camera walk can take both ways at its first surface: through smooth glass and back
+    from it, or the diffuse component of a material and its others.
+
+    The scene has such a surface, and all smooth glass is such that a random number alone chooses
+    between both directions: no mixture of materials, and no mask.
+    """
     through = int(mi.BSDFFlags.DeltaTransmission) | int(mi.BSDFFlags.Null)
-    others = int(mi.BSDFFlags.Diffuse) | int(mi.BSDFFlags.Glossy)
+    diffuse, glossy = int(mi.BSDFFlags.Diffuse), int(mi.BSDFFlags.Glossy)
+    kinds = [(bsdf.class_name(), int(bsdf.flags())) for bsdf in scene_materials(scene).values()]
     glass = {
-        bsdf.class_name()
-        for bsdf, flags in ((bsdf, int(bsdf.flags())) for bsdf in scene_materials(scene).values())
-        if flags & int(mi.BSDFFlags.DeltaReflection) and flags & through and not flags & others
+        name
+        for name, flags in kinds
+        if flags & int(mi.BSDFFlags.DeltaReflection)
+        and flags & through
+        and not flags & (diffuse | glossy)
     }
-    return bool(glass) and glass <= {"SmoothDielectric", "ThinDielectric"}
+    others = int(mi.BSDFFlags.All) & ~diffuse
+    layered = any(flags & diffuse and flags & others for _, flags in kinds)
+    return (bool(glass) or layered) and glass <= {"SmoothDielectric", "ThinDielectric"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 
@@ -36,6 +37,7 @@ class Lamps:
             )
         self.scene, self.indices = scene, indices
         self._index = mi.UInt32(list(indices)) if indices else mi.UInt32()
+        self._groups: list[Lamps] | None = None
 
     def sample(
         self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
@@ -72,8 +74,25 @@ class Lamps:
         """At most :data:`MOST_AT_ONCE` sets, which together are these; all emitters are one set."""
         if self.indices is None:
             return [self]
-        parts = min(len(self.indices), MOST_AT_ONCE)
-        return [Lamps(self.scene, self.indices[k::parts]) for k in range(parts)]
+        if self._groups is None:
+            parts = min(len(self.indices), MOST_AT_ONCE)
+            self._groups = [Lamps(self.scene, self.indices[k::parts]) for k in range(parts)]
+        return self._groups
+
+    def arrays(self) -> list[mi.UInt32]:
+        """The arrays that samples of the groups read; see :meth:`with_arrays`."""
+        return [group._index for group in self.groups()]
+
+    def with_arrays(self, arrays: Sequence[mi.UInt32]) -> Lamps:
+        """The same lamps, whose groups read these arrays, so that a recorded function can take them
+        as arguments."""
+        if self.indices is None:
+            return self
+        other = copy.copy(self)
+        other._groups = [copy.copy(group) for group in self.groups()]
+        for group, index in zip(other._groups, arrays, strict=True):
+            group._index = index
+        return other
 
 
 def small_lamps(scene: mi.Scene, length: float) -> list[int]:

@@ -34,7 +34,7 @@ def walk(
     target: tuple[float, float, float],
     count: int = 20_000,
     seed: int = 1,
-    **options: int,
+    **options: int | bool | None,
 ) -> VisiblePoints:
     """``count`` walks that begin with the same ray."""
     loaded = mi.load_dict({"type": "scene"} | scene)
@@ -55,8 +55,8 @@ def spread(value: object, count: int = 20_000) -> np.ndarray:
     return np.broadcast_to(array, (count, *array.shape[1:]))
 
 
-def is_valid(points: VisiblePoints) -> np.ndarray:
-    return spread(points.valid).astype(bool)
+def is_valid(points: VisiblePoints, count: int = 20_000) -> np.ndarray:
+    return spread(points.valid, count).astype(bool)
 
 
 # --- where rays end ---------------------------------------------------------------------------
@@ -247,8 +247,9 @@ LAYERED = {
 }
 
 
+@pytest.mark.parametrize("ways", [(None,), (False, True)], ids=["one at random", "both"])
 @pytest.mark.parametrize("kind", LAYERED)
-def test_layered_materials_are_split_without_bias(kind):
+def test_layered_materials_are_split_without_bias(kind, ways):
     """Under a uniform sky and with E given, the mean radiance is known.
 
     It is ρ_d(wo) E/π and the albedo of all other lobes times the sky.
@@ -258,8 +259,14 @@ def test_layered_materials_are_split_without_bias(kind):
         "sheet": floor(LAYERED[kind], size=4),
         "sky": {"type": "constant", "radiance": rgb(*sky)},
     }
-    points = walk(scene, (0, -1.5, 1), (0, 0, 0), count=count)
-    radiance = to_numpy(points.radiance(mi.Color3f(*e.tolist()))).astype(np.float64)
+    found = [
+        walk(scene, (0, -1.5, 1), (0, 0, 0), count=count, seed=seed, back=back)
+        for seed, back in enumerate(ways)
+    ]
+    radiance = sum(spread(each.radiance(mi.Color3f(*e.tolist())), count) for each in found)
+    if len(ways) == 2:
+        assert sum(spread(each.share, count).mean() for each in found) == pytest.approx(1, abs=2e-3)
+        assert is_valid(found[0], count).all() and not is_valid(found[1], count).any()
     mean, error = radiance.mean(0), radiance.std(0) / math.sqrt(count)
 
     bsdf = mi.load_dict(LAYERED[kind])

@@ -109,6 +109,7 @@ def clock(monkeypatch) -> Clock:
     clock = Clock()
     monkeypatch.setattr(module, "time", clock)
     monkeypatch.setattr("gpf.fitting.goals.time", clock)
+    monkeypatch.setattr("gpf.fitting.goals._seconds_of_compiling", lambda: 0.0)
     return clock
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from itertools import pairwise
 from types import SimpleNamespace
 
+import drjit as dr
+import mitsuba as mi
+import numpy as np
 import pytest
 
 from gpf.fitting import goals
@@ -30,6 +34,8 @@ INFINITE = float("inf")
         (6, Plan(6, 32, 4), 6, INFINITE, Plan(6, 96)),
         (6, Plan(6, 32, 4), INFINITE, 60, Plan(103, 300)),
         (6, Plan(6, 32, 4), INFINITE, 4, Plan(6, 96, 2)),
+        # Late rather than with a draft.
+        (6, Plan(6, 32, 4), INFINITE, 1, Plan(6, 96, 3)),
         # Three times as many, if that takes a small part of the time and the last has many more.
         (24, Plan(24, 300, 2), INFINITE, 100, Plan(72, 300)),
         (24, Plan(24, 300, 2), 144, INFINITE, Plan(72, 300)),
@@ -81,6 +87,23 @@ def test_a_slow_first_pass_is_no_measure(monkeypatch):
     budget.start_pass()
     budget.note_pass()
     assert budget.pass_seconds == pytest.approx(0.3)
+
+
+def test_the_clock_of_work_stands_still_while_kernels_are_compiled():
+    value = dr.opaque(mi.Float, 0.5)
+    with goals.WorkClock() as clock:
+        assert dr.flag(dr.JitFlag.KernelHistory)
+        begin, work = time.perf_counter(), clock.seconds()
+        for _ in range(20):  # a literal of its own makes a kernel that no cache has
+            value = dr.sin(value * float(np.random.default_rng().uniform(1, 2)))
+        dr.eval(value)
+        dr.sync_thread()
+        compiling = time.perf_counter() - begin
+        assert clock.seconds() - work < 0.5 * compiling
+        begin, work = time.perf_counter(), clock.seconds()
+        time.sleep(0.05)
+        assert clock.seconds() - work == pytest.approx(time.perf_counter() - begin, abs=0.01)
+    assert not dr.flag(dr.JitFlag.KernelHistory)
 
 
 def simulate(seconds, pass_seconds, cost):

@@ -8,6 +8,7 @@ import pytest
 from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.settings import FieldSettings
+from gpf.rendering.recording import RecordedWalks
 from gpf.rendering.walks import GROUP, NEAR, SAME_SIDE, GroupedWalks, Walks, query_together
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.sensors import make_sensor
@@ -97,7 +98,7 @@ AOVS = ("albedo", "irradiance", "visible_normal")
 
 
 def test_shared_walks_make_the_same_picture(monkeypatch):
-    """Glass with faint and strong reflections, of a lamp too; metal; a chequered floor."""
+    """Glass with faint and strong reflections, of a lamp too; metal; lacquer; a chequered floor."""
     t = mi.ScalarTransform4f
     chequers = {"type": "checkerboard", "to_uv": t().scale([40, 40, 1])}
     scene = mi.load_dict(
@@ -110,6 +111,12 @@ def test_shared_walks_make_the_same_picture(monkeypatch):
                 "center": [0.4, -0.3, 0.2],
                 "radius": 0.2,
                 "bsdf": {"type": "roughconductor", "alpha": 0.3},
+            },
+            "lacquer": {
+                "type": "sphere",
+                "center": [-0.4, -0.3, 0.2],
+                "radius": 0.2,
+                "bsdf": {"type": "plastic"},
             },
             "lamp": {
                 "type": "sphere",
@@ -125,7 +132,7 @@ def test_shared_walks_make_the_same_picture(monkeypatch):
     g.means[:, 2], g.normals[:] = 0, (0, 0, 1)
     field = GaussianPhotonField(to_device(g), FieldSettings(search_radius=0.2), scene_bounds(scene))
     images = {}
-    for kind, made in {"shared": GroupedWalks, "apart": lambda walks, samples: walks}.items():
+    for kind, made in {"shared": GroupedWalks, "apart": lambda walks, *more: walks}.items():
         monkeypatch.setattr("gpf.rendering.gpf.GroupedWalks", made)
         integrator = mi.load_dict({"type": "gpf", "adaptive": True, "aovs": ",".join(AOVS)})
         integrator.field = field
@@ -148,8 +155,10 @@ def test_shared_walks_make_the_same_picture(monkeypatch):
 
 @pytest.mark.parametrize("rays", [1, 4, 64])
 def test_single_walks_and_answers_that_are_the_same_for_all(rays):
-    """One pixel that looks at glass over a floor of one irradiance."""
-    parts = {"floor": floor({"type": "diffuse"}), "glass": floor({"type": "thindielectric"}, z=0.2)}
+    """One pixel that looks at glass over a floor of one irradiance. It reflects so much that each
+    sample takes both ways."""
+    glass = {"type": "thindielectric", "int_ior": 3.0}
+    parts = {"floor": floor({"type": "diffuse"}), "glass": floor(glass, z=0.2)}
     scene = mi.load_dict({"type": "scene", "sky": {"type": "constant"}} | parts)
 
     class Constant:
@@ -169,9 +178,9 @@ def test_single_walks_and_answers_that_are_the_same_for_all(rays):
     sampler.seed(1, rays)
     o, d = np.tile([0.1, 0.2, 2.0], (rays, 1)), np.tile([0, 0, -1.0], (rays, 1))
     ray = mi.Ray3f(from_numpy(mi.Point3f, o), from_numpy(mi.Vector3f, d))
-    found = GroupedWalks(walks, rays).look(sampler, ray, mi.Bool(True))
-    # Glass with index 1.5 reflects r = 2 f / (1 + f) with f = .04; the floor reflects a half.
-    r = 0.08 / 1.04
+    found = GroupedWalks(walks, rays, RecordedWalks()).look(sampler, ray, mi.Bool(True))
+    # Glass with index 3 reflects r = 2 f / (1 + f) with f = 1/4; the floor reflects a half.
+    r = 0.5 / 1.25
     expected = r + (1 - r) * 0.5 * 2 / np.pi
     radiance = np.broadcast_to(to_numpy(found["radiance"]), (rays, 3))
     np.testing.assert_allclose(radiance, expected, rtol=2e-3)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import from_numpy, to_numpy
-from gpf.scene.inventory import divides_glass
+from gpf.scene.inventory import divides_walks
 from gpf.scene.materials import (
     diffuse_context,
     diffuse_reflectance,
@@ -197,6 +197,9 @@ def test_sides_with_a_diffuse_component(spec, front, back):
         ({"type": "roughdielectric"}, False),
         ({"type": "mask", "opacity": 0.5, "bsdf": {"type": "dielectric"}}, False),
         ({"type": "conductor"}, False),
+        ({"type": "plastic"}, True),
+        ({"type": "roughplastic"}, True),
+        ({"type": "mask", "opacity": 0.5, "bsdf": {"type": "diffuse"}}, True),
         (
             {
                 "type": "blendbsdf",
@@ -208,9 +211,9 @@ def test_sides_with_a_diffuse_component(spec, front, back):
         ),
     ],
 )
-def test_glass_divides_unless_it_is_a_part_of_a_mixture(bsdf, answer):
+def test_walks_divide_unless_glass_is_a_part_of_a_mixture(bsdf, answer):
     shapes = {"floor": floor(diffuse(0.5)), "glass": {"type": "sphere", "bsdf": bsdf}}
-    assert divides_glass(mi.load_dict({"type": "scene"} | shapes)) is answer
+    assert divides_walks(mi.load_dict({"type": "scene"} | shapes)) is answer
 
 
 def test_glass_in_groups_of_shapes_counts():
@@ -220,4 +223,4 @@ def test_glass_in_groups_of_shapes_counts():
         "group": {"type": "shapegroup", "inner": {"type": "rectangle", "bsdf": masked}},
         "instance": {"type": "instance", "group": {"type": "ref", "id": "group"}},
     }
-    assert not divides_glass(mi.load_dict({"type": "scene"} | shapes))
+    assert not divides_walks(mi.load_dict({"type": "scene"} | shapes))

@@ -1,0 +1,47 @@
+"""Fits of rooms with what makes real ones hard, against Mitsuba's `path`."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import gpf
+from gpf.core.images import propose_exposure, tone_map
+from gpf.modelling.rooms import ROOMS, load
+from gpf.rendering.field_renderer import FieldRenderer
+from gpf.rendering.settings import RenderSettings
+from gpf.scene.sensors import make_sensor, views_of_sensors
+
+SIZE = 128, 96
+PATH = {"type": "path", "max_depth": -1, "rr_depth": 8}
+
+
+def trimmed(image: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Which pixels are not among the brightest half percent of either image."""
+    kept = np.ones(image.shape[:2], bool)
+    for each in (image, other):
+        light = each.mean(axis=2)
+        kept &= light <= np.quantile(light, 0.995)
+    return kept
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ROOMS)
+def test_a_room_has_the_light_that_a_path_tracer_finds(name):
+    scene = load(name)
+    view = views_of_sensors(scene)[0]
+    field = gpf.fit(scene, passes=36)
+    renderer = FieldRenderer.make(scene, field, RenderSettings())
+    image = renderer.render(view, SIZE, seed=1)["radiance"]
+    sensor, integrator = make_sensor(view, *SIZE), mi.load_dict(PATH)
+    first, second = (
+        np.array(mi.render(scene, sensor=sensor, integrator=integrator, spp=512, seed=seed))
+        for seed in range(2)
+    )
+    kept = trimmed(image, (first + second) / 2)
+    assert image[kept].sum() == pytest.approx((first + second)[kept].sum() / 2, rel=0.02)
+    # Without the noise of the two halves, which is independent.
+    exposure = propose_exposure(image)
+    shown, a, b = (tone_map(each, exposure)[kept] for each in (image, first, second))
+    assert -10 * np.log10(((shown - a) * (shown - b)).mean()) > 30

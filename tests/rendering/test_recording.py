@@ -1,0 +1,110 @@
+"""Recorded camera walks: the same bits as those that are traced each time."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import gpf.rendering.recording as module
+from gpf.core.structs import from_numpy, to_numpy
+from gpf.rendering.recording import RecordedWalks
+from gpf.scene.lamps import Lamps
+from tests.furnace import diffuse, floor, lamp, point_light, room
+
+DEPTHS = -1, 5
+
+
+@pytest.fixture(scope="module")
+def scene() -> mi.Scene:
+    """Glass, plastic, metal and Disney's material in a room with three lamps."""
+    t = mi.ScalarTransform4f()
+    principled = {"type": "separable_principled", "specular": 0.5, "roughness": 0.3}
+    balls = {
+        "glass": {"type": "dielectric"},
+        "plastic": {"type": "roughplastic", "alpha": 0.2},
+        "metal": {"type": "roughconductor", "alpha": 0.1},
+        "coat": principled,
+    }
+    parts = {
+        name: {"type": "sphere", "center": [0.5 * k - 0.75, 0, 0.3], "radius": 0.24, "bsdf": bsdf}
+        for k, (name, bsdf) in enumerate(balls.items())
+    }
+    chequers = {"type": "checkerboard", "to_uv": t.scale([9, 9, 1])}
+    parts |= {
+        "room": room(diffuse(0.5), half=(3, 3, 3)),
+        "floor": floor({"type": "diffuse", "reflectance": chequers}),
+        "bulb": point_light((0, 1, 2), 2),
+        "other bulb": point_light((1, -1, 2), 3),
+        "lamp": lamp((0, 0, 2.5), (0, 0, 0), 0.5, 5),
+    }
+    return mi.load_dict({"type": "scene"} | parts)
+
+
+def arguments(scene, kind, seed, count, samples, back):
+    """Of a walk from above, towards the middle of the scene."""
+    sampler = mi.load_dict({"type": kind, "sample_count": samples})
+    sampler.set_samples_per_wavefront(sampler.sample_count())  # some round it
+    sampler.seed(seed, count)
+    rng = np.random.default_rng(seed)
+    target = rng.uniform((-1, -0.5, 0), (1, 0.5, 0.5), (count, 3))
+    away = target - [0, -2, 1.5]
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    o = from_numpy(mi.Point3f, np.tile([0, -2, 1.5], (count, 1)))
+    ray = mi.Ray3f(o, from_numpy(mi.Vector3f, away))
+    side = None if back is None else mi.Bool(back)
+    return scene, sampler, ray, DEPTHS, mi.Bool(True), Lamps(scene, (0, 1)), side
+
+
+def values(found) -> list[np.ndarray]:
+    points, share = found
+    names = "p", "n", "throughput", "emission", "reflectance"
+    return [*(to_numpy(getattr(points, n)) for n in names), points.valid.numpy(), share.numpy()]
+
+
+def check(recorded: RecordedWalks, case: tuple) -> None:
+    """A walk, and the next numbers of its sampler, are those of a walk that is traced."""
+    scene, *more = case
+    mine, own = arguments(scene, *more), arguments(scene, *more)
+    found = values(recorded.follow(*mine))
+    lamps, indices = own[5], tuple(own[5].indices)
+    kind = str(own[1].class_name()), int(own[1].sample_count())
+    expected = values(
+        module._follow(*own[:3], own[4], own[6], lamps.arrays(), DEPTHS, indices, kind)
+    )
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(mine[1].next_1d().numpy(), own[1].next_1d().numpy())
+
+
+@pytest.mark.parametrize(
+    "kind", ["independent", "stratified", "multijitter", "orthogonal", "ldsampler"]
+)
+def test_the_bits_are_those_of_a_walk_that_is_traced(scene, kind):
+    """With other seeds, numbers of rays, samples of a pixel, and both ways from the surface."""
+    recorded = RecordedWalks()
+    for seed, (count, samples, back) in enumerate(
+        [(400, 4, False), (400, 4, True), (800, 4, False), (800, 16, False), (400, 4, None)] * 2
+    ):
+        check(recorded, (scene, kind, seed, count, samples, back))
+    assert recorded._frozen.n_recordings < 8
+
+
+def test_lamps_may_change_their_light(scene):
+    recorded, parameters = RecordedWalks(), mi.traverse(scene)
+    key = "lamp.emitter.radiance.value"
+    for light in (5.0, 5.0, 1.0):
+        parameters[key] = mi.Color3f(light)
+        parameters.update()
+        check(recorded, (scene, "multijitter", 1, 400, 4, False))
+
+
+def test_what_cannot_be_recorded_is_traced(scene):
+    def fails(*arguments):
+        raise RuntimeError("record(): not fully traversable")
+
+    recorded = RecordedWalks()
+    recorded._frozen = fails
+    check(recorded, (scene, "multijitter", 1, 400, 4, False))
+    assert recorded._frozen is None
+    check(recorded, (scene, "multijitter", 2, 400, 4, False))
