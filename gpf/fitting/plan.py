@@ -23,6 +23,9 @@ FIRST_STRIDE, SHORT_TIME = 2, 4
 follow. The first field then learns from every second point: its few photons have not much to say
 about more."""
 
+FIRST_PART = 1 / 3
+"""The part of the time for photons, if the first field is the only one."""
+
 LARGEST_STRIDE = 3
 """A last field with little time learns from every third point at least."""
 
@@ -138,6 +141,9 @@ def plan_next(
         passes = int(max(min(FIRST_PASSES, most), done))
         if left > SHORT_TIME * spent:
             return Plan(passes, DRAFT_STEPS, DRAFT_STRIDE)
+        if pass_seconds > 0:
+            photons = FIRST_PART * (left + done * pass_seconds)
+            passes = max(passes, int(min(photons / pass_seconds, most)))
         return Plan(passes, usual_steps(passes), FIRST_STRIDE)
     if last.passes >= most and not (last.is_draft or (gathers and not last.gathered)):
         return None
