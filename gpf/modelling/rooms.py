@@ -71,7 +71,8 @@ def evening_room() -> Dict:
         "stand": box((-1.5, 0.65, -1.5), (0.015, 0.65, 0.015), WOOD),
         "foot": box((-1.5, 0.01, -1.5), (0.15, 0.01, 0.15), WOOD),
         "globe": sphere((1.1, 1.9, -1.2), 0.12, GLASS),
-        "filament": sphere((1.1, 1.9, -1.2), 0.04, cloth) | {"emitter": bulb},
+        "filament": sphere((1.1, 1.9, -1.2), 0.08, cloth)
+        | {"emitter": {"type": "area", "radiance": rgb((15, 13, 10))}},
         "mirror": rectangle((-1.98, 1.3, 0.2), (0.8, 0.6), "right")
         | {"bsdf": {"type": "conductor", "material": "Ag"}},
         "chest": box((0.4, 0.35, -1.7), (0.5, 0.35, 0.25), GREEN),
