@@ -23,7 +23,7 @@ from gpf.rendering.aovs import (
 from gpf.rendering.denoiser import GUIDES, ImageDenoiser, denoise
 from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths
-from gpf.rendering.recording import RecordedWalks, Recording
+from gpf.rendering.recording import RecordedWalks, Recording, Vertices
 from gpf.rendering.scene_check import warn_of_another_scene
 from gpf.rendering.walks import GroupedWalks, Walks
 from gpf.scene.inventory import divides_walks
@@ -111,7 +111,9 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         self._checked: list[mi.Shape] | None = None
         self._compared: Any = None
         self._divides = False
+        self._vertices: Vertices | None = None
         self._recorded = RecordedWalks()
+        self._recorded_of: tuple[int, ...] = ()
         self.record = props.get("record", False)
         self.recording: Recording | None = None
         found = mi.file_resolver().resolve(path) if path else ""
@@ -130,6 +132,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         self._compare(scene)
+        self._prepare(scene)
         if self.lights and self.field is not None:
             levels, self.lights = self.lights, ""
             try:
@@ -149,7 +152,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         if not self.record or self.field is None or not develop:
             return super().render(scene, sensor, seed, spp, develop, evaluate)
         size = tuple(int(v) for v in sensor.film().crop_size())
-        facts = (size, spp, self.aovs, self.field.settings)
+        facts = (size, spp, self.aovs, self.field.settings, self._recorded_of)
         if self.recording is None or not self.recording.serves(scene, sensor, facts):
             self.recording = Recording(scene, sensor, facts, self._render_with)
         return self.recording.frame(mi.UInt32(seed), spp, self.field.arrays())
@@ -245,12 +248,24 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
                 'The gpf integrator has no field: set its "field" property to the path of a '
                 "field.safetensors, or assign a GaussianPhotonField to its attribute field."
             )
-        if self._checked != scene.shapes():
-            require_separable(scene)
-            self._divides, self._recorded = divides_walks(scene), RecordedWalks()
-            self._checked = scene.shapes()
+        self._look_at(scene)
         depths = self.depth_limit, self.rr_depth
         return Walks(scene, self.field, self.aovs, *depths, self._divides)
+
+    def _look_at(self, scene: mi.Scene) -> None:
+        """Learn of a scene what all renderings of it need."""
+        if self._checked != scene.shapes():
+            require_separable(scene)
+            self._divides, self._vertices = divides_walks(scene), Vertices(scene)
+            self._checked = scene.shapes()
+
+    def _prepare(self, scene: mi.Scene) -> None:
+        """Before an image: forget what was recorded of another scene, or of other vertices."""
+        if self.field is not None:
+            self._look_at(scene)
+            assert self._vertices is not None
+            if (state := self._vertices.state()) != self._recorded_of:
+                self._recorded, self._recorded_of = RecordedWalks(), state
 
     def _look(
         self, walks: Walks, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool

@@ -13,6 +13,7 @@ import gc
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import drjit as dr
@@ -115,6 +116,27 @@ def _follow(
     sampler.schedule_state()
     dr.eval(found)
     return found
+
+
+class Vertices:
+    """The arrays of a scene's meshes. Recorded functions go on reading the old ones when a mesh
+    changes (Dr.Jit 1.5), so they have to be recorded anew."""
+
+    def __init__(self, scene: mi.Scene) -> None:
+        parts = (scene.shapes(), mi.traverse(scene).hierarchy)  # also those in groups of shapes
+        meshes = dict.fromkeys(each for part in parts for each in part if isinstance(each, mi.Mesh))
+        self._buffers: list[Callable[[], mi.Float]] = []
+        for mesh in meshes:
+            own = mesh.vertex_positions_buffer, mesh.vertex_normals_buffer
+            self._buffers += [*own, mesh.vertex_texcoords_buffer]
+            known = {"faces", "vertex_positions", "vertex_normals", "vertex_texcoords"}
+            names = [name for name, _ in mi.traverse(mesh).items()]
+            more = {name for name in names if name.startswith(("vertex_", "face_"))}
+            self._buffers += [partial(mesh.attribute_buffer, name) for name in sorted(more - known)]
+
+    def state(self) -> tuple[int, ...]:
+        """Numbers of the arrays; others if a mesh has changed."""
+        return tuple(buffer().index for buffer in self._buffers)
 
 
 @contextmanager

@@ -8,9 +8,15 @@ import pytest
 
 import gpf.rendering.recording as module
 from gpf.core.structs import from_numpy, to_numpy
+from gpf.field.field import GaussianPhotonField
+from gpf.field.settings import FieldSettings
 from gpf.rendering.recording import RecordedWalks
+from gpf.scene.bounds import scene_bounds
 from gpf.scene.lamps import Lamps
+from gpf.scene.sensors import make_sensor
+from gpf.scene.views import View
 from tests.furnace import diffuse, floor, lamp, point_light, room
+from tests.plain_field import random_gaussians, to_device
 
 DEPTHS = -1, 5
 
@@ -97,6 +103,40 @@ def test_lamps_may_change_their_light(scene):
         parameters[key] = mi.Color3f(light)
         parameters.update()
         check(recorded, (scene, "multijitter", 1, 400, 4, False))
+
+
+@pytest.mark.parametrize("kind", ["adaptive", "record"])
+@pytest.mark.parametrize("group", [False, True])
+def test_meshes_may_move(kind, group):
+    """Recorded kernels would go on reading the old vertices."""
+    box = {"type": "cube", "to_world": mi.ScalarTransform4f().scale(0.3)}
+    post = {"type": "cube", "to_world": mi.ScalarTransform4f().scale([0.01, 0.01, 2])}
+    parts = {"floor": floor(diffuse(0.5)), "sky": {"type": "constant"}, "box": box, "post": post}
+    if group:
+        parts["box"] = {"type": "shapegroup", "inner": box}
+        parts["one"] = {"type": "instance", "group": {"type": "ref", "id": "box"}}
+    scene = mi.load_dict({"type": "scene"} | parts, optimize=False)
+    sensor = make_sensor(View(name="it", origin=(0, -2, 1), target=(0, 0, 0), fov=40), 16, 12)
+    g = random_gaussians(np.random.default_rng(5), 500)
+    g.normals[:] = 0, 0, 1
+    field = GaussianPhotonField(to_device(g), FieldSettings(search_radius=0.2), scene_bounds(scene))
+    parameters = mi.traverse(scene)
+    every = [key for key, _ in parameters.items() if key.endswith("vertex_positions")]
+    (key,) = (key for key in every if "box" in key or "inner" in key)
+    points = np.array(parameters[key]).reshape(-1, 3)
+    kept = mi.load_dict({"type": "gpf", kind: True, "aovs": "position,irradiance"})
+    kept.field = field
+    for shift in np.linspace(0, 0.5, 6):
+        moved = np.add(points, [0, 0, shift]).astype(np.float32).ravel()
+        parameters[key] = from_numpy(mi.Float, moved)
+        parameters.update()
+        new = mi.load_dict({"type": "gpf", kind: True, "aovs": "position,irradiance"})
+        new.field = field
+        images = [
+            np.array(mi.render(scene, sensor=sensor, integrator=integrator, spp=16, seed=3))
+            for integrator in (kept, new)
+        ]
+        np.testing.assert_array_equal(*images)
 
 
 def test_what_cannot_be_recorded_is_traced(scene):
