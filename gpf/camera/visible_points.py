@@ -12,6 +12,7 @@ from gpf.scene.materials import (
     diffuse_context,
     diffuse_reflectance,
     has_diffuse,
+    has_others,
     is_glossy,
     is_smooth_glass,
     specular_context,
@@ -46,6 +47,10 @@ def find_visible_points(
 COHERENT = 4
 """Segments of a walk in which the rays of a packet may still run side by side. Embree follows them
 together, in up to a quarter of the time; later, each alone. The hits are the same."""
+
+
+MOST_DIFFUSE, MOST_OF_MASK = 0.9375, 0.75
+"""Greatest weight of a diffuse component if there are others, and if it has holes."""
 
 
 @dr.syntax
@@ -146,6 +151,10 @@ def follow(
         share = dr.select(diffuse & (from_diffuse + from_others <= 0), 1, share)
         if dr.hint(dividing, mode="scalar"):
             layered &= active
+            # The sample of the other components may be zero by chance: they are there all the same.
+            masked = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
+            most = dr.select(masked, mi.Float(MOST_OF_MASK), MOST_DIFFUSE)
+            share = dr.select(layered & has_others(bsdf), dr.minimum(share, most), share)
             side_weight = dr.select(layered, dr.select(reflected, 1 - share, share), side_weight)
             share = dr.select(layered, dr.select(reflected, mi.Float(0), 1), share)
 

@@ -465,7 +465,9 @@ class _Fit:
         if time.perf_counter() - self.saved > SAVE_SECONDS:
             self.save()
         self.time.start_pass()
-        self._end_in_time()
+        # After a draft there is another field in any case.
+        is_draft = self.last is not None and self.last.is_draft
+        self._end_in_time(float("-inf") if is_draft else 0)
 
     def _count_step(self, steps: int) -> None:
         self.steps = steps

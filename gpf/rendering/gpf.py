@@ -113,7 +113,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         self._divides = False
         self._vertices: Vertices | None = None
         self._recorded = RecordedWalks()
-        self._recorded_of: tuple[int, ...] = ()
+        self._recorded_of = 0
         self.record = props.get("record", False)
         self.recording: Recording | None = None
         found = mi.file_resolver().resolve(path) if path else ""
@@ -257,15 +257,15 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         if self._checked != scene.shapes():
             require_separable(scene)
             self._divides, self._vertices = divides_walks(scene), Vertices(scene)
-            self._checked = scene.shapes()
+            self._recorded, self._checked = RecordedWalks(), scene.shapes()
 
     def _prepare(self, scene: mi.Scene) -> None:
         """Before an image: forget what was recorded of another scene, or of other vertices."""
         if self.field is not None:
             self._look_at(scene)
             assert self._vertices is not None
-            if (state := self._vertices.state()) != self._recorded_of:
-                self._recorded, self._recorded_of = RecordedWalks(), state
+            if (changes := self._vertices.changes()) != self._recorded_of:
+                self._recorded, self._recorded_of = RecordedWalks(), changes
 
     def _look(
         self, walks: Walks, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool

@@ -10,6 +10,7 @@ Everything that is not an argument must stay the same.
 from __future__ import annotations
 
 import gc
+import logging
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ import mitsuba as mi
 from gpf.camera.visible_points import follow
 from gpf.core.structs import VisiblePoints
 from gpf.scene.lamps import Lamps
+
+log = logging.getLogger(__name__)
 
 MOST_WALKS = 8
 """Recordings of camera walks that are kept, each for other samplers, depths, or kinds of arrays."""
@@ -95,7 +98,8 @@ class RecordedWalks:
                 with _nothing_collected(first=self._calls == 1):
                     found: tuple[VisiblePoints, mi.Float] = self._frozen(*arguments)
                     return found
-            except RuntimeError:
+            except RuntimeError as error:
+                log.info("Camera walks are not recorded, but traced each time: %s", error)
                 self._frozen = None
         return _follow(*arguments)
 
@@ -134,9 +138,17 @@ class Vertices:
             more = {name for name in names if name.startswith(("vertex_", "face_"))}
             self._buffers += [partial(mesh.attribute_buffer, name) for name in sorted(more - known)]
 
-    def state(self) -> tuple[int, ...]:
-        """Numbers of the arrays; others if a mesh has changed."""
-        return tuple(buffer().index for buffer in self._buffers)
+        self._arrays: list[mi.Float] = []
+        self._changes = 0
+
+    def changes(self) -> int:
+        """How often a mesh had changed when this was called."""
+        arrays = [buffer() for buffer in self._buffers]
+        # The arrays are held, because Dr.Jit gives the number of one that is gone to another.
+        if [a.index for a in arrays] != [a.index for a in self._arrays]:
+            self._arrays = arrays
+            self._changes += 1
+        return self._changes
 
 
 @contextmanager

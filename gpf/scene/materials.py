@@ -65,6 +65,11 @@ def has_diffuse(bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f) -> mi.Bool:
     return mi.has_flag(flags, mi.BSDFFlags.Diffuse) & ((si.wi.z > 0) | two_sided)
 
 
+def has_others(bsdf: mi.BSDFPtr) -> mi.Bool:
+    """Whether the surface has components that are not diffuse, (N,)."""
+    return (bsdf.flags() & (int(mi.BSDFFlags.All) & ~int(mi.BSDFFlags.Diffuse))) != 0
+
+
 def is_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
     """Whether the surface has a glossy component: neither diffuse nor perfectly specular, (N,)."""
     return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Glossy)

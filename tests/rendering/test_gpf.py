@@ -210,10 +210,14 @@ def test_max_depth_is_that_of_path():
         ({"type": "thindielectric", "int_ior": 1.5}, 0.6),
         ({"type": "plastic", "int_ior": 3.0}, 0.1),
         ({"type": "plastic", "int_ior": 1.5}, 0.6),
+        # A sample of the second way may be zero, and says nothing of the next one.
+        ({"type": "mask", "opacity": 0.5, "inner": diffuse(0.5)}, 1),
+        ({"type": "roughplastic", "alpha": 0.4}, 1),
     ],
 )
+@pytest.mark.parametrize("adaptive", [False, True])
 def test_both_ways_from_a_surface_make_the_same_picture_with_less_noise(
-    monkeypatch, surface, least
+    monkeypatch, surface, least, adaptive
 ):
     parts = {"floor": floor(diffuse(0.5)), "sheet": floor(surface, z=0.2)}
     sky = {"type": "constant", "radiance": {"type": "rgb", "value": [20, 20, 20]}}
@@ -222,17 +226,21 @@ def test_both_ways_from_a_surface_make_the_same_picture_with_less_noise(
     field, means, noise = constant_field(), [], []
     field.bounds = scene_bounds(scene)
     for divided in (True, False):
-        integrator = integrator_with(field, aovs="irradiance,visible_normal")
+        aovs = "irradiance,visible_normal"
+        integrator = integrator_with(field, aovs=aovs, adaptive=adaptive)
         if not divided:
             monkeypatch.setattr("gpf.rendering.gpf.divides_walks", lambda scene: False)
         a, b = (
-            mi.render(scene, sensor=sensor, integrator=integrator, spp=64, seed=seed).numpy()
+            mi.render(scene, sensor=sensor, integrator=integrator, spp=324, seed=seed).numpy()
             for seed in (1, 2)
         )
         means.append((a + b).mean(axis=(0, 1)) / 2)
         noise.append((a - b)[..., 0].std())
-    np.testing.assert_allclose(means[0], means[1], rtol=0.01)
-    assert noise[0] < least * noise[1]
+    np.testing.assert_allclose(means[0][:3], means[1][:3], rtol=0.01)
+    # Where one way finds no surface, the AOVs depend on the weights of both.
+    np.testing.assert_allclose(means[0][3:], means[1][3:], rtol=0.15)
+    if not adaptive:
+        assert noise[0] < least * noise[1]
 
 
 def test_a_missing_field_file_is_said_in_words(tmp_path):
