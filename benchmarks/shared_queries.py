@@ -1,9 +1,9 @@
 """`python -m benchmarks.shared_queries [--seconds S] [SCENE …]`: what samples of a pixel save.
 
 Views of a field with 64 adaptive samples per pixel, rendered in turns with walks that share queries
-(:class:`gpf.rendering.walks.GroupedWalks`) and with walks that share nothing. A
-line for each view: seconds without and with, their ratio, and the PSNR of the noise alone, against
-an image with many samples.
+(:class:`gpf.rendering.walks.GroupedWalks`) and with walks that share nothing. A line for each view:
+seconds without and with, their ratio, and the PSNR of the noise alone, against an image with many
+samples.
 """
 
 from __future__ import annotations

@@ -77,7 +77,8 @@ class RecordedWalks:
         scene: mi.Scene,
         sampler: mi.Sampler,
         ray: mi.Ray3f,
-        depths: tuple[int, int],
+        max_depth: int,
+        rr_depth: int,
         active: mi.Bool,
         lamps: Lamps,
         back: mi.Bool | None,
@@ -91,6 +92,7 @@ class RecordedWalks:
         indices = None if lamps.indices is None else tuple(lamps.indices)
         # Dr.Jit does not see the plain values of a sampler.
         kind = str(sampler.class_name()), int(sampler.sample_count())
+        depths = max_depth, rr_depth
         arguments = scene, sampler, ray, active, back, lamps.arrays(), depths, indices, kind
         self._calls += 1
         if self._frozen is not None:

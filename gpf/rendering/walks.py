@@ -7,6 +7,7 @@ those samples alone that need them, and samples close together share a query of 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import drjit as dr
@@ -59,6 +60,7 @@ class Walks:
         self.scene, self.field, self.aovs = scene, field, aovs
         self.max_depth, self.rr_depth = max_depth, rr_depth
         self.divides = divides
+        self.follow: Callable[..., tuple[VisiblePoints, mi.Float]] = follow
 
     @dr.syntax
     def look(self, sampler, ray, active):  # type: ignore[no-untyped-def]
@@ -98,7 +100,7 @@ class Walks:
         lamps = self.field.settings.sampled_lamps(self.scene)
         depths = self.max_depth, self.rr_depth
         side = back if self.divides else None
-        return follow(self.scene, sampler, ray, *depths, active, lamps, side)
+        return self.follow(self.scene, sampler, ray, *depths, active, lamps, side)
 
     def _shown(
         self, points: VisiblePoints, value: mi.Color3f, reach: mi.Float, share: mi.Float
@@ -151,7 +153,7 @@ class GroupedWalks(Walks):
     def __init__(self, walks: Walks, samples: int, recorded: RecordedWalks) -> None:
         vars(self).update(vars(walks))
         self.group = max(n for n in range(1, GROUP + 1) if samples % n == 0)
-        self.recorded = recorded
+        self.recorded, self.follow = recorded, recorded.follow
 
     def look(self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool) -> dict[str, Any]:
         """As of every walk; the rays go through memory, too."""
@@ -172,14 +174,6 @@ class GroupedWalks(Walks):
         points, share = self._follow(sampler, ray, active, back)
         value, reach = query_together(self.field, points, self.group)
         return self._shown(points, value, reach, share), share
-
-    def _follow(
-        self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool | bool
-    ) -> tuple[VisiblePoints, mi.Float]:
-        lamps = self.field.settings.sampled_lamps(self.scene)
-        depths = self.max_depth, self.rr_depth
-        side = back if self.divides else None
-        return self.recorded.follow(self.scene, sampler, ray, depths, active, lamps, side)
 
     def _walk_back(  # type: ignore[no-untyped-def]
         self, sampler, ray, back

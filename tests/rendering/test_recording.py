@@ -59,7 +59,7 @@ def arguments(scene, kind, seed, count, samples, back):
     o = from_numpy(mi.Point3f, np.tile([0, -2, 1.5], (count, 1)))
     ray = mi.Ray3f(o, from_numpy(mi.Vector3f, away))
     side = None if back is None else mi.Bool(back)
-    return scene, sampler, ray, DEPTHS, mi.Bool(True), Lamps(scene, (0, 1)), side
+    return scene, sampler, ray, *DEPTHS, mi.Bool(True), Lamps(scene, (0, 1)), side
 
 
 def values(found) -> list[np.ndarray]:
@@ -73,10 +73,10 @@ def check(recorded: RecordedWalks, case: tuple) -> None:
     scene, *more = case
     mine, own = arguments(scene, *more), arguments(scene, *more)
     found = values(recorded.follow(*mine))
-    lamps, indices = own[5], tuple(own[5].indices)
+    lamps, indices = own[6], tuple(own[6].indices)
     kind = str(own[1].class_name()), int(own[1].sample_count())
     expected = values(
-        module._follow(*own[:3], own[4], own[6], lamps.arrays(), DEPTHS, indices, kind)
+        module._follow(*own[:3], own[5], own[7], lamps.arrays(), DEPTHS, indices, kind)
     )
     for a, b in zip(found, expected, strict=True):
         np.testing.assert_array_equal(a, b)
