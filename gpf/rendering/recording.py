@@ -22,6 +22,7 @@ import mitsuba as mi
 
 from gpf.camera.visible_points import follow
 from gpf.core.structs import VisiblePoints
+from gpf.scene.inventory import all_shapes
 from gpf.scene.lamps import Lamps
 
 log = logging.getLogger(__name__)
@@ -129,8 +130,7 @@ class Vertices:
     changes (Dr.Jit 1.5), so they have to be recorded anew."""
 
     def __init__(self, scene: mi.Scene) -> None:
-        parts = (scene.shapes(), mi.traverse(scene).hierarchy)  # also those in groups of shapes
-        meshes = dict.fromkeys(each for part in parts for each in part if isinstance(each, mi.Mesh))
+        meshes = [shape for shape in all_shapes(scene) if isinstance(shape, mi.Mesh)]
         self._buffers: list[Callable[[], mi.Float]] = []
         for mesh in meshes:
             own = mesh.vertex_positions_buffer, mesh.vertex_normals_buffer

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.core.errors import UserError
-from gpf.scene.materials import inseparable_materials
+from gpf.scene.materials import NOT_DIFFUSE, inseparable_materials
 
 
 def check_scene(scene: mi.Scene, where: str = "scene") -> None:
@@ -66,7 +66,7 @@ def check_meshes(scene: mi.Scene, where: str = "scene") -> None:
 
     A ray that meets it would make an error of Dr.Jit: a gather from an empty array.
     """
-    for shape in _all_shapes(scene):
+    for shape in all_shapes(scene):
         if isinstance(shape, mi.Mesh) and not shape.face_count():
             name = shape.id() or f"a shape ({shape.class_name()})"
             raise UserError(where, f"has no triangles in the mesh of {name}", "Remove the shape.")
@@ -127,7 +127,7 @@ def scene_info(scene: mi.Scene) -> dict[str, Any]:
 def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:
     """The materials of all surfaces that a ray can hit, by id, else by their class and shape."""
     found: dict[str, mi.BSDF] = {}
-    for shape in _all_shapes(scene):
+    for shape in all_shapes(scene):
         # The material of an instance is not used: the shapes of its group have their own.
         bsdf = shape.bsdf()
         if bsdf is None or shape.class_name() in ("Instance", "ShapeGroupPlugin"):
@@ -141,7 +141,7 @@ def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:
     return found
 
 
-def _all_shapes(scene: mi.Scene) -> list[mi.Shape]:
+def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
     """The shapes of a scene and those of its groups, each once."""
     parts = mi.traverse(scene).hierarchy
     inner = [part for part in parts if isinstance(part, mi.Shape)]
@@ -165,6 +165,5 @@ def divides_walks(scene: mi.Scene) -> bool:
         and flags & through
         and not flags & (diffuse | glossy)
     }
-    others = int(mi.BSDFFlags.All) & ~diffuse
-    layered = any(flags & diffuse and flags & others for _, flags in kinds)
+    layered = any(flags & diffuse and flags & NOT_DIFFUSE for _, flags in kinds)
     return (bool(glass) or layered) and glass <= {"SmoothDielectric", "ThinDielectric"}

@@ -22,6 +22,10 @@ import mitsuba as mi
 INSEPARABLE = {"Principled": "principled", "PrincipledThin": "principledthin"}
 
 
+NOT_DIFFUSE = int(mi.BSDFFlags.All) & ~int(mi.BSDFFlags.Diffuse)
+"""Flags of all other components."""
+
+
 def inseparable_materials(scene: mi.Scene) -> list[str]:
     """Plugin names of the materials that photon mapping cannot use, also nested ones, sorted."""
     objects = mi.traverse(scene).hierarchy.items()
@@ -54,7 +58,7 @@ def diffuse_context(mode: mi.TransportMode | None = None) -> mi.BSDFContext:
 def specular_context(mode: mi.TransportMode | None = None) -> mi.BSDFContext:
     """A context that enables all components except diffuse ones."""
     context = mi.BSDFContext(mode or mi.TransportMode.Radiance)
-    context.type_mask = int(mi.BSDFFlags.All) & ~int(mi.BSDFFlags.Diffuse)
+    context.type_mask = NOT_DIFFUSE
     return context
 
 
@@ -67,7 +71,7 @@ def has_diffuse(bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f) -> mi.Bool:
 
 def has_others(bsdf: mi.BSDFPtr) -> mi.Bool:
     """Whether the surface has components that are not diffuse, (N,)."""
-    return (bsdf.flags() & (int(mi.BSDFFlags.All) & ~int(mi.BSDFFlags.Diffuse))) != 0
+    return (bsdf.flags() & NOT_DIFFUSE) != 0
 
 
 def is_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
