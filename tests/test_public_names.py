@@ -6,9 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import gpf
+from tests.plain_field import flat_gaussians, to_device
 
 BEFORE_A_VARIANT = """
 import sys
@@ -51,3 +53,17 @@ def test_type_checkers_see_the_same_names():
 def test_other_names_are_errors():
     with pytest.raises(AttributeError, match="module 'gpf' has no attribute 'Recipes'"):
         _ = gpf.Recipes
+
+
+def test_files_may_be_given_as_text(tmp_path):
+    folder = Path("scenes/cornell_box").resolve()
+    scene = gpf.load_scene_file(str(folder / "scene.xml"))
+    assert gpf.read_views(str(folder / "views.yaml")).train
+    field = gpf.GaussianPhotonField(
+        to_device(flat_gaussians(np.zeros((1, 3)), np.ones((1, 3)), size=1)),
+        gpf.FieldSettings(search_radius=1),
+        (scene.bbox().min, scene.bbox().max),
+    )
+    gpf.save_field(field, f"{tmp_path}/field.safetensors")
+    again = gpf.load_field(f"{tmp_path}/field.safetensors")
+    assert again.settings == field.settings

@@ -104,7 +104,9 @@ class StoredField:
         )
 
 
-def save_field(field: GaussianPhotonField, path: Path, precision: Precision = "float32") -> None:
+def save_field(
+    field: GaussianPhotonField, path: Path | str, precision: Precision = "float32"
+) -> None:
     """Write a field; errors as in :func:`write_field`."""
     g, detail = field.gaussians, field.detail
     quats = mi.Vector4f(g.quats.x, g.quats.y, g.quats.z, g.quats.w)
@@ -129,10 +131,10 @@ def save_field(field: GaussianPhotonField, path: Path, precision: Precision = "f
         tensors["limit_distances"] = ends[:, :, 3] / np.float32(field.settings.search_radius)
     bounds = [[float(corner[i]) for i in range(3)] for corner in field.bounds]
     stored = StoredField(tensors, field.settings, bounds, field.record, grid, lights)
-    write_field(stored, path, precision)
+    write_field(stored, Path(path), precision)
 
 
-def load_field(path: Path) -> GaussianPhotonField:
+def load_field(path: Path | str) -> GaussianPhotonField:
     """Read a field; errors as in :func:`read_field`."""
     stored = read_field(path)
     detail = stored.detail()
@@ -198,7 +200,7 @@ def write_field(stored: StoredField, path: Path, precision: Precision = "float32
     write_tensors(path, "field", tensors, metadata)
 
 
-def read_field(path: Path) -> StoredField:
+def read_field(path: Path | str) -> StoredField:
     """Read the content of a field's file, in either precision.
 
     Raises
@@ -206,7 +208,8 @@ def read_field(path: Path) -> StoredField:
     FileError: the file is missing or truncated, is of another kind, schema version or precision,
         has values that are not finite, or something else than a field (:mod:`gpf.field.checks`).
     """
-    tensors, metadata = read_tensors(Path(path), "field", FieldFacts)
+    path = Path(path)
+    tensors, metadata = read_tensors(path, "field", FieldFacts)
     # Older files do not state their precision; all of them are float32.
     precision = metadata.get("precision", "float32")
     if precision not in ("float32", "compact"):

@@ -35,7 +35,8 @@ class PathSettings:
         limit. The camera has the last edge, so a photon has at most ``max_depth - 1`` interactions.
     rr_depth: number of interactions after which Russian roulette may end a path.
     source: makes the first rays and their powers, e.g. :func:`emit_light` or a guided emission.
-    indirect: whether direct photons (depth 0) are left out.
+    indirect: whether photons that come straight from an emitter are left out, also those that come
+        through surfaces which leave their direction as it is.
     """
 
     paths: int
@@ -74,12 +75,12 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
     context = mi.BSDFContext(mi.TransportMode.Importance)
     deepest = dr.opaque(mi.UInt32, max_depth - 1 if max_depth > 0 else 0xFFFFFFFF)
     roulette_from = dr.opaque(mi.UInt32, settings.rr_depth)
-    stored_from = dr.opaque(mi.UInt32, int(settings.indirect))
+    stores_direct = dr.opaque(mi.Bool, not settings.indirect)
 
     ray, power, _ = settings.source(scene, sampler)
     power /= dr.opaque(mi.Float, paths)
     brightest = _size(power)
-    depth, diffused = mi.UInt32(0), mi.Bool(False)
+    depth, direct, diffused = mi.UInt32(0), mi.Bool(True), mi.Bool(False)
     active = (brightest > 0) & (deepest > 0)
 
     while active:
@@ -93,7 +94,7 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
         wi_dot_ng = dr.dot(si.n, wi)
         active &= wi_dot_ng * si.wi.z > 0
 
-        stored = active & has_diffuse(bsdf, si) & (depth >= stored_from)
+        stored = active & has_diffuse(bsdf, si) & (stores_direct | ~direct)
         slant = dr.abs(si.wi.z / wi_dot_ng)
         landing = power * slant * diffuse_transfer(bsdf, si, stored)
         photons = Photons(
@@ -110,6 +111,7 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
         straight = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
         scattered = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Diffuse)
         diffused = dr.select(straight, diffused, scattered)
+        direct &= straight
         wo = si.to_world(sample.wo)
         wo_dot_ng = dr.dot(si.n, wo)
         leaks = wo_dot_ng * sample.wo.z <= 0

@@ -10,6 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.core.errors import UserError
+from gpf.scene.materials import has_straight
 
 # A sample of direct light asks so many emitters at most; of more, some at random.
 MOST_AT_ONCE = 4
@@ -40,12 +41,31 @@ class Lamps:
         self._groups: list[Lamps] | None = None
 
     def sample(
-        self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
+        self,
+        origin: mi.Interaction3f,
+        sample: mi.Point2f,
+        active: mi.Bool,
+        straight: bool = True,
     ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
         """A point on one of the emitters, and its radiance over the density of its direction, with
-        its visibility, W/m² for a cosine of one, (N, 3); as ``scene.sample_emitter_direction``."""
+        its visibility, W/m² for a cosine of one, (N, 3); as ``scene.sample_emitter_direction``.
+
+        ``straight``: whether light also comes through surfaces that do not bend it: cloth with
+        holes, or a thin pane of glass.
+        """
+        light, weight = self._choose(origin, sample, active)
+        seen = active & (light.pdf > 0)
+        if straight and has_straight(self.scene):
+            return light, weight * _share_of_light(self.scene, origin, light.p, seen)
+        seen &= ~self.scene.ray_test(origin.spawn_ray_to(light.p), seen)
+        return light, dr.select(seen, weight, 0)
+
+    def _choose(
+        self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
+        """As :meth:`sample`, without visibility."""
         if self.indices is None:
-            return self.scene.sample_emitter_direction(origin, sample, True, active)
+            return self.scene.sample_emitter_direction(origin, sample, False, active)
         if not self.indices:
             return dr.zeros(mi.DirectionSample3f), mi.Color3f(0)
         count = len(self.indices)
@@ -56,9 +76,7 @@ class Lamps:
         rest = mi.Point2f(place - mi.Float(k), sample.y)
         light, weight = emitter.sample_direction(origin, rest, active)
         light.pdf /= count
-        seen = active & (light.pdf > 0)
-        seen &= ~self.scene.ray_test(origin.spawn_ray_to(light.p), seen)
-        return light, dr.select(seen, weight * count, 0)
+        return light, weight * count
 
     def others(self) -> Lamps:
         """All emitters but these."""
@@ -93,6 +111,24 @@ class Lamps:
         for group, index in zip(other._groups, arrays, strict=True):
             group._index = index
         return other
+
+
+@dr.syntax
+def _share_of_light(
+    scene: mi.Scene, origin: mi.Interaction3f, target: mi.Point3f, active: mi.Bool
+) -> mi.Color3f:
+    """How much of the light from a point comes straight to another, (N, 3)."""
+    share = dr.select(active, mi.Color3f(1), 0)
+    ray = origin.spawn_ray_to(target)
+    walking = mi.Bool(active)
+    while walking:
+        si = scene.ray_intersect(ray, active=walking)
+        walking &= si.is_valid()
+        through = si.bsdf(ray).eval_null_transmission(si, walking)
+        share *= dr.select(walking, through, 1)
+        walking &= dr.any(share > 0)
+        ray = si.spawn_ray_to(target)
+    return share
 
 
 def small_lamps(scene: mi.Scene, length: float) -> list[int]:

@@ -34,7 +34,7 @@ def load_scene(
     return load_scene_file(scene_folder(name, root) / "scene.xml", width, height)
 
 
-def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene:
+def load_scene_file(file: Path | str, width: int = 256, height: int = 256) -> mi.Scene:
     """Load a Mitsuba scene file and check that photon mapping can render it.
 
     ``width`` and ``height`` become the parameters ``resx`` and ``resy`` if the file uses them. The
@@ -53,6 +53,7 @@ def load_scene_file(file: Path, width: int = 256, height: int = 256) -> mi.Scene
         :func:`check_ply`, :func:`check_serialized`, :func:`check_obj` or
         :func:`check_scene` raises.
     """
+    file = Path(file)
     document = check_files(file)
     # Mitsuba raises an error for a parameter that the file does not use.
     sizes = {"resx": width, "resy": height}

@@ -87,6 +87,14 @@ def has_gloss(scene: mi.Scene) -> bool:
     return any(flags & gloss and not flags & diffuse for flags in kinds)
 
 
+def has_straight(scene: mi.Scene) -> bool:
+    """Whether light goes through any surface of the scene without changing its direction."""
+    objects = mi.traverse(scene).hierarchy
+    return any(
+        isinstance(o, mi.BSDF) and mi.has_flag(o.flags(), mi.BSDFFlags.Null) for o in objects
+    )
+
+
 def is_only_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
     """Whether the surface is glossy without a diffuse component, (N,)."""
     return is_glossy(bsdf) & ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)

@@ -219,14 +219,14 @@ def interpolate(keys: np.ndarray, count: int, closed: bool) -> np.ndarray:
     return np.asarray(spline(t))
 
 
-def read_views(file: Path, need_training: bool = True) -> SceneViews:
+def read_views(file: Path | str, need_training: bool = True) -> SceneViews:
     """Read a ``views.yaml``.
 
     Raises
     ------
     UserError: as :func:`gpf.core.yaml.read_yaml`, or ``need_training`` and no training view.
     """
-    found = read_yaml(file, SceneViews, "Write one; gpf/scene/views.py describes the format.")
+    found = read_yaml(Path(file), SceneViews, "Write one; gpf/scene/views.py describes the format.")
     if need_training and not found.train:
         raise UserError(
             str(file), "has no training views", "List at least one view under views: train."

@@ -9,9 +9,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.core.structs import Photons, to_numpy
+from gpf.core.structs import Photons, VisiblePoints, from_numpy, to_numpy
 from gpf.photons.emission import emit_light
-from gpf.photons.tracing import PathSettings, trace_photons
+from gpf.photons.tracing import PathSettings, record_photons, trace_photons
+from gpf.sppm.fixed_points import FixedPoints
 from tests.furnace import (
     Scene,
     diffuse,
@@ -128,6 +129,35 @@ def test_without_direct_light_the_others_stay_as_they_are():
         np.testing.assert_array_equal(found, kept[later])
     np.testing.assert_array_equal(indirect.depth.numpy(), every.depth.numpy()[later])
     assert dr.width(record(room, paths=2000, max_depth=2, indirect=True).p) == 0
+
+
+def test_direct_light_may_come_through_cloth_and_panes():
+    """As samples of the emitters bring it; light that bends, or that cloth sends, is not direct."""
+    sheets = {
+        "gauze": floor({"type": "mask", "opacity": 0.3, "nested": diffuse(0.5)}, z=1, size=2),
+        "pane": floor({"type": "thindielectric"}, z=2, size=2),
+        "glass": floor({"type": "dielectric"}, z=2.5, size=0.5),
+    }
+    black = {"type": "scene", "floor": floor(diffuse(0)), "lamp": point_light((0, 0, 3), 1, 1, 1)}
+    scene = mi.load_dict(black | sheets, optimize=False)
+    every, indirect = (
+        record_photons(scene, PathSettings(50_000, indirect=left_out), seed=3)
+        for left_out in (False, True)
+    )
+
+    def on_floor(photons):
+        return photons.power.numpy()[:, np.abs(photons.p.z.numpy()) < 1e-3].sum() / 3
+
+    samples = on_floor(every) - on_floor(indirect)
+    # The bulb's light on the floor that neither bends nor is sent by the cloth.
+    points = dr.zeros(VisiblePoints, 200 * 200)
+    x, y = (v.ravel() for v in np.meshgrid(*2 * [np.linspace(-2.985, 2.985, 200)]))
+    points.p = from_numpy(mi.Point3f, np.float32([x, y, 0 * x]).T)
+    points.n = mi.Normal3f(0, 0, 1)
+    sample = mi.Point2f(dr.full(mi.Float, 0.5, 200 * 200), 0.5)
+    direct = FixedPoints(scene, points).direct_irradiance(sample)
+    assert samples == pytest.approx(direct.numpy().mean() * 36, rel=0.02)
+    assert on_floor(indirect) > 0.1 * samples
 
 
 def test_glass_loses_no_power_and_stores_none():

@@ -108,6 +108,75 @@ def test_the_others_are_all_but_some(scene):
     assert Lamps(scene, ()).others().indices is None and not Lamps(scene).others()
 
 
+GAUZE = {"type": "mask", "opacity": 0.3, "nested": diffuse(0.5)}
+PANE = {"type": "thindielectric", "int_ior": 1.5, "ext_ior": 1.0}
+CLOUDY = {"type": "mask", "opacity": 1.0, "nested": diffuse(0.5)}
+OF_PANE = 0.96 / 1.04  # (1 - R) / (1 + R) with R = 0.04, at right angles
+
+
+@pytest.mark.parametrize("light", ["bulb", "sky"])
+@pytest.mark.parametrize(
+    ("sheets", "share"),
+    [
+        ((), 1),
+        ((GAUZE,), 0.7),
+        ((GAUZE, GAUZE), 0.49),
+        ((PANE, GAUZE), 0.7 * OF_PANE),
+        ((CLOUDY, GAUZE), 0),
+        ((diffuse(0.5), GAUZE), 0),
+    ],
+)
+@pytest.mark.parametrize("chosen", [False, True])
+def test_light_comes_straight_through_cloth_and_panes(sheets, share, light, chosen):
+    """What is left of the light from above; through glass, the sky comes at a slant, too."""
+    lights: Scene = {
+        "bulb": point_light((0, 0, 4), 3, 2, 1),
+        "sky": {"type": "constant", "radiance": rgb(0.1, 0.2, 0.4)},
+    }
+    own = {"type": "scene", "light": lights[light]}
+    own |= {f"sheet {k}": floor(s, z=1 + k, size=2000) for k, s in enumerate(sheets)}
+    scene = mi.load_dict(own, optimize=False)
+    points = dr.zeros(VisiblePoints, 1)
+    points.n = mi.Normal3f(0, 0, 1)
+    fixed, start = FixedPoints(scene, points), random_start(7, 1)
+    lamps = Lamps(scene, [0]) if chosen else Lamps(scene)
+    found = np.mean(
+        [fixed.direct_irradiance(spread_sample(start, k + 1), lamps).numpy() for k in range(2048)],
+        axis=0,
+    ).ravel()
+    clear = np.array([3, 2, 1]) / 16 if light == "bulb" else np.pi * np.array([0.1, 0.2, 0.4])
+    slanted = light == "sky" and PANE in sheets  # R of diffuse light is 0.09
+    expected = share * clear * ((0.91 / 1.09) / OF_PANE if slanted else 1)
+    tolerance = 1e-4 if light == "bulb" else 0.02 + 0.03 * slanted
+    np.testing.assert_allclose(found, expected, rtol=tolerance, atol=1e-7)
+
+
+def test_glossy_lobes_are_not_lit_through_cloth_twice():
+    """Their rays through it bring all of its light."""
+    gloss = {"type": "roughconductor", "material": "none", "alpha": 0.4, "distribution": "ggx"}
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": camera((0, -3, 1), (0, 0, 0), 20, (8, 6)),
+            "floor": floor(gloss),
+            "gauze": floor(GAUZE, z=1.5, size=2000),
+            "panel": lamp((0, 1, 2.5), (0, 0, 0), 1.5, 5),
+        },
+        optimize=False,
+    )
+    dark = flat_gaussians(np.zeros((1, 3)), np.zeros((1, 3)), size=5)
+    integrator = mi.load_dict({"type": "gpf"})
+    integrator.field = GaussianPhotonField(
+        to_device(dark), FieldSettings(search_radius=9, direct="emitters"), scene_bounds(scene)
+    )
+    found = integrator.render(scene, spp=4096).numpy()
+    # From the floor to the lamp, and on the way once through the gauze, which also sends light.
+    expected = mi.render(
+        scene, integrator=mi.load_dict({"type": "volpath", "max_depth": 3}), spp=4096
+    ).numpy()
+    assert found.mean() == pytest.approx(expected.mean(), rel=0.02)
+
+
 def test_no_emitter_brings_no_light(scene):
     assert np.all(irradiance(scene, Lamps(scene, ()), 1) == 0)
 
