@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.next_event import direct_light, share_of_bsdf
-from gpf.core.structs import VisiblePoints
+from gpf.core.structs import VisiblePoints, Way
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import (
     diffuse_context,
@@ -49,8 +49,14 @@ COHERENT = 4
 together, in up to a quarter of the time; later, each alone. The hits are the same."""
 
 
-MOST_DIFFUSE, MOST_OF_MASK = 0.9375, 0.75
-"""Greatest weight of a diffuse component if there are others, and if it has holes."""
+OTHER_WAYS = 4
+"""Where the other way from a first surface has the weight F, a sample takes it with the probability
+min(1, OTHER_WAYS F), so many times as often as by chance. It then counts less, and the picture has
+less noise; but it takes time in which there could be more samples."""
+
+LEAST_OF_OTHERS, LEAST_OF_HOLES = 0.0625, 0.25
+"""Least F, for that probability alone, of components beside a diffuse one, and of holes in it: a
+sample of them may be zero by chance, but they are there all the same."""
 
 
 @dr.syntax
@@ -63,9 +69,9 @@ def follow(
     active: mi.Bool | bool = True,
     lamps: Lamps | None = None,
     back: mi.Bool | bool | None = None,
-) -> tuple[VisiblePoints, mi.Float]:
-    """Follow rays through glossy and specular bounces to their first diffuse hit, (N,), and the
-    weight of the direction that was asked for, (N,), which is in the throughput.
+) -> tuple[VisiblePoints, Way]:
+    """Follow rays through glossy and specular bounces to their first diffuse hit, (N,), by one of
+    two ways.
 
     If a BSDF has a diffuse and other components, one of the two parts is chosen at random, with
     probabilities in proportion to their reflectances, and the throughput is divided by the
@@ -110,7 +116,7 @@ def follow(
     origin = mi.Point3f(0)
     density = mi.Float(0)
     lit = mi.Bool(False)
-    side_weight = dr.select(reflected, mi.Float(0), 1)
+    side_weight, chance = dr.select(reflected, mi.Float(0), 1), mi.Float(0)
     active = mi.Bool(active) & (deepest > 0)
 
     while active:
@@ -140,6 +146,7 @@ def follow(
             # The density of one of two directions is its probability; of total reflection it is 1.
             chosen = dr.select(reflected & (sample.pdf >= 1), 0, sample.pdf)
             side_weight = dr.select(divided & active, chosen, side_weight)
+            chance = dr.select(divided & active, _chance(1 - chosen), chance)
             weight *= dr.select(divided, chosen, 1)
         wo = si.to_world(sample.wo)
 
@@ -151,11 +158,11 @@ def follow(
         share = dr.select(diffuse & (from_diffuse + from_others <= 0), 1, share)
         if dr.hint(dividing, mode="scalar"):
             layered &= active
-            # The sample of the other components may be zero by chance: they are there all the same.
-            masked = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
-            most = dr.select(masked, mi.Float(MOST_OF_MASK), MOST_DIFFUSE)
-            share = dr.select(layered & has_others(bsdf), dr.minimum(share, most), share)
             side_weight = dr.select(layered, dr.select(reflected, 1 - share, share), side_weight)
+            masked = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
+            least = dr.select(masked, mi.Float(LEAST_OF_HOLES), LEAST_OF_OTHERS)
+            more = _chance(dr.maximum(1 - share, least))
+            chance = dr.select(layered & has_others(bsdf), more, chance)
             share = dr.select(layered, dr.select(reflected, mi.Float(0), 1), share)
 
         # Rays from a glossy lobe rarely hit a small emitter: sample the emitters as well.
@@ -198,7 +205,12 @@ def follow(
         depth=depth,
         valid=valid,
     )
-    return points, side_weight
+    return points, Way(side_weight, chance)
+
+
+def _chance(other: mi.Float) -> mi.Float:
+    """Probability with which the other way is taken, (N,), if it has the weight ``other``."""
+    return dr.minimum(OTHER_WAYS * other, 1)
 
 
 def _light_of(  # type: ignore[no-untyped-def]

@@ -84,6 +84,20 @@ class VisiblePoints:
 
 
 @dataclass
+class Way:
+    """One of two ways that camera rays can take at their first surface.
+
+    Attributes
+    ----------
+    weight: of this way in the sum of both, (N,). It is in the throughput of what the ray finds.
+    chance: probability with which the other way should be taken as well, (N,); 0 if there is none.
+    """
+
+    weight: mi.Float
+    chance: mi.Float
+
+
+@dataclass
 class SurfacePoints:
     """Points on surfaces with targets for the training.
 

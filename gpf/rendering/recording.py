@@ -21,7 +21,7 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.visible_points import follow
-from gpf.core.structs import VisiblePoints
+from gpf.core.structs import VisiblePoints, Way
 from gpf.scene.inventory import all_shapes
 from gpf.scene.lamps import Lamps
 
@@ -83,8 +83,8 @@ class RecordedWalks:
         active: mi.Bool,
         lamps: Lamps,
         back: mi.Bool | None,
-    ) -> tuple[VisiblePoints, mi.Float]:
-        """The visible points and the weights of their directions, evaluated.
+    ) -> tuple[VisiblePoints, Way]:
+        """The visible points and the ways to them, evaluated.
 
         Parameters
         ----------
@@ -99,7 +99,7 @@ class RecordedWalks:
         if self._frozen is not None:
             try:
                 with _nothing_collected(first=self._calls == 1):
-                    found: tuple[VisiblePoints, mi.Float] = self._frozen(*arguments)
+                    found: tuple[VisiblePoints, Way] = self._frozen(*arguments)
                     return found
             except RuntimeError as error:
                 log.info("Camera walks are not recorded, but traced each time: %s", error)
@@ -117,7 +117,7 @@ def _follow(
     depths: tuple[int, int],
     indices: tuple[int, ...] | None,
     kind: tuple[str, int],
-) -> tuple[VisiblePoints, mi.Float]:
+) -> tuple[VisiblePoints, Way]:
     lamps = Lamps(scene, indices).with_arrays(arrays)
     found = follow(scene, sampler, ray, *depths, active, lamps, back)
     sampler.schedule_state()

@@ -15,7 +15,7 @@ import mitsuba as mi
 
 from gpf.camera.visible_points import follow
 from gpf.core.morton import order_lanes_in_space
-from gpf.core.structs import VisiblePoints
+from gpf.core.structs import VisiblePoints, Way
 from gpf.field.field import GaussianPhotonField
 from gpf.rendering.aovs import at_visible_point
 from gpf.rendering.recording import RecordedWalks
@@ -28,11 +28,6 @@ NEAR = 0.125
 
 SAME_SIDE = 0.95
 """Least cosine between their normals."""
-
-REFLECTIONS = 4
-"""Where the second way from a first surface has the share F of the weight, a sample takes it with
-the probability min(1, REFLECTIONS F), so many times as often as by chance. It then counts less, and
-the picture has less noise; but it takes time in which there could be more samples."""
 
 
 class Walks:
@@ -60,7 +55,7 @@ class Walks:
         self.scene, self.field, self.aovs = scene, field, aovs
         self.max_depth, self.rr_depth = max_depth, rr_depth
         self.divides = divides
-        self.follow: Callable[..., tuple[VisiblePoints, mi.Float]] = follow
+        self.follow: Callable[..., tuple[VisiblePoints, Way]] = follow
 
     @dr.syntax
     def look(self, sampler, ray, active):  # type: ignore[no-untyped-def]
@@ -77,46 +72,40 @@ class Walks:
         back = mi.Bool(False)
         walking = mi.Bool(active)
         while dr.hint(walking, exclude=[ray]):
-            further, share = self._walk(sampler, ray, walking, back)
+            further, way = self._walk(sampler, ray, walking, back)
             found = _join(found, further, through, weight)
-            through = mi.Float(share)
-            chance = _chance(share)
-            back = ~back & (sampler.next_1d(walking) < chance)
-            weight = 1 / chance
+            through = mi.Float(way.weight)
+            back = ~back & (sampler.next_1d(walking) < way.chance)
+            weight = 1 / way.chance
             walking &= back
         return found
 
     def _walk(
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
-    ) -> tuple[dict[str, Any], mi.Float]:
-        """What one camera walk finds, and the weight of its direction, (N,)."""
-        points, share = self._follow(sampler, ray, active, back)
+    ) -> tuple[dict[str, Any], Way]:
+        """What one camera walk finds, and which way it took."""
+        points, way = self._follow(sampler, ray, active, back)
         value, reach = self.field.query(points.p, points.n, points.valid)
-        return self._shown(points, value, reach, share), share
+        return self._shown(points, value, reach, way), way
 
     def _follow(
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool | bool
-    ) -> tuple[VisiblePoints, mi.Float]:
+    ) -> tuple[VisiblePoints, Way]:
         lamps = self.field.settings.sampled_lamps(self.scene)
         depths = self.max_depth, self.rr_depth
         side = back if self.divides else None
         return self.follow(self.scene, sampler, ray, *depths, active, lamps, side)
 
     def _shown(
-        self, points: VisiblePoints, value: mi.Color3f, reach: mi.Float, share: mi.Float
+        self, points: VisiblePoints, value: mi.Color3f, reach: mi.Float, way: Way
     ) -> dict[str, Any]:
         found = {"radiance": self.field.reflect(points, value), "valid": points.valid}
-        return found | at_visible_point(self.field, points, value, reach, share, self.aovs)
+        return found | at_visible_point(self.field, points, value, reach, way.weight, self.aovs)
 
     def _nothing(self) -> dict[str, Any]:
         points = dr.zeros(VisiblePoints)
-        shown = self._shown(points, mi.Color3f(0), mi.Float(0), mi.Float(0))
+        shown = self._shown(points, mi.Color3f(0), mi.Float(0), dr.zeros(Way))
         return {key: dr.zeros(type(value)) for key, value in shown.items()}
-
-
-def _chance(share: mi.Float) -> mi.Float:
-    """Probability of the second way, (N,), if the first one has a ``share`` of the weight."""
-    return dr.minimum(REFLECTIONS * (1 - share), 1)
 
 
 def _join(
@@ -127,7 +116,7 @@ def _join(
 
     Parameters
     ----------
-    through: share of the first way, (N,).
+    through: weight of the first way, (N,).
     weight: by which the second one is multiplied, (N,).
     """
     # Dr.Jit's loops need the same order of keys each time.
@@ -159,21 +148,20 @@ class GroupedWalks(Walks):
         """As of every walk; the rays go through memory, too."""
         sampler.schedule_state()
         dr.eval(ray)
-        found, share = self._walk(sampler, ray, active, mi.Bool(False))
+        found, way = self._walk(sampler, ray, active, mi.Bool(False))
         if self.divides:
-            chance = _chance(share)
-            back = active & (sampler.next_1d(active) < chance)
+            back = active & (sampler.next_1d(active) < way.chance)
             further = self._walk_back(sampler, ray, back)
             if further:
-                found = _join(found, further, share, dr.select(back, 1 / chance, 0))
+                found = _join(found, further, way.weight, dr.select(back, 1 / way.chance, 0))
         return found
 
     def _walk(
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
-    ) -> tuple[dict[str, Any], mi.Float]:
-        points, share = self._follow(sampler, ray, active, back)
+    ) -> tuple[dict[str, Any], Way]:
+        points, way = self._follow(sampler, ray, active, back)
         value, reach = query_together(self.field, points, self.group)
-        return self._shown(points, value, reach, share), share
+        return self._shown(points, value, reach, way), way
 
     def _walk_back(  # type: ignore[no-untyped-def]
         self, sampler, ray, back

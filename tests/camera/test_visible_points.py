@@ -43,9 +43,9 @@ def walk(
     d = np.subtract(target, origin) / np.linalg.norm(np.subtract(target, origin))
     ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*d.tolist()))
     ray = dr.gather(mi.Ray3f, ray, dr.zeros(mi.UInt32, count))
-    points, share = follow(loaded, sampler, ray, **options)
-    dr.eval(points, share)
-    points.share = share
+    points, way = follow(loaded, sampler, ray, **options)
+    dr.eval(points, way)
+    points.share = way.weight
     return points
 
 

@@ -236,9 +236,7 @@ def test_both_ways_from_a_surface_make_the_same_picture_with_less_noise(
         )
         means.append((a + b).mean(axis=(0, 1)) / 2)
         noise.append((a - b)[..., 0].std())
-    np.testing.assert_allclose(means[0][:3], means[1][:3], rtol=0.01)
-    # Where one way finds no surface, the AOVs depend on the weights of both.
-    np.testing.assert_allclose(means[0][3:], means[1][3:], rtol=0.15)
+    np.testing.assert_allclose(means[0], means[1], rtol=0.01, atol=1e-4)
     if not adaptive:
         assert noise[0] < least * noise[1]
 

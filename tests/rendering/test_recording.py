@@ -63,9 +63,14 @@ def arguments(scene, kind, seed, count, samples, back):
 
 
 def values(found) -> list[np.ndarray]:
-    points, share = found
+    points, way = found
     names = "p", "n", "throughput", "emission", "reflectance"
-    return [*(to_numpy(getattr(points, n)) for n in names), points.valid.numpy(), share.numpy()]
+    return [
+        *(to_numpy(getattr(points, n)) for n in names),
+        points.valid.numpy(),
+        way.weight.numpy(),
+        way.chance.numpy(),
+    ]
 
 
 def check(recorded: RecordedWalks, case: tuple) -> None:
