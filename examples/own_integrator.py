@@ -34,8 +34,10 @@ class FinalGathering(mi.ad.integrators.common.ADIntegrator):
     def sample(self, mode, scene, sampler, ray, depth=None, active=True, **kwargs):
         """Radiance of camera rays, (N, 3)."""
         # Through mirrors and glass to a diffuse surface. The emission of a point is the light that
-        # the ray meets on its way and, because of `lamps`, the direct light at its end.
-        first = find_visible_points(scene, sampler, ray, active=active, lamps=Lamps(scene))
+        # the ray meets on its way and, because of `lamps`, the direct light at its end. What comes
+        # through thin panes is left to the second ray.
+        lamps = Lamps(scene, through_null=False)
+        first = find_visible_points(scene, sampler, ray, active=active, lamps=lamps)
 
         # A diffuse BSDF chooses directions by the cosine.
         direction = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())

@@ -29,11 +29,11 @@ def direct_light(
     ----------
     context: enables the components of f.
     lamps: sampled are these alone, and no rays contribute the remaining weight: w is 1. By default,
-        all emitters are sampled, but not through surfaces that leave the direction of light as it
-        is: rays that go through them have forgotten ``p_f``.
+        all emitters are sampled, but not through surfaces that do not bend light: rays that go
+        through them have forgotten ``p_f``.
     """
-    sampled, straight = (Lamps(scene), False) if lamps is None else (lamps, True)
-    light, weight = sampled.sample(si, sampler.next_2d(active), active, straight)
+    sampled = Lamps(scene, through_null=False) if lamps is None else lamps
+    light, weight = sampled.sample(si, sampler.next_2d(active), active)
     active = active & (light.pdf > 0)  # not &=, which would change the caller's mask
     wo = si.to_local(light.d)
     if lamps is not None:

@@ -89,8 +89,9 @@ class Way:
 
     Attributes
     ----------
-    weight: of this way in the sum of both, (N,). It is in the throughput of what the ray finds.
-    chance: probability with which the other way should be taken as well, (N,); 0 if there is none.
+    weight: of this way in a mean over both, (N,); 1 if there is no other.
+    chance: if this is the first way, the probability with which the other one should be taken as
+        well, (N,); 0 if there is none.
     """
 
     weight: mi.Float

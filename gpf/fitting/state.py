@@ -25,7 +25,7 @@ PHOTONS = "photons.safetensors"
 # Files beside it.
 _FIELD = re.compile(r"field-\d+\.safetensors")
 
-FORMAT = 5
+FORMAT = 6
 """Of the files; those of another format are not read."""
 
 Resume = Literal["if possible", "always", "never"]

@@ -13,7 +13,7 @@ import mitsuba as mi
 
 from gpf.core.structs import Photons
 from gpf.photons.emission import Source, emit_light
-from gpf.scene.materials import diffuse_transfer, has_diffuse
+from gpf.scene.materials import diffuse_transfer, has_diffuse, has_null
 
 # Upper limit of a photon's power, relative to its initial power. The adjoint of shading normals
 # has infinite variance. In a glass teapot it applies at every bounce: of 10^8 photons, one is 1000
@@ -35,8 +35,8 @@ class PathSettings:
         limit. The camera has the last edge, so a photon has at most ``max_depth - 1`` interactions.
     rr_depth: number of interactions after which Russian roulette may end a path.
     source: makes the first rays and their powers, e.g. :func:`emit_light` or a guided emission.
-    indirect: whether photons that come straight from an emitter are left out, also those that come
-        through surfaces which leave their direction as it is.
+    indirect: whether photons that come straight from an emitter are left out, those through
+        surfaces that do not bend light, too: what :meth:`gpf.scene.lamps.Lamps.sample` finds.
     """
 
     paths: int
@@ -75,7 +75,7 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
     context = mi.BSDFContext(mi.TransportMode.Importance)
     deepest = dr.opaque(mi.UInt32, max_depth - 1 if max_depth > 0 else 0xFFFFFFFF)
     roulette_from = dr.opaque(mi.UInt32, settings.rr_depth)
-    stores_direct = dr.opaque(mi.Bool, not settings.indirect)
+    stores_direct, asks_null = dr.opaque(mi.Bool, not settings.indirect), has_null(scene)
 
     ray, power, _ = settings.source(scene, sampler)
     power /= dr.opaque(mi.Float, paths)
@@ -109,6 +109,9 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
             context, si, sampler.next_1d(active), sampler.next_2d(active), active
         )
         straight = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
+        if dr.hint(asks_null, mode="scalar"):
+            # Some wrappers, such as bumpmap, let photons through, but not the samples of lamps.
+            straight &= dr.any(bsdf.eval_null_transmission(si, active & straight) > 0)
         scattered = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Diffuse)
         diffused = dr.select(straight, diffused, scattered)
         direct &= straight

@@ -137,8 +137,7 @@ def at_visible_point(
     ----------
     irradiance, reach: the field's answer at the points; see
         :meth:`gpf.field.field.GaussianPhotonField.query`.
-    share: weight of the points, (N,), in a mean over several for each camera ray. It is in their
-        throughput, too.
+    share: weight of the points, (N,), in a mean over several for each camera ray.
     """
     values = {
         "albedo": dr.select(

@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import drjit as dr
 import mitsuba as mi
 
 from gpf.core.errors import UserError
-from gpf.scene.materials import has_straight
+from gpf.scene.materials import has_null
 
 # A sample of direct light asks so many emitters at most; of more, some at random.
 MOST_AT_ONCE = 4
@@ -22,13 +23,21 @@ class Lamps:
     Parameters
     ----------
     indices: places of the emitters in ``scene.emitters()``, possibly none; by default all.
+    through_null: whether their light also comes through surfaces that do not bend it, such as cloth
+        with holes or a thin pane of glass (``Null`` among Mitsuba's flags). As in ``volpath``, such
+        surfaces do not count for a limit on depth.
 
     Raises
     ------
     UserError: the scene has no emitter at one of these places.
     """
 
-    def __init__(self, scene: mi.Scene, indices: Sequence[int] | None = None) -> None:
+    def __init__(
+        self,
+        scene: mi.Scene,
+        indices: Sequence[int] | None = None,
+        through_null: bool = True,
+    ) -> None:
         count = len(scene.emitters())
         if indices and not all(0 <= k < count for k in indices):
             raise UserError(
@@ -36,29 +45,29 @@ class Lamps:
                 f"names emitters {list(indices)}, but the scene has {count}",
                 "Correct it in params.yaml, or take a field that was fitted to this scene.",
             )
-        self.scene, self.indices = scene, indices
+        self.scene, self.indices, self._through_null = scene, indices, through_null
         self._index = mi.UInt32(list(indices)) if indices else mi.UInt32()
         self._groups: list[Lamps] | None = None
 
     def sample(
-        self,
-        origin: mi.Interaction3f,
-        sample: mi.Point2f,
-        active: mi.Bool,
-        straight: bool = True,
+        self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
-        """A point on one of the emitters, and its radiance over the density of its direction, with
-        its visibility, W/m² for a cosine of one, (N, 3); as ``scene.sample_emitter_direction``.
+        """A point on one of the emitters, and its radiance over the density of its direction, times
+        the share of it that arrives, W/m² for a cosine of one, (N, 3).
 
-        ``straight``: whether light also comes through surfaces that do not bend it: cloth with
-        holes, or a thin pane of glass.
+        As ``scene.sample_emitter_direction``, but the density of hidden points is not zero.
         """
         light, weight = self._choose(origin, sample, active)
         seen = active & (light.pdf > 0)
-        if straight and has_straight(self.scene):
-            return light, weight * _share_of_light(self.scene, origin, light.p, seen)
+        if self._asks_null:
+            share = _arriving_share(self.scene, origin, light.p, seen)
+            return light, dr.select(share > 0, weight * share, 0)
         seen &= ~self.scene.ray_test(origin.spawn_ray_to(light.p), seen)
         return light, dr.select(seen, weight, 0)
+
+    @cached_property
+    def _asks_null(self) -> bool:
+        return self._through_null and has_null(self.scene)
 
     def _choose(
         self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
@@ -81,9 +90,10 @@ class Lamps:
     def others(self) -> Lamps:
         """All emitters but these."""
         if not self:
-            return Lamps(self.scene)
+            return Lamps(self.scene, None, self._through_null)
         every = range(0 if self.indices is None else len(self.scene.emitters()))
-        return Lamps(self.scene, [k for k in every if k not in (self.indices or ())])
+        left = [k for k in every if k not in (self.indices or ())]
+        return Lamps(self.scene, left, self._through_null)
 
     def __bool__(self) -> bool:
         return self.indices is None or len(self.indices) > 0
@@ -94,7 +104,8 @@ class Lamps:
             return [self]
         if self._groups is None:
             parts = min(len(self.indices), MOST_AT_ONCE)
-            self._groups = [Lamps(self.scene, self.indices[k::parts]) for k in range(parts)]
+            split = [self.indices[k::parts] for k in range(parts)]
+            self._groups = [Lamps(self.scene, part, self._through_null) for part in split]
         return self._groups
 
     def arrays(self) -> list[mi.UInt32]:
@@ -114,7 +125,7 @@ class Lamps:
 
 
 @dr.syntax
-def _share_of_light(
+def _arriving_share(
     scene: mi.Scene, origin: mi.Interaction3f, target: mi.Point3f, active: mi.Bool
 ) -> mi.Color3f:
     """How much of the light from a point comes straight to another, (N, 3)."""

@@ -87,7 +87,7 @@ def has_gloss(scene: mi.Scene) -> bool:
     return any(flags & gloss and not flags & diffuse for flags in kinds)
 
 
-def has_straight(scene: mi.Scene) -> bool:
+def has_null(scene: mi.Scene) -> bool:
     """Whether light goes through any surface of the scene without changing its direction."""
     objects = mi.traverse(scene).hierarchy
     return any(

@@ -44,10 +44,11 @@ class FixedPoints:
     def direct_irradiance(self, sample: mi.Point2f, lamps: Lamps | None = None) -> mi.Color3f:
         """Irradiance from one point on one emitter, W/m², (N, 3).
 
-            E = L_e / p_e(ω) |cos θ| g(ω)
+            E = L_e / p_e(ω) T |cos θ| g(ω)
 
-        with the cosine in the shading frame, and g of :func:`gpf.scene.materials.diffuse_transfer`.
-        Photons from the same point would bring the same irradiance.
+        with the share T of the light that arrives, the cosine in the shading frame, and g of
+        :func:`gpf.scene.materials.diffuse_transfer`. Photons from the same point would bring the
+        same irradiance.
 
         Parameters
         ----------

@@ -15,6 +15,7 @@ from gpf.photons.tracing import PathSettings, record_photons, trace_photons
 from gpf.sppm.fixed_points import FixedPoints
 from tests.furnace import (
     Scene,
+    bitmap,
     diffuse,
     facing,
     floor,
@@ -133,10 +134,15 @@ def test_without_direct_light_the_others_stay_as_they_are():
 
 def test_direct_light_may_come_through_cloth_and_panes():
     """As samples of the emitters bring it; light that bends, or that cloth sends, is not direct."""
+    gauze = {"type": "mask", "opacity": 0.3, "nested": diffuse(0.5)}
     sheets = {
-        "gauze": floor({"type": "mask", "opacity": 0.3, "nested": diffuse(0.5)}, z=1, size=2),
+        "gauze": floor(gauze, z=1, size=2),
         "pane": floor({"type": "thindielectric"}, z=2, size=2),
-        "glass": floor({"type": "dielectric"}, z=2.5, size=0.5),
+        "glass": floor({"type": "dielectric"}, z=2.5, size=0.1),
+        # Samples of the lamp do not come through it, so its photons are kept.
+        "bumpy gauze": floor(
+            {"type": "bumpmap", "map": bitmap(np.ones((2, 2, 3))), "cloth": gauze}, z=0.5, size=1
+        ),
     }
     black = {"type": "scene", "floor": floor(diffuse(0)), "lamp": point_light((0, 0, 3), 1, 1, 1)}
     scene = mi.load_dict(black | sheets, optimize=False)

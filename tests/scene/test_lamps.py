@@ -149,6 +149,9 @@ def test_light_comes_straight_through_cloth_and_panes(sheets, share, light, chos
     expected = share * clear * ((0.91 / 1.09) / OF_PANE if slanted else 1)
     tolerance = 1e-4 if light == "bulb" else 0.02 + 0.03 * slanted
     np.testing.assert_allclose(found, expected, rtol=tolerance, atol=1e-7)
+    if sheets:
+        blocked = Lamps(scene, lamps.indices, through_null=False)
+        assert not fixed.direct_irradiance(spread_sample(start, 1), blocked).numpy().any()
 
 
 def test_glossy_lobes_are_not_lit_through_cloth_twice():
