@@ -163,7 +163,7 @@ def test_direct_light_may_come_through_cloth_and_panes():
     sample = mi.Point2f(dr.full(mi.Float, 0.5, 200 * 200), 0.5)
     direct = FixedPoints(scene, points).direct_irradiance(sample)
     assert samples == pytest.approx(direct.numpy().mean() * 36, rel=0.02)
-    assert on_floor(indirect) > 0.1 * samples
+    assert on_floor(indirect) > 0.04 * samples
 
 
 def test_glass_loses_no_power_and_stores_none():
