@@ -5,6 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from gpf.core.random import next_2d
 from gpf.scene.lamps import Lamps
 
 
@@ -33,7 +34,7 @@ def direct_light(
         through them have forgotten ``p_f``.
     """
     sampled = Lamps(scene, through_null=False) if lamps is None else lamps
-    light, weight = sampled.sample(si, sampler.next_2d(active), active)
+    light, weight = sampled.sample(si, next_2d(sampler, active), active)
     active = active & (light.pdf > 0)  # not &=, which would change the caller's mask
     wo = si.to_local(light.d)
     if lamps is not None:

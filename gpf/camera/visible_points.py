@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.next_event import direct_light, share_of_bsdf
+from gpf.core.random import next_1d, next_2d
 from gpf.core.structs import VisiblePoints, Way
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import (
@@ -137,11 +138,11 @@ def follow(
 
         diffuse = active & has_diffuse(bsdf, si)
         diffuse_part = diffuse_reflectance(bsdf, si, diffuse)
-        choice = sampler.next_1d(active)
+        choice = next_1d(sampler, active)
         if dr.hint(dividing, mode="scalar"):
             towards = dr.select(reflected, mi.Float(0), dr.one_minus_epsilon(mi.Float))
             choice = dr.select(divided, towards, choice)
-        sample, weight = bsdf.sample(context, si, choice, sampler.next_2d(active), active)
+        sample, weight = bsdf.sample(context, si, choice, next_2d(sampler, active), active)
         if dr.hint(dividing, mode="scalar"):
             # The density of one of two directions is its probability; of total reflection it is 1.
             chosen = dr.select(reflected & (sample.pdf >= 1), 0, sample.pdf)
@@ -169,7 +170,7 @@ def follow(
         lit = active & is_glossy(bsdf) & ~(layered & ~reflected)
         if lit:
             emission += throughput * direct_light(scene, sampler, context, bsdf, si, lit)
-        ends = diffuse & (sampler.next_1d(active) < share)
+        ends = diffuse & (next_1d(sampler, active) < share)
         throughput /= dr.select(ends, share, 1 - share)
 
         lights = ends & mi.Bool(sampled)
@@ -192,7 +193,7 @@ def follow(
 
         survival = dr.minimum(dr.max(throughput) * dr.square(eta), 0.95)
         roulette = active & (depth >= roulette_from)
-        lives = ~roulette | (sampler.next_1d(active) < survival)
+        lives = ~roulette | (next_1d(sampler, active) < survival)
         throughput[roulette] = throughput / survival
         active &= lives & (dr.max(throughput) > 0)
 

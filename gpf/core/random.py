@@ -133,3 +133,14 @@ def stratified_batch(count: int, size: int, seed: mi.UInt32, step: mi.UInt32) ->
     stride = dr.opaque(mi.Float, count / size)
     place = (mi.Float(dr.arange(mi.UInt32, size)) + rng.next_float32()) * stride
     return dr.minimum(mi.UInt32(place), count - 1)
+
+
+def next_1d(sampler: mi.Sampler, active: mi.Bool) -> mi.Float:
+    """The next number of a sampler in [0, 1), (N,): of ``multijitter``, one in some ten million is 1
+    otherwise, with which a BSDF may sample what has no probability."""
+    return dr.minimum(sampler.next_1d(active), dr.one_minus_epsilon(mi.Float))
+
+
+def next_2d(sampler: mi.Sampler, active: mi.Bool) -> mi.Point2f:
+    """The next point of a sampler in [0, 1)², (N, 2); see :func:`next_1d`."""
+    return dr.minimum(sampler.next_2d(active), dr.one_minus_epsilon(mi.Float))

@@ -53,16 +53,17 @@ class Lamps:
         self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
         """A point on one of the emitters, and its radiance over the density of its direction, times
-        the share of it that arrives, W/m² for a cosine of one, (N, 3).
-
-        As ``scene.sample_emitter_direction``, but the density of hidden points is not zero.
-        """
+        the share of it that arrives, W/m² for a cosine of one, (N, 3); as
+        ``scene.sample_emitter_direction``, so the density of hidden points is zero."""
         light, weight = self._choose(origin, sample, active)
         seen = active & (light.pdf > 0)
         if self._asks_null:
             share = _arriving_share(self.scene, origin, light.p, seen)
-            return light, dr.select(share > 0, weight * share, 0)
-        seen &= ~self.scene.ray_test(origin.spawn_ray_to(light.p), seen)
+            weight *= share
+            seen &= dr.any(share > 0)
+        else:
+            seen &= ~self.scene.ray_test(origin.spawn_ray_to(light.p), seen)
+        light.pdf = dr.select(seen, light.pdf, 0)
         return light, dr.select(seen, weight, 0)
 
     @cached_property

@@ -138,6 +138,29 @@ def test_a_glass_pane_divides_as_fresnel_says(slant):
     assert (entered % 2 == 0).all() and (entered >= 2).all()
 
 
+class OnlyOnes:
+    """A sampler whose numbers are one, as a few of ``multijitter`` are."""
+
+    def next_1d(self, active: mi.Bool) -> mi.Float:
+        return dr.select(active, mi.Float(1), 1)
+
+    def next_2d(self, active: mi.Bool) -> mi.Point2f:
+        return mi.Point2f(self.next_1d(active), 1)
+
+
+@pytest.mark.parametrize("back", [None, False])
+@pytest.mark.parametrize("surface", [diffuse(0.5), {"type": "plastic"}])
+def test_a_random_number_may_be_one(surface, back):
+    scene = mi.load_dict(
+        {"type": "scene", "floor": floor(surface), "lamp": lamp((0, 0, 3), (0, 0, 0), 1, 1, 1, 1)}
+    )
+    ray = mi.Ray3f(mi.Point3f(0, -1, dr.full(mi.Float, 1, 4)), mi.Vector3f(0, 0.6, -0.8))
+    points, _ = follow(scene, OnlyOnes(), ray, back=back)
+    for values in (points.throughput, points.emission):
+        assert np.isfinite(values.numpy()).all()
+    assert points.valid.numpy().all() or (surface["type"] == "plastic" and back is None)
+
+
 @pytest.mark.parametrize("kind", ["dielectric", "thindielectric"])
 def test_both_sides_of_glass_can_be_followed(kind):
     """A pane before a lamp: both weights are Fresnel's, and each walk is the same as the other."""
