@@ -136,8 +136,11 @@ def stratified_batch(count: int, size: int, seed: mi.UInt32, step: mi.UInt32) ->
 
 
 def next_1d(sampler: mi.Sampler, active: mi.Bool) -> mi.Float:
-    """The next number of a sampler in [0, 1), (N,): of ``multijitter``, one in some ten million is 1
-    otherwise, with which a BSDF may sample what has no probability."""
+    """The next number of a sampler in [0, 1), (N,).
+
+    One in some ten million of ``multijitter`` is 1, with which a BSDF may sample what has no
+    probability.
+    """
     return dr.minimum(sampler.next_1d(active), dr.one_minus_epsilon(mi.Float))
 
 

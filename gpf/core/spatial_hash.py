@@ -186,19 +186,23 @@ class SpatialHash:
         state: Any,
         active: mi.Bool,
         enough: Callable[[Any], mi.Bool] | None = None,
+        within: mi.Vector3f | None = None,
     ) -> Any:
         """Call ``body`` for every point that may lie within ``radius`` of ``x``; return the state.
 
         ``body(state, index, record, distance², inside)`` returns the new state. ``index`` is the
         position of the point in the sorted order, ``record`` its :class:`Record`, and ``inside``
         tells whether ``distance <= radius``: ``body`` must mask its side effects with it. The
-        search of a point ends when ``enough(state)`` is true.
+        search of a point ends when ``enough(state)`` is true. Points farther than ``within`` on an
+        axis, world units, (N, 3), may be left out.
         """
-        return self._scan(self._first, x, radius, body, state, active, enough)
+        return self._scan(self._first, x, radius, body, state, active, enough, within)
 
     @dr.syntax
-    def _scan(self, grid: _Grid, x, radius, body: Body, state, active, enough=None):  # type: ignore[no-untyped-def]
-        reach = radius + self._slack
+    def _scan(  # type: ignore[no-untyped-def]
+        self, grid: _Grid, x, radius, body: Body, state, active, enough=None, within=None
+    ):
+        reach = mi.Vector3f(radius if within is None else within) + self._slack
         first = self._cell_of(grid, x - reach)
         last = self._cell_of(grid, x + reach)
         radius2 = radius * radius

@@ -205,8 +205,11 @@ def query_together(
     if dr.width(asking) == 0:
         return mi.Color3f(0), mi.Float(dr.inf)
     index = dr.select(asks, place, dr.gather(mi.UInt32, place, first))
-    # The lanes of a packet run in step, so they should look at the same Gaussians.
-    order = order_lanes_in_space(dr.gather(mi.Point3f, x, asking), field.settings.search_radius / 2)
+    # The lanes of a packet run in step, so they should look at the same Gaussians: points lie
+    # together that are close and face the same way.
+    radius = field.settings.search_radius
+    facing = mi.Vector3f(dr.gather(mi.Normal3f, points.n, asking))
+    order = order_lanes_in_space(dr.gather(mi.Point3f, x, asking) + radius * facing, radius / 8)
     asking, rank = dr.gather(mi.UInt32, asking, order), _inverse(order)
     index = dr.gather(mi.UInt32, rank, index, points.valid)
     p, n = dr.gather(mi.Point3f, points.p, asking), dr.gather(mi.Normal3f, points.n, asking)
