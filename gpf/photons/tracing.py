@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from gpf.core.loops import loops_traced_once
 from gpf.core.structs import Photons
 from gpf.photons.emission import Source, emit_light
 from gpf.scene.materials import diffuse_transfer, has_diffuse, has_null
@@ -54,6 +55,7 @@ class PathSettings:
         return (min(self.rr_depth, 16) + 21) * self.paths
 
 
+@loops_traced_once
 @dr.syntax
 def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, seed: int) -> None:
     """Trace photon paths from the emitters and deposit photons on diffuse surfaces.
@@ -83,7 +85,7 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
     depth, direct, diffused = mi.UInt32(0), mi.Bool(True), mi.Bool(False)
     active = (brightest > 0) & (deepest > 0)
 
-    while active:
+    while dr.hint(active, exclude=[brightest, deepest, roulette_from, stores_direct]):
         si = scene.ray_intersect(ray, active=active)
         active &= si.is_valid()
         bsdf = si.bsdf(ray)

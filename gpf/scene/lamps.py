@@ -11,6 +11,7 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.core.errors import UserError
+from gpf.core.loops import loops_traced_once
 from gpf.scene.materials import has_null
 
 # A sample of direct light asks so many emitters at most; of more, some at random.
@@ -125,6 +126,7 @@ class Lamps:
         return other
 
 
+@loops_traced_once
 @dr.syntax
 def _arriving_share(
     scene: mi.Scene, origin: mi.Interaction3f, target: mi.Point3f, active: mi.Bool
@@ -133,7 +135,7 @@ def _arriving_share(
     share = dr.select(active, mi.Color3f(1), 0)
     ray = origin.spawn_ray_to(target)
     walking = mi.Bool(active)
-    while walking:
+    while dr.hint(walking, exclude=[origin, target]):
         si = scene.ray_intersect(ray, active=walking)
         walking &= si.is_valid()
         through = si.bsdf(ray).eval_null_transmission(si, walking)
