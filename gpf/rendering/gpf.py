@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.camera.rays import keeps_to_pixels, sample_pixel_rays, sample_tiled_rays
+from gpf.core.loops import loops_traced_once
 from gpf.core.structs import from_numpy
 from gpf.field.io import load_field
 from gpf.rendering.adaptive import MIN_SPP, sample_adaptively
@@ -267,13 +268,12 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
             if (changes := self._vertices.changes()) != self._recorded_of:
                 self._recorded, self._recorded_of = RecordedWalks(), changes
 
+    @loops_traced_once
     def _look(
         self, walks: Walks, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
     ) -> dict[str, Any]:
         """What rays find, with all AOVs."""
-        # Dr.Jit would trace loops twice to find what is constant; the kernels are as fast without.
-        with dr.scoped_set_flag(dr.JitFlag.OptimizeLoops, False):
-            found = walks.look(sampler, ray, active)
+        found = walks.look(sampler, ray, active)
         return found | at_first_surface(walks.scene, ray, self.aovs, active)
 
     def sample_rays(

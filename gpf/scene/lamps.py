@@ -92,10 +92,13 @@ class Lamps:
     def others(self) -> Lamps:
         """All emitters but these."""
         if not self:
-            return Lamps(self.scene, None, self._through_null)
+            return self._with(None)
         every = range(0 if self.indices is None else len(self.scene.emitters()))
-        left = [k for k in every if k not in (self.indices or ())]
-        return Lamps(self.scene, left, self._through_null)
+        return self._with([k for k in every if k not in (self.indices or ())])
+
+    def _with(self, indices: Sequence[int] | None) -> Lamps:
+        """The same for other emitters."""
+        return Lamps(self.scene, indices, self._through_null)
 
     def __bool__(self) -> bool:
         return self.indices is None or len(self.indices) > 0
@@ -106,8 +109,7 @@ class Lamps:
             return [self]
         if self._groups is None:
             parts = min(len(self.indices), MOST_AT_ONCE)
-            split = [self.indices[k::parts] for k in range(parts)]
-            self._groups = [Lamps(self.scene, part, self._through_null) for part in split]
+            self._groups = [self._with(self.indices[k::parts]) for k in range(parts)]
         return self._groups
 
     def arrays(self) -> list[mi.UInt32]:
@@ -135,7 +137,7 @@ def _arriving_share(
     share = dr.select(active, mi.Color3f(1), 0)
     ray = origin.spawn_ray_to(target)
     walking = mi.Bool(active)
-    while dr.hint(walking, exclude=[origin, target]):
+    while dr.hint(walking, exclude=[target]):
         si = scene.ray_intersect(ray, active=walking)
         walking &= si.is_valid()
         through = si.bsdf(ray).eval_null_transmission(si, walking)

@@ -81,18 +81,18 @@ def is_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
 
 def has_gloss(scene: mi.Scene) -> bool:
     """Whether any surface of the scene is glossy without a diffuse component."""
-    objects = mi.traverse(scene).hierarchy
-    kinds = [int(o.flags()) for o in objects if isinstance(o, mi.BSDF)]
     gloss, diffuse = int(mi.BSDFFlags.Glossy), int(mi.BSDFFlags.Diffuse)
-    return any(flags & gloss and not flags & diffuse for flags in kinds)
+    return any(flags & gloss and not flags & diffuse for flags in _all_flags(scene))
 
 
 def has_null(scene: mi.Scene) -> bool:
     """Whether light goes through any surface of the scene without changing its direction."""
-    objects = mi.traverse(scene).hierarchy
-    return any(
-        isinstance(o, mi.BSDF) and mi.has_flag(o.flags(), mi.BSDFFlags.Null) for o in objects
-    )
+    return any(flags & int(mi.BSDFFlags.Null) for flags in _all_flags(scene))
+
+
+def _all_flags(scene: mi.Scene) -> list[int]:
+    """The flags of all BSDFs of a scene, also of nested ones."""
+    return [int(o.flags()) for o in mi.traverse(scene).hierarchy if isinstance(o, mi.BSDF)]
 
 
 def is_only_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
