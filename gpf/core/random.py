@@ -75,8 +75,8 @@ def stream_of(name: str) -> int:
 
 
 # 1 / g and 1 / g², where g is the real solution of g³ = g + 1: the steps of a low-discrepancy
-# sequence in the plane (Roberts 2018).
-_SPREAD = (0.7548776662466927, 0.5698402909980532)
+# sequence in the plane (Roberts 2018); in units of 2⁻³², whose sums are modulo 1 by themselves.
+_SPREAD = tuple(round(step * 2**32) for step in (0.7548776662466927, 0.5698402909980532))
 
 
 def random_start(seed: int, lanes: int) -> mi.Point2f:
@@ -88,7 +88,7 @@ def random_start(seed: int, lanes: int) -> mi.Point2f:
     return start
 
 
-def spread_sample(start: mi.Point2f, t: int) -> mi.Point2f:
+def spread_sample(start: mi.Point2f, t: int | mi.UInt32) -> mi.Point2f:
     """Element ``t`` of each lane's sequence in [0, 1)², (N, 2): u_t = u_0 + t (1/g, 1/g²) mod 1.
 
     Each element is uniformly random; over all t, the elements of a lane are evenly spread.
@@ -97,7 +97,10 @@ def spread_sample(start: mi.Point2f, t: int) -> mi.Point2f:
     ----------
     start: u_0 of each lane, from :func:`random_start`, (N, 2).
     """
-    place = start + mi.Point2f(*(dr.opaque(mi.Float, (t * step) % 1) for step in _SPREAD))
+    number = dr.opaque(mi.UInt32, t) if isinstance(t, int) else t
+    # The first 24 bits of the fractions are what a float can hold.
+    offset = mi.Point2f(*(mi.Float((number * step) >> 8) * 2**-24 for step in _SPREAD))
+    place = start + offset
     return place - dr.floor(place)
 
 

@@ -18,6 +18,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.loops import loops_traced_once
 from gpf.core.structs import from_numpy, to_numpy
 from gpf.core.surface_tags import SAME_SURFACE_COSINE
 from gpf.field.detail import Detail
@@ -80,16 +81,27 @@ def nearest_obstacles(
     p, n: positions and unit normals, world units, (N, 3).
     reach: how far away obstacles are looked for, world units, (N,).
     """
-    best, found = mi.Float(reach), dr.zeros(mi.Vector3f, dr.width(p))
+    found, best = _nearest(scene, mi.Point3f(p), mi.Normal3f(n), mi.Float(reach))
+    return _planes(found, best)
+
+
+@loops_traced_once
+@dr.syntax
+def _nearest(  # type: ignore[no-untyped-def]
+    scene: mi.Scene, p, n, reach
+) -> tuple[mi.Vector3f, mi.Float]:
+    """The directions of the nearest obstacles, (N, 3), and their distances, (N,)."""
     frame = mi.Frame3f(n)
-    for number in range(RAYS):
-        sine, cosine = dr.sincos(dr.opaque(mi.Float, (number + 0.5) * 2 * np.pi / RAYS))
+    best, found = mi.Float(reach), dr.zeros(mi.Vector3f, dr.width(p))
+    number = mi.UInt32(0)
+    while dr.hint(number < RAYS, exclude=[p, n, reach, frame]):
+        sine, cosine = dr.sincos((mi.Float(number) + 0.5) * (2 * np.pi / RAYS))
         met = look_along(scene, p, n, reach, mi.Vector2f(cosine, sine))
         nearer = met.stands & (met.distance < best)
         best = dr.select(nearer, met.distance, best)
         found = dr.select(nearer, frame.to_world(mi.Vector3f(met.away.x, met.away.y, 0)), found)
-        dr.eval(best, found)
-    return _planes(found, best)
+        number += 1
+    return found, best
 
 
 def surface_before(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float) -> np.ndarray:

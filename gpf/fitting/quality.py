@@ -14,7 +14,7 @@ from gpf.camera.rays import sample_rays_at
 from gpf.camera.visible_points import find_visible_points
 from gpf.core.errors import uninterrupted
 from gpf.core.images import check_finite, propose_exposure, tone_map, tone_secant
-from gpf.core.random import Stream, pass_seed, random_start, spread_sample
+from gpf.core.random import Stream, pass_seed, random_start
 from gpf.core.structs import VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.settings import FieldSettings
@@ -234,13 +234,11 @@ class QualityEstimate:
         variance = np.zeros(self._emission.shape)
         if self._photons.settings.direct == "emitters":
             start = random_start(pass_seed(self.seed, 2, Stream.QUALITY_DIRECT), len(self._lanes))
-            found = np.stack(
-                [
-                    to_numpy(self._points.direct_irradiance(spread_sample(start, k + 1)))
-                    for k in range(DIRECT_SAMPLES)
-                ]
+            total, squares = (
+                to_numpy(sums) for sums in self._points.direct_sums(start, 1, DIRECT_SAMPLES)
             )
-            variance[self._lanes] = self._share**2 * found.var(axis=0, ddof=1)
+            found = (squares - total**2 / DIRECT_SAMPLES) / (DIRECT_SAMPLES - 1)
+            variance[self._lanes] = self._share**2 * np.maximum(found, 0)
         return variance.reshape(-1, SAMPLES, 3).mean(axis=1)
 
     def _samples(self, irradiance: np.ndarray) -> np.ndarray:

@@ -14,9 +14,9 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.visible_points import follow
-from gpf.core.morton import order_lanes_in_space
 from gpf.core.structs import VisiblePoints, Way
 from gpf.field.field import GaussianPhotonField
+from gpf.field.ordered_query import query_in_order
 from gpf.rendering.aovs import at_visible_point
 from gpf.rendering.recording import RecordedWalks
 
@@ -200,30 +200,10 @@ def query_together(
     shared = (lanes != first) & dr.gather(mi.Bool, points.valid, first)
     shared &= apart < (NEAR * field.settings.search_radius) ** 2
     shared &= dr.dot(points.n, dr.gather(mi.Normal3f, points.n, first)) > SAME_SIDE
-    asks = points.valid & ~shared
-    asking, place = _compressed(asks)
-    if dr.width(asking) == 0:
-        return mi.Color3f(0), mi.Float(dr.inf)
-    index = dr.select(asks, place, dr.gather(mi.UInt32, place, first))
-    # The lanes of a packet run in step, so they should look at the same Gaussians: points lie
-    # together that are close and face the same way.
-    radius = field.settings.search_radius
-    facing = mi.Vector3f(dr.gather(mi.Normal3f, points.n, asking))
-    order = order_lanes_in_space(dr.gather(mi.Point3f, x, asking) + radius * facing, radius / 8)
-    asking, rank = dr.gather(mi.UInt32, asking, order), _inverse(order)
-    index = dr.gather(mi.UInt32, rank, index, points.valid)
-    p, n = dr.gather(mi.Point3f, points.p, asking), dr.gather(mi.Normal3f, points.n, asking)
-    value, reach = field.query(p, n, mi.Bool(True))
-    dr.eval(value, reach)
+    value, reach, place = query_in_order(field, points.p, points.n, points.valid & ~shared)
+    index = dr.gather(mi.UInt32, place, dr.select(shared, first, lanes), points.valid)
     reach = dr.select(points.valid, _answer(reach, index, points.valid), dr.inf)
     return _answer(value, index, points.valid), reach
-
-
-def _inverse(order: mi.UInt32) -> mi.UInt32:
-    """The place of each number in a permutation, (N,)."""
-    place = dr.empty(mi.UInt32, dr.width(order))
-    dr.scatter(place, dr.arange(mi.UInt32, dr.width(order)), order)
-    return place
 
 
 def _groups(lanes: mi.Bool, group: int) -> tuple[mi.UInt32, mi.UInt32]:

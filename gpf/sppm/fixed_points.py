@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.loops import loops_traced_once
 from gpf.core.random import random_start, spread_sample
 from gpf.core.structs import VisiblePoints, to_numpy
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import diffuse_context
+
+# Random numbers (N, 2) instead of others, and the weight of their samples, (N,).
+Warp = Callable[["mi.Point2f"], tuple["mi.Point2f", "mi.Float"]]
 
 
 class FixedPoints:
@@ -55,14 +60,47 @@ class FixedPoints:
         sample: random numbers in [0, 1)², (N, 2).
         lamps: the emitters that are sampled; by default all.
         """
-        dr.eval(sample)  # and the result: one kernel for whatever is made of it
         here, n = self._interactions(), self.points.n
         lamps = Lamps(self.scene) if lamps is None else lamps
         light, weight = lamps.sample(here, sample, mi.Bool(True))
         seen = (light.pdf > 0) & (dr.dot(light.d, n) > 0)
-        found = dr.select(seen, weight * self.share(light.d), 0)
-        dr.eval(found)
-        return found
+        return dr.select(seen, weight * self.share(light.d), 0)
+
+    @loops_traced_once
+    @dr.syntax
+    def direct_sums(  # type: ignore[no-untyped-def]
+        self,
+        start: mi.Point2f,
+        first: int,
+        count: int = 1,
+        lamps: Lamps | None = None,
+        warp: Warp | None = None,
+    ) -> tuple[mi.Color3f, mi.Color3f]:
+        """Sums of the irradiance from some samples of the emitters, and of its square, (N, 3) each.
+
+        Parameters
+        ----------
+        start: start of each point's sequence of samples, (N, 2); see
+            :func:`gpf.core.random.random_start`.
+        first, count: the samples are elements ``first`` to ``first + count - 1`` of the sequence.
+        lamps: the emitters that are sampled; by default all.
+        warp: other random numbers for those of the sequence, and the weight of their light.
+        """
+        lamps = Lamps(self.scene) if lamps is None else lamps
+        total, squares = (dr.zeros(mi.Color3f, dr.width(self.points.p)) for _ in range(2))
+        # One kernel for any numbers; it is traced once for all samples.
+        number, end = dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, first + count)
+        _ = self._surface  # cannot be found within a loop
+        while dr.hint(number < end, exclude=[start, end]):
+            sample, weight = spread_sample(start, number), mi.Float(1)
+            if dr.hint(warp is not None, mode="scalar"):
+                sample, weight = warp(sample)
+            found = self.direct_irradiance(sample, lamps) * weight
+            total += found
+            squares += found * found
+            number += 1
+        dr.eval(total, squares)
+        return total, squares
 
     def cosine_rays(self, sample: mi.Point2f) -> tuple[mi.Ray3f, mi.Float]:
         """Rays from the points, (N,), with densities cos θ / π, and cos θ, (N,).
@@ -100,8 +138,5 @@ class FixedPoints:
         total = dr.zeros(mi.Color3f, dr.width(self.points.p))
         start = random_start(seed, dr.width(self.points.p))
         for number, group in enumerate(lamps.groups()):
-            for k in range(samples):
-                sample = spread_sample(start, number * samples + k + 1)
-                total += self.direct_irradiance(sample, group)
-                dr.eval(total)
+            total += self.direct_sums(start, number * samples + 1, samples, group)[0]
         return to_numpy(total) / np.float32(samples)

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from gpf.camera.next_event import samples_every_emitter
-from gpf.core.random import Stream, pass_seed, spread_sample
+from gpf.core.random import Stream, pass_seed
 from gpf.core.settings import Count, Positive, Settings
 from gpf.core.spatial_hash import Record, SpatialHash
 from gpf.core.structs import VisiblePoints, from_numpy
@@ -153,7 +153,7 @@ class PhotonPass:
         """
         if self.settings.direct == "photons":
             return self.irradiance(fixed.points), None
-        direct = fixed.direct_irradiance(spread_sample(start, number), lamps)
+        direct, _ = fixed.direct_sums(start, number, lamps=lamps)
         return self.irradiance(fixed.points) + direct, direct
 
 

@@ -45,14 +45,11 @@ class DirectLight(SampledLight):
         if self.lamps:
             super().sample(passes)
 
-    def _light(self, half: int, number: int) -> mi.Color3f:
+    def _light(self, half: int, first: int, count: int) -> mi.Color3f:
         seed = pass_seed(self.seed, half, Stream.STREAM_EMITTERS)
         start = random_start(seed, dr.width(self.points.points.p))
-        sample = spread_sample(start, number)
-        if self._guide is None:
-            return self.sign * self.points.direct_irradiance(sample, self.lamps)
-        guided, weight = self._guide.warp(sample)
-        return self.sign * self.points.direct_irradiance(guided, self.lamps) * weight
+        warp = self._guide.warp if self._guide else None
+        return self.sign * self.points.direct_sums(start, first, count, self.lamps, warp)[0]
 
     @cached_property
     def _guide(self) -> LampGuide | None:

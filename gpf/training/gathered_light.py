@@ -12,8 +12,11 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.next_event import direct_light
+from gpf.core.loops import loops_traced_once
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
+from gpf.core.structs import VisiblePoints
 from gpf.field.field import GaussianPhotonField
+from gpf.field.ordered_query import query_in_order
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import diffuse_context, diffuse_reflectance, has_diffuse
 from gpf.sppm.fixed_points import FixedPoints
@@ -42,14 +45,17 @@ class GatheredLight(SampledLight):
         super().__init__(points, seed)
         self.field = field
 
-    def _light(self, half: int, number: int) -> mi.Color3f:
+    def _light(self, half: int, first: int, count: int) -> mi.Color3f:
         seed = pass_seed(self.seed, half, Stream.GATHER_RAYS)
         start = random_start(seed, dr.width(self.points.points.p))
-        others = pass_seed(self.seed, half, Stream.GATHER_LAMPS, number)
-        return gather(self.points, self.field, spread_sample(start, number), others)
+        total = mi.Color3f(0)
+        for number in range(first, first + count):
+            others = pass_seed(self.seed, half, Stream.GATHER_LAMPS, number)
+            total += gather(self.points, self.field, spread_sample(start, number), others)
+            dr.eval(total)
+        return total
 
 
-@dr.syntax
 def gather(
     points: FixedPoints, field: GaussianPhotonField, sample: mi.Point2f, seed: int
 ) -> mi.Color3f:
@@ -67,39 +73,59 @@ def gather(
     sample: random numbers in [0, 1)², (N, 2).
     seed: of the random numbers beyond the first surface.
     """
-    scene, width = points.scene, dr.width(points.points.p)
+    ray, cosine = points.cosine_rays(sample)
+    weight = dr.select(cosine > 0, dr.pi / cosine, 0) * points.share(ray.d)
+    ends = _look(points.scene, field, ray, cosine > 0, seed)
+    dr.eval(ends, weight)
+    value, _, place = query_in_order(field, ends.p, ends.n, ends.valid)
+    arriving = dr.maximum(dr.gather(mi.Color3f, value, place, ends.valid), 0)
+    return weight * ends.radiance(arriving)
+
+
+@loops_traced_once
+@dr.syntax
+def _look(  # type: ignore[no-untyped-def]
+    scene: mi.Scene, field: GaussianPhotonField, ray: mi.Ray3f, active: mi.Bool, seed: int
+) -> VisiblePoints:
+    """Where gather rays end, and the light that they find besides, ``emission``, (N,)."""
+    width = dr.width(ray.d)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, width)
     context, every = diffuse_context(), Lamps(scene)
     lamps = field.settings.sampled_lamps(scene)
     resolved = dr.opaque(mi.Float, _resolved(field))
 
-    ray, cosine = points.cosine_rays(sample)
-    direction = mi.Vector3f(ray.d)
-    radiance, through = dr.zeros(mi.Color3f, width), mi.Color3f(1)
-    surfaces, active = mi.UInt32(0), mi.Bool(cosine > 0)
-    while active:
+    ends = dr.zeros(VisiblePoints, width)
+    p, n, reflectance = ends.p, ends.n, ends.reflectance
+    emission, through = ends.emission, mi.Color3f(1)
+    valid = mi.Bool(False)
+    surfaces, active = mi.UInt32(0), mi.Bool(active)
+    while dr.hint(active, exclude=[resolved]):
         si = scene.ray_intersect(ray, active=active)
         active &= si.is_valid()
         bsdf = si.bsdf()
         diffuse = active & has_diffuse(bsdf, si)
         straight = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
         near = diffuse & (si.t < resolved) & ~straight
-        known = diffuse & ~near
+        if straight:
+            # Cloth with holes: the ray goes through, or ends there.
+            passing = bsdf.eval_null_transmission(si, straight)
+            chance = dr.select(diffuse, dr.mean(passing), 1)
+            straight &= sampler.next_1d(straight) < chance
+            through *= dr.select(straight, passing / chance, 1 / (1 - chance))
+        known = diffuse & ~near & ~straight
         sent, further = mi.Color3f(0), ray.d
         if known:
-            facing = mi.Normal3f(dr.mulsign(si.n, -dr.dot(si.n, ray.d)))
-            arriving, _ = field.query(si.p, facing, known)
+            p = mi.Point3f(si.p)
+            n = mi.Normal3f(dr.mulsign(si.n, -dr.dot(si.n, ray.d)))
             reflectance = diffuse_reflectance(bsdf, si, known)
-            sent = dr.select(known, dr.maximum(arriving, 0) * reflectance / dr.pi, 0)
+            valid = mi.Bool(True)
             if dr.hint(bool(lamps), mode="scalar"):
                 sent += direct_light(scene, sampler, context, bsdf, si, known, lamps)
         if near:
             sent += direct_light(scene, sampler, context, bsdf, si, near, every)
-        radiance += through * sent
+        emission += through * sent
 
-        if straight:
-            through *= dr.select(straight, bsdf.eval_null_transmission(si, straight), 1)
         if near:
             bounce, weight = bsdf.sample(
                 context, si, sampler.next_1d(near), sampler.next_2d(near), near
@@ -109,8 +135,15 @@ def gather(
         surfaces += 1
         active = (straight | near) & dr.any(through > 0) & (surfaces < _MOST_SURFACES)
         ray = si.spawn_ray(further)
-    weight = dr.select(cosine > 0, dr.pi / cosine, 0)
-    return radiance * weight * points.share(direction)
+    return VisiblePoints(
+        p=p,
+        n=n,
+        reflectance=reflectance,
+        throughput=through,
+        emission=emission,
+        depth=surfaces,
+        valid=valid,
+    )
 
 
 def _resolved(field: GaussianPhotonField) -> float:

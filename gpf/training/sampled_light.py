@@ -54,27 +54,28 @@ class SampledLight(ABC):
         self._sums = [dr.zeros(mi.Color3f, dr.width(points.points.p)) for _ in range(2)]
 
     @abstractmethod
-    def _light(self, half: int, number: int) -> mi.Color3f:
-        """Irradiance of each point from sample ``number``, 1 at first, of a half, W/m², (N, 3)."""
+    def _light(self, half: int, first: int, count: int) -> mi.Color3f:
+        """Sum of the irradiance of each point from ``count`` samples of a half, W/m², (N, 3);
+        ``first``: the number of the first of them, from 1 on."""
 
     def sample(self, passes: int) -> None:
         """Add the samples that belong to so many passes."""
         wanted = max(self.LEAST, math.ceil(self.per_pass * passes))
-        while self.samples < wanted:
-            self.add()
+        if self.samples < wanted:
+            self.add(wanted - self.samples)
 
-    def add(self) -> None:
-        """Add a sample at each point for each half."""
+    def add(self, count: int = 1) -> None:
+        """Add samples at each point for each half."""
         with uninterrupted():
             begin = time.perf_counter()
-            self.samples += 1
             for half in range(2):
-                light = self._light(half, self.samples)
+                light = self._light(half, self.samples + 1, count)
                 dr.eval(light)  # one kernel for both halves, and for all samples
                 self._sums[half] += light
             dr.eval(self._sums)
             dr.sync_thread()
-            self.seconds = time.perf_counter() - begin
+            self.samples += count
+            self.seconds = (time.perf_counter() - begin) / count
 
     def mean(self, half: int) -> np.ndarray:
         """Irradiance from the samples of a half, W/m², (N, 3)."""

@@ -43,7 +43,7 @@ from gpf.training.targets import Targets, source_numbers
 CELL, TYPICAL_PASSES = 0.5 * WIDTHS[-1], 100
 
 # After so many passes, the noise of the photons is compared with that of samples.
-BALANCED = 12, 48, 192
+BALANCED = 6, 12, 48, 192
 
 # Rays that measure how much of a kernel's disc lies on the surface, at each point near an edge and
 # for each half.
