@@ -94,7 +94,7 @@ class FixedPoints:
         while dr.hint(number < end, exclude=[start, end]):
             sample, weight = spread_sample(start, number), mi.Float(1)
             if dr.hint(warp is not None, mode="scalar"):
-                sample, weight = warp(sample)
+                sample, weight = warp(sample)  # type: ignore[misc]
             found = self.direct_irradiance(sample, lamps) * weight
             total += found
             squares += found * found

@@ -34,7 +34,7 @@ class DirectLight(SampledLight):
     sign: -1 if their light is taken away from that of the photons.
     """
 
-    LEAST, MOST_PER_PASS, COST = 4, 8.0, 5.0
+    LEAST, MOST_PER_PASS, COST = 4, 24.0, 8.0
 
     def __init__(self, points: FixedPoints, lamps: Lamps, sign: int, seed: int) -> None:
         super().__init__(points, seed)

@@ -39,7 +39,7 @@ class GatheredLight(SampledLight):
     field: says what arrives at the surfaces.
     """
 
-    LEAST, MOST_PER_PASS, COST = 4, 0.25, 0.2
+    LEAST, MOST_PER_PASS, COST = 4, 1.0, 0.6
 
     def __init__(self, points: FixedPoints, field: GaussianPhotonField, seed: int) -> None:
         super().__init__(points, seed)

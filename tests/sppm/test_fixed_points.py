@@ -38,6 +38,31 @@ def direct(scene: mi.Scene, points: VisiblePoints, samples: int = 1) -> np.ndarr
     return np.mean(found, axis=0)
 
 
+def test_sums_of_samples_are_those_of_single_ones():
+    """With other random numbers and a weight, too."""
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "floor": floor(diffuse(0.5)),
+            "lamp": lamp((0, 0, 2), (0, 0, 0), 1, 3, 2, 1),
+            "sky": SKY,
+        }
+    )
+    fixed = FixedPoints(scene, points_at([(0.1, 0, 0), (1, 0.5, 0)], [(0, 0, 1)] * 2))
+    start = random_start(7, 2)
+
+    def warp(sample: mi.Point2f) -> tuple[mi.Point2f, mi.Float]:
+        return mi.Point2f(sample.y, sample.x), 2 * sample.x
+
+    single = []
+    for t in range(3, 8):
+        sample, weight = warp(spread_sample(start, t))
+        single.append(to_numpy(fixed.direct_irradiance(sample) * weight))
+    total, squares = (to_numpy(v) for v in fixed.direct_sums(start, 3, 5, warp=warp))
+    np.testing.assert_allclose(total, np.sum(single, axis=0), rtol=1e-5)
+    np.testing.assert_allclose(squares, np.square(single).sum(axis=0), rtol=1e-5)
+
+
 def test_a_point_light():
     """I cos θ / d² on the side of the normal, nothing on the other nor in the shadow."""
     scene = mi.load_dict(

@@ -59,9 +59,9 @@ def test_a_saved_one_continues_with_the_same_bits(direct):
     np.testing.assert_array_equal(direct.mean(1), other.mean(1))
 
 
-@pytest.mark.parametrize(("noise", "expected"), [(0.0, 0.0), (0.02, 0.4), (9.0, 8.0)])
+@pytest.mark.parametrize(("noise", "expected"), [(0.0, 0.0), (0.02, 0.5), (9.0, 24.0)])
 def test_the_noisier_light_gets_more_of_the_time(direct, noise, expected):
-    """n/N = sqrt(5 v/V): with as much noise in 4 samples as in 25 passes, sqrt(5 · 4/25) = .89."""
+    """n/N = sqrt(8 v/V): with as much noise in 4 samples as in 25 passes, sqrt(8 · 4/25) = 1.13."""
     direct.samples = DirectLight.LEAST
     balance(25, halves(0.045), [direct], [halves(noise)])
     assert direct.per_pass == pytest.approx(expected, rel=0.15)
