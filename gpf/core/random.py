@@ -75,7 +75,7 @@ def stream_of(name: str) -> int:
 
 
 # 1 / g and 1 / g², where g is the real solution of g³ = g + 1: the steps of a low-discrepancy
-# sequence in the plane (Roberts 2018); in units of 2⁻³², whose sums are modulo 1 by themselves.
+# sequence in the plane (Roberts 2018). In units of 2⁻³²: integers of 32 bits overflow modulo 1.
 _SPREAD = tuple(round(step * 2**32) for step in (0.7548776662466927, 0.5698402909980532))
 
 

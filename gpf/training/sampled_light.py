@@ -19,6 +19,9 @@ from gpf.training.loss import relative_weight
 RUNS, RUN = 64, 512
 """Runs of points that stand for all, and their length."""
 
+AT_ONCE = 16
+"""Most samples that are added together: Ctrl-C waits for them."""
+
 Halves = tuple[np.ndarray, np.ndarray]
 """Irradiance of points from each half, (P, 3) each."""
 
@@ -61,8 +64,8 @@ class SampledLight(ABC):
     def sample(self, passes: int) -> None:
         """Add the samples that belong to so many passes."""
         wanted = max(self.LEAST, math.ceil(self.per_pass * passes))
-        if self.samples < wanted:
-            self.add(wanted - self.samples)
+        while self.samples < wanted:
+            self.add(min(wanted - self.samples, AT_ONCE))
 
     def add(self, count: int = 1) -> None:
         """Add samples at each point for each half."""

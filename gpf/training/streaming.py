@@ -42,7 +42,8 @@ from gpf.training.targets import Targets, source_numbers
 # TYPICAL_PASSES passes: half of the narrowest one's, where points are dense.
 CELL, TYPICAL_PASSES = 0.5 * WIDTHS[-1], 100
 
-# After so many passes, the noise of the photons is compared with that of samples.
+# After so many passes, the noise of the photons is compared with that of samples; at first for the
+# first field of a fit: what is gathered from a field with noisy direct light stays too bright.
 BALANCED = 6, 12, 48, 192
 
 # Rays that measure how much of a kernel's disc lies on the surface, at each point near an edge and

@@ -9,7 +9,7 @@ from gpf.core.structs import VisiblePoints
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.training.direct_light import DirectLight
-from gpf.training.sampled_light import balance
+from gpf.training.sampled_light import AT_ONCE, balance
 
 COUNT = 1000
 
@@ -57,6 +57,19 @@ def test_a_saved_one_continues_with_the_same_bits(direct):
     direct.sample(8)
     other.sample(8)
     np.testing.assert_array_equal(direct.mean(1), other.mean(1))
+
+
+def test_many_samples_come_in_parts_between_which_a_fit_can_be_interrupted(direct, monkeypatch):
+    """All of them, and with the sums of all at once."""
+    count = 2 * AT_ONCE + 3
+    together, apart = (DirectLight(direct.points, direct.lamps, 1, seed=3) for _ in range(2))
+    together.add(count)
+    parts, add = [], apart.add
+    monkeypatch.setattr(apart, "add", lambda more: (parts.append(more), add(more)))
+    apart.per_pass = count
+    apart.sample(1)
+    assert parts == [AT_ONCE, AT_ONCE, 3]
+    np.testing.assert_allclose(apart.mean(0), together.mean(0), rtol=1e-4)
 
 
 @pytest.mark.parametrize(("noise", "expected"), [(0.0, 0.0), (0.02, 0.5), (9.0, 24.0)])
