@@ -1,10 +1,10 @@
 """`python -m benchmarks.rooms FILE.xml …`: rooms that others made, by the field and by what else
 there is.
 
-For each scene file: a fit and some views of it, the scene's own among them; then `path` with Open
-Image Denoise, and SPPM, each with as much time for all views as the field took for the fit and the
-views together. A few of the views are judged against the truth: two independent images by `path`,
-kept in a folder for the next run. Printed are
+For each scene file: a fit and some views of it, the scene's own among them, denoised as by `gpf
+render`; then `path` with Open Image Denoise, and SPPM, each with as much time for all views as the
+field took for the fit and the views together. A few of the views are judged against the truth: two
+independent images by `path`, kept in a folder for the next run. Printed are
 
 - the share of the photons that reach a diffuse surface which a camera sees, and the kernel's radius
   beside the distance of what the cameras look at;
@@ -177,7 +177,7 @@ def compare(room: Room, truth: Truth, arguments: argparse.Namespace) -> None:
 
 def render_field(room: Room, field: GaussianPhotonField) -> np.ndarray:
     """All views from a field, (V, H, W, 3)."""
-    renderer = FieldRenderer.make(room.scene, field, RenderSettings())
+    renderer = FieldRenderer.make(room.scene, field, RenderSettings(denoise=True))
     with progress_bar(f"{room.name}: views", len(room.views)) as bar:
         images = []
         for k, view in enumerate(room.views):
