@@ -37,7 +37,8 @@ _MARKS = re.compile(r"<!-- (\w+) -->\n.*?<!-- /\1 -->", re.DOTALL)
 def main() -> None:
     """Publish everything; on an error publish nothing and exit with code 2."""
     try:
-        naming_commands(publish)(Results.open())
+        with naming_commands():
+            publish(Results.open())
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None

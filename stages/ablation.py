@@ -33,7 +33,7 @@ from stages.train import fit
 SECTIONS = ("film", "visible_region", "reference", "field", "train", "stream", "render")
 
 
-def run_ablations(scene_name: str, variant: str | None = None, go_on: bool = False) -> None:
+def run(scene_name: str, variant: str | None = None, go_on: bool = False) -> None:
     """Run one row of `ablations.variants`, or all rows in `run`, each in a separate process.
 
     If a variant cannot be made in the scene, the reason is saved; with ``go_on`` that is no error.

@@ -106,7 +106,7 @@ def seconds_of_all(work: Workspace) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["stage", "part", *KINDS])
 
 
-def amortize(scene_name: str) -> None:
+def run(scene_name: str) -> None:
     """Write the cost tables and print from which number of views on the field is cheaper."""
     work = Workspace.open(scene_name)
     lines, seconds = cost_lines(work), seconds_of_all(work)

@@ -45,7 +45,7 @@ FIELD = "gpf"
 Draw = Callable[[View, int], np.ndarray]
 
 
-def animate(scene_name: str) -> None:
+def run(scene_name: str) -> None:
     """Render the missing frames of the path; write the films and the flicker.
 
     Does nothing for a scene that is not in `animation.scenes`.

@@ -29,7 +29,7 @@ from stages.common.timing_baseline import time_path
 from stages.common.workspace import Workspace
 
 
-def run_baselines(scene_name: str, method: str | None = None, go_on: bool = False) -> None:
+def run(scene_name: str, method: str | None = None, go_on: bool = False) -> None:
     """Run one row of `baselines`, or all rows in `methods`, each in a separate process.
 
     If a method cannot serve the scene, the reason is saved; with ``go_on`` that is no error.

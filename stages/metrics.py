@@ -25,7 +25,7 @@ from stages.common.workspace import Workspace
 SECOND_REFERENCE = "second_reference"
 
 
-def compare_images(scene_name: str) -> None:
+def run(scene_name: str) -> None:
     """Compare the field, the rows of `methods` and the second reference with the references.
 
     What has no images of the scene is left out, and a message names the command for them.

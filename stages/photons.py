@@ -19,7 +19,7 @@ from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
 
 
-def trace(scene_name: str) -> None:
+def run(scene_name: str) -> None:
     """Trace photons; save those that land on diffuse surfaces in the visible region."""
     work = Workspace.open(scene_name)
     section = work.params.photons

@@ -31,7 +31,7 @@ from stages.references.groups import GROUPS, Group, GroupRequest, Job
 from stages.references.pass_times import time_kinds_of_passes
 
 
-def render_references(scene_name: str, passes: str | None = None) -> None:
+def run(scene_name: str, passes: str | None = None) -> None:
     """Render the missing references, second references and targets.
 
     ``passes``, written ``FIRST:LAST``, limits this to a range of passes; other runs or other

@@ -14,7 +14,7 @@ from stages.common.timing_baseline import time_path
 from stages.common.workspace import Workspace
 
 
-def render_views(scene_name: str) -> None:
+def run(scene_name: str) -> None:
     """Render every novel view from the scene's field."""
     render_novel_views(Workspace.open(scene_name))
 

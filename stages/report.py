@@ -15,7 +15,7 @@ from report.table import Table
 from report.tables import write_tables
 
 
-def write_report() -> None:
+def run() -> None:
     """Write results/tables, results/figures and results/report.html; print the PSNR of Table 1."""
     results = Results.open()
     if not results.scenes:

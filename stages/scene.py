@@ -14,7 +14,7 @@ from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
 
 
-def prepare_scene(scene_name: str) -> None:
+def run(scene_name: str) -> None:
     """Build and copy the scene, load it once, and write a list of its contents."""
     work = Workspace.open(scene_name)
     if not load_views(scene_name).novel:

@@ -33,7 +33,7 @@ from stages.common.workspace import Workspace
 from stages.photons import load_photons
 
 
-def train_field(scene_name: str) -> None:
+def run(scene_name: str) -> None:
     """Fit the scene's field."""
     fit(Workspace.open(scene_name))
 

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from functools import wraps
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import ParamSpec, TypeVar
 
 from gpf.core.errors import FileError, UserError
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 DVC_CACHE = Path(".dvc/cache")
 """Where DVC keeps files. It trusts those that are read-only: only a damaged one that is writable is
@@ -60,14 +56,10 @@ def with_command(error: FileError) -> UserError:
     return UserError(error.where, error.what, todo)
 
 
-def naming_commands(function: Callable[P, R]) -> Callable[P, R]:
-    """The function; its errors about files name the commands that make these files."""
-
-    @wraps(function)
-    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
-        try:
-            return function(*args, **kwargs)
-        except FileError as error:
-            raise with_command(error) from error
-
-    return wrapped
+@contextmanager
+def naming_commands() -> Iterator[None]:
+    """Errors about files name the commands that make these files."""
+    try:
+        yield
+    except FileError as error:
+        raise with_command(error) from error

@@ -32,13 +32,13 @@ def serve() -> None:
     import torch
 
     from gpf.cli import main  # no variant yet: Dr.Jit starts in the forked processes
-    from stages.commands.benchmark import STAGES
+    from stages.commands.stage import STAGES
 
     torch.set_num_threads(1)
     for module in ("gpf.commands.fit", "gpf.commands.render", "metrics.lpips"):
         importlib.import_module(module)
-    for module, _ in STAGES.values():
-        importlib.import_module(module)
+    for stage in STAGES:
+        importlib.import_module(f"stages.{stage}")
     answers = os.fdopen(os.dup(1), "w")
     for line in sys.stdin:
         print(json.dumps(run(main, **json.loads(line))), file=answers, flush=True)

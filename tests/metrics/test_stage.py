@@ -12,7 +12,7 @@ from gpf.core.images import read_exr, write_exr
 from metrics.image import compare, flip_exposures
 from stages.common.makers import naming_commands
 from stages.common.workspace import Workspace
-from stages.metrics import compare_images
+from stages import metrics
 
 SCENE, VIEWS = "cornell_box", ("above", "below")
 METHODS = {"path_10": {"system": "path_tracer", "spp": 10}, "em_gmm": {"system": "em_gmm"}}
@@ -23,7 +23,7 @@ PARAMS = {
     "baselines": METHODS,
     "metrics": {"relmse_epsilon": 0.03},
 }
-run = naming_commands(compare_images)  # as the command line calls it
+run = naming_commands()(metrics.run)  # as the command line calls it
 
 VIEWS_FILE = """\
 exposure: 0.3

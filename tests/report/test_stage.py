@@ -33,7 +33,7 @@ def drawn(monkeypatch, tmp_path):
 
 def test_tables_figures_page_and_messages(drawn, tmp_path, capsys):
     make_results(tmp_path / "results")
-    stage.write_report()
+    stage.run()
     assert (tmp_path / "results" / "tables" / "table_1.csv").exists()
     assert str(drawn["figures"]) == "results/figures"
     tables, figures = drawn["page"]
@@ -46,5 +46,5 @@ def test_tables_figures_page_and_messages(drawn, tmp_path, capsys):
 
 def test_without_results_the_error_names_the_command(drawn, tmp_path):
     with pytest.raises(UserError, match=r"results: has no numbers of any scene.*`dvc repro`.*"):
-        stage.write_report()
+        stage.run()
     assert not list(tmp_path.iterdir())

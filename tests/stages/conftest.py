@@ -19,7 +19,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from gpf.cli import main
-from stages.commands.benchmark import OF_ALL_SCENES
+from stages.commands.stage import OF_ALL_SCENES
 from stages.commands.profiles import apply_profile
 from tests.made_once import made_once
 from tests.stages.results import SMOKE_STAGES

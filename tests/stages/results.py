@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gpf.core.files import read_tensors
 from gpf.core.images import read_exr
-from stages.commands.benchmark import STAGES
+from stages.commands.stage import STAGES
 
 # With `smoke`, no camera path is animated.
 SMOKE_STAGES = tuple(stage for stage in STAGES if stage != "animate")

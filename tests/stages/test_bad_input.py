@@ -83,7 +83,7 @@ def test_unknown_scene(finished):
         ("reference", "a:b", r"--passes a:b: is no range of passes"),
         ("reference", "3:3", r"--passes 3:3: is not within the 4 passes of params\.yaml"),
         ("reference", "0:400", r"--passes 0:400: is not within the 4 passes"),
-        ("train", "0:2", r"error: --passes 0:2: is not for train\. Leave it out"),
+        ("train", "0:2", r"No such option: --passes"),
     ],
 )
 def test_a_range_that_is_none(finished, stage, passes, words):

@@ -9,7 +9,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from gpf.config.params import Params, read_params
-from stages.commands.benchmark import OF_ALL_SCENES, STAGES
+from stages.commands.stage import OF_ALL_SCENES, STAGES
 from stages.commands.profiles import read_profiles
 from stages.common.code import code_of
 from tests.stages.imports import PROJECT, files_behind
@@ -80,11 +80,7 @@ def system_file(method: str) -> str:
 
 
 def stage_file(stage: str) -> str:
-    return module_file(STAGES[command(stage)][0])
-
-
-def module_file(name: str) -> str:
-    return name.replace(".", "/") + ".py"
+    return f"stages/{command(stage)}.py"
 
 
 def command(stage: str) -> str:
@@ -169,8 +165,7 @@ def test_every_parameter_that_a_stage_reads_is_declared(stage):
         return
     # The effort of the field is for systems that learn from its targets.
     unused = ["effort"] if stage in WITHOUT_TARGETS else []
-    module, function = STAGES[command(stage)]
-    reads = params_read_by(module_file(module), function, unused)
+    reads = params_read_by(stage_file(stage), "run", unused)
     assert "runtime" in reads
     known = [*declared, "cluster"]
     missing = {
@@ -188,13 +183,13 @@ def test_systems_that_depend_on_the_fields_training_are_of_no_other_list(stage):
 
 
 def test_the_reader_of_parameters_sees_them():
-    train = params_read_by("stages/train.py", "train_field")
+    train = params_read_by("stages/train.py", "run")
     assert {"stream.passes", "train.checkpoint_seconds", "reference.rr_depth"} <= train
     assert not any(path.startswith("photons") for path in train)  # of which one function is used
-    assert "photons.paths" in params_read_by("stages/photons.py", "trace")
-    reference = params_read_by("stages/reference.py", "render_references")
+    assert "photons.paths" in params_read_by("stages/photons.py", "run")
+    reference = params_read_by("stages/reference.py", "run")
     assert {"reference.surface_points", "film", "cluster.workers"} <= reference
-    assert "reference.passes" in params_read_by("stages/amortize.py", "amortize")
+    assert "reference.passes" in params_read_by("stages/amortize.py", "run")
 
 
 @pytest.mark.parametrize("stage", NAMES)

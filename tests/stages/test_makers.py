@@ -37,9 +37,6 @@ def test_the_command_that_makes_a_file(path, command):
     ],
 )
 def test_errors_about_files_name_the_command(file, missing, todo):
-    def fail():
+    with pytest.raises(UserError) as caught, naming_commands():
         raise FileError(Path(file), "is odd", missing)
-
-    with pytest.raises(UserError) as caught:
-        naming_commands(fail)()
     assert str(caught.value).startswith(f"{file}: is odd. {todo}")

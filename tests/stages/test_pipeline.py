@@ -13,7 +13,7 @@ from gpf.core.files import read_tensors
 from gpf.core.images import read_exr, write_png
 from gpf.field.io import load_field
 from gpf.scene.views import read_views
-from stages.commands.benchmark import STAGES
+from stages.commands.stage import STAGES
 from stages.references.group_passes import CHECK_EVERY
 from tests.stages.results import (
     LEAST_PSNR,
