@@ -135,7 +135,7 @@ def render_frames(count: int) -> Callable[[], object]:
     calls = iter(range(9))
 
     def call() -> object:
-        out = ["--out", f"frames-{next(calls)}"]
+        out = ["--output", f"frames-{next(calls)}"]
         return subprocess.run([*command, *out], cwd=folder, check=True, capture_output=True)
 
     return call

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,13 +13,77 @@ import typer
 
 from gpf.core.checkout import CHECKOUT
 from gpf.core.errors import UserError, explain_file_error, is_interrupt, no_lost_interrupts
-from gpf.core.progress import show_log
+from gpf.core.progress import console, show_log
+from gpf.core.runtime import VARIANT, VARIANTS
 
 app = typer.Typer(
-    help="Gaussian photon fields: photon mapping whose result serves every view.",
+    help="Gaussian photon fields: trace photons once, render any number of views.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",  # with "rich", text in brackets would vanish
 )
+
+SCENE = "A scene file, a folder with one, or the name of a scene in results/."
+
+Scene = Annotated[str, typer.Argument(metavar="SCENE", help=SCENE)]
+Field = Annotated[
+    str, typer.Argument(metavar="FIELD", help="A field's file, or the name of a trained scene.")
+]
+FieldFile = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="The field. [default: field.safetensors]"),
+]
+Views = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Cameras: views.yaml or transforms.json. [default: views.yaml beside the scene]",
+    ),
+]
+Groups = Annotated[
+    str,
+    typer.Option(
+        metavar="auto|FILE",
+        help="Keep the light of emitters apart, to dim and colour it later: of each one, or of "
+        "the groups in a YAML file such as `window: [sky]`.",
+    ),
+]
+ChangedScene = Annotated[
+    bool, typer.Option("--changed-scene", help="Render even if the scene changed since the fit.")
+]
+
+
+def print_version(wanted: bool) -> None:
+    """Print the version and stop."""
+    if wanted:
+        from gpf import __version__
+
+        print(f"gpf {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def set_up(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=print_version, is_eager=True, help="Show the version."),
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="No progress bars or messages, only errors.")
+    ] = False,
+    variant: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            envvar=VARIANT,
+            help=f"Mitsuba variant: {', '.join(VARIANTS)}. [default: the GPU's, if there is one]",
+        ),
+    ] = None,
+) -> None:
+    """Apply the options of all commands."""
+    console.quiet = quiet
+    if variant is not None:
+        os.environ[VARIANT] = variant  # processes that this one starts use it, too
 
 
 @app.command()
@@ -33,167 +98,154 @@ def demo(
 
 @app.command()
 def export(
-    field: Annotated[str, typer.Argument(help="A field's file, or a scene that was trained.")],
+    field: Field,
     ply: Annotated[
         Path | None,
-        typer.Option(metavar="OUT.ply", help="As splats, for viewers of 3D Gaussian splats."),
+        typer.Option(metavar="OUT.ply", help="Write splats, for viewers of 3D Gaussian splats."),
     ] = None,
     compact: Annotated[
         Path | None,
-        typer.Option(metavar="OUT.safetensors", help="As a field, in a third of the size."),
+        typer.Option(metavar="OUT.safetensors", help="Write a field of a third of the size."),
     ] = None,
     exposure: Annotated[
         float | None,
-        typer.Option(help="Of --ply; by default that of the scene's views.yaml, or the field's."),
+        typer.Option(help="Exposure of --ply. [default: from views.yaml or the field]"),
     ] = None,
 ) -> None:
-    """Write a field for viewers of 3D Gaussian splats, or in a third of its size."""
-    from gpf.field.export import export_field
+    """Write a field as 3D Gaussian splats, or in a third of its size."""
+    from gpf.commands.export import export_field
 
     export_field(field, ply, compact, exposure)
 
 
 @app.command()
 def fit(
-    scene: Annotated[Path, typer.Argument(metavar="SCENE.xml", help="A Mitsuba 3 scene file.")],
-    out: Annotated[
+    scene: Scene,
+    output: Annotated[
         Path | None,
         typer.Option(
-            "--out",
+            "--output",
             "-o",
             metavar="OUT.safetensors",
-            help="The field's file. Default: field.safetensors.",
+            help="The field's file. [default: field.safetensors]",
         ),
     ] = None,
-    seconds: Annotated[float | None, typer.Option(help="Time for the fit.")] = None,
+    seconds: Annotated[float | None, typer.Option(help="Time limit of the fit.")] = None,
     target_psnr: Annotated[
-        float | None,
-        typer.Option(metavar="DB", help="Stop at this estimated PSNR of the images."),
+        float | None, typer.Option(metavar="DB", help="Stop at this estimated PSNR of the images.")
     ] = None,
     passes: Annotated[
-        int | None, typer.Option(help="Photon passes. Default, without other goals: 300.")
+        int | None, typer.Option(help="Photon passes. [default without other goals: 300]")
     ] = None,
     views: Annotated[
         Path | None,
         typer.Option(
-            metavar="VIEWS",
-            help="views.yaml or transforms.json with the cameras that the field is for; by "
-            "default views.yaml beside the scene. Without it, cameras are placed in the scene.",
+            metavar="FILE",
+            help="Cameras that the field is for: views.yaml or transforms.json. [default: "
+            "views.yaml beside the scene; without it, cameras are placed in the scene]",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of all random numbers.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
     go_on: Annotated[
         Path | None,
         typer.Option(
             "--continue",
             metavar="FIELD.safetensors",
-            help="Go on with a fit that ended, with more photons; the field is replaced.",
+            help="Continue a finished fit with more photons; replaces the field.",
         ),
     ] = None,
-    groups: Annotated[
-        str,
-        typer.Option(
-            metavar="auto|FILE",
-            help="Keep the light of emitters apart, to dim and colour it later: of each one, or of "
-            "the groups in a YAML file such as `window: [sky]`.",
-        ),
-    ] = "",
+    groups: Groups = "",
 ) -> None:
-    """Fit a field to a scene; it ends at the first goal. OUT.png shows how far it is.
+    """Fit a field to a scene.
 
-    A fit that was killed goes on when the same command runs again.
+    Stops when the first of --seconds, --target-psnr and --passes is reached. OUT.png shows the
+    progress. If the fit was killed, the same command resumes it.
     """
     from gpf.commands.fit import fit_scene_file
 
-    if go_on is not None and out is not None:
-        raise UserError("--continue and --out", "exclude each other", "Copy the field first.")
-    out = go_on or out or Path("field.safetensors")
+    if go_on is not None and output is not None:
+        raise UserError(
+            "--continue and --output", "are mutually exclusive", "Copy the field first."
+        )
+    out = go_on or output or Path("field.safetensors")
     fit_scene_file(scene, out, seconds, target_psnr, passes, views, seed, go_on is not None, groups)
 
 
 @app.command()
 def render(
-    scene: Annotated[
-        str, typer.Argument(metavar="SCENE.xml", help="A scene file, or a scene that was trained.")
-    ],
-    field: Annotated[
-        Path | None,
-        typer.Option(help="The field's file. Default: field.safetensors."),
-    ] = None,
+    scene: Scene,
+    field: FieldFile = None,
     view: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="A camera by name; may be given several times."),
+        typer.Option(metavar="NAME", help="A camera by name. Repeat it for several."),
     ] = None,
-    views: Annotated[
-        Path | None,
+    views: Views = None,
+    frames: Annotated[
+        str | None,
         typer.Option(
-            metavar="VIEWS",
-            help="views.yaml or transforms.json with the cameras; by default views.yaml beside the "
-            "scene or, without it, the scene's own cameras.",
+            metavar="all|FIRST:LAST",
+            help="Frames of the camera path in views.yaml: all, or FIRST to LAST-1, from 0.",
         ),
     ] = None,
-    frames: Annotated[
-        bool, typer.Option("--frames", help="All frames of the camera path in views.yaml.")
-    ] = False,
     orbit: Annotated[
         int,
         typer.Option(
             metavar="N", min=0, max=100_000, help="N cameras around what the scene's camera sees."
         ),
     ] = 0,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FOLDER", help="Default: pictures.")
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FOLDER", help="[default: pictures]"),
     ] = None,
     size: Annotated[
-        str | None, typer.Option(metavar="WxH", help="Such as 512x512; or rows alone.")
+        str | None,
+        typer.Option(metavar="WxH", help="Such as 512x512, or the rows alone. [default: 256]"),
     ] = None,
     spp: Annotated[
         int | None,
-        typer.Option(min=1, max=1_000_000, help="Camera samples per pixel. Default: 64."),
+        typer.Option(min=1, max=1_000_000, help="Camera samples per pixel. [default: 64]"),
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option(help="Time for a picture, in place of --spp.")
+        float | None, typer.Option(help="Time for each picture, instead of --spp.")
     ] = None,
     aovs: Annotated[
         str,
         typer.Option(
             metavar="LIST",
-            help="Further layers: depth, position, normal, albedo, visible_normal, irradiance, "
-            "coverage, error; with commas.",
+            help="More layers, separated by commas: depth, position, normal, albedo, "
+            "visible_normal, irradiance, coverage, error.",
         ),
     ] = "",
-    exposure: Annotated[float | None, typer.Option(help="Of the PNG files.")] = None,
+    exposure: Annotated[float | None, typer.Option(help="Exposure of the PNG files.")] = None,
     denoise: Annotated[
         bool | None,
         typer.Option(
             "--denoise/--no-denoise",
-            help="With Open Image Denoise, where noise is visible. Default: if pyoidn is there.",
+            help="Use Open Image Denoise where noise is visible. [default: if pyoidn is installed]",
         ),
     ] = None,
-    mp4: Annotated[bool, typer.Option("--mp4", help="A film of all pictures, too.")] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of all random numbers.")] = 0,
-    changed_scene: Annotated[
-        bool, typer.Option("--changed-scene", help="Accept the field of another scene.")
-    ] = False,
+    mp4: Annotated[bool, typer.Option("--mp4", help="Also write all pictures as a film.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
+    changed_scene: ChangedScene = False,
     executor: Annotated[
         Literal["local", "ray"],
-        typer.Option(help="`ray` spreads the pictures over the machines of a cluster."),
+        typer.Option(help="ray: spread the pictures over the machines of a cluster."),
     ] = "local",
     cluster: Annotated[
         str,
         typer.Option(
-            metavar="HOST:PORT", help="Of a Ray cluster; by default one starts on this machine."
+            metavar="HOST:PORT", help="A Ray cluster. [default: start one on this machine]"
         ),
     ] = "",
     lights: Annotated[
         str,
         typer.Option(
             metavar="LEVELS",
-            help="Of a field with groups of lights: `window=0.2,lamp=1.5,#ffd0a0`.",
+            help="Brightness of a field's groups of lights: `window=0.2,lamp=1.5,#ffd0a0`.",
         ),
     ] = "",
 ) -> None:
-    """Render views of a scene from a field; pictures that exist are kept."""
+    """Render views of a scene from a field. Existing pictures of the same kind are kept."""
     from gpf.commands.cameras import CameraChoice
     from gpf.commands.render import PictureOptions, render_pictures
 
@@ -212,14 +264,12 @@ def render(
         cluster=cluster,
         lights=lights,
     )
-    render_pictures(scene, field, choice, out, options)
+    render_pictures(scene, field, choice, output, options)
 
 
 @app.command()
-def lights(
-    field: Annotated[str, typer.Argument(help="A field's file, or a scene that was trained.")],
-) -> None:
-    """List the groups of lights that a field keeps apart."""
+def lights(field: Field) -> None:
+    """List the groups of lights in a field."""
     from gpf.commands.lights import list_lights
 
     list_lights(field)
@@ -227,66 +277,80 @@ def lights(
 
 @app.command()
 def view(
-    scene: Annotated[
-        str, typer.Argument(metavar="SCENE.xml", help="A scene file, or a scene that was trained.")
-    ],
+    scene: Scene,
     field: Annotated[
         Path | None,
         typer.Option(
-            help="The field's file. Default: that of --out if it exists; else fit one while you "
-            "look."
+            metavar="FILE",
+            help="The field. [default: that of --output if it exists; else one is fitted meanwhile]",
         ),
     ] = None,
-    out: Annotated[
+    output: Annotated[
         Path,
-        typer.Option("--out", "-o", metavar="OUT.safetensors", help="Where such a field is kept."),
+        typer.Option("--output", "-o", metavar="OUT.safetensors", help="Where to save that field."),
     ] = Path("field.safetensors"),
     views: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Cameras to jump to, and where cameras are saved. Default: views.yaml.",
+            help="Cameras to jump to; new ones are saved there. [default: views.yaml]",
         ),
     ] = None,
     host: Annotated[
         str, typer.Option(help="Address to serve on; only this machine can reach the default.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Default: any free one.")] = 0,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port to serve on; 0: any free one.")
+    ] = 0,
     opens: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in a browser.")
     ] = True,
-    changed_scene: Annotated[
-        bool, typer.Option("--changed-scene", help="Accept the field of another scene.")
-    ] = False,
-    groups: Annotated[
-        str,
-        typer.Option(
-            metavar="auto|FILE",
-            help="For a field that is fitted: keep the light of emitters apart, as `gpf fit` does.",
-        ),
-    ] = "",
+    changed_scene: ChangedScene = False,
+    groups: Groups = "",
 ) -> None:
-    """Fly through a scene in the browser, and watch it get better while photons come in."""
+    """Explore a scene in the browser; the picture improves as photons arrive."""
     from gpf.commands.view import ServerOptions, view_scene
 
-    view_scene(scene, field, out, views, ServerOptions(host, port, opens), changed_scene, groups)
+    server = ServerOptions(host, port, opens)
+    view_scene(scene, field, output, views, server, changed_scene, groups)
+
+
+@app.command()
+def mitsuba(
+    scene: Scene,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="[default: the scene's name, .exr]"),
+    ] = None,
+    define: Annotated[
+        list[str] | None,
+        typer.Option("--define", "-D", metavar="NAME=VALUE", help="A parameter of the scene."),
+    ] = None,
+    sensor: Annotated[int, typer.Option("--sensor", "-s", help="Index of the sensor.")] = 0,
+    spp: Annotated[
+        int, typer.Option(min=0, max=1_000_000, help="Samples per pixel; 0: as in the scene.")
+    ] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Random seed.")] = 0,
+) -> None:
+    """Render a scene with its own integrator, which may be sppm or gpf.
+
+    Mitsuba's own command does not find plugins that are written in Python.
+    """
+    from gpf.commands.mitsuba import render_scene
+
+    render_scene(scene, output, define or [], sensor, spp, seed)
 
 
 @app.command()
 def doctor() -> None:
-    """Tell what works on this machine, what is missing, and how to repair it."""
+    """Check this machine, and explain how to repair what is missing."""
     from gpf.doctor import diagnose, print_report
 
     raise typer.Exit(print_report(diagnose()))
 
 
-def add_benchmark_commands() -> None:
-    """In a checkout of the project, add the commands of its pipeline, such as `gpf stage`."""
-    if CHECKOUT is not None:
-        importlib.import_module("stages.commands.benchmark").add_to(app)
-
-
-add_benchmark_commands()
+if CHECKOUT is not None:
+    importlib.import_module("stages.commands.benchmark").add_to(app)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -22,13 +23,13 @@ class CameraChoice:
     ----------
     names: of views.
     file: ``views.yaml`` or ``transforms.json``; None for the one beside the scene, if there is one.
-    frames: whether to take all frames of the file's camera path.
+    frames: of the file's camera path: ``all``, or ``FIRST:LAST`` for FIRST to LAST-1, from 0.
     orbit: number of cameras around what the scene's own camera looks at; 0 for none.
     """
 
     names: tuple[str, ...] = ()
     file: Path | None = None
-    frames: bool = False
+    frames: str | None = None
     orbit: int = 0
 
 
@@ -59,7 +60,7 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
     ]
     ways += ["--view"] if choice.names else []
     if len(ways) > 1:
-        raise UserError(" and ".join(ways), "exclude each other", "Give one of them.")
+        raise UserError(" and ".join(ways), "are mutually exclusive", "Give one of them.")
     file = file_beside(scene_file, choice.file)
     known = known_cameras(scene, scene_file, file)
     where = str(file or scene_file)
@@ -68,9 +69,7 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
         own = views_of_sensors(scene) or list(known.train)
         views = place_orbit(scene, own[0], known.aspect, choice.orbit)
     elif choice.frames:
-        views = known.frames()
-        if not views:
-            raise UserError(where, "has no camera path", "Add a path, or leave out --frames.")
+        views = _frames(choice.frames, known.frames(), where)
     elif choice.names:
         views = tuple(known.find(name) for name in choice.names)
     elif choice.file is not None:
@@ -78,6 +77,23 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
     else:
         views = known.novel or named
     return Cameras(views, known.aspect, known.given_exposure)
+
+
+def _frames(wanted: str, path: tuple[View, ...], where: str) -> tuple[View, ...]:
+    """Frames of a camera path."""
+    if not path:
+        raise UserError(where, "has no camera path", "Add a path, or leave out --frames.")
+    if wanted == "all":
+        return path
+    if found := re.fullmatch(r"(\d{0,9}):(\d{0,9})", wanted):
+        first, last = int(found[1] or 0), int(found[2] or len(path))
+        if first < last <= len(path):
+            return path[first:last]
+    raise UserError(
+        f"--frames {wanted}",
+        f"does not name frames of the path, which has {len(path)}",
+        "Give all, or FIRST:LAST for FIRST to LAST-1, counted from 0.",
+    )
 
 
 def known_cameras(scene: mi.Scene, scene_file: Path, file: Path | None) -> SceneViews:

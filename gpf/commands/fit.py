@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.commands.cameras import file_beside
+from gpf.commands.scenes import find_scene
 from gpf.core.errors import UserError
 from gpf.core.images import propose_exposure, write_png
 from gpf.core.locks import sole_run
@@ -32,7 +33,7 @@ PREVIEW_ROWS, PREVIEW_SPP = 256, 16
 
 
 def fit_scene_file(
-    path: Path,
+    scene_name: str,
     out: Path,
     seconds: float | None,
     target_psnr: float | None,
@@ -46,6 +47,7 @@ def fit_scene_file(
 
     Parameters
     ----------
+    scene_name: as for :func:`gpf.commands.scenes.find_scene`.
     seconds, target_psnr, passes, seed: as for :func:`gpf.fitting.fit.fit`.
     views: a ``views.yaml`` or ``transforms.json`` with the views that the field is for; by default
         the ``views.yaml`` beside the scene; without it, cameras are placed around the scene's own.
@@ -54,8 +56,11 @@ def fit_scene_file(
     """
     require_field_name(out)
     choose_variant("auto")
+    path, trained = find_scene(scene_name)
     scene = load_scene_file(path)
     light_groups = LightGroups.parse(groups, scene)
+    if trained is not None:
+        views = views or trained / "views.yaml"
     views = file_beside(path, views)
     sensors, exposure = (None, None) if views is None else read_sensors(views, ROWS)
     say("cameras: placed around the scene's own" if views is None else f"cameras: those of {views}")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from gpf.commands.scenes import find_field
 from gpf.core.progress import say
-from gpf.field.export import find_field
 from gpf.field.io import read_field
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from gpf.commands.cameras import CameraChoice, Cameras, choose_cameras
 from gpf.commands.data_set import layer_files, write_data_set
-from gpf.commands.scenes import find_scene, require_same_scene
+from gpf.commands.scenes import find_field, find_scene, require_same_scene
 from gpf.core.errors import UserError
 from gpf.core.films import find_encoder, write_film
 from gpf.core.images import propose_exposure, read_exr, read_record, tone_map, write_exr, write_png
@@ -99,7 +99,7 @@ def render_pictures(
 
     Parameters
     ----------
-    scene_name: a scene file, or in a checkout of the project the name of a trained scene.
+    scene_name: as for :func:`gpf.commands.scenes.find_scene`.
     field_file: by default ``field.safetensors``, or that of the trained scene.
     folder: by default ``pictures``, or that of the trained scene.
 
@@ -109,7 +109,7 @@ def render_pictures(
     """
     aovs = _read_aovs(options.aovs)
     if options.denoise and options.seconds is not None:
-        raise UserError("--denoise and --seconds", "exclude each other", "Give --spp instead.")
+        raise UserError("--denoise and --seconds", "are mutually exclusive", "Give --spp instead.")
     for option in ("seconds", "exposure"):
         value = getattr(options, option)
         if value is not None and not 0 < value < math.inf:  # or NaN
@@ -119,9 +119,8 @@ def render_pictures(
     if options.film:
         find_encoder()  # before the frames are rendered
     scene_file, trained = find_scene(scene_name)
-    field_file = field_file or (
-        trained / "field.safetensors" if trained else Path("field.safetensors")
-    )
+    if field_file is None:
+        field_file = find_field(scene_name) if trained else Path("field.safetensors")
     folder = folder or (trained / "pictures" if trained else Path("pictures"))
     choose_variant("auto")
     field = load_field(field_file)

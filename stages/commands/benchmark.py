@@ -11,6 +11,7 @@ from stages.commands.stage import app as stage_app
 
 scene_app = typer.Typer(help="The scenes of the project.", no_args_is_help=True)
 
+
 def profile(
     name: Annotated[str, typer.Argument(help="quick, desk, full, paper or smoke.")],
 ) -> None:
@@ -32,7 +33,8 @@ def list_all() -> None:
 def preview(
     name: Annotated[str, typer.Argument(help="The scene.")],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="A PNG; default: in results/NAME.")
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE.png", help="[default: in results/NAME]"),
     ] = None,
     height: Annotated[int, typer.Option(min=16, max=1024, help="Rows of each picture.")] = 96,
     passes: Annotated[int, typer.Option(min=1, help="SPPM passes.")] = 8,

@@ -21,7 +21,7 @@ from gpf.scene.snapshot import snapshot_scene
 def preview_scene(name: str, out: Path | None, height: int, passes: int, whole: bool) -> None:
     """Write a contact sheet of a scene's views, and print what they see and their faults."""
     if out is not None and out.suffix.lower() != ".png":
-        raise UserError(f"--out {out}", "is no PNG", "Give it a name that ends in .png.")
+        raise UserError(f"--output {out}", "is not a PNG", "Give it a name that ends in .png.")
     project = scenes_root().parent
     params = project / "params.yaml"
     choose_variant(read_params(params).runtime.variant if params.exists() else "auto")

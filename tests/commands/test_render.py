@@ -247,7 +247,7 @@ def test_fields_that_do_not_know_their_scene_are_taken(box):
         (("--view", "sensr"), "view 'sensr': does not exist. Did you mean 'sensor'?"),
         (("--denoise", "--seconds", "1"), "--denoise and --seconds: exclude each other"),
         (("--cluster", "head:10001"), "--cluster: is for `--executor ray`"),
-        (("--frames",), "box.xml: has no camera path"),
+        (("--frames", "all"), "box.xml: has no camera path"),
         (("--seconds", "nan"), "--seconds: is nan. Give a number above 0"),
         (("--seconds", "-1"), "--seconds: is -1.0. Give a number above 0"),
         (("--exposure", "inf"), "--exposure: is inf. Give a number above 0"),

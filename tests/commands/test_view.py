@@ -76,12 +76,12 @@ def damaged(field: Path) -> None:
         (
             other_scene,
             r"was fitted to another scene, or before box\.xml was changed: other geometry and "
-            r"materials\. Choose another name with --out for a new one, or add --changed-scene to "
+            r"materials\. Choose another name with --output for a new one, or add --changed-scene to "
             r"see it\.",
         ),
         (no_words, r"does not say to which scene it was fitted\. Choose .* add --changed-scene"),
-        (no_field, r"holds targets, not field\. Choose another name with --out\.$"),
-        (damaged, r"is truncated or damaged \(.*\)\. Choose another name with --out\.$"),
+        (no_field, r"holds targets, not field\. Choose another name with --output\.$"),
+        (damaged, r"is truncated or damaged \(.*\)\. Choose another name with --output\.$"),
     ],
 )
 def test_what_is_not_the_field_of_this_scene_stays_and_is_refused(shown, capsys, change, words):

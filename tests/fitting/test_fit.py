@@ -352,7 +352,7 @@ def test_a_fit_that_goes_on_has_its_place(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["fit", str(SOURCE), "--continue", "a.safetensors", "-o", "b.safetensors"])
     assert ended.value.code == 2
-    assert "--continue and --out: exclude each other" in capsys.readouterr().err
+    assert "--continue and --output: are mutually exclusive" in capsys.readouterr().err
 
 
 @pytest.mark.slow

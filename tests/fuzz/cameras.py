@@ -78,7 +78,15 @@ def make_case(rng: random.Random, folder: Path, good: Path) -> Case:
     words = ["render", "scene.xml", "--size", "4", "--spp", "1", "--no-denoise"]
     if rng.random() < 0.5:
         (folder / "views.yaml").write_bytes(changed_yaml(rng, VIEWS))
-        words += rng.choice([[], ["--frames"], ["--view", "left"], ["--views", "views.yaml"]])
+        words += rng.choice(
+            [
+                [],
+                ["--frames", "all"],
+                ["--frames", "1:2"],
+                ["--view", "left"],
+                ["--views", "views.yaml"],
+            ]
+        )
         return Case(tuple(words), ("pictures/*",), ("views.yaml", "view '"))
     tree = json.loads(json.dumps(TRANSFORMS))
     if rng.random() < 0.3:  # the size is that of the pictures

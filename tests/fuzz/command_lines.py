@@ -13,9 +13,6 @@ from tests.fuzz.settings import good_text
 NUMBERS = ("0", "-1", "1", "3", "0.5", "nan", "inf", "-inf", "1e-9", "1e30", "1e400", "2147483648")
 NUMBERS += ("18446744073709551616", "9" * 40, "9" * 5000, "x", "", "1_000", "٣", "0x10", "1e3")
 
-# Stands for `python -m gpf`.
-MODULE = "-m"
-
 # Command -> its arguments, and options with words that may follow them.
 FILES = ("scene.xml", "field.safetensors", "views.yaml", "transforms.json", ".", "missing", "bytes")
 FILES += ("/dev/null", "folder", "folder/x.safetensors", "scene.xml/x", "")
@@ -26,9 +23,9 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
             "--field": ("field.safetensors", *FILES),
             "--view": ("eye", "", "x"),
             "--views": ("views.yaml", "transforms.json", *FILES),
-            "--frames": (),
+            "--frames": ("all", "0:1", ":", "1:0", "x"),
             "--orbit": ("2", "0", "-1", "x", "1000000000", "9" * 40),
-            "--out": ("out", *FILES),
+            "--output": ("out", *FILES),
             "--size": ("5x4", "4", "0x0", "x", "5x4x3", "-4", "1e3", "99999x9", "16384x16384"),
             "--spp": ("1", *NUMBERS),
             "--seconds": ("0.1", "nan", "-1", "0", "1e-9"),
@@ -46,7 +43,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "fit": (
         ("scene.xml",),
         {
-            "--out": ("out.safetensors", *FILES),
+            "--output": ("out.safetensors", *FILES),
             "--seconds": ("1", "nan", "-1", "0", "1e-9"),
             "--target-psnr": ("1", "nan", "-1", "0", "-inf"),
             "--views": ("views.yaml", "transforms.json", *FILES),
@@ -58,7 +55,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "view": (
         ("scene.xml", "--no-open", "--field", "field.safetensors"),
         {
-            "--out": FILES,
+            "--output": FILES,
             "--views": ("views.yaml", *FILES),
             "--host": ("127.0.0.1", "localhost", "", "x", "999.9.9.9", "1.2.3.4", "::1", "a" * 300),
             "--port": ("0", "80", "-1", "65535", "99999", "x"),
@@ -66,11 +63,10 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
             "--changed-scene": (),
         },
     ),
-    MODULE: (
+    "mitsuba": (
         ("scene.xml",),
         {
             "--output": ("out.exr", "out.PNG", "out.jpg", "out.xyz", *FILES),
-            "--mode": ("llvm_ad_rgb", "scalar_rgb", "x", ""),
             "--define": ("spp=2", "x", "=", "filename=x", "config=1"),
             "--sensor": ("0", *NUMBERS),
             "--spp": ("1", *NUMBERS),
@@ -91,16 +87,13 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "scene list": ((), {}),
     "scene import": (("scenes/first",), {"--name": ("room", "first", "..", "true", "x" * 300)}),
     "scene preview": (("second",), {"--name": ("first",)}),
-    "stage": (
-        ("scene",),
-        {
-            "--scene": ("first", "second", "", "../first", "."),
-            "--passes": ("0:1", "x", "1:0", ":", "9" * 5000 + ":1", "-1:2"),
-            "--method": ("path_10", "x"),
-            "--variant": ("all", "x"),
-            "--go-on": (),
-        },
+    "stage scene": ((), {"--scene": ("first", "second", "", "../first", ".")}),
+    "stage reference": (
+        ("--scene", "first"),
+        {"--passes": ("0:1", "x", "1:0", ":", "9" * 5000 + ":1", "-1:2")},
     ),
+    "stage baseline": (("--scene", "first"), {"--method": ("path_10", "x"), "--go-on": ()}),
+    "stage ablation": (("--scene", "first"), {"--variant": ("all", "x"), "--go-on": ()}),
 }  # fmt: skip
 WRITTEN = (
     "out/*",
@@ -118,11 +111,13 @@ WRITTEN += ("field.safetensors", "field.png", "field.fit/*", "missing/*", "bytes
 
 def words_of(rng: random.Random) -> list[str]:
     """A command line; some of its words may be wrong."""
-    command = rng.choice([*COMMANDS, *["render"] * 3, *[MODULE] * 2, "fit", "export", "stage"])
+    command = rng.choice(
+        [*COMMANDS, *["render"] * 3, *["mitsuba"] * 2, "fit", "export", "stage scene"]
+    )
     arguments, options = COMMANDS[command]
     words = [*command.split(), *arguments]
     cheap = {"render": ["--size", "5x4", "--spp", "1"], "fit": ["--passes", "2"]}
-    cheap[MODULE] = ["--spp", "1"]
+    cheap["mitsuba"] = ["--spp", "1"]
     words += cheap.get(command, [])
     for option in rng.sample(list(options), min(len(options), rng.choice([0, 1, 1, 2, 3]))):
         words.append(option)

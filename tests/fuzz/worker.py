@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 from tests.fuzz.case import Case, random_of
-from tests.fuzz.command_lines import MODULE
 
 MEMORY, CPU_SECONDS = 6 * 2**30, 3600
 """Limits of a worker: addresses in bytes, and time of all cores."""
@@ -89,11 +88,8 @@ def judge(case: Case, code: object, text: str, changed: set[str]) -> tuple[str, 
 
 def run_case(case: Case, folder: Path, watch: Watch) -> tuple[str, str]:
     """Run a command line in the folder of its files."""
-    from gpf import __main__, cli
+    from gpf.cli import main
 
-    main, words = cli.main, case.words
-    if words[:1] == (MODULE,):
-        main, words = __main__.main, words[1:]
     target, text = folder / "target", io.StringIO()
     before, code = files_of(target), 0
     watch.outside, watch.folder = [], folder
@@ -103,7 +99,7 @@ def run_case(case: Case, folder: Path, watch: Watch) -> tuple[str, str]:
             contextlib.redirect_stdout(text),
             contextlib.redirect_stderr(text),
         ):
-            main(words)
+            main(case.words)
     except SystemExit as error:
         code = error.code or 0  # type: ignore[assignment]
     except BaseException:  # no error at all may leave the command line

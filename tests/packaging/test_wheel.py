@@ -186,4 +186,4 @@ def test_its_commands(installed, tmp_path):
     assert "All that is required works" in text and "(no lock file to compare with)" in text
     assert not any(word in text for word in ("dvc", "torch", "LPIPS", "disk"))
     text = run([str(installed / "python"), "-m", "gpf", "--help"], tmp_path)
-    assert "python -m gpf" in text and "--sensor" in text
+    assert "python -m gpf" in text and "mitsuba" in text

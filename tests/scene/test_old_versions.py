@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.__main__ import main
+from gpf.cli import main
 from gpf.core.errors import UserError
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import views_of_sensors
@@ -224,6 +224,6 @@ def test_parameters_can_be_given_as_in_new_scenes(tmp_path):
     file = write(tmp_path / "old", OLD.replace(strict, ""), OLD_LAMPS)
     picture = tmp_path / "a.png"
     with pytest.raises(SystemExit) as outcome:
-        main([str(file), "-D", "resx=12", "-o", str(picture)])
+        main(["mitsuba", str(file), "-D", "resx=12", "-o", str(picture)])
     assert outcome.value.code == 0
     assert [*mi.Bitmap(str(picture)).size()] == [12, 9]

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.__main__ import main
+from gpf.cli import main
 from gpf.core.errors import UserError
 from gpf.scene.load import load_scene_file
 
@@ -87,7 +87,7 @@ def test_what_is_wrong_with_the_rest_is_still_told(tmp_path):
 )
 def test_the_command_that_renders_with_it_tells_why_it_cannot(tmp_path, capfd, integrator, words):
     with pytest.raises(SystemExit) as outcome:
-        main([str(write(tmp_path, integrator)), "-o", str(tmp_path / "a.png")])
+        main(["mitsuba", str(write(tmp_path, integrator)), "-o", str(tmp_path / "a.png")])
     assert outcome.value.code == 2
     assert words in capfd.readouterr().err.replace("\n", " ")
 

@@ -96,7 +96,7 @@ def test_a_compact_field(trained):
         (
             ["cornel_box", "--ply", "a.ply"],
             r"cornel_box: is neither a file nor a scene with results/cornel_box/field\.safetenso"
-            r"rs\. Did you mean 'cornell_box'\? There are fields of cornell_box",
+            r"rs\. Did you mean 'cornell_box'\? There are cornell_box",
         ),
         (
             ["results/cornell_box/photons.safetensors", "--ply", "a.ply"],
@@ -165,4 +165,4 @@ def test_a_field_that_is_not_finite(trained):
 def test_nothing_trained_yet(fresh):
     outcome = fresh.gpf("export", "cornell_box", "--ply", "a.ply")
     assert outcome.code == 2
-    assert "Run `gpf stage train --scene cornell_box` first" in outcome.text
+    assert "Run `gpf stage train --scene cornell_box`" in outcome.text

@@ -115,8 +115,8 @@ def test_what_the_commands_write(tmp_path, monkeypatch, capsys):
     scene, field = home / "scenes" / "cornell_box" / "scene.xml", home / "out" / "field.safetensors"
     out = home / "out"
     for words in (
-        ("fit", scene, "--out", field, "--passes", "2", "--groups", "auto"),
-        ("render", scene, "--field", field, "--out", out / "pictures", "--size", "20x16"),
+        ("fit", scene, "--output", field, "--passes", "2", "--groups", "auto"),
+        ("render", scene, "--field", field, "--output", out / "pictures", "--size", "20x16"),
         ("export", field, "--ply", out / "a.ply", "--compact", out / "a.safetensors"),
         ("scene", "import", home / "Their Room", "--name", "room"),
     ):

@@ -93,7 +93,7 @@ def test_pictures_of_any_view(finished):
 def test_frames_of_the_camera_path(finished, tmp_path):
     out = tmp_path / "a"
     outcome = finished.gpf(
-        "render", "cornell_box", "--frames", "--size", "4", "--spp", "1", "-o", str(out)
+        "render", "cornell_box", "--frames", "all", "--size", "4", "--spp", "1", "-o", str(out)
     )
     assert outcome.code == 0, outcome.text
     assert len(list(out.glob("frame_*.png"))) == 24

@@ -1,4 +1,4 @@
-"""`python -m gpf scene.xml` renders, or says in words why not, and leaves no half of a file."""
+"""`gpf mitsuba scene.xml` renders, or says in words why not, and leaves no half of a file."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-import gpf.__main__ as command
-from gpf.__main__ import main
+import gpf.commands.mitsuba as command
+from gpf.cli import main
 
-PROJECT = Path(__file__).parents[1]
+PROJECT = Path(__file__).parents[2]
 
 SCENE = """\
 <scene version="3.0.0">
@@ -67,7 +67,7 @@ def room(tmp_path, monkeypatch, two_threads) -> Iterator[Path]:
 
 def run(*words: str) -> int:
     with pytest.raises(SystemExit) as outcome:
-        main(["room.xml", *words])
+        main(["mitsuba", "room.xml", *words])
     return outcome.value.code
 
 
@@ -137,8 +137,8 @@ def test_an_error_in_a_loop_of_drjit(room, capfd):
         ("--seed 4294967296", "Invalid value for '--seed'"),
         ("-s 1", "-s 1: the scene has 1 sensors"),
         ("-D config=1", "-D config=1: has a name that Mitsuba reserves"),
-        ("-o a.tga", "error: a.tga: is no name of an image. End it in .exr, "),
-        ("-o a", "error: a: is no name of an image"),
+        ("-o a.tga", "error: a.tga: is not the name of an image. End it in .exr, "),
+        ("-o a", "error: a: is not the name of an image"),
         ("-o folder.exr", "error: folder.exr: is a folder"),
         ("-o room.xml/a.exr", "could not be written"),
     ],
@@ -181,7 +181,7 @@ def test_an_interrupt_in_a_loop_of_drjit(room, capfd):
 def test_as_a_module(room):
     (room / "room.xml").write_text(SCENE.replace('<integrator type="$kind"/>', SPPM))
     done = subprocess.run(
-        [sys.executable, "-m", "gpf", "room.xml"],
+        [sys.executable, "-m", "gpf", "mitsuba", "room.xml"],
         env={**os.environ, "PYTHONPATH": str(PROJECT)},
         capture_output=True,
         text=True,

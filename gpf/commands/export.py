@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from pathlib import Path
 
-from gpf.core.checkout import CHECKOUT
+from gpf.commands.scenes import find_field
 from gpf.core.errors import UserError
 from gpf.core.progress import say
 from gpf.field.io import StoredField, read_field, write_field
@@ -21,7 +20,7 @@ def export_field(
 
     Parameters
     ----------
-    field: path of the field's file, or the name of a trained scene in a checkout of the project.
+    field: the field's file, or the name of a trained scene.
     ply, compact: the files to write.
     exposure: of the splats; by default the exposure of ``views.yaml`` beside the field, or, without
         that file, one that suits the field.
@@ -66,16 +65,6 @@ def check_options(ply: Path | None, compact: Path | None, exposure: float | None
             raise UserError(f"--exposure {exposure}", "is for --ply alone", "Leave it out.")
         if not 0 < exposure < math.inf:
             raise UserError(f"--exposure {exposure}", "is no exposure", "Give a number above zero.")
-
-
-def find_field(field: str) -> Path:
-    """The file of a field: a path, or in a checkout the name of a trained scene."""
-    path = Path(field)
-    if path.is_file():
-        return path
-    if CHECKOUT is None or path.suffix or len(path.parts) > 1:
-        raise UserError(field, "does not exist", "Check the path.")
-    return Path(importlib.import_module("stages.commands.trained").find_field(field))
 
 
 def read(source: Path) -> StoredField:
