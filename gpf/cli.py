@@ -282,7 +282,7 @@ def view(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="The field. [default: that of --output if it exists; else one is fitted meanwhile]",
+            help="The field. [default: --output if it exists; else one is fitted meanwhile]",
         ),
     ] = None,
     output: Annotated[

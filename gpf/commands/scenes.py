@@ -12,7 +12,6 @@ from gpf.field.field import GaussianPhotonField
 from gpf.importing.sources import find_scene_file
 from gpf.scene.fingerprint import changed_parts, fingerprint
 
-
 RESULTS = Path("results")
 """Where the pipeline writes what it makes of each scene, in a folder of the scene's name."""
 

@@ -76,8 +76,8 @@ def damaged(field: Path) -> None:
         (
             other_scene,
             r"was fitted to another scene, or before box\.xml was changed: other geometry and "
-            r"materials\. Choose another name with --output for a new one, or add --changed-scene to "
-            r"see it\.",
+            r"materials\. Choose another name with --output for a new one, or add "
+            r"--changed-scene to see it\.",
         ),
         (no_words, r"does not say to which scene it was fitted\. Choose .* add --changed-scene"),
         (no_field, r"holds targets, not field\. Choose another name with --output\.$"),

@@ -10,9 +10,9 @@ from gpf.core.errors import UserError
 from gpf.core.files import read_json, write_json, write_text
 from gpf.core.images import read_exr, write_exr
 from metrics.image import compare, flip_exposures
+from stages import metrics
 from stages.common.makers import naming_commands
 from stages.common.workspace import Workspace
-from stages import metrics
 
 SCENE, VIEWS = "cornell_box", ("above", "below")
 METHODS = {"path_10": {"system": "path_tracer", "spp": 10}, "em_gmm": {"system": "em_gmm"}}

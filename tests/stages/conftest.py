@@ -19,8 +19,8 @@ import pytest
 from ruamel.yaml import YAML
 
 from gpf.cli import main
-from stages.commands.stage import OF_ALL_SCENES
 from stages.commands.profiles import apply_profile
+from stages.commands.stage import OF_ALL_SCENES
 from tests.made_once import made_once
 from tests.stages.results import SMOKE_STAGES
 

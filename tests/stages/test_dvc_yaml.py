@@ -9,8 +9,8 @@ import pytest
 from ruamel.yaml import YAML
 
 from gpf.config.params import Params, read_params
-from stages.commands.stage import OF_ALL_SCENES, STAGES
 from stages.commands.profiles import read_profiles
+from stages.commands.stage import OF_ALL_SCENES, STAGES
 from stages.common.code import code_of
 from tests.stages.imports import PROJECT, files_behind
 from tests.stages.params_read import params_read_by
