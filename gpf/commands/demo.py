@@ -32,7 +32,7 @@ def run_demo(folder: Path, seconds: float = SECONDS) -> None:
     scene, field = folder / "scene" / "scene.xml", folder / "field.safetensors"
     views, pictures = folder / "scene" / "views.yaml", folder / "pictures"
     say(f"$ gpf fit {scene} -o {field} --views {views} --seconds {seconds:g}")
-    fit_scene_file(scene, field, seconds, None, None, views, seed=0)
+    fit_scene_file(str(scene), field, seconds, None, None, views, seed=0)
     say(f"$ gpf render {scene} --field {field} -o {pictures} --spp {SPP}")
     render_pictures(str(scene), field, CameraChoice(), pictures, PictureOptions(spp=SPP))
     say(f"Look at {pictures}. Your own scene: gpf fit SCENE.xml, then gpf render SCENE.xml.")
