@@ -339,7 +339,7 @@ def test_a_fit_that_is_watched_is_kept(tmp_path):
         os.kill(process.pid, signal.SIGINT)
         assert process.wait(10) == 0
         assert not any(Path(f"/proc/{child}").exists() for child in children)
-        page.wait_for("document.querySelector('#message').textContent.includes('has ended')")
+        page.wait_for("document.querySelector('#message').textContent.includes('has stopped')")
     field = read_field(tmp_path / "field.safetensors")
     assert len(field.tensors["means"]) > 1000
     assert "field.safetensors: the field after" in (tmp_path / "log.txt").read_text()
