@@ -1,8 +1,8 @@
-"""`python -m benchmarks`: speed of passes, field queries and training, beside Mitsuba's own; and
+"""`python -m benchmarks`: speed of passes, field queries and training, compared with Mitsuba; and
 whether a field is as bright as the truth.
 
-Each line appears as soon as it is measured: what, its time, that of what it is compared with, the
-ratio of both, and the largest ratio or time aimed at.
+Each line appears as soon as it is measured: what, its time, the time it is compared with, their
+ratio, and the goal, an upper limit for the ratio or time.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def main(variant: str = "auto") -> None:
             timings = measure(size, radius, methods=("path", "ptracer", "sppm"))
             pass_ = timings.milliseconds("sppm")
             show(
-                f"SPPM pass, {size}², 100k paths, radius {radius}, and ptracer + path "
+                f"SPPM pass, {size}², 100k paths, radius {radius}, vs ptracer + path "
                 f"({1e-3 * PHOTONS / pass_:.2f} M paths/s, {1e-3 * size**2 / pass_:.2f} Mpixel/s)",
                 f"{pass_:.1f} ms",
                 f"{timings.milliseconds('ptracer') + timings.milliseconds('path'):.1f} ms",
@@ -42,7 +42,7 @@ def main(variant: str = "auto") -> None:
         for method in ("gpf", "gpf, recorded"):
             spent = timings.milliseconds(method)
             show(
-                f"one sample per pixel ({method}), {size}², and path ({1e3 / spent:.0f} frames/s)",
+                f"one sample per pixel ({method}), {size}², vs path ({1e3 / spent:.0f} frames/s)",
                 f"{spent:.1f} ms",
                 f"{timings.milliseconds('path'):.1f} ms",
                 f"{timings.ratio(method, 'path'):.2f}",

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.break_even SCENE …`: from which view on the field pays, at equal quality.
+"""`python -m benchmarks.break_even SCENE …`: the view from which the field pays, at equal quality.
 
 Needs the results of `dvc repro`. Where the field is better than the second reference, that SPPM is
-continued from its last pass, to three times as many, until it is as good as the field. The field's
-preparation and views are compared with views by this SPPM, each rendered alone or all together.
+continued from its last pass until it is as good as the field, up to three times as many passes. The
+field's preparation and views are compared with views by this SPPM, each rendered alone or together.
 The images are kept in results/benchmark_references.
 """
 
@@ -29,16 +29,16 @@ from stages.metrics import Judge
 from stages.references.groups import Group, GroupRequest, Job
 
 STEPS, LONGEST = 4, 3
-"""Images are made this often per length of the second reference, up to so many lengths."""
+"""Images per length of the second reference, and the upper limit in such lengths."""
 
 
 def main() -> None:
     """Print a row per scene."""
-    parser = argparse.ArgumentParser(description="From which view on the field pays")
+    parser = argparse.ArgumentParser(description="The view from which the field pays")
     parser.add_argument("--kept", type=Path, default=Path("results/benchmark_references"))
     parser.add_argument("scenes", nargs="*", default=list_scenes())
     arguments = parser.parse_args()
-    table = Table("", "the field's PSNR", "passes of SPPM", "pays from, alone", "together")
+    table = Table("", "field's PSNR", "SPPM passes", "pays from, alone", "together")
     for name in arguments.scenes:
         table.add_row(name, *compare(Workspace.open(name), arguments.kept))
         Console(width=120).print(table)
@@ -69,7 +69,7 @@ def longer_curve(work: Workspace, kept: Path, quality: float) -> dict[int, float
     mean = np.array([read_exr(group.file(name))[0][key] for name in names], np.float64)
     judge, curve = Judge.open(work), {}
     length = passes // STEPS
-    with progress_bar(f"{work.scene}: SPPM goes on", (LONGEST - 1) * passes) as bar:
+    with progress_bar(f"{work.scene}: SPPM continues", (LONGEST - 1) * passes) as bar:
         for first in range(passes, LONGEST * passes, length):
             last = first + length
             file = kept / f"{work.scene}_{work.film_size[1]}_second_{first}_{last}.npz"

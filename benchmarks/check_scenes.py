@@ -1,8 +1,8 @@
-"""Small scenes for checks of everything that has to work on anybody's scene.
+"""Small scenes for checking everything that has to work on anybody's scene.
 
 Nothing is tuned to them: where cameras are placed, how long a sample takes in dark places, how good
-a field is without any choice. y is up; lengths are metres. Every scene has one sensor, at the place
-of a photographer.
+a field is by default. y is up; lengths are metres. Every scene has one sensor, where a photographer
+would stand.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def corridor() -> Dict:
 
 
 def mirror_room() -> Dict:
-    """A room with a wall that is a mirror."""
+    """A room with a mirror on one wall."""
     scene = room((4, 2.6, 4)) | camera((1.5, 1.5, 1.6), (-0.9, 0.9, -1.0), 60)
     mirror = rectangle((-1.98, 1.3, 0), (1.7, 1.1), "right", WHITE)
     scene["mirror"] = mirror | {"bsdf": {"type": "conductor", "material": "Ag"}}
@@ -234,7 +234,7 @@ SCENES: dict[str, Callable[[], Dict]] = {
 
 
 def _cut_glass(place: tuple[float, ...]) -> mi.Mesh:
-    """A tumbler, 9.5 cm high, whose outer side is cut to diamonds of two depths."""
+    """A tumbler, 9.5 cm high, whose outer side is cut into diamonds of two depths."""
     sides, cuts = 18, np.linspace(0.012, 0.062, 6)
     outside = [(0.034 if k % 2 else 0.038, y) for k, y in enumerate(cuts)]
     inside = [(0.036, 0.094), (0.034, 0.06), (0.031, 0.016), (0.0, 0.013)]

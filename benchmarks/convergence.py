@@ -1,7 +1,7 @@
 """`python -m benchmarks.convergence [FOLDER]`: the error of SPPM after n passes.
 
 The Cornell box with a glass sphere at 256², compared with a path-traced image that is rendered once
-and saved in FOLDER. Pixels that see the lamp directly do not count.
+and saved in FOLDER. Pixels that see the lamp directly are left out.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ TRUTH_SPP, TRUTH_STEP = 16_384, 512
 
 
 def path_traced(scene: Any, file: Path) -> np.ndarray:
-    """The path-traced image, (H, W, 3); rendered into the file if that does not exist."""
+    """The path-traced image, (H, W, 3), from the file; rendered if that does not exist."""
     if file.exists():
         return np.asarray(np.load(file))
     integrator = mi.load_dict({"type": "path", "max_depth": -1})
@@ -48,7 +48,7 @@ def relative_error(image: np.ndarray, truth: np.ndarray, mask: np.ndarray) -> fl
 
 
 def main() -> None:
-    """Print the relMSE after each number of passes, its slope, and the mean over the truth's."""
+    """Print relMSE after each number of passes, its slope, and the mean relative to the truth's."""
     choose_variant("auto")
     console = Console(width=140)
     scene = load_scene(SIZE, SIZE)

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.dark_places`: a sample in hard places, beside one in a usual place.
+"""`python -m benchmarks.dark_places`: time of a sample in hard places, relative to a usual one.
 
-The field is fitted for the camera that a scene has. Timed is one sample per pixel at 256 rows from
-this camera and from places that the fit did not look at: outside of the box, behind it, far away,
-and in the dark room beside the lit one; and close to a tumbler of cut glass. `goal` is the largest
+The field is fitted for the scene's usual camera. One sample per pixel at 256 rows is timed from
+this camera and from places that the fit did not look at: outside the box, behind it, far away, and
+in the dark room beside the lit one; and close to a tumbler of cut glass. `goal` is the largest
 ratio aimed at.
 """
 
@@ -45,13 +45,13 @@ ROOMS = {
 
 TABLE = {
     USUAL: View(name=USUAL, origin=(-0.5, 1.05, 0.62), target=(-0.5, 0.77, 0.2), fov=34),
-    "the glass fills it": View(name="glass", origin=(0.2, 0.85, 0.25), target=(0, 0.82, 0), fov=14),
+    "filled by glass": View(name="glass", origin=(0.2, 0.85, 0.25), target=(0, 0.82, 0), fov=14),
 }
 
 
 def main() -> None:
     """Print one line for each place."""
-    table = Table("scene", "place", "ms", "of the usual", "no light stored", "goal")
+    table = Table("scene", "place", "ms", "× usual", "no light stored", "goal")
     add_rows(table, "Cornell Box", mi.cornell_box(), BOX)
     add_rows(table, "two rooms", two_rooms(), ROOMS)
     add_rows(table, "tumbler", tumbler(), TABLE, GOAL_CUT_GLASS)
@@ -61,7 +61,7 @@ def main() -> None:
 def add_rows(
     table: Table, name: str, description: Any, views: Mapping[str, View], goal: float = GOAL
 ) -> None:
-    """Fit a field for the usual view of a scene, and time all views in turns."""
+    """Fit a field for the usual view of a scene, and time all views in turn."""
     scene = mi.load_dict(description, optimize=False)
     sensors = {place: make_sensor(view, ROWS, ROWS) for place, view in views.items()}
     field = gpf.fit(scene, [sensors[USUAL]], passes=PASSES)

@@ -1,13 +1,13 @@
 """`python -m benchmarks.energy [SCENE …]`: is a field as bright as the truth?
 
-For each scene and each length of the fit, the mean of the field's image over that of the truth: on
-open surfaces, and in the whole picture without the brightest half percent of the pixels of either.
-The truth is Mitsuba's `path`; in the scenes of `scenes/`, where it does not find all light, SPPM
-with photons of its own. Beside it stands the same ratio of SPPM with few passes, which learns
-nothing, and the standard error of the truth's mean on open surfaces.
+For each scene and each length of the fit, the mean of the field's image divided by that of the
+truth: on open surfaces, and in the whole picture without the brightest half percent of the pixels
+of either. The truth is Mitsuba's `path`; in the scenes of `scenes/`, where it does not find all
+light, SPPM with photons of its own. The table also has the same ratio for SPPM with few passes,
+which learns nothing, and the standard error of the truth's mean on open surfaces.
 
-Open are pixels whose rays meet one diffuse surface at once, away from steps of the light, and in
-the scenes under a sky, from the block of glass.
+A pixel is open if its rays hit a single diffuse surface directly, away from steps in the light and,
+in the scenes under a sky, away from the block of glass.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from gpf.scene.views import View
 from gpf.sppm.reference import ReferenceRenderer, ReferenceSettings
 
 TRIMMED = 0.005
-"""Share of the pixels, the brightest, that the whole picture is compared without."""
+"""Fraction of the pixels, the brightest, left out when comparing the whole picture."""
 
 NEAR_GLASS = 1.6
 """Distance from the block of glass, metres, within which its light may fall."""
@@ -52,7 +52,7 @@ class Truth:
     is_open: np.ndarray
 
     def open_ratio(self, image: np.ndarray) -> float:
-        """Mean of an image over that of the truth, on open surfaces."""
+        """Mean of an image divided by that of the truth, on open surfaces."""
         return float(image[self.is_open].mean() / self.halves[:, self.is_open].mean())
 
     def whole_ratio(self, image: np.ndarray) -> float:
@@ -74,9 +74,11 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, nargs="*", default=[20, 60])
-    parser.add_argument("--passes", type=int, nargs="*", default=[], help="instead of seconds")
+    parser.add_argument(
+        "--passes", type=int, nargs="*", default=[], help="passes of the fits, instead of seconds"
+    )
     parser.add_argument("--rows", type=int, default=128)
-    parser.add_argument("--samples", type=int, default=4096, help="of the truth")
+    parser.add_argument("--samples", type=int, default=4096, help="samples per pixel of the truth")
     parser.add_argument("--kept", type=Path, default=Path("results/benchmark_references"))
     parser.add_argument("scenes", nargs="*", default=[*NAMES, *list_scenes()])
     arguments = parser.parse_args()
@@ -97,7 +99,7 @@ def main() -> None:
 
 
 def energy_row(rows: int, samples: int, passes: int) -> tuple[str, str, str, str, str]:
-    """What it measures, mean of the field on open surfaces, that of the truth, ratio, and goal."""
+    """What is measured, mean of the field on open surfaces, that of the truth, ratio, and goal."""
     name = next(iter(NAMES))
     scene, own, aspect = open_any_scene(name)
     size = round(rows * aspect), rows
@@ -108,7 +110,7 @@ def energy_row(rows: int, samples: int, passes: int) -> tuple[str, str, str, str
         float(image[..., truth.is_open, :].mean()) for image in (field, truth.halves)
     )
     return (
-        f"light on an open plane under sun and sky after {passes} passes, and by path",
+        f"light on an open plane under sun and sky after {passes} passes, vs path",
         f"{bright:.4f}",
         f"{expected:.4f}",
         f"{truth.open_ratio(field):.3f}",
@@ -117,7 +119,7 @@ def energy_row(rows: int, samples: int, passes: int) -> tuple[str, str, str, str
 
 
 def open_any_scene(name: str) -> tuple[mi.Scene, View, float]:
-    """A scene of ours or of `scenes/`, its own camera, and width over height of its images."""
+    """A scene by name, its own camera, and width over height of its images."""
     if name not in NAMES:
         return open_scene(name)
     scene = load(name)
@@ -148,8 +150,8 @@ def find_truth(
 
     Parameters
     ----------
-    samples: of `path` in each of two images; where there is SPPM instead, a fifth as many passes.
-    passes: of SPPM beside it.
+    samples: samples per pixel of `path` in each of two images; SPPM takes a fifth as many passes.
+    passes: passes of the SPPM image that is compared with the truth.
     """
     file = kept / f"energy_{name}_{size[1]}_{samples}_{passes}.npz"
     if not file.exists():
@@ -162,7 +164,7 @@ def find_truth(
             halves = [
                 trace_photons(name, scene, sensor, samples // 5, seed)[0] for seed in range(2)
             ]
-        # Steps of the light are looked for where there is little noise.
+        # Steps in the light are looked for where there is little noise.
         regions = find_regions(scene, sensor, layers | {"radiance": np.mean(halves, axis=0)})
         is_open = (regions == REGIONS.index("rest")).reshape(size[::-1])
         is_open &= layers["valid"] > 0.5

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.equal_quality SCENE …`: the time of SPPM for images as good as the field's.
+"""`python -m benchmarks.equal_quality SCENE …`: SPPM's time for images as good as the field's.
 
 Needs the results of `dvc repro`. The novel views are rendered from the field with several numbers
 of samples, without and with the denoiser (`pyoidn`). SPPM's convergence on the same views gives the
-number of passes of equal quality. Both are timed in turns, so that other load affects both.
+number of passes of equal quality. Both are timed alternately, so that other load affects both.
 """
 
 from __future__ import annotations

@@ -3,11 +3,11 @@
 A field is fitted for S seconds with the scene's training views. The novel views are rendered with
 many samples per pixel and the AOV `error`. Pixels are sorted by the error that they predict; for
 those around 1, 2, 4 and 8 %, the table has the root mean square of their measured relative error
-divided by that of the predicted one; 1 would be perfect. Measured is against references with 4000
-passes, or against a sharper truth (:mod:`benchmarks.judged`), without their noise and without that
-of the camera samples, because two images of each view are compared with two references. The 3 % of
-the pixels at either end, which are edges for the most part, are left out. The last columns have the
-PSNR, predicted and measured: over all views, and in the view where the prediction is worst.
+divided by that of the predicted one; 1 would be perfect. Errors are measured against references
+with 4000 passes, or against a sharper truth (:mod:`benchmarks.judged`). Neither their noise nor
+that of the camera samples counts, because two images of each view are compared with two references.
+The 3 % of the pixels at either end, mostly edges, are left out. The last columns have the PSNR,
+predicted and measured: over all views, and in the view where the prediction is worst.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
 
 
 def _ratio(judged: Judged, images: list[np.ndarray], errors: np.ndarray, level: float) -> str:
-    """Measured divided by predicted error of the pixels that predict about ``level``."""
+    """Measured divided by predicted error, for pixels whose predicted error is about ``level``."""
     a, b = judged.truth[:, 0], judged.truth[:, 1]
     light = (a + b).mean(axis=-1) / 2
     chosen = (errors > level / 2**0.5) & (errors < level * 2**0.5) & (light > 0)

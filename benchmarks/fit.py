@@ -1,18 +1,18 @@
 """`python -m benchmarks.fit [--seconds S … | --times T | --passes N] [SCENE …]`: `gpf.fit` alone.
 
 The scenes are those of `scenes/` and of `benchmarks/check_scenes.py`. The fit places its own
-cameras; with `--views training` it gets the training views of the scene and its exposure, with
-`--views judged` also those that are judged, as the command `gpf fit` takes them from a file. Judged
-are the novel views of `scenes/`, or frames of the path that `gpf scene import` would place.
-`--times T`: T times as long as SPPM with 1000 passes takes for a view.
+cameras; with `--views training` it gets the scene's training views and exposure, with
+`--views judged` the judged views too, as the command `gpf fit` takes them from a file. The judged
+views are the novel views of `scenes/`, or frames of the path that `gpf scene import` would place.
+With `--times T`, the fit takes T times as long as SPPM with 1000 passes takes for a view.
 
-One line per scene and goal, with the time of such a view, and the mean of the views' PSNR
+There is one line per scene and goal, with the time of such a view, and the views' mean PSNR
 
-- that the fit estimates, and that of the rendered field against SPPM with 1000 passes, at the
-  exposure that the fit has chosen, and at that of the scene's views;
+- as estimated by the fit, and of the rendered field against SPPM with 1000 passes, at the exposure
+  that the fit has chosen, and at that of the scene's views;
 - of a second SPPM with 1000 passes against the first;
-- of the field and of SPPM with 1000 passes against the truth, and of all pixels of a region
-  together (:mod:`benchmarks.regions`).
+- of the field and of SPPM with 1000 passes against the truth, and over all pixels of a region
+  (:mod:`benchmarks.regions`).
 
 References are those of :mod:`benchmarks.judged`, kept in a folder for the next run.
 """
@@ -73,7 +73,7 @@ def main() -> None:
         "SPPM s",
         "Gaussians",
         "estimated",
-        "so exposed",
+        "fit's exposure",
         "measured",
         "second SPPM",
         "truth",
@@ -111,7 +111,7 @@ def judge(name: str, arguments: argparse.Namespace) -> Iterator[list[str]]:
 def describe(
     field: GaussianPhotonField, images: np.ndarray, judged: Judged, view: float
 ) -> list[str]:
-    """The cells of a line; ``view``: seconds of a view by SPPM."""
+    """The cells of a line; ``view``: seconds that SPPM takes for a view."""
     record, references_too = field.record, judged.reference_errors()
     errors = judged.errors(images)
     so_exposed = replace(judged, exposure=record["exposure"])

@@ -1,10 +1,9 @@
-"""`python -m benchmarks.foreign_rooms FOLDER [ROOM …]`: scenes that others have published, as
-Mitsuba 3 reads them.
+"""`python -m benchmarks.foreign_rooms FOLDER [ROOM …]`: published scenes, adapted to Mitsuba 3.
 
 The repositories are cloned into `FOLDER/clones`, unless they are there; each room becomes a folder
-`FOLDER/NAME` with a `scene.xml`. The files were written for Mitsuba 0.x: what Mitsuba 3 does not
-have is replaced or left out (:func:`mend`), and printed. Their licences do not allow that they are
-a part of this project.
+`FOLDER/NAME` with a `scene.xml`. The files were written for Mitsuba 0.x: what Mitsuba 3 lacks is
+replaced or left out (:func:`mend`), and the changes are printed. Their licences do not allow them
+to be part of this project.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ CHOI, MUELLER = "hchoi405/dppm-scenes", "Tom94/practical-path-guiding"
 
 @dataclass(frozen=True)
 class Source:
-    """Where a room comes from, what it is good for, and whether it is for judging only."""
+    """Where a room comes from, what is special about it, and whether it is for judging only."""
 
     repository: str
     file: str
@@ -48,7 +47,7 @@ ROOMS = {
     "torus": Source(CHOI, "scenes/torus/scene.xml", "sun through glass", judges=True),
 }
 
-# The files' own sun is below the horizon where Mitsuba 3 reads their direction.
+# As Mitsuba 3 reads its direction, the file's own sun is below the horizon.
 SUNS = {"classroom": "0.4, 0.5, 0.6"}
 
 
@@ -77,7 +76,7 @@ def clone(repository: str, folder: Path) -> Path:
 
 
 def extract(git: Path, source: Source, target: Path) -> None:
-    """Write the files of a room; those that the clone lacks are left out."""
+    """Write the files of a room, except those missing from the clone."""
 
     def run(*words: str) -> subprocess.CompletedProcess[bytes]:
         return subprocess.run(["git", f"--git-dir={git}", *words], capture_output=True)
@@ -97,7 +96,7 @@ def extract(git: Path, source: Source, target: Path) -> None:
 
 
 def mend(file: Path, sun: str | None) -> Iterator[str]:
-    """Change a scene file until Mitsuba loads it; what was changed."""
+    """Change a scene file until Mitsuba loads it; yields what was changed."""
     tree = ET.parse(file)
     root = tree.getroot()
     for name in root.iter("string"):
@@ -137,13 +136,13 @@ def mend(file: Path, sun: str | None) -> Iterator[str]:
 
 
 def _replace(root: ET.Element, folder: Path) -> Iterator[str]:
-    """Replace what Mitsuba 3 does not have, and what refers to files that are not there."""
+    """Replace what Mitsuba 3 lacks, and what refers to missing files."""
     for parent in list(root.iter()):
         for child in list(parent):
             kind = child.get("type")
             if child.tag == "medium" or (child.tag == "ref" and child.get("name") == "interior"):
                 parent.remove(child)
-                yield "a medium is left out"
+                yield "a medium was left out"
             elif child.tag == "bsdf" and kind in ("ward", "phong", "roughcoating"):
                 child.set("type", "roughconductor" if kind == "ward" else "roughplastic")
                 yield f"{kind} becomes {child.get('type')}"
@@ -151,7 +150,7 @@ def _replace(root: ET.Element, folder: Path) -> Iterator[str]:
                 name = child.find("string[@name='filename']")
                 if name is None or (folder / name.get("value", "")).exists():
                     continue
-                yield f"{name.get('value')} is not there"
+                yield f"{name.get('value')} is missing"
                 if child.tag == "shape":
                     parent.remove(child)
                     continue
@@ -165,7 +164,7 @@ def _replace(root: ET.Element, folder: Path) -> Iterator[str]:
 
 
 def _leave_out(root: ET.Element, message: str) -> str | None:
-    """Leave out the properties that a message of Mitsuba names, in all plugins of that type."""
+    """Remove the properties that Mitsuba's message names from all plugins of that type."""
     plugin = re.search(r'unreferenced propert.*? in (\w+) plugin of type "(\w+)"', message)
     if plugin is None:
         return None

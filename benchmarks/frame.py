@@ -1,9 +1,9 @@
-"""`python -m benchmarks.frame [--seconds S] [SCENE …]`: a picture of 512 rows and what it takes.
+"""`python -m benchmarks.frame [--seconds S] [SCENE …]`: a 512-row picture's time and quality.
 
 A field is fitted for S seconds with the scene's training views. Then one novel view is rendered
 from it with more and more samples per pixel, denoised and not, each twice: the first time compiles.
-Each picture has its seconds, and its PSNR against the truth (:mod:`benchmarks.judged`), beside that
-of SPPM with 300 passes, whose kernels count as those of 1000.
+The table has each picture's seconds and PSNR against the truth (:mod:`benchmarks.judged`); its
+title has the PSNR of SPPM with 300 passes and the kernels of 1000.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def judge(name: str, arguments: argparse.Namespace) -> Table:
     """A line for each number of samples."""
     scene, field, judged = open_field(name, ROWS, 1, arguments)
     asked = decibels(judged.reference_errors(PASSES).mean())
-    table = Table("samples", "seconds", "PSNR", title=f"{name}: SPPM with {PASSES} passes {asked}")
+    table = Table("samples", "seconds", "PSNR", title=f"{name}: SPPM, {PASSES} passes: {asked}")
     for spp, denoise in SAMPLES:
         settings = RenderSettings(spp=spp, denoise=denoise)
         for _ in range(2):

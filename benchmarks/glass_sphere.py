@@ -41,9 +41,9 @@ METHODS = ("path", "ptracer", "sppm", "gpf", "gpf, recorded")
 def measure(
     size: int, radius: float, rounds: int = 15, methods: Sequence[str] = METHODS
 ) -> Timings:
-    """Time one SPPM pass, one sample per pixel from a field, `path` and `ptracer`, in turns."""
+    """Time one SPPM pass, one sample per pixel from a field, `path` and `ptracer`, in turn."""
     scene = load_scene(size, size)
-    # The number of ptracer's paths is that of the pixels: 400 x 250 = 100,000.
+    # ptracer traces as many paths as there are pixels: 400 x 250 = 100,000.
     particles = load_scene(400, 250)
     path = mi.load_dict({"type": "path", "max_depth": 2})
     ptracer = mi.load_dict({"type": "ptracer"})
@@ -68,7 +68,7 @@ def measure(
 
 
 def _untrained_field(scene: Any, radius: float) -> GaussianPhotonField:
-    # The cost of a query depends on the places of the Gaussians, and training hardly moves them.
+    # The cost of a query depends on where the Gaussians are, and training hardly moves them.
     bounds = scene_bounds(scene)
     photons = record_photons(scene, PathSettings(PHOTONS), seed=1)
     settings = InitialFieldSettings(

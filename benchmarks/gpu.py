@@ -1,6 +1,6 @@
-"""`make gpu`: does all of this work on a GPU, and how fast: tests, speed figures, one scene.
+"""`make gpu`: whether everything works on a GPU, and how fast: tests, timings, one scene.
 
-It needs a GPU that Dr.Jit finds and no network, and takes less than eight minutes: tests that are
+It needs a GPU that Dr.Jit finds but no network, and takes less than eight minutes: tests that are
 still running after :data:`MINUTES_FOR_TESTS` are stopped. `make gpu VENV=python3` uses an
 interpreter that has the packages already, on a machine without a network.
 `make gpu ARGS='--variant llvm_ad_rgb'` runs the same on the CPU.
@@ -34,14 +34,14 @@ MINUTES_FOR_TESTS = 4
 
 
 def main() -> None:
-    """Run everything, one part after another; exit code 1 if not all tests passed, 2 without a
+    """Run everything, one part after another; exits with 1 unless all tests passed, 2 without a
     GPU."""
     parser = argparse.ArgumentParser(description="Tests, speed and one scene on a GPU")
     parser.add_argument("--variant", choices=VARIANTS, default="cuda_ad_rgb")
-    parser.add_argument("--rows", type=int, default=1024, help="of the pictures")
-    parser.add_argument("--seconds", type=float, default=30, help="of the fit")
+    parser.add_argument("--rows", type=int, default=1024, help="rows of the pictures")
+    parser.add_argument("--seconds", type=float, default=30, help="seconds of the fit")
     parser.add_argument("--scene", default="water_caustic")
-    parser.add_argument("--folders", nargs="*", default=FOLDERS, help="of tests")
+    parser.add_argument("--folders", nargs="*", default=FOLDERS, help="folders of tests")
     arguments = parser.parse_args()
     try:
         choose_variant(arguments.variant)
@@ -49,7 +49,7 @@ def main() -> None:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     print(device_description(), flush=True)
-    # The scene first: it says in the shortest time whether anything works.
+    # The scene comes first: it shows soonest whether anything works.
     fit_and_render(arguments.scene, arguments.rows, arguments.seconds)
     frames(arguments.rows)
     bench.main(arguments.variant)
@@ -81,7 +81,7 @@ def fit_and_render(name: str, rows: int, seconds: float) -> None:
 
 
 def frames(rows: int) -> None:
-    """Frames and passes a second, beside Mitsuba's own integrators."""
+    """Print frames and passes per second, also for Mitsuba's own integrators."""
     timings = measure(rows, radius=0.02)
     for method in ("path", "ptracer", "sppm", "gpf", "gpf, recorded"):
         spent = timings.milliseconds(method)
@@ -90,14 +90,14 @@ def frames(rows: int) -> None:
 
 
 def run_tests(folders: list[str]) -> int:
-    """Run the quick tests of some folders; their exit code, or 1 if they did not end in time."""
+    """Run the quick tests in some folders; returns their exit code, or 1 if they took too long."""
     paths = [f"tests/{folder}" for folder in folders]
     command = [sys.executable, "-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider"]
     try:
         return subprocess.run([*command, *paths], timeout=60 * MINUTES_FOR_TESTS).returncode
     except subprocess.TimeoutExpired:
         print(
-            f"The tests were stopped after {MINUTES_FOR_TESTS} minutes: not all of them have run."
+            f"The tests were stopped after {MINUTES_FOR_TESTS} minutes, before all of them had run."
         )
         return 1
 

@@ -1,9 +1,9 @@
-"""`python -m benchmarks.growth [NAME …]`: how time and memory grow, and whether that is foreseen.
+"""`python -m benchmarks.growth [NAME …]`: how time and memory grow, and how predictably.
 
 For each quantity three small sizes are measured, and a large one, each in a process of its own.
 A line through the two larger of the small ones, ``a + b n``, predicts the large one. The exponent
 ``p`` of ``n^p`` is the slope between the last two measurements on logarithmic axes. Memory is the
-peak of the process. The whole takes some six minutes.
+peak of the process. The whole run takes about six minutes.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def query_gaussians(count: int) -> Callable[[], object]:
 
 
 def load_triangles(count: int) -> Callable[[], object]:
-    """A rough ball of so many triangles in the Cornell box: loading it, and a pass of SPPM."""
+    """Loading a rough ball of ``count`` triangles in the Cornell box, and a pass of SPPM."""
 
     def call() -> object:
         scene = mi.load_dict(_box() | {"ball": _ball(count)})
@@ -99,7 +99,7 @@ def load_triangles(count: int) -> Callable[[], object]:
 
 
 def light_lamps(count: int) -> Callable[[], object]:
-    """Three passes of SPPM under so many spheres that emit light."""
+    """Three passes of SPPM under ``count`` spheres that emit light."""
     side = math.isqrt(count)
     places = [-0.8 + 1.6 * (k + 0.5) / side for k in range(side)]
     lamps = {
@@ -163,7 +163,7 @@ QUANTITIES = {
 
 
 def measure_here(name: str, size: int) -> Cost:
-    """The second of two calls; compilation belongs to the first."""
+    """The cost of the second of two calls; the first one compiles."""
     choose_variant("auto")
     quantity = QUANTITIES[name]
     quantity.prepare(quantity.small[0])()
@@ -184,7 +184,7 @@ def measure(name: str, size: int) -> Cost:
 
 
 def predict(sizes: tuple[int, ...], costs: list[float], size: int) -> float:
-    """What a line through the last two measurements says of ``size``; never less than the last."""
+    """What a line through the last two measurements predicts; never less than the last."""
     slope = max((costs[-1] - costs[-2]) / (sizes[-1] - sizes[-2]), 0.0)
     return costs[-1] + slope * (size - sizes[-1])
 
@@ -211,7 +211,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", default=list(QUANTITIES))
-    parser.add_argument("--size", type=int, help="only this size, in this process; JSON")
+    parser.add_argument("--size", type=int, help="measure only this size, here; print JSON")
     arguments = parser.parse_args()
     if arguments.size is not None:
         print(json.dumps(vars(measure_here(arguments.names[0], arguments.size))))

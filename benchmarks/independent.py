@@ -1,8 +1,8 @@
-"""`python -m benchmarks.independent SCENE …`: which images are nearer the truth, by another judge.
+"""`python -m benchmarks.independent SCENE …`: another judge of which images are nearer the truth.
 
 Needs the results of `dvc repro`. The published tables compare all systems with references from
-which some of them have learned, or whose kernels they share. Here, the judge of each view are two
-further images by SPPM, with photons of their own and with the kernels of 4000 passes
+which some of them have learned, or whose kernels they share. Here, each view is judged by two
+further SPPM images, with photons of their own and the kernels of 4000 passes
 (:class:`metrics.halves.Halves`). The table goes to results/independent.md, from where
 `python docs/publish.py` takes it. The images are kept; a second run takes seconds.
 """
@@ -28,9 +28,9 @@ METHODS = ("gpf", "radiance_cache", "second_reference")
 
 
 def main() -> None:
-    """Print a table, and write it."""
+    """Print the table and write it to a file."""
     parser = argparse.ArgumentParser(description="Field, radiance cache and SPPM by another judge")
-    parser.add_argument("--passes", type=int, default=1000, help="of each of the two images")
+    parser.add_argument("--passes", type=int, default=1000, help="passes of each of the two images")
     parser.add_argument("--views", type=int, default=2, help="number of novel views")
     parser.add_argument("--kept", type=Path, default=Path("results/benchmark_references"))
     parser.add_argument("scenes", nargs="*", default=list_scenes())
@@ -64,7 +64,7 @@ def judge(work: Workspace, views: int, passes: int, kept: Path) -> dict[str, Hal
 def row(work: Workspace, method: str, halves: dict[str, Halves]) -> str:
     """A line of the table: means over the views.
 
-    Noise of a judge counts in LPIPS, so there are judges with less and less: one image, the mean of
+    A judge's noise affects LPIPS, so there are judges with less and less: one image, the mean of
     both, and the mean of both, the reference and the second reference.
     """
     exposure, epsilon = work.views.exposure, work.params.metrics.relmse_epsilon

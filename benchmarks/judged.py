@@ -1,11 +1,11 @@
-"""Images by SPPM with which the benchmarks compare the field's.
+"""SPPM images with which the benchmarks compare the field's.
 
-The truth is what two independent images A and B by SPPM have in common, whose kernels are half as
-wide as those of the last pass of an ordinary reference: the mean of (f - A) (f - B) is the squared
-error of the image f without the noise of A and B. Ordinary references have wider kernels, as all of
-their passes do; they show caustics softer than they are. Two of them, a and b, are compared with
-the truth, too: their error is the mean of (a - A) (b - B), and their noise, from a - b. All images
-are kept in a folder for the next run.
+The truth is what two independent SPPM images A and B have in common. Their kernels are half as wide
+as those of the last pass of an ordinary reference. The mean of (f - A) (f - B) is the squared error
+of the image f without the noise of A and B. Ordinary references have wider kernels, in all of their
+passes, and show caustics softer than they are. Two of them, a and b, are compared with the truth
+too: their error is the mean of (a - A) (b - B), plus their noise, from a - b. All images are kept
+in a folder for the next run.
 
 With the truth `long`, A and B have the kernels of references with 4000 passes.
 """
@@ -40,10 +40,10 @@ STANDARD = 1000
 """Passes of an ordinary reference."""
 
 KERNELS = {"": (1, 1000), "sharp": (64_000, 65_000), "long": (1, 4000)}
-"""The first and the last of the passes whose kernels the images of each kind have."""
+"""First and last of the passes whose kernels each kind of image uses."""
 
 FIT_ROWS = 256
-"""Rows of the views with which fields are fitted."""
+"""Rows of the views to which fields are fitted."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +61,9 @@ class Judged:
     Attributes
     ----------
     images: two independent ordinary references of each view, (V, 2, H, W, 3).
-    truth: two independent images of it, (V, 2, H, W, 3).
+    truth: two independent images of the truth, (V, 2, H, W, 3).
     regions: the number of each pixel's region, (V, H W).
-    passes: of each image.
+    passes: passes of each image.
     """
 
     views: list[View]
@@ -77,7 +77,7 @@ class Judged:
     def errors(self, images: np.ndarray, again: np.ndarray | None = None) -> np.ndarray:
         """Squared error of images (V, H, W, 3) at each pixel, against the truth, (V, H W).
 
-        ``again``: the same images with other samples; then their noise does not count.
+        ``again``: the same images with other samples, so that their noise does not count.
         """
         a, b = self._shown(self.truth)
         f = tone_map(images, self.exposure)
@@ -85,7 +85,7 @@ class Judged:
         return ((f - a) * (g - b)).mean(axis=3).reshape(self.regions.shape)
 
     def reference_errors(self, passes: int = STANDARD) -> np.ndarray:
-        """The same of an ordinary reference with so many passes, its noise included."""
+        """The same for an ordinary reference with ``passes`` passes, its noise included."""
         a, b = self._shown(self.images)
         true_a, true_b = self._shown(self.truth)
         blur = ((a - true_a) * (b - true_b)).mean(axis=3).reshape(self.regions.shape)
@@ -99,7 +99,7 @@ class Judged:
         return ((f - a) * (f - b)).mean(axis=3).reshape(self.regions.shape) + self.noise(STANDARD)
 
     def noise(self, passes: int) -> np.ndarray:
-        """Squared noise of an ordinary reference with so many passes at each pixel, (V, H W)."""
+        """Squared noise of an ordinary reference with ``passes`` passes, (V, H W)."""
         a, b = self._shown(self.images)
         noise: np.ndarray = ((a - b) ** 2).mean(axis=3) / 2 * self.passes / passes
         return noise.reshape(self.regions.shape)
@@ -111,7 +111,7 @@ class Judged:
 def kept_field(
     name: str, scene: mi.Scene, own: View, aspect: float, seconds: float, kept: Kept
 ) -> GaussianPhotonField:
-    """A field fitted for a time with the scene's training views, from the folder if it is there."""
+    """A field fitted for ``seconds`` with the scene's training views, or the one in the folder."""
     file = kept.folder / f"{name}_{seconds:g}s.safetensors"
     if not file.exists():
         views = training_views(name, own)
@@ -183,7 +183,7 @@ def open_field(
 
 
 def options(description: str, passes: int) -> argparse.ArgumentParser:
-    """The options of a benchmark whose fields take some seconds and are kept."""
+    """The options of a benchmark whose fields are fitted for some seconds and kept."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--seconds", type=float, default=120)
     parser.add_argument("--reference-passes", type=int, default=passes)
@@ -193,7 +193,7 @@ def options(description: str, passes: int) -> argparse.ArgumentParser:
 
 
 def training_views(name: str, own: View) -> list[View]:
-    """The training views of `scenes/`; of another scene, its own camera."""
+    """The training views of `scenes/`; for another scene, its own camera."""
     return [own] if name in SCENES else list(load_views(name).train)
 
 
@@ -218,7 +218,7 @@ def trace(
 
     Parameters
     ----------
-    kernels: theirs are those of passes between these two, spread evenly.
+    kernels: the images have the kernels of passes between these two, spread evenly.
     """
     plan = EmissionPlan.make(scene, sensors, VisibleRegionSettings())
     settings = ReferenceSettings().measure(scene, sensors[0], plan)

@@ -1,10 +1,9 @@
-"""`python -m benchmarks.lights [--passes N] [SCENE …]`: what groups of lights cost, and how right
-other levels are.
+"""`python -m benchmarks.lights [--passes N] [SCENE …]`: cost and accuracy of light groups.
 
 A field is fitted without groups and with one for each emitter. Then the first emitter becomes
 warmer, and the others are dimmed to a quarter. One line per scene: the time of the fit and of a
-picture with groups, divided by those without; and the PSNR, against SPPM with 1000 passes of the
-scene whose emitters are changed like this, of the field at these levels and of a field fitted to
+picture with groups, divided by those without; and two PSNRs, against SPPM with 1000 passes of the
+scene with its emitters changed like this: of the field at these levels, and of a field fitted to
 that scene.
 """
 
@@ -53,7 +52,7 @@ def main() -> None:
     parser.add_argument("--passes", type=int, default=200)
     parser.set_defaults(scenes=["corridor", "veach_ajar", "veach_bidir", "water_caustic_2"])
     arguments = parser.parse_args()
-    columns = ("groups", "fit", "picture", "dimmed field", "field of that light")
+    columns = ("groups", "fit", "picture", "dimmed field", "refitted field")
     table = Table("scene", *columns)
     for name in arguments.scenes:
         table.add_row(name, *judge(name, arguments))
@@ -107,7 +106,7 @@ def judge(name: str, arguments: argparse.Namespace) -> list[str]:
 
 
 def change_emitters(scene: mi.Scene, levels: list[tuple[float, float, float]]) -> None:
-    """Multiply the colour of each emitter, in the scene itself."""
+    """Multiply the colour of each emitter in the scene itself."""
     for emitter, level in zip(scene.emitters(), levels, strict=True):
         parameters = mi.traverse(emitter)
         (key,) = (key for key in (*COLOURS, "data") if key in parameters)

@@ -1,4 +1,4 @@
-"""Small scenes with one kind of light each, which a path tracer finds; :mod:`benchmarks.energy`.
+"""Small scenes, each with a light that a path tracer finds, for :mod:`benchmarks.energy`.
 
 y is up; lengths are metres.
 """
@@ -27,7 +27,7 @@ from gpf.modelling.shapes import (
 from gpf.scene.load import load_scene_file
 
 SUN = (-0.5, 0.62, 0.6)
-"""Towards the sun."""
+"""Direction towards the sun."""
 
 
 def plane_under_sunsky() -> Dict:
@@ -57,7 +57,7 @@ def two_hundred_lamps() -> Dict:
 
 
 def window_room() -> Dict:
-    """A room lit through a window only, by the map with a sun."""
+    """A room lit only through a window, by the map with a sun."""
     scene = camera((1.7, 1.6, 2.2), (-0.8, 0.8, -1.2), 60) | {"sky": _sky_map()}
     walls = room((4, 2.6, 5))
     del walls["left"]
@@ -154,7 +154,7 @@ def _plane() -> Dict:
 
 
 def _sky_map() -> Dict:
-    """A blue sky with a sun of 2 × 2 pixels, which brings most of the light."""
+    """A blue sky with a sun of 2 × 2 pixels, which gives most of the light."""
     height, width = 128, 256
     row = (np.arange(height) + 0.5) / height * np.pi
     column = (np.arange(width) + 0.5) / width * 2 * np.pi

@@ -18,7 +18,7 @@ def peak() -> float:
 
 
 def main() -> None:
-    """Render three passes; print the peak memory, and that before rendering."""
+    """Render three passes; print the peak memory after and before rendering."""
     choose_variant("auto")
     size = int(sys.argv[1]) if len(sys.argv) > 1 else 1024
     scene = load_scene(size, size)

@@ -1,10 +1,10 @@
-"""`python -m benchmarks.pairs`: what bounds a pair of photon and point, memory or arithmetic.
+"""`python -m benchmarks.pairs`: whether memory or arithmetic limits a pair of photon and point.
 
 Points of a 512² film gather photons of 100,000 paths in the Cornell box with a glass sphere; then a
 quarter of these photons with twice the radius, and so on: as many pairs, in less and less memory.
-If memory set the time of a pair, it would fall as soon as the photons fit into a cache. Beside it
-is the time of the same search without the photons' normals and powers, and of one that does not
-read photons at all.
+If memory set the time per pair, it would fall as soon as the photons fit into a cache. The table
+also has the time of the same search without the photons' normals and powers, and of one that does
+not read photons at all.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def main() -> None:
     dr.eval(points)
     table = Table("photons", "MB", "pairs, M", "in the ball, M", title=f"{SIZE}², radius {RADIUS}")
     for name in ("estimate", "positions only", "loop only"):
-        table.add_column(f"{name}, ns a pair")
+        table.add_column(f"{name}, ns per pair")
     for part in PARTS:
         chosen = part * dr.arange(mi.UInt32, dr.width(photons.p) // part)
         some = dr.gather(Photons, photons, chosen)

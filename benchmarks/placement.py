@@ -1,9 +1,9 @@
 """`python -m benchmarks.placement [--sheet FILE] [SCENE …]`: cameras placed around a scene.
 
-For each scene: seconds of the placement, the share of the pixels that show light in the own camera
-and in the placed views (least and mean), and how many are below 80 %. The scenes are those of
-`benchmarks/check_scenes.py` and of `scenes/`; of the latter, only the first training view is
-used.
+For each scene: seconds of the placement, the share of the pixels that show light in the scene's own
+view and in the placed ones (least and mean), and how many views are below 80 %. The scenes are
+those of `benchmarks/check_scenes.py` and of `scenes/`; of the latter, only the first training view
+is used.
 """
 
 from __future__ import annotations

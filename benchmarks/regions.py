@@ -44,7 +44,7 @@ def main() -> None:
         errors = {
             method: np.concatenate([each[method] for _, each in rows]) for method in rows[0][1]
         }
-        table = Table("region", "pixels", *(f"{m}: dB (of the error)" for m in errors), title=name)
+        table = Table("region", "pixels", *(f"{m}: dB (error share)" for m in errors), title=name)
         for number, region in enumerate((*REGIONS, "all")):
             chosen = (regions == number) | (region == "all")
             cells = [_cell(error, chosen) for error in errors.values()]
@@ -94,8 +94,8 @@ def find_regions(
 
     Parameters
     ----------
-    layers: of the view's reference.
-    unseen: pixels whose visible point no training view has near it, (H W,).
+    layers: layers of the view's reference.
+    unseen: pixels whose visible point is not near any point of a training view, (H W,).
     """
     films = [sample_film(scene, sensor, seed) for seed in range(RAYS)]
     points = [film.points for film in films]

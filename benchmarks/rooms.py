@@ -1,18 +1,18 @@
-"""`python -m benchmarks.rooms FILE.xml …`: rooms that others made, by the field and by what else
-there is.
+"""`python -m benchmarks.rooms FILE.xml …`: the field and other methods in published rooms.
 
-For each scene file: a fit and some views of it, the scene's own among them, denoised as by `gpf
-render`; then `path` with Open Image Denoise, and SPPM, each with as much time for all views as the
-field took for the fit and the views together. A few of the views are judged against the truth: two
-independent images by `path`, kept in a folder for the next run. Printed are
+For each scene file, a field is fitted, and some views of it are rendered, the scene's own among
+them, denoised as by `gpf render`; then `path` with Open Image Denoise, and SPPM, each with as much
+time for all views as the field took for the fit and the views together. A few of the views are
+judged against the truth: two independent images by `path`, kept in a folder for the next run. The
+output has
 
-- the share of the photons that reach a diffuse surface which a camera sees, and the kernel's radius
-  beside the distance of what the cameras look at;
-- passes and estimated PSNR of the fit, and the seconds of a view;
-- the time of a sample, beside `path` without a limit on depth;
-- for each method the PSNR of all judged pixels together, without the noise of the truth; FLIP; and
-  the energy: the sum of the image over that of the truth, without the brightest half percent of the
-  pixels of either.
+- the share of the photons that reach a diffuse surface seen by a camera, and the kernel's radius
+  next to the distance of what the cameras look at;
+- passes and estimated PSNR of the fit, and the seconds per view;
+- the time of a sample, compared with `path` without a depth limit;
+- for each method, the PSNR over all judged pixels, without the noise of the truth; FLIP; and the
+  energy: the sum of the image divided by that of the truth, without the brightest half percent of
+  the pixels of either.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Truth:
     exposure: float
 
     def psnr(self, images: np.ndarray) -> float:
-        """Of images (V, H, W, 3), without the noise of the truth, dB."""
+        """PSNR of images (V, H, W, 3), without the noise of the truth, dB."""
         a, b = (tone_map(half, self.exposure) for half in self.halves)
         shown = tone_map(images, self.exposure)
         return float(-10 * np.log10(max(((shown - a) * (shown - b)).mean(), 1e-9)))
@@ -85,7 +85,7 @@ class Truth:
         return float(np.mean([evaluate_ldr(*pair) for pair in zip(shown, true, strict=True)]))
 
     def energy(self, images: np.ndarray) -> float:
-        """Sum of images over that of the truth, without the brightest pixels of either."""
+        """Sum of images divided by that of the truth, without the brightest pixels of either."""
         true = self.halves.mean(axis=0)
         kept = np.ones(true.shape[:3], bool)
         for each in (images, true):
@@ -97,12 +97,12 @@ class Truth:
 def main() -> None:
     """Print the tables of all rooms."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=60, help="of the fit")
-    parser.add_argument("--passes", type=int, help="of the fit, whatever time they take")
+    parser.add_argument("--seconds", type=float, default=60, help="seconds of the fit")
+    parser.add_argument("--passes", type=int, help="passes of the fit, however long they take")
     parser.add_argument("--rows", type=int, default=256)
-    parser.add_argument("--views", type=int, default=10, help="that are rendered")
-    parser.add_argument("--judged", type=int, default=3, help="views that are judged")
-    parser.add_argument("--samples", type=int, default=1024, help="of each image of the truth")
+    parser.add_argument("--views", type=int, default=10, help="number of views to render")
+    parser.add_argument("--judged", type=int, default=3, help="number of views to judge")
+    parser.add_argument("--samples", type=int, default=1024, help="samples per pixel of the truth")
     parser.add_argument("--field-only", action="store_true")
     parser.add_argument("--kept", type=Path, default=Path("results/rooms"))
     parser.add_argument("files", type=Path, nargs="+")
@@ -146,7 +146,7 @@ def find_truth(room: Room, samples: int, kept: Path) -> Truth:
 
 def compare(room: Room, truth: Truth, arguments: argparse.Namespace) -> None:
     """Print the table of one room, and write the judged pictures."""
-    table = Table("method", "s in all", "PSNR", "FLIP", "energy", title=room.name)
+    table = Table("method", "total s", "PSNR", "FLIP", "energy", title=room.name)
 
     def add(method: str, seconds: float, images: np.ndarray) -> None:
         cells = (
@@ -187,7 +187,7 @@ def render_field(room: Room, field: GaussianPhotonField) -> np.ndarray:
 
 
 def render_denoised(room: Room, seconds: float, state: Path) -> np.ndarray:
-    """The judged views by `path` and Open Image Denoise, with so many seconds for each."""
+    """The judged views by `path` and Open Image Denoise, in ``seconds`` seconds each."""
     task = Task(
         room.name,
         room.scene,
@@ -206,7 +206,7 @@ def render_denoised(room: Room, seconds: float, state: Path) -> np.ndarray:
 
 
 def render_photons(room: Room, seconds: float) -> np.ndarray:
-    """The judged views by SPPM, with so many seconds for all views together."""
+    """The judged views by SPPM, in ``seconds`` seconds for all views together."""
     sensors = {f"{k}": make_sensor(view, *room.size) for k, view in enumerate(room.views)}
     plan = EmissionPlan.make(room.scene, list(sensors.values()), VisibleRegionSettings())
     settings = ReferenceSettings().measure(room.scene, sensors["0"], plan)
@@ -219,7 +219,7 @@ def render_photons(room: Room, seconds: float) -> np.ndarray:
 
 
 def describe(room: Room, field: GaussianPhotonField, view: float) -> str:
-    """What a fit and a view are like, in words."""
+    """Describe a fit and a view in words."""
     sensor = make_sensor(room.views[0], *room.size)
     plan = EmissionPlan.make(room.scene, [sensor], VisibleRegionSettings())
     settings = ReferenceSettings().measure(room.scene, sensor, plan)
@@ -235,15 +235,15 @@ def describe(room: Room, field: GaussianPhotonField, view: float) -> str:
     return (
         f"{room.name}: {record['passes']} passes in {record['seconds']:.0f} s, estimated "
         f"{record['estimated_psnr']:.1f} dB, {field.gaussians.means.numpy().shape[1]} Gaussians; "
-        f"{arriving:.3g} photons of a path arrive; kernel of the first pass "
+        f"{arriving:.3g} photons per path arrive; first kernel radius "
         f"{settings.initial_radius:.3g}, what the camera sees is {far:.3g} away; "
-        f"{view:.2f} s a view; a sample {1e3 * times[0]:.0f} ms, of path {1e3 * times[1]:.0f} ms, "
+        f"{view:.2f} s per view; {1e3 * times[0]:.0f} ms per sample, path {1e3 * times[1]:.0f} ms, "
         f"ratio {times[0] / times[1]:.2f}"
     )
 
 
 def time_sample(scene: mi.Scene, sensor: mi.Sensor, integrator: mi.Integrator) -> float:
-    """Seconds of one sample of each pixel, the least of some."""
+    """Seconds for one sample per pixel, the least of several measurements."""
     found = []
     for seed in range(4):
         start = time.perf_counter()
@@ -253,7 +253,7 @@ def time_sample(scene: mi.Scene, sensor: mi.Sensor, integrator: mi.Integrator) -
 
 
 def write_pictures(folder: Path, room: Room, images: np.ndarray) -> None:
-    """The judged views as PNG."""
+    """Write the judged views as PNG files."""
     folder.mkdir(parents=True, exist_ok=True)
     for k, image in zip(room.judged, images, strict=True):
         shown = np.round(255 * tone_map(image, room.exposure)).astype(np.uint8)

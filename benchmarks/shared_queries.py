@@ -1,9 +1,9 @@
-"""`python -m benchmarks.shared_queries [--seconds S] [SCENE …]`: what samples of a pixel save.
+"""`python -m benchmarks.shared_queries [--seconds S] [SCENE …]`: what sharing queries saves.
 
-Views of a field with 64 adaptive samples per pixel, rendered in turns with walks that share queries
+Views of a field with 64 adaptive samples per pixel, rendered in turn with walks that share queries
 (:class:`gpf.rendering.walks.GroupedWalks`) and with walks that share nothing. A line for each view:
-seconds without and with, their ratio, and the PSNR of the noise alone, against an image with many
-samples.
+seconds without and with sharing, their ratio, and the PSNR of the noise alone, against an image
+with many samples.
 """
 
 from __future__ import annotations

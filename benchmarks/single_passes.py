@@ -1,4 +1,4 @@
-"""The time of an SPPM pass, for measurements that time it in turns with something else."""
+"""The time of an SPPM pass, for measurements that alternate it with something else."""
 
 from __future__ import annotations
 
@@ -16,6 +16,6 @@ class SinglePasses:
         compile_passes(self.renderers)
 
     def seconds(self, parts: int, k: int, samples: int = 4) -> float:
-        """Mean seconds of a pass over views, and over passes of the ``k``-th of ``parts`` parts."""
+        """Mean seconds per pass, over views and over passes of the ``k``-th of ``parts`` parts."""
         passes = range(1 + self.passes * k // parts, 1 + self.passes * (k + 1) // parts)
         return float(time_passes(self.renderers, passes, samples).mean())

@@ -1,8 +1,8 @@
-"""`python -m benchmarks.start [SCENE …]`: what passes before the first photon.
+"""`python -m benchmarks.start [SCENE …]`: how long the first photons take to arrive.
 
-For each scene, in a process of its own: seconds until Python and gpf have started, the scene is
-loaded, cameras are placed, and the first pass of photons is over. What the kernels take to compile
-counts if they are not in Dr.Jit's cache yet; run it twice.
+For each scene, in a process of its own: the seconds for starting Python and gpf, loading the scene,
+placing cameras, and the first pass of photons. Compiling the kernels counts if they are not in
+Dr.Jit's cache yet; run it twice.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ STEPS = ("start", "load", "cameras", "first pass")
 
 def main() -> None:
     """Print the table."""
-    table = Table("scene", *STEPS, "together")
+    table = Table("scene", *STEPS, "total")
     choose_variant("auto")
     for name in sys.argv[1:] or [*list_scenes(), *SCENES]:
         with tempfile.TemporaryDirectory() as folder:

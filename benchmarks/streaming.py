@@ -1,7 +1,7 @@
-"""`python -m benchmarks.streaming SCENE …`: how soon a field that learns from a stream is good.
+"""`python -m benchmarks.streaming SCENE …`: how soon a field that learns from a stream gets good.
 
-Needs the results of `dvc repro`, with a field that was trained on references; the quality of that
-field is the standard of comparison. The unit of time is a view by SPPM with as many passes as the
+Needs the results of `dvc repro`, with a field that was trained on references; that field's quality
+is the standard of comparison. The unit of time is a view by SPPM with as many passes as the
 references have. Its passes are timed before and after the training, so that other load affects
 both.
 """
@@ -53,7 +53,7 @@ def main() -> None:
         passes = work.params.reference.passes
         view = passes * (before + single.seconds(1, 0, PASSES)) / 2
         final = read_json(work.metrics("gpf"))["mean"]["psnr"]
-        table = Table("passes", "seconds", "of a view by SPPM", "PSNR", "minus references'")
+        table = Table("passes", "seconds", "SPPM views", "PSNR", "vs references")
         table.title = (
             f"{name}: {final:.2f} dB from the references; a view by SPPM, {passes} passes: "
             f"{view:.0f} s"
@@ -70,7 +70,7 @@ def main() -> None:
 
 
 def train(work: Workspace) -> list[Moment]:
-    """Fit a field, and measure the novel views with each complete field on the way.
+    """Fit a field, and measure the novel views with each complete field along the way.
 
     The time for these measurements does not count.
     """

@@ -1,4 +1,4 @@
-"""Timing of alternatives in turns, so that other load on the machine affects all of them."""
+"""Timing of alternatives in turn, so that other load on the machine affects all of them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Timings:
         return 1e3 * float(np.median(self.rounds[name]))
 
     def ratio(self, name: str, *floor: str) -> float:
-        """Median over rounds of a time divided by the sum of others of the same round."""
+        """Median over rounds of a time divided by the sum of others in the same round."""
         total = sum(self.rounds[f] for f in floor)
         return float(np.median(self.rounds[name] / total))
 
@@ -31,7 +31,7 @@ def time_in_turn(
 ) -> Timings:
     """Call each function once per round with the number of the round.
 
-    A sync after each call adds the time of its kernels to its own time.
+    A sync after each call includes its kernels in its time.
     """
     seconds: dict[str, list[float]] = {name: [] for name in work}
     for number in range(warm_up + rounds):

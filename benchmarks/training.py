@@ -30,7 +30,7 @@ class _Clock:
 
 
 def training_row() -> tuple[str, str, str, str, str]:
-    """What it measures, seconds, points per second, and the goal."""
+    """What is measured, seconds, points per second, and the goal."""
     scene, clock = load_scene(ROWS, ROWS), _Clock()
     gpf.fit(scene, scene.sensors(), passes=PASSES, callback=clock)
     (begin, first), (end, last) = clock.steps[0], clock.steps[-1]

@@ -2,7 +2,7 @@
 
 Needs the results of `dvc repro`, and a scene whose light a path tracer can find. The noise of the
 references counts as an error of other methods. The path-traced image is independent of the field
-and of SPPM, and has less noise.
+and of SPPM, and less noisy.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""`python -m benchmarks.viewer [SCENE …]`: how quickly `gpf view` answers.
+"""`python -m benchmarks.viewer [SCENE …]`: how quickly `gpf view` responds.
 
-For each scene of `scenes/`: a program in the place of the page moves the camera 60 times a second
-and receives pictures. One line per scene: pictures per second and their rows, the time from an
-input to its picture (median, 95th percentile), and the time for a still of 512 rows with 64 samples
-per pixel, in units of the time that `gpf render` needs. Then without a field, while one is fitted:
-the time from the address to the first picture; and, in a minute in which the camera moves a second
-and rests four in turns, the largest memory of the viewer and the fit together, looked at after each
-turn, and the number of cores that they kept busy.
+For each scene of `scenes/`, a program in place of the page moves the camera 60 times a second and
+receives pictures. One line per scene: pictures per second and their rows, the time from an input to
+its picture (median, 95th percentile), and the time for a still of 512 rows with 64 samples per
+pixel, also relative to `gpf render`. Then, without a field, while one is fitted: the time from the
+address to the first picture; and, for a minute in which the camera alternately moves for a second
+and rests for four, the largest memory of the viewer and the fit together, sampled after each rest,
+and the number of cores that they kept busy.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ ROWS, SPP, PASSES = 512, 64, 24
 # Seconds of motion before the measurement, and of the measurement; inputs per second.
 WARM_UP, MEASURED, INPUTS = 6.0, 8.0, 60
 
-# Seconds of a fit before its memory is measured.
+# Seconds of a fit while its memory is measured.
 FITTED = 60.0
 
 
@@ -125,7 +125,7 @@ class Page:
         self._link.send(json.dumps(message | {"number": self._number}))
 
     def _receive(self, seconds: float) -> dict[str, Any] | None:
-        """The header of the next message; None after a time without one."""
+        """The header of the next message, or None if none comes in time."""
         try:
             message = self._link.recv(timeout=seconds)
         except TimeoutError:
@@ -140,7 +140,7 @@ class Page:
 
 @contextmanager
 def viewing(folder: Path, *words: str) -> Iterator[tuple[int, Page]]:
-    """`gpf view` in a folder, its process id, and a page."""
+    """Run `gpf view` in a folder; yields its process id and a page."""
     command = [sys.executable, "-m", "gpf.cli", "view", *words, "--no-open"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder)
     try:
@@ -156,8 +156,7 @@ def viewing(folder: Path, *words: str) -> Iterator[tuple[int, Page]]:
 
 
 def resources(process: int) -> tuple[int, float]:
-    """Bytes and CPU seconds that a process and those that it started use; shared bytes count
-    once."""
+    """Bytes and CPU seconds that a process and its descendants use; shared bytes count once."""
     lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
     size = 1024 * next(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
     times = Path(f"/proc/{process}/stat").read_text().rpartition(") ")[2].split()[11:13]
@@ -172,7 +171,7 @@ def main() -> None:
     """Print one line for each scene."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="*", default=list_scenes())
-    columns = ("pictures/s", "rows", "median ms", "95 % ms", "still s", "of gpf render")
+    columns = ("pictures/s", "rows", "median ms", "95 % ms", "still s", "× gpf render")
     columns += ("first s", "GB", "cores")
     table = Table("scene", *columns)
     for name in parser.parse_args().scenes:

@@ -1,7 +1,7 @@
-"""`python -m benchmarks.workers`: the speed-up from workers of a cluster for the references.
+"""`python -m benchmarks.workers`: how much cluster workers speed up the references.
 
-The stage `reference` of the Cornell box runs locally, and on Ray with one and two workers of one
-thread each. For more workers, the time is predicted from the measured time of the tasks: groups of
+The stage `reference` of the Cornell box runs locally, and on Ray with one and two single-threaded
+workers. For more workers, the time is predicted from the measured time of the tasks: groups of
 views follow one after the other, and the tasks of each group are distributed over the workers.
 """
 
@@ -86,7 +86,7 @@ def main() -> None:
         table.add_row(str(n), measured, f"{expected:.0f} s", f"{speed:.1f}")
     console = Console(width=100)
     console.print(
-        f"{SCENE}: 3 groups of {PASSES} passes in tasks of {PASSES_PER_TASK}, workers of one thread"
+        f"{SCENE}: 3 groups of {PASSES} passes, {PASSES_PER_TASK} per task, single-threaded workers"
     )
     console.print(table)
 

@@ -16,7 +16,7 @@ from gpf.scene.views import View
 
 
 class FewSamples:
-    """The scene's trained field, rendered as fast as viewers and films need it."""
+    """The scene's trained field, rendered fast enough for viewers and films."""
 
     def __init__(self, options: FewSamplesOptions) -> None:
         self.options = options
@@ -26,13 +26,15 @@ class FewSamples:
 
         Raises
         ------
-        CannotServe: the package of the denoiser is missing.
+        CannotServe: the denoiser's package is missing.
         """
         options = self.options
         assert task.field is not None
         if options.denoise and not available():
             raise CannotServe(
-                f"scene {task.name}", "the package pyoidn is missing", f"pip install {PACKAGE}"
+                f"scene {task.name}",
+                "the package pyoidn is missing",
+                f"Run `pip install {PACKAGE}`.",
             )
         settings = task.render.model_copy(update={"spp": options.spp, "denoise": options.denoise})
         renderer = FieldRenderer.make(task.scene, load_field(task.field), settings)

@@ -1,7 +1,7 @@
 """Code published by the authors of a system, run unchanged in a subprocess.
 
-Such code needs package versions that conflict with this project's. It is in a folder of its own,
-which an environment variable names; ``.venv`` in that folder can be its own environment. The
+Such code needs package versions that conflict with this project's. It has a folder of its own,
+which an environment variable names and which may contain a virtual environment, ``.venv``. The
 scripts in :mod:`gpf.baselines.programs` run there. They never use the network: weights must be in a
 folder or in the Hugging Face cache.
 """
@@ -30,8 +30,8 @@ class OfficialCode:
 
     Attributes
     ----------
-    name: of the system.
-    source: address of the repository.
+    name: the system's name.
+    source: URL of the repository.
     variable: environment variable that names the folder with a copy of ``source``.
     file: path of a file that every copy has.
     """
@@ -54,13 +54,13 @@ class OfficialCode:
 
         Raises
         ------
-        CannotServe: the variable is not set, or names another folder.
+        CannotServe: the variable is not set, or its folder is not a copy.
         """
         named = os.environ.get(self.variable)
         if not named:
             raise CannotServe(
                 self.name,
-                f"package not installed: {self.variable} does not say where",
+                f"package not installed: {self.variable} is not set",
                 f"Run `{self.install}`, or set {self.variable} to the folder of a copy.",
             )
         folder = Path(named).expanduser().absolute()
@@ -84,15 +84,15 @@ class Program:
     Parameters
     ----------
     code: the published code that the script needs.
-    script: its file name.
-    settings: JSON values of the first request; ``weights`` is a folder or a name of the Hugging
+    script: the script's file name.
+    settings: JSON values of the first request; ``weights`` is a folder or a name on the Hugging
         Face hub.
-    folder: the working directory. ``program.log`` there gets all that the script and the published
-        code print.
+    folder: the working directory. ``program.log`` there receives everything that the script and the
+        published code print.
 
     Raises
     ------
-    CannotServe: as :meth:`ask`.
+    CannotServe: as in :meth:`ask`.
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class Program:
         self.code, self.log = code, folder / "program.log"
         settings = {"code": str(code.find()), **settings}
         weights = Path(settings["weights"]).expanduser()
-        if weights.is_dir():  # the program has another working directory
+        if weights.is_dir():  # the program's working directory differs
             settings["weights"] = str(weights.absolute())
         command = [str(code.find_interpreter()), str(PROGRAMS / script)]
         with self.log.open("w", encoding="utf-8") as log:
@@ -120,7 +120,7 @@ class Program:
         """The answer to the first request: at least ``device``."""
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Send a request, JSON values, and wait for the answer.
+        """Send a request of JSON values and wait for the answer.
 
         Raises
         ------

@@ -14,5 +14,5 @@ def import_optional(module: str, package: str) -> Any:
         return importlib.import_module(module)
     except ImportError as error:
         raise CannotServe(
-            module, f"package not installed: {package} ({error})", f"pip install {package}"
+            module, f"package not installed: {package} ({error})", f"Run `pip install {package}`."
         ) from error

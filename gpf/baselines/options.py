@@ -14,9 +14,9 @@ from gpf.core.settings import Count, Positive, Settings
 
 
 class _Options(Settings):
-    """Options of all systems.
+    """Options that all systems have.
 
-    ``scenes``: the scenes that the method is run for; empty means all scenes.
+    ``scenes``: the scenes that the method is run for; empty for all scenes.
     """
 
     scenes: tuple[str, ...] = ()
@@ -28,7 +28,7 @@ class _Options(Settings):
 
     @property
     def training_views(self) -> int:
-        """The number of training views with references that the system gets."""
+        """The number of training views, with references, that the system gets."""
         return 0
 
     @property
@@ -43,7 +43,7 @@ class _Options(Settings):
 
     @property
     def waits_for_field(self) -> bool:
-        """Whether the system needs the time that the field takes for a view, or the field."""
+        """Whether the system needs the field's time per view, or the field itself."""
         return self.renders_field
 
     @property
@@ -72,14 +72,14 @@ class _Learned(_Options):
 
     @property
     def training_views(self) -> int:
-        """The number of training views with references that the system gets."""
+        """The number of training views, with references, that the system gets."""
         return self.views
 
 
 class _Sampled(_Options):
-    """A system whose error goes to zero with the number of samples per pixel.
+    """A system whose error goes to zero as the number of samples per pixel grows.
 
-    ``spp: equal_time`` takes as many samples as fit into the time of a view of the field.
+    ``spp: equal_time`` takes as many samples as fit into the field's time per view.
     """
 
     spp: Count | Literal["equal_time"] = 50
@@ -91,7 +91,7 @@ class _Sampled(_Options):
 
     @property
     def waits_for_field(self) -> bool:
-        """Whether the system needs the time that the field takes for a view."""
+        """Whether the system needs the field's time per view."""
         return self.spp == "equal_time"
 
 
@@ -163,10 +163,10 @@ class FewSamplesOptions(_Options):
 class EmGmmOptions(_Options):
     """Progressive expectation maximisation for photons (Jakob, Regg and Jarosz 2011).
 
-    ``paths`` photon paths are traced in ``passes`` passes, or in more passes of at most 100000
+    ``paths`` photon paths are traced in ``passes`` passes, or more, so that none has over 100000
     paths. ``bandwidth``: standard deviation of each photon's kernel, world units, or ``auto``: half
-    of the initial standard deviation of a typical component. ``normalisation``: of the Gaussians
-    over the ``volume``, as in the paper, or for photons in a ``plane``
+    of the initial standard deviation of a typical component. ``normalisation``: whether the
+    Gaussians are normalised over the ``volume``, as in the paper, or for photons in a ``plane``
     (:mod:`gpf.baselines.em_gmm.baseline`).
     """
 
@@ -187,7 +187,7 @@ class EmGmmOptions(_Options):
 class InstantNgpOptions(_Learned):
     """Hash grids and small networks, fitted to images (Müller and others 2022).
 
-    ``samples``: on all rays of a training step together.
+    ``samples``: number of samples in a training step, over all of its rays.
     """
 
     system: Literal["instant_ngp"]
@@ -203,8 +203,8 @@ class InstantNgpOptions(_Learned):
 class SplattingOptions(_Learned):
     """3D Gaussian splatting (Kerbl and others 2023).
 
-    ``gaussians``: initial number. ``most``: approximate upper limit of the number during the
-    training. ``degree``: highest degree of the spherical harmonics.
+    ``gaussians``: initial number. ``most``: approximate upper limit of the number during training.
+    ``degree``: highest degree of the spherical harmonics.
     """
 
     system: Literal["splatting"]
@@ -220,9 +220,9 @@ class SplattingOptions(_Learned):
 
 
 class RadianceCacheOptions(_Options):
-    """A hash grid and a small network instead of the Gaussians of the field.
+    """A hash grid and a small network instead of the field's Gaussians.
 
-    ``size``: of grid and network (:mod:`gpf.baselines.radiance_cache.baseline`). ``steps``,
+    ``size``: size of grid and network (:mod:`gpf.baselines.radiance_cache.baseline`). ``steps``,
     ``batch`` (points per step) and ``spp`` are those of the field, unless a row sets them.
     """
 
@@ -246,8 +246,8 @@ class RadianceCacheOptions(_Options):
 class RenderFormerOptions(_Options):
     """RenderFormer (Zeng and others 2025).
 
-    ``triangles``: upper limit; larger scenes are simplified. ``weights``: a folder, or a name of
-    the Hugging Face hub that is in the local cache. ``GPF_RENDERFORMER`` in the environment names
+    ``triangles``: maximum number; larger scenes are simplified. ``weights``: a folder, or the name
+    of a Hugging Face model in the local cache. The environment variable ``GPF_RENDERFORMER`` names
     the folder of the published code.
     """
 
@@ -264,8 +264,8 @@ class RenderFormerOptions(_Options):
 class AnySplatOptions(_Learned):
     """AnySplat (Jiang and others 2025).
 
-    ``weights``: a folder, or a name of the Hugging Face hub that is in the local cache.
-    ``GPF_ANYSPLAT`` in the environment names the folder of the published code.
+    ``weights``: a folder, or the name of a Hugging Face model in the local cache. The environment
+    variable ``GPF_ANYSPLAT`` names the folder of the published code.
     """
 
     system: Literal["anysplat"]

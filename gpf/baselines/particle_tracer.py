@@ -12,9 +12,9 @@ from gpf.baselines.sampling import PreparedSampling
 
 
 class ParticleTracer:
-    """Paths from the lamps; each of their vertices is connected to the camera.
+    """Paths from the lamps, with each vertex connected to the camera.
 
-    Its strength are caustics on surfaces that the camera sees directly. A surface that reflects or
+    Its strength is caustics on surfaces that the camera sees directly. A surface that reflects or
     refracts in a single direction cannot be connected to a pinhole: mirrors, glass and water, and
     everything behind them, stay black with any number of samples.
     """
@@ -23,7 +23,7 @@ class ParticleTracer:
         self.options = options
 
     def prepare(self, task: Task) -> PreparedSampling:
-        """As :meth:`PreparedSampling.make`."""
+        """See :meth:`PreparedSampling.make`."""
         # As for ``path``: paths of any length, Russian roulette from a depth of 1 or more.
         depths = {"max_depth": -1, "rr_depth": max(task.rr_depth, 1)}
         integrator = mi.load_dict({"type": "ptracer"} | depths)
@@ -36,6 +36,6 @@ class PreparedParticleTracer(PreparedSampling):
 
     @property
     def facts(self) -> Mapping[str, float | str]:
-        """``spp``, and the ``paths`` of a whole image: a path can contribute to any pixel."""
+        """``spp``, and ``paths`` for the whole image: a path can contribute to any pixel."""
         width, height = self.task.size
         return {"spp": self.samples.spp, "paths": self.samples.spp * width * height}

@@ -12,16 +12,16 @@ from gpf.baselines.sampling import PreparedSampling
 class PathTracer:
     """Unidirectional path tracing with next event estimation.
 
-    It finds a caustic, light that reaches a diffuse surface through glass or water, by chance only:
-    when a camera path leaves the surface in a random direction, passes the glass and meets the
-    lamp. The smaller the lamp, the rarer this is, and the brighter is the pixel where it happens.
+    It finds a caustic (light that reaches a diffuse surface through glass or water) only by chance:
+    when a camera path leaves the surface in a random direction, passes through the glass and hits
+    the lamp. The smaller the lamp, the rarer this is, and the brighter the pixel where it happens.
     """
 
     def __init__(self, options: PathTracerOptions) -> None:
         self.options = options
 
     def prepare(self, task: Task) -> PreparedSampling:
-        """As :meth:`PreparedSampling.make`."""
+        """See :meth:`PreparedSampling.make`."""
         return PreparedSampling.make(task, make_path_integrator(task.rr_depth), self.options.spp)
 
 

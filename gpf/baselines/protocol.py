@@ -24,8 +24,8 @@ from gpf.training.settings import TrainingSettings
 class CannotServe(UserError):
     """A system cannot render a scene, here or at all; ``what`` is the reason that tables show.
 
-    The message may name folders of this machine. ``where``, ``what`` and ``todo`` go into files and
-    do not.
+    The message may name folders on this machine; ``where``, ``what`` and ``todo``, which are
+    written to files, do not.
     """
 
     def __init__(self, where: str, what: str, todo: str) -> None:
@@ -42,9 +42,9 @@ class TrainingView:
     Attributes
     ----------
     view: the camera.
-    layers: of the reference, float32: ``radiance`` (H, W, 3) in W/(m² sr), linear; ``position``
-        and ``normal`` of the first diffuse hit, (H, W, 3), world units; ``valid`` (H, W), 1 where
-        there is such a hit.
+    layers: layers of the reference, float32: ``radiance`` (H, W, 3) in W/(m² sr), linear;
+        ``position`` and ``normal`` of the first diffuse hit, (H, W, 3), world units; ``valid``
+        (H, W), 1 where there is such a hit.
     """
 
     view: View
@@ -66,17 +66,17 @@ class Task:
     scene: the scene, loaded with the ids and shapes of its file.
     file: the scene file.
     size: width and height of all images, pixels.
-    exposure: factor of linear images before they are shown or compared.
+    exposure: factor for linear images before they are shown or compared.
     training: views with their references, as many as the system asks for.
-    targets: the field's targets (:mod:`gpf.training.targets`), a file, for systems that learn from
+    targets: file of the field's targets (:mod:`gpf.training.targets`), for systems that learn from
         the same targets.
     rr_depth: interactions before Russian roulette, for systems that trace paths.
-    seed: of all random numbers of the preparation.
+    seed: random seed of the preparation.
     state: an existing folder for checkpoints of the preparation. It is emptied after the views are
         rendered, unless the system learns something that further views need.
-    train, render: the field's settings, for systems that use the same.
-    field: the trained field, a file, for systems that render it.
-    seconds_per_view: time that the field takes for a view, for systems with ``equal_time``.
+    train, render: the field's settings, for systems that share them.
+    field: file of the trained field, for systems that render it.
+    seconds_per_view: the field's time per view, for systems with ``equal_time``.
     report: called as ``report(done, total)`` during the preparation.
     """
 
@@ -102,7 +102,7 @@ class Prepared(Protocol):
 
     @property
     def storage_bytes(self) -> int:
-        """Bytes that rendering further views needs, apart from the scene; 0 for a path tracer."""
+        """Bytes needed to render further views, apart from the scene; 0 for a path tracer."""
 
     @property
     def facts(self) -> Mapping[str, float | str]:
@@ -118,7 +118,7 @@ class Baseline(Protocol):
     def prepare(self, task: Task) -> Prepared:
         """Prepare the system for a scene.
 
-        Continues from checkpoints in ``task.state`` of a call with the same task and options.
+        Continues from checkpoints left in ``task.state`` by a call with the same task and options.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""From options to the system; its module is imported only when it is needed."""
+"""Makes the system that options select; its module is imported only when needed."""
 
 from __future__ import annotations
 

@@ -24,11 +24,10 @@ class Samples:
 
     Attributes
     ----------
-    number: samples per pixel; None for as many as fit into ``seconds``, which is not the same
-        number in every run.
+    number: samples per pixel; None for as many as fit into ``seconds``, which varies between runs.
     seconds: time for a whole view.
     alike: whether all parts have one sample (:func:`sample_for`).
-    taken: the numbers of the views so far, where the clock decides.
+    taken: samples per pixel of the views so far, if the clock decides.
     """
 
     number: int | None
@@ -38,7 +37,7 @@ class Samples:
 
     @classmethod
     def plan(cls, spp: int | Literal["equal_time"], task: Task) -> Samples:
-        """The samples that options ask for.
+        """The number of samples that the options ask for.
 
         Raises
         ------
@@ -49,25 +48,25 @@ class Samples:
         if task.seconds_per_view is None:
             raise CannotServe(
                 f"scene {task.name}",
-                "the time of a view of the field is not given, so there is no equal time",
+                "the field's time per view is unknown, so there is no equal time",
                 "Set `seconds_per_view`, or give a number of samples.",
             )
         return cls(None, task.seconds_per_view)
 
     @property
     def spp(self) -> float:
-        """Samples per pixel; where the clock decides, the mean over the views so far."""
+        """Samples per pixel; if the clock decides, the mean over the views so far."""
         return self.number if self.number is not None else float(np.mean(self.taken or [0]))
 
     def trace(
         self, trace: Callable[[int, int], np.ndarray], seed: int, spent: float = 0.0
     ) -> np.ndarray:
-        """An image.
+        """Render an image.
 
         Parameters
         ----------
         trace: called as ``trace(spp, seed)``; returns an image.
-        spent: seconds of the view that other work takes.
+        spent: seconds of the view's time that other work takes.
         """
         if self.number is not None:
             return trace(self.number, seed)
@@ -82,7 +81,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class PreparedSampling:
-    """A scene, an integrator of Mitsuba, and the number of samples per pixel."""
+    """A scene, a Mitsuba integrator, and the number of samples per pixel."""
 
     task: Task
     integrator: mi.Integrator
@@ -96,11 +95,11 @@ class PreparedSampling:
         spp: int | Literal["equal_time"],
         alike: bool = False,
     ) -> PreparedSampling:
-        """Prepare a scene; ``equal_time`` compiles the kernels on the scene's own camera.
+        """Prepare a scene; ``equal_time`` compiles the kernels with the scene's own camera.
 
         Parameters
         ----------
-        alike: whether the integrator is compiled again for each view and number of samples.
+        alike: whether the integrator is recompiled for each view and number of samples.
 
         Raises
         ------
@@ -111,7 +110,7 @@ class PreparedSampling:
         samples.alike = alike
         if samples.number is None:
             sensor = own_camera(task)
-            for few in (1, 2):  # one sample per pixel needs another kernel than several
+            for few in (1, 2):  # one sample per pixel and several need different kernels
                 render_in_batches(task.scene, integrator, sensor, few, task.seed)
         return cls(task, integrator, samples)
 

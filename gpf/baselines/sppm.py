@@ -103,5 +103,5 @@ class PreparedSppm:
 
 
 def count_bytes(photons: Photons) -> int:
-    """Bytes of photons in memory."""
+    """Bytes that photons occupy in memory."""
     return sum(to_numpy(getattr(photons, f.name)).nbytes for f in fields(photons))

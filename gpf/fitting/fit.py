@@ -1,4 +1,4 @@
-"""``gpf.fit``: from a scene to a field, without any choice."""
+"""``gpf.fit``: from a scene to a field, without any choices to make."""
 
 from __future__ import annotations
 
@@ -47,30 +47,31 @@ from gpf.training.streaming import PhotonStream, StreamSettings
 from gpf.training.targets import Targets
 from gpf.training.trainer import Progress, Trainer
 
-# A PSNR is out of reach if three times as many passes gain less than this, dB, twice in turn.
+# A PSNR is out of reach if tripling the passes gains less than this, dB, twice in a row.
 LEAST_GAIN = 0.1
 
 # A new field replaces the one before it unless its estimated PSNR is lower by more than this, dB.
 # The estimate is uncertain, and a field from more photons is better unless its training failed.
 TOLERATED = 3.0
 
-# One pass for the estimate of the PSNR comes with so many passes for the field; with fewer of them,
-# if the estimate is too uncertain.
+# Passes for the field per pass for the PSNR estimate: the usual number, and the smallest, for when
+# the estimate is too uncertain.
 PASSES_PER_ESTIMATE, LEAST_PER_ESTIMATE = 8, 4
 
-# Rays for the next field are gathered if the first of them take at most this part of the time left.
+# Light is gathered for the next field if its first rays take at most this part of the time left.
 GATHER_PART = 0.5
 
-# The last field is judged for so much longer than the time for the fit, as a share of it.
+# Extra time for judging the last field, as a fraction of the fit's.
 GRACE = 0.05
 
-# Below this estimated PSNR, or so far below SPPM of the same passes, dB, something is wrong.
+# A field whose estimated PSNR is below this, or this far below SPPM with the same passes (dB), has
+# failed.
 POOR, FAR_BELOW = 15.0, 6.0
 FAILED = (
-    "This field failed: its images have an estimated PSNR of %.1f dB; those of SPPM with %s passes "
-    "would have %.1f dB. Look at a picture of it. Fit longer, or with cameras that look at what "
-    "matters (views.yaml). If it stays so, look for a lamp of extreme brightness or colour, or for "
-    "a floor that is very much larger than what is to be seen."
+    "This field failed: its images have an estimated PSNR of %.1f dB; SPPM with %s passes would "
+    "reach %.1f dB. Look at an image rendered from it. Fit longer, or with cameras that look at "
+    "what matters (views.yaml). If that does not help, look for a lamp of extreme brightness or "
+    "colour, or for a floor far larger than the part that is to be seen."
 )
 
 # Time between saved states while photons are traced.
@@ -86,18 +87,18 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class FitProgress:
-    """How far a fit is.
+    """Progress of a fit.
 
     Attributes
     ----------
-    passes, all_passes: photon passes so far, and those that are planned.
+    passes, all_passes: photon passes so far, and planned in all.
     steps, all_steps: optimiser steps of the field in training, so far and in all.
     held_out_error: error at points that the training does not use, in units of the mean target;
         None before the first evaluation.
     psnr: estimated PSNR of the field's images against an SPPM reference with 1000 passes, dB; None
         before the first complete field.
-    seconds: since the start.
-    field: the field so far, after each evaluation; else None.
+    seconds: seconds since the start.
+    field: the field so far, after each evaluation; otherwise None.
     """
 
     passes: int
@@ -126,28 +127,27 @@ def fit(
 ) -> GaussianPhotonField:
     """Fit a field to a scene.
 
-    The fit ends at the first goal that is reached; without any goal, after
-    :data:`gpf.fitting.goals.DEFAULT_PASSES` passes. There is always a field from
-    six passes, or from two if fewer are asked for, whatever time it takes.
-    Interrupted by Ctrl-C, the fit returns the best field so far. The same seed and passes give the
-    same bits on the same machine.
+    The fit stops when the first of its goals is reached or, without any goal, after
+    :data:`gpf.fitting.goals.DEFAULT_PASSES` passes. It always completes a field from six passes, or
+    from two if fewer are asked for, however long that takes. Interrupted by Ctrl-C, the fit returns
+    the best field so far. The same seed and passes give the same bits on the same machine.
 
     Parameters
     ----------
-    sensors: cameras that look at what the field is for, one at least; by default cameras are placed
+    sensors: at least one camera that looks at what the field is for; by default cameras are placed
         around the scene's own, as ``gpf scene import`` does.
-    seconds: time for the whole fit, wall clock.
+    seconds: wall-clock time for the whole fit.
     target_psnr: estimated PSNR of images against an SPPM reference with 1000 passes, dB.
     passes: photon passes.
     callback: called after each pass and each optimiser step.
-    state: a folder in which the fit keeps its photons, some 100 MB, and from which a fit of the
-        same scene with the same cameras, groups and seed continues, with all that are there.
+    state: a folder in which the fit keeps its photons, some 100 MB. A later fit of the same scene
+        with the same cameras, groups and seed continues with all of them.
     groups: groups of emitters whose light the field keeps apart (``field.lights``), so that each
         can be dimmed later.
-    exposure: of the images whose PSNR is estimated; by default one that suits them
+    exposure: exposure of the images whose PSNR is estimated; by default one that suits them
         (:func:`gpf.core.images.propose_exposure`).
-    resume: whether it continues from there. ``always``: it is an error if the folder has the
-        photons of another fit, or none; ``never``: what is there is replaced.
+    resume: whether to continue from ``state``. ``always``: it is an error if the folder has no
+        photons, or those of another fit; ``never``: replace what is there.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def fit(
     """
     goals = Goals.of(seconds, target_psnr, passes)
     if resume == "always" and state is None:
-        raise UserError("resume", "needs a state", "Give the folder of the photons.")
+        raise UserError("resume", "needs a state folder", "Give the folder with the photons.")
     run = _Fit(scene, sensors, goals, seed, callback, state, groups, exposure)
     try:
         with run.clock:
@@ -174,7 +174,7 @@ def fit(
 
 
 class _OutOfTime(Exception):
-    """The time for the fit is over."""
+    """The time for the fit is up."""
 
 
 class _Fit:
@@ -201,7 +201,7 @@ class _Fit:
         self.groups, self.exposure = groups, exposure
         self.state: FitState | None = None
         self.scene, self.seed, self.callback = scene, seed, callback
-        # First: it evaluates parameters of the scene, and kernels from before would not be of use.
+        # First: it evaluates parameters of the scene, and earlier kernels could not be reused.
         self.bounds, self.fingerprint = scene_bounds(scene), fingerprint(scene)
         self.sensors = list(place_sensors(scene) if sensors is None else sensors)
         if not self.sensors:
@@ -270,14 +270,14 @@ class _Fit:
                 self.in_vain = facts["in_vain"]
             self.time.pass_seconds, *cost = facts["seconds"]
             self.cost = FieldCost(*cost)
-            if best is not None:  # not that of the file: it may be of another exposure
+            if best is not None:  # not the file's, which may be for another exposure
                 self.psnr = self.quality.psnr(best)
                 self.history = [(self.passes, self.psnr)]
-                if self.last is not None and self.stream.gathered is None:  # interrupted before
+                if self.last is not None and self.stream.gathered is None:  # interrupted earlier
                     self._light_by_best()
 
     def save(self) -> None:
-        """Write the state, if it is asked for."""
+        """Write the state, if there is a folder for it."""
         if self.state is not None:
             facts = {
                 "passes": self.passes,
@@ -298,7 +298,7 @@ class _Fit:
                 return True
             if self.in_vain >= 2:
                 log.warning(
-                    "More passes do not raise the estimated PSNR of %.1f dB to %.1f dB.",
+                    "More passes will not raise the estimated PSNR from %.1f dB to %.1f dB.",
                     self.psnr,
                     self.goals.target_psnr,
                 )
@@ -314,10 +314,10 @@ class _Fit:
         if plan is None:  # passes took longer than those before
             return
         self.all_passes, self.all_steps = plan.passes, plan.steps
-        self.stream.sample()  # the time for it is not a part of the field's cost
+        self.stream.sample()  # its time is not part of the field's cost
         self.save()
         self._fit_field(plan)
-        dr.flush_malloc_cache()  # Dr.Jit would keep what the training needed, a gigabyte and more
+        dr.flush_malloc_cache()  # Dr.Jit would keep the training's memory, a gigabyte or more
         self._light_by_best()
 
     def _fit_field(self, plan: Plan) -> None:
@@ -331,7 +331,7 @@ class _Fit:
         ticks = [start]
 
         def count_step(steps: int) -> None:
-            dr.sync_thread()  # or the time of the steps would be that of the next evaluation
+            dr.sync_thread()  # or the next evaluation would include the time of the steps
             ticks.append(self.clock.seconds())
             self._count_step(steps)
 
@@ -345,14 +345,14 @@ class _Fit:
         fitted = self.fit_halves(field)
         field.recolour(keep_shared_detail(field, fitted))
         cleaned = self.clock.seconds()
-        # A first field is soon replaced; what a target is compared with has to be certain.
+        # A first field is soon replaced, but a PSNR that is compared with a target must be certain.
         first = self.best is None and self.goals.target_psnr is None
         self._add_estimates(LEAST_PASSES if first else ENOUGH_PASSES)
         self.quality.psnr(field)
-        # What the first estimate needs, later ones have.
+        # The first estimate has prepared what later ones reuse.
         begin_judgement = self.clock.seconds()
         self.evaluate(field, fitted)
-        # Not before: an interrupted field has to be fitted again.
+        # Not earlier: an interrupted field has to be fitted again.
         self.last = replace(plan, passes=self.stream.count)
         self._tell(self.best)
         now = self.clock.seconds()
@@ -361,7 +361,7 @@ class _Fit:
         self.cost = FieldCost.of_all(plan.stride, points, evaluation, step, now - begin_judgement)
 
     def _light_by_best(self) -> None:
-        """Let the best field say what diffuse surfaces send, if there is time for a better one."""
+        """Gather diffuse light from the best field, if time is left for a better one."""
         assert self.best is not None and self.last is not None
         if self.last.passes >= self.goals.passes and self.last.gathered and not self.last.is_draft:
             return
@@ -393,7 +393,7 @@ class _Fit:
             self.psnr = before
 
     def judge(self) -> None:
-        """Estimate the PSNR of the best field well enough."""
+        """Estimate the PSNR of the best field from enough passes."""
         assert self.best is not None
         if self.quality.passes < ENOUGH_PASSES:
             self._add_estimates(ENOUGH_PASSES)
@@ -401,14 +401,14 @@ class _Fit:
             self.history[-1] = self.passes, self.psnr
 
     def fit_halves(self, field: GaussianPhotonField) -> HalfColours:
-        """What the last field would be from each half of the photons."""
+        """What the last field would be if fitted to each half of the photons."""
         assert self.halves is not None
         recipe = Recipe(self.field_settings)
         first, second = (recipe.supervise(half) for half in self.halves)
         return HalfColours.fit(field, (first, second))
 
     def add_error(self, field: GaussianPhotonField, fitted: HalfColours) -> None:
-        """Tell the last field how wrong it may be."""
+        """Give the last field its expected errors."""
         error = estimate_error(field, fitted, self.stream.blur)
         field.set_error(error)
         field.set_error(error * np.float32(self.quality.error_scale(field)))
@@ -420,8 +420,8 @@ class _Fit:
         return split_light(field, points, self.stream.by_group())
 
     def _add_estimates(self, wanted: int) -> None:
-        """Add passes for the estimate: :data:`LEAST_PASSES` in any case, more unless the time is
-        long over."""
+        """Add passes for the estimate: :data:`LEAST_PASSES` in any case, more unless the time was
+        up long ago."""
         late = GRACE * (self.goals.seconds or 0)
         while self.quality.passes < wanted and (
             self.quality.passes < LEAST_PASSES or not self.time.is_over(-late)
@@ -448,13 +448,13 @@ class _Fit:
 
     def _report(self, trainer: Trainer, progress: Progress) -> None:
         self.error = progress.held_out_error
-        # A copy: later steps change the trainer's, and the unit of its colours.
+        # A copy: later steps change the trainer's field, and the unit of its colours.
         field = copy.copy(trainer.current_field())
         field.record = self._origin()
         self._tell(field)
 
     def _origin(self) -> dict[str, Any]:
-        """What a field that is shown during the fit says of itself: it may be kept."""
+        """The record of a field that is shown during the fit, because it may be kept."""
         return {"passes": self.stream.count, "fingerprint": self.fingerprint}
 
     def _count_pass(self, passes: int) -> None:
@@ -465,25 +465,25 @@ class _Fit:
         if time.perf_counter() - self.saved > SAVE_SECONDS:
             self.save()
         self.time.start_pass()
-        # After a draft there is another field in any case.
+        # A draft is always followed by another field.
         is_draft = self.last is not None and self.last.is_draft
         self._end_in_time(float("-inf") if is_draft else 0)
 
     def _count_step(self, steps: int) -> None:
         self.steps = steps
-        # Not without any training: all the photons of the last field would be for nothing.
+        # Not before any training: all the photons of the last field would be wasted.
         trained = steps >= STEPS_PER_EVALUATION
         self._end_in_time(self.reserve if trained else float("-inf"))
 
     def _end_in_time(self, reserve: float = 0) -> None:
-        """Show the progress; end the fit if its time, less a reserve, is over and there is a
+        """Report the progress; end the fit if its time, less a reserve, is up and there is a
         field."""
         self._tell(None)
         if self.best is not None and self.time.is_over(reserve):
             raise _OutOfTime
 
     def _plan(self) -> Plan | None:
-        """The next field."""
+        """Plan the next field."""
         pass_seconds = self.time.pass_seconds * (1 + 1 / PASSES_PER_ESTIMATE)
         done, most = self.stream.count, self.goals.passes
         gathers = self.stream.gathered is not None

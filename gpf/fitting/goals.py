@@ -1,4 +1,4 @@
-"""When a fit ends, and the time that it takes."""
+"""When a fit ends, and how long it takes."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ import drjit as dr
 from gpf.core.errors import UserError
 
 DEFAULT_PASSES = 300
-"""Photon passes if neither a time, a PSNR nor a number of passes is asked for."""
+"""Photon passes if no time, PSNR or number of passes is asked for."""
 
 
 LATELY = 9
-"""Passes whose time tells that of the next ones."""
+"""The time of the next passes is predicted from this many recent ones."""
 
 
 @dataclass(frozen=True)
 class Goals:
-    """A fit ends at the first of these that is reached.
+    """A fit stops when the first of these is reached.
 
     Attributes
     ----------
-    seconds: time for the whole fit, wall clock; None without a limit.
-    target_psnr: estimated PSNR of images, dB; None for any.
-    passes: photon passes; infinity for any number.
+    seconds: wall-clock time for the whole fit, or None for no limit.
+    target_psnr: estimated PSNR of images, dB, or None for no target.
+    passes: photon passes; infinity for no limit.
     """
 
     seconds: float | None
@@ -41,7 +41,7 @@ class Goals:
 
         Raises
         ------
-        UserError: one is not above 0.
+        UserError: a goal is not above 0.
         """
         asked = {"seconds": seconds, "target_psnr": target_psnr, "passes": passes}
         for name, value in asked.items():
@@ -49,16 +49,16 @@ class Goals:
                 raise UserError(name, f"is {value}", "Give a number above 0, or leave it out.")
         if all(value is None for value in asked.values()):
             passes = DEFAULT_PASSES
-        # Two halves of the photons are compared, so there are two passes at least.
+        # Two halves of the photons are compared, so at least two passes are needed.
         return Goals(seconds, target_psnr, float("inf") if passes is None else max(passes, 2))
 
 
 class TimeBudget:
-    """The time of a fit, wall clock.
+    """The wall-clock time of a fit.
 
     Attributes
     ----------
-    pass_seconds: of a pass, lately (mean: samples come with some passes).
+    pass_seconds: mean time of recent passes, some of which include samples.
     """
 
     def __init__(self, seconds: float | None) -> None:
@@ -83,26 +83,26 @@ class TimeBudget:
         return time.perf_counter() + reserve > self._end
 
     def note_pass(self) -> None:
-        """A pass has ended. The time of the first is ignored, because it compiled kernels; others
-        take longer if they make room for photons."""
+        """Note that a pass has ended. The time of the first is ignored, because it compiled
+        kernels; others take longer if they make room for photons."""
         if not self._compiling:
             self._passes.append(time.perf_counter() - self._last)
             self.pass_seconds = statistics.mean(self._passes)
         self._compiling = False
 
     def lengthen_passes(self, seconds: float) -> None:
-        """From now on, passes take longer by so much."""
+        """Expect each pass to take ``seconds`` longer from now on."""
         self._passes.clear()
         self.pass_seconds += seconds
 
     def start_pass(self) -> None:
-        """The next pass begins now."""
+        """Note that the next pass begins now."""
         self._last = time.perf_counter()
 
 
 class WorkClock:
-    """A clock that runs within a ``with`` block, and stands still while Dr.Jit compiles kernels.
-    They are compiled once, so that time says nothing of what comes next."""
+    """A clock that runs within a ``with`` block, but stops while Dr.Jit compiles kernels. They are
+    compiled once, so that time says nothing about what comes next."""
 
     def __enter__(self) -> WorkClock:
         self._begin, self._compiling = time.perf_counter(), 0.0
@@ -120,12 +120,12 @@ class WorkClock:
         dr.set_flag(dr.JitFlag.KernelHistory, self._recorded)
 
     def seconds(self) -> float:
-        """Since the block began."""
+        """Seconds since the block began, without compiling."""
         self._compiling += _seconds_of_compiling()
         return time.perf_counter() - self._begin - self._compiling
 
 
 def _seconds_of_compiling() -> float:
-    """Since the last call, if Dr.Jit keeps the history of its kernels."""
+    """Compile time since the last call, if Dr.Jit keeps the history of its kernels."""
     kernels = dr.kernel_history([dr.KernelType.JIT])
     return sum(float(kernel["backend_time"]) for kernel in kernels) / 1000

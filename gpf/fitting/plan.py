@@ -1,9 +1,9 @@
 """What a fit does next: how many passes of photons, and how long the field from them trains.
 
-The first field is a draft from few passes and points. It tells what a field costs, and what diffuse
-surfaces send, from which light is gathered for the next field. Each further field has three times
-as many photons, as long as it takes a small part of the time. The last field takes all the photons
-for which there is time; if that is short, it trains shorter, or learns from fewer points.
+The first field is a draft from few passes and points. It shows what a field costs, and gives the
+light of diffuse surfaces that is gathered for the next field. Each further field has three times
+as many photons, as long as it takes a small part of the time. The last field uses all the photons
+for which there is time; if time is short, it trains for fewer steps, or learns from fewer points.
 """
 
 from __future__ import annotations
@@ -15,55 +15,55 @@ FIRST_PASSES, GROWTH = 6, 3
 """Passes until the first complete field, and the factor by which their number then grows."""
 
 DRAFT_STRIDE, DRAFT_STEPS = 4, 32
-"""A draft learns from every fourth point, and trains so shortly. Its errors are averaged over all
-directions from which light is gathered; a better one made no better fields."""
+"""A draft learns from every fourth point, in only this many steps. Its errors average out over all
+directions from which light is gathered; a better draft made no better fields."""
 
 FIRST_STRIDE, SHORT_TIME = 2, 4
-"""There is no draft if less than so many times the time is left that has been spent: nothing could
-follow. The first field then learns from every second point: its few photons have not much to say
+"""There is no draft if the time left is less than this many times the time spent: nothing could
+follow. The first field then learns from every second point: its few photons have little to say
 about more."""
 
 FIRST_PART = 1 / 3
 """The part of the time for photons, if the first field is the only one."""
 
 LARGEST_STRIDE = 3
-"""A last field with little time learns from every third point at least."""
+"""A last field with little time learns from at least every third point."""
 
 SMALL_PART = 0.15
-"""A field that is not the last takes at most this part of the time that is left."""
+"""A field that is not the last takes at most this part of the time left."""
 
 LEAST_GROWTH, WORTH_WAITING = 1.1, 2
-"""The next field has at least so many times the photons of the one before; and there is none before
-the last unless that will have so many times its photons."""
+"""The next field has at least ``LEAST_GROWTH`` times the photons of the one before. One that
+is not the last is made only if the last will have ``WORTH_WAITING`` times its photons."""
 
 GATHERED = 4
-"""A field whose diffuse light is gathered is as good as one from so many times its photons, and
-more."""
+"""A field whose diffuse light is gathered is at least as good as one from this many times its
+photons."""
 
 STEPS_PER_PASS, MOST_STEPS, LEAST_STEPS = 16, 300, 100
-"""Optimiser steps of a field: so many for each pass, up to a limit; and the fewest of a last field
-that has little time."""
+"""Optimiser steps of a field: for each pass, up to a limit, and the fewest for a last field that
+has little time."""
 
 STEPS_PER_EVALUATION = 100
-"""After so many steps, and after the last, the state of a training is evaluated."""
+"""The training is evaluated each time after this many steps, and after the last one."""
 
 _SLOWER = 1.15
-"""A field takes so many times as long as the one before: it has more photons."""
+"""A field takes this many times as long as the one before: it has more photons."""
 
 _LATE = 3
-"""The last field may begin so many passes late, for a shorter training costs more: samples come
-with some passes only, so the time of the next one is not known."""
+"""The last field may begin this many passes late, because a shorter training would cost more. Only
+some passes include samples, so the time of the next one is not known."""
 
 
 @dataclass(frozen=True)
 class FieldCost:
-    """What a field costs, seconds.
+    """What a field costs, in seconds.
 
     Attributes
     ----------
     points: targets and start, for all points.
-    evaluation: of its training, each :data:`STEPS_PER_EVALUATION` steps, at all points.
-    step: of its training.
+    evaluation: an evaluation, every :data:`STEPS_PER_EVALUATION` training steps, at all points.
+    step: a training step.
     judgement: the estimate of its quality.
     """
 
@@ -76,11 +76,11 @@ class FieldCost:
     def of_all(
         cls, stride: int, points: float, evaluation: float, step: float, judgement: float
     ) -> FieldCost:
-        """From what a field from every ``stride``-th point has cost."""
+        """The cost for all points, from that of a field from every ``stride``-th point."""
         return cls(stride * points, stride * evaluation, step, judgement)
 
     def seconds(self, steps: int, stride: int = 1) -> float:
-        """Of the next field with so many steps, from every ``stride``-th point."""
+        """Seconds for the next field with this many steps, from every ``stride``-th point."""
         evaluations = -(-steps // STEPS_PER_EVALUATION)
         of_points = (self.points + evaluations * self.evaluation) / stride
         return _SLOWER * of_points + steps * self.step + self.judgement
@@ -88,8 +88,8 @@ class FieldCost:
 
 @dataclass(frozen=True)
 class Plan:
-    """The next field: passes of photons in all, steps of its training, which of the points it
-    learns from, every ``stride``-th, and whether its diffuse light is gathered."""
+    """The next field: photon passes in all, training steps, the points it learns from (every
+    ``stride``-th), and whether its diffuse light is gathered."""
 
     passes: int
     steps: int
@@ -98,14 +98,14 @@ class Plan:
 
     @property
     def is_draft(self) -> bool:
-        """Whether it is made for the next one alone."""
+        """Whether the field only serves to make the next one."""
         return self.stride == DRAFT_STRIDE
 
     @property
     def worth(self) -> float:
-        """Passes with all points that would make as good a field. Of 24 passes, with every third
-        point, the Cornell Box loses .5 dB, as with 1.2 times fewer passes; a living room 1.6 dB, as
-        with fewer than a third of them."""
+        """Passes with all points that would make as good a field. With 24 passes and every third
+        point, the Cornell Box loses .5 dB, as with 1.2 times fewer passes; a living room loses
+        1.6 dB, as with fewer than a third of them."""
         return (GATHERED if self.gathered else 1) * self.passes / self.stride**0.5
 
 
@@ -129,12 +129,12 @@ def plan_next(
     Parameters
     ----------
     done: passes of photons so far.
-    last: the last complete field.
+    last: the last complete field, or None.
     most: passes of the goal; may be infinite.
     spent: seconds of work since the start, without compiling.
-    left: seconds; may be infinite.
-    pass_seconds: of a pass, with its share for the estimate of the quality.
-    cost: of that field.
+    left: seconds left; may be infinite.
+    pass_seconds: seconds per pass, including its share of the quality estimate.
+    cost: cost of the last complete field.
     gathers: whether diffuse light is gathered by now.
     """
     if last is None:
@@ -149,7 +149,7 @@ def plan_next(
         return None
 
     def passes_before(seconds: float) -> float:
-        """Passes in all, if so many seconds are kept for fields."""
+        """Passes in all, if ``seconds`` are reserved for fields."""
         return min(most, done + max(left - seconds, 0) / max(pass_seconds, 1e-6))
 
     count = max(round(GROWTH * last.passes), done)
@@ -157,14 +157,14 @@ def plan_next(
     another = passes_before(cost.seconds(steps) + cost.seconds(MOST_STEPS))
     if another >= WORTH_WAITING * count and cost.seconds(steps) < SMALL_PART * left:
         return Plan(count, steps, gathered=gathers)
-    # No other field could follow: this one takes all the photons that are left.
+    # No other field could follow: this one uses all the photons for which there is time.
     possible = []
     for stride in range(1, LARGEST_STRIDE + 1):
         for steps in (MOST_STEPS, (MOST_STEPS + LEAST_STEPS) // 2, LEAST_STEPS):
             if cost.seconds(steps, stride) > left + _LATE * pass_seconds:
                 continue
             passes = int(passes_before(cost.seconds(steps, stride)))
-            if steps < MOST_STEPS:  # of more photons, a shorter training would make less
+            if steps < MOST_STEPS:  # a shorter training would make less of more photons
                 passes = min(passes, max(done, math.ceil(LEAST_GROWTH * last.passes)))
             plan = Plan(passes, min(steps, usual_steps(passes, gathers)), stride, gathers)
             growth, longer = plan.worth / last.worth, plan.steps / max(last.steps, 1)
@@ -173,6 +173,6 @@ def plan_next(
             if (longer > 0.6 and enough) or growth >= 1.5 or (longer > 1.5 and growth >= 1):
                 possible.append(plan)
                 break
-    if not possible and last.is_draft:  # which is not meant to be seen
+    if not possible and last.is_draft:  # a draft is not meant to be seen
         return Plan(done, min(LEAST_STEPS, usual_steps(done, gathers)), LARGEST_STRIDE, gathers)
     return max(possible, key=lambda plan: plan.worth) if possible else None

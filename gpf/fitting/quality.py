@@ -40,11 +40,11 @@ MOST_SCALE = 3.0
 # Camera samples of each pixel.
 SAMPLES = 4
 
-# Pixels in all, and views that they are in at most: with few pixels, the PSNR of a view is biased.
+# Pixels in all, and the most views that share them: with few pixels, the PSNR of a view is biased.
 PIXELS, MOST_VIEWS = 8192, 16
 
-# The noise of the field's images is measured in square patches of the views: pixels along a side,
-# and in all patches.
+# The noise of the field's images is measured in square patches of the views: pixels along a side of
+# a patch, and in all patches together.
 PATCH, PATCH_PIXELS = 16, 8192
 IMAGE = RenderSettings()
 
@@ -63,22 +63,21 @@ class QualityEstimate:
         mean(s² (f_i - a_i) (f_j - b_j)) + mean(s² ((a_i - b_i)² n/4 + v + d)) / N + w,    i ≠ j,
 
     in each view. The estimate is the mean of the views' PSNR, less its standard error. Neither the
-    noise of a and b nor light that changes within the pixel has an influence on the first term's
-    expected value, but for a little through s: an image has many samples per pixel, which average
-    out. The second term is the
-    noise of the reference, from its photons, from its camera samples, whose variance in a pixel is
-    v, and from its single samples of the lamps, with the variance d; a and b have evenly spread
-    ones. The third term w is the noise of the field's image, measured with two images of other
-    pixels. The passes have the kernel radii of passes 1 to N in equal parts, so that a and b are as
-    blurred as the reference.
+    noise of a and b nor light that changes within the pixel affects the first term's expected
+    value, except slightly through s: an image has many samples per pixel, which average out. The
+    second term is the noise of the reference: from its photons, from its camera samples, whose
+    variance in a pixel is v, and from its single samples of the lamps, with the variance d; those
+    of a and b are evenly spread. The third term w is the noise of the field's image, measured with
+    two images of other pixels. The passes have the kernel radii of passes 1 to N in equal parts, so
+    that a and b are as blurred as the reference.
 
     Parameters
     ----------
-    sensors: the views; of more than :data:`MOST_VIEWS`, some evenly spread over them.
-    settings: of the passes.
+    sensors: the views; if there are more than :data:`MOST_VIEWS`, an even selection is used.
+    settings: settings of the passes.
     field: how the fields are queried.
     pixels: number of pixels in all, at random places.
-    exposure: of the tone mapping; by default :func:`gpf.core.images.propose_exposure`.
+    exposure: exposure of the tone mapping; by default :func:`gpf.core.images.propose_exposure`.
     """
 
     def __init__(
@@ -138,7 +137,7 @@ class QualityEstimate:
         half, pair = self.passes % 2, self.passes // 2
         # Multiples of the golden ratio modulo 1: evenly spread, for any number of passes.
         place = (pair + 0.5) * (5**0.5 - 1) / 2 % 1
-        # The radius is that of this pass of a reference. Passes of A and B share no random number.
+        # The radius is that of this pass of a reference. Passes of A and B share no random numbers.
         number = 1 + half + int(place * REFERENCE_PASSES)
         traced = self._photons.trace(
             number, pass_seed(self.seed, self.passes, Stream.QUALITY_PHOTONS)
@@ -154,12 +153,12 @@ class QualityEstimate:
         """The estimated PSNR of the field's images, mean over the views, dB; needs
         :data:`LEAST_PASSES` passes."""
         estimate, uncertain = self._estimate(field)
-        # With few passes the estimate is uncertain; then it is rather too low.
+        # With few passes the estimate is uncertain; then it should rather be too low.
         return estimate - uncertain
 
     def sppm_psnr(self, field: GaussianPhotonField, passes: int) -> float:
-        """The PSNR that images by SPPM with so many passes would have by the same measure, dB;
-        without what the width of their kernels costs. The slopes of the tone curve are the
+        """The PSNR that SPPM images with this many passes would have by the same measure, dB,
+        without the error from the width of their kernels. The slopes of the tone curve are the
         field's."""
         _, reference, _ = self._compare(field)
         noise = reference.reshape(len(self._sensors), -1).mean(axis=1)
@@ -169,8 +168,8 @@ class QualityEstimate:
     def needed_passes(self, field: GaussianPhotonField) -> int:
         """The number of passes with which the estimate would be certain enough.
 
-        With the number of passes the noise of both factors falls, and with it the standard error;
-        but not the part of it that comes from the choice of pixels.
+        More passes reduce the noise of both factors, and with it the standard error, except for the
+        part that comes from the choice of pixels.
         """
         _, uncertain = self._estimate(field)
         return math.ceil(self.passes * uncertain / SURE)
@@ -178,7 +177,7 @@ class QualityEstimate:
     def error_scale(self, field: GaussianPhotonField) -> float:
         """Factor that makes the errors that the field predicts agree with these passes.
 
-        Compared are mean squares in tone-mapped images: the first term of the estimate, m, and what
+        Mean squares in tone-mapped images are compared: the first term of the estimate, m, and what
         the field predicts, p. With the standard error e of m, the factor for squares is (m / p) to
         the power of m² / (m² + e²): 1 if these passes cannot tell.
         """
@@ -203,7 +202,7 @@ class QualityEstimate:
         error = error.reshape(views, -1)
         least = reference.reshape(views, -1).mean(axis=1) / REFERENCE_PASSES + self._noise
         each = np.maximum(np.maximum(error.mean(axis=1), 0) + least, 1e-10)
-        # Of a logarithm, the standard error is the relative one.
+        # The standard error of a logarithm is the relative one.
         relative = np.array([standard_error(view) for view in error]) / each
         uncertain = 10 / math.log(10) * np.linalg.norm(relative) / views
         return float(np.mean(-10 * np.log10(each))), float(uncertain)
@@ -256,7 +255,7 @@ class QualityEstimate:
         """Mean squared error of the field's images from their camera samples alone, (V,).
 
         Patches of the views are sampled like an image: adaptively, and with little weight for
-        fireflies, which would otherwise decide the result.
+        fireflies, which would otherwise dominate the result.
         """
         renderer = FieldRenderer.make(self._scene, field, IMAGE)
         films = [[int(n) for n in sensor.film().crop_size()] for sensor in self._sensors]
@@ -300,8 +299,8 @@ class QualityEstimate:
         return square.reshape(len(films), -1).mean(axis=1)
 
     def _rays(self, sampler: mi.Sampler) -> mi.Ray3f:
-        """Camera rays through random pixels, :data:`SAMPLES` each; then the sampler is ready for
-        their walks."""
+        """Camera rays through random pixels, :data:`SAMPLES` each; afterwards the sampler is ready
+        for their walks."""
         rng = np.random.default_rng(pass_seed(self.seed, 0, Stream.QUALITY_PIXELS))
         each, rays = self._pixels // len(self._sensors), []
         for k, sensor in enumerate(self._sensors):
@@ -314,5 +313,5 @@ class QualityEstimate:
 
 
 def standard_error(values: np.ndarray) -> float:
-    """Of the mean of independent values."""
+    """Standard error of the mean of independent values."""
     return float(values.std()) / math.sqrt(len(values))

@@ -1,4 +1,4 @@
-"""The state of a fit on disk, from which it continues after a kill, or later with more photons."""
+"""The state of a fit on disk, to continue from after it was killed, or later with more photons."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ PHOTONS = "photons.safetensors"
 _FIELD = re.compile(r"field-\d+\.safetensors")
 
 FORMAT = 6
-"""Of the files; those of another format are not read."""
+"""Format of the files; those of another format are not read."""
 
 Resume = Literal["if possible", "always", "never"]
-"""Whether a fit continues from photons that are there: it starts anew, or fails, without them; or
-it starts anew in any case."""
+"""Whether a fit continues from saved photons: without them it starts anew, or fails; or it starts
+anew in any case."""
 
 log = logging.getLogger(__name__)
 
@@ -38,8 +38,8 @@ log = logging.getLogger(__name__)
 class FitState:
     """A folder with the photons of a fit and its best field.
 
-    The file with the photons names the field that belongs to them, and replaces the one before at
-    once: a kill at any time leaves the old state or the new one.
+    The file with the photons names the field that belongs to them, and replaces the old file
+    atomically: a fit killed at any time leaves the old state or the new one.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class FitState:
         facts: Mapping[str, Any],
         best: GaussianPhotonField | None,
     ) -> None:
-        """Write all."""
+        """Write the state."""
         field = None if best is None else f"field-{best.record['passes']}.safetensors"
         if best is not None and field is not None:
             save_field(best, self.folder / field)
@@ -74,31 +74,31 @@ class FitState:
 
         Raises
         ------
-        UserError: there is none, but the fit must resume.
+        UserError: there is no such state, but the fit must resume.
         """
         if resume == "never":
             return {}, {}, None
         try:
             if not (self.folder / PHOTONS).exists():
-                raise UserError(str(self.folder), "has no photons of a fit", "Fit anew.")
+                raise UserError(str(self.folder), "has no photons from a fit", "Start a new fit.")
             tensors, facts = read_tensors(self.folder / PHOTONS, "fit")
             if other := self._differences(facts.get("identity", {})):
                 raise UserError(
                     str(self.folder),
-                    f"has the photons of another fit: other {other}",
-                    "Give the same scene and options as before, or fit anew.",
+                    f"has the photons of another fit: different {other}",
+                    "Give the same scene and options as before, or start a new fit.",
                 )
             best = load_field(self.folder / facts["field"]) if facts["field"] else None
         except UserError as error:
             if resume == "always":
                 raise
             if (self.folder / PHOTONS).exists():
-                log.warning("%s Starting anew.", error)
+                log.warning("%s Starting a new fit.", error)
             return {}, {}, None
         return tensors, facts["facts"], best
 
     def _differences(self, saved: Mapping[str, Any]) -> str:
-        """In what a saved identity differs: parts of the scene, cameras, seed, or settings."""
+        """What differs in a saved identity: parts of the scene, cameras, seed, or settings."""
         if saved.get("format") != FORMAT:
             return "version of this software"
         found = changed_parts(saved["scene"], self.identity["scene"])
@@ -110,7 +110,7 @@ class FitState:
 def fit_identity(
     scene: mi.Scene, sensors: Sequence[mi.Sensor], settings: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """What photons of a fit belong to."""
+    """What the photons of a fit belong to."""
     cameras = hashlib.sha256("".join(str(sensor) for sensor in sensors).encode())
     return {
         "scene": fingerprint(scene),

@@ -1,11 +1,11 @@
 """Adaptive sampling: noisy pixels get more camera samples, others fewer.
 
-Beside the levels of detail, of which it takes one at random near their borders, the field has no
-noise, so most pixels are exact after a few samples. Noise remains in a few pixels,
-behind glass and along edges. A pilot with half of the samples finds these pixels; the other half is
-distributed in proportion to the noise (Neyman's allocation). Samples are taken in sets as large as
-the pilot's, so that one kernel serves all of them. The sampler spreads the samples of a set evenly
-over the pixel. Sets are large because fine textures gain more from that than from the allocation.
+Except near the borders between levels of detail, where it picks one at random, the field has no
+noise, so most pixels are exact after a few samples. Noise remains in a few pixels, behind glass and
+along edges. A pilot with half of the samples finds these pixels; the other half is distributed in
+proportion to the noise (Neyman allocation). Samples are taken in sets as large as the pilot's, so
+that one kernel serves all of them. The sampler spreads the samples of a set evenly over the pixel.
+Sets are large because fine textures gain more from that than from the allocation.
 
 The number of sets of a pixel depends on the pilot's samples in the pixels *around* it, never on its
 own. Otherwise a pixel whose pilot missed something bright would get few further samples and one
@@ -53,10 +53,10 @@ def sample_adaptively(
     sampler: a fork of it draws the samples.
     size: width and height, pixels.
     spp: at least :data:`MIN_SPP`.
-    suppress_fireflies: whether single samples of great radiance count less; this has a bias
-        (:mod:`gpf.rendering.fireflies`).
-    with_variance: whether another channel follows: the variance of each pixel's mean radiance, as
-        far as the sets around it differ (:func:`variance_of_means`).
+    suppress_fireflies: whether single samples of very high radiance count less, which introduces
+        a bias (:mod:`gpf.rendering.fireflies`).
+    with_variance: whether to append a channel with the variance of each pixel's mean radiance, as
+        estimated from differences between the sets around it (:func:`variance_of_means`).
     """
     sampler = sampler.fork()
     set_size = _choose_set_size(sampler, spp)
@@ -81,7 +81,7 @@ def sample_adaptively(
 
 
 def _choose_set_size(sampler: mi.Sampler, spp: int) -> int:
-    """The number of samples in a set, of which the sampler can make an even grid.
+    """The number of samples in a set, which the sampler can arrange in an even grid.
 
     At most half of all samples, and the largest whose multiples leave at most a sixteenth of the
     samples unused. Mitsuba's sampler may round it.
@@ -104,10 +104,10 @@ def _has_grid(sampler: mi.Sampler, n: int) -> bool:
 
 
 def least_visible(level: Any, median: float) -> Any:
-    """The squared error of a radiance ``level`` that is about as visible everywhere, as of the
-    equation of :func:`pixel_noise`: (L + m/100) (1 + (L/4m)²), with the median m of the image.
+    """The squared error that is about equally visible at any radiance ``level``, as in
+    :func:`pixel_noise`: (L + m/100) (1 + (L/4m)²), with the median m of the image.
 
-    ``level`` is not negative: any array, of numpy or Dr.Jit.
+    ``level`` is an array of numpy or Dr.Jit without negative values.
     """
     return (level + 0.01 * median) * (1 + (level / (4 * median)) ** 2)
 
@@ -115,8 +115,8 @@ def least_visible(level: Any, median: float) -> Any:
 def variance_of_means(scatter: mi.Float64, counts: mi.UInt32, size: tuple[int, int]) -> mi.Float64:
     """Variance of each pixel's mean, (N,), from how much the sets differ in the pixels around it.
 
-    Pixels with a single set tell nothing; where all around are such, it is zero, because only
-    pixels without noise get no further sets.
+    Pixels with a single set tell nothing; where all pixels around are such, the variance is zero,
+    because only pixels without noise get no further sets.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def pixel_noise(
 
 
 def _mean_square(channels: Sequence[mi.Float64]) -> mi.Float64:
-    """Of the first three channels."""
+    """Mean of the squares of the first three channels."""
     red, green, blue = channels[:3]
     return (red * red + green * green + blue * blue) / 3
 

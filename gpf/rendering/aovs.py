@@ -1,4 +1,4 @@
-"""AOVs (arbitrary output variables): what an image from a field can show beside radiance.
+"""AOVs (arbitrary output variables): what an image from a field can show besides radiance.
 
 ===================  ============================================================================
 ``depth``            distance from the camera to the first surface, world units
@@ -11,12 +11,12 @@
 ``irradiance``       the field's answer at the visible point, W/m²
 ``coverage``         distance of the farthest Gaussian that was used, in search radii: 1 in well
                      covered regions, more where the nearest Gaussians lie farther away
-``error``            expected error of the light that the field brings, as a share of the radiance:
-                     where it is large, more photons would help. Needs a field that knows its error
+``error``            expected error of the field's light, as a fraction of the radiance; where it
+                     is large, more photons would help. Needs a field with expected errors
 ===================  ============================================================================
 
 Values are means over the samples of a pixel, and 0 for samples without a surface. The first three
-are those of Mitsuba's integrator ``aov``.
+are the same as in Mitsuba's ``aov`` integrator.
 """
 
 from __future__ import annotations
@@ -49,19 +49,19 @@ AOVS = tuple(_SUFFIXES)
 _FIRST_SURFACE = ("depth", "position", "normal")
 
 MOST_ERROR = 1.0
-"""Largest relative error that the AOV ``error`` shows. Where light is nearly black beside bright
-light, more would be possible, and a few such samples would decide the error of a picture."""
+"""Largest relative error that the AOV ``error`` shows. Where nearly black light lies beside
+bright light, more would be possible, and a few such samples would dominate an image's error."""
 
 MOST_COVERAGE = 1e6
 """Largest value of the AOV ``coverage``: the film treats infinite ones as zero."""
 
 
 def parse_aovs(text: str) -> tuple[str, ...]:
-    """The names in a list with commas, without repetitions; a ``ValueError`` for another name."""
+    """The names in a comma-separated list, without duplicates; ``ValueError`` for unknown ones."""
     names = tuple(dict.fromkeys(name for part in text.split(",") if (name := part.strip())))
     for name in names:
         if name not in AOVS:
-            raise ValueError(f'"aovs": there is no {name!r}; there are {", ".join(AOVS)}.')
+            raise ValueError(f'"aovs": unknown name {name!r}; choose from {", ".join(AOVS)}.')
     return names
 
 
@@ -84,7 +84,7 @@ def channels(aovs: Sequence[str], values: Mapping[str, Any]) -> list[mi.Float]:
 
 
 def split_layers(image: np.ndarray, aovs: Sequence[str]) -> dict[str, np.ndarray]:
-    """An image with the channels R, G, B and those of some AOVs, (H, W, C), as layers: its
+    """Split an image with the channels R, G, B and some AOVs, (H, W, C), into layers: its
     ``radiance``, (H, W, 3), and each AOV, (H, W, 3) or (H, W)."""
     layers, first = {"radiance": image[..., :3]}, 3
     for name in aovs:
@@ -103,7 +103,7 @@ def expected_psnr(radiance: np.ndarray, error: np.ndarray, exposure: float) -> f
     Parameters
     ----------
     radiance: L, W/(m² sr), (H, W, 3).
-    error: (H, W).
+    error: e, (H, W).
     """
     level = np.maximum(radiance, 0)
     wrong = tone_slope(level, exposure) * error[..., None] * level
@@ -113,7 +113,7 @@ def expected_psnr(radiance: np.ndarray, error: np.ndarray, exposure: float) -> f
 def at_first_surface(
     scene: mi.Scene, ray: mi.Ray3f, aovs: Sequence[str], active: mi.Bool
 ) -> dict[str, Any]:
-    """Those of some AOVs that belong to the first surface."""
+    """The requested AOVs that belong to the first surface."""
     wanted = [name for name in aovs if name in _FIRST_SURFACE]
     if not wanted:
         return {}
@@ -131,13 +131,13 @@ def at_visible_point(
     share: mi.Float,
     aovs: Sequence[str],
 ) -> dict[str, Any]:
-    """Those of some AOVs that belong to the visible point.
+    """The requested AOVs that belong to the visible point.
 
     Parameters
     ----------
     irradiance, reach: the field's answer at the points; see
         :meth:`gpf.field.field.GaussianPhotonField.query`.
-    share: weight of the points, (N,), in a mean over several for each camera ray.
+    share: weights of the points, (N,), in a mean over several per camera ray.
     """
     values = {
         "albedo": dr.select(

@@ -1,4 +1,4 @@
-"""A denoiser: Intel's Open Image Denoise, through the package ``pyoidn``."""
+"""Denoising with Intel's Open Image Denoise, through the package ``pyoidn``."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ GUIDES = ("albedo", "visible_normal")
 """The AOVs that guide the denoiser."""
 
 NOISE_TRUST = 2
-"""How many times the estimated noise the denoiser may change a pixel (squared)."""
+"""The denoiser may change a pixel by this many times the estimated noise (both squared)."""
 
 LIMIT = 100
-"""Radiance that the denoiser sees, in medians of the image. Beside a lamp that is a hundred
+"""Largest radiance that the denoiser sees, in medians of the image. Beside a lamp that is a hundred
 thousand times as bright as the wall, its rounding errors would be brighter than the wall."""
 
 VISIBLE_NOISE = 0.015
-"""Relative noise of an image from which it is denoised."""
+"""Images are denoised if their relative noise is at least this."""
 
 Quality = Literal["fast", "balanced", "high"]
 
@@ -37,15 +37,15 @@ def available() -> bool:
 class ImageDenoiser:
     """Denoises images of one size; its networks are built once.
 
-    The filter is ``RT`` in HDR mode with ``cleanAux``: guides count as free of noise. Noisy guides
-    are denoised first, each by itself, as the library's manual recommends for final images.
+    The filter is ``RT`` in HDR mode with ``cleanAux``: guides are taken to be noise-free. Noisy
+    guides are denoised first, each on its own, as the library's manual recommends for final images.
 
     Parameters
     ----------
     size: width and height, pixels.
-    prefilter: whether the guides have noise.
+    prefilter: whether the guides are noisy.
     cuda: whether to use a GPU if the library finds one.
-    quality: of all filters.
+    quality: quality of all filters.
 
     Raises
     ------
@@ -93,7 +93,9 @@ class ImageDenoiser:
         """
         for name, image in (("color", radiance), ("albedo", albedo), ("normal", normal)):
             if image.shape != (self._size[1], self._size[0], 3):
-                raise ValueError(f"{name} has the shape {image.shape}, for images of {self._size}")
+                raise ValueError(
+                    f"{name} has the shape {image.shape}; the denoiser has the size {self._size}"
+                )
             pixels = np.ascontiguousarray(image, dtype=np.float32)
             self._images[name].write(0, pixels.nbytes, pixels)
         for filter_ in self._filters:
@@ -129,15 +131,15 @@ def denoise(
     variance: np.ndarray | None,
     denoiser: ImageDenoiser,
 ) -> np.ndarray:
-    """The image without what is noise; what exceeds :data:`LIMIT` stays as it is.
+    """The image without its noise; radiance above :data:`LIMIT` stays as it is.
 
-    An image whose noise is known, and below :data:`VISIBLE_NOISE`, is returned unchanged.
+    An image whose noise is known and below :data:`VISIBLE_NOISE` is returned unchanged.
 
     Parameters
     ----------
     image: radiance, (H, W, 3).
     guides: albedo and normals, (H, W, 3) each.
-    variance: of the pixels of the image, (H, W); None if unknown, then all may be noise.
+    variance: variance of the image's pixels, (H, W); without it, anything may be noise.
     """
     if variance is not None and relative_noise(image, variance) < VISIBLE_NOISE:
         return image
@@ -151,7 +153,7 @@ def denoise(
 
 def relative_noise(image: np.ndarray, variance: np.ndarray) -> float:
     """Root mean square of the relative errors of an image with these variances, (H, W); each counts
-    as 10 % at most, so that a few pixels, such as a lamp's edge, do not decide."""
+    as 10 % at most, so that a few pixels, such as a lamp's edge, do not dominate."""
     median = median_lit(image)
     if median == 0:
         return 0.0
@@ -160,13 +162,13 @@ def relative_noise(image: np.ndarray, variance: np.ndarray) -> float:
 
 
 def median_lit(image: np.ndarray) -> float:
-    """The median of what is not black; 0 if all is."""
+    """The median of all values that are not black, or 0 if there are none."""
     lit = image[image > 0]
     return float(np.median(lit)) if len(lit) else 0.0
 
 
 def _least_visible(image: np.ndarray) -> np.ndarray:
-    """What is visible in each pixel (:func:`gpf.rendering.adaptive.least_visible`), (H, W)."""
+    """The visible error of each pixel (:func:`gpf.rendering.adaptive.least_visible`), (H, W)."""
     level = image.mean(axis=2)
     level = np.where(np.isfinite(level), np.maximum(level, 0), 0)
     scale: np.ndarray = least_visible(level, median_lit(level) or 1.0)
@@ -174,8 +176,8 @@ def _least_visible(image: np.ndarray) -> np.ndarray:
 
 
 def blend(image: np.ndarray, denoised: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """The denoised image where noise explains what has changed; elsewhere more of the image, where
-    the denoiser smears what is no noise:
+    """The denoised image where noise explains the change; more of the original where the denoiser
+    smears what is not noise:
 
         I + min(1, κ ⟨σ²⟩ / ⟨(D - I)²⟩) (D - I)
 

@@ -30,7 +30,7 @@ class FieldRenderer:
     Attributes
     ----------
     integrator: the plugin ``gpf``.
-    aovs: names of the layers beside radiance (:mod:`gpf.rendering.aovs`).
+    aovs: names of the layers besides radiance (:mod:`gpf.rendering.aovs`).
     """
 
     scene: mi.Scene
@@ -68,7 +68,7 @@ class FieldRenderer:
         Parameters
         ----------
         size: width and height, pixels.
-        seconds: time for as many samples as fit into it; None for the samples of the settings.
+        seconds: take as many samples as fit into this time; by default, those of the settings.
 
         Raises
         ------
@@ -97,10 +97,10 @@ def weakly_covered(coverage: np.ndarray) -> float:
 
 
 def describe_coverage(shares: Mapping[str, float]) -> str:
-    """The shares of weakly covered pixels of views by name, in words."""
+    """Describe the shares of weakly covered pixels, given by the name of the view."""
     worst = max(shares, key=shares.__getitem__)
     mean = sum(shares.values()) / len(shares)
     return (
         f"{mean:.2%} of the pixels are weakly covered by Gaussians (channel coverage above "
-        f"{WEAK_COVERAGE:g}); in the view {worst}, {shares[worst]:.2%}"
+        f"{WEAK_COVERAGE:g}); in the worst view, {worst}, {shares[worst]:.2%}"
     )

@@ -1,4 +1,4 @@
-"""Fireflies: single samples of great radiance that no nearby sample confirms.
+"""Fireflies: single samples of very high radiance that no nearby sample confirms.
 
 Behind glass or on brushed metal, about one camera walk in ten thousand finds radiance a thousand
 times that of its pixel. The mean over many images is right, but each single image is wrong: it has
@@ -23,7 +23,7 @@ import mitsuba as mi
 import numpy as np
 
 MIN_BLOCK_SIZE = 4
-"""Samples of a block, if sets are large enough. Noise in smaller blocks looks like fireflies."""
+"""Samples per block, if sets are large enough. Noise in smaller blocks looks like fireflies."""
 
 RIVALS = 3
 """A block counts in full if at least this many blocks, itself included, are about as bright."""

@@ -43,16 +43,16 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
          ``field`` instead.
      * - max_depth
        - |int|
-       - Longest camera walk in edges; -1 is no limit. The light that the field stores is not
+       - Longest camera walk in edges; -1 for no limit. The light that the field stores is not
          limited. (Default: -1)
      * - rr_depth
        - |int|
        - Bounces before Russian roulette starts. (Default: 5)
      * - aovs
        - |string|
-       - Further channels, a list of names with commas, such as ``depth, albedo``. They are
-         ``depth``, ``position`` and ``normal`` of the first surface; ``albedo``,
-         ``visible_normal``, ``irradiance``, ``coverage`` and ``error`` of the visible point
+       - Further channels, as a comma-separated list such as ``depth, albedo``: ``depth``,
+         ``position`` and ``normal`` of the first surface; ``albedo``, ``visible_normal``,
+         ``irradiance``, ``coverage`` and ``error`` of the visible point
          (:mod:`gpf.rendering.aovs`). (Default: none)
      * - adaptive
        - |bool|
@@ -61,12 +61,12 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
          (Default: false)
      * - suppress_fireflies
        - |bool|
-       - With adaptive samples: single samples of great radiance that no nearby sample confirms
-         count less. Images lose a little energy. (Default: false)
+       - With adaptive sampling, give less weight to single samples of very high radiance that no
+         nearby sample confirms. Images lose a little energy. (Default: false)
      * - denoise
        - |bool|
        - Denoise the image with Open Image Denoise (package ``pyoidn``), with the albedo and the
-         normals of visible points as guides. With adaptive samples, it changes only what their
+         normals of visible points as guides. With adaptive sampling, it changes only what
          noise explains. (Default: false)
      * - lights
        - |string|
@@ -77,8 +77,8 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
        - |bool|
        - Record the first frames and replay them with other seeds, cameras and fields. This is
          for viewers and animations, where tracing the Python code for each frame takes more
-         than a third of the time. Some plugins of Mitsuba, and adaptive samples, cannot be
-         recorded. (Default: false)
+         than a third of the time. Some Mitsuba plugins and adaptive sampling cannot be recorded.
+         (Default: false)
 
     Camera rays follow glossy and specular bounces and end at the first diffuse hit, where the
     field gives the irradiance. Direct light that the field does not store is added there from a
@@ -103,7 +103,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         self.denoise = props.get("denoise", False)
         self.lights = props.get("lights", "")
         self._denoiser: tuple[tuple[int, int], ImageDenoiser] | None = None
-        # Of the pixels of the last image of adaptive samples, (H, W); only for the denoiser.
+        # Pixel variances of the last adaptively sampled image, (H, W); only for the denoiser.
         self._with_variance = False
         self._variance: np.ndarray | None = None
         super().__init__(props)
@@ -146,7 +146,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         if self.adaptive and develop and (spp or sensor.sampler().sample_count()) >= MIN_SPP:
             if not keeps_to_pixels(sensor):
                 raise RuntimeError(
-                    "Adaptive samples need a film with a box filter and a shutter time of zero. "
+                    "Adaptive sampling needs a film with a box filter and a shutter time of zero. "
                     'Add <rfilter type="box"/> to the film, or set "adaptive" to false.'
                 )
             return self._render_adaptively(scene, sensor, seed, spp)
@@ -216,7 +216,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
             bounds = [[float(v) for v in corner] for corner in self.field.bounds]
             if self._compared != (scene.shapes(), bounds):
                 self._compared = scene.shapes(), bounds
-                record = getattr(self.field, "record", {})  # another system in the field's place
+                record = getattr(self.field, "record", {})  # or another system in its place
                 known = dict(record.get("fingerprint") or {})
                 if getattr(self.field, "lights", None) is not None:
                     known.pop("lights", None)  # they may be dimmed (gpf.rendering.lights)
@@ -238,12 +238,12 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         """Radiance of camera rays, (N, 3), whether they end on a diffuse surface, (N,), and the
         channels of the AOVs, (N,) each."""
         if mode != dr.ADMode.Primal:
-            raise RuntimeError("The gpf integrator has no derivatives.")
+            raise RuntimeError("The gpf integrator does not support derivatives.")
         found = self._look(self._walks_in(scene), sampler, mi.Ray3f(ray), mi.Bool(active))
         return found["radiance"], found["valid"], channels(self.aovs, found), None
 
     def _walks_in(self, scene: mi.Scene) -> Walks:
-        """How the samples of a scene are followed."""
+        """The walks that follow the samples of a scene."""
         if self.field is None:
             raise RuntimeError(
                 'The gpf integrator has no field: set its "field" property to the path of a '
@@ -254,14 +254,14 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         return Walks(scene, self.field, self.aovs, *depths, self._divides)
 
     def _look_at(self, scene: mi.Scene) -> None:
-        """Learn of a scene what all renderings of it need."""
+        """Find out what all renderings of a scene need to know."""
         if self._checked != scene.shapes():
             require_separable(scene)
             self._divides, self._vertices = divides_walks(scene), Vertices(scene)
             self._recorded, self._checked = RecordedWalks(), scene.shapes()
 
     def _prepare(self, scene: mi.Scene) -> None:
-        """Before an image: forget what was recorded of another scene, or of other vertices."""
+        """Before an image, discard what was recorded for another scene or other vertices."""
         if self.field is not None:
             self._look_at(scene)
             assert self._vertices is not None
@@ -283,7 +283,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         return sample_tiled_rays(scene, sensor, sampler)
 
     def aov_names(self) -> list[str]:
-        """The names of the channels beside radiance."""
+        """The names of the channels besides radiance."""
         return channel_names(self.aovs)
 
     def to_string(self) -> str:

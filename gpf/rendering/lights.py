@@ -34,11 +34,11 @@ class LightMixer:
 
     Attributes
     ----------
-    levels: those that were set last.
+    levels: the levels that were set last.
 
     Raises
     ------
-    UserError: the field keeps no groups apart, or the scene has other emitters.
+    UserError: the field does not keep groups apart, or the scene has other emitters.
     """
 
     def __init__(self, scene: mi.Scene, field: GaussianPhotonField) -> None:
@@ -47,7 +47,7 @@ class LightMixer:
                 "lights", "are not kept apart in this field", "Fit it with `gpf fit --groups auto`."
             )
         self.lights: FieldLights = field.lights
-        # Emitters that outlive the shapes of their scene let Dr.Jit crash in the next scene.
+        # Emitters that outlive the shapes of their scene make Dr.Jit crash in the next scene.
         self._scene = scene
         self._field = field
         self.levels: Levels = {}
@@ -55,7 +55,7 @@ class LightMixer:
         self._names = emitter_names(scene)
         if sum(map(len, self.lights.groups.members)) != len(self._emitters):
             raise UserError(
-                "lights", "of the field are those of another scene", "Fit the field to this scene."
+                "lights", "in the field belong to another scene", "Fit the field to this scene."
             )
 
     @property
@@ -68,7 +68,7 @@ class LightMixer:
 
         Raises
         ------
-        UserError: an emitter cannot be coloured; then nothing has changed.
+        UserError: an emitter cannot be coloured; nothing is changed then.
         """
         wanted = [(1.0, 1.0, 1.0)] * len(self._emitters)
         for name, members in zip(self.names, self.lights.groups.members, strict=True):
@@ -83,14 +83,14 @@ class LightMixer:
 
 
 def set_lights(scene: mi.Scene, field: GaussianPhotonField, text: str) -> None:
-    """Set the levels of a text (:func:`parse_levels`) in a scene and its field."""
+    """Set levels given as text (:func:`parse_levels`) in a scene and its field."""
     mixer = LightMixer(scene, field)
     mixer.set(parse_levels(text, mixer.names))
 
 
 @contextmanager
 def mixed(scene: mi.Scene, field: GaussianPhotonField, text: str) -> Iterator[None]:
-    """The levels of a text (:func:`parse_levels`) in a scene and its field, for a while."""
+    """Set levels given as text (:func:`parse_levels`) in a scene and its field, temporarily."""
     mixer = LightMixer(scene, field)
     mixer.set(parse_levels(text, mixer.names))
     try:

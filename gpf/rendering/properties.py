@@ -10,7 +10,7 @@ from gpf.core.runtime import check_llvm
 
 
 def check_variant(plugin: str) -> None:
-    """Raise an error for a variant that the plugin does not support, or whose LLVM is missing,
+    """Raise an error for a variant that the plugin does not support, or if its LLVM is missing,
     which would end the process."""
     if mi.is_spectral or mi.is_monochromatic or mi.is_polarized:
         raise ValueError(f"{plugin} needs an RGB variant; this one is {mi.variant()}.")
@@ -19,7 +19,7 @@ def check_variant(plugin: str) -> None:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a property is a number; in Python, truth values are integers too."""
+    """Whether a property is a number; in Python, booleans are integers too."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
@@ -31,8 +31,8 @@ def whole_number(value: Any, name: str, least: int) -> int:
 
 
 def read_depths(props: mi.Properties, plugin: str) -> int:
-    """Check the variant and the properties that both plugins have; return the depth limit, -1 for
-    none.
+    """Check the variant and the properties that both plugins have; return the depth limit, or -1
+    for none.
 
     Sets the default of ``max_depth`` to -1 before Mitsuba's base class reads it.
     """

@@ -1,10 +1,9 @@
-"""Recorded frames and walks: kernels are recorded once and launched again without running Python
-code.
+"""Recorded frames and walks: kernels are recorded once and launched again without running Python.
 
-Tracing an integrator that is written in Python takes some milliseconds per frame, more than a third
-of the time for a small image; in a room with 80 materials, a camera walk takes a tenth of a second.
-Dr.Jit can record the kernels that a function launches and launch them again with other arguments.
-Everything that is not an argument must stay the same.
+Tracing an integrator that is written in Python takes a few milliseconds per frame, more than a
+third of the time for a small image; in a room with 80 materials, a camera walk takes a tenth of a
+second. Dr.Jit can record the kernels that a function launches and launch them again with other
+arguments. Everything that is not an argument must stay the same.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from gpf.scene.lamps import Lamps
 log = logging.getLogger(__name__)
 
 MOST_WALKS = 8
-"""Recordings of camera walks that are kept, each for other samplers, depths, or kinds of arrays."""
+"""Recordings of camera walks to keep: one for each set of samplers, depths and kinds of arrays."""
 
 
 @dataclass
@@ -66,8 +65,8 @@ class Recording:
 
 
 class RecordedWalks:
-    """The camera walks of a scene: :func:`gpf.camera.visible_points.follow`, recorded, with the
-    same bits. If the scene cannot be recorded, they are traced each time."""
+    """The camera walks of a scene: :func:`gpf.camera.visible_points.follow`, recorded, with
+    bit-identical results. If the scene cannot be recorded, they are traced each time."""
 
     def __init__(self) -> None:
         self._frozen: Any = dr.freeze(_follow, limit=MOST_WALKS, warn_after=1 << 30)
@@ -102,7 +101,7 @@ class RecordedWalks:
                     found: tuple[VisiblePoints, Way] = self._frozen(*arguments)
                     return found
             except RuntimeError as error:
-                log.info("Camera walks are not recorded, but traced each time: %s", error)
+                log.info("Camera walks cannot be recorded and are traced each time: %s", error)
                 self._frozen = None
         return _follow(*arguments)
 
@@ -144,9 +143,9 @@ class Vertices:
         self._changes = 0
 
     def changes(self) -> int:
-        """How often a mesh had changed when this was called."""
+        """How many calls, including this one, found that a mesh had changed."""
         arrays = [buffer() for buffer in self._buffers]
-        # The arrays are held, because Dr.Jit gives the number of one that is gone to another.
+        # The arrays are held, because Dr.Jit reuses the index of an array that is gone.
         if [a.index for a in arrays] != [a.index for a in self._arrays]:
             self._arrays = arrays
             self._changes += 1

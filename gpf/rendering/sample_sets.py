@@ -21,11 +21,11 @@ from gpf.core.structs import from_numpy
 from gpf.rendering.fireflies import BrightestBlocks, choose_block_size
 
 LARGEST_LAUNCH = {"llvm": 1 << 21, "cuda": 1 << 23}
-"""Most samples in one launch, by backend. All of them are in memory for a moment; but a GPU takes
-some million of them in the time that Python needs to trace a launch."""
+"""Most samples in one launch, by backend. All of them are in memory at once, but a GPU takes a few
+million of them in the time that Python needs to trace a launch."""
 
 SampleFunction = Callable[["mi.Sampler", "mi.Vector2u"], "list[mi.Float]"]
-"""From a seeded sampler and the pixel of each lane to the channels of each lane's sample; the first
+"""Maps a seeded sampler and the pixel of each lane to the channels of each lane's sample; the first
 three channels are the radiance."""
 
 
@@ -37,7 +37,7 @@ class SampleSets:
     ----------
     sampler: draws the samples.
     size: width and height of the image, pixels.
-    set_size: samples of a set; the sampler can make a grid of them.
+    set_size: samples per set; the sampler can arrange them in a grid.
     brightest: gets the blocks of all sets, if given.
     """
 
@@ -138,7 +138,7 @@ class _Part:
 
 
 def tile_order(width: int, height: int) -> mi.UInt32:
-    """Numbers of all pixels, (H W,), sorted so that the pixels of a small square are together."""
+    """Numbers of all pixels, (H W,), sorted so that the pixels of a small square stay together."""
     place = dr.arange(mi.UInt32, width * height)
     across, down = dr.opaque(mi.UInt32, width), dr.opaque(mi.UInt32, height)
     top = place // (TILE * across) * TILE
@@ -152,7 +152,7 @@ def tile_order(width: int, height: int) -> mi.UInt32:
 
 
 def _places(sets: mi.UInt32, ends: mi.UInt32) -> mi.UInt32:
-    """To which place sets belong; ``ends`` has the number of the set after those of each place."""
+    """The place of each set; ``ends`` has the number of the set after those of each place."""
     return dr.binary_search(
         0, dr.width(ends) - 1, lambda place: dr.gather(mi.UInt32, ends, place) <= sets
     )

@@ -1,4 +1,4 @@
-"""A check whether a field was made for the scene in which it is rendered."""
+"""Checks whether a field was made for the scene in which it is rendered."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ TOLERANCE = 1e-3
 def warn_of_another_scene(
     scene: mi.Scene, bounds: Sequence[Sequence[float]], known: Mapping[str, Any] | None = None
 ) -> None:
-    """Give a Python warning if the scene's bounding box differs from the field's, or what it
-    consists of from ``known``, the fingerprint of the field's scene."""
+    """Give a Python warning if the scene's bounding box differs from the field's, or its contents
+    from ``known``, the fingerprint of the field's scene."""
     ours, theirs = bounding_box(scene), np.array(bounds)
     if not near(ours, theirs):
         warnings.warn(
-            f"This field was made for another scene: that scene reaches from {_format(theirs[0])} "
+            f"This field was made for another scene: that scene extends from {_format(theirs[0])} "
             f"to {_format(theirs[1])}, this one from {_format(ours[0])} to {_format(ours[1])}. The "
             "image shows the light of that scene.",
             stacklevel=2,
         )
     elif known and (changed := changed_parts(known, fingerprint(scene))):
         warnings.warn(
-            f"This field was made for this scene before it was changed: other "
-            f"{', '.join(changed)}. The image shows the light that it had then.",
+            f"This field was made for this scene before it was changed: different "
+            f"{', '.join(changed)}. The image shows the earlier light.",
             stacklevel=2,
         )
 

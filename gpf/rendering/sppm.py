@@ -46,22 +46,22 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
        - Photon paths emitted in each pass. (Default: 100000)
      * - initial_radius
        - |float|
-       - Kernel radius of the first pass in world units; 0 chooses it from the photon density,
-         which a pilot pass measures. (Default: 0)
+       - Kernel radius of the first pass in world units; 0 derives it from the photon density
+         that a pilot pass measures. (Default: 0)
      * - alpha
        - |float|
        - Radius reduction, in (0, 1): radii shrink by
          :math:`r_{t+1} = r_t \sqrt{(t + \alpha) / (t + 1)}`. (Default: 0.7)
      * - max_depth
        - |int|
-       - Longest path in edges, as in ``path``; -1 is no limit. (Default: -1)
+       - Longest path in edges, as in ``path``; -1 for no limit. (Default: -1)
      * - rr_depth
        - |int|
        - Interactions before Russian roulette starts. (Default: 5)
      * - glossy_walks
        - |int|
-       - Number of camera walks of a sample that meets a glossy surface first, because the
-         surface may reflect in many directions. (Default: 8)
+       - Number of camera walks for a sample whose first surface is glossy, because the surface
+         may reflect in many directions. (Default: 8)
      * - edge_correction
        - |bool|
        - Whether to correct for the part of the kernel's disc beyond the edge of a surface, where

@@ -1,4 +1,4 @@
-"""Images of as many samples as fit into a time."""
+"""Images with as many samples as fit into a given time."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ def sample_for(
     clock: Callable[[], float] = time.perf_counter,
     alike: bool = False,
 ) -> tuple[np.ndarray, int]:
-    """An image of as many samples per pixel as fit into a time, and their number, at least one.
+    """An image with as many samples per pixel as fit into a time, and their number, at least one.
 
-    The samples come in parts of 1, 1, 2, 4, … The last part has as many as still fit, by the time
-    per sample of the part before it. All parts count, so measuring costs no samples.
+    The samples come in parts of 1, 1, 2, 4, … The last part has as many as still fit, judging by
+    the time per sample of the part before it. All parts count, so measuring costs no samples.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def sample_for(
 
 
 def time_of(action: Callable[[], object]) -> float:
-    """Seconds of an action: the shorter of two runs, after one run that may compile kernels."""
+    """Seconds for an action: the shorter of two runs, after one that may compile kernels."""
     action()
     times = []
     for _ in range(2):

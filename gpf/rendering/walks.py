@@ -1,8 +1,8 @@
-"""Camera walks, and what the field answers where they end.
+"""Camera walks, and the field's answers where they end.
 
 :class:`Walks` traces everything into one kernel, which can be recorded. :class:`GroupedWalks` is
-for many samples of each pixel: what the walks find goes through memory, further walks are made for
-those samples alone that need them, and samples close together share a query of the field.
+for many samples per pixel: what the walks find goes through memory, further walks are made only for
+the samples that need them, and samples close together share a query of the field.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ NEAR = 0.125
 """Largest distance between samples that share a query, in search radii of their level."""
 
 SAME_SIDE = 0.95
-"""Least cosine between their normals."""
+"""Smallest cosine between their normals."""
 
 
 class Walks:
     """The walks of camera samples.
 
-    No dataclass, because Dr.Jit would take it for a part of the state of its loops.
+    Not a dataclass, because Dr.Jit would take it for a part of the state of its loops.
 
     Parameters
     ----------
     aovs: names of the AOVs (:mod:`gpf.rendering.aovs`).
-    max_depth, rr_depth: as of :func:`gpf.camera.visible_points.follow`.
+    max_depth, rr_depth: as in :func:`gpf.camera.visible_points.follow`.
     divides: whether samples may take both ways at their first surface
         (:func:`gpf.scene.inventory.divides_walks`).
     """
@@ -117,7 +117,7 @@ def _join(
     Parameters
     ----------
     through: weight of the first way, (N,).
-    weight: by which the second one is multiplied, (N,).
+    weight: factor for the second way, (N,).
     """
     # Dr.Jit's loops need the same order of keys each time.
     joined = {k: v if k == "valid" else v + weight * further[k] for k, v in found.items()}
@@ -129,14 +129,14 @@ class GroupedWalks(Walks):
     """The walks of several samples of each pixel, which share what costs most.
 
     Up to :data:`GROUP` consecutive lanes of the same pixel are a group. Samples of a group are
-    exchangeable, so one of them may stand for others without an error of the mean. Those that lie
+    exchangeable, so one of them may stand for others without a bias of the mean. Those that lie
     close to the first take its answer; the mean then changes only by the covariance, within a
     group, of irradiance and reflectance.
 
     Parameters
     ----------
-    samples: of each pixel, in consecutive lanes.
-    recorded: the walks of the scene.
+    samples: samples per pixel, in consecutive lanes.
+    recorded: recorded walks of the scene.
     """
 
     def __init__(self, walks: Walks, samples: int, recorded: RecordedWalks) -> None:
@@ -145,7 +145,7 @@ class GroupedWalks(Walks):
         self.recorded, self.follow = recorded, recorded.follow
 
     def look(self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool) -> dict[str, Any]:
-        """As of every walk; the rays go through memory, too."""
+        """As for all walks; the rays go through memory, too."""
         sampler.schedule_state()
         dr.eval(ray)
         found, way = self._walk(sampler, ray, active, mi.Bool(False))
@@ -166,12 +166,12 @@ class GroupedWalks(Walks):
     def _walk_back(  # type: ignore[no-untyped-def]
         self, sampler, ray, back
     ) -> dict[str, Any]:
-        """What rays find the second way, zeros where not ``back``; empty if there are none."""
+        """What rays find the second way: zeros where not ``back``, empty if no ray takes it."""
         asking, index = _compressed(back)
         count = dr.width(asking)
         if count == 0:
             return {}
-        # Mitsuba cannot take some lanes of a sampler.
+        # Mitsuba cannot select some lanes of a sampler.
         own = mi.load_dict({"type": "independent"})
         own.seed(mi.UInt32(dr.gather(mi.Float, sampler.next_1d(), 0) * (1 << 24)), count)
         parts = (ray.o, ray.d, ray.maxt, ray.time, ray.wavelengths)
@@ -185,14 +185,14 @@ class GroupedWalks(Walks):
 def query_together(
     field: GaussianPhotonField, points: VisiblePoints, group: int
 ) -> tuple[mi.Color3f, mi.Float]:
-    """The field's answer at evaluated points, as of :meth:`GaussianPhotonField.query`.
+    """The field's answer at evaluated points, as from :meth:`GaussianPhotonField.query`.
 
     Lanes ask only where their walk found a diffuse surface, and where the first lane of their group
     does not ask for them.
 
     Parameters
     ----------
-    group: number of lanes of a group; 1 if no lane asks for another one.
+    group: number of lanes in a group; 1 if no lane asks for another one.
     """
     lanes, first = _groups(points.valid, group)
     x = field.unfold(points.p)
@@ -220,7 +220,7 @@ def _compressed(asks: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
 
 
 def _answer(values: Any, index: mi.UInt32, active: mi.Bool) -> Any:
-    """The answers of lanes, zero where not active; what is the same for all has a single lane."""
+    """The answers of lanes, zero where not active; a value with one lane is the same for all."""
     if dr.width(values) == 1:
         return dr.select(active, values, dr.zeros(type(values)))
     return dr.gather(type(values), values, index, active)

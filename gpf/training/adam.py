@@ -1,4 +1,4 @@
-"""The optimiser Adam on lists of Dr.Jit arrays, as part of the caller's kernel."""
+"""The Adam optimiser on lists of Dr.Jit arrays, as part of the caller's kernel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checkpoints of a trainer, from which stopped training continues."""
+"""Trainer checkpoints, from which interrupted training resumes."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def save_trainer(
 
 
 def restore_trainer(trainer: Trainer, path: Path, fingerprint: Mapping[str, Any]) -> Any:
-    """Restore the state of a checkpoint with the same fingerprint.
+    """Restore a trainer from a checkpoint that has the same fingerprint.
 
-    Returns its note, or None if there is no such checkpoint.
+    Returns the note, or None if there is no such checkpoint.
     """
     if not path.exists():
         return None

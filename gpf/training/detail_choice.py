@@ -6,9 +6,9 @@ independent halves, the squared error of the mean of both fits is, up to the noi
 
     mean((f_a - b)² + (f_b - a)²) / 2 - mean((f_a - f_b)²) / 4.
 
-The functions at a point are those that are fitted without it: otherwise, where points are few, the
-finest cells would hold one each, and be right everywhere but between the points. The error is added
-up over each cell of the field's grid, and the level with the least error is taken.
+Each point is judged by functions that are fitted without it: otherwise, where points are few, the
+finest cells would hold one each, and be right everywhere but between the points. The error is
+summed over each cell of the field's grid, and the level with the least error is chosen.
 """
 
 from __future__ import annotations
@@ -32,28 +32,27 @@ LEVELS = 7
 # its Gaussians is two thirds of the kernel's radius.
 FINEST = 1.5
 
-# Each of the two finest levels is taken if its error is smaller by this share than that of the one
-# before it.
+# Each of the two finest levels has to reduce the error of the level before it by this share.
 LEAST_GAIN = 0.2
 
-# Edge of a cell of the field's grid, in search radii of level 3. In smaller cells, too few points
-# would decide.
+# Edge of the cells of the field's grid, in search radii of level 3. Smaller cells would be decided
+# by too few points.
 CELL = 1.0
 _MOST_CELLS = 1 << 19
 
-# Standard deviation of the weights with which the cells around a cell count too, in cells.
+# Standard deviation of the Gaussian that smooths the errors over neighbouring cells, in cells.
 SMOOTHING = 0.8
 
-# Edge of a cell in which a linear function is fitted, in distances between Gaussians. With the root
-# of three, a fit would have as many numbers per area as there are Gaussians. But a Gaussian adapts
-# its shape and its place as well as its colour. Of 1.7, 1.2, 0.85 and 0.6, the last two made the
-# best images of four scenes.
+# Edge of a cell in which a linear function is fitted, in distances between Gaussians. At the square
+# root of three, the fit would have as many numbers per area as there are Gaussians, but a Gaussian
+# adapts its shape and position as well as its colour. Of 1.7, 1.2, 0.85 and 0.6, the last two gave
+# the best images of four scenes.
 _FIT = 0.7
 
 # Keeps slopes small in cells with few points.
 _RIDGE = 0.5
 
-# Smallest share of a point's value that the others of its cell are taken to decide.
+# Lower limit of 1 - h: the share of a point's value that the others in its cell decide.
 _LEAST_FREE = 0.1
 
 
@@ -63,11 +62,11 @@ def choose_detail(
     kernel: float,
     bounds: tuple[Any, Any],
 ) -> Detail:
-    """The levels of a field.
+    """Choose the levels of a field.
 
     Parameters
     ----------
-    points: with targets from all photons, (P).
+    points: supervised points, with targets from all photons, (P).
     halves: the same points, with targets from two independent halves of the photons.
     kernel: radius of the targets' narrowest kernel, world units.
     bounds: corners of the scene's bounding box.
@@ -89,7 +88,7 @@ def choose_detail(
     weight = _weigh_cells(cell, both.mean(axis=1))[cell]
     widths = [_FIT * DISTANCE * radius / 2**level for level in range(LEVELS)]
     errors, before = [], np.broadcast_to(both.mean(axis=0), both.shape)
-    with ThreadPoolExecutor(count_cores()) as pool:  # numpy works with one core each
+    with ThreadPoolExecutor(count_cores()) as pool:  # each numpy call uses one core
         fits = pool.map(lambda width: fit_linear(position, normal, both, width), widths)
     for fit, alone in fits:
         fit[alone] = before[alone]
@@ -105,13 +104,13 @@ def choose_detail(
 
 
 def _weigh_cells(cell: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """What an error in a cell counts beside those in its neighbours, (C,): as in the loss, but the
-    same at all points of the cell, because single targets are noisy.
+    """The weight of an error in each cell, (C,): as in the loss, but the same at all points of the
+    cell, because single targets are noisy.
 
     Parameters
     ----------
     cell: number of each point's cell, (P,).
-    light: at each point, (P,).
+    light: light at each point, (P,).
     """
     unit = max(float(light.mean()), 1e-20)
     mean = np.bincount(cell, light) / np.maximum(np.bincount(cell), 1)
@@ -124,11 +123,11 @@ def fit_linear(
     values: np.ndarray,
     width: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Linear functions of the position, fitted to values (P, K) in each cell of a grid, at the
-    points, (P, K), and which of these are alone in their cells, (P,) bool.
+    """Fit linear functions of the position to values, (P, K), in each cell of a grid.
 
-    At each point, the function that is fitted to the others of its cell: with the leverage h of a
-    point, f + h / (1 - h) (f - v). Surfaces with different orientations have different cells.
+    Returns the functions at the points, (P, K), and which points are alone in their cells, (P,)
+    bool. Each point gets the function that is fitted to the others in its cell: with the leverage h
+    of a point, f + h / (1 - h) (f - v). Surfaces with different orientations have different cells.
 
     Parameters
     ----------
@@ -142,7 +141,7 @@ def fit_linear(
     index = np.repeat(np.arange(len(starts)), count)
 
     def mean(rows: np.ndarray) -> np.ndarray:
-        """Mean over each cell, from rows in the order of cells."""
+        """Mean over each cell, from rows sorted by cell."""
         return np.add.reduceat(rows, starts, axis=0) / count[:, None].astype(rows.dtype)
 
     # Offsets in units of the cell: single precision is enough from here on.
@@ -157,7 +156,7 @@ def fit_linear(
     right = np.stack([mean(offset[:, [i]] * rest) for i in range(3)], axis=1)
     inverse = np.linalg.inv(left).astype(np.float32)
     slopes = (inverse @ right)[index]
-    # The residual f - v, and how it grows without the point.
+    # The residual f - v, which grows if the fit leaves out the point.
     fitted = -rest
     for i in range(3):
         fitted += offset[:, [i]] * slopes[:, i]

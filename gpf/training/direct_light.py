@@ -16,22 +16,22 @@ from gpf.sppm.fixed_points import FixedPoints
 from gpf.training.sampled_light import SampledLight
 
 PILOT = 8
-"""Samples at each point from which a guide learns."""
+"""Samples per point from which a guide learns."""
 
 WORTH = 0.95
-"""Samples are guided if their variance is below this part of that without a guide."""
+"""Samples are guided if that reduces their variance to less than this fraction."""
 
 
 class DirectLight(SampledLight):
     """Direct light at points.
 
-    Most samples of a sky outside of the window find the wall. They are guided to the window
-    (:mod:`gpf.guiding.lamp_guide`) if that pays.
+    Most samples of a sky outside the window hit the wall instead. They are guided to the window
+    (:mod:`gpf.guiding.lamp_guide`) if that pays off.
 
     Parameters
     ----------
     lamps: the emitters that are sampled.
-    sign: -1 if their light is taken away from that of the photons.
+    sign: -1 if their light is subtracted from that of the photons.
     """
 
     LEAST, MOST_PER_PASS, COST = 4, 24.0, 8.0
@@ -41,7 +41,7 @@ class DirectLight(SampledLight):
         self.lamps, self.sign = lamps, sign
 
     def sample(self, passes: int) -> None:
-        """Add the samples that belong to so many passes; none without lamps."""
+        """Add the samples that go with this many passes; none without lamps."""
         if self.lamps:
             super().sample(passes)
 
@@ -53,7 +53,7 @@ class DirectLight(SampledLight):
 
     @cached_property
     def _guide(self) -> LampGuide | None:
-        """What a pilot has learnt; None if that does not pay."""
+        """The guide that a pilot has learned, or None if it does not pay off."""
         p, n = (to_numpy(values) for values in (self.points.points.p, self.points.points.n))
         cell = find_cells(p, n)
         seed = pass_seed(self.seed, 0, Stream.LAMP_PILOT)

@@ -9,14 +9,14 @@ B (:func:`gpf.training.kernel_width.kernel_blur`):
     D = ⟨(f_a - f_b)²⟩ / 4,
     M = ⟨(f - a) (f - b)⟩ + (s - s²/2) S,      S = ⟨(a - b)²⟩ / 2,  s = √(2 D / S).
 
-S is the variance of a half. The field takes over the share s of the targets' noise, and the second
-term of M makes up for this. ⟨⟩ are means over the points around a Gaussian; each counts by the
-inverse square of its light, so that a bright place does not decide for its dim neighbours. D is
-divided by their light and multiplied by that of the Gaussian, because the variance of a sum of
-photons is proportional to their light; M + B is divided by the square of the light.
+S is the variance of a half. The field picks up the share s of the targets' noise, and the second
+term of M makes up for this. ⟨⟩ are means over the points around a Gaussian, weighted by the inverse
+square of their light, so that bright places do not outweigh their dim neighbours. D is divided by
+their light and multiplied by that of the Gaussian, because the variance of a sum of photons is
+proportional to their light; M + B is divided by the square of the light.
 
-This tells places apart. How large the error is in all, photons tell from which the field did not
-learn (:meth:`gpf.fitting.quality.QualityEstimate.error_scale`).
+This only compares places with each other. The overall size of the error comes from photons from
+which the field did not learn (:meth:`gpf.fitting.quality.QualityEstimate.error_scale`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from gpf.field.field import GaussianPhotonField
 from gpf.training.half_colours import HalfColours
 
 ROUNDS = 4
-"""Means over points are spread to neighbours so many times: few points have much noise."""
+"""How often means over points are spread to neighbours, because means of few points are noisy."""
 
 MOST = 10.0
 """Largest relative error."""
@@ -38,7 +38,7 @@ DIM = 0.1
 
 _TINY = 1e-20
 
-# Light of a Gaussian, in units of the mean target, below which it counts as this.
+# Gaussians with less light than this, in units of the mean target, count as if they had as much.
 _DARK = 1e-6
 
 

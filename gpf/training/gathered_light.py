@@ -1,9 +1,9 @@
 """Light between diffuse surfaces, gathered at points by rays that end in a field.
 
-Photons need a kernel, which blurs their light and brings it through thin walls. A ray needs none:
-the surface that it meets sends what arrives there by the word of a field (final gathering). That
-surface is mostly far away, so small errors of the field average out. Caustics are left to the
-photons, direct light to samples of the emitters.
+Photons need a kernel, which blurs their light and leaks it through thin walls. A ray needs none:
+what the surface that it meets sends follows from what arrives there, and a field gives that (final
+gathering). The surface is usually far away, so small errors of the field average out. Caustics are
+left to the photons, direct light to samples of the emitters.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from gpf.sppm.fixed_points import FixedPoints
 from gpf.training.sampled_light import SampledLight
 
 NEAR = 0.25
-"""Below this distance, in cells of the field's levels, a ray does not end in the field but goes on,
-as a path does. In a gap of a centimetre between a cupboard and a wall, the field has the light of
+"""Below this distance, in cells of the field's levels, a ray does not end in the field but goes on
+as a path. In a centimetre-wide gap between a cupboard and a wall, the field would give the light of
 the wall beside it."""
 
-# A ray meets at most so many surfaces: near ones, and those that it goes straight through.
+# Most surfaces that a ray meets: near ones, and those that it goes straight through.
 _MOST_SURFACES = 8
 
 
@@ -36,7 +36,7 @@ class GatheredLight(SampledLight):
 
     Parameters
     ----------
-    field: says what arrives at the surfaces.
+    field: gives the irradiance of the surfaces that the rays meet.
     """
 
     LEAST, MOST_PER_PASS, COST = 4, 1.0, 0.6
@@ -63,15 +63,15 @@ def gather(
 
         E = π / cos θ · L · |cos θ| g(ω),    L = ρ E_f / π,
 
-    with directions in proportion to cos θ; E_f is what the field says that arrives at the surface
-    which the ray meets, with samples of the lamps that the field does not store, and ρ the diffuse
-    reflectance there. If that surface is nearer than :data:`NEAR`, L is that of a path: samples of
-    all emitters, and a further ray.
+    with directions distributed in proportion to cos θ. E_f is the irradiance of the surface that
+    the ray meets: the field's answer, with samples of the lamps that the field does not store; ρ is
+    the diffuse reflectance there. If that surface is nearer than :data:`NEAR`, L is that of a path:
+    samples of all emitters, and a further ray.
 
     Parameters
     ----------
     sample: random numbers in [0, 1)², (N, 2).
-    seed: of the random numbers beyond the first surface.
+    seed: for the random numbers beyond the first surface.
     """
     ray, cosine = points.cosine_rays(sample)
     weight = dr.select(cosine > 0, dr.pi / cosine, 0) * points.share(ray.d)
@@ -87,7 +87,7 @@ def gather(
 def _look(  # type: ignore[no-untyped-def]
     scene: mi.Scene, field: GaussianPhotonField, ray: mi.Ray3f, active: mi.Bool, seed: int
 ) -> VisiblePoints:
-    """Where gather rays end, and the light that they find besides, ``emission``, (N,)."""
+    """Where gather rays end, and the light that they bring besides, ``emission``, (N,)."""
     width = dr.width(ray.d)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, width)
@@ -147,6 +147,6 @@ def _look(  # type: ignore[no-untyped-def]
 
 
 def _resolved(field: GaussianPhotonField) -> float:
-    """:data:`NEAR` in world units; without levels, in search radii."""
+    """:data:`NEAR` in world units; if the field has no levels, it counts search radii."""
     detail = field.detail
     return NEAR * (field.settings.search_radius if detail is None else detail.width)

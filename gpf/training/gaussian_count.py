@@ -13,12 +13,12 @@ from gpf.core.structs import Photons
 from gpf.training.recipe import Recipe
 from gpf.training.targets import Targets
 
-# Numbers that are tried in this order, as shares of the largest, until the error rises. The largest
-# comes first: with sharp shadows, a quarter of the Gaussians may be worse than a sixteenth.
+# Numbers to try in this order, as shares of the largest, until the error rises. The largest comes
+# first: with sharp shadows, a quarter of the Gaussians may be worse than a sixteenth.
 SHARES = (1, 1 / 4, 1 / 16)
 
-# Length of a trial training, as a share of all steps. In a shorter trial the field has not yet
-# learned the noise that neighbouring points share.
+# Length of a trial training, as a share of all steps. In a shorter trial the field would not yet
+# have learned the noise that neighbouring points share.
 TRIAL = 0.5
 
 log = logging.getLogger(__name__)

@@ -1,7 +1,7 @@
-"""What a field would be if it had been fitted to one half of the photons, and to the other.
+"""What a field would be if it had been fitted to only one half of the photons or the other.
 
-What both have in common is light, and how they differ is noise. The error of a field is estimated
-from them (:mod:`gpf.training.field_error`), and detail that they do not share is taken out of it
+What both have in common is light; where they differ is noise. They give an estimate of the field's
+error (:mod:`gpf.training.field_error`), and detail that they do not share is removed from the field
 (:mod:`gpf.training.shared_detail`).
 """
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 STEPS = 10
-"""Steps that fit the colours of a half."""
+"""Steps of the fit to a half."""
 
 POINTS = 16
-"""Points for each Gaussian. With twice as many or more, every second or third is enough: they share
-the noise of the same photons."""
+"""Points per Gaussian. If there are at least twice as many, every second or third is enough, since
+neighbours share the noise of the same photons."""
 
 _TINY = 1e-20
 
@@ -42,10 +42,10 @@ class HalfColours:
 
     Attributes
     ----------
-    stride: every so many-th of the supervised points is used.
+    stride: every ``stride``-th supervised point is used.
     matrix: the weights W of the Gaussians at these points, (P, N).
-    targets: of the halves, (2, P, 3).
-    halves: colours that are fitted to them, (2, N, 3).
+    targets: targets of the halves, (2, P, 3).
+    halves: colours fitted to these targets, (2, N, 3).
     unit: the mean target, W/m².
     """
 
@@ -59,7 +59,7 @@ class HalfColours:
     def fit(
         cls, field: GaussianPhotonField, halves: tuple[SurfacePoints, SurfacePoints]
     ) -> HalfColours:
-        """Those of a field; ``halves``: the supervised points, with the targets of each half."""
+        """Fit a field's colours; ``halves``: supervised points, with the targets of each half."""
         gaussians = dr.width(field.gaussians.means)
         stride = max(1, dr.width(halves[0].p) // (POINTS * gaussians))
         targets = np.stack([to_numpy(half.target)[::stride] for half in halves])
@@ -72,8 +72,8 @@ class HalfColours:
         return cls(stride, matrix, targets, fit_colours(matrix, weight, targets, STEPS), unit)
 
     def spread(self, values: np.ndarray, rounds: int) -> np.ndarray:
-        """Means of values of Gaussians, (N, K), over those around, (N, K): the more rounds, the
-        wider."""
+        """Means of the Gaussians' values, (N, K), over their neighbours, (N, K): more rounds reach
+        farther."""
         for _ in range(rounds):
             values = self.around(self.matrix @ values)
         return values

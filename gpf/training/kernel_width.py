@@ -1,7 +1,7 @@
 """Where targets are gathered with narrow kernels instead of a wide one.
 
-A wide kernel has less noise, and blurs what is sharp. All gather two independent halves of the
-photons, which tell noise from light.
+A wide kernel has less noise, but blurs what is sharp. Each kernel gathers two independent halves of
+the photons, so that noise can be told from light.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Halves = tuple[np.ndarray, np.ndarray]
 """Irradiance from each half of the photons, (N, 3) each."""
 
 # A narrow kernel is used where the squared bias of a wide one is more than this many times the
-# narrow one's variance, both of half of the photons. With 0.5, much noise passes for light.
+# narrow one's variance, both with half of the photons. With 0.5, much noise would pass for light.
 SHARP, A_LITTLE = 6.0, 2.0
 
 # Edge of the squares in which two kernels are compared, in radii of the wide one.
@@ -30,17 +30,18 @@ COMPARED = 2.0
 def choose_kernels(
     position: np.ndarray, normal: np.ndarray, gathered: Sequence[Halves], radius: float
 ) -> np.ndarray:
-    """Which kernel each point takes, (N,) uint8: places in :data:`WIDTHS`.
+    """Which kernel each point takes, (N,) uint8: indices into :data:`WIDTHS`.
 
-    A point leaves the widest for the second or the third if that :func:`is_sharp` beside it: beside
-    a bright surface, the second may be as wrong as the first. It takes the third rather than the
-    second if that is a little sharp beside the second.
+    A point takes the second or third kernel instead of the widest if either :func:`is_sharp`
+    compared with it; the second alone is not enough, because beside a bright surface it may be as
+    wrong as the first. It takes the third rather than the second if it is a little sharp compared
+    with the second.
 
     Parameters
     ----------
-    position, normal: of the points, (N, 3).
-    gathered: with each kernel.
-    radius: of the widest, world units.
+    position, normal: positions and normals of the points, (N, 3).
+    gathered: irradiance gathered with each kernel.
+    radius: radius of the widest kernel, world units.
     """
     wide, narrow, narrowest = gathered
     second = is_sharp(position, normal, wide, narrow, radius)
@@ -61,15 +62,15 @@ def kernel_blur(chosen: np.ndarray, gathered: Sequence[Halves]) -> np.ndarray:
     """Squared change of the targets if their kernels had half the radius, mean over the channels,
     (N,).
 
-    The product over independent halves, (w_a - n_a) (w_b - n_b), is the square of the difference
-    between a kernel and the next narrower one without noise in its mean; it may be negative. Bias
-    is proportional to the square of the radius, so for the narrowest kernel the change is ν⁴ of
+    The product over independent halves, (w_a - n_a) (w_b - n_b), is the squared difference between
+    a kernel and the next narrower one, and its mean is free of noise; it may be negative. Bias is
+    proportional to the square of the radius, so for the narrowest kernel the change is ν⁴ times
     that of the one before, where ν is the ratio of their radii.
 
     Parameters
     ----------
-    chosen: of :func:`choose_kernels`, (N,).
-    gathered: with each kernel.
+    chosen: the kernels from :func:`choose_kernels`, (N,).
+    gathered: irradiance gathered with each kernel.
     """
     changes = [
         ((wide[0] - narrow[0]) * (wide[1] - narrow[1])).mean(axis=1)
@@ -100,9 +101,9 @@ def is_sharp(
 
     Parameters
     ----------
-    position, normal: of the points, (N, 3).
-    wide, narrow: gathered with each.
-    radius: of the wide kernel, world units.
+    position, normal: positions and normals of the points, (N, 3).
+    wide, narrow: irradiance gathered with each kernel.
+    radius: radius of the wide kernel, world units.
     """
     _, cell = np.unique(cell_keys(position, normal, COMPARED * radius), return_inverse=True)
     count = np.bincount(cell)

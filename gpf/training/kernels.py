@@ -13,7 +13,7 @@ from gpf.field.gaussians import Gaussians, whitening_adjoint, whitening_rows
 from gpf.training.loss import Loss, relative_weight
 from gpf.training.neighbours import NeighbourLists
 
-# Gradients are multiples of this step; the sums may be up to 8192. A typical gradient is 1e-6.
+# Gradients are multiples of this step; their sums may reach 8192. A typical gradient is 1e-6.
 STEP = 2.0**-50
 
 
@@ -36,7 +36,7 @@ def with_parameters(g: Gaussians, p: list[mi.Float]) -> Gaussians:
 
 @dataclass
 class Packets:
-    """The Gaussians as the batch kernel reads them, and their gradients: groups of 4, (4 N,).
+    """The Gaussians as the batch kernel reads them, or their gradients: groups of 4, (4 N,).
 
     ``means`` holds μ; ``rows[k]`` holds the row M_k and the colour channel k. Gradients have the
     same layout; they are whole numbers of :data:`STEP`, so that the order of the points does not
@@ -60,7 +60,7 @@ def pack(g: Gaussians) -> Packets:
 
 
 def unpack_gradients(g: Gaussians, gradients: Packets, anisotropic: bool) -> list[mi.Float]:
-    """Gradients by :func:`parameters`, from gradients by the packets."""
+    """Gradients with respect to :func:`parameters`, from those with respect to the packets."""
     index = dr.arange(mi.UInt32, dr.width(g.means))
     means, *rows = (_read(sums, index) for sums in (gradients.means, *gradients.rows))
     scales, quats = whitening_adjoint(
@@ -182,7 +182,7 @@ class _Term:
 
 
 def zero_gradients(size: int) -> Packets:
-    """Gradients of no points, for so many Gaussians."""
+    """Zero gradients for ``size`` Gaussians."""
     means, *rows = (dr.zeros(mi.Int64, 4 * size) for _ in range(4))
     return Packets(means, rows)
 
@@ -190,8 +190,9 @@ def zero_gradients(size: int) -> Packets:
 def _add(sums, values, index):  # type: ignore[no-untyped-def]
     """Add four numbers per lane to the sums of a Gaussian, each as a whole number of steps.
 
-    What is not finite is left out: as a whole number it would pass for a gradient. The error of its
-    point is not finite either, which is said (:meth:`gpf.training.trainer.Trainer.finish`).
+    Values that are not finite are left out: as whole numbers they would pass for gradients. The
+    error of their point is not finite either, which is reported
+    (:meth:`gpf.training.trainer.Trainer.finish`).
     """
     steps = [mi.Int64(dr.select(dr.isfinite(v), v, 0) / STEP) for v in values]
     dr.scatter_add(sums, dr.int64_array_t(mi.Vector4f)(*steps), index)

@@ -1,8 +1,8 @@
 """How a field's irradiance divides among groups of emitters.
 
-Light adds up, and a field's answer is linear in the colours of its Gaussians. With its places and
-sizes fixed, and W the matrix of its normalised weights at the supervised points, the colours c_g of
-group g make W c_g agree with the irradiance t_g of that group,
+Light adds up, and a field's answer is linear in the colours of its Gaussians. With their places and
+sizes fixed, and W the matrix of their normalised weights at the supervised points, the colours c_g
+of group g make W c_g agree with the irradiance t_g of that group,
 
     min Σ_p v_p (W c_g - t_g)²,    c_g ≥ 0,
 
@@ -66,7 +66,7 @@ def split_colours(
     split = fit_colours(matrix, importance, by_group / unit, steps).transpose(1, 0, 2)
     groups = len(by_group)
     whole = split.sum(axis=1, keepdims=True)
-    # Where no group brings light to the points, the groups share what the field has.
+    # Where no group brings light to the points, all share the field's light equally.
     share = np.where(whole > _TINY, split / np.maximum(whole, _TINY), 1 / groups)
     return np.ascontiguousarray((share * total[:, None]).transpose(1, 0, 2), dtype=np.float32)
 

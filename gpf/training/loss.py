@@ -1,13 +1,13 @@
 """How much the error at a point counts in the loss.
 
 Errors count relative to the light at the point, so that dark points are learned as well. The light
-is the field's own answer E there, not the target: targets have noise, and points whose targets
-happen to be dark would count more, which makes the field too dark. With
+is the field's own answer E there, not the target: targets are noisy, and points whose targets
+happen to be dark would count more, which would make the field too dark. With
 
     ω = 1 / (b² + ⟨b⟩²),
 
 b the mean of the channels of E and ⟨b⟩ the mean target, the field keeps the energy of its targets.
-The weights are no part of the gradient.
+The gradient treats the weights as constants.
 """
 
 from __future__ import annotations

@@ -18,11 +18,11 @@ from gpf.field.limits import before
 # lists include those that may enter the ball.
 LIST_MARGIN = 1.1
 
-# If not all of the nearest points are on a Gaussian's surface, they are looked for among so many
-# times as many.
+# If not all of the nearest points are on a Gaussian's surface, the search is repeated among this
+# many times as many.
 _AMONG = 6
 
-# Largest height of a point on the same surface over the Gaussian's, in search radii.
+# Largest height of a point above a Gaussian on the same surface, in search radii.
 _HEIGHT = 0.1
 
 
@@ -118,8 +118,8 @@ def local_targets(
 
     The distance includes the normals: a right angle between them adds 1.4 ``radius`` (world units)
     and the other side of a thin wall adds 2. Otherwise points inside a lamp would count for
-    Gaussians on its outside. Nor do points on other surfaces count if there are any on the same:
-    those beyond the Gaussian's ``limits`` (:mod:`gpf.field.limits`), and those over or under it,
+    Gaussians on its outside. If there are any points on the same surface, others do not count:
+    those beyond the Gaussian's ``limits`` (:mod:`gpf.field.limits`), and those above or below it
     along the mean of both normals. On a round surface that height is zero.
     """
     from scipy.spatial import cKDTree  # slow to import
@@ -132,7 +132,7 @@ def local_targets(
     tree = cKDTree(places(p, n))
 
     def mean(rows: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Of those that count among so many nearest; and whether all of them do."""
+        """The mean of those that count among the ``count`` nearest, and whether all of them do."""
         count = min(count, len(p))
         _, near = tree.query(places(means[rows], normals[rows]), k=count, workers=count_cores())
         near = near.reshape(-1, count)

@@ -37,7 +37,7 @@ from gpf.training.targets import Targets
 from gpf.training.trainer import Trainer
 
 MAX_GAUSSIANS = 100_000
-"""Largest number that ``gaussians: auto`` tries; the paper's number."""
+"""Largest number that ``gaussians: auto`` tries, as in the paper."""
 
 log = logging.getLogger(__name__)
 
@@ -89,8 +89,8 @@ class Recipe:
             )
         if self.field.gaussians != "auto" and count < self.field.gaussians:
             log.warning(
-                "Only %s photons are indirect light. The field gets as many Gaussians instead of "
-                "%s; trace more photon paths to get more.",
+                "Only %s photons are indirect light, so the field gets that many Gaussians "
+                "instead of %s. Trace more photon paths to get more.",
                 count,
                 self.field.gaussians,
             )
@@ -139,7 +139,7 @@ class Recipe:
             gaps = find_gaps(field, targets.position, targets.normal, seed)
             gaussians = initialize_gaussians(photons, initial, bounds, seed, gaps)
         if self.field.stores == "radiance":
-            # Photons do not know the reflectance; the targets of views give its average.
+            # Photons do not carry the reflectance; the targets of views give its average.
             mean = targets.select("views").reflectance.mean(axis=0) / np.pi
             gaussians.irradiance *= mi.Color3f(*(float(c) for c in mean))
         return GaussianPhotonField(gaussians, settings, bounds)
@@ -151,7 +151,7 @@ class Recipe:
         kernel: float,
         scene: mi.Scene,
     ) -> GaussianPhotonField:
-        """The field before training, with as many Gaussians at each place as its light asks for.
+        """The field before training, with as many Gaussians at each place as its light needs.
 
         Parameters
         ----------
@@ -176,8 +176,8 @@ class Recipe:
 
         Parameters
         ----------
-        halves: the stream's.
-        photons: with a given number of Gaussians, they start at some of these.
+        halves: targets from each half of the stream's photons.
+        photons: if the number of Gaussians is given, they start at some of these.
         bounds: corners of the scene's bounding box.
         """
         targets = stream.mean(halves)
@@ -215,7 +215,7 @@ def open_stream(
     recipe: Recipe,
     groups: LightGroups | None = None,
 ) -> tuple[PhotonStream, Photons]:
-    """A stream without passes yet, and photons for the Gaussians.
+    """A stream that has no passes yet, and photons for the Gaussians.
 
     Parameters
     ----------

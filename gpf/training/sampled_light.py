@@ -1,4 +1,4 @@
-"""Light at supervised points from samples that come with the passes of photons, in two halves."""
+"""Light at supervised points from samples that go with the photon passes, in two halves."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from gpf.sppm.fixed_points import FixedPoints
 from gpf.training.loss import relative_weight
 
 RUNS, RUN = 64, 512
-"""Runs of points that stand for all, and their length."""
+"""Number of runs of points that stand for all points, and their length."""
 
 AT_ONCE = 16
-"""Most samples that are added together: Ctrl-C waits for them."""
+"""Most samples that are added at once: Ctrl-C waits for them."""
 
 Halves = tuple[np.ndarray, np.ndarray]
 """Irradiance of points from each half, (P, 3) each."""
 
 SHARED_BY = 8
-"""Points whose targets are compared together, because a Gaussian averages over about as many."""
+"""Targets are compared in groups of this many points: about what a Gaussian averages over."""
 
 
 class SampledLight(ABC):
     """Irradiance of points, from samples in two independent halves.
 
     Where this light has more noise than that of the photons, more samples help more than more
-    photons. With n samples and N passes, whose noise has the variances v/n and V/N, there is least
-    noise for the time if n/N = sqrt(c v / V), where c is the time of a pass in that of a sample.
+    photons. With n samples and N passes, whose noise has the variances v/n and V/N, the noise in a
+    given time is least if n/N = sqrt(c v / V), where c is the time of a pass in units of that of a
+    sample.
 
     Attributes
     ----------
-    LEAST: samples at each point for each half, at least.
-    MOST_PER_PASS: samples that come with a pass of photons, at most.
-    COST: a pass takes about as long as so many samples at each point for both halves.
-    samples: at each point for each half, so far.
-    per_pass: how many come with a pass; 0 until :func:`balance` has chosen.
-    seconds: the time of a sample of all points for both halves, wall clock: of the last one; 0
-        before.
+    LEAST: smallest number of samples at each point for each half.
+    MOST_PER_PASS: largest number of samples per photon pass.
+    COST: a pass takes about as long as this many samples at each point for both halves.
+    samples: samples at each point for each half, so far.
+    per_pass: samples per photon pass; 0 until :func:`balance` has chosen.
+    seconds: wall-clock time of the last sample of all points for both halves; 0 before the first.
     """
 
     LEAST: int
@@ -59,10 +59,10 @@ class SampledLight(ABC):
     @abstractmethod
     def _light(self, half: int, first: int, count: int) -> mi.Color3f:
         """Sum of the irradiance of each point from ``count`` samples of a half, W/m², (N, 3);
-        ``first``: the number of the first of them, from 1 on."""
+        ``first`` is the number of the first one, counted from 1."""
 
     def sample(self, passes: int) -> None:
-        """Add the samples that belong to so many passes."""
+        """Add the samples that go with this many passes."""
         wanted = max(self.LEAST, math.ceil(self.per_pass * passes))
         while self.samples < wanted:
             self.add(min(wanted - self.samples, AT_ONCE))
@@ -96,7 +96,7 @@ class SampledLight(ABC):
 
 
 def some_runs(count: int) -> np.ndarray:
-    """Some of so many points, (P,) integers: in runs, so that they still lie beside each other."""
+    """Some of ``count`` points, (P,) integers: in runs, so that they still have neighbours."""
     starts = np.linspace(0, max(count - RUN, 0), RUNS).astype(np.int64)
     return np.unique(starts[:, None] + np.arange(min(RUN, count)))
 
@@ -104,16 +104,16 @@ def some_runs(count: int) -> np.ndarray:
 def balance(
     passes: int, photons: Halves, kinds: Sequence[SampledLight], means: Sequence[Halves]
 ) -> None:
-    """Choose how many samples come with a pass, from the noise of each kind of light.
+    """Choose how many samples to take per photon pass, from the noise of each kind of light.
 
-    If one kind would need more than its most, all have fewer in proportion.
+    If one kind would need more than its limit, the numbers of all are reduced in proportion.
 
     Parameters
     ----------
-    passes: so far.
-    photons: irradiance from each half at some points, (P, 3) each. Points that follow each other
-        lie beside each other.
-    means: that of each kind.
+    passes: photon passes so far.
+    photons: irradiance from each half at some points, (P, 3) each; consecutive points are
+        neighbours.
+    means: irradiance from each kind of samples, likewise.
     """
     light = np.sum([photons, *means], axis=(0, 1))
     of_pass = max(passes * _variance(photons, light), 1e-30)

@@ -28,8 +28,9 @@ class TrainingSettings(Settings):
     ----------
     steps: optimiser steps.
     batch: supervised points per step.
-    points: the supervised points: visible points of ``views``, samples of the ``surface``, or both.
-    supervision: targets from a finished ``reference``, or ``streaming``: while passes are traced.
+    points: which points are supervised: visible points of ``views``, samples of the ``surface``, or
+        both.
+    supervision: targets from a finished ``reference``, or ``streaming`` while passes are traced.
     loss: ``squared``, or ``relative`` to the light at each point (:mod:`gpf.training.loss`).
     rates: initial learning rates; they fall on a cosine to ``final_rate`` times these values.
     rebuild_every: largest number of steps between rebuilds of the neighbour lists; an evaluation
@@ -37,7 +38,7 @@ class TrainingSettings(Settings):
     evaluate_every: steps between evaluations on the held-out points.
     held_out: share of the points that training does not use; the state with the smallest error at
         these points is kept.
-    seed: of the split into training and held-out points, and of the batches.
+    seed: for the split into training and held-out points, and for the batches.
     checkpoint_seconds: time between checkpoints.
     """
 

@@ -1,19 +1,19 @@
-"""Detail that only one half of the photons shows is noise, and is taken out of a field.
+"""Detail that only one half of the photons shows is noise, and is removed from a field.
 
-Small Gaussians beside a bright line are needed for the line, and show the noise of the photons
+Small Gaussians beside a bright line are needed for the line, but show the noise of the photons
 around it as dark specks. The colours of a field are divided into detail of several widths, each the
 difference between the colours and their means over a neighbourhood, d = c - ⟨c⟩. With the detail
-d_a and d_b of fields that are fitted to two independent halves, the detail of the field counts by
+d_a and d_b of fields fitted to two independent halves, the detail of the field is weighted by
 
     λ = ⟨d_a d_b⟩ / ⟨(d_a + d_b)² / 4⟩,    0 ≤ λ ≤ 1
 
-(Wiener's filter, in the scales of a wavelet transform without decimation). ⟨⟩ are means over the
-Gaussians around, each relative to the light there; the smaller of two λ counts, from a narrow and
-from a wide neighbourhood, because beside a line the wide one is full of the line's own detail. What
-this takes from the light of a neighbourhood is given back to it evenly.
+(a Wiener filter in the scales of an undecimated wavelet transform). ⟨⟩ are means over the Gaussians
+around, each relative to the light there. λ is taken from a narrow and from a wide neighbourhood,
+and the smaller one counts, because beside a line the wide one is full of the line's own detail. The
+light that this takes from a neighbourhood is given back to it evenly.
 
-In the pool of the demo after 24 passes, the narrow one alone gains .10 dB, the wide one .14 with
-specks close to the line, both .13 without.
+In the demo's pool after 24 passes, the narrow neighbourhood alone gains .10 dB; the wide one alone
+.14, but leaves specks close to the line; both .13, without specks.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ WIDTHS = (1, 1, 2, 4)
 """Rounds of :meth:`HalfColours.spread` from each width to the next."""
 
 NARROW, WIDE = 1, 4
-"""Rounds of the means by which detail is judged."""
+"""Rounds of :meth:`HalfColours.spread` for the means by which detail is judged."""
 
 DIM = 0.1
-"""Light of less than this share of the mean counts as if it were as much."""
+"""Light below this share of the mean counts as if it were as much."""
 
 _TINY = 1e-20
 

@@ -39,15 +39,16 @@ from gpf.training.sampled_light import balance, some_runs
 from gpf.training.targets import Targets, source_numbers
 
 # Edge of the cells in which photons are added up, in units of the widest kernel's radius after
-# TYPICAL_PASSES passes: half of the narrowest one's, where points are dense.
+# TYPICAL_PASSES passes: where points are dense, half of the narrowest kernel's radius.
 CELL, TYPICAL_PASSES = 0.5 * WIDTHS[-1], 100
 
-# After so many passes, the noise of the photons is compared with that of samples; at first for the
-# first field of a fit: what is gathered from a field with noisy direct light stays too bright.
+# Numbers of passes after which the noise of the photons is compared with that of samples. The first
+# is in time for the first field of a fit: light gathered from a field with noisy direct light stays
+# too bright.
 BALANCED = 6, 12, 48, 192
 
-# Rays that measure how much of a kernel's disc lies on the surface, at each point near an edge and
-# for each half.
+# Rays per point near an edge, and per half, that measure how much of a kernel's disc lies on the
+# surface.
 EDGE_RAYS = 32
 
 # Samples of each group of emitters at each point for PhotonStream.by_group.
@@ -62,7 +63,7 @@ class StreamSettings(Settings):
     passes: photon passes in all.
     alpha: radius reduction, in (0, 1).
     radius: radius of the first pass, in units of the references' first radius.
-    view_points, surface_points: largest number of supervised points that training views see, and
+    view_points, surface_points: largest numbers of supervised points that training views see, and
         of supervised samples of surfaces.
     """
 
@@ -79,13 +80,13 @@ class PhotonStream:
 
     Photons are added up in cells (:class:`gpf.photons.photon_grid.PhotonSums`), so the cost of a
     pass does not depend on the number of points. For targets, all photons of n passes are gathered
-    with the radius of pass n of SPPM, and where light is sharp with half or a quarter of it
-    (:mod:`gpf.training.kernel_width`). Passes with odd and with even numbers are added up apart:
-    these two halves are independent.
+    with the radius of pass n of SPPM or, where light is sharp, with half or a quarter of it
+    (:mod:`gpf.training.kernel_width`). Odd-numbered and even-numbered passes are added up
+    separately: these two halves are independent.
 
     Parameters
     ----------
-    settings: of the passes; ``alpha`` and ``initial_radius`` give the radius.
+    settings: settings of the passes; ``alpha`` and ``initial_radius`` determine the radius.
     points: sets of points by name: each training view in order, then
         :data:`gpf.training.targets.SURFACES`; any of them may be missing.
     lamps: the emitters whose direct light the targets contain; by default all.
@@ -93,9 +94,9 @@ class PhotonStream:
 
     Attributes
     ----------
-    gathered: the light of diffuse surfaces, if it is gathered (:meth:`light_by`).
-    blur: squared error of the targets of the last call of :meth:`halves` from the width of their
-        kernels (:func:`gpf.training.kernel_width.kernel_blur`), (N,).
+    gathered: the light of diffuse surfaces if it is gathered (:meth:`light_by`), or None.
+    blur: squared error that the width of the kernels adds to the targets of the last call of
+        :meth:`halves` (:func:`gpf.training.kernel_width.kernel_blur`), (N,).
     """
 
     def __init__(
@@ -111,8 +112,8 @@ class PhotonStream:
         self.scene, self.seed, self.count = scene, seed, 0
         self._groups = groups
         self.settings = suit_scene(settings, scene)
-        # Whose direct light is sampled, and added to that of the photons. If these bring all direct
-        # light, what the targets should not contain is sampled and taken away.
+        # The lamps whose direct light is sampled and added to that of the photons. If photons bring
+        # all direct light, what the targets should not contain is sampled and subtracted.
         sampled, sign = Lamps(scene) if lamps is None else lamps, 1
         if self.settings.direct == "photons":
             sampled, sign = sampled.others(), -1
@@ -125,7 +126,7 @@ class PhotonStream:
         self._source = np.repeat(source_numbers(points), [dr.width(each.p) for each in valid])
         self._points = FixedPoints(scene, concatenate(valid))
         cells = PhotonCells(cell, self._bounds, to_numpy(self._points.points.p))
-        # Narrow kernels would show the single cubes there.
+        # Narrow kernels would show individual cubes there.
         self._coarse = np.asarray((cells.find(self._points.points.p)[0] > 0).numpy())
         self._sums = PhotonSums(cells, paths, groups=table)
         self._direct = DirectLight(self._points, sampled, sign, seed)
@@ -164,10 +165,10 @@ class PhotonStream:
             tick(self.count)
 
     def light_by(self, field: GaussianPhotonField, seconds: float = math.inf) -> None:
-        """Gather the light of diffuse surfaces from now on, by rays that end in a field of the same
-        scene; the photons that bring it do not count any more.
+        """From now on, gather the light of diffuse surfaces by rays that end in a field of the same
+        scene; photons that bring this light no longer count.
 
-        ``seconds``: nothing changes if the first rays would take longer.
+        Nothing changes if the first rays would take longer than ``seconds``.
         """
         gathered = self._gathered_by(field, self.count)
         for _ in range(2):  # the first one compiles
@@ -180,7 +181,7 @@ class PhotonStream:
 
     @property
     def sample_seconds(self) -> float:
-        """The time of the samples that come with a pass, wall clock."""
+        """Wall-clock time of the samples that go with a pass."""
         kinds = self._direct, self.gathered
         return sum(kind.per_pass * kind.seconds for kind in kinds if kind)
 
@@ -189,13 +190,13 @@ class PhotonStream:
         return GatheredLight(self._points, field, seed)
 
     def sample(self) -> None:
-        """Add the samples that belong to the passes so far."""
+        """Add the samples that go with the passes so far."""
         self._direct.sample(self.count)
         if self.gathered:
             self.gathered.sample(self.count - self._lit)
 
     def _balance(self) -> None:
-        """Choose how many samples come with a pass."""
+        """Choose how many samples to take per pass."""
         self.sample()
         rows = self._rows = some_runs(len(self._source))
         photons = [
@@ -221,8 +222,8 @@ class PhotonStream:
     def restore(
         self, tensors: Mapping[str, np.ndarray], field: GaussianPhotonField | None = None
     ) -> None:
-        """Continue from :meth:`tensors` of a stream with the same arguments; ``field``: that of its
-        :meth:`light_by`, if any."""
+        """Continue from :meth:`tensors` of a stream with the same arguments; ``field`` is the one
+        given to its :meth:`light_by`, if any."""
 
         def part(start: str) -> dict[str, np.ndarray]:
             return {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}
@@ -236,7 +237,7 @@ class PhotonStream:
             self.gathered.restore(gathered)
 
     def mean(self, halves: tuple[Targets, Targets]) -> Targets:
-        """The points, with the irradiance from all passes so far; ``halves``: of :meth:`halves`."""
+        """The points, with the irradiance from all passes so far, given their :meth:`halves`."""
         even, odd = halves
         share = self.count // 2 / self.count
         return replace(
@@ -248,7 +249,7 @@ class PhotonStream:
     def halves(self, stride: int = 1) -> tuple[Targets, Targets]:
         """The points, with the irradiance from passes with even and with odd numbers.
 
-        ``stride``: with more than 1, only so many-th points: these, too, are spread evenly.
+        With a ``stride`` above 1, only every ``stride``-th point; these, too, are spread evenly.
         """
         self._rows = slice(None, None, stride)
         points = self._points.points
@@ -277,7 +278,7 @@ class PhotonStream:
 
     def by_group(self) -> np.ndarray:
         """Irradiance of the points of the last call of :meth:`halves` from each group of emitters,
-        from all passes, (G, N, 3): with the radius that was chosen there for all light."""
+        from all passes, (G, N, 3), with the radius chosen there for all light."""
         assert self._groups is not None
         found = np.zeros((len(self._groups.names), len(self._source), 3), np.float32)
         shares = self.count // 2 / self.count, (self.count + 1) // 2 / self.count
@@ -308,7 +309,7 @@ class PhotonStream:
         return np.stack(found)
 
     def _gather(self, half: int) -> list[np.ndarray]:
-        """Irradiance of the points that are asked for from the photons of a half, with each kernel,
+        """Irradiance of the requested points from the photons of a half, with each kernel,
         (N, 3) each."""
         photons, found = self._photons(half), []
         for width in WIDTHS:
@@ -322,12 +323,12 @@ class PhotonStream:
         return found
 
     def _photons(self, half: int) -> Photons:
-        """Those of a half whose light nothing else brings."""
+        """The photons of a half whose light is not gathered instead."""
         return self._sums.photons(half, diffused=self.gathered is None)
 
     def _irradiance(self, photons: Photons, radius: float, chosen: np.ndarray) -> np.ndarray:
-        """Irradiance of the chosen points, (N,) bool, from photons, without the correction of
-        edges; (N, 3), zero at the others."""
+        """Irradiance of the chosen points, (N,) bool, from photons, without edge correction,
+        (N, 3); zero at the others."""
         density = PhotonDensity(photons, radius, self._bounds, smooth=True)
         found = np.zeros((len(chosen), 3), np.float32)
         if chosen.any():
@@ -336,13 +337,13 @@ class PhotonStream:
         return found
 
     def _correct_edges(self, radius: float, number: int, lit: np.ndarray) -> np.ndarray:
-        """By what the density of photons has to be multiplied at each point, (N, 1) float32.
+        """Factors for the density of photons at each point, (N, 1) float32.
 
         Parameters
         ----------
-        number: of the random numbers: the halves have their own, since what they have in common
-            passes for light.
-        lit: the points that need it, (N,) bool; 1 at the others.
+        number: selects the random numbers: each half has its own, since what the halves have in
+            common passes for light.
+        lit: the points to correct, (N,) bool; the factor is 1 at the others.
         """
         correction = np.ones((len(self._source), 1), np.float32)
         seed = pass_seed(self.seed, number, Stream.EDGES)

@@ -25,10 +25,11 @@ from gpf.sppm.reference import fixed_points
 from gpf.training.targets import SURFACES
 
 # Largest share of the surface points beyond the visible region, and of the work of gathering
-# photons at them. Without this limit they could cost most: a room next door may be the brightest.
+# photons at them. Without this limit they could dominate the cost: a room next door may be the
+# brightest.
 BEYOND = 0.1
 
-# Edge of a cell in which points are counted, in kernel radii: its area is that of the kernel.
+# Edge of the cells in which points are counted, in kernel radii: their area is that of the kernel.
 CELL = 1.77
 
 # Largest number of paths whose photons show what is lit beyond the visible region.
@@ -109,8 +110,8 @@ def target_points(
 
 
 def see_further(scene: mi.Scene, points: VisiblePoints, seed: int) -> VisiblePoints:
-    """Points, and what their diffuse light comes from: visible points of one ray from each, with
-    densities in proportion to the cosine; N to 2 N."""
+    """The points, and those from which their diffuse light comes: visible points of one ray from
+    each, with directions distributed in proportion to the cosine; N to 2 N points."""
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, dr.width(points.p))
     ray, _ = FixedPoints(scene, points).cosine_rays(sampler.next_2d())
@@ -131,7 +132,7 @@ def sample_surface_points(
 
     Parameters
     ----------
-    radius: of a kernel, world units; densities are those of cells of its size.
+    radius: radius of a kernel, world units; densities are measured in cells of its size.
 
     Raises
     ------

@@ -25,7 +25,7 @@ from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 
 SURFACES = "surfaces of the scene"
-"""Name of the set of surface samples, beside sets of points with a view's name."""
+"""Name of the set of surface samples; the other sets of points have the names of views."""
 
 
 def source_numbers(names: Iterable[str]) -> np.ndarray:
@@ -89,8 +89,8 @@ class Targets:
 
         Raises
         ------
-        FileError: the file is not one of targets, or says that it is not of the scene of this name;
-            an array is missing or of another shape or type, or has values that are not finite.
+        FileError: the file does not hold targets, or names another scene than ``scene``; an array
+            is missing, has the wrong shape or type, or has values that are not finite.
         """
         tensors, metadata = read_tensors(path, "targets")
         if scene is not None:
@@ -101,17 +101,17 @@ class Targets:
         return cls(**tensors)
 
     def select(self, points: Literal["views", "surface", "both"]) -> Targets:
-        """The targets that come from views, from surfaces, or all."""
+        """The targets from views, from surfaces, or from both."""
         if points == "both":
             return self
         rows = (self.source < 0) == (points == "surface")
         return Targets(**{name: value[rows] for name, value in vars(self).items()})
 
     def without(self, scene: mi.Scene, lamps: Lamps, seed: int, samples: int = 16) -> Targets:
-        """The targets without the direct light of some lamps, from samples at each point.
+        """The targets without the direct light of some lamps, which is sampled at each point.
 
-        Samples have noise, so that some targets may be below zero; cut off there, the others would
-        be too bright in the mean.
+        Samples are noisy, so some targets may be negative; with these cut off at zero, the mean
+        would be too bright.
         """
         points = dr.zeros(VisiblePoints, len(self.position))
         points.p, points.n = (

@@ -61,7 +61,7 @@ class Trainer:
     Parameters
     ----------
     field: the field before training.
-    points: supervised points, (P); they are copied and sorted by their place.
+    points: supervised points, (P); they are copied and sorted by position.
     from_targets: whether each Gaussian's irradiance starts as the mean of the nearest targets
         instead of the field's value.
     anisotropic: whether the three scales of a Gaussian may differ.
@@ -80,7 +80,7 @@ class Trainer:
         count = dr.width(points.p)
         rng = np.random.default_rng(settings.seed)
         split = rng.random(count) < settings.held_out
-        # Sorted by place, so that batches are spread evenly over the surfaces and neighbouring
+        # Sorted by position, so that batches are spread evenly over the surfaces and neighbouring
         # lanes read the same Gaussians.
         order = order_in_space(to_numpy(points.p), field.settings.search_radius / 2)
         sets = (order[~split[order]], order[split[order]])
@@ -188,7 +188,7 @@ class Trainer:
 
     def batch(self) -> mi.UInt32:
         """The points of this step, (B,): spread evenly over the surfaces, because the points are
-        sorted by place."""
+        sorted by position."""
         # Opaque: values that change with each step must not become constants of the kernel.
         seed, step = (dr.opaque(mi.UInt32, v) for v in (self.settings.seed, self.step_count))
         return stratified_batch(dr.width(self.training.p), self.settings.batch, seed, step)
@@ -216,8 +216,8 @@ class Trainer:
     ) -> GaussianPhotonField:
         """Train to the end and return the field in its best state.
 
-        ``report`` is called after each evaluation, ``tick`` with the number of steps after each
-        step.
+        ``report`` is called after each evaluation; ``tick`` after each step, with the number of
+        steps so far.
 
         Raises
         ------

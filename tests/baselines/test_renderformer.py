@@ -123,7 +123,7 @@ def test_weights_that_are_not_there_or_do_not_fit_are_refused(tmp_path: Path) ->
 @pytest.mark.usefixtures("stand_in")
 def test_images_without_numbers_are_refused(tmp_path: Path) -> None:
     prepared = prepare(tmp_path, write_weights(tmp_path / "broken", {"gain": [np.nan]}), **FEW)
-    with pytest.raises(CannotServe, match="images with NaN or infinite values"):
+    with pytest.raises(CannotServe, match="NaN or infinite"):
         prepared.render(VIEW, 1)
     (tmp_path / "scene_0.h5").write_bytes(b"")
     with pytest.raises(CannotServe, match=r"ended with status 1: .*Error.*requirements.txt"):
@@ -152,10 +152,10 @@ CHEQUERED = {"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": {"type
         ({"glass": GLASS, "board": CHEQUERED, "sky": {"type": "constant"}}, "no transmission"),
         ({"cut": {"type": "disk", "bsdf": {"type": "mask", "b": diffuse(1)}}}, "no transmission"),
         ({"board": CHEQUERED}, "no textures"),
-        ({"sky": {"type": "constant"}}, "no lights but glowing triangles.*ConstantBackground"),
-        ({"sun": {"type": "point"}}, "no lights but glowing triangles.*PointLight"),
-        ({"odd": {"type": "disk", "bsdf": {"type": "principled"}}}, "no material.*Principled"),
-        ({"ball": {"type": "sphere", "emitter": {"type": "area"}}}, "glowing triangles, 8 at most"),
+        ({"sky": {"type": "constant"}}, "light of type ConstantBackground"),
+        ({"sun": {"type": "point"}}, "light of type PointLight"),
+        ({"odd": {"type": "disk", "bsdf": {"type": "principled"}}}, "materials of type Principled"),
+        ({"ball": {"type": "sphere", "emitter": {"type": "area"}}}, "glowing triangles .*; 8 are"),
     ],
 )
 def test_what_the_network_never_saw_is_refused_whether_it_is_installed_or_not(

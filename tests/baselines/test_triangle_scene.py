@@ -78,7 +78,7 @@ def test_shapes_become_triangles_that_face_where_the_shape_does(
 
 def test_what_triangles_cannot_be_made_of_is_refused() -> None:
     group = {"type": "shapegroup", "id": "group", "cube": {"type": "cube"}}
-    with pytest.raises(CannotServe, match="no shapes of type Instance.*Replace it by a mesh"):
+    with pytest.raises(CannotServe, match="shapes of type Instance.*Replace it"):
         load(group=group, copy={"type": "instance", "group": {"type": "ref", "id": "group"}})
 
 
@@ -119,7 +119,7 @@ def test_materials_become_a_colour_a_gloss_and_a_roughness(
 
 def test_two_different_sides_are_refused() -> None:
     sides = {"type": "twosided", "front": diffuse(0.1), "back": diffuse(0.9)}
-    with pytest.raises(CannotServe, match="no material of type TwoSidedBRDF with two"):
+    with pytest.raises(CannotServe, match="type TwoSidedBRDF with two"):
         read_material(mi.load_dict(sides), "scene.xml")
 
 

@@ -84,7 +84,7 @@ def test_what_is_out_of_reach_ends_with_a_warning(scene, monkeypatch, caplog):
     field = gpf.fit(scene, sensors(), target_psnr=90)
     # The first field, and two more that gain nothing.
     assert field.record["passes"] == plan.FIRST_PASSES * plan.GROWTH**2
-    assert "do not raise the estimated PSNR" in caplog.text
+    assert "will not raise the estimated PSNR" in caplog.text
 
 
 class Clock:
@@ -278,7 +278,7 @@ def test_light_that_the_renderer_samples_leaves_a_black_field():
 def test_sensors_and_a_state_are_there_if_they_are_needed(scene):
     with pytest.raises(UserError, match="sensors: is empty"):
         gpf.fit(scene, [], passes=2)
-    with pytest.raises(UserError, match="resume: needs a state"):
+    with pytest.raises(UserError, match="resume: needs a state folder"):
         gpf.fit(scene, sensors(), passes=2, resume="always")
 
 

@@ -36,11 +36,11 @@ def test_what_was_saved_is_there(folder):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"scene": SCENE | {"materials": {"x": 1.0}, "lights": []}}, "other materials, lights"),
-        ({"cameras": "x"}, "other cameras"),
-        ({"seed": 2}, "other seed"),
-        ({"settings": []}, "other settings"),
-        ({"groups": [[0], [1]]}, "other groups"),
+        ({"scene": SCENE | {"materials": {"x": 1.0}, "lights": []}}, "different materials, lights"),
+        ({"cameras": "x"}, "different cameras"),
+        ({"seed": 2}, "different seed"),
+        ({"settings": []}, "different settings"),
+        ({"groups": [[0], [1]]}, "different groups"),
     ],
 )
 def test_photons_of_another_fit_are_refused_or_not_used(folder, change, words, caplog):
@@ -49,13 +49,13 @@ def test_photons_of_another_fit_are_refused_or_not_used(folder, change, words, c
         state.load("always")
     assert not caplog.records
     assert state.load() == ({}, {}, None)
-    assert words in caplog.text and "Starting anew" in caplog.text
+    assert words in caplog.text and "Starting a new fit" in caplog.text
     assert FitState(folder, IDENTITY).load()[1] == {"passes": 7}
 
 
 def test_photons_of_another_version_are_told_as_such(folder, monkeypatch):
     monkeypatch.setattr(state_module, "FORMAT", state_module.FORMAT + 1)
-    with pytest.raises(UserError, match="other version of this software"):
+    with pytest.raises(UserError, match="different version of this software"):
         FitState(folder, IDENTITY).load("always")
 
 
@@ -83,7 +83,7 @@ def test_the_field_belongs_to_the_photons(folder):
 
 def test_without_photons_there_is_nothing_to_go_on_with(tmp_path, caplog):
     state = FitState(tmp_path / "none.fit", IDENTITY)
-    with pytest.raises(UserError, match="has no photons of a fit"):
+    with pytest.raises(UserError, match="has no photons from a fit"):
         state.load("always")
     assert state.load() == ({}, {}, None) and not caplog.records
 

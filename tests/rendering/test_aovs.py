@@ -197,5 +197,5 @@ def test_names_of_channels_are_those_that_viewers_know():
 
 
 def test_another_name_is_an_error_that_lists_the_names():
-    with pytest.raises(RuntimeError, match="there is no 'colour'; there are depth, position"):
+    with pytest.raises(RuntimeError, match="unknown name 'colour'; choose from depth, position"):
         mi.load_dict({"type": "gpf", "aovs": "colour"})

@@ -148,7 +148,7 @@ def test_what_cannot_be_is_explained():
     mixer.set({"sky": (0.5, 0.5, 0.5)})
     with pytest.raises(UserError, match="sky: has a grey radiance"):
         mixer.set({"sky": (0.5, 0.4, 0.3)})
-    with pytest.raises(UserError, match="those of another scene"):
+    with pytest.raises(UserError, match="lights: in the field belong to another scene"):
         LightMixer(scene, field)
 
 

@@ -94,7 +94,7 @@ def test_what_changes_within_the_same_box_is_told(old, new, other, optimize):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         mi.render(load(), integrator=integrator, spp=1)
-    words = f"before it was changed: other .*{other}.* The image shows the light that it had then"
+    words = f"before it was changed: different .*{other}.* The image shows the earlier light"
     with pytest.warns(UserWarning, match=words):
         mi.render(changed, integrator=integrator, spp=1)
 
@@ -117,7 +117,7 @@ def test_the_integrator_warns_once_for_each_scene_and_goes_on(record):
     integrator = mi.load_dict({"type": "gpf", "record": record})
     integrator.field = field(upper=[4.0, 3.0, 3.5])
     words = (
-        r"This field was made for another scene: that scene reaches from \(-4, -3, 0\) to "
+        r"This field was made for another scene: that scene extends from \(-4, -3, 0\) to "
         r"\(4, 3, 3\.5\), this one from \(-4, -3, 0\) to \(4, 3, 2\)\."
     )
     with pytest.warns(UserWarning, match=words) as caught:

@@ -1,4 +1,4 @@
-"""AnySplat (Jiang and others 2025): Gaussian splats from a few images, by one run of a network.
+"""AnySplat (Jiang and others 2025): Gaussian splats from a few images, in one run of a network.
 
 The network gets the training views as 8-bit sRGB images of 448×448 pixels, without cameras. It
 predicts Gaussians and cameras in a frame of its own. A similarity aligns its cameras with the true
@@ -54,7 +54,7 @@ class Anysplat:
         ------
         CannotServe: a package or weights are missing, or the prediction cannot be used.
         """
-        state = task.state.absolute()  # the program has another working directory
+        state = task.state.absolute()  # the program's working directory differs
         file = state / "splats.npz"
         if not file.exists():
             pictures = state / "pictures.npy"
@@ -133,15 +133,15 @@ def picture_size(shot: TrainingView) -> tuple[int, int]:
 
 
 def compare_focals(found: Prediction, cameras: list[Pinhole]) -> float:
-    """The median of the network's focal lengths over the true ones."""
+    """The median ratio of the network's focal lengths to the true ones."""
     true = np.array([camera.focal / min(camera.size) for camera in cameras])
     return float(np.median(found.intrinsics[:, [0, 1], [0, 1]] / true[:, None]))
 
 
 def place_error(found: Prediction, cameras: list[Pinhole], to_world: Similarity) -> float:
-    """Root mean square distance between aligned and true cameras, over the true ones' spread.
+    """Root mean square distance of aligned from true cameras, divided by the true ones' spread.
 
-    0 is perfect; cameras at random places have about 1.
+    0 is perfect; cameras at random places give about 1.
     """
     true = np.stack([camera.origin for camera in cameras])
     apart = ((to_world.apply(found.poses[:, :3, 3]) - true) ** 2).sum()

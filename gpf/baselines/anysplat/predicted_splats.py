@@ -29,11 +29,12 @@ class Prediction:
 
     Attributes
     ----------
-    means (N, 3), covariances (N, 3, 3), opacities (N,): of the Gaussians.
-    harmonics: of their colours, (N, 3, D); D = 1, 4, 9, ... coefficients for each channel.
+    means (N, 3), covariances (N, 3, 3), opacities (N,): the Gaussians.
+    harmonics: spherical harmonics of their colours, (N, 3, D), with D = 1, 4, 9, ... coefficients
+        for each channel.
     poses: camera to world, (K, 4, 4); camera axes: x to the right, y down, z ahead.
     intrinsics: (K, 3, 3), in units of the images' width and height.
-    background: colour, (3,).
+    background: its colour, (3,).
     seconds, device: time and device of the network's run.
     """
 
@@ -53,9 +54,9 @@ def read_prediction(file: Path, views: int) -> Prediction:
 
     Raises
     ------
-    CannotServe: the file has other arrays or shapes, values that are not finite, or no Gaussians.
+    CannotServe: the file has unexpected arrays or shapes, non-finite values, or no Gaussians.
     """
-    todo = f"Delete {file} and try again; else use the current version of the published code."
+    todo = f"Delete {file} and try again, or use the current version of the published code."
     try:
         with file.open("rb") as opened, np.load(opened) as stored:
             found = {name: stored[name] for name in stored.files}
@@ -85,7 +86,7 @@ def read_prediction(file: Path, views: int) -> Prediction:
 
 
 def make_splats(found: Prediction) -> SplatArrays:
-    """The Gaussians in the parameters that the rasteriser takes."""
+    """The Gaussians as the parameters that the rasteriser takes."""
     variances, axes = np.linalg.eigh(found.covariances)
     axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]  # rotations, not reflections
     scales = np.sqrt(np.maximum(variances, 1e-20))

@@ -1,4 +1,4 @@
-"""Similarity transforms of space, and the one that aligns cameras with others."""
+"""Similarity transforms of space, and the one that aligns one set of cameras with another."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Similarity:
     translation: np.ndarray
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """The images of points (..., 3)."""
+        """Transform points (..., 3)."""
         return self.scale * points @ self.rotation.T + self.translation
 
     def inverse(self) -> Similarity:
@@ -34,14 +34,14 @@ class Similarity:
         return Similarity(1 / self.scale, back, -(back @ self.translation) / self.scale)
 
     def apply_camera(self, camera: Pinhole) -> Pinhole:
-        """The camera that sees of the transformed scene what ``camera`` sees of the scene."""
+        """The camera that sees the transformed scene as ``camera`` sees the scene."""
         return Pinhole(
             self.apply(camera.origin), self.rotation @ camera.rotation, camera.focal, camera.size
         )
 
 
 def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
-    """The similarity of points ``source`` (N, 3) to ``target`` with the least squared distances.
+    """The least-squares similarity from points ``source`` (N, 3) to points ``target``.
 
     Umeyama 1991: R from the singular value decomposition of Σ = 1/N Σ_i y_i x_iᵀ, with x and y
     relative to their means; s = tr(Rᵀ Σ) / var x. For points on a line, R is not unique.
@@ -56,7 +56,7 @@ def align_points(source: np.ndarray, target: np.ndarray) -> Similarity:
 def align_cameras(source: np.ndarray, target: np.ndarray) -> Similarity:
     """The similarity that aligns the cameras ``source`` with the cameras ``target``.
 
-    As :func:`align_points` for their positions, but R also fits their directions: it is computed
+    Like :func:`align_points` for their positions, but R also fits their directions: it is computed
     from Σ / (σ_x σ_y) + 1/N Σ_i C_i B_iᵀ, where B and C are the axes of the cameras. The positions
     alone do not determine R for a few cameras on a line or far from the scene.
 
@@ -66,7 +66,7 @@ def align_cameras(source: np.ndarray, target: np.ndarray) -> Similarity:
 
     Raises
     ------
-    ValueError: all cameras of ``source`` or of ``target`` have one position, or no positive scale
+    ValueError: all cameras of ``source`` or of ``target`` are in one place, or no positive scale
         fits.
     """
     x, y = source[:, :3, 3], target[:, :3, 3]
@@ -82,7 +82,7 @@ def _cross_covariance(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def _variance(points: np.ndarray) -> float:
     variance = float(((points - points.mean(axis=0)) ** 2).sum() / len(points))
-    # Equal points have about this variance, by rounding.
+    # Rounding gives equal points about this variance.
     if not variance > 1e-12 * float((points**2).sum() / len(points)):
         raise ValueError("all are in one place, so the scale is unknown")
     return variance
@@ -97,7 +97,7 @@ def _best_rotation(matrix: np.ndarray) -> np.ndarray:
 
 
 def _complete(rotation: np.ndarray, x: np.ndarray, y: np.ndarray) -> Similarity:
-    """The similarity of this rotation with the scale and translation that fit best."""
+    """The similarity with this rotation and the scale and translation that fit best."""
     _variance(y)
     scale = float((rotation * _cross_covariance(x, y)).sum()) / _variance(x)
     if not scale > 0:

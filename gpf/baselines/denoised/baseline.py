@@ -21,7 +21,7 @@ from gpf.rendering.timed_sampling import time_of
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 
-# Rays per pixel for the guides; they have little noise.
+# Rays per pixel for the guides, which have little noise.
 GUIDE_SPP = 32
 
 
@@ -40,7 +40,7 @@ class Denoised:
         Raises
         ------
         CannotServe: the package is missing; for ``equal_time``, ``task.seconds_per_view`` is None,
-            or guides and denoiser take longer.
+            or the guides and the denoiser take longer than that.
         """
         samples = Samples.plan(self.options.spp, task)
         noisy = are_noisy(task.scene)
@@ -62,7 +62,7 @@ class PreparedDenoised:
     Attributes
     ----------
     noisy_guides: whether the guides are denoised too.
-    samples: per pixel; for ``equal_time``, as many as guides and denoiser leave time for.
+    samples: samples per pixel; for ``equal_time``, as many as guides and denoiser leave time for.
     denoising_seconds: time of the denoiser per view, for ``equal_time``.
     """
 
@@ -122,7 +122,7 @@ class PreparedDenoised:
         if guiding + denoising >= seconds:
             raise CannotServe(
                 f"scene {self.task.name}",
-                f"a view of the field takes {seconds:.3g} s, guides and denoiser take "
+                f"a view of the field takes {seconds:.3g} s, but guides and denoiser take "
                 f"{guiding + denoising:.3g} s, so there is no equal time",
                 "Give a number of samples.",
             )

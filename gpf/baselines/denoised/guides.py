@@ -11,10 +11,10 @@ import numpy as np
 from gpf.core.random import Stream, pass_seed
 from gpf.rendering.batches import split_samples
 
-# Rays of a guide that are in flight at once.
+# Rays of a guide in flight at once.
 _LARGEST_WAVEFRONT = 1 << 24
 
-# Specular events that a ray follows at most; it ends at the next one, whose colour is its albedo.
+# A ray follows at most this many specular events and ends at the next, whose colour is its albedo.
 _MOST_BOUNCES = 16
 
 
@@ -26,7 +26,7 @@ def render_guides(
     Both are means over the pixel with a box filter, as in the image. They belong to the first
     surface where the sampled event is not specular, as the manual of Open Image Denoise recommends:
     mirrors and glass have the guides of what is seen in them. Both are zero where a ray meets
-    nothing. Emitted light is added to the albedo: the guide has the outlines of lamps and sky.
+    nothing. Emitted light is added to the albedo, so the guide shows the outlines of lamps and sky.
     """
     width, height = (int(n) for n in sensor.film().crop_size())
     albedo, normal = np.zeros((2, height * width, 3))
@@ -68,7 +68,7 @@ def _sample_guides(
 
 @dr.syntax
 def _follow(scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f) -> tuple[mi.Color3f, mi.Vector3f]:
-    """Albedo, with lamps and the throughput of the path to it, and normal, (N, 3) each."""
+    """Albedo, including lamps and the throughput of the path to it, and normal, (N, 3) each."""
     context = mi.BSDFContext()
     last = dr.opaque(mi.UInt32, _MOST_BOUNCES)
     ray = mi.Ray3f(ray)

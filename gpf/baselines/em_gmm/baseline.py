@@ -6,8 +6,8 @@ with the medium. A mixture fitted to them gives the power per volume,
     Σ_i Φ_i δ(x - x_i)  ≈  Σ_s Φ_s g_s(x) = σ_t(x) φ(x)  [W/m³],    ∫ g_s dV = 1,
 
 from which the fluence φ [W/m²] and the radiance follow. In a scene without media, photons lie on
-surfaces, and the power per area is needed, the irradiance E [W/m²]. The method does not know the
-surfaces: its density is used as E at the first diffuse hit of a camera ray,
+surfaces, and what is needed is the power per area, the irradiance E [W/m²]. The method does not
+know the surfaces: its density is used as E at the first diffuse hit of a camera ray,
 
     L = L_e + β ρ/π Σ_s Φ_s g_s(x),
 
@@ -16,7 +16,7 @@ rays; between the surfaces of a room there is no medium to integrate over.)
 
 **Why it fails.** A kernel on a surface S has to satisfy ∫_S g dS = 1. A Gaussian that integrates
 to 1 over the volume does not. Take a plane with irradiance E and a perfect fit of photons that are
-kernels of the bandwidth ε. At the height z above the plane,
+kernels of bandwidth ε. At height z above the plane,
 
     Σ_s Φ_s g_s(x) = E exp(-z²/2ε²) / (√(2π) ε)  [W/m³].
 
@@ -59,11 +59,11 @@ from gpf.scene.materials import has_gloss, inseparable_materials
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 
-# Camera walks of a sample whose first surface is glossy.
+# Camera walks for a sample whose first surface is glossy.
 _GLOSSY_WALKS = 8
 
-# In units of the scene's diagonal. Variances are differences of squares; smaller ones are lost in
-# rounding.
+# In units of the scene's diagonal. Variances are differences of squares; for smaller bandwidths,
+# they are lost in rounding.
 _LEAST_BANDWIDTH = 1e-5
 
 # Mean, covariance and flux of a component, float32.
@@ -87,7 +87,7 @@ class EmGmm:
         if names := inseparable_materials(task.scene):
             raise CannotServe(
                 task.name,
-                f"no materials of type {', '.join(names)}",
+                f"materials of type {', '.join(names)} are not supported",
                 "Use plastic, roughplastic, or a blendbsdf with a diffuse part.",
             )
         options = self.options
@@ -146,7 +146,7 @@ class PreparedMixture:
 
     @property
     def facts(self) -> Mapping[str, float | str]:
-        """Numbers of the fit; ``factor_on_planes``: by what factor planes are too bright."""
+        """Figures of the fit; ``factor_on_planes``: how many times too bright planes are."""
         return {
             "photons": self._photons,
             "components": len(self.mixture),

@@ -14,8 +14,8 @@ from gpf.baselines.em_gmm.photon_cells import PhotonCells, kd_runs, merge_runs
 _ROWS, _COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 _TIMES = np.array([1, 1, 1, 2, 2, 2])
 
-# A component is a candidate of the cells within this many of its largest standard deviations. It is
-# kept where its share is at least e^-10 of the largest share.
+# A component is a candidate for the cells within this many of its largest standard deviations. It
+# is kept where its share is at least e^-10 of the largest share.
 _REACH = 3.5
 _FAINTEST = -10.0
 
@@ -64,7 +64,7 @@ def improve_mixture(
     tolerance: float = 0.0,
     exact: bool = False,
 ) -> tuple[GaussianMixture, list[float]]:
-    """Up to ``steps`` steps of EM; it ends early when a step gains less than ``tolerance``.
+    """Run up to ``steps`` steps of EM; stop when a step gains less than ``tolerance``.
 
     All photons of a cell A have the same responsibilities (Verbeek, Nunnink and Vlassis 2006):
 

@@ -89,8 +89,8 @@ def _overlaps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of cells (P, 3) and components (P,) that reach into them, ordered by component.
 
-    The cells are those in each component's box from ``first`` to ``last`` (K, 3), without the cells
-    that are beyond the ellipsoid along one of its axes.
+    The cells are those in each component's box from ``first`` to ``last`` (K, 3), except those that
+    are beyond the ellipsoid along one of its axes.
     """
     size = last - first + 1
     counts = size.prod(axis=1)

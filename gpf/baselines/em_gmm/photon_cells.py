@@ -91,7 +91,7 @@ def kd_runs(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def merge_runs(cells: PhotonCells, order: np.ndarray, starts: np.ndarray) -> PhotonCells:
-    """Merge each run of cells of an order into one cell; ``starts`` are the beginnings of runs."""
+    """Merge each run of cells, in this order, into one; ``starts`` has each run's beginning."""
     which = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(order)))
 
     def add(values: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A Gaussian mixture that is improved with each portion of photons."""
+"""A Gaussian mixture that improves with each portion of photons."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ProgressiveMixture:
     bandwidth: ε, world units; None for :func:`propose_bandwidth` of the first portion.
     cells: upper limit of the cells per component.
     steps: upper limit of EM steps after each portion.
-    tolerance: EM ends when a step gains less, nats.
+    tolerance: EM stops when a step gains less than this, nats.
 
     Attributes
     ----------

@@ -21,12 +21,12 @@ LEAST_OPACITY = 0.01
 # they make ten times as many updates.
 MEMORY = 0.8
 
-# An update takes every TURNS-th cell; the next update takes the cells beside them.
+# An update visits every TURNS-th cell; the next one visits the cells beside them.
 TURNS = 4
 
 
 class OccupancyGrid:
-    """The unit cube in R³ cells, each with an upper bound of the densities found in it.
+    """The unit cube in R³ cells, each with an upper bound on the densities found in it.
 
     A cell that no training view sees is always empty, because nothing could be learned there.
 
@@ -45,10 +45,10 @@ class OccupancyGrid:
         self.refresh()
 
     def hide_unseen(self, cameras: Sequence[Pinhole], cube: Cube, near: float) -> None:
-        """Mark the cells as empty that no camera sees.
+        """Mark cells that no camera sees as empty.
 
-        A camera sees a cell whose middle is in its image and deeper than ``near``, in units of the
-        cube's edge.
+        A camera sees a cell whose middle is in its image and farther away than ``near``, in units
+        of the cube's edge.
         """
         index = np.arange(self.resolution)
         z, y, x = np.meshgrid(index, index, index, indexing="ij")
@@ -63,7 +63,7 @@ class OccupancyGrid:
         self.refresh()
 
     def update(self, density: Callable[[mi.Point3f], mi.Float], seed: int, turn: int) -> None:
-        """Update a part of the cells from the density at a random point in each.
+        """Update some of the cells from the density at a random point in each.
 
         A cell keeps the maximum of this density and MEMORY times its stored density.
         """

@@ -41,7 +41,7 @@ class Rays:
 
 
 def clip_rays(o: mi.Point3f, d: mi.Vector3f, lower: mi.Point3f, upper: mi.Point3f) -> Rays:
-    """Rays, clipped to a box and to the half in front of their origin."""
+    """Clip rays to a box and to the half in front of their origin."""
     a, b = (lower - o) / d, (upper - o) / d
     near = dr.max(dr.minimum(a, b))
     far = dr.min(dr.maximum(a, b))
@@ -54,7 +54,7 @@ class Samples:
 
     Attributes
     ----------
-    distance: along the ray, (N,).
+    distance: distance along the ray, (N,).
     ray: index of the ray, (N,).
     begin, count: index of each ray's first sample, and number of its samples, (R,).
     total: number of samples; the rest of the arrays is padding.
@@ -144,7 +144,7 @@ class Composite:
 
 @dr.syntax
 def composite(samples: Samples, density: mi.Float, colour: mi.Color3f, step: mi.Float) -> Composite:
-    """Composite densities σ and colours c of samples, (N,), front to back, on black."""
+    """Composite densities σ and colours c of samples, (N,), front to back, over black."""
     total = mi.Color3f(0)
     through = mi.Float(1)
     i = mi.UInt32(samples.begin)
@@ -204,14 +204,14 @@ def composite_adjoint(
     seen: Composite,
     adjoint: mi.Color3f,
 ) -> tuple[mi.UInt32, mi.Float, mi.Color3f]:
-    """Derivatives of a loss by σ and c, from its derivative ``adjoint`` = ∂loss/∂C, (R, 3):
+    """Derivatives of a loss for σ and c, from its derivative ``adjoint`` = ∂loss/∂C, (R, 3):
 
         ∂c_i = w_i ∂C,    ∂σ_i = δ ∂C · (T_{i+1} c_i - Σ_{j>i} w_j c_j).
 
     Returns the indices of the used samples, and both derivatives, (M) each.
     """
     place = dr.prefix_reduce(dr.ReduceOp.Add, seen.used, exclusive=True)
-    # As large as the samples: with other sizes, Dr.Jit would compile the kernel again.
+    # As large as the samples: with other sizes, Dr.Jit would recompile the kernel.
     room = dr.width(samples.distance)
     into = _Gradients(
         dr.zeros(mi.UInt32, room), dr.zeros(mi.Float, room), dr.zeros(mi.Color3f, room)

@@ -29,7 +29,7 @@ from gpf.scene.pinhole import Pinhole
 from gpf.training.settings import cosine_decay
 
 # ε in the denominator of the loss, in units of display white. RawNeRF uses 1e-3, for photographs at
-# night; with that, single dark pixels outweigh all others (after 500 steps 15.7 instead of 17.6 dB
+# night; with that, single dark pixels outweigh all others (after 500 steps, 15.7 instead of 17.6 dB
 # on the training views of Water Caustic 2).
 LOSS_FLOOR = 0.1
 
@@ -44,10 +44,10 @@ class VolumeTraining:
     Attributes
     ----------
     steps: optimiser steps.
-    samples: on all rays of a step together; the number of rays is adjusted to fill it.
-    rate: Adam's initial rate; it decays to ``final_rate`` times that on a cosine.
-    near: least distance of samples from the camera, in units of the cube's edge.
-    seed: of all random numbers.
+    samples: samples per step, over all of its rays; the number of rays is adjusted to reach it.
+    rate: Adam's initial rate; it decays to ``final_rate`` times that along a cosine.
+    near: minimum distance of samples from the camera, in units of the cube's edge.
+    seed: random seed.
     """
 
     steps: int
@@ -101,14 +101,14 @@ class Cameras:
 
 @dataclass(frozen=True)
 class Box:
-    """The rendered box in coordinates of the cube, and the least distance ``near`` of samples."""
+    """The rendered box in coordinates of the cube, and the minimum distance ``near`` of samples."""
 
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
     near: float
 
     def clip(self, o: mi.Point3f, d: mi.Vector3f) -> Rays:
-        """Rays, clipped to the rendered part."""
+        """Clip rays to the rendered part."""
         rays = clip_rays(o, d, mi.Point3f(*self.lower), mi.Point3f(*self.upper))
         rays.near = dr.maximum(rays.near, self.near)
         return rays
@@ -118,7 +118,7 @@ class VolumeTrainer:
     """Fits a volume to the images of cameras.
 
     The loss is that of RawNeRF (Mildenhall and others 2022), a linearised tone mapping of HDR
-    images: the mean of ((C - y) / (C + ε))², where the denominator counts as constant.
+    images: the mean of ((C - y) / (C + ε))², where the denominator is treated as constant.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class VolumeTrainer:
         fingerprint: Mapping[str, Any],
         report: Callable[[int, int], None] = lambda done, total: None,
     ) -> None:
-        """Make all remaining steps; volume and grid hold the result.
+        """Run all remaining steps; volume and grid hold the result.
 
         Continues from a checkpoint with the same fingerprint.
         """
@@ -166,7 +166,7 @@ class VolumeTrainer:
         self.volume.update(self.fit.values)
 
     def step(self) -> float:
-        """Make one optimiser step; returns the loss."""
+        """Run one optimiser step; returns the loss."""
         s, fit = self.settings, self.fit
         rays, target, first = self._choose_rays()
         samples = take_samples(self.grid, rays, first, s.samples)
@@ -231,7 +231,7 @@ class VolumeTrainer:
         by_density: mi.Float,
         by_colour: mi.Color3f,
     ) -> list[mi.Float]:
-        """Gradients by all parameters, from those by density and colour."""
+        """Gradients for all parameters, from those for density and colour."""
         values = [dr.detach(value) for value in values]  # leaves the caller's arrays unchanged
         dr.enable_grad(values)
         with given(self.volume, values):

@@ -31,7 +31,7 @@ class Fit:
     Attributes
     ----------
     values: the parameters, arrays of any size.
-    adam: their moments.
+    adam: Adam's moments of the parameters.
     step: number of steps so far.
     """
 
@@ -50,7 +50,7 @@ class Fit:
         fingerprint: Mapping[str, Any],
         more: Mapping[str, np.ndarray] | None = None,
     ) -> None:
-        """Write a checkpoint, atomically; ``more`` are further arrays of the caller."""
+        """Write a checkpoint, atomically; ``more`` holds further arrays of the caller."""
         tensors = dict(more or {})
         groups = ("value", self.values), ("first", self.adam.first), ("second", self.adam.second)
         for name, arrays in groups:
@@ -86,7 +86,7 @@ def run_steps(
     save: Callable[[], None],
     report: Callable[[int, int], None],
 ) -> None:
-    """Make the remaining steps of ``steps``, and save every ``CHECKPOINT_STEPS`` and at the end."""
+    """Run the remaining steps up to ``steps``; save every ``CHECKPOINT_STEPS`` and at the end."""
     report(fit.step, steps)
     while fit.step < steps:
         step()
@@ -111,12 +111,12 @@ class Model(Protocol):
         """The parameters, arrays of any size."""
 
     def update(self, parameters: list[mi.Float]) -> None:
-        """Replace the parameters by others of the same sizes."""
+        """Replace the parameters with others of the same sizes."""
 
 
 @contextmanager
 def given(model: Model, parameters: list[mi.Float]) -> Iterator[None]:
-    """A model with other parameters inside the ``with`` block.
+    """Give a model other parameters inside the ``with`` block.
 
     A recorded function must not replace parameters permanently: the old arrays would be freed while
     Dr.Jit records, which ends the process.
@@ -132,8 +132,8 @@ def given(model: Model, parameters: list[mi.Float]) -> Iterator[None]:
 class Recorded:
     """A function that Dr.Jit records in its first calls and replays later.
 
-    A training step of a network has thousands of operations. Tracing them in Python again takes as
-    long as the step itself.
+    A training step of a network has thousands of operations. Retracing them in Python takes as long
+    as the step itself.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:

@@ -28,10 +28,10 @@ class GridShape:
     Attributes
     ----------
     levels: number of grids with different resolutions.
-    features: numbers per vertex; a multiple of 2.
+    features: features per vertex; a multiple of 2.
     log2_entries: each level stores at most 2 to this power vertices; a finer level's vertices share
         entries by a hash of their position.
-    coarsest, finest: vertices along the cube's edge on the first and on the last level.
+    coarsest, finest: vertices along the cube's edge on the first and the last level.
     """
 
     levels: int
@@ -67,7 +67,7 @@ class HashGrid:
         dr.eval(self.parameters)
 
     def update(self, parameters: mi.Float) -> None:
-        """Replace the parameters by an array of the same size."""
+        """Replace the parameters with an array of the same size."""
         self.parameters = parameters
         self._encoding.data = parameters
 
@@ -79,8 +79,8 @@ class HashGrid:
 class Network:
     """A fully connected network with leaky rectifiers between its layers, none after the last.
 
-    It runs on cooperative vectors, on CUDA in half precision, since Dr.Jit offers no other there.
-    Small gradients underflow then: scale the loss so that a sample's gradient does not vanish.
+    It runs on cooperative vectors: on CUDA in half precision, since Dr.Jit offers no other there.
+    Small gradients then underflow: scale the loss so that a sample's gradient does not vanish.
     """
 
     def __init__(self, inputs: int, hidden: Sequence[int], outputs: int, seed: int) -> None:
@@ -95,7 +95,7 @@ class Network:
         dr.eval(self.parameters)
 
     def update(self, parameters: mi.Float) -> None:
-        """Replace the parameters by an array of the same size."""
+        """Replace the parameters with an array of the same size."""
         self.parameters = parameters
         self._model["weights"] = self._number(parameters)
 

@@ -1,5 +1,5 @@
-"""Scripts that run in the environments of published code of other authors.
+"""Scripts that run in the environments of other authors' published code.
 
-They import nothing of this project and run with Python 3.10 or later.
+They import nothing from this project and need Python 3.10 or later.
 :mod:`gpf.baselines.official` starts them.
 """

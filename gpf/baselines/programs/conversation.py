@@ -18,7 +18,7 @@ MEND = "Download them again, or correct the option `weights`."
 
 
 class Refusal(Exception):
-    """A request that cannot be answered: ``what`` is wrong, and what the user can do, ``todo``."""
+    """A request that cannot be answered: ``what`` is wrong; ``todo`` is what the user can do."""
 
     def __init__(self, what: str, todo: str) -> None:
         super().__init__(what)
@@ -29,8 +29,8 @@ def converse(start: Callable[[Answer], tuple[Callable[[Answer], Answer], Answer]
     """Answer requests from standard input until it ends.
 
     ``start`` takes the first request; it returns a function for all further requests, and the
-    answer to the first. Other output is sent to standard error, so that standard output has answers
-    only.
+    answer to the first. All other output is sent to standard error, so that standard output has
+    only answers.
     """
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
@@ -54,7 +54,7 @@ def find_weights(name: str) -> Path:
 
     Raises
     ------
-    Refusal: there is none, or a file is missing in it.
+    Refusal: there is no such folder, or a file is missing from it.
     """
     folder = Path(name)
     if not folder.is_dir():
@@ -84,11 +84,11 @@ def say_how_to_download(name: str) -> str:
 
 
 def load_network(network: Any, folder: Path) -> Any:
-    """``network.from_pretrained``, with a check for missing tensors, which it ignores.
+    """Call ``network.from_pretrained``, then check for missing tensors, which it ignores.
 
     Raises
     ------
-    Refusal: tensors are missing or have other shapes than the network's.
+    Refusal: tensors are missing, or their shapes differ from the network's.
     OSError: a file that the network's own code needs is missing.
     """
     try:

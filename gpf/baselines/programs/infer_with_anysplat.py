@@ -1,4 +1,4 @@
-"""Predicts Gaussians from images with AnySplat; :mod:`gpf.baselines.anysplat.baseline` starts it.
+"""Predict Gaussians from images with AnySplat; run by :mod:`gpf.baselines.anysplat.baseline`.
 
 A request names the input file ``images``, (K, 448, 448, 3) uint8, and the output file ``splats``.
 """

@@ -1,4 +1,4 @@
-"""Renders scene files with RenderFormer; :mod:`gpf.baselines.renderformer.baseline` starts it.
+"""Render scene files with RenderFormer; run by :mod:`gpf.baselines.renderformer.baseline`.
 
 A request names the scene ``file``, the ``resolution``, and the output file ``image``.
 """
@@ -34,9 +34,7 @@ def start(request: Answer) -> tuple[Callable[[Answer], Answer], Answer]:
     published = importlib.import_module("renderformer")
     model = load_network(published.RenderFormer, folder)
     if model.config.use_ldr:
-        raise Refusal(
-            "weights for images of low dynamic range", "Set the option `weights` to others."
-        )
+        raise Refusal("the weights are for LDR images", "Set the option `weights` to others.")
     if device == "cuda" and importlib.util.find_spec("renderformer_liger_kernel"):
         importlib.import_module("renderformer_liger_kernel").apply_kernels(model)
     pipeline = published.RenderFormerRenderingPipeline(model)

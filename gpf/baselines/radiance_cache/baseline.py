@@ -4,7 +4,7 @@ This system is not in the paper. It is like the network cache that Müller and o
 the end of short paths, but it is fitted once and queried at the first diffuse hit. Everything else
 is as for the field: the camera walks of the plugin ``gpf`` and their samples, the supervised points
 with targets and weights, the number of steps, and the points per step. Only the function from a
-point to its irradiance differs, and its speed.
+point to its irradiance, and its speed, differ.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SHAPES = {
     "large": CacheShape(GridShape(8, 4, log2_entries=17, coarsest=8, finest=256), (64, 64)),
 }
 
-# Margin of the cube as a share of the scene: positions with their offset stay inside.
+# Margin of the cube as a fraction of the scene, so that offset positions stay inside.
 MARGIN = 0.02
 
 
@@ -81,7 +81,7 @@ def effort_of(options: RadianceCacheOptions, task: Task) -> tuple[TrainingSettin
 
 @dataclass(frozen=True)
 class CacheAsField:
-    """The network in the place of a field, for the plugin ``gpf``."""
+    """The network in place of a field, for the plugin ``gpf``."""
 
     model: CachedIrradiance
     settings: FieldSettings
@@ -126,7 +126,7 @@ class PreparedCache:
 
     @property
     def storage_bytes(self) -> int:
-        """All parameters, float32."""
+        """Bytes of all parameters, float32."""
         return sum(to_numpy(values).nbytes for values in self._model.parameters)
 
     @property

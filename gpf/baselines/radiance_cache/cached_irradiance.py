@@ -33,8 +33,8 @@ class CacheShape:
     hidden: tuple[int, ...]
 
 
-# A position is moved along its normal by this share of the cube's edge before it is encoded, so
-# that surfaces in a corner and the two sides of a thin wall have different cells.
+# A position is moved along its normal by this fraction of the cube's edge before it is encoded, so
+# that surfaces in a corner and the two sides of a thin wall fall into different cells.
 OFFSET = 0.01
 
 
@@ -45,7 +45,7 @@ class CachedIrradiance:
 
     Parameters
     ----------
-    cube: that the grid covers.
+    cube: the cube that the grid covers.
     unit: u, W/m²; about the output of an untrained network.
     """
 
@@ -83,10 +83,10 @@ class CacheTraining:
     ----------
     steps: optimiser steps.
     batch: supervised points per step.
-    rate: Adam's initial rate; it decays to ``final_rate`` times that on a cosine.
+    rate: Adam's initial rate; it decays to ``final_rate`` times that along a cosine.
     shrink: weight decay of the grid's features per step, in units of the rate.
-    held_out: share of the points that are not trained on; they give the held-out error.
-    seed: of the split and the batches.
+    held_out: fraction of the points that are not trained on; they give the held-out error.
+    seed: random seed of the split and the batches.
     """
 
     steps: int = 500
@@ -121,7 +121,7 @@ class CacheTrainer:
         fingerprint: Mapping[str, Any],
         report: Callable[[int, int], None] = lambda done, total: None,
     ) -> None:
-        """Make all remaining steps; the model holds the result.
+        """Run all remaining steps; the model holds the result.
 
         Continues from a checkpoint with the same fingerprint.
         """
@@ -134,7 +134,7 @@ class CacheTrainer:
         self.model.update(self.fit.values)
 
     def step(self) -> mi.Float:
-        """Make one optimiser step; returns the weighted squared errors of its batch, (B,)."""
+        """Run one optimiser step; returns the weighted squared errors of its batch, (B,)."""
         s, fit = self.settings, self.fit
         number = dr.opaque(mi.UInt32, fit.step)
         seed = dr.opaque(mi.UInt32, s.seed)
@@ -154,7 +154,7 @@ class CacheTrainer:
         seed: mi.UInt32,
         number: mi.UInt32,
     ) -> tuple[mi.Float, mi.Float, mi.Float]:
-        """Gradients of a batch's summed error by both parameter arrays, and the errors, (B,)."""
+        """Gradients of a batch's summed error for both parameter arrays, and the errors, (B,)."""
         table, weights = dr.detach(table), dr.detach(weights)  # leaves the caller's unchanged
         dr.enable_grad(table, weights)
         chosen = stratified_batch(dr.width(points.p), self.settings.batch, seed, number)

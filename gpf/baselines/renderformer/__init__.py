@@ -1,1 +1,1 @@
-"""RenderFormer: a network of other authors renders the scene's triangles."""
+"""RenderFormer: a published network that renders the scene's triangles."""

@@ -1,4 +1,4 @@
-"""RenderFormer (Zeng and others 2025): a network that is trained to render triangle scenes.
+"""RenderFormer (Zeng and others 2025): a network trained to render triangle scenes.
 
 The scene is written to the files that the published code reads
 (:mod:`gpf.baselines.renderformer.files`). The published code renders them in a subprocess, and its
@@ -62,7 +62,7 @@ class Renderformer:
         ------
         CannotServe: the network cannot represent the scene, or a package or weights are missing.
         """
-        # First the reasons in the scene: installing a package would not help there.
+        # The scene is checked first: if it is refused, installing a package would not help.
         surfaces = fit_budget(
             read_surfaces(task.scene, str(task.file)), self.options.triangles, str(task.file)
         )
@@ -71,7 +71,7 @@ class Renderformer:
         triangles = subdivide(placement.place(whole), EDGE, self.options.triangles)
         lightings = split_lights(triangles, str(task.file))
         import_optional("h5py", "h5py")
-        state = task.state.absolute()  # the program has another working directory
+        state = task.state.absolute()  # the program's working directory differs
         settings = {"weights": self.options.weights}
         program = Program(CODE, "render_with_renderformer.py", settings, state)
         scenes = []
@@ -119,7 +119,7 @@ class PreparedRenderformer:
         finer = supersampling(self.size)
         side = -(-finer * max(self.size) // MULTIPLE) * MULTIPLE
         camera = make_pinhole(view, self.size)
-        # The network's pixels are as wide as the view's or a whole fraction; the rest is cropped.
+        # A pixel of the view is a whole number of network pixels wide; the rest is cropped.
         fov = 2 * math.degrees(math.atan(side / (2 * finer * camera.focal)))
         total = np.zeros((height, width, 3))
         for path, lighting in self.scenes:
@@ -127,7 +127,7 @@ class PreparedRenderformer:
             image = self._ask(path, side)
             if not np.isfinite(image).all():
                 raise CannotServe(
-                    CODE.name, "images with NaN or infinite values", "Report it to the authors."
+                    CODE.name, "returned NaN or infinite values", "Report this to its authors."
                 )
             cut = crop(image, (finer * width, finer * height))
             blocks = cut.reshape(height, finer, width, finer, 3)
@@ -145,7 +145,7 @@ class PreparedRenderformer:
         if image.shape != (side, side, 3):
             raise CannotServe(
                 CODE.name,
-                f"images of {image.shape}, where {(side, side, 3)} was asked for",
+                f"returned an image of shape {image.shape} instead of {(side, side, 3)}",
                 f"Use the current version of {CODE.source}.",
             )
         return image
@@ -155,7 +155,7 @@ def supersampling(size: tuple[int, int]) -> int:
     """The number of the network's pixels along the side of one pixel of the view.
 
     The network's image is then at least SMALLEST. If a side of the view's image is odd, the number
-    is even: the middle of the network's image is between two pixels.
+    is even, because the middle of the network's image is between two pixels.
     """
     finer = -(-SMALLEST // max(size))
     return finer + finer % 2 if size[0] % 2 or size[1] % 2 else finer

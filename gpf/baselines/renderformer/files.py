@@ -6,7 +6,7 @@ Data sets, all float32 (the authors' textures are float16, which small bright la
 triangles  (N, 3, 3)        corners
 vn         (N, 3, 3)        unit normals at the corners
 texture    (N, 13, 32, 32)  diffuse (3), specular (3), roughness (1), a flat normal map (3),
-                            emission (3); texel (i, j) counts where i + j <= 32
+                            emission (3); texel (i, j) is used where i + j <= 32
 c2w        (V, 4, 4)        camera to world; x to the right, y up, -z ahead
 fov        (V,)             degrees, of the whole square image
 =========  ===============  ======================================================================
@@ -66,8 +66,8 @@ class Lighting:
 
     Attributes
     ----------
-    emission: of each triangle in the file, the same in all channels, (N,).
-    colour: factor of the network's image, (3,).
+    emission: that of each triangle in the file, the same in all channels, (N,).
+    colour: factor for the network's image, (3,).
     """
 
     emission: np.ndarray
@@ -96,8 +96,8 @@ def split_lights(triangles: Triangles, where: str) -> list[Lighting]:
         if len(lamps) > LAMPS:
             raise CannotServe(
                 where,
-                f"{len(lamps)} glowing triangles, {LAMPS} at most",
-                "Make the lamps of fewer triangles, or leave the system out for this scene.",
+                f"has {len(lamps)} glowing triangles of one colour; {LAMPS} are allowed",
+                "Build the lamps from fewer triangles, or leave the system out for this scene.",
             )
         emission = np.zeros(len(triangles))
         emission[lamps] = strongest[lamps]

@@ -17,7 +17,7 @@ from gpf.modelling.meshes import Mesh
 
 # Meshes of at most this many triangles, such as boxes, are not simplified.
 SMALL = 32
-# Facets at a larger angle have an edge between them in shading, as in the authors' code.
+# Facets that meet at a larger angle are shaded with a crease, as in the authors' code.
 CREASE = np.cos(np.radians(30))
 
 
@@ -46,7 +46,7 @@ def fit_budget(surfaces: list[Surface], budget: int, where: str) -> list[Surface
     if left.sum() > budget:
         raise CannotServe(
             where,
-            f"{counts.sum()} triangles, of which {left.sum()} remain after simplification; "
+            f"has {counts.sum()} triangles, of which {left.sum()} remain after simplification; "
             f"{budget} are allowed",
             "Raise the option `triangles`, or simplify the scene.",
         )
@@ -56,7 +56,7 @@ def fit_budget(surfaces: list[Surface], budget: int, where: str) -> list[Surface
 def simplify(mesh: Mesh, count: int) -> Mesh:
     """A mesh of about ``count`` triangles, or more if it cannot be simplified that far.
 
-    A mesh without normals stays without.
+    A mesh without normals remains without them.
     """
     library = import_optional("fast_simplification", "'fast-simplification>=0.2'")
     # Join points that were split for normals or textures, so that each edge has two facets.
@@ -74,7 +74,7 @@ def simplify(mesh: Mesh, count: int) -> Mesh:
 def shade(mesh: Mesh) -> Mesh:
     """The mesh with normals at the corners of each facet, and separate points for each facet.
 
-    A normal is the area-weighted mean over the facets at that point, within 30° of the own facet.
+    A normal is the area-weighted mean over the facets at that point within 30° of the facet itself.
     """
     corners = mesh.points[mesh.faces]
     normals = facet_normals(mesh)
@@ -99,7 +99,7 @@ def shade(mesh: Mesh) -> Mesh:
 def subdivide(triangles: Triangles, edge: float, budget: int) -> Triangles:
     """Halve the triangles with the longest edges until none is longer than ``edge``.
 
-    Ends at ``budget`` triangles. Lamps are not halved. Normals are interpolated.
+    Stops at ``budget`` triangles. Lamps are not halved. Normals are interpolated.
     """
     while len(triangles) < budget:
         edges = np.roll(triangles.corners, -1, axis=1) - triangles.corners

@@ -3,8 +3,8 @@
 A material becomes a diffuse colour, a white specular reflectance at normal incidence, and a
 roughness (the square root of a microfacet distribution's α). This is exact for diffuse surfaces.
 For plastic it ignores the internal reflection of the coating, and for metals the colour, because
-such a renderer was trained with white reflections only. Materials with transmission, textures or of
-other types are refused: the result would be a different scene.
+such a renderer was trained with white reflections only. Materials that have transmission or
+textures, or are of other types, are refused: the result would be a different scene.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ def refuse_what_triangles_lack(scene: mi.Scene, where: str) -> None:
         if emitter.class_name() != "AreaLight":
             raise CannotServe(
                 where,
-                f"no lights but glowing triangles, and it has one of type {emitter.class_name()}",
-                "Light the scene by shapes with area emitters, or leave the system out for it.",
+                f"has a light of type {emitter.class_name()}; only glowing triangles are supported",
+                "Light the scene with area emitters on shapes, or leave the system out for it.",
             )
 
 
@@ -67,7 +67,7 @@ def read_material(bsdf: mi.BSDF, where: str) -> Material:
 
     Raises
     ------
-    CannotServe: it is neither diffuse nor plastic nor metal, or its two sides differ.
+    CannotServe: it is not diffuse, plastic or metal, or its two sides differ.
     """
     values = mi.traverse(bsdf)
     kind = bsdf.class_name()
@@ -90,7 +90,7 @@ def read_material(bsdf: mi.BSDF, where: str) -> Material:
         return Material(np.zeros(3), _whiten(specular), _roughness(values))
     raise CannotServe(
         f"{where}: {bsdf.id()}",
-        f"no material of type {kind}",
+        f"materials of type {kind} are not supported",
         "The system has diffuse surfaces, plastic and metals: leave it out for this scene.",
     )
 
@@ -106,7 +106,7 @@ def _colour(values: Any, name: str) -> np.ndarray:
 
 
 def _tint(values: Any) -> np.ndarray:
-    """The factor of the specular reflection; 1 if the scene does not set it."""
+    """The factor for the specular reflection; 1 if the scene does not set it."""
     known = "specular_reflectance.value" in values
     return _colour(values, "specular_reflectance") if known else np.ones(3)
 

@@ -26,7 +26,7 @@ _STEPS = {"Rectangle": (1, 1), "Disk": (1, 24), "Cylinder": (24, 1), "Sphere": (
 
 @dataclass(frozen=True)
 class Surface:
-    """A mesh of one material. ``radiance`` (3,): emitted, W/(m² sr)."""
+    """A mesh of one material. ``radiance`` (3,): emitted radiance, W/(m² sr)."""
 
     name: str
     mesh: Mesh
@@ -49,7 +49,7 @@ class Triangles:
     normals: unit vectors at the corners, (N, 3, 3).
     diffuse, specular: reflectances, (N, 3).
     roughness: (N,).
-    radiance: emitted, (N, 3).
+    radiance: emitted radiance, (N, 3).
     """
 
     corners: np.ndarray
@@ -90,11 +90,11 @@ def read_surfaces(scene: mi.Scene, where: str) -> list[Surface]:
 
 
 def read_mesh(shape: mi.Shape, where: str) -> Mesh:
-    """The triangles of a shape; with normals if the shape is smooth.
+    """The triangles of a shape, with normals if the shape is smooth.
 
     Raises
     ------
-    CannotServe: the shape is of another type.
+    CannotServe: shapes of this type are not supported.
     """
     values = mi.traverse(shape)
     kind = shape.class_name()
@@ -110,8 +110,8 @@ def read_mesh(shape: mi.Shape, where: str) -> Mesh:
     else:
         raise CannotServe(
             f"{where}: {shape.id()}",
-            f"no shapes of type {kind}",
-            "Replace it by a mesh, or leave the system out for this scene.",
+            f"shapes of type {kind} are not supported",
+            "Replace it with a mesh, or leave the system out for this scene.",
         )
     return _turn_inside_out(mesh) if shape.has_flipped_normals() else mesh
 
@@ -176,7 +176,7 @@ def _circle(turns: np.ndarray) -> np.ndarray:
 
 
 def _face_along_normals(mesh: Mesh) -> Mesh:
-    """The mesh with facets on the side of their normals: a reflection turns facets round."""
+    """The mesh with facets turned towards their normals, since a reflection flips them."""
     if mesh.normals is None:
         return mesh
     along = (facet_normals(mesh) * mesh.normals[mesh.faces].sum(axis=1)).sum(axis=1)

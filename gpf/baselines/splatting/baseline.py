@@ -5,9 +5,9 @@ the loss of the paper, 0.8 L1 + 0.2 (1 - SSIM). So the radiance of a rendered vi
 clipping value. Gaussians start at visible points (:mod:`gpf.baselines.splatting.seeds`); gsplat's
 ``DefaultStrategy`` splits, doubles and removes them. On CUDA, gsplat's kernels render them if the
 kernels can be built; otherwise this project's own kernels do
-(:mod:`gpf.baselines.splatting.compositing`), by the same equations.
+(:mod:`gpf.baselines.splatting.compositing`), with the same equations.
 
-Left out: the resets of opacity, which suit trainings of tens of thousands of steps.
+Left out: the resets of opacity, which suit training runs of tens of thousands of steps.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ class Splatting:
         self.options = options
 
     def prepare(self, task: Task) -> FittedSplats:
-        """Fit Gaussians to the training views, from the last checkpoint if there is one.
+        """Fit Gaussians to the training views, continuing from the last checkpoint if there is one.
 
         Raises
         ------
         CannotServe: there are no training views, all are black, or gsplat is missing.
         """
         if not task.training:
-            raise CannotServe(task.name, "no training views", "Give it at least one.")
+            raise CannotServe(task.name, "has no training views", "Give it at least one.")
         options, file = self.options, task.state / "splats.safetensors"
         pictures = [
             Picture(make_pinhole(shot.view, task.size), tone_map(shot.radiance, task.exposure))

@@ -68,9 +68,9 @@ class Compositor:
         return result
 
     def gradients(self, adjoint: mi.Float) -> Footprints:
-        """Derivatives of a loss by the footprints, from its derivative by the last :meth:`image`.
+        """Derivatives of a loss for the footprints, from its derivative for the last :meth:`image`.
 
-        Those by depths and extents are 0.
+        Those for depths and extents are 0.
         """
         of_image = [
             mi.Vector4f(
@@ -164,12 +164,12 @@ def _accumulate(
 ) -> None:
     """Add the gradients of all footprints to ``result``, in the layout of ``packets``.
 
-    With the derivative G by the pixel and the light behind footprint i, R_i = G · Σ_{j>i} T_j α_j
+    With the derivative G for the pixel and the light behind footprint i, R_i = G · Σ_{j>i} T_j α_j
     c_j,
 
         ∂c_i = T_i α_i G,    ∂α_i = T_i G · c_i - R_i / (1 - α_i).
 
-    ``rest`` starts as G · I; each footprint subtracts its part, front to back. So the same
+    ``rest`` starts as G · I; each footprint subtracts its part, front to back, so that the same
     footprints count as in :func:`_blend`.
     """
     i = dr.gather(mi.UInt32, lists.starts, tile)
@@ -205,7 +205,7 @@ def _accumulate(
         some = dr.any(term.counts)
         for k in range(3):
             for c in range(3):
-                # All lanes of a packet add to one place: they are summed first, then written once.
+                # All lanes of a packet add to the same place: they are summed, then written once.
                 dr.scatter_add(result[k], rows[k][c], 4 * index + c, some, mode=dr.ReduceMode.Local)
         through *= 1 - term.alpha
         i += 1

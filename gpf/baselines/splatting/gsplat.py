@@ -27,7 +27,7 @@ class GsplatRasteriser(Rasteriser):
         return "gsplat, CUDA"
 
     def draw(self, tensors: Mapping[str, torch.Tensor], camera: Pinhole, degree: int) -> Drawing:
-        """As :meth:`Rasteriser.draw`."""
+        """See :meth:`Rasteriser.draw`."""
         gsplat = import_gsplat()
         ordered = [tensors[name] for name in NAMES]
         means, scales, quats, opacities, *harmonics = ordered

@@ -19,7 +19,7 @@ C1, C2 = 0.01**2, 0.03**2
 
 @dataclass
 class Difference:
-    """A loss, (1,), and its derivative by the flat image."""
+    """A loss, (1,), and its derivative with respect to the flat image."""
 
     loss: mi.Float
     gradient: mi.Float

@@ -43,8 +43,8 @@ class SplatModel:
     ----------
     params: ``means`` (N, 3); ``scales`` (N, 3), logarithms; ``quats`` (N, 4) as w, x, y, z;
         ``opacities`` (N,), logits; ``sh0`` (N, 1, 3) and ``shN`` (N, K - 1, 3), harmonics.
-    optimizers: Adam, one for each.
-    size: of the scene, world units.
+    optimizers: one Adam for each.
+    size: the scene's size, world units.
     """
 
     def __init__(self, tensors: Mapping[str, torch.Tensor], size: float) -> None:
@@ -61,7 +61,7 @@ class SplatModel:
         return len(self.params["means"])
 
     def update(self, progress: float) -> None:
-        """One step of all optimisers; ``progress`` through the training is from 0 to 1."""
+        """Step all optimisers; ``progress`` through the training is from 0 to 1."""
         rate = RATES["means"] * self.size * FINAL_SHARE**progress
         self.optimizers["means"].param_groups[0]["lr"] = rate
         for optimizer in self.optimizers.values():
@@ -78,7 +78,7 @@ class SplatModel:
 
     @classmethod
     def restore(cls, arrays: Mapping[str, np.ndarray], size: float, device: str) -> SplatModel:
-        """The model that was saved; ``arrays`` may have other arrays too."""
+        """The model that was saved; ``arrays`` may contain others too."""
         model = cls({name: torch.from_numpy(arrays[name]).to(device) for name in RATES}, size)
         for name, value in model.params.items():
             state = {

@@ -10,7 +10,7 @@ import numpy as np
 
 from gpf.scene.pinhole import Pinhole
 
-# Added to the variance of every footprint, pixels², so that none is missed between pixels.
+# Added to the variance of every footprint, pixels², so that none falls between pixels.
 BLUR = 0.3
 # Gaussians nearer to the camera than this, world units, are not rendered.
 NEAR = 0.01
@@ -55,9 +55,9 @@ class Footprints:
     ----------
     centres: pixels.
     conics: a, b, c of the exponent -(a x² + 2 b x y + c y²) / 2; pixels⁻².
-    opacities: at the centre, in (0, 1).
-    colours: in the direction of the camera.
-    depths: along the camera's axis, world units.
+    opacities: opacities at the centres, in (0, 1).
+    colours: colours as seen from the camera.
+    depths: depths along the camera's axis, world units.
     extents: half of the width and height of the footprint, pixels; 0 if it is not in the image.
     """
 
@@ -71,7 +71,7 @@ class Footprints:
 
 @dataclass
 class Projector:
-    """A pinhole camera as arrays: kernels read its numbers, so they serve all cameras."""
+    """A pinhole camera as arrays: kernels read its numbers, so that they work for all cameras."""
 
     origin: mi.Point3f
     axes: list[mi.Vector3f]
@@ -103,7 +103,7 @@ def project(splats: SplatArrays, camera: Projector, degree: int) -> Footprints:
 
         J = f [[1/t_z, 0, -t_x/t_z²], [0, 1/t_z, -t_y/t_z²]],    Σ' = J R Σ Rᵀ Jᵀ + BLUR,
 
-    where Σ = Q S² Qᵀ. ``degree`` is the highest degree of the harmonics that count.
+    where Σ = Q S² Qᵀ. ``degree`` is the highest degree of the harmonics that are used.
     """
     count = dr.width(splats.opacities)
     index = dr.arange(mi.UInt32, count)

@@ -1,4 +1,4 @@
-"""Images of Gaussians in torch's tensors, and the tensors' gradients of a loss."""
+"""Images of Gaussians in torch tensors, and the gradients of a loss for these tensors."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class Drawing:
     Attributes
     ----------
     image: flat, (3 W H,), by row, column, channel.
-    backward: takes the derivative of a loss by the image, and sets ``grad`` of the Gaussians'
+    backward: takes the derivative of a loss for the image, and sets ``grad`` of the Gaussians'
         tensors and of ``info["means2d"]``.
-    info: input of gsplat's strategies.
+    info: input for gsplat's strategies.
     """
 
     image: mi.Float
@@ -38,7 +38,7 @@ class Drawing:
 
 
 class Rasteriser:
-    """Renders with this project's own kernels, on any device; torch's tensors are on the CPU.
+    """Renders with this project's own kernels, on any device; torch tensors are on the CPU.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Rasteriser:
 
 
 def _to_torch(flat: mi.Float, like: torch.Tensor) -> torch.Tensor:
-    """A tensor with the shape of another, also if that has no elements."""
+    """A tensor with the shape of another, even if that has no elements."""
     if not like.numel():
         return torch.zeros_like(like)
     return torch.from_numpy(flat.numpy()).reshape(like.shape)

@@ -24,9 +24,9 @@ from gpf.core.structs import from_numpy, to_numpy
 from gpf.scene.bounds import bounding_box
 from gpf.scene.pinhole import Pinhole
 
-# Distances that are tried for each point, evenly spaced in their inverses.
+# Number of distances tried for each point, evenly spaced in their inverses.
 DISTANCES = 96
-# Largest distance that is tried, in units of the visible point's distance.
+# Largest distance tried, in units of the visible point's distance.
 BEYOND = 1.1
 # Radius of the sky, a sphere around each camera, in units of the scene's diagonal.
 SKY = 5
@@ -47,7 +47,7 @@ class Sight:
     directions: unit vectors, (M, 3).
     near: distance to the first surface, world units.
     far: distance to the visible point; without one, to the sky.
-    rows, columns: of the pixels.
+    rows, columns: those of the pixels.
     """
 
     directions: np.ndarray
@@ -64,7 +64,7 @@ class Sight:
 def find_seeds(
     scene: mi.Scene, pictures: Sequence[Picture], count: int, seed: int, rr_depth: int = 5
 ) -> Seeds:
-    """At most ``count`` seeds, from random pixels that are not black, of all images."""
+    """At most ``count`` seeds, from random non-black pixels of all images."""
     sights = []
     for k, picture in enumerate(pictures):
         sight = look(scene, picture.camera, pass_seed(seed, k, Stream.SPLAT_SIGHT), rr_depth)
@@ -115,7 +115,7 @@ def find_distances(
     """The distances on rays of image ``k`` where the other images agree with it best, (M,).
 
     The cost of a distance is the mean absolute difference of features, over the half of the other
-    images that agree best: in the rest, the point may be hidden.
+    images that agrees best: in the rest, the point may be hidden.
     """
     own = features[k][sight.rows, sight.columns]
     best, result = np.full(len(own), np.inf), np.array(sight.far)
@@ -136,7 +136,7 @@ def find_distances(
 def compare(
     points: np.ndarray, own: np.ndarray, camera: Pinhole, features: np.ndarray
 ) -> np.ndarray:
-    """Mean absolute difference of ``own`` features (M, F) from a camera's at points (M, 3), (M,).
+    """Mean absolute difference, (M,), of ``own`` features (M, F) from a camera's at points (M, 3).
 
     Infinite for points outside the camera's image.
     """

@@ -21,15 +21,15 @@ from gpf.core.files import read_tensors, write_tensors
 from gpf.core.random import Stream, pass_seed
 from gpf.scene.pinhole import Pinhole
 
-# A training is divided into this many parts. After each part from the second on, until the share
-# LAST_REFINEMENT of the training, the strategy splits, doubles and removes Gaussians.
+# A training run is divided into this many parts. After each part from the second on, up to the
+# fraction LAST_REFINEMENT of the run, the strategy splits, doubles and removes Gaussians.
 REFINEMENTS = 30
 LAST_REFINEMENT = 0.6
-# Gaussians whose centres have a larger gradient than this, in half images, are split or doubled.
-# 3DGS uses 2e-4; with ten views, and images refracted by water, more Gaussians fit the training
-# views better and the novel views worse.
+# Gaussians whose centres have a larger gradient than this (unit: half an image) are split or
+# doubled. 3DGS uses 2e-4; with ten views, and images refracted by water, more Gaussians fit the
+# training views better and the novel views worse.
 PULL = 1e-3
-# The highest degree of the harmonics rises by one after each such share of the training.
+# The highest degree of the harmonics rises by one after each such fraction of the run.
 DEGREE_STEP = 0.1
 CHECKPOINT_SECONDS = 30
 
@@ -44,7 +44,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Plan:
-    """Settings of a training.
+    """Settings of a training run.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Plan:
     most: approximate upper limit of the Gaussians. If the strategy asks for more, only Gaussians
         with the largest gradients are split or doubled.
     degree: highest degree of the harmonics.
-    seed: of the order of images, and of the places of split Gaussians.
+    seed: random seed of the order of images and the places of split Gaussians.
     """
 
     steps: int
@@ -62,7 +62,7 @@ class Plan:
 
 
 class SplatTrainer:
-    """A training that can continue from a checkpoint."""
+    """A training run that can continue from a checkpoint."""
 
     def __init__(
         self, model: SplatModel, pictures: Sequence[Picture], rasteriser: Rasteriser, plan: Plan
@@ -76,13 +76,13 @@ class SplatTrainer:
             refine_start_iter=every,
             refine_stop_iter=int(LAST_REFINEMENT * plan.steps),
             refine_every=every,
-            reset_every=plan.steps + 1,  # never: resets suit trainings ten times as long
+            reset_every=plan.steps + 1,  # never: resets suit runs ten times as long
         )
         self.state = self.strategy.initialize_state(scene_scale=model.size)
         self.done = 0
 
     def run(self, file: Path, report: Callable[[int, int], None]) -> None:
-        """Make the remaining steps; write the checkpoint ``file`` now and then and at the end."""
+        """Run the remaining steps; write the checkpoint ``file`` now and then and at the end."""
         saved = time.monotonic()
         with _one_thread():
             while self.done < self.plan.steps:
@@ -94,7 +94,7 @@ class SplatTrainer:
         self.save(file)
 
     def step(self) -> float:
-        """Make one optimiser step on one image; returns its loss before the step."""
+        """Run one optimiser step on one image; returns its loss before the step."""
         plan, step = self.plan, self.done
         k = self._next_picture(step)
         degree = min(plan.degree, int(step / (DEGREE_STEP * plan.steps)))
@@ -122,7 +122,7 @@ class SplatTrainer:
             )
 
     def _least_pull(self) -> float:
-        """The least gradient for a split or doubling, so that there are about ``most`` at most."""
+        """The least gradient for a split or doubling that keeps to about ``most`` Gaussians."""
         room = self.plan.most - self.model.count
         if room <= 0:
             return float("inf")
@@ -142,7 +142,7 @@ class SplatTrainer:
     def resume(
         cls, file: Path, pictures: Sequence[Picture], rasteriser: Rasteriser, plan: Plan
     ) -> SplatTrainer | None:
-        """The training of a checkpoint; None if there is no readable checkpoint."""
+        """The training run of a checkpoint, or None if there is no readable one."""
         try:
             arrays, record = read_tensors(file, "splats")
         except UserError:
