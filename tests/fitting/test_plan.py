@@ -24,10 +24,10 @@ INFINITE = float("inf")
     [
         # First a draft: early, or after what is asked for, or from what is there. None if there is
         # little time after the six seconds so far: then a third of it is for photons.
-        (0, None, INFINITE, 90, Plan(6, 32, 4)),
-        (0, None, INFINITE, 21, Plan(14, 224, 2)),
-        (8, None, INFINITE, 17, Plan(14, 224, 2)),
-        (0, None, 10, 21, Plan(10, 160, 2)),
+        (0, None, INFINITE, 90, Plan(9, 32, 4)),
+        (0, None, 7, 90, Plan(7, 32, 4)),
+        (0, None, INFINITE, 9, Plan(6, 96, 2)),
+        (8, None, INFINITE, 9, Plan(8, 128, 2)),
         (0, None, 2, INFINITE, Plan(2, 32, 4)),
         (30, None, INFINITE, 90, Plan(30, 32, 4)),
         # Whatever the time: a field from fewer photons is speckled.
