@@ -9,7 +9,6 @@ from typing import Any
 
 import mitsuba as mi
 
-import gpf  # noqa: F401  (registers the plugins)
 from gpf.commands.scenes import find_scene
 from gpf.core.errors import UserError, is_interrupt
 from gpf.core.files import write_atomically
