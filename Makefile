@@ -1,7 +1,7 @@
-# Everything runs in .venv, which the first target that needs it makes and fills from the
+# Everything runs in .venv, which the first target that needs it creates and fills from the
 # lock files; later calls install nothing until a lock or pyproject.toml changes.
 #
-#   PYTHON=/path/to/python3.12   the interpreter to make .venv with (default: first that fits)
+#   PYTHON=/path/to/python3.12   the interpreter for .venv (default: first that fits)
 #   ARGS='...'                   more arguments for test, test-all, bench, gpu and repro
 
 STAMP := .venv/installed
@@ -10,11 +10,11 @@ VENV := .venv/bin/python
 PIP := $(VENV) -m pip --disable-pip-version-check
 # Python compiles a module when it is first imported; compiling all of them takes half a minute.
 INSTALL := $(PIP) install --no-compile
-# Two processes with one thread each; tests of a file share fixtures and run in the same one. Should
-# one crash, the run ends: pytest-xdist would start another one and wait for ever.
+# Two processes with one thread each; tests of a file share fixtures and run in the same one. If one
+# crashes, the run ends: otherwise, pytest-xdist would start another one and wait for ever.
 PYTEST := OMP_NUM_THREADS=1 $(VENV) -m pytest -n 2 --dist loadfile --max-worker-restart 0
 
-# DVC starts the stages with the `python` that it finds by name; with this, in .venv first.
+# DVC starts the stages with the first `python` in PATH; with this, it is that of .venv.
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
 .DEFAULT_GOAL := help
@@ -48,7 +48,7 @@ docs: $(DOCS_STAMP) ## the pages of docs/ and the API as HTML: build/docs/index.
 bench: $(STAMP) ## the speed figures, as ratios measured side by side in one process
 	@$(VENV) -m benchmarks $(ARGS)
 
-# With VENV=python3 nothing is installed: for a machine without a network that has the packages.
+# With VENV=python3, nothing is installed: for an offline machine that has the packages.
 gpu: $(if $(filter file,$(origin VENV)),$(STAMP)) ## tests, speed and one scene on a GPU, 8 minutes
 	@$(VENV) -m benchmarks.gpu $(ARGS)
 
@@ -71,7 +71,7 @@ $(DOCS_STAMP): requirements-docs.lock $(STAMP)
 	$(INSTALL) -c requirements.lock -r requirements-docs.lock
 	@touch $(DOCS_STAMP)
 
-lock: ## resolve requirements.in anew into requirements.lock (CONTRIBUTING.md)
+lock: ## resolve requirements.in again into requirements.lock (CONTRIBUTING.md)
 	@sh tools/make_lock.sh
 
 clean: ## remove .venv, caches and build leftovers; results and DVC's cache stay

@@ -2,8 +2,8 @@
 
     python examples/animation.py OUT --seconds 30 --frames 48
 
-All frames take their light from the same field. So caustics and shadows stand still, and only the
-camera moves. OUT gets the film, or its frames where the encoder of films is not installed.
+All frames take their light from the same field, so caustics and shadows stand still and only the
+camera moves. OUT receives the film, or its frames if no video encoder is installed.
 """
 
 from pathlib import Path
@@ -44,7 +44,7 @@ def make_scene() -> mi.Scene:
 
 
 def make_camera(angle: float, size: int) -> mi.Sensor:
-    """A camera that looks at the table. On its way around, it rises and sinks."""
+    """A camera on its way around the table, which it looks at; it rises and sinks."""
     origin = (5 * np.sin(angle), -5 * np.cos(angle), 3 - np.cos(2 * angle))
     view = gpf.View(name="orbit", origin=origin, target=(0, 0, 0.2), up=(0, 0, 1), fov=40)
     return gpf.make_sensor(view, size, size, spp=36, sampler="multijitter")
@@ -54,7 +54,7 @@ def main(folder: Path, seconds: float = 30, size: int = 256, frames: int = 48) -
     """Write animation.mp4, or the frames, into FOLDER, and four of them into animation.png."""
     folder.mkdir(parents=True, exist_ok=True)
     scene = make_scene()
-    say(f"A fit of {seconds:g} seconds.")
+    say(f"Fitting for {seconds:g} seconds.")
     integrator = mi.load_dict({"type": "gpf", "record": True})  # one kernel for all frames
     around = [make_camera(angle, size) for angle in np.arange(4) * np.pi / 2]
     integrator.field = gpf.fit(scene, around, seconds=seconds)

@@ -4,8 +4,8 @@
 
 `gpf render` writes pictures, depth, normals and transforms.json, as nerfstudio reads them. Here
 numpy reads them: the depth of one view gives points in space, and another view lends these points
-its colours. OUT gets the data set and a picture: left the borrowed colours (blue where the other
-view does not see the point), right the picture of the data set.
+its colours. OUT receives the data set and a picture: on the left the borrowed colours (blue where
+the other view does not see the point), on the right the picture from the data set.
 """
 
 import json
@@ -64,7 +64,7 @@ def main(folder: Path, seconds: float = 30, size: int = 256) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     gpf.choose_variant("auto")
     file, data_set = folder / "field.safetensors", folder / "data_set"
-    say(f"A fit of {seconds:g} seconds.")
+    say(f"Fitting for {seconds:g} seconds.")
     gpf.save_field(gpf.fit(gpf.load_scene_file(SCENE), seconds=seconds), file)
     options = ["--orbit", "8", "--size", f"{size}x{size}", "--aovs", "depth,normal"]
     command = ["gpf.cli", "render", SCENE, "--field", file, "-o", data_set, *options]

@@ -2,10 +2,10 @@
 
     python examples/own_integrator.py OUT --seconds 30
 
-The integrator ``gpf`` asks the field at the first diffuse surface of a camera ray. This one asks it
-one bounce later: direct light is sampled, and one ray, in a direction that the BSDF chooses, looks
-for the rest. So small shadows are as sharp as those of a path tracer, at the cost of its noise.
-OUT gets a picture: left this integrator, right Mitsuba's ``path``.
+The integrator ``gpf`` queries the field at the first diffuse surface that a camera ray meets. This
+one queries it one bounce later: it samples direct light, and one ray, in a direction chosen by the
+BSDF, gathers the rest. Small shadows are thus as sharp as those of a path tracer, at the cost of
+its noise. OUT receives a picture: this integrator on the left, Mitsuba's ``path`` on the right.
 """
 
 from pathlib import Path
@@ -33,24 +33,24 @@ class FinalGathering(mi.ad.integrators.common.ADIntegrator):
 
     def sample(self, mode, scene, sampler, ray, depth=None, active=True, **kwargs):
         """Radiance of camera rays, (N, 3)."""
-        # Through mirrors and glass to a diffuse surface. The emission of a point is the light that
-        # the ray meets on its way and, because of `lamps`, the direct light at its end. What comes
+        # Go through mirrors and glass to a diffuse surface. The emission of a point is the light
+        # that the ray meets on its way and, because of `lamps`, the direct light at its end. Light
         # through thin panes is left to the second ray.
         lamps = Lamps(scene, through_null=False)
         first = find_visible_points(scene, sampler, ray, active=active, lamps=lamps)
 
-        # A diffuse BSDF chooses directions by the cosine.
+        # A diffuse BSDF chooses directions in proportion to the cosine.
         direction = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
         origin = mi.Interaction3f(0, 0, ray.wavelengths, first.p, first.n)
         ray = origin.spawn_ray(mi.Frame3f(first.n).to_world(direction))
 
-        # What comes along that ray. Some fields leave the direct light of small lamps to us.
+        # The light along that ray. Some fields leave the direct light of small lamps to us.
         lamps = self.field.settings.sampled_lamps(scene)
         second = find_visible_points(scene, sampler, ray, active=first.valid, lamps=lamps)
         irradiance, _ = self.field.query(second.p, second.n, second.valid)
         light = self.field.reflect(second, irradiance)
 
-        # A lamp that the ray meets first is in the direct light already.
+        # A lamp that the ray meets first is already in the direct light.
         si = scene.ray_intersect(ray, active=first.valid)
         light -= si.emitter(scene).eval(si, first.valid)
         return first.radiance(dr.pi * light), first.valid, [], None
@@ -72,7 +72,7 @@ def main(folder: Path, seconds: float = 30, size: int = 256) -> None:
         "bsdf": grey,
     }
     scene = mi.load_dict(box, optimize=False)
-    say(f"A fit of {seconds:g} seconds.")
+    say(f"Fitting for {seconds:g} seconds.")
     integrator = mi.load_dict({"type": "final_gathering"})
     integrator.field = gpf.fit(scene, seconds=seconds)
     exposure = integrator.field.record["exposure"]

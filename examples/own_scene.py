@@ -3,7 +3,7 @@
     python examples/own_scene.py OUT --seconds 30
 
 Glass and gold focus the light of the lamp. A path tracer seldom finds such caustics; the field
-learns them from photons. OUT gets the field and the picture.
+learns them from photons. OUT receives the field and the picture.
 """
 
 from pathlib import Path

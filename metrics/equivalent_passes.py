@@ -1,4 +1,4 @@
-"""Equivalent passes: how many SPPM passes have the same PSNR as an image."""
+"""Equivalent passes: how many SPPM passes give the same PSNR as an image."""
 
 import math
 from collections.abc import Mapping

@@ -18,7 +18,7 @@ class Part(TypedDict):
 
 @with_config(ConfigDict(extra="allow"))
 class Facts(TypedDict, total=False):
-    """Numbers that a stage notes beside its parts; other keys are free."""
+    """Numbers that a stage records beside its parts; other keys are allowed."""
 
     views: Annotated[int, Field(ge=1)]
     seconds_per_single_view_pass: _Finite
@@ -39,7 +39,7 @@ class CostFile(TypedDict):
 
 
 class Point(TypedDict):
-    """A point of the curve of SPPM; its file has a list of them."""
+    """A point of SPPM's convergence curve; the file holds a list of them."""
 
     passes: Annotated[int, Field(ge=1)]
     psnr: _Finite

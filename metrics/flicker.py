@@ -2,19 +2,19 @@
 
 A diffuse point in constant light has the same radiance in all directions. So two pixels of
 successive frames that see the same point should have the same value; their difference is flicker.
-:func:`link_frames` matches pixels by the points that they see, also through clear water; a point
-that the earlier frame does not see has no match. Images are compared as displayed
+:func:`link_frames` matches pixels by the points that they see, even through clear water; a
+point that the earlier frame does not see has no match. Images are compared as displayed
 (:func:`metrics.image.expose`), in levels of 255.
 
 A match lies between four pixels, and their bilinear mean has less noise than one pixel. Each
 difference is scaled up for this, as if the noise of all pixels were independent. Then noise with
 the standard deviation s gives a mean difference of ``2 s / √π`` wherever matches lie. For noise
 that is correlated between neighbours, as after a denoiser, this scaling makes the result up to 1.4
-times too high. Some differences are no noise, and a perfect renderer has them too: aliasing of
+times too high. Some differences are not noise, and a perfect renderer has them too: aliasing of
 sharp edges, and reflections on the water above a point.
 
-A reference that has not converged flickers by its own noise; :func:`change_of_noise` computes this
-from its standard error. A method with less flicker than that is better than the reference can
+A reference that has not converged flickers with its own noise; :func:`change_of_noise` computes
+this from its standard error. A method with less flicker than that is better than the reference can
 measure.
 
 Low flicker does not mean a correct image: an image without caustics has no flickering caustics.
@@ -139,10 +139,10 @@ def measure_flicker(images: Sequence[Array], links: Sequence[Link], exposure: fl
 
     Raises
     ------
-    ValueError: images and links do not fit, or no pixel has a match.
+    ValueError: images and links do not match, or no pixel has a match.
     """
     if len(links) not in (len(images) - 1, len(images)):
-        raise ValueError(f"{len(images)} images have {len(links)} links")
+        raise ValueError(f"{len(images)} images cannot have {len(links)} links")
     shown = [expose(image, exposure).reshape(-1, 3) for image in images]
     total, matched = 0.0, 0
     for k, link in enumerate(links):
@@ -166,8 +166,8 @@ def change_of_noise(radiance: Array, standard_error: Array, exposure: float) -> 
 
     Parameters
     ----------
-    radiance, standard_error: of linear pixels, (..., 3). The noise must be small compared with the
-        radiance.
+    radiance, standard_error: values of linear pixels, (..., 3). The noise must be small compared
+        with the radiance.
     """
     radiance, standard_error = (np.reshape(x, (1, -1, 3)) for x in (radiance, standard_error))
     above = expose(radiance + standard_error, exposure)

@@ -2,7 +2,7 @@
 
 For an image f and two images A and B with independent noise around the truth T, the mean of
 (f - A) (f - B) is the squared error of f from T: the noise of A and B does not count, however
-strong it is. The noise of f counts. For displayed values, this is so as far as noise does not
+strong it is. The noise of f counts. For displayed values, this holds as long as noise does not
 change their means.
 """
 
@@ -30,8 +30,8 @@ class Halves:
     def relmse(self, test: Image, level: Image, epsilon: float = 0.01) -> float:
         """Relative squared error: ``mean((f - A) (f - B) / (L^2 + epsilon))``.
 
-        ``level``: L, an image whose noise is independent of A and B, (H, W, 3). With their own
-        mean, errors of both would count more where they are too dark by chance.
+        ``level``: L, an image whose noise is independent of A and B, (H, W, 3). With the mean
+        of A and B instead, errors would count more where both are too dark by chance.
         """
         f, a, b, of = (np.float64(i) for i in (test, self.first, self.second, level))
         return float(np.mean((f - a) * (f - b) / (np.square(of) + epsilon)))

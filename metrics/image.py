@@ -21,8 +21,8 @@ from metrics.errors import MetricUnavailable
 Image = NDArray[np.floating[Any]]
 
 PSNR_CAP = 100.0
-"""Upper limit of PSNR in dB, also for equal images, because JSON has no infinity. It is an RMS
-error of 1e-5, 1/400 of an 8-bit step."""
+"""Upper limit of PSNR in dB, also for equal images, because JSON has no infinity. It stands
+for an RMS error of 1e-5, 1/400 of an 8-bit step."""
 
 SSIM_RADIUS = 5
 """Half of SSIM's window, in pixels."""
@@ -127,7 +127,7 @@ def flip_hdr(
 
     The exposures are in stops (powers of two). Use the pair from :func:`flip_exposures` for all
     images of a scene; otherwise their numbers cannot be compared. If neither is given, they come
-    from this reference. Only one of the two is a ``ValueError``.
+    from this reference. Giving only one of the two is a ``ValueError``.
     """
     _check_pair(test, reference)
     if start_exposure is None and stop_exposure is None:
@@ -239,15 +239,15 @@ def _check_image(image: Image, which: str) -> None:
         row, column = np.argwhere(bad)[0]
         raise ValueError(
             f"the {which} has NaN or infinite radiance in {bad.sum()} of {bad.size} pixels, the "
-            f"first at row {row}, column {column}: render it again, and if the pixels stay, look "
-            "at the materials and lights that they see"
+            f"first at row {row}, column {column}: render it again, and if they remain, check "
+            "the materials and lights that these pixels see"
         )
 
 
 def _check_size(image: Image, minimum: int, metric: str) -> None:
     if min(image.shape[:2]) < minimum:
         raise MetricUnavailable(
-            f"{metric} needs at least {minimum}x{minimum} pixels and the image is "
+            f"{metric} needs at least {minimum}x{minimum} pixels, but the image is "
             f"{_size(image)}: render it larger"
         )
 

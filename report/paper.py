@@ -27,7 +27,7 @@ class Numbers(Settings):
 
     @property
     def known(self) -> dict[str, float]:
-        """The numbers that the paper has."""
+        """The numbers that the paper gives."""
         return {key: getattr(self, key) for key in _NUMBERS if getattr(self, key) is not None}
 
 
@@ -64,7 +64,7 @@ class Cost(Settings):
 class Paper(Settings):
     """All numbers of the paper: scene -> method -> numbers.
 
-    Scenes have this project's names. :meth:`name_of` finds the paper's name of a method.
+    Scenes have this project's names. :meth:`name_of` finds the paper's name for a method.
     """
 
     methods: dict[str, dict[str, Any]]
@@ -76,7 +76,7 @@ class Paper(Settings):
     cost: Cost
 
     def name_of(self, options: Mapping[str, Any]) -> str:
-        """The paper's name of a method with these settings; "" if the paper does not have it."""
+        """The paper's name for a method with these settings; "" if the paper lacks it."""
         alike = (
             name
             for name, settings in self.methods.items()
@@ -85,7 +85,7 @@ class Paper(Settings):
         return next(alike, "")
 
     def quality(self, scene: str, method: str) -> dict[str, float]:
-        """The reported ones of PSNR, SSIM, LPIPS and storage, of a method in a scene."""
+        """A method's PSNR, SSIM, LPIPS and storage in a scene, as far as reported."""
         for table in (self.systems, self.learned):
             if method in table.get(scene, {}):
                 return table[scene][method].known
@@ -93,7 +93,7 @@ class Paper(Settings):
 
     def mean_over(self, scenes: Sequence[str], method: str) -> dict[str, float]:
         """The means over these scenes: the printed means for all five scenes, else the means of the
-        printed numbers. A number that a scene lacks has no mean."""
+        printed numbers. A number that is missing in a scene has no mean."""
         if set(scenes) == set(self.systems):
             return self.mean[method].known if method in self.mean else {}
         rows = [self.quality(scene, method) for scene in scenes]
@@ -110,4 +110,4 @@ class Paper(Settings):
 @cache
 def read_paper() -> Paper:
     """The paper's numbers."""
-    return read_yaml(FILE, Paper, "It belongs to the package `report`: install that again.")
+    return read_yaml(FILE, Paper, "It is part of the package `report`: reinstall that.")

@@ -23,7 +23,7 @@ class Point:
     ----------
     title: the method, or SPPM and its number of passes.
     seconds: per view, without preparation.
-    numbers: the known ones of :data:`report.results.NUMBERS`; ``psnr`` always.
+    numbers: those of :data:`report.results.NUMBERS` that are known; ``psnr`` always is.
     prepare_seconds: once per scene; None if unknown.
     reasons: why numbers are missing, by name.
     """

@@ -33,7 +33,7 @@ class Results:
 
     Attributes
     ----------
-    params: the present params.yaml.
+    params: the current params.yaml.
     root: the folder ``results``.
     """
 
@@ -47,8 +47,8 @@ class Results:
 
     @cached_property
     def scenes(self) -> list[str]:
-        """Measured scenes of params.yaml, in its order, whose references have the passes that it
-        asks for."""
+        """Measured scenes of params.yaml, in its order, whose references have the number of passes
+        that it asks for."""
         return [s for s in self.params.scenes if self.has_metrics(s) and self.is_current(s)]
 
     def has_metrics(self, scene: str) -> bool:
@@ -56,8 +56,8 @@ class Results:
         return (self.root / scene / "metrics").is_dir()
 
     def is_current(self, scene: str) -> bool:
-        """Whether the references have the passes that params.yaml asks for, as far as known. They
-        may differ after a change of the profile."""
+        """Whether the references have the number of passes that params.yaml asks for, as far as
+        known. It may differ after a change of profile."""
         section, passes = self.params.reference, max(self.scene(scene).convergence, default=None)
         if passes is None or passes == section.passes:
             return True
@@ -111,7 +111,7 @@ class Results:
         return {str(key): float(value) for key, value in numbers.items()}
 
     def reasons(self, scene: str, method: str) -> dict[str, str]:
-        """Why numbers are missing, by name; by "" if the method has no numbers at all."""
+        """Why numbers are missing, by name; under "" if the method has no numbers at all."""
         if method not in self.methods:
             return {"": "not listed in `methods` of params.yaml"}
         why = self.scene(scene).numbers(method).get("reason")
@@ -165,7 +165,7 @@ class SceneResults:
         return read_views(self.folder / "views.yaml")
 
     def image(self, method: str, view: str) -> Path:
-        """The file of a method's image of a view; `reference` is a method here."""
+        """The file of a method's image of a view; `reference` counts as a method here."""
         if method in ("reference", SECOND_REFERENCE):
             return self.folder / method / f"{view}.exr"
         return self.folder / "renders" / method / f"{view}.exr"
@@ -191,7 +191,7 @@ class SceneResults:
 
     @cached_property
     def seconds_per_pass(self) -> float | None:
-        """Seconds of an SPPM pass that renders a single view."""
+        """Seconds that an SPPM pass takes for a single view."""
         facts = self.read("costs", "reference.json", shape=CostFile).get("facts", {})
         seconds = facts.get("seconds_per_single_view_pass")
         return None if seconds is None else float(seconds)
@@ -234,7 +234,7 @@ class SceneResults:
         """Seconds to compute a system's training data: targets, or references of training views.
 
         The views are rendered together from the same photons, with ``passes`` passes or, with
-        `reference.target_psnr`, the fewer that were done. None if these times were not measured.
+        `reference.target_psnr`, as many as were done. None if these times were not measured.
         """
         cost, seconds = self.read("costs", "reference.json", shape=CostFile), 0.0
         try:

@@ -30,7 +30,7 @@ class Column:
     title: its heading.
     form: writes a number as text; a cell may also hold text.
     better: which numbers are better; "" for a column without ranks.
-    rank_zero: whether 0 is ranked. A method that stores no file is not the best by file size.
+    rank_zero: whether 0 is ranked. A method that stores no file does not win by file size.
     """
 
     key: str
@@ -52,7 +52,7 @@ class Row:
     Attributes
     ----------
     values, paper: measured and reported numbers, by column key; missing ones are absent or NaN.
-    group: rows of a group stand together, and only they are ranked against each other.
+    group: rows of a group stand together and are ranked only against each other.
     reasons: why a value is missing, by column key; the key "" is for the whole row.
     competes: whether the row is ranked.
     ours: whether it is the field's row.
@@ -73,7 +73,7 @@ class Table:
 
     Attributes
     ----------
-    name: of its files.
+    name: base name of its files.
     title, caption: what it shows, and how to read it.
     label: the heading of the rows' labels.
     grouped_by: the column name of the groups; "" without groups.
@@ -136,14 +136,14 @@ class Table:
                 texts[row] = column.form(value)
                 values.setdefault(texts[row], value)
         order = sorted(values, key=values.__getitem__, reverse=column.better == "higher")
-        if len(order) < 2:  # a number without any other number to compare with has no rank
+        if len(order) < 2:  # a number with no other to compare with has no rank
             return {}
         places = dict(zip(order[:2], ("best", "second"), strict=True))
         return {row: places[text] for row, text in texts.items() if text in places}
 
     @cached_property
     def reasons(self) -> list[str]:
-        """All different reasons. A cell refers to a reason by its number, counted from 1."""
+        """All distinct reasons. A cell refers to a reason by its number, counted from 1."""
         found = (reason for row in self.rows for reason in self._reasons(row).values())
         return list(dict.fromkeys(found))
 
@@ -165,7 +165,7 @@ class Table:
         return _known(self.rows[row].values.get(column.key))
 
     def has_paper(self, column: Column) -> bool:
-        """Whether any row has a number of the paper in the column."""
+        """Whether any row has a number from the paper in the column."""
         return any(column.key in row.paper for row in self.rows)
 
     def heading(self, column: Column) -> str:
@@ -187,7 +187,7 @@ class Table:
         return self.rows[row].label, str(self.reasons.index(reason) + 1) if reason else ""
 
     def _reasons(self, row: Row) -> dict[str, str]:
-        """The reasons for missing values, by column key; by "" if one reason is for all of them."""
+        """The reasons for missing values, by column key; under "" if all share one reason."""
         absent = [c.key for c in self.columns if _known(row.values.get(c.key)) is None]
         if "" in row.reasons and absent:
             return {"": row.reasons[""]}

@@ -204,7 +204,7 @@ _LATEX = {
 
 
 def _headings(table: Table) -> list[str]:
-    """The headings of the labels and of all columns; a word begins with a capital letter."""
+    """The headings of the labels and of all columns; words are capitalised."""
     label = table.label
     label = label.capitalize() if len(label) > 1 else label  # but k stays k
     return [label, *map(table.heading, table.columns)]

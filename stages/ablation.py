@@ -1,4 +1,4 @@
-"""Stage `ablation`: variants of the field, made and measured by the same steps as the field."""
+"""Stage `ablation`: variants of the field, which go through the same steps as the field itself."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ SECTIONS = ("film", "visible_region", "reference", "field", "train", "stream", "
 def run(scene_name: str, variant: str | None = None, go_on: bool = False) -> None:
     """Run one row of `ablations.variants`, or all rows in `run`, each in a separate process.
 
-    If a variant cannot be made in the scene, the reason is saved; with ``go_on`` that is no error.
-    A variant with the parameters of the field gets the numbers of the field.
+    If a variant cannot be made in the scene, the reason is saved; with ``go_on``, that is not an
+    error. A variant with the same parameters as the field gets the field's numbers.
     """
     work = Workspace.open(scene_name)
     ablations = work.params.ablations
@@ -59,7 +59,7 @@ def run(scene_name: str, variant: str | None = None, go_on: bool = False) -> Non
     if params == work.params.vary(common):
         found = numbers(work, read_json(work.metrics("gpf"), dict[str, Any]))
         save(work, row, {"same_as": "gpf", **found}, {})
-        say(f"{scene_name}: {variant} has the parameters of the field")
+        say(f"{scene_name}: {variant} has the same parameters as the field")
         return
     # Files of earlier stages are read first: if one is missing, that is not the variant's fault.
     judge = Judge.open(work)
@@ -81,15 +81,15 @@ def run(scene_name: str, variant: str | None = None, go_on: bool = False) -> Non
 
 
 def common_count(work: Workspace) -> dict[str, Any]:
-    """With `field.gaussians: auto`, the field's number of Gaussians for all variants, so that they
-    differ only in the settings that they name."""
+    """With `field.gaussians: auto`, the field's number of Gaussians; all variants use it, so that
+    they differ only in the settings that they name."""
     if work.params.field.gaussians != "auto":
         return {}
     return {"field.gaussians": len(read_field(work.field).tensors["means"])}
 
 
 def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) -> None:
-    """Train, render and measure; continues a run that was killed."""
+    """Train, render and measure a variant; resumes an interrupted run."""
     name = row["variant"]
     task = {
         "code": digest_of("train", "render"),
@@ -102,7 +102,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
     state = open_task_folder(_state(work, name), task)
     variant = work.variant(params, state)
     say(f"{work.scene}, {name}: {row['overrides']}")
-    # Each stage writes its costs last, so that the file shows that it is complete.
+    # Each stage writes its costs last, so its cost file shows that it is complete.
     if not variant.cost("train").exists():
         fit(variant)
     if not variant.cost("render").exists():
@@ -121,7 +121,7 @@ def make(work: Workspace, row: Mapping[str, Any], params: Params, judge: Judge) 
 
 
 def numbers(work: Workspace, measured: Mapping[str, Any]) -> dict[str, Any]:
-    """Quality, times and sizes of a field; without the search for its number of Gaussians."""
+    """Quality, times and sizes of a field, excluding the search for its number of Gaussians."""
     train, render = (read_json(work.cost(stage), CostFile) for stage in ("train", "render"))
     path_seconds = render["facts"].get("path_seconds")
     return {
@@ -143,7 +143,7 @@ def save(
 ) -> None:
     """Write the numbers and costs of a variant, and move its ``state`` to the variant's folder.
 
-    Without a state the folder is empty.
+    Without a state, the folder is left empty.
     """
     name = row["variant"]
     folder = work.folder / "ablations" / name

@@ -1,4 +1,4 @@
-"""Stage `amortize`: cost of n views with all preparation, and the break-even n of the field."""
+"""Stage `amortize`: cost of n views with all preparation, and the field's break-even n."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Comparison:
     Attributes
     ----------
     passes: SPPM passes of the reference.
-    equal_passes: SPPM passes with the field's PSNR, as text; may be a bound (``>1000``).
+    equal_passes: SPPM passes that reach the field's PSNR, as text; may be a bound (``>1000``).
     """
 
     field: CostLine
@@ -107,7 +107,7 @@ def seconds_of_all(work: Workspace) -> pd.DataFrame:
 
 
 def run(scene_name: str) -> None:
-    """Write the cost tables and print from which number of views on the field is cheaper."""
+    """Write the cost tables and print the number of views from which the field is cheaper."""
     work = Workspace.open(scene_name)
     lines, seconds = cost_lines(work), seconds_of_all(work)
     write_text(work.all_costs, seconds.to_csv(index=False))
@@ -128,4 +128,4 @@ def run(scene_name: str) -> None:
     for name, count in counts.items():
         passes = lines.equal_passes if name == SPPM_AT_EQUAL_QUALITY else lines.passes
         views = "never" if count is None else f"from view {count} on"
-        say(f"{scene_name}: GPF costs less than {name} ({passes} passes) {views}")
+        say(f"{scene_name}: GPF costs less than {name} ({passes} passes): {views}")

@@ -1,10 +1,10 @@
-"""Stage `animate`: the camera path by several methods side by side, and their flicker.
+"""Stage `animate`: the camera path rendered by several methods side by side, and their flicker.
 
-Each method renders with its usual settings, and with the state that `gpf stage baseline` saved if
-it learns. Frames are saved one by one, so that a killed run can continue. References of the frames
-are not rendered, because they would cost many times as much as those of the novel views. Flicker is
-measured without references (:mod:`metrics.flicker`). The flicker from the noise of references is
-computed from the standard errors of the novel views.
+Each method renders with its usual settings; one that learns uses the state that `gpf stage
+baseline` saved. Frames are saved one by one, so that an interrupted run can be resumed. References
+of the frames are not rendered, because they would cost many times as much as those of the novel
+views. Flicker is measured without references (:mod:`metrics.flicker`). The flicker that the noise
+of references would cause is computed from the standard errors of the novel views.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def plan(work: Workspace, method: str) -> tuple[dict[str, Any], Callable[[Bar], 
 
         open_method = open_baseline
     else:
-        todo = suggest(method, [FIELD, *params.baselines], "There are")
+        todo = suggest(method, [FIELD, *params.baselines], "Methods are")
         raise UserError(f"params.yaml: animation.methods: {method!r}", "does not exist", todo)
     size = list(work.film_size)
     return {"method": method, "scene": work.scene_digest, "size": size, **task}, open_method
@@ -169,7 +169,7 @@ def forget_state_of(work: Workspace, method: str) -> None:
 
 
 def forget_others(work: Workspace, methods: Sequence[str], frames: int) -> None:
-    """Remove frames of methods that are no longer in params.yaml, and of a longer path."""
+    """Remove frames of methods no longer in params.yaml, and those beyond the end of the path."""
     for folder in (work.folder / "animation").glob("*/"):
         if folder.name not in methods:
             shutil.rmtree(folder)
@@ -194,7 +194,7 @@ def write_films(work: Workspace, refusals: dict[str, str], count: int) -> None:
     if not any(reel.frames for reel in reels):
         raise UserError(
             "params.yaml: animation.methods",
-            f"none of them can serve {work.scene}",
+            f"lists no method that can serve {work.scene}",
             "List one that can.",
         )
     webp = compose(reels, webp_panel(work.film_size, len(reels)))

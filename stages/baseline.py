@@ -1,4 +1,4 @@
-"""Stage `baseline`: novel views by a system with which the field is compared."""
+"""Stage `baseline`: novel views rendered by a system that the field is compared with."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ from stages.common.workspace import Workspace
 def run(scene_name: str, method: str | None = None, go_on: bool = False) -> None:
     """Run one row of `baselines`, or all rows in `methods`, each in a separate process.
 
-    If a method cannot serve the scene, the reason is saved; with ``go_on`` that is no error.
+    If a method cannot serve the scene, the reason is saved; with ``go_on``, that is not an
+    error.
     """
     work = Workspace.open(scene_name)
     if method is None:
@@ -71,7 +72,7 @@ def render_with(work: Workspace, method: str, options: BaselineOptions) -> None:
     costs.note_peak_memory()
     costs.facts["path_seconds"] = time_path(work.load_scene(), views[0], work.film_size)
     costs.write(work.cost(f"baselines/{method}"))
-    # Learned states stay for the stage `animate`.
+    # Learned states are kept for the stage `animate`.
     if not options.learns:
         forget_state(work, method)
 
@@ -95,8 +96,8 @@ def refuse_other_scenes(work: Workspace, method: str, options: BaselineOptions) 
     if options.scenes and work.scene not in options.scenes:
         raise CannotServe(
             f"params.yaml: baselines.{method}.scenes",
-            "not asked for",
-            f"Add {work.scene} there, or leave `scenes` out for all.",
+            "not requested",
+            f"Add {work.scene} there, or omit `scenes` to run it in all scenes.",
         )
 
 
@@ -129,7 +130,7 @@ def render_all(
         check_finite(image, f"{work.scene}, {method}, view {view.name}")
         width, height = work.film_size
         if image.shape != (height, width, 3):
-            raise ValueError(f"{method}: image of {image.shape}, wanted {(height, width, 3)}")
+            raise ValueError(f"{method}: image has shape {image.shape}, not {(height, width, 3)}")
         path = work.render(method, view.name)
         record = {"method": method, "options": options, "view": view.model_dump(mode="json")}
         write_exr(path, {"radiance": image.astype(np.float32)}, record)
@@ -160,7 +161,7 @@ def make_task(
 
 
 def effort(work: Workspace, options: BaselineOptions) -> dict[str, Any]:
-    """Settings of the field's training and rendering, for systems that use the same effort."""
+    """The field's training and rendering settings, for systems that spend the same effort."""
     settings: dict[str, Any] = {}  # other systems do not depend on them
     if options.learns_from_targets:
         settings["train"] = work.params.train
@@ -174,7 +175,7 @@ def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
 
     Raises
     ------
-    CannotServe: there are fewer.
+    CannotServe: there are fewer than ``count``.
     """
     found: list[TrainingView] = []
     for view in (*work.views.train, *work.views.more):
@@ -187,7 +188,7 @@ def training_views(work: Workspace, count: int) -> tuple[TrainingView, ...]:
     if len(found) < count:
         raise CannotServe(
             str(work.folder / "reference"),
-            f"{count} training views with images are needed, there are {len(found)}",
+            f"{count} training views with images are needed, but only {len(found)} exist",
             f"Set reference.images in params.yaml to auto or to {count}, list more views under "
             f"`more` in scenes/{work.scene}/views.yaml, and run the stages scene and reference.",
         )
@@ -202,7 +203,7 @@ def seconds_per_view(work: Workspace) -> float:
 
 
 def open_state(work: Workspace, method: str, options: BaselineOptions) -> Path:
-    """The folder with the state of an earlier preparation, if it had the same task."""
+    """The folder for a preparation's state; keeps what an earlier run of the same task saved."""
     task = {
         "code": digest_of(*options.lists[:1]),
         "scene": work.scene_digest,
@@ -234,7 +235,7 @@ def state_folder(work: Workspace, method: str) -> Path:
 
 
 def keep_only(folder: Path, *files: Path) -> None:
-    """Remove all other files of a folder, once the new ones are there."""
+    """Remove all other files from a folder once the new ones are there."""
     for other in set(folder.iterdir()) - set(files):
         other.unlink()
 

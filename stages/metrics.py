@@ -28,7 +28,7 @@ SECOND_REFERENCE = "second_reference"
 def run(scene_name: str) -> None:
     """Compare the field, the rows of `methods` and the second reference with the references.
 
-    What has no images of the scene is left out, and a message names the command for them.
+    Methods without images of the scene are left out; a message names the command to render them.
     """
     work = Workspace.open(scene_name)
     judge = Judge.open(work)
@@ -97,7 +97,7 @@ class Judge:
 
     @classmethod
     def open(cls, work: Workspace) -> Judge:
-        """Read the references; raises a :class:`UserError` without novel views."""
+        """Read the references; raises a :class:`UserError` if there are no novel views."""
         names = [view.name for view in work.novel_views()]
         references = {name: _read_reference(work, name) for name in names}
         exposures: tuple[float, float] | tuple[None, None] = (None, None)
@@ -107,7 +107,7 @@ class Judge:
         return cls(work, references, exposures)
 
     def compare(self, view: str, image: np.ndarray) -> dict[str, Any]:
-        """All metrics of an image of a view, and why some are missing."""
+        """All metrics of an image of a view, and the reasons for missing ones."""
         exposure, epsilon = self.work.views.exposure, self.work.params.metrics.relmse_epsilon
         first, last = self.exposures
         return {**compare(image, self.references[view], exposure, first, last, epsilon)}
@@ -118,14 +118,14 @@ class Judge:
 
 
 def summarize(views: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """The metrics of all views, their means, and why some are missing."""
+    """The metrics of all views, their means, and the reasons for missing ones."""
     mean = {key: _mean([numbers[key] for numbers in views.values()]) for key in NUMBERS}
     reasons = {k: v for numbers in views.values() for k, v in numbers["reasons"].items()}
     return {"mean": mean, "views": views, "reasons": reasons}
 
 
 def _refusal(work: Workspace, method: str) -> str | None:
-    """Why a method cannot render the scene; None if it can, or was not run."""
+    """Why a method cannot render the scene, or None if it can or was not run."""
     file = work.refusal(method)
     if not file.exists():
         return None
@@ -134,7 +134,7 @@ def _refusal(work: Workspace, method: str) -> str | None:
 
 
 def _rendered(work: Workspace, views: Sequence[str], refused: Mapping[str, str]) -> list[str]:
-    """What has images of the scene; a message for each row of the tables that was not run."""
+    """The methods that have images of the scene; prints a message for each one that has none."""
     found = []
     for method in ("gpf", *work.params.methods.all, SECOND_REFERENCE):
         if method in refused:
@@ -147,12 +147,12 @@ def _rendered(work: Workspace, views: Sequence[str], refused: Mapping[str, str])
             found.append(method)
         else:
             command = command_for(paths[0])
-            say(f"{work.scene}: {method} is left out, it has no images; `{command}` renders them")
+            say(f"{work.scene}: {method} has no images and is left out; `{command}` renders them")
     return found
 
 
 def _remove_others(work: Workspace, methods: Sequence[str]) -> None:
-    """Remove the numbers of all other methods: no longer in params.yaml, or without images."""
+    """Remove the numbers of other methods: those no longer in params.yaml, or without images."""
     for path in work.metrics("gpf").parent.glob("*.json"):
         if path.stem not in methods:
             path.unlink()
@@ -181,14 +181,14 @@ def _snapshots_of_all(work: Workspace, views: Sequence[str]) -> list[int]:
         if record.get("passes") != wanted:
             raise UserError(
                 str(work.second_reference(name)),
-                f"has {record.get('passes', 'unknown')} passes, params.yaml asks for {wanted}",
+                f"has {record.get('passes', 'unknown')} passes, but params.yaml asks for {wanted}",
                 f"Run `{command_for(work.second_reference(name))}` again, or set reference.passes "
                 "back.",
             )
     names = set.intersection(*(set(layers) for layers, _ in files.values()))
     passes = sorted(int(n) for n in (s.removeprefix("sppm_") for s in names) if n.isdecimal())
     if not passes:
-        raise FileError(work.second_reference(views[0]), "has no layer sppm_N that all views have")
+        raise FileError(work.second_reference(views[0]), "shares no layer sppm_N with other views")
     return passes
 
 
@@ -213,7 +213,7 @@ def _read_render(work: Workspace, method: str, name: str, reference: np.ndarray)
 
 
 def _check_view(work: Workspace, path: Path, name: str, record: Mapping[str, Any]) -> None:
-    """Raise an error if the image was made with another camera than that of views.yaml."""
+    """Raise an error if the image was made with a camera other than the one in views.yaml."""
     if record.get("view") != work.views.find(name).model_dump(mode="json"):
         raise UserError(
             str(path), "was made with another camera", f"Run `{command_for(path)}` again."
@@ -225,8 +225,8 @@ def _check_image(work: Workspace, path: Path, image: np.ndarray, reference: np.n
     if image.shape != reference.shape:
         raise UserError(
             str(path),
-            f"has {image.shape[1]}x{image.shape[0]} pixels, its reference "
-            f"{reference.shape[1]}x{reference.shape[0]}",
+            f"has {image.shape[1]}x{image.shape[0]} pixels, but its reference "
+            f"has {reference.shape[1]}x{reference.shape[0]}",
             f"Run `{command_for(work.reference(path.stem))}` and `{command_for(path)}` again.",
         )
     check_finite(image, str(path))

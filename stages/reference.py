@@ -1,4 +1,4 @@
-"""Stage `reference`: SPPM references of all views, and the targets of the training.
+"""Stage `reference`: SPPM references of all views, and the training targets.
 
 Each group of views (:mod:`stages.references.groups`) is rendered in five steps:
 
@@ -34,8 +34,8 @@ from stages.references.pass_times import time_kinds_of_passes
 def run(scene_name: str, passes: str | None = None) -> None:
     """Render the missing references, second references and targets.
 
-    ``passes``, written ``FIRST:LAST``, limits this to a range of passes; other runs or other
-    machines complete them. Files are written once all passes are done.
+    ``passes``, written ``FIRST:LAST``, limits this to a range of passes; other runs or
+    machines render the rest. Files are written once all passes are done.
     """
     job = Job.open(Workspace.open(scene_name))
     work, costs = job.work, job.costs
@@ -53,8 +53,8 @@ def run(scene_name: str, passes: str | None = None) -> None:
             _collect_targets(group)
     if incomplete:
         say(
-            f"{scene_name}: passes {passes} are done, others are missing "
-            f"({', '.join(incomplete)}); bring their files here, or run the stage without --passes"
+            f"{scene_name}: passes {passes} are done, but others are missing "
+            f"({', '.join(incomplete)}); copy their files here, or run the stage without --passes"
         )
         return
     done = {group.name: group.passes_done() for group in groups}
@@ -67,12 +67,12 @@ def run(scene_name: str, passes: str | None = None) -> None:
 
 
 def _parse_range(text: str, passes: int) -> range:
-    """``FIRST:LAST`` like a slice; both ends are optional."""
+    """Parse ``FIRST:LAST``, whose ends are optional, as in a slice."""
     first, colon, last = text.partition(":")
     numbers = (first or "0", last or str(passes))
     if not colon or not all(number.isdecimal() for number in numbers):
         raise UserError(
-            f"--passes {text}", "is no range of passes", "Write it as FIRST:LAST, such as 0:250."
+            f"--passes {text}", "is not a range of passes", "Write it as FIRST:LAST, such as 0:250."
         )
     found = range(int(numbers[0]), int(numbers[1]))
     if not found or found.stop > passes:
@@ -155,7 +155,7 @@ def _write_files(
 
 
 def _noise(work: Workspace, sums: PassSums, view: str) -> dict[str, Any]:
-    """The noise that is left in a view's image, for the record of its file."""
+    """The remaining noise of a view's image, for its file's record."""
     if view not in sums.views:
         return {}
     tally = sums.views[view]

@@ -44,7 +44,7 @@ def render_novel_views(work: Workspace) -> None:
 
 def open_renderer(work: Workspace, spp: int) -> FieldRenderer:
     """A renderer with the scene and its field, for images with ``spp`` samples per pixel and their
-    coverage; prints a message if the field is for another scene."""
+    coverage; prints a message if the field is from another scene."""
     field, settings = load_field(work.field), work.params.render
     report_other_scene(work, field.record)
     scene = work.load_scene()

@@ -1,4 +1,4 @@
-"""Stage `report`: tables, figures and a page of the results of all scenes."""
+"""Stage `report`: tables, figures and a page with the results of all scenes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def run() -> None:
     if not results.scenes:
         raise UserError(
             str(results.root),
-            f"has no numbers of any scene of params.yaml ({', '.join(results.params.scenes)}) "
+            f"has no results for any scene of params.yaml ({', '.join(results.params.scenes)}) "
             f"against {results.passes} passes of SPPM",
             "Run `dvc repro`, or the stages of one scene up to `gpf stage metrics --scene "
             f"{results.params.scenes[0]}`.",
@@ -39,7 +39,7 @@ def run() -> None:
     say(f"{len(tables)} tables in {root / 'tables'}: CSV, Markdown, LaTeX, HTML")
     say(f"{len(figures) - len(left_out)} figures in {root / 'figures'}: SVG, PNG")
     size = (root / "report.html").stat().st_size / 1e6
-    say(f"all in one page, {size:.1f} MB: {root / 'report.html'}")
+    say(f"all on one page, {size:.1f} MB: {root / 'report.html'}")
 
 
 def show(table: Table) -> Grid:

@@ -41,7 +41,7 @@ def run(scene_name: str) -> None:
 def _open_curves(folder: Path) -> Live:
     try:
         return Live(str(folder), save_dvc_exp=False, dvcyaml=None, report=None)
-    except SCMError as error:  # DVCLive asks for the last commit, also if it saves no experiment
+    except SCMError as error:  # DVCLive asks for the last commit, even if it saves no experiment
         raise UserError(
             "git", f"has no commit here ({error})", "Run `git add -A && git commit -m Start` first."
         ) from error
@@ -65,7 +65,7 @@ def fit(work: Workspace) -> None:
         spent = restore_trainer(trainer, work.checkpoint("train"), fingerprint)
         if spent:
             costs.parts["training"] = spent
-    # Not in their place before they are complete.
+    # Moved into place only when they are complete.
     curves = work.checkpoint("curves").with_suffix("")
     with _open_curves(curves) as live:
 
@@ -98,7 +98,7 @@ def fit(work: Workspace) -> None:
 
 
 def _on_references(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
-    """The trainer of a new field, on targets of the stage `reference`."""
+    """The trainer of a new field, with targets from the stage `reference`."""
     recipe, targets = work.params.recipe, Targets.load(work.targets, work.scene)
     if recipe.field.direct != "field":
         scene = work.load_scene()
@@ -117,7 +117,7 @@ def _on_references(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
 
 
 def _on_stream(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
-    """The trainer of a new field, on targets of passes that are traced here."""
+    """The trainer of a new field, with targets from passes traced here."""
     passes = work.params.stream.passes
     with costs.measure("stream"):
         recipe, stream, photons = open_stream_of(work)
@@ -128,7 +128,7 @@ def _on_stream(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
 
 
 def open_stream_of(work: Workspace) -> tuple[Recipe, PhotonStream, Photons]:
-    """The recipe for the scene, a stream without passes yet, and photons for the Gaussians."""
+    """The recipe for the scene, a stream that has no passes yet, and photons for the Gaussians."""
     scene = work.load_scene()
     plan = work.emission_plan(scene)
     passes = passes_of(work, scene, plan)
@@ -138,7 +138,7 @@ def open_stream_of(work: Workspace) -> tuple[Recipe, PhotonStream, Photons]:
 
 
 def passes_of(work: Workspace, scene: mi.Scene, plan: EmissionPlan) -> PassSettings:
-    """The settings of the references' passes, measured at the first training view."""
+    """The settings of the reference passes, measured at the first training view."""
     sensor = work.sensor(work.views.train[0])
     return work.params.reference.measure(scene, sensor, plan)
 
@@ -158,14 +158,14 @@ def _train(
     costs: CostMeter,
     report: Callable[[Progress], None],
 ) -> None:
-    """Take all remaining steps; ``fingerprint``: of the checkpoints, None for no checkpoints."""
+    """Take all remaining steps; ``fingerprint``: for the checkpoints, or None to save none."""
     section, saved = work.params.train, time.monotonic()
     with progress_bar(f"{work.scene}: training", section.steps) as advance:
 
         def tick(step: int) -> None:
             nonlocal saved
             advance(step)
-            # Only with fresh lists, as a run that goes on from there has: so it gets the same bits.
+            # Only with fresh lists: a resumed run starts with such lists, so it gets the same bits.
             fresh = trainer.rebuilt_at == step
             if fingerprint and fresh and time.monotonic() - saved > section.checkpoint_seconds:
                 cost = costs.so_far("training")

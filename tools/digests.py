@@ -1,13 +1,13 @@
-"""Digests of the pipeline's results: refactoring must not change a bit.
+"""Digests of the pipeline's results: refactoring must not change a single bit.
 
     python tools/digests.py --write     # before a change: writes tools/digests.json
-    python tools/digests.py             # after it: lists what differs, exit code 1
+    python tools/digests.py             # after it: lists what differs; exit code 1
 
 The digests cover references, targets, photons, fields, renders and classical baselines of all five
-scenes at small sizes, a few minutes of work. One scene uses all ``auto`` settings, others switch
-most options. Each scene runs in a process with one thread, because the order of threads changes
-sums of floats: gradients of the training, and the film of Mitsuba's particle tracer. The bits
-depend on the processor, LLVM and Mitsuba: write the file again on another machine.
+scenes at small sizes, which takes a few minutes. One scene uses all ``auto`` settings, others
+switch most options. Each scene runs in a process with one thread, because the order of threads
+changes sums of floats: gradients of the training, and the film of Mitsuba's particle tracer. The
+bits depend on the processor, LLVM and Mitsuba: write the file again on another machine.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ SIZES: Mapping[str, Any] = {
 }
 VISIBLE_REGION = {"rays": 20_000, "pilot_paths": 40_000}
 
-# Other settings of single scenes; together they cover most options.
+# Different settings for single scenes; together they cover most options.
 OTHERWISE: Mapping[str, Mapping[str, Any]] = {
     "cornell_box": {
         "reference.photons_per_pass": "auto",
@@ -106,7 +106,7 @@ def run_stages(folder: Path, scene: str) -> None:
 
 
 def digest_arrays(folder: Path) -> dict[str, str]:
-    """File and layer -> digest of the values; metadata does not count."""
+    """File and layer -> digest of the values; metadata is ignored."""
     found = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()

@@ -17,13 +17,14 @@ from gpf.scene.views import SceneViews, View, ViewSets
 
 @dataclass(frozen=True)
 class CameraChoice:
-    """Which cameras; without any of these, the scene's own.
+    """Which cameras to use; by default, the scene's own.
 
     Attributes
     ----------
-    names: of views.
+    names: names of views.
     file: ``views.yaml`` or ``transforms.json``; None for the one beside the scene, if there is one.
-    frames: of the file's camera path: ``all``, or ``FIRST:LAST`` for FIRST to LAST-1, from 0.
+    frames: frames of the file's camera path: ``all``, or ``FIRST:LAST`` for FIRST to LAST-1, from
+        0.
     orbit: number of cameras around what the scene's own camera looks at; 0 for none.
     """
 
@@ -35,7 +36,7 @@ class CameraChoice:
 
 @dataclass(frozen=True)
 class Cameras:
-    """Views, the width of their images divided by the height, and an exposure if one is known."""
+    """Views, the width of their images divided by the height, and their exposure, if known."""
 
     views: tuple[View, ...]
     aspect: float
@@ -43,7 +44,7 @@ class Cameras:
 
 
 def file_beside(scene_file: Path, file: Path | None) -> Path | None:
-    """The file of cameras: ``file``, or else ``views.yaml`` beside the scene, if there is one."""
+    """The cameras' file: ``file``, or else ``views.yaml`` beside the scene, if there is one."""
     beside = scene_file.parent / "views.yaml"
     return file or (beside if beside.exists() else None)
 
@@ -53,7 +54,7 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
 
     Raises
     ------
-    UserError: there is no such view, file, path or camera, or two ways to choose are given at once.
+    UserError: there is no such view, file, path or camera, or several ways to choose are given.
     """
     ways = [
         name for name, given in (("--frames", choice.frames), ("--orbit", choice.orbit)) if given
@@ -97,7 +98,7 @@ def _frames(wanted: str, path: tuple[View, ...], where: str) -> tuple[View, ...]
 
 
 def known_cameras(scene: mi.Scene, scene_file: Path, file: Path | None) -> SceneViews:
-    """The cameras of a file, or without one those of the scene.
+    """The cameras of a file or, without one, those of the scene.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Pictures on many machines: a task of a Ray cluster renders one view.
+"""Pictures on many machines: each task of a Ray cluster renders one view.
 
-A picture depends on its view, its seed and the settings alone, so that a cluster gives the bits of
+A picture depends only on its view, its seed and the settings, so a cluster gives the same bits as
 one machine. A task brings the scene and the field; a worker needs only the same version of this
 package.
 """
@@ -57,7 +57,7 @@ class RenderJob:
 
 
 def pack_scene(scene_file: Path) -> tuple[bytes, str]:
-    """A zip archive of a scene file and all files that it refers to, and its name in there."""
+    """A zip archive of a scene file and all files that it refers to, and the scene's name in it."""
     files = [path.absolute() for path in (scene_file, *read_scene_xml(scene_file).files())]
     files = [Path(os.path.normpath(path)) for path in files]
     root = Path(os.path.commonpath([path.parent for path in files]))
@@ -71,11 +71,11 @@ def pack_scene(scene_file: Path) -> tuple[bytes, str]:
 def render_on_cluster(
     job: RenderJob, seeds: Mapping[str, int], views: list[View], address: str
 ) -> Iterator[tuple[View, dict[str, np.ndarray]]]:
-    """The layers of views, in the order in which they are ready; ``seeds`` by the view's name.
+    """The layers of views, in the order in which they finish; ``seeds`` has view names as keys.
 
     Raises
     ------
-    UserError: there is no such cluster, or a worker raised it.
+    UserError: there is no such cluster, or a worker raised one.
     """
     choice = ClusterChoice("--executor", address, "--cluster", os.cpu_count() or 1)
     ray = choice.connect()
@@ -93,7 +93,7 @@ def render_on_cluster(
 
 
 def render_view(job: RenderJob, view: View, seed: int) -> dict[str, np.ndarray]:
-    """On a worker: the layers of a view."""
+    """Render the layers of a view, on a worker."""
     return _open(job).render(view, job.size, seed, job.seconds)
 
 
@@ -101,7 +101,7 @@ def render_view(job: RenderJob, view: View, seed: int) -> dict[str, np.ndarray]:
 def _open(job: RenderJob) -> FieldRenderer:
     """The renderer of a job, made once per process."""
     choose_variant("auto")
-    # At least two: with one, Mitsuba waits forever when it reads an EXR file.
+    # At least two: with one, Mitsuba hangs when it reads an EXR file.
     dr.set_thread_count(max(2, os.cpu_count() or 1))
     with tempfile.TemporaryDirectory(prefix="gpf-worker-") as name:
         folder = Path(name)

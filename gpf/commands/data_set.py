@@ -1,17 +1,18 @@
 """Pictures as a data set for view synthesis: cameras, depth, normals and points on the surfaces.
 
-A folder with ``transforms.json`` is read by nerfstudio and by what follows its conventions:
+A folder with ``transforms.json`` can be read by nerfstudio and by software that follows its
+conventions:
 
 - ``file_path``: the picture, PNG;
 - ``depth_file_path``: ``.npy``, (H, W) float32, thousandths of a world unit along the camera's
   axis; 0 where there is no surface;
 - ``normal_file_path``: PNG with (n + 1) / 2, n the shading normal in world space; black where there
   is no surface;
-- ``ply_file_path``: points on the surfaces with the colours of the pictures, from which
-  optimisation of Gaussian splats may start.
+- ``ply_file_path``: points on the surfaces with the colours of the pictures, from which the
+  optimisation of Gaussian splats can start.
 
-Depth and normals belong to the surface in the middle of each pixel. Means over pixels would lie
-beside all surfaces at their edges.
+Depth and normals belong to the surface in the middle of each pixel. At edges, means over pixels
+would lie on no surface.
 """
 
 from __future__ import annotations
@@ -46,12 +47,12 @@ def write_data_set(
     size: tuple[int, int],
     layers: Sequence[str],
 ) -> None:
-    """Write ``transforms.json`` for the pictures ``NAME.png`` of a folder, and what belongs to it.
+    """Write ``transforms.json`` for the pictures ``NAME.png`` of a folder, and the files it names.
 
     Parameters
     ----------
     size: width and height of the pictures, pixels.
-    layers: of ``depth`` and ``normal``, what is wanted; the points come with ``depth``. Files that
+    layers: the wanted ones of ``depth`` and ``normal``; the points come with ``depth``. Files that
         exist are kept.
     """
     files: dict[str, dict[str, str]] = {
@@ -77,7 +78,7 @@ def write_data_set(
 
 
 def layer_files(folder: Path, view: View) -> dict[str, Path]:
-    """Where the depth and the normals of a view are, if they are wanted."""
+    """The files for the depth and the normals of a view."""
     return {
         "depth": folder / f"{view.name}_depth.npy",
         "normal": folder / f"{view.name}_normal.png",

@@ -18,14 +18,14 @@ SECONDS, SPP = 20, 32
 def run_demo(folder: Path, seconds: float = SECONDS) -> None:
     """Fit a field to a scene of the project and render its novel views, in a new folder.
 
-    The commands that do the same are printed.
+    The equivalent commands are printed.
 
     Raises
     ------
     UserError: the folder exists.
     """
     if folder.exists():
-        raise UserError(str(folder), "exists", "Give another name, or remove it.")
+        raise UserError(str(folder), "already exists", "Give another name, or remove it.")
     choose_variant("auto")
     # A link to the scene's folder; in a wheel, a copy of it.
     snapshot_scene("demo_scene", folder / "scene", Path(__file__).parent)
@@ -35,4 +35,4 @@ def run_demo(folder: Path, seconds: float = SECONDS) -> None:
     fit_scene_file(str(scene), field, seconds, None, None, views, seed=0)
     say(f"$ gpf render {scene} --field {field} -o {pictures} --spp {SPP}")
     render_pictures(str(scene), field, CameraChoice(), pictures, PictureOptions(spp=SPP))
-    say(f"Look at {pictures}. Your own scene: gpf fit SCENE.xml, then gpf render SCENE.xml.")
+    say(f"Look at {pictures}. For your own scene: gpf fit SCENE.xml, then gpf render SCENE.xml.")

@@ -1,4 +1,4 @@
-"""`gpf export`: write a field as splats for viewers, or in a third of its size."""
+"""`gpf export`: write a field as splats for viewers, or at a third of its size."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def export_field(
     ----------
     field: the field's file, or the name of a trained scene.
     ply, compact: the files to write.
-    exposure: of the splats; by default the exposure of ``views.yaml`` beside the field, or, without
+    exposure: exposure of the splats; by default that of ``views.yaml`` beside the field or, without
         that file, one that suits the field.
 
     Raises
     ------
-    UserError: an option makes no sense, or a file cannot be read or written.
+    UserError: an option is wrong, or a file cannot be read or written.
     """
     check_options(ply, compact, exposure)
     source = find_field(field)
@@ -40,7 +40,7 @@ def export_field(
             exposure = known_exposure(source, stored)
         count = write_splats(ply, stored, exposure)
         if stored.settings.direct != "field":
-            say(f"{source} does not store the direct light of all emitters; nor do the splats")
+            say(f"{source} does not store the direct light of all emitters; neither do the splats")
         report(ply, f"{count} splats, exposure {exposure:.4g}")
     if compact is not None:
         write_field(stored, compact, "compact")
@@ -48,7 +48,7 @@ def export_field(
 
 
 def check_options(ply: Path | None, compact: Path | None, exposure: float | None) -> None:
-    """Raise a :class:`UserError` for options that make no sense."""
+    """Raise a :class:`UserError` if an option is wrong."""
     if ply is None and compact is None:
         raise UserError(
             "gpf export",
@@ -62,21 +62,23 @@ def check_options(ply: Path | None, compact: Path | None, exposure: float | None
             )
     if exposure is not None:
         if ply is None:
-            raise UserError(f"--exposure {exposure}", "is for --ply alone", "Leave it out.")
+            raise UserError(f"--exposure {exposure}", "is only for --ply", "Leave it out.")
         if not 0 < exposure < math.inf:
-            raise UserError(f"--exposure {exposure}", "is no exposure", "Give a number above zero.")
+            raise UserError(
+                f"--exposure {exposure}", "is not an exposure", "Give a number above 0."
+            )
 
 
 def read(source: Path) -> StoredField:
-    """Read the field. Errors do not propose to delete the file, which may be another kind."""
+    """Read the field. Errors do not suggest deleting the file, which may be of another kind."""
     try:
         return read_field(source)
     except UserError as error:
-        raise UserError(error.where, error.what, "Name the file of a field.") from error
+        raise UserError(error.where, error.what, "Give the file of a field.") from error
 
 
 def known_exposure(source: Path, stored: StoredField) -> float:
-    """The exposure of the views beside the field; without them, one that suits the field."""
+    """The exposure of the views beside the field or, without them, one that suits the field."""
     views = source.parent / "views.yaml"
     return read_views(views).exposure if views.is_file() else propose_exposure(stored)
 

@@ -1,4 +1,4 @@
-"""`gpf fit`: a field for a scene file, with a progress bar and a picture that gets better."""
+"""`gpf fit`: a field for a scene file, with a progress bar and a preview that improves."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def fit_scene_file(
     go_on: bool = False,
     groups: str = "",
 ) -> None:
-    """Fit a field to the scene and write it to ``out``; the picture beside it is a preview.
+    """Fit a field to the scene and write it to ``out``, with a preview picture beside it.
 
     Parameters
     ----------
     scene_name: as for :func:`gpf.commands.scenes.find_scene`.
     seconds, target_psnr, passes, seed: as for :func:`gpf.fitting.fit.fit`.
     views: a ``views.yaml`` or ``transforms.json`` with the views that the field is for; by default
-        the ``views.yaml`` beside the scene; without it, cameras are placed around the scene's own.
+        the ``views.yaml`` beside the scene; without one, cameras are placed around the scene's own.
     go_on: continue the finished fit of ``out`` with more photons.
     groups: groups of emitters whose light is kept apart (:meth:`LightGroups.parse`).
     """
@@ -63,12 +63,12 @@ def fit_scene_file(
         views = views or trained / "views.yaml"
     views = file_beside(path, views)
     sensors, exposure = (None, None) if views is None else read_sensors(views, ROWS)
-    say("cameras: placed around the scene's own" if views is None else f"cameras: those of {views}")
+    say("cameras: placed around the scene's own" if views is None else f"cameras: from {views}")
     preview, state = out.with_suffix(".png"), out.with_suffix(".fit")
     with (
         sole_run(out),
         telling_untraceable(str(path)),
-        progress_bar(f"{path.stem}: looking around", 1) as bar,
+        progress_bar(f"{path.stem}: preparing", 1) as bar,
     ):
         remove_leftovers(out.parent)
         resume: Resume = "never" if is_finished(state, out) else "if possible"
@@ -87,42 +87,42 @@ def fit_scene_file(
         )
         save_field(field, out)
     record = field.record
-    say(f"{out}: {describe_fit(record)}; a picture from it: {preview}")
+    say(f"{out}: {describe_fit(record)}; preview: {preview}")
     used = sum(file.stat().st_size for file in state.iterdir())
-    say(f"{state}: {used / 1e6:.0f} MB, for more photons later (--continue); else delete it.")
+    say(f"{state}: {used / 1e6:.0f} MB, to add photons later with --continue; else delete it.")
 
 
 def describe_fit(record: Mapping[str, Any]) -> str:
-    """Passes and estimated PSNR of a fit, and those of the field before the last, if there was one:
-    what the last part of the time was worth."""
+    """Passes and estimated PSNR of a fit, and those of the last field but one, if there was one, to
+    show what the last part of the time was worth."""
     *before, (passes, psnr) = record["fields"]
     text = f"{passes} passes, estimated PSNR {psnr:.1f} dB"
     if not before:
         return text
-    earlier = "by photons alone" if before[-1][0] == passes else f"after {before[-1][0]}"
+    earlier = "from photons alone" if before[-1][0] == passes else f"after {before[-1][0]}"
     return f"{text} ({earlier}: {before[-1][1]:.1f} dB)"
 
 
 def require_field_name(out: Path) -> None:
-    """Raise a :class:`UserError` unless a field's file can be called so: beside it, the same name
-    with other endings is that of the preview and of the state."""
+    """Raise a :class:`UserError` unless this can be the name of a field: the preview and the state,
+    beside it, have the same name with other endings."""
     if out.suffix != ".safetensors":
         raise UserError(
-            str(out), "is no name of a field", "Give it a name that ends in .safetensors."
+            str(out), "is not the name of a field", "Give a name that ends in .safetensors."
         )
 
 
 def is_finished(state: Path, out: Path) -> bool:
     """Whether the fit with this state has written its field; False without a state.
 
-    Then the state has the same field. Times of files would tell less: clocks jump.
+    The state then has the same field. File times would be less reliable: clocks jump.
     """
     fields = state.glob("field-*.safetensors") if out.exists() else ()
     return any(filecmp.cmp(file, out, shallow=False) for file in fields)
 
 
 def _preview_sensor(scene: mi.Scene, sensors: list[mi.Sensor] | None) -> mi.Sensor | None:
-    """The scene's own camera with a small film; without one, the first of the sensors, if any."""
+    """The scene's own camera with a small film, or else the first of the sensors, if any."""
     own = views_of_sensors(scene)
     if not own:
         return sensors[0] if sensors else None
@@ -142,9 +142,9 @@ class _Display:
         self.called = False
 
     def __call__(self, progress: FitProgress) -> None:
-        """Show one state."""
+        """Show the state of the fit."""
         if not self.called and progress.passes > 1:
-            say(f"{self.title}: continues after {progress.passes - 1} passes")
+            say(f"{self.title}: continuing after {progress.passes - 1} passes")
         self.called = True
         quality = "" if progress.psnr is None else f", {progress.psnr:.1f} dB"
         self.bar.describe(f"{self.title}: passes and steps{quality}")

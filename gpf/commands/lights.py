@@ -19,7 +19,7 @@ def list_lights(field: str) -> None:
     stored = read_field(find_field(field))
     groups = stored.groups()
     if groups is None:
-        say(f"{field}: no groups. `gpf fit --groups auto` keeps the light of emitters apart.")
+        say(f"{field}: no groups. `gpf fit --groups auto` keeps the emitters' light apart.")
         return
     light = stored.tensors["lights"].astype(np.float64).mean(axis=(1, 2))
     for name, share in zip(groups.names, light / max(light.sum(), 1e-30), strict=True):

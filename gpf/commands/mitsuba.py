@@ -19,7 +19,7 @@ from gpf.core.runtime import choose_variant, require_memory
 from gpf.scene.inventory import check_meshes
 from gpf.scene.load import check_files, describe_plugin_error, load_with_parameters
 
-# Suffix -> name in mi.Bitmap.FileFormat. Mitsuba writes no floats to the others.
+# Suffix -> name in mi.Bitmap.FileFormat. Mitsuba cannot write floats to other formats.
 FORMATS = {".exr": "OpenEXR", ".hdr": "RGBE", ".rgbe": "RGBE", ".pfm": "PFM"}
 FORMATS |= {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 
@@ -38,7 +38,7 @@ def render_scene(
     ----------
     scene_name: as for :func:`gpf.commands.scenes.find_scene`.
     output: by default the scene file's name with ``.exr``.
-    define: parameters of the scene, ``name=value`` each.
+    define: parameters of the scene, each as ``name=value``.
     sensor: index of the sensor.
     spp: samples per pixel; 0 for the scene's own number.
 
@@ -52,7 +52,7 @@ def render_scene(
         name, separator, value = item.partition("=")
         if not separator:
             raise UserError(f"-D {item}", "has no =", "Write -D name=value.")
-        if name in ("config", "filename"):  # of an argument of mi.parser.parse_file
+        if name in ("config", "filename"):  # arguments of mi.parser.parse_file
             raise UserError(f"-D {item}", "has a name that Mitsuba reserves", "Choose another.")
         values[name] = value
     scene, _ = find_scene(scene_name)
@@ -61,7 +61,7 @@ def render_scene(
     target = output or scene.with_suffix(".exr")
     if target.suffix.lower() not in FORMATS:
         raise UserError(
-            str(target), "is not the name of an image", f"End it in {', '.join(FORMATS)}."
+            str(target), "is not the name of an image", f"Use the ending {', '.join(FORMATS)}."
         )
     if target.is_dir():
         raise UserError(str(target), "is a folder", "Name a file.")
@@ -78,19 +78,19 @@ def render_scene(
         )
     film = sensors[sensor].film()
     width, height = (int(n) for n in film.crop_size())
-    # A film has four floats or more for each pixel, and an image one.
+    # A film takes four floats or more for each pixel, an image one.
     require_memory(f"{scene}: film", f"{width}x{height}", 20 * width * height)
     start = time.perf_counter()
     with sole_run(target):
         remove_leftovers(target.parent)
         try:
             film.prepare(integrator.aov_names())
-            _encode(film.develop(), target)  # told before the time is spent
+            _encode(film.develop(), target)  # fails before the time is spent
             image = integrator.render(loaded, sensors[sensor], seed=seed, spp=spp)
         except (RuntimeError, ValueError) as error:
             if is_interrupt(error):
                 raise
-            what = f"does not render: {describe_plugin_error(error)}"
+            what = f"cannot be rendered: {describe_plugin_error(error)}"
             raise UserError(str(scene), what, "Correct the scene or the options.") from error
         content = _encode(image, target)
         write_atomically(target, lambda p: p.write_bytes(content))
@@ -100,7 +100,7 @@ def render_scene(
 def _encode(image: Any, target: Path) -> bytes:
     """The content of the image file ``target``.
 
-    In memory: Mitsuba does not say if a full disk cuts the end of a file off.
+    Encoded in memory: Mitsuba does not report a file that a full disk has cut short.
     """
     name, stream = FORMATS[target.suffix.lower()], mi.MemoryStream()
     try:
@@ -108,5 +108,5 @@ def _encode(image: Any, target: Path) -> bytes:
         bitmap.write(stream, getattr(mi.Bitmap.FileFormat, name))
     except RuntimeError as error:
         what = f"cannot hold the image ({' '.join(str(error).split())})"
-        raise UserError(str(target), what, "End it in .exr.") from error
+        raise UserError(str(target), what, "Use the ending .exr.") from error
     return bytes(stream.raw_buffer())

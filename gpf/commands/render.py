@@ -45,7 +45,7 @@ ROWS = 256
 FILM, FPS = "film.mp4", 24
 
 WORTH_SAYING = 0.02
-"""Share of weakly covered pixels of a picture from which a message says so."""
+"""A message warns of pictures with more than this share of weakly covered pixels."""
 
 
 Rendering = tuple[View, dict[str, np.ndarray]]
@@ -61,12 +61,13 @@ class PictureOptions:
     size: ``WIDTHxHEIGHT`` or the number of rows alone; None for :data:`ROWS` rows.
     spp: samples per pixel; None for the default of :class:`RenderSettings`.
     seconds: time for a picture, instead of a number of samples.
-    aovs: further layers of the EXR files, a list with commas.
-    exposure: of the PNG files; None for that of the views' file, of the field, or a measured one.
-    denoise: whether to denoise; None: if the package for it is there.
+    aovs: further layers of the EXR files, separated by commas.
+    exposure: exposure of the PNG files; None for that of the views' file or of the field, or else a
+        measured one.
+    denoise: whether to denoise; None to do so if the package for it is installed.
     film: whether to write an MP4.
-    seed: of all random numbers.
-    changed_scene: whether to render with a field of another scene.
+    seed: random seed.
+    changed_scene: whether to accept a field of another scene.
     executor: ``local``, or ``ray`` to spread the pictures over a cluster.
     cluster: address of the cluster; empty to start one on this machine.
     lights: levels of groups of emitters (:func:`gpf.scene.light_groups.parse_levels`).
@@ -115,7 +116,7 @@ def render_pictures(
         if value is not None and not 0 < value < math.inf:  # or NaN
             raise UserError(f"--{option}", f"is {value}", "Give a number above 0, or leave it out.")
     if options.cluster and options.executor != "ray":
-        raise UserError("--cluster", "is for `--executor ray`", "Give both, or leave it out.")
+        raise UserError("--cluster", "needs `--executor ray`", "Give both, or leave it out.")
     if options.film:
         find_encoder()  # before the frames are rendered
     scene_file, trained = find_scene(scene_name)
@@ -126,7 +127,7 @@ def render_pictures(
     field = load_field(field_file)
     if "error" in aovs and field.error is None:
         raise UserError(
-            str(field_file), "does not know its error", "Fit it with `gpf fit`, or leave out error."
+            str(field_file), "has no error estimate", "Fit it with `gpf fit`, or leave out error."
         )
     scene = load_scene_file(scene_file)
     require_same_scene(scene, scene_file, field, field_file, options.changed_scene)
@@ -154,7 +155,7 @@ def render_pictures(
     kept = len(cameras.views) - made
     seconds = (time.perf_counter() - start) / max(made, 1)
     notes = [f"{made} picture{'s' if made != 1 else ''}, {seconds:.2f} s each"] if made else []
-    notes += [f"{kept} were there already"] if kept else []
+    notes += [f"{kept} already done"] if kept else []
     say(f"{folder}: {'; '.join(notes)}")
 
 
@@ -175,7 +176,7 @@ def _read_size(text: str | None, aspect: float) -> tuple[int, int]:
         numbers = []
     if len(numbers) not in (1, 2) or not all(4 <= n <= 16384 for n in numbers):
         raise UserError(
-            f"--size {text}", "is no size", "Give WIDTHxHEIGHT, such as 512x512, or rows alone."
+            f"--size {text}", "is not a size", "Give WIDTHxHEIGHT, such as 512x512, or rows alone."
         )
     rows = numbers[-1]
     width = numbers[0] if len(numbers) == 2 else max(1, round(rows * aspect))
@@ -207,14 +208,16 @@ class Pictures:
         aovs: Sequence[str],
         options: PictureOptions,
     ) -> Pictures:
-        """Decide what is not given."""
+        """Decide whatever is not given."""
         size = _read_size(options.size, cameras.aspect)
         spp = options.spp or RenderSettings().spp
         denoise = options.denoise
         if denoise is None:
             denoise = has_denoiser() and options.seconds is None
         if denoise and not has_denoiser():
-            raise UserError("--denoise", "needs the package pyoidn", f"pip install {PACKAGE}")
+            raise UserError(
+                "--denoise", "needs the package pyoidn", f"Run `pip install {PACKAGE}`."
+            )
         settings = RenderSettings(spp=spp, denoise=denoise)
         layers = (*aovs, *(("coverage",) if "coverage" not in aovs else ()))
         renderer = FieldRenderer.make(scene, field, settings, layers)
@@ -237,13 +240,13 @@ class Pictures:
         )
 
     def render(self, renderings: Callable[[list[View]], Iterable[Rendering]]) -> int:
-        """Render the pictures that are missing or out of date; their number."""
+        """Render the pictures that are missing or out of date; return their number."""
         missing = [view for view in self.views if not self.is_current(view)]
         done = len(self.views) - len(missing)
         with progress_bar(f"{self.folder.name}: rendering", len(self.views)) as bar:
             bar(done)
             for view, layers in renderings(missing) if missing else ():
-                # Those of the picture before: they may have another size.
+                # Those of an earlier picture, which may have another size.
                 for file in layer_files(self.folder, view).values():
                     file.unlink(missing_ok=True)
                 write_png(self.png(view), layers["radiance"], self.exposure)
@@ -291,34 +294,34 @@ class Pictures:
         return self.folder / f"{view.name}.png"
 
     def exr(self, view: View) -> Path:
-        """Its radiance and AOVs."""
+        """The radiance and AOVs of a view."""
         return self.folder / f"{view.name}.exr"
 
     def record(self, view: View) -> dict[str, Any]:
-        """What the picture of a view depends on, JSON values."""
+        """What the picture of a view depends on, as JSON values."""
         whole = {**self.facts, "exposure": self.exposure, "view": view.model_dump(mode="json")}
         return dict(json.loads(json.dumps(whole)))
 
     def is_current(self, view: View) -> bool:
-        """Whether the files of a view exist and were made in this way."""
+        """Whether the files of a view exist and were made with these settings."""
         found = read_record(self.exr(view)) if self.png(view).exists() else None
         return found is not None and {**found, **self.record(view)} == found
 
     def remarks(self) -> Iterator[str]:
-        """How wrong the light of the pictures may be, and where it is missing, in words."""
+        """Say how wrong the light of the pictures may be, and where it is missing."""
         records = {view.name: read_record(self.exr(view)) or {} for view in self.views}
         if any("expected_psnr" in record for record in records.values()):
             found = [r["expected_psnr"] for r in records.values() if "expected_psnr" in r]
             yield (
-                f"light right to {np.mean(found):.1f} dB ({min(found):.1f} to {max(found):.1f}); "
-                "noise of camera samples comes on top"
+                f"light accurate to {np.mean(found):.1f} dB "
+                f"({min(found):.1f} to {max(found):.1f}), plus noise of the camera samples"
             )
         shares = {name: record.get("weakly_covered", 0.0) for name, record in records.items()}
         if max(shares.values()) > WORTH_SAYING:
-            yield f"{describe_coverage(shares)}; fit with cameras that look there"
+            yield f"{describe_coverage(shares)}; fit with cameras that see them"
 
     def write_film(self) -> None:
-        """All pictures in order as an MP4."""
+        """Write all pictures, in order, as an MP4."""
 
         def frame(view: View) -> np.ndarray:
             shown = tone_map(read_exr(self.exr(view))[0]["radiance"], self.exposure)

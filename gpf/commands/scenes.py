@@ -13,7 +13,7 @@ from gpf.importing.sources import find_scene_file
 from gpf.scene.fingerprint import changed_parts, fingerprint
 
 RESULTS = Path("results")
-"""Where the pipeline writes what it makes of each scene, in a folder of the scene's name."""
+"""Where the pipeline writes its results, in one folder per scene."""
 
 
 def find_scene(name: str) -> tuple[Path, Path | None]:
@@ -25,7 +25,7 @@ def find_scene(name: str) -> tuple[Path, Path | None]:
 
     Raises
     ------
-    UserError: the folder has no scene file or several, or there is no scene of that name.
+    UserError: the folder has no scene file or several, or there is no scene with that name.
     """
     path = Path(name)
     if path.is_dir():
@@ -36,7 +36,7 @@ def find_scene(name: str) -> tuple[Path, Path | None]:
 
 
 def find_field(name: str) -> Path:
-    """The file of a field: a path, or the name of a scene that the pipeline trained.
+    """The file of a field, given by its path or by the name of a scene that the pipeline trained.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def _is_name(path: Path) -> bool:
 
 
 def _result(scene: str, file: str, stage: str) -> Path:
-    """A file that a stage of the pipeline made of a scene."""
+    """A file that a stage of the pipeline made for a scene."""
     found = RESULTS / scene / file
     if found.is_file():
         return found
@@ -77,13 +77,13 @@ def require_same_scene(
     changed_scene: bool = False,
 ) -> None:
     """Raise a :class:`UserError` if a field was fitted to another scene, or to this one before it
-    was changed; fields that do not say so are taken as they are.
+    was changed; fields that do not record their scene are accepted.
 
-    The plugin does not ask again: from now on, lamps may be dimmed.
+    The plugin does not check again: from now on, lamps may be dimmed.
 
     Parameters
     ----------
-    changed_scene: whether a field of another scene is accepted.
+    changed_scene: whether to accept a field of another scene.
     """
     known = field.record.pop("fingerprint", None)
     if changed_scene or not known:
@@ -92,6 +92,6 @@ def require_same_scene(
         parts = " and ".join(", ".join(changed).rsplit(", ", 1))
         raise UserError(
             str(field_file),
-            f"was fitted to another scene, or before {scene_file} was changed: other {parts}",
+            f"was fitted to another scene, or before {scene_file} was changed: different {parts}",
             "Run `gpf fit` again, or add --changed-scene to see the light of the other scene.",
         )

@@ -33,13 +33,13 @@ from gpf.viewing.background_fit import BackgroundFit
 from gpf.viewing.server import PageServer
 from gpf.viewing.viewer import Viewer
 
-# Ctrl-C, `kill`, and a terminal that is closed.
+# Ctrl-C, `kill`, and the closing of the terminal.
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True)
 class ServerOptions:
-    """Address of the page, port 0 for any that is free, and whether to open it."""
+    """Host and port of the page, 0 for any free port, and whether to open it in a browser."""
 
     host: str
     port: int
@@ -61,12 +61,12 @@ def view_scene(
     ----------
     scene_name: as for :func:`gpf.commands.scenes.find_scene`; a scene of the pipeline is shown with
         its field and its references.
-    field_file: the field; None for the one that ``out`` has for this scene, or, without it, to fit
-        one, which is written to ``out``.
+    field_file: the field; None to use the one in ``out`` or, if there is none, to fit one and write
+        it there.
     views_file: cameras to jump to, and where cameras are saved; None for ``views.yaml`` in the
         current folder.
     changed_scene: whether to accept a field of another scene.
-    groups: for a field that is fitted, groups of emitters whose light is kept apart
+    groups: if a field is fitted, groups of emitters whose light is kept apart
         (:meth:`LightGroups.parse`).
 
     Raises
@@ -80,17 +80,17 @@ def view_scene(
     if field_file is None:
         require_field_name(out)
         if groups and out.exists():
-            raise UserError(str(out), "exists already", "Choose another name with --output.")
+            raise UserError(str(out), "already exists", "Choose another name with --output.")
     if field_file is not None and groups:
         raise UserError(
             "--groups",
-            "is for a field that is fitted",
-            "Fit one with `gpf fit --groups`, then look.",
+            "cannot be used with an existing field",
+            "Fit one with `gpf fit --groups`, then view it.",
         )
     choose_variant("auto")
     field = None if field_file is None else load_field(field_file)
     scene = load_scene_file(scene_file)
-    LightGroups.parse(groups, scene)  # says what is wrong before the fit starts
+    LightGroups.parse(groups, scene)  # reports errors before the fit starts
     if media := describe_media(scene):
         say(f"{scene_file}: {media}")
     if field is not None and field_file is not None:
@@ -123,7 +123,7 @@ def view_scene(
             )
             server = PageServer(viewer, options.host, options.port)
             print(server.address, flush=True)
-            say("Ctrl-C ends it.")
+            say("Press Ctrl-C to stop.")
             if options.opens:
                 webbrowser.open(server.address)
             try:
@@ -139,35 +139,31 @@ def view_scene(
                 _ignore_signals()  # a second Ctrl-C would only lose the field
                 kept = fit.close()
                 why = f" {fit.status.error}" if fit.status.error else ""
-                say(
-                    f"{out}: the field after {fit.status.passes} passes"
-                    if kept
-                    else f"No field.{why}"
-                )
+                say(f"{out}: field after {fit.status.passes} passes" if kept else f"No field.{why}")
 
 
 def _load_kept(
     out: Path, scene: mi.Scene, scene_file: Path, changed_scene: bool
 ) -> GaussianPhotonField:
-    """The field that an earlier `gpf fit` or `gpf view` has left where a new one would be kept.
+    """The field that an earlier `gpf fit` or `gpf view` left where a new one would be written.
 
     Raises
     ------
-    UserError: the file is no field, or does not say that it belongs to this scene.
+    UserError: the file is not a field, or does not say that it belongs to this scene.
     """
     try:
         field = load_field(out)
         if not changed_scene and not field.record.get("fingerprint"):
-            raise UserError(str(out), "does not say to which scene it was fitted", "")
+            raise UserError(str(out), "does not say which scene it was fitted to", "")
         require_same_scene(scene, scene_file, field, out, changed_scene)
     except UserError as error:
         todo = "Choose another name with --output."
         if not isinstance(error, FileError):
             todo = (
-                "Choose another name with --output for a new one, or add --changed-scene to see it."
+                "Choose another name with --output to fit again, or view it with --changed-scene."
             )
-        raise UserError(str(out), f"exists already, and {error.what}", todo) from error
-    say(f"{out}: the field of this scene; to fit a new one, choose another name with --output.")
+        raise UserError(str(out), f"already exists, and {error.what}", todo) from error
+    say(f"{out}: a field of this scene; to fit a new one, choose another name with --output.")
     return field
 
 
@@ -188,7 +184,7 @@ def _references(trained: Path | None, cameras: list[View]) -> dict[str, Path]:
 def _cameras(
     scene: mi.Scene, scene_file: Path, views_file: Path | None
 ) -> tuple[list[View], float, float | None]:
-    """Cameras to jump to with their ``fov`` across x, the aspect of pictures, and an exposure."""
+    """Cameras to jump to, with ``fov`` across x; the aspect of pictures; and an exposure."""
     places = (views_file, scene_file.parent / "views.yaml", Path("views.yaml"))
     file = next((path for path in places if path is not None and path.exists()), None)
     known = known_cameras(scene, scene_file, file)
@@ -220,6 +216,6 @@ def _ended_by_signals() -> Iterator[None]:
 
 
 def _ignore_signals() -> None:
-    """Until the block of :func:`_ended_by_signals` ends."""
+    """Ignore the signals until the block of :func:`_ended_by_signals` ends."""
     for number in _ENDING:
         signal.signal(number, signal.SIG_IGN)

@@ -1,8 +1,8 @@
-"""The checkout of the project that this package lies in, if it lies in one."""
+"""The project checkout that contains this package, if any."""
 
 from pathlib import Path
 
 _FOLDER = Path(__file__).resolve().parents[2]
 
 CHECKOUT = _FOLDER if (_FOLDER / "stages" / "commands" / "benchmark.py").is_file() else None
-"""Its root; None where only the library is installed."""
+"""Root of the checkout, or None if only the library is installed."""

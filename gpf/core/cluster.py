@@ -1,4 +1,4 @@
-"""A Ray cluster: connect to it, or start one on this machine, and get the results of its tasks."""
+"""Connect to a Ray cluster, or start one on this machine, and collect its task results."""
 
 from __future__ import annotations
 
@@ -13,20 +13,19 @@ from typing import Any
 from gpf.core.errors import UserError
 
 HEAD_TRIES = 5
-"""How often a head that does not answer is asked again, a second later each: it may be one that is
-started anew by itself."""
+"""Attempts, a second apart, to reach a head that does not answer: it may be restarting on its own."""
 
 
 @dataclass(frozen=True)
 class ClusterChoice:
-    """Which cluster, and how messages name the two options.
+    """Which cluster to use, and how messages name the two options.
 
     Attributes
     ----------
     asked_by: the option that asks for Ray.
-    address: of a cluster, ``HOST:PORT``; empty to start one on this machine.
+    address: address of a cluster, ``HOST:PORT``; empty to start one on this machine.
     address_option: the option that gives the address.
-    cores: of a cluster that is started on this machine.
+    cores: number of cores of a cluster started on this machine.
     """
 
     asked_by: str
@@ -35,7 +34,7 @@ class ClusterChoice:
     cores: int
 
     def connect(self) -> Any:
-        """The module ``ray``, connected.
+        """Connect, and return the module ``ray``.
 
         Raises
         ------
@@ -46,7 +45,7 @@ class ClusterChoice:
         except ImportError as error:
             raise UserError(
                 self.asked_by,
-                "is ray, but the package ray is not installed",
+                "is ray, but the ray package is not installed",
                 "Install it (`pip install ray`), or choose local.",
             ) from error
         if ray.is_initialized():
@@ -72,7 +71,7 @@ class ClusterChoice:
         return ray
 
     def _require_listener(self) -> None:
-        """Check that something listens at the address; Ray itself would try for minutes."""
+        """Check that something listens at the address; Ray itself would keep trying for minutes."""
         host, _, port = self.address.removeprefix("ray://").rpartition(":")
         if host and port.isdecimal():
             try:
@@ -89,13 +88,13 @@ class ClusterChoice:
 
 
 def cores_of_smallest_machine(ray: Any) -> float:
-    """Cores that a task reserves so that it has a machine for itself; every machine has them."""
+    """Cores that a task must reserve to have a machine to itself; every machine has that many."""
     cores = [node["Resources"].get("CPU", 1) for node in ray.nodes() if node["Alive"]]
     return float(min(cores))
 
 
 def wait_for_tasks(ray: Any, running: Collection[Any]) -> list[Any]:
-    """Those of the running tasks that have ended; empty if none ends within a second.
+    """The running tasks that have finished; empty if none finishes within a second.
 
     Raises
     ------
@@ -107,8 +106,8 @@ def wait_for_tasks(ray: Any, running: Collection[Any]) -> list[Any]:
 
 
 def _require_cluster(ray: Any) -> None:
-    """Check that the head and this machine's node live. Without them, Ray ends this process and
-    says nothing, as soon as it needs them or a minute later."""
+    """Check that the head and this machine's node are alive. Without them, Ray silently kills this
+    process, either as soon as it needs them or a minute later."""
     _require_head(ray.get_runtime_context().gcs_address)
     _require_own_node(ray)
 
@@ -141,8 +140,8 @@ def _listens(host: str, port: int) -> bool:
 def _lost(what: str) -> UserError:
     return UserError(
         what,
-        "does not answer any more",
-        "Start the cluster again, then run this again: what is done is saved.",
+        "no longer answers",
+        "Restart the cluster, then run this again: finished work is saved.",
     )
 
 
@@ -151,7 +150,7 @@ def task_result(ray: Any, reference: Any, what: str) -> Any:
 
     Raises
     ------
-    UserError: the task raised it, its worker was lost more often than Ray tries again, or the
+    UserError: the task raised it, its worker was lost more often than Ray retries, or the
         cluster is lost, see `_require_cluster`.
     """
     _require_cluster(ray)
@@ -165,6 +164,6 @@ def task_result(ray: Any, reference: Any, what: str) -> Any:
     except ray.exceptions.RayError as error:
         raise UserError(
             what,
-            "was lost, also in all retries",
-            "Check the memory of the workers; what others made is saved.",
+            "was lost, and so were all retries",
+            "Check the memory of the workers; the results of other tasks are saved.",
         ) from error

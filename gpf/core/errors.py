@@ -1,4 +1,4 @@
-"""Errors that a user can correct: they say where, what is wrong and what to do."""
+"""Errors that a user can correct: they say what is wrong, where, and what to do."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class UserError(Exception):
 
 
 class FileError(UserError):
-    """A file is missing, damaged or of another kind than expected.
+    """A file is missing, damaged or not of the expected kind.
 
-    A program that knows which command makes the file can add it to the message.
+    A program that knows which command creates the file can add it to the message.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class FileError(UserError):
     def __init__(self, path: Path, what: str, missing: bool = False) -> None:
         self.path, self.missing = Path(path), missing
         super().__init__(
-            str(path), what, "Check the path." if missing else "Delete it and make it again."
+            str(path), what, "Check the path." if missing else "Delete it and recreate it."
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -60,7 +60,7 @@ class FileError(UserError):
 
 
 class WriteError(UserError):
-    """A file could not be written: the disk is full, or the folder is not for writing."""
+    """A file could not be written: the disk is full, or the folder is not writable."""
 
     def __init__(self, path: Path | str, why: object) -> None:
         self.path, self.why = path, str(why)
@@ -72,8 +72,8 @@ class WriteError(UserError):
         return type(self), (self.path, self.why)
 
 
-# No room, no permission, a file where a folder should be or the other way round, a name that is too
-# long, links in a circle, a broken disk, too many open files, a share of the network that is gone.
+# No space, no permission, a file where a folder should be or vice versa, a name that is too long,
+# circular links, a failing disk, too many open files, a network share that is gone.
 _OF_FILES = (
     *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM),
     *(errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ENOTEMPTY),
@@ -82,7 +82,7 @@ _OF_FILES = (
 
 
 def explain_file_error(error: OSError) -> UserError | None:
-    """An error of the file system in words; None if a user cannot correct it."""
+    """Explain a file-system error; None if a user cannot correct it."""
     if error.errno not in _OF_FILES:
         return None
     return UserError(
@@ -93,20 +93,20 @@ def explain_file_error(error: OSError) -> UserError | None:
 
 
 def without_folders(text: str) -> str:
-    """A text in which only the last part of each absolute path is left."""
+    """Shorten each absolute path in a text to its last part."""
     home = os.path.expanduser("~")  # Path.home() fails for users without one
-    if home != "/":  # its last part is the user's name, and may have spaces
+    if home != "/":  # its last part is the user's name, which may contain spaces
         text = re.sub(re.escape(home) + r"(?![\w.-])", "~", text)
     return re.sub(r"(?<![\w/.~-])[~.]*/(?!/)\S*/", "", text)
 
 
-# Ctrl-C has come since :func:`no_lost_interrupts` began.
+# Set once Ctrl-C was pressed after :func:`no_lost_interrupts` began.
 _heard = threading.Event()
 
 
 def is_interrupt(error: BaseException | None) -> bool:
-    """Whether Ctrl-C caused an error: inside a loop, Dr.Jit raises another error from it, and
-    libraries in C++ raise others in its place."""
+    """Whether Ctrl-C caused an error: inside a loop, Dr.Jit raises another error from it, and C++
+    libraries raise others in its place."""
     if _heard.is_set() and not isinstance(error, UserError):
         return True
     while error is not None and not isinstance(error, KeyboardInterrupt):
@@ -116,9 +116,9 @@ def is_interrupt(error: BaseException | None) -> bool:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ctrl-C waits until the block ends: for values that have to change together."""
+    """Defer Ctrl-C until the block ends: for values that have to change together."""
     before = signal.getsignal(signal.SIGINT)
-    # Signals reach the main thread alone, and a handler that is not of Python stays as it is.
+    # Only the main thread receives signals, and a handler not set by Python is left as it is.
     if threading.current_thread() is not threading.main_thread() or not callable(before):
         yield
         return
@@ -134,15 +134,15 @@ def uninterrupted() -> Iterator[None]:
 
 @contextmanager
 def no_lost_interrupts() -> Iterator[None]:
-    """Ctrl-C that arrives in a destructor, where Python drops every exception, comes again; one
-    that becomes another error is known as its cause (:func:`is_interrupt`)."""
+    """Repeat a Ctrl-C that arrives in a destructor, where Python drops every exception, and remember
+    one that becomes another error (:func:`is_interrupt`)."""
     before, raises = sys.unraisablehook, signal.getsignal(signal.SIGINT)
 
     def come_again(dropped: sys.UnraisableHookArgs) -> None:
         if not issubclass(dropped.exc_type, KeyboardInterrupt):
             before(dropped)
             return
-        # From another thread and a moment later: here, it would be dropped as well.
+        # From another thread and a moment later: raised here, it would be dropped as well.
         again = threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT))
         again.daemon = True
         again.start()

@@ -1,4 +1,4 @@
-"""A coarse grid that knows which way the surfaces near a place face."""
+"""A coarse grid that knows which way nearby surfaces face."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ import numpy as np
 # Largest number of cells in the table; in larger grids, several cells share an entry.
 LARGEST_TABLE = 1 << 20
 
-# A direction belongs to the nearest of 26 directions: axes, and diagonals of two or three axes.
-# It is at most 35.3° away from it. A normal within 45.6° of that (gpf.core.surface_tags, with the
-# rounding of tags) is therefore at most 81.5° away from the nearest of the 26.
+# A direction is mapped to the nearest of 26 directions: axes, and diagonals of two or three axes.
+# That one is at most 35.3° away. A normal within 45.6° of the direction (gpf.core.surface_tags, with
+# the rounding of tags) is therefore at most 81.5° away from that one of the 26.
 _COMPATIBLE = 0.147
 
 
 class FacingCells:
-    """For each cell of a grid, the directions that normals in the cell or its neighbours have.
+    """For each cell of a grid, the directions of the normals in the cell or its neighbours.
 
-    A search for oriented points within ``reach`` can be left out where :meth:`may_contain` is
-    false. On the unlit back of a wall, all points of the lit side would be visited in vain.
+    A search for oriented points within ``reach`` can be skipped where :meth:`may_contain` is
+    false. On the unlit back of a wall, it would visit all points of the lit side in vain.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class FacingCells:
             k += 1
 
     def _cell(self, p: mi.Point3f) -> mi.Vector3i:
-        # Points outside of the bounds belong to the outermost cells.
+        # Points outside the bounds belong to the outermost cells.
         last = mi.Vector3f(self._last)
         return mi.Vector3i(dr.clip((p - self._lower) * self._inverse, 0, last))
 

@@ -23,13 +23,13 @@ from gpf.core.partial import grant_as_usual, partial_file
 SCHEMA_VERSION = 1
 
 LARGEST_HEADER = 16 << 20
-"""Bytes that the header of a tensor file may have; those of this program have some thousand."""
+"""Maximum size of a tensor file's header, bytes; this program writes a few thousand."""
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Call ``write`` with the path of a temporary file beside ``path``, then rename that file.
 
-    Folders are made as needed. Raises a :class:`WriteError` if the file cannot be written.
+    Folders are created as needed. Raises a :class:`WriteError` if the file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -47,7 +47,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write JSON atomically, sorted and indented, so that two files can be compared by line."""
+    """Write JSON atomically, sorted and indented, so that two files can be compared line by line."""
     write_text(path, json.dumps(value, indent=2, sort_keys=True) + "\n")
 
 
@@ -56,11 +56,11 @@ def read_json(path: Path, shape: Any = Any) -> Any:
 
     Parameters
     ----------
-    shape: a type such as ``dict[str, float]`` that the content has; other content is not converted.
+    shape: type that the content must have, such as ``dict[str, float]``; nothing is converted.
 
     Raises
     ------
-    FileError: the file is missing, is not JSON, or has another shape.
+    FileError: the file is missing, is not JSON, or does not have this shape.
     """
     try:
         data = path.read_bytes()
@@ -72,16 +72,16 @@ def read_json(path: Path, shape: Any = Any) -> Any:
 
 
 def _parse_json(path: Path, text: str | bytes, shape: Any) -> Any:
-    """The content of a file, or of a part of it."""
+    """Parse the content of a file, or of a part of it."""
     try:
         text = text.decode("utf-8") if isinstance(text, bytes) else text
         content = json.loads(text)
         TypeAdapter(shape).validate_json(text, strict=True)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"]) or "the whole"
-        raise FileError(path, f"has another shape ({place}: {first['msg']})") from error
-    # ValueError: no UTF-8, no JSON, a number of thousands of digits. RecursionError: too deep.
+        place = ".".join(str(part) for part in first["loc"]) or "the whole file"
+        raise FileError(path, f"has the wrong structure ({place}: {first['msg']})") from error
+    # ValueError: not UTF-8, not JSON, or a number with thousands of digits. RecursionError: too deep.
     except (ValueError, RecursionError) as error:
         raise FileError(path, f"is not JSON ({error})") from error
     return content
@@ -94,7 +94,7 @@ def write_tensors(
 
     Parameters
     ----------
-    kind: what the file holds, e.g. ``targets``; :func:`read_tensors` asks for it.
+    kind: what the file holds, e.g. ``targets``; :func:`read_tensors` checks it.
     metadata: JSON values.
     """
     arrays = {name: np.ascontiguousarray(value) for name, value in tensors.items()}
@@ -119,8 +119,8 @@ def read_tensors(
     Raises
     ------
     FileError: the file is missing, truncated, damaged, of another kind or of another schema
-        version, or its metadata are not JSON or have another shape. An array that the file does
-        not have is a FileError when it is asked for.
+        version, or its metadata are not JSON or do not have the given shape. Accessing an array
+        that the file does not have also raises a FileError.
     """
     if not path.exists():
         raise FileError(path, "is missing", missing=True)
@@ -130,7 +130,7 @@ def read_tensors(
             header = file.metadata() or {}
             tensors = Parts(path, "tensor")
             tensors |= {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    # Others than those of the library: a type that numpy lacks, or a header that is too deep.
+    # Besides the library's own errors: a type that numpy lacks, or a header nested too deep.
     except (SafetensorError, OSError, ValueError, TypeError, AttributeError, KeyError) as error:
         raise FileError(path, f"is truncated or damaged ({error})") from error
     version, text = header.get("schema_version", "none"), header.get("metadata", "")
@@ -140,17 +140,17 @@ def read_tensors(
         raise FileError(path, f"has schema version {version}; this program reads {SCHEMA_VERSION}")
     # Older files have no checksum.
     if header.get("checksum", found := checksum(text, tensors)) != found:
-        raise FileError(path, "is damaged (its content does not fit its checksum)")
+        raise FileError(path, "is damaged (its content does not match its checksum)")
     return tensors, _parse_json(path, text, shape)
 
 
 def name_not_finite(tensors: Mapping[str, np.ndarray]) -> str | None:
-    """The first tensor with a value that is NaN or infinite."""
+    """The name of the first tensor with a NaN or infinite value, or None."""
     return next((name for name, value in tensors.items() if not np.isfinite(value).all()), None)
 
 
 def require_finite(path: Path, tensors: Mapping[str, np.ndarray]) -> None:
-    """Raise a :class:`FileError` if the tensors of a file have values that are not finite."""
+    """Raise a :class:`FileError` if any tensor of a file has NaN or infinite values."""
     if name := name_not_finite(tensors):
         raise FileError(path, f"has NaN or infinite values in {name}")
 
@@ -161,13 +161,13 @@ def require_shapes(
     wanted: Mapping[str, tuple[tuple[str | int, ...], str]],
     sizes: Mapping[str, int] | None = None,
 ) -> None:
-    """Raise a :class:`FileError` if tensors of a file are missing or of another shape or type.
+    """Raise a :class:`FileError` if tensors of a file are missing or have the wrong shape or type.
 
     Parameters
     ----------
     wanted: name -> shape and type, such as ``(("N", 3), "f4")``. A letter stands for the same size
         everywhere.
-    sizes: letters whose size is known.
+    sizes: sizes of letters that are already known.
     """
     known = dict(sizes or {})
     for name, (shape, kind) in wanted.items():
@@ -186,18 +186,18 @@ def require_shapes(
 
 
 def require_scene(path: Path, metadata: Mapping[str, Any], scene: str) -> None:
-    """Raise a :class:`FileError` if a file says that it belongs to another scene; those of earlier
-    versions say nothing."""
+    """Raise a :class:`FileError` if a file says that it belongs to another scene; files of earlier
+    versions do not say."""
     if (found := metadata.get("scene", scene)) != scene:
         raise FileError(path, f"belongs to the scene {found}, not to {scene}")
 
 
 class Parts(dict[str, np.ndarray]):
-    """The arrays of a file; one that it does not have is a :class:`FileError`.
+    """The arrays of a file; accessing one that it does not have raises a :class:`FileError`.
 
     Parameters
     ----------
-    kind: what an array is called in that message.
+    kind: what an array is called in the message.
     """
 
     def __init__(self, path: Path, kind: str) -> None:
@@ -209,7 +209,7 @@ class Parts(dict[str, np.ndarray]):
 
 
 def checksum(text: str, arrays: Mapping[str, np.ndarray]) -> str:
-    """CRC-32 of a text and of named arrays with their shapes, in any order."""
+    """CRC-32 of a text and of named arrays with their shapes; their order does not matter."""
     value = zlib.crc32(text.encode())
     for name in sorted(arrays):
         array = np.ascontiguousarray(arrays[name])
@@ -229,8 +229,8 @@ def _check_header_size(path: Path) -> None:
 def _sort_header(data: bytes) -> bytes:
     """Sort the keys in the header of a safetensors file.
 
-    The library writes them in an order that changes from run to run, so that the same content
-    would be a change for DVC.
+    The library writes them in an order that changes from run to run, so DVC would see a change
+    where the content is the same.
     """
     end = 8 + int.from_bytes(data[:8], "little")
     header = json.dumps(json.loads(data[8:end]), sort_keys=True, separators=(",", ":")).encode()

@@ -1,4 +1,4 @@
-"""Films: H.264 in an MP4 file, for all browsers."""
+"""Films: H.264 in MP4 files, which all browsers play."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from gpf.core.errors import UserError
 from gpf.core.files import write_atomically
 
 _REINSTALL = (
-    "Check that the disk has room; `pip install --force-reinstall imageio-ffmpeg` installs the "
-    "encoder again."
+    "Check the free disk space; `pip install --force-reinstall imageio-ffmpeg` reinstalls the "
+    "encoder."
 )
 
 
@@ -25,8 +25,8 @@ def write_film(path: Path, frames: Iterable[np.ndarray], fps: int) -> None:
 
     Parameters
     ----------
-    frames: sRGB, 8 bits, (H, W, 3) each, one at least; if H or W is odd, a black line is added. A
-        generator needs memory for one frame only.
+    frames: at least one, 8-bit sRGB, (H, W, 3) each; if H or W is odd, a black line is added. With
+        a generator, only one frame is in memory at a time.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def write_film(path: Path, frames: Iterable[np.ndarray], fps: int) -> None:
     command += ["-i", "-", "-c:v", "libx264", "-preset", "slow", "-crf", "20"]
     if width % 2 or height % 2:
         command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"]
-    # One thread and no dates, so that the file depends on the frames alone.
+    # One thread and no dates, so that the file depends only on the frames.
     command += ["-pix_fmt", "yuv420p", "-threads", "1", "-map_metadata", "-1"]
     command += ["-fflags", "+bitexact", "-flags:v", "+bitexact", "-movflags", "+faststart"]
 
@@ -52,7 +52,7 @@ def write_film(path: Path, frames: Iterable[np.ndarray], fps: int) -> None:
             assert run.stdin is not None
             try:
                 for frame in chain([first], frames):
-                    # Without a reader, the encoder has ended; what it said is below.
+                    # A broken pipe means that the encoder has ended; its message is read below.
                     with suppress(BrokenPipeError):
                         run.stdin.write(np.ascontiguousarray(frame, np.uint8).tobytes())
                 with suppress(BrokenPipeError):
@@ -83,7 +83,7 @@ def find_encoder() -> str:
         return str(get_ffmpeg_exe())
     except ImportError as error:
         raise UserError(
-            "imageio_ffmpeg", "is not installed, so no MP4", "pip install imageio-ffmpeg"
+            "imageio_ffmpeg", "is not installed, so no MP4 can be written", "Run `pip install imageio-ffmpeg`."
         ) from error
     except RuntimeError as error:
         raise UserError("imageio_ffmpeg", f"has no encoder: {error}", _REINSTALL) from error

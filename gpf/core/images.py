@@ -1,4 +1,4 @@
-"""EXR files, tone mapping, PNG previews."""
+"""EXR files, tone mapping and PNG previews."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import OpenEXR
 from gpf.core.errors import FileError, UserError
 from gpf.core.files import SCHEMA_VERSION, Parts, checksum, write_atomically
 
-# The header attributes that hold the record (what made the image) and the checksum.
+# The header attributes that hold the record (how the image was made) and the checksum.
 _RECORD, _CHECKSUM = "gpf", "gpf_checksum"
 
 
@@ -25,7 +25,7 @@ def write_exr(path: Path, layers: Mapping[str, np.ndarray], record: Mapping[str,
     layers: name to float array, (H, W, 3) or (H, W). The layer ``radiance`` becomes the channels
         R, G, B, which every viewer shows. Another layer ``x`` becomes x.R, x.G, x.B, or x.V if it
         has a single channel.
-    record: what made the image; JSON values.
+    record: how the image was made; JSON values.
     """
     channels: dict[str, np.ndarray] = {}
     for name, value in layers.items():
@@ -46,7 +46,7 @@ def write_exr(path: Path, layers: Mapping[str, np.ndarray], record: Mapping[str,
 
     def write(temporary: Path) -> None:
         OpenEXR.File(header, channels).write(str(temporary))
-        try:  # OpenEXR does not say if a full disk cuts the end off
+        try:  # OpenEXR does not report a file truncated by a full disk
             _read_channels(temporary)
         except FileError as error:
             raise OSError("the disk may be full") from error
@@ -59,8 +59,8 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 
     Raises
     ------
-    FileError: the file is missing, truncated, damaged or of another schema version. A layer that
-        the file does not have is a FileError when it is asked for.
+    FileError: the file is missing, truncated, damaged or of another schema version. Accessing a
+        layer that the file does not have also raises a FileError.
     """
     channels, record = _read_channels(path)
     if record.get("schema_version") != SCHEMA_VERSION:
@@ -78,7 +78,7 @@ def read_exr(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 
 
 def _read_channels(path: Path) -> tuple[Parts, dict[str, Any]]:
-    """Channels and record of an EXR that is whole."""
+    """Channels and record of an EXR, which must be complete."""
     if not path.exists():
         raise FileError(path, "is missing", missing=True)
     channels = Parts(path, "channel")
@@ -92,7 +92,7 @@ def _read_channels(path: Path) -> tuple[Parts, dict[str, Any]]:
         raise FileError(path, f"is truncated or not an EXR ({error})") from error
     # OpenEXR only prints a warning if pixels cannot be read. Older files have no checksum.
     if header.get(_CHECKSUM, found := checksum(text, channels)) != found:
-        raise FileError(path, "is truncated or damaged (its content does not fit its checksum)")
+        raise FileError(path, "is truncated or damaged (its content does not match its checksum)")
     return channels, record
 
 
@@ -108,7 +108,7 @@ def read_record(path: Path) -> dict[str, Any] | None:
 
 
 def check_finite(image: np.ndarray, where: str) -> None:
-    """Raise a :class:`UserError` if an image (H, W, 3) or points (N, 3) are not finite."""
+    """Raise a :class:`UserError` if an image (H, W, 3) or points (N, 3) have non-finite values."""
     broken = ~np.isfinite(image).all(axis=-1)
     if broken.any():
         first = np.argwhere(broken)[0]
@@ -125,7 +125,7 @@ def check_finite(image: np.ndarray, where: str) -> None:
 
 
 def propose_exposure(radiance: np.ndarray) -> float:
-    """The exposure at which nine tenths of the pixels (..., 3) are below 0.8 of display white."""
+    """The exposure at which 90 % of the pixels (..., 3) are below 0.8 of display white."""
     bright = float(np.quantile(np.asarray(radiance) @ [0.2126, 0.7152, 0.0722], 0.9))
     return 0.8 / bright if bright > 0 else 1.0
 
@@ -138,7 +138,7 @@ def tone_map(radiance: np.ndarray, exposure: float) -> np.ndarray:
 
 
 def tone_slope(radiance: np.ndarray, exposure: float) -> np.ndarray:
-    """The derivative of :func:`tone_map` by the radiance; 0 where it clips."""
+    """The derivative of :func:`tone_map` with respect to radiance; 0 where it clips."""
     linear = np.asarray(radiance, dtype=np.float64) * exposure
     curved = 1.055 / 2.4 * np.power(np.clip(linear, 0.0031308, 1), 1 / 2.4 - 1)
     slope = np.where(linear <= 0.0031308, 12.92, curved)
@@ -146,9 +146,9 @@ def tone_slope(radiance: np.ndarray, exposure: float) -> np.ndarray:
 
 
 def tone_secant(x: np.ndarray, y: np.ndarray, exposure: float) -> np.ndarray:
-    """(T(x) - T(y)) / (x - y) with T of :func:`tone_map`; where x and y are equal, the derivative.
+    """(T(x) - T(y)) / (x - y) with T as in :func:`tone_map`; the derivative where x and y are equal.
 
-    For large differences, the derivative at x would be wrong: light beyond white does not show.
+    For large differences, the derivative at x would be wrong: clipped light does not show.
     """
     step = y - x
     near = np.abs(step) <= 1e-3 * np.maximum(np.abs(x), 1e-6)
@@ -157,7 +157,7 @@ def tone_secant(x: np.ndarray, y: np.ndarray, exposure: float) -> np.ndarray:
 
 
 def undo_tone_map(srgb: np.ndarray) -> np.ndarray:
-    """Linear radiance times exposure, from sRGB values, which are clipped to [0, 1]."""
+    """Convert sRGB values, clipped to [0, 1], to linear radiance times exposure."""
     value = np.clip(np.asarray(srgb, dtype=np.float64), 0, 1)
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
@@ -167,7 +167,7 @@ def write_png(path: Path, radiance: np.ndarray, exposure: float) -> None:
     import mitsuba as mi
 
     pixels = np.round(tone_map(radiance, exposure) * 255).astype(np.uint8)
-    # Through memory: Mitsuba does not say if a full disk cuts the end off.
+    # Via memory: Mitsuba does not report a file truncated by a full disk.
     stream = mi.MemoryStream()
     mi.Bitmap(pixels).write(stream, mi.Bitmap.FileFormat.PNG)
     write_atomically(path, lambda p: p.write_bytes(stream.raw_buffer()))

@@ -1,4 +1,4 @@
-"""One run at a time for each output: the second says who is at work."""
+"""Only one run at a time per output: a second one is told who holds the lock."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from gpf.core.errors import UserError, WriteError
 
-# Errors of file systems that have no locks, as some of networks.
+# Errors of file systems without locks, such as some network file systems.
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
 
@@ -21,14 +21,14 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 def sole_run(output: Path, shared: bool = False, inside: bool = False) -> Iterator[None]:
     """Hold the lock of an output, in the file ``.lock-NAME`` beside it.
 
-    The system ends the lock with the process, so that of a killed run blocks nobody.
+    The system releases the lock when the process ends, so a killed run blocks nobody.
 
     Parameters
     ----------
     output: file or folder that the run writes; it need not exist.
-    shared: whether other runs may work at the same time, if they are shared too.
-    inside: whether the lock lies in the output, which is a folder: the user may be allowed to write
-        there, but not beside it.
+    shared: whether other shared runs may work at the same time.
+    inside: whether the lock goes inside the output, which is then a folder: the user may be allowed
+        to write there, but not beside it.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def sole_run(output: Path, shared: bool = False, inside: bool = False) -> Iterat
         handle = _lock(file, fcntl.LOCK_SH if shared else fcntl.LOCK_EX)
     except BlockingIOError as error:
         raise UserError(
-            str(output), f"is being made by {_holder(file)}", "Wait until it ends, or end it."
+            str(output), f"is being made by {_holder(file)}", "Wait until it finishes, or stop it."
         ) from error
     except OSError as error:
         raise WriteError(file, error) from error
@@ -57,12 +57,12 @@ def sole_run(output: Path, shared: bool = False, inside: bool = False) -> Iterat
 
 
 def _lock(file: Path, kind: int) -> int:
-    """The locked file, with a description of this process in it."""
+    """Lock the file and write a description of this process to it; return its handle."""
     while True:
         handle = os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
         try:
             fcntl.flock(handle, kind | fcntl.LOCK_NB)
-            if os.fstat(handle).st_nlink == 0:  # removed by the run before, between the two calls
+            if os.fstat(handle).st_nlink == 0:  # removed by the previous run between the two calls
                 os.close(handle)
                 continue
         except OSError as error:
@@ -76,7 +76,7 @@ def _lock(file: Path, kind: int) -> int:
 
 
 def _holder(file: Path) -> str:
-    """Who holds the lock, in words."""
+    """A description of who holds the lock."""
     try:
         return file.read_text(encoding="utf-8", errors="replace") or "another run"
     except OSError:

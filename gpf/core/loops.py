@@ -1,4 +1,4 @@
-"""Loops that Dr.Jit records in less time."""
+"""Make Dr.Jit record loops faster."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ _R = TypeVar("_R")
 
 
 def loops_traced_once(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """The function, whose loops are traced once.
+    """Decorate a function so that its loops are traced only once.
 
-    Dr.Jit would trace them twice to find out which variables a loop leaves as they are. With 80
-    materials, that takes up to a tenth of a second for each call, and the kernels are no faster.
-    Variables that a loop leaves as they are must be named in ``dr.hint(…, exclude=[…])``.
+    Dr.Jit would trace them twice to find out which variables a loop leaves unchanged. With 80
+    materials, that takes up to a tenth of a second per call, and the kernels are no faster.
+    Variables that a loop leaves unchanged must be named in ``dr.hint(…, exclude=[…])``.
     """
 
     @functools.wraps(function)

@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-# Bits of each coordinate of a cube: in a table of 64 bits, and in one of 32.
+# Bits per cube coordinate: for 64-bit codes and for 32-bit codes.
 _BITS, _LANE_BITS = 16, 10
 
 
@@ -17,7 +17,7 @@ def order_in_space(positions: np.ndarray, cell: float) -> np.ndarray:
     """Indices that sort positions (N, 3) along a Morton curve through cubes: (N,).
 
     Positions in the same cube keep their order. Each axis has at most 65,536 cubes; positions
-    beyond the last cube count as in it.
+    beyond the last cube are assigned to it.
 
     Parameters
     ----------
@@ -36,13 +36,13 @@ def order_in_space(positions: np.ndarray, cell: float) -> np.ndarray:
 
 
 def order_lanes_in_space(x: mi.Point3f, cell: float) -> mi.UInt32:
-    """The same for positions in Dr.Jit, (N, 3), quick enough for every query: (N,).
+    """The same for Dr.Jit positions (N, 3), fast enough to run for every query: (N,).
 
-    Each axis has 1024 cubes; the next ones have the numbers of the first again.
+    Each axis has 1024 cubes; beyond them, the numbering wraps around.
     """
     cube = mi.Vector3i(dr.floor(x * dr.opaque(mi.Float, 1 / cell)))
     bits = mi.Vector3u(cube & (1 << _LANE_BITS) - 1)
-    # Two zeros after each bit: the halves of a number, then of each half, … move apart.
+    # Put two zeros after each bit: move apart the halves of a number, then of each half, …
     for shift, kept in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
         bits = (bits | bits << shift) & kept
     return dr.argsort(bits.x | bits.y << 1 | bits.z << 2)

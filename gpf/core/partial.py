@@ -1,7 +1,7 @@
-"""Files and folders that are being written, and what killed runs have left of them.
+"""Files and folders that are still being written, and those that killed runs have left behind.
 
-They are called ``.gpf-partial-NAME-…``, and the process that writes them locks them. The lock ends
-with the process, so one that nobody locks is left over from a run that was killed.
+They are called ``.gpf-partial-NAME-…``, and the process that writes one locks it. The lock ends
+with the process, so an unlocked one is left over from a killed run.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ PREFIX = ".gpf-partial-"
 
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
-# It can only be read by setting it, for all threads.
+# Reading the umask means setting it, for all threads.
 _UMASK = os.umask(0o077)
 os.umask(_UMASK)
 
@@ -54,13 +54,13 @@ def partial_folder(path: Path) -> Iterator[Path]:
 
 
 def remove_leftovers(folder: Path, deep: bool = False) -> None:
-    """Remove what killed runs have left half-written in a folder.
+    """Remove the half-written files and folders that killed runs have left in a folder.
 
-    ``deep``: also in the folders below it.
+    ``deep``: also in its subfolders.
     """
     found = folder.rglob(f"{PREFIX}*") if deep else folder.glob(f"{PREFIX}*")
     for path in list(found):
-        with suppress(OSError):  # no permission, or gone meanwhile
+        with suppress(OSError):  # no permission, or gone in the meantime
             handle = os.open(path, os.O_RDONLY)
             try:
                 if _try_to_lock(handle):
@@ -70,18 +70,18 @@ def remove_leftovers(folder: Path, deep: bool = False) -> None:
 
 
 def grant_as_usual(path: Path) -> None:
-    """Give a new file or folder the permissions that the user's programs give: those of ``umask``.
+    """Give a new file or folder the user's usual permissions, as set by ``umask``.
 
-    Temporary files are for their user alone.
+    Temporary files are private to their user.
     """
     path.chmod((0o777 if path.is_dir() else 0o666) & ~_UMASK)
 
 
 def replace_folder(new: Path, target: Path) -> None:
-    """Put a folder in the place of another one, which is removed.
+    """Replace a folder with another one.
 
-    Where the file system can exchange two folders at once, a kill at any moment leaves the old one
-    or the new one.
+    Where the file system can swap two folders atomically, a kill at any moment leaves either the
+    old one or the new one.
     """
     if not target.exists():
         os.replace(new, target)
@@ -96,10 +96,10 @@ def replace_folder(new: Path, target: Path) -> None:
 
 
 def _try_to_lock(handle: int) -> bool:
-    """Whether no other process has locked a file; then this one has."""
+    """Lock a file unless another process has; return whether that worked."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
-        # Some network file systems have no locks: nothing is left over for sure there.
+        # Some network file systems have no locks: there, nothing is known to be left over.
         return error.errno not in (errno.EWOULDBLOCK, errno.EACCES, errno.ENOLCK, errno.ENOTSUP)
     return True

@@ -1,4 +1,4 @@
-"""Where files go whose names others have chosen: below a folder, on the whole way."""
+"""Keep files whose names others have chosen inside a folder, at every step of their paths."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from gpf.core.errors import UserError
 
 
 def place_below(folder: Path, name: str | PurePath, where: str) -> Path:
-    """``folder / name`` without ``..`` and links below the folder.
+    """``folder / name``, with ``..`` and links below the folder resolved.
 
-    ``where`` has the name, for the message.
+    ``where`` says in messages where the name comes from.
 
     Raises
     ------
-    UserError: the way leads out of the folder, even if it comes back in: by the folder's own name,
-        it leads elsewhere from a copy.
+    UserError: the path leaves the folder, even if it comes back in: going through the folder's own
+        name, it would lead elsewhere from a copy.
     """
     home, place = folder.resolve(), (folder / name).resolve()
     steps = accumulate(-1 if part == ".." else 1 for part in PurePath(name).parts)
     if min(steps, default=0) < 0 or not place.is_relative_to(home):
         raise UserError(
             where,
-            f"refers to {name}, a way that leads out of the folder",
-            "Copy the file into the folder, and name it without leaving the folder.",
+            f"refers to {name}, a path that leads out of the folder",
+            "Copy the file into the folder and use a path that stays inside it.",
         )
     return folder / place.relative_to(home)
 
 
 def make_place(folder: Path, name: str | PurePath, where: str) -> Path:
-    """:func:`place_below`, and all folders on the way to it are made."""
+    """:func:`place_below`, with all folders along the path created."""
     place = place_below(folder, name, where)
-    # Also those that the way only passes through: `a/../b` is not found without `a`.
+    # Also those that the path only passes through: `a/../b` is not found without `a`.
     (folder / name).parent.mkdir(parents=True, exist_ok=True)
     return place

@@ -35,7 +35,7 @@ class _LogPrinter(logging.Handler):
 
 
 def show_log() -> None:
-    """Print the log messages of ``gpf``, INFO and above; for programs, not for libraries."""
+    """Print ``gpf`` log messages of level INFO and above; for programs, not for libraries."""
     logger = logging.getLogger("gpf")
     if not any(isinstance(handler, _LogPrinter) for handler in logger.handlers):
         logger.addHandler(_LogPrinter())
@@ -51,13 +51,13 @@ class _Rate(ProgressColumn):
 
 
 class Bar:
-    """A progress bar that is on the screen."""
+    """A progress bar on the screen."""
 
     def __init__(self, progress: Progress, task: TaskID) -> None:
         self._progress, self._task = progress, task
 
     def __call__(self, done: int, total: int | None = None) -> None:
-        """Show ``done`` steps; ``total``, if given, is the new number of all steps."""
+        """Show ``done`` steps; ``total``, if given, is the new total."""
         self._progress.update(self._task, completed=done, total=total)
 
     def describe(self, text: str) -> None:
@@ -67,7 +67,7 @@ class Bar:
 
 @contextmanager
 def progress_bar(description: str, total: int) -> Iterator[Bar]:
-    """Show a bar with rate and remaining time; call it with the number of steps done."""
+    """Show a bar with rate and remaining time; call the bar with the number of steps done."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

@@ -16,7 +16,7 @@ Share = Annotated[float, Field(ge=0, lt=1)]
 
 
 def _check_length(value: object) -> float | Literal["auto"]:
-    """A positive number or ``auto``; as a union, pydantic's message would list each type."""
+    """A positive number or ``auto``; for a union, pydantic's message would list each type."""
     if value == "auto":
         return "auto"
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf:
@@ -43,6 +43,6 @@ AutoCount = Annotated[int | Literal["auto"], PlainValidator(_check_count)]
 
 
 class Settings(BaseModel):
-    """Settings are checked when they are made and cannot be changed; unknown keys are errors."""
+    """Immutable settings, validated on creation; unknown keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

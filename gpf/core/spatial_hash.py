@@ -2,11 +2,11 @@
 
 Points are sorted by the linear index of their cell, x fastest. A query visits the rows of cells
 that its ball touches; the points of one row are contiguous. If the grid has many more cells than
-points, rows share buckets (a hash), and a point counts only for the row in which it lies: results
+points, rows share buckets (a hash), and a point counts only for the row that contains it: results
 are exact in both cases.
 
 A search for the k nearest points may have to look far. It uses further levels of the same points,
-each with cells four times as large, so that every search visits only a few rows.
+each with cells four times as large as the last, so that every search visits only a few rows.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Record(NamedTuple):
 # Called for each candidate of a query: body(state, index, record, distance², inside) -> state.
 Body = Callable[[Any, "mi.UInt32", Record, "mi.Float", "mi.Bool"], Any]
 
-# Which candidates count: accept(index, record, inside) -> inside.
+# Decides which candidates count: accept(index, record, inside) -> inside.
 Accept = Callable[["mi.UInt32", Record, "mi.Bool"], "mi.Bool"]
 
 NOT_FOUND = 0xFFFFFFFF
@@ -64,19 +64,20 @@ class SpatialHash:
     Parameters
     ----------
     points: positions, (N, 3).
-    cell: edge length of a grid cell, world units; fastest if it is about the usual query radius.
+    cell: edge length of a grid cell, world units; queries are fastest if it
+        is about the usual query radius.
     bounds: two opposite corners of a box around the points. Points outside are found as well, but
         more slowly.
     tag: a number that is stored with each point, (N,); 0 by default.
-    colour: a colour that is stored with each point, (N, 3); by default none. Reading it with the
-        position takes three quarters of the time of reading both apart.
+    colour: a colour that is stored with each point, (N, 3); none by default. Reading it with the
+        position takes three quarters of the time of reading the two separately.
     far: whether to build the levels that :meth:`nearest` needs.
 
     Attributes
     ----------
     order: index into ``points`` of each sorted entry, level by level, (levels N,).
-    records: ``x, y, z, tag``, and ``red, green, blue, 0`` if there are colours, of the sorted
-        entries, flat, (4 or 8 levels N,).
+    records: the sorted entries, flat: ``x, y, z, tag``, and ``red, green, blue, 0`` if there are
+        colours, (4 or 8 levels N,).
     extent: the diagonal of the bounds or ``cell``, the larger of the two, world units.
     """
 
@@ -154,7 +155,7 @@ class SpatialHash:
         stride_z = x * y & 0xFFFFFFFF
         grid = _Grid(1 / cell, x - 1, y - 1, z - 1, x, stride_z, table - 1, first_bucket)
         # The last row needs x more buckets. The number is rounded up to a power of two, because
-        # each size of a table makes another kernel.
+        # each table size needs its own kernel.
         return grid, table + (1 << (x + 1).bit_length()) - 2
 
     def _sort(
@@ -169,7 +170,7 @@ class SpatialHash:
         return dr.argsort(bucket), starts + dr.opaque(mi.UInt32, first)
 
     def _cell_of(self, grid: _Grid, p: mi.Point3f) -> mi.Vector3i:
-        # Points outside of the bounds belong to the outermost cells. Queries stay exact, because
+        # Points outside the bounds belong to the outermost cells. Queries stay exact, because
         # clipping is monotone.
         last = mi.Vector3f(grid.last_x, grid.last_y, grid.last_z)
         return mi.Vector3i(dr.clip((p - self._lower) * grid.inv_cell, 0, last))
@@ -193,7 +194,7 @@ class SpatialHash:
         ``body(state, index, record, distance², inside)`` returns the new state. ``index`` is the
         position of the point in the sorted order, ``record`` its :class:`Record`, and ``inside``
         tells whether ``distance <= radius``: ``body`` must mask its side effects with it. The
-        search of a point ends when ``enough(state)`` is true. Points farther than ``within`` on an
+        search for a lane ends when ``enough(state)`` is true. Points farther than ``within`` on an
         axis, world units, (N, 3), may be left out.
         """
         return self._scan(self._first, x, radius, body, state, active, enough, within)
@@ -210,8 +211,8 @@ class SpatialHash:
         def searching(state):  # type: ignore[no-untyped-def]
             return active if enough is None else active & ~enough(state)
 
-        # What a loop does not change is no part of its state: Dr.Jit would trace the loop once more
-        # to find that out, and the innermost one of four loops 16 times.
+        # Exclude what a loop does not change from its state: Dr.Jit would trace the loop once more to
+        # find that out, and the innermost of four loops 16 times.
         z = mi.Int32(first.z)
         while dr.hint(
             searching(state) & (z <= last.z), exclude=[active, x, grid, radius2, first, last]
@@ -250,9 +251,9 @@ class SpatialHash:
     ) -> tuple[list[mi.UInt32], list[mi.Float]]:
         """The ``k`` nearest points of each query, nearest first. Needs ``far=True``.
 
-        Balls of radius ``start``, 2 ``start``, … are searched until one contains ``k`` points that
-        ``accept(index, record, inside)`` admits. The last ball has the radius ``limit``. The result
-        is exact within the last ball that is searched.
+        Balls of radius ``start``, 2 ``start``, … up to ``limit`` are searched until one contains
+        ``k`` points that ``accept(index, record, inside)`` admits. The result is exact within the
+        last ball searched.
 
         Returns
         -------

@@ -14,18 +14,18 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Bytes of the widest packet of a processor; and more values than it holds.
+# Bytes of the widest packet of a processor; also more values than one holds.
 _PACKET = 64
 
 
 @dataclass
 class Photons:
-    """Photons at the surfaces with a diffuse component that they hit.
+    """Photons where they hit surfaces with a diffuse component.
 
     Attributes
     ----------
     p: position, world units, (N, 3).
-    n: geometric normal on the side from which the photon came, unit length, (N, 3).
+    n: unit geometric normal on the side that the photon came from, (N, 3).
     power: flux Φ in watts, already divided by the number of traced paths, (N, 3). It includes the
         factor g of the diffuse lobe for the direction of incidence
         (:func:`gpf.scene.materials.diffuse_transfer`): the powers on an area, divided by the area,
@@ -60,11 +60,11 @@ class VisiblePoints:
     Attributes
     ----------
     p: position, world units, (N, 3).
-    n: geometric normal on the viewer's side, unit length, (N, 3).
+    n: unit geometric normal on the viewer's side, (N, 3).
     reflectance: diffuse reflectance π f_d(n, wo) at the hit, dimensionless, (N, 3).
-    throughput: β, by which radiance at the hit contributes to the ray, (N, 3).
-    emission: L_e, radiance from the emitters on the way and at the hit, W/(m² sr), (N, 3). It
-        includes the direct light on glossy surfaces on the way and, if asked for, at the hit.
+    throughput: β, the weight of radiance at the hit in that of the ray, (N, 3).
+    emission: L_e, radiance from the emitters along the path and at the hit, W/(m² sr), (N, 3). It
+        includes the direct light on glossy surfaces along the path and, on request, at the hit.
     depth: number of bounces before the hit, (N,).
     valid: whether the ray ended on a diffuse surface, (N,).
     """
@@ -85,13 +85,13 @@ class VisiblePoints:
 
 @dataclass
 class Way:
-    """One of two ways that camera rays can take at their first surface.
+    """One of two paths that camera rays can take at their first surface.
 
     Attributes
     ----------
-    weight: of this way in a mean over both, (N,); 1 if there is no other.
-    chance: if this is the first way, the probability with which the other one should be taken as
-        well, (N,); 0 if there is none.
+    weight: weight of this path in a mean over both, (N,); 1 if there is no other.
+    chance: for the first path, the probability with which the other one should be taken as well,
+        (N,); 0 if there is none.
     """
 
     weight: mi.Float
@@ -100,7 +100,7 @@ class Way:
 
 @dataclass
 class SurfacePoints:
-    """Points on surfaces with targets for the training.
+    """Points on surfaces with training targets.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class SurfacePoints:
 
 def take(points: Any, lanes: mi.UInt32) -> Any:
     """Some lanes of a structure; attributes with a single lane stay as they are."""
-    dr.eval(points)  # at once: each member alone would need the whole loop that it comes from
+    dr.eval(points)  # all at once: each member alone would run the whole loop that it comes from
     width, taken = dr.width(points), {}
     for f in fields(points):
         value = getattr(points, f.name)
@@ -158,19 +158,19 @@ def _concatenate(values: Sequence[Any], widths: Sequence[int]) -> Any:
 
 
 def from_numpy(kind: Any, values: ArrayLike) -> Any:
-    """An array, a vector or a tensor of Dr.Jit, with values of any number type.
+    """Convert values of any number type to a Dr.Jit array, vector or tensor.
 
-    Dr.Jit does not copy what numpy gives it, and its kernels read whole packets of values, beyond
-    the last one too. Where that memory belongs to nobody, the process would end. So this makes a
-    copy with room behind it. It begins where a packet can be read at once: what is not so aligned
-    is read by other kernels, which would have to be compiled as well.
+    Dr.Jit does not copy numpy's memory, and its kernels read whole packets of values, even beyond
+    the last one. If that memory is not mapped, the process dies. So this makes a copy with room
+    behind it. The copy is aligned to packets: unaligned data is read by different kernels, which
+    would have to be compiled as well.
 
     Parameters
     ----------
     kind: ``mi.Float``, ``mi.UInt32``, ``mi.UInt64``, ``mi.Bool``, ``mi.TensorXf``, or a vector such
         as ``mi.Point3f``.
-    values: (N,); for vectors one row per lane, (N, D), as of :func:`to_numpy`; any shape for
-        tensors.
+    values: (N,); for vectors one row per lane, (N, D), as from :func:`to_numpy`; any shape
+        for tensors.
     """
     values = np.asarray(values)
     if dr.depth_v(kind) > 1:
@@ -193,6 +193,6 @@ def from_numpy(kind: Any, values: ArrayLike) -> Any:
 
 
 def to_numpy(value: Any) -> np.ndarray:
-    """A Dr.Jit array (…, N) as a numpy array with one row per lane, (N, …)."""
+    """Convert a Dr.Jit array (…, N) to a numpy array with one row per lane, (N, …)."""
     array = np.asarray(value.numpy())
     return np.ascontiguousarray(array.T) if array.ndim == 2 else array

@@ -1,11 +1,11 @@
-"""Code that runs in a subprocess, because it may end the process that runs it."""
+"""Run code in a subprocess, because it may kill its process."""
 
 import json
 import subprocess
 import sys
 from typing import Any
 
-# `minimum` is what LLVM 15 and 16 cannot compile: 0+1+2+3+3.5+3.5+3.5+3.5 = 20.
+# LLVM 15 and 16 cannot compile `minimum`: 0+1+2+3+3.5+3.5+3.5+3.5 = 20.
 PROBE = """
 import json
 import gpf
@@ -34,7 +34,7 @@ def run_probe() -> dict[str, Any]:
     """Run a small kernel on each backend in a subprocess.
 
     Returns ``llvm`` (version), ``cuda`` (whether Dr.Jit has it), ``llvm_sum`` and ``cuda_sum``
-    (results, :data:`PROBE_SUM` if right), as far as the subprocess came, and ``died`` (its signal
+    (results, :data:`PROBE_SUM` if correct), as far as the subprocess got, and ``died`` (its signal
     or error) if it failed.
     """
     answer: dict[str, Any] = {}
@@ -60,7 +60,7 @@ def run_python(code: str) -> tuple[int, str, str]:
             output, errors = process.communicate(timeout=TIMEOUT)
         except subprocess.TimeoutExpired:
             process.kill()
-            output, _ = process.communicate()  # until it was killed
+            output, _ = process.communicate()  # what it wrote before it was killed
             return 1, output, f"no answer within {TIMEOUT:g} seconds"
         return process.returncode, output, errors
 

@@ -1,4 +1,4 @@
-"""Tags of surface records: a normal and a depth in one float, and the test for the same surface."""
+"""Surface tags: a normal and a depth packed in one float, and the test for the same surface."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import mitsuba as mi
 from gpf.core.spatial_hash import Record
 
 # Surfaces whose normals differ by more than about 45° do not share photons: the other side of a
-# thin wall and the wall around a corner have different light.
+# thin wall and the wall around a corner are lit differently.
 SAME_SURFACE_COSINE = 0.7
 
-# Surfaces do not share photons either if one lies above the other by more than this part of the
+# Nor do surfaces share photons if one lies above the other by more than this fraction of the
 # kernel's radius: the inside and the outside of a tube, the floor and the top of a thick carpet.
 SAME_SURFACE_HEIGHT = 0.5
 
-# The largest depth in a tag; as a limit, it admits photons of any depth.
+# The largest depth that a tag can hold; as a limit, it admits photons of any depth.
 UNLIMITED = 255
 
 
@@ -48,13 +48,13 @@ def same_orientation(record: Record, n: mi.Normal3f) -> mi.Bool:
 def same_surface(record: Record, p: mi.Point3f, n: mi.Normal3f, radius2: mi.Float) -> mi.Bool:
     """Whether a record lies on the surface that has the normal ``n`` at ``p``, (N,).
 
-    Two conditions: the normals are similar (:func:`same_orientation`), and with the offset d from
-    ``p`` to the record the distance to the tangent plane is small, ``|n · d| ≤ 0.5 r``.
+    Two conditions: the normals are similar (:func:`same_orientation`), and the record is close to
+    the tangent plane at ``p``; with the offset d from ``p`` to the record: ``|n · d| ≤ 0.5 r``.
 
     Parameters
     ----------
-    record: of the neighbour search, with a tag of :func:`pack_tag`, (N,).
-    radius2: squared radius r² of the kernel, or, without one, squared distance of the record, (N,).
+    record: result of the neighbour search, with a tag from :func:`pack_tag`, (N,).
+    radius2: squared kernel radius r², or, without a kernel, squared distance of the record, (N,).
     """
     d = record.p - p
     flat = dr.square(dr.dot(n, d)) <= SAME_SURFACE_HEIGHT**2 * radius2

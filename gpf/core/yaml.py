@@ -1,4 +1,4 @@
-"""YAML files that people write: read, checked against a model, with errors in plain words."""
+"""Read hand-written YAML files, check them against a model, and explain errors in plain words."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from gpf.core.errors import UserError
 Model = TypeVar("Model", bound=BaseModel)
 
 MOST_REPEATED = 100_000
-"""Characters by which names for parts (``&a``, ``*a``) may make a document longer. Without a limit,
-300 bytes become gigabytes when somebody writes or walks through them."""
+"""Characters that aliases (``&a``, ``*a``) may add to a document. Without a limit, 300 bytes can
+expand to gigabytes when the document is written or traversed."""
 
-# Writes only as much of a value as a message shows.
+# Formats only as much of a value as a message shows.
 _SHORT = Repr()
 _SHORT.maxlevel = 3
 _SHORT.maxstring = _SHORT.maxlong = _SHORT.maxother = 60
@@ -41,8 +41,8 @@ def suggest(word: str, known: Sequence[str], introduction: str) -> str:
 def read_yaml(file: Path, model: type[Model], if_missing: str) -> Model:
     """Read a YAML file into a model.
 
-    The model forbids unknown keys. Its own validators may raise a ``PydanticCustomError`` that
-    tells the user what to do: ``{"todo": ...}``.
+    The model forbids unknown keys. Its own validators may raise a ``PydanticCustomError`` whose
+    ``{"todo": ...}`` tells the user what to do.
 
     Raises
     ------
@@ -62,23 +62,22 @@ def read_yaml(file: Path, model: type[Model], if_missing: str) -> Model:
 
 
 def load_yaml(text: str, source: str, yaml: YAML | None = None) -> Any:
-    """The content of a document.
+    """Load the content of a document.
 
     Parameters
     ----------
     source: the file, for messages.
-    yaml: what reads it; by default the safe reader.
+    yaml: the loader; the safe one by default.
 
     Raises
     ------
-    UserError: it is not YAML, or its names for parts repeat more than :data:`MOST_REPEATED`
-        characters.
+    UserError: it is not YAML, or its aliases repeat more than :data:`MOST_REPEATED` characters.
     """
     try:
         if "*" in text:
             _check_repetitions(text, source)
         return (yaml or YAML(typ="safe")).load(text)
-    # ValueError: a number of thousands of digits. RecursionError: too deep.
+    # ValueError: a number with thousands of digits. RecursionError: too deep.
     except (YAMLError, ValueError, RecursionError) as error:
         raise _not_yaml(source, error) from error
 
@@ -89,12 +88,12 @@ def _not_yaml(source: str, error: Exception) -> UserError:
 
 
 def _check_repetitions(text: str, source: str) -> None:
-    """Raise a :class:`UserError` if names for parts make a document too long, or without end.
+    """Raise a :class:`UserError` if aliases make a document too long, or endless.
 
-    The parts are not put together for that. A merge key (``<<``) does not write more than its name.
+    Nothing is expanded for this. A merge key (``<<``) counts only as its alias.
     """
-    sizes: dict[str, int] = {}  # of complete parts with names: characters, at least 1 per node
-    begun: list[tuple[str | None, int]] = [(None, 0)]  # names and sizes of those that are not
+    sizes: dict[str, int] = {}  # of complete nodes with anchors: characters, at least 1 per node
+    begun: list[tuple[str | None, int]] = [(None, 0)]  # anchors and sizes of incomplete nodes
     repeated = 0
     for event in YAML(typ="safe").parse(text):
         if isinstance(event, CollectionEndEvent):
@@ -102,12 +101,12 @@ def _check_repetitions(text: str, source: str) -> None:
         elif isinstance(event, ScalarEvent):
             name, size = event.anchor, 1 + len(event.value)
         elif isinstance(event, AliasEvent):
-            name, size = None, sizes.get(event.anchor, 0)  # an unknown one is told by the reader
+            name, size = None, sizes.get(event.anchor, 0)  # the loader reports an unknown one
             repeated += size
             if event.anchor in (open_name for open_name, _ in begun):
-                raise UserError(source, f"repeats *{event.anchor} in itself", "Write it out.")
+                raise UserError(source, f"uses *{event.anchor} inside itself", "Write it out.")
             if repeated > MOST_REPEATED:
-                what = f"repeats more than {MOST_REPEATED:,} characters by names such as "
+                what = f"repeats more than {MOST_REPEATED:,} characters through aliases such as "
                 raise UserError(source, f"{what}*{event.anchor}", "Repeat less, or write it out.")
         elif isinstance(event, NodeEvent):
             begun.append((event.anchor, 1))
@@ -121,12 +120,12 @@ def _check_repetitions(text: str, source: str) -> None:
 
 
 def explain(source: str, model: type[BaseModel], error: ValidationError) -> UserError:
-    """The first validation error of ``source`` in plain words."""
+    """Explain the first validation error of ``source`` in plain words."""
     first = error.errors()[0]
     place, known = _place(model, first["loc"])
     where = f"{source}: {'.'.join(place)}" if place else source
     if first["type"] == "extra_forbidden":
-        return UserError(where, "is an unknown key", suggest(place[-1], known, "Known here are"))
+        return UserError(where, "is an unknown key", suggest(place[-1], known, "Known keys here are"))
     if first["type"] == "missing":
         return UserError(where, "is missing", "Add it.")
     todo = first.get("ctx", {}).get("todo")
@@ -140,7 +139,7 @@ def explain(source: str, model: type[BaseModel], error: ValidationError) -> User
 def _place(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[list[str], list[str]]:
     """The keys and indices in ``loc``, and the known keys beside the last one.
 
-    Pydantic's ``loc`` also names the chosen member of a union, which the file does not have.
+    Pydantic's ``loc`` also names the chosen member of a union, which does not occur in the file.
     """
     schema = model.model_json_schema()
     node: Mapping[str, Any] = schema

@@ -1,6 +1,6 @@
 """Checks of a scene file before it is imported.
 
-They do not need Mitsuba. Their messages name file and line.
+They do not need Mitsuba. Their messages give the file and the line.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ CAMERAS = ("perspective", "thinlens")
 """Types of sensors that can become views."""
 
 RESERVED = ("build.py", "scene.xml", "views.yaml")
-"""Files that have a meaning in the folder of a scene."""
+"""Files with a special role in a scene's folder."""
 
 
 def check_scene_xml(document: SceneXml, xml: Path) -> None:
-    """Check a scene file with all files that it includes and refers to.
+    """Check a scene file and all files that it includes or refers to.
 
     Raises
     ------
-    UserError: it is not a scene, or says not for which version of Mitsuba; no sensor can become a
-        view; a file is missing or is not below the folder of ``xml``; an emitter cannot emit
+    UserError: it is not a scene, or does not say for which version of Mitsuba; no sensor can
+        become a view; a file is missing or outside the folder of ``xml``; an emitter cannot emit
         photons.
     """
     for tag in document.tags:
@@ -50,26 +50,26 @@ def check_scene_xml(document: SceneXml, xml: Path) -> None:
 
 
 def describe_leftovers(document: SceneXml, xml: Path) -> list[str]:
-    """Files of the folder and sensors that are not imported, in words."""
+    """Describe the files of the folder and the sensors that are not imported."""
     found = []
     used = {xml.resolve(), *(file.resolve() for file in document.files())}
     beside = sorted(xml.parent.glob("*.[xX][mM][lL]"))
     unused = [p.name for p in beside if p.resolve() not in used and not p.name.startswith(".")]
     if unused:
-        found.append(f"not imported: {', '.join(unused)} (nothing refers to it)")
+        found.append(f"not imported: {', '.join(unused)} (not referenced)")
     sensors = _sensors(document)
     others = [tag for tag in sensors if not _is_camera(tag)]
     for tag in others:
         kind = tag.attributes.get("type")
-        found.append(f"the {kind} sensor in line {tag.place.line} is no camera: not imported")
+        found.append(f"the {kind} sensor in line {tag.place.line} is not a camera: not imported")
     cameras = len(sensors) - len(others)
     if cameras > 1:
         found.append(
-            f"it has {cameras} cameras: the first sets the aspect ratio, each may become a view"
+            f"it has {cameras} cameras: the first sets the aspect ratio, any can become a view"
         )
     for name in ("build.py", "views.yaml"):
         if (xml.parent / name).exists():
-            found.append(f"not imported: {name} (views are placed anew, nothing is built)")
+            found.append(f"not imported: {name} (views are placed afresh, nothing is built)")
     return found
 
 
@@ -79,7 +79,7 @@ def _check_version(root: Tag) -> None:
         raise UserError(
             str(root.place),
             f"<{root.name}> has no version",
-            'Add version="3.0.0", or "0.6.0" if its parameters are written as in toWorld.',
+            'Add version="3.0.0", or "0.6.0" if parameter names look like toWorld.',
         )
     if not re.fullmatch(r"\d+\.\d+\.\d+", version):
         raise UserError(
@@ -113,7 +113,7 @@ def _is_camera(tag: Tag) -> bool:
 
 
 def _check_reference(reference: Reference, home: Path) -> None:
-    """Check that a file exists below the folder ``home``, and that its copy can have its name."""
+    """Check that a file exists below the folder ``home`` and that its copy can keep its name."""
     where, text, path = str(reference.place), reference.text, reference.path
     inward = "Copy it into the folder and refer to it by a relative path."
     if os.path.isabs(text) or PureWindowsPath(text).is_absolute():
@@ -121,19 +121,19 @@ def _check_reference(reference: Reference, home: Path) -> None:
     relative = os.path.normpath(os.path.relpath(path, home))
     if Path(relative).parts[:1] == ("..",) or not path.is_relative_to(home):
         raise UserError(
-            where, f"refers to {text}, which is outside of the scene's folder {home}", inward
+            where, f"refers to {text}, which is outside the scene's folder {home}", inward
         )
     if not path.exists():
         todo = "Put it there, or correct the scene file."
         if "\\" in text:
-            todo = "Write / for \\ between folders."
+            todo = "Separate folders with / instead of \\."
         raise UserError(where, f"refers to {path}, which does not exist", todo)
     if not path.resolve().is_relative_to(home.resolve()):
         raise UserError(
             where,
-            f"refers to {text}, a link to {path.resolve()}, which is outside of the scene's folder "
+            f"refers to {text}, a link to {path.resolve()}, which is outside the scene's folder "
             f"{home}",
-            "Replace the link by the file itself.",
+            "Replace the link with the file itself.",
         )
     place_below(home, path.relative_to(home), where)
     if not (path.is_dir() if reference.is_folder else path.is_file()):
@@ -145,6 +145,6 @@ def _check_reference(reference: Reference, home: Path) -> None:
     if relative in RESERVED:
         raise UserError(
             where,
-            f"refers to {text}, a name with a meaning of its own in the folder of a scene",
+            f"refers to {text}, a name that is reserved in a scene's folder",
             "Give the file another name.",
         )

@@ -1,4 +1,4 @@
-"""An imported scene in words, for the terminal and for the README.md in its folder."""
+"""Descriptions of an imported scene, for the terminal and for the README.md in its folder."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def print_report(report: ImportReport, console: Console | None = None) -> None:
 
 
 def describe_scene(report: ImportReport, folder: Path) -> str:
-    """The text of a README.md; a licence file is looked for in ``folder``."""
+    """The text of a README.md, which names the licence files found in ``folder``."""
     papers = [p.name for p in sorted(folder.iterdir()) if p.name.lower().startswith(("lic", "cop"))]
     licence = f"see {', '.join(f'`{name}`' for name in papers)}"
     lines = [
@@ -62,11 +62,11 @@ def describe_views(report: ImportReport) -> str:
     train, novel = len(report.views.train), len(report.views.novel)
     frames = len(report.views.frames())
     path = f", a path of {frames} frames" if frames else ", no path"
-    return f"{train} to train, {novel} novel{path}"
+    return f"{train} for training, {novel} novel{path}"
 
 
 def describe_facts(scene: SceneReport) -> list[tuple[str, str]]:
-    """What was found out about a scene: pairs of a heading and a line."""
+    """The facts found about a scene: pairs of a heading and a line."""
     emitters = ", ".join(f"{number} {kind}" for kind, number in scene.emitters.items())
     facts = [("emitters", emitters)]
     for use in ("queried", "traced through", "both", "unsupported"):
@@ -82,7 +82,7 @@ def describe_facts(scene: SceneReport) -> list[tuple[str, str]]:
         *facts,
         ("size", f"{size} units, diagonal {scene.diagonal:.4g}"),
         ("camera", f"median distance to what it sees: {scene.camera_distance:.4g} units"),
-        ("photons", f"{100 * scene.landing:.3g}% of their paths reach a diffuse surface"),
+        ("photons", f"{100 * scene.landing:.3g}% of photon paths reach a diffuse surface"),
         (
             "radii",
             f"kernel {scene.initial_radius:.3g} for {scene.photons:,} photon paths per pass, "

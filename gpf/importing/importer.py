@@ -1,8 +1,8 @@
 """Import of a Mitsuba scene from elsewhere.
 
 The new scene is made in a temporary folder beside the other scenes. The folder gets the scene's
-name in the last step, so an import that fails leaves nothing behind. Messages name the user's own
-files, not the temporary ones.
+name in the last step, so a failed import leaves nothing behind. Messages name the user's own files,
+not the temporary ones.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ RESERVED = (
     "tables",
     *["true", "false", "null", "yes", "no", "on", "off", "y", "n"],
 )
-"""Names that a scene cannot have: other folders of results, and words that YAML reads as values."""
+"""Names that a scene cannot have: other result folders, and words that YAML reads as values."""
 
 PAPERS = ("licence", "license", "copying", "readme")
-"""Names of files about a scene's origin begin with one of these words."""
+"""How the names of files about a scene's licence and origin begin."""
 
 
 def import_scene(
@@ -63,20 +63,20 @@ def import_scene(
 ) -> ImportReport:
     """Make the scene ``name`` below ``root`` (default: :func:`gpf.scene.folders.scenes_root`).
 
-    The scene file is copied as ``scene.xml``. All files that it refers to are copied to the same
-    relative paths, and so are files about licence and origin. The result of ``place_views`` is
+    The scene file is copied as ``scene.xml``. The files that it refers to are copied to the same
+    relative paths, and so are files about its licence and origin. The result of ``place_views`` is
     written to ``views.yaml``.
 
     Parameters
     ----------
     path: a folder, an XML file, or a zip archive that holds a scene.
-    photons: number of photon paths and of Gaussians that radii are proposed for.
+    photons: number of photon paths, and of Gaussians, for which radii are proposed.
 
     Raises
     ------
-    UserError: the name is taken or not allowed, or one of :mod:`gpf.importing.sources`,
-        :mod:`gpf.importing.checks`, :func:`gpf.scene.load.load_scene_file` and
-        :func:`gpf.importing.report.examine_scene` refuses the scene.
+    UserError: the name is taken or not allowed, or the scene is rejected by
+        :mod:`gpf.importing.sources`, :mod:`gpf.importing.checks`,
+        :func:`gpf.scene.load.load_scene_file` or :func:`gpf.importing.report.examine_scene`.
     """
     root = root or scenes_root()
     check_name(name, root)
@@ -90,7 +90,7 @@ def import_scene(
     except OSError as error:
         raise UserError(
             str(root / name),
-            f"could not be made ({error})",
+            f"could not be created ({error})",
             "Free some disk space, or check the permissions of the files and folders.",
         ) from error
     return report
@@ -103,15 +103,15 @@ def check_name(name: str, root: Path) -> None:
         better = better if better[:1].isalpha() else f"scene_{better or 'of_mine'}"
         raise UserError(
             f"name {name!r}",
-            "is not a small letter followed by small letters, digits and underscores",
-            f"Take for example {better}.",
+            "is not a lower-case letter followed by lower-case letters, digits and underscores",
+            f"Try {better}.",
         )
     if name in RESERVED:
-        raise UserError(f"name {name!r}", "has another meaning already", "Choose another name.")
+        raise UserError(f"name {name!r}", "is reserved", "Choose another name.")
     if os.path.lexists(root / name):
         raise UserError(
             f"name {name!r}",
-            f"is taken: there is {root / name}",
+            f"is taken: {root / name} exists",
             "Choose another name, or remove that folder first.",
         )
 
@@ -132,7 +132,7 @@ def _make(
             raise UserError(
                 str(source.xml),
                 "has no perspective sensor at the top level of the scene",
-                "Take the sensor out of the element that it is nested in.",
+                "Move the sensor out of the element that contains it.",
             )
         aspect = film_aspect(cameras[0])
         found = examine_scene(scene, own[0], aspect, str(source.xml), photons)
@@ -161,7 +161,7 @@ def copy_files(source: Source, document: SceneXml, target: Path) -> list[Path]:
     copies = {make_place(target, "scene.xml", str(source.xml)): source.xml}
     for file in document.files():
         copies[make_place(target, file.relative_to(home), str(source.xml))] = file
-    for folder in (home, *home.parents):  # of licences with one name, the nearest is copied
+    for folder in (home, *home.parents):  # of licences with the same name, the nearest is copied
         if folder.is_relative_to(source.folder):
             for file in sorted(folder.iterdir()):
                 is_paper = file.is_file() and file.name.lower().startswith(PAPERS)
@@ -174,7 +174,7 @@ def copy_files(source: Source, document: SceneXml, target: Path) -> list[Path]:
 
 
 def _film_size(document: SceneXml) -> tuple[int, int]:
-    """The film size that the scene file sets as a default of its parameters; else 256 × 256."""
+    """The film size among the default parameters of the scene file; else 256 × 256."""
     width, height = (document.defaults.get(key, "") for key in ("resx", "resy"))
     return (
         int(width) if width.isdecimal() else 256,
@@ -184,7 +184,7 @@ def _film_size(document: SceneXml) -> tuple[int, int]:
 
 @contextmanager
 def _users_paths(names: dict[Path, Path]) -> Iterator[None]:
-    """Replace each temporary path (key) in error messages by the user's own (value), in order."""
+    """Replace each temporary path (key) in error messages with the user's own (value), in order."""
     try:
         yield
     except UserError as error:

@@ -21,9 +21,9 @@ class Orbit:
     Attributes
     ----------
     start: the camera at azimuth and elevation 0.
-    pivot: the middle of what the start sees, (3,).
-    distance: from the start to the pivot, world units.
-    up: the axis of the scene that is nearest to the start's own up, (3,).
+    pivot: the middle of what ``start`` sees, (3,).
+    distance: distance from ``start`` to ``pivot``, world units.
+    up: the axis of the scene that is nearest to the up vector of ``start``, (3,).
     """
 
     start: View
@@ -63,15 +63,15 @@ class Orbit:
     ) -> list[View]:
         """Cameras on the orbit that stay in the free space around the start.
 
-        If a surface lies between the start and a camera's place, the camera stands at four fifths
+        If a surface lies between the start and a camera's place, the camera is put at four fifths
         of the way to that surface.
 
         Parameters
         ----------
-        poses: for each camera its azimuth and elevation, degrees, and its distance from the pivot,
+        poses: the azimuth and elevation of each camera, degrees, and its distance from the pivot,
             in units of the start's distance.
-        asides: how far each camera looks past the pivot, to the right and upwards, same unit,
-            (V, 2); 0 by default.
+        asides: how far each camera looks past the pivot, to the right and upwards, in the same
+            unit, (V, 2); 0 by default.
         """
         start = np.array(self.start.origin)
         back = unit_vector(start - self.pivot)
@@ -96,8 +96,8 @@ class Orbit:
         ]
 
     def circle(self, count: int) -> list[View]:
-        """Cameras at equal angles on a full circle around the axis ``up`` through the pivot, from
-        the start on; surfaces in the way are not considered."""
+        """Cameras at equal angles on a full circle around the axis ``up`` through the pivot,
+        beginning at the start; surfaces in the way are ignored."""
         back = np.array(self.start.origin) - self.pivot
         turns = 2 * np.pi * np.arange(count) / count
         return [
@@ -116,7 +116,7 @@ class Orbit:
 
 
 def unit_vector(vector: np.ndarray) -> np.ndarray:
-    """A vector with the length 1."""
+    """A vector scaled to length 1."""
     return vector / np.linalg.norm(vector)
 
 

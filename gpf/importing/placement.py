@@ -1,7 +1,7 @@
 """Training and novel views for a scene that has only its own camera.
 
-Candidate cameras orbit around the middle of what the scene's own camera sees, in the free space
-around that camera. Views are chosen from the candidates without faults
+Candidate cameras orbit the middle of what the scene's own camera sees, in the free space around
+that camera. Views are chosen from the candidates without faults
 (:mod:`gpf.importing.view_checks`): the training views together see as much as possible, and each
 novel view sees something that no training view sees.
 """
@@ -38,22 +38,22 @@ ROWS = 256
 _AZIMUTHS = (-36, -24, -12, 0, 12, 24, 36)
 _ELEVATIONS = (-12, 0, 12, 24)
 _DISTANCES = (0.42, 0.7, 1)
-# They look past the pivot by up to this share of the distance, each in another direction.
+# They look past the pivot by up to this share of the distance, each in a different direction.
 _ASIDE = 0.15
 
-# If too few of these candidates are of use, others are tried that are nearer to the own camera:
-# angles and changes of distance are multiplied by these factors.
+# If too few of these candidates are usable, others nearer to the own camera are tried: angles and
+# changes of distance are multiplied by these factors.
 _SPREADS = (1, 0.6, 0.35, 0.2)
 
-# The share of a candidate's pixels that show light: at least this, or nearly as much as in the
+# At least this share of a candidate's pixels must show light, or nearly as large a share as in the
 # best of the own views, if that shows less. Around an open room, many cameras would see the dark
 # backs of its walls.
 _SHOWS_LIGHT, _NEARLY = 0.82, 0.95
 
-# Cameras that are examined together; the report of one takes half a megabyte.
+# Cameras that are examined together; each report takes half a megabyte.
 _BLOCK = 64
 
-# An orbit is examined at this many cameras at least.
+# Least number of cameras at which an orbit is examined.
 _LEAST_CIRCLE = 24
 
 # The share of a novel view's points that training views see should be between these two.
@@ -118,9 +118,9 @@ def place_cameras(scene: mi.Scene, own: Sequence[View], aspect: float) -> ViewSe
         reasons = Counter(fault for report in reports for fault in report.faults(home))
         raise UserError(
             f"view {own[0].name!r}",
-            f"only {len(fit)} of {len(views)} cameras around the scene's own are of use. The most "
+            f"only {len(fit)} of {len(views)} cameras around the scene's own are usable; most "
             f"common faults: {'; '.join(fault for fault, _ in reasons.most_common(2))}",
-            "Move the scene's sensor to a place with free space around it, from where most of its "
+            "Move the scene's sensor to a place with free space around it, from which most of its "
             "pixels show lit diffuse surfaces.",
         )
     clouds = [reports[k].seen() for k in fit]
@@ -155,7 +155,7 @@ def _candidates(scene: mi.Scene, orbit: Orbit, spread: float) -> list[View]:
 
 
 def _fit(reports: Sequence[ViewReport], own: int) -> list[int]:
-    """Numbers of the own views without faults, and of candidates that also show enough light."""
+    """Indices of the own views without faults, and of candidates that also show enough light."""
     home = reports[0].inside
     enough = _enough_light(reports[:own])
     return [
@@ -166,19 +166,19 @@ def _fit(reports: Sequence[ViewReport], own: int) -> list[int]:
 
 
 def _enough_light(own: Sequence[ViewReport]) -> float:
-    """The share of its pixels that a view has to show lit."""
+    """The share of a view's pixels that must show light."""
     return min(_SHOWS_LIGHT, _NEARLY * max(report.light_share for report in own))
 
 
 def place_orbit(scene: mi.Scene, own: View, aspect: float, count: int) -> tuple[View, ...]:
     """``count`` views on a circle around what the view ``own`` looks at, at equal angles.
 
-    If surfaces are in the way, or some of the views are of no use, they are on the widest closed
+    If surfaces are in the way, or some of the views are unusable, they are on the widest closed
     loop through the own camera instead.
 
     Raises
     ------
-    UserError: the view sees no diffuse surface, or there is no room for a loop either.
+    UserError: the view sees no diffuse surface, or there is no room for a loop, either.
     """
     orbit, home = Orbit.around(scene, own, aspect), report_views(scene, [own], aspect)[0]
     fine = orbit.circle(max(count, _LEAST_CIRCLE))
@@ -239,9 +239,9 @@ def measure_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8
 def _cover(
     clouds: Sequence[np.ndarray], must: Sequence[int], wanted: int, within: float
 ) -> list[int]:
-    """Numbers of ``wanted`` clouds that together cover the most points; ``must`` come first.
+    """Indices of ``wanted`` clouds that together cover the most points; ``must`` come first.
 
-    Greedy: each step takes the cloud that covers the most points that are not covered yet.
+    Greedy: each step takes the cloud that covers the most points not yet covered.
     """
     pool = np.concatenate(clouds)
     pool = pool[:: max(1, len(pool) // 4000)]
@@ -262,9 +262,9 @@ def _choose_novel(
     unit: float,
     within: float,
 ) -> list[int]:
-    """Numbers of novel views, far from each other and from the training views.
+    """Indices of novel views, far from each other and from the training views.
 
-    Views that the training views cover in part (``_COVERED``) are taken first, others after them.
+    Views that the training views cover in part (``_COVERED``) are taken first, then the others.
     """
     seen = np.concatenate([clouds[k] for k in training])
     share = np.array([covered(cloud, seen, within).mean() for cloud in clouds])
@@ -288,7 +288,7 @@ def _pose(view: View, unit: float) -> np.ndarray:
 def _place_path(
     scene: mi.Scene, orbit: Orbit, aspect: float, home: ViewReport
 ) -> CameraPath | None:
-    """The widest closed loop through the own camera whose frames are of use; None if none is.
+    """The widest closed loop through the own camera whose frames are usable, or None.
 
     ``home``: the report of the own camera.
     """

@@ -37,7 +37,7 @@ class Preview:
 
     Attributes
     ----------
-    use: the list that the view is from: train, more, novel or path.
+    use: the list that the view comes from: train, more, novel or path.
     faults: what is wrong with the view, in words.
     path, sppm: radiance by path tracing and by photon mapping, linear, (H, W, 3).
     """
@@ -59,7 +59,7 @@ def render_previews(
     passes: int = 8,
     tick: Callable[[], None] = lambda: None,
 ) -> list[Preview]:
-    """Render V views with both methods; calls ``tick()`` after each of the ``passes`` + V steps.
+    """Render V views with both methods; call ``tick()`` after each of the ``passes`` + V steps.
 
     All views share the photons of a pass.
     """
@@ -76,7 +76,7 @@ def render_previews(
     for (view, use), report in zip(chosen, reports, strict=True):
         image = np.array(mi.render(scene, sensor=sensors[view.name], integrator=tracer, spp=spp))
         mapped = photon_mapping.image(view.name, sums)
-        # The author placed the first camera on purpose, even where it is inside, as under water.
+        # The author placed the first camera on purpose, even if it is inside something, like water.
         faults = report.faults(home_inside=reports[0].inside)
         previews.append(Preview(view, use, report, faults, image, mapped))
         tick()
@@ -84,9 +84,9 @@ def render_previews(
 
 
 def choose_views(views: SceneViews, whole: bool = False) -> list[tuple[View, str]]:
-    """The views of a contact sheet, each with the list that it is from.
+    """The views of a contact sheet, each with the list that it comes from.
 
-    At most 8 training views, evenly chosen, all of ``more``, all novel views, and three or four
+    At most 8 evenly chosen training views, all of ``more``, all novel views, and three or four
     frames of the path; with ``whole``, all training views and all frames.
     """
     train, frames = views.train, views.frames()
@@ -126,7 +126,7 @@ def draw_contact_sheet(
 
 
 def _wrap(texts: Sequence[str], font: Font, width: int) -> str:
-    """Texts one below the other, in lines of about ``width`` pixels at most."""
+    """Texts one below the other, in lines of at most about ``width`` pixels."""
     letters = max(4, int(width / font.getlength("abcdefghij") * 10))
     return "\n".join(line for text in texts for line in textwrap.wrap(text, letters))
 

@@ -1,4 +1,4 @@
-"""What is found out about an imported scene: emitters, materials, sizes and proposed radii."""
+"""Facts about an imported scene: emitters, materials, sizes and proposed radii."""
 
 from __future__ import annotations
 
@@ -65,13 +65,13 @@ PLUGINS = {
 """Mitsuba's class names -> plugin names, as in scene files."""
 
 NOTES = {
-    "circular": "in RGB a neutral filter: half of what it transmits passes",
+    "circular": "in RGB, a neutral filter that halves the light it transmits",
     "directionalarea": "photons see its light; Mitsuba's path tracer does not",
     "hair": "traced through: hair itself stores no photons",
-    "measured": "traced through as a glossy material, its diffuse part too",
-    "polarizer": "in RGB a neutral filter: half of what it transmits passes",
-    "pplastic": "light is taken to be unpolarised",
-    "retarder": "in RGB without effect: all light passes",
+    "measured": "traced through as a glossy material, including its diffuse part",
+    "polarizer": "in RGB, a neutral filter that halves the light it transmits",
+    "pplastic": "light is assumed to be unpolarised",
+    "retarder": "no effect in RGB: all light passes",
 }
 """Plugin -> how photon mapping treats it, where that may be unexpected."""
 
@@ -85,7 +85,7 @@ class Material:
     name: its id, or a name made from its shape's id.
     kind: its plugins, outermost first.
     use: ``queried``: photons are stored and camera rays end there; ``traced through``: paths go on;
-        ``both``: one of the two, at random; ``unsupported``: paths end, nothing is stored.
+        ``both``: one of the two, at random; ``unsupported``: paths end and nothing is stored.
     """
 
     name: str
@@ -95,18 +95,18 @@ class Material:
 
 @dataclass(frozen=True)
 class SceneReport:
-    """What was found out about a scene.
+    """Facts found about a scene.
 
     Attributes
     ----------
     emitters: plugin -> number of emitters.
-    materials: those in use.
-    size, diagonal: of the bounding box, world units.
+    materials: the materials in use.
+    size, diagonal: size and diagonal of the bounding box, world units.
     camera_distance: median distance from the first camera to its visible points, world units.
     landing: share of the emitted photon paths that store a photon.
-    photons: number of photon paths and of Gaussians that the radii are proposed for.
-    initial_radius: of the kernel, for ``photons`` photon paths per pass, world units.
-    search_radius: for ``photons`` Gaussians, world units.
+    photons: number of photon paths, and of Gaussians, for which the radii are proposed.
+    initial_radius: kernel radius for ``photons`` photon paths per pass, world units.
+    search_radius: search radius for ``photons`` Gaussians, world units.
     warnings: what is ignored or looks wrong, in words.
     """
 
@@ -128,12 +128,12 @@ class ImportReport:
 
     Attributes
     ----------
-    name, folder: of the new scene.
+    name, folder: name and folder of the new scene.
     origin: name of the folder, file or archive that the scene came from.
-    files, size: number of files that were copied, and their bytes.
-    scene: what was found out about the scene.
+    files, size: number of copied files, and their total size in bytes.
+    scene: facts found about the scene.
     views: the views that were placed.
-    warnings: what was not imported or is shown in another way, in words.
+    warnings: what was not imported or is shown differently, in words.
     """
 
     name: str
@@ -154,7 +154,7 @@ def examine_scene(
     Parameters
     ----------
     where: the scene's name in messages.
-    photons: number of photon paths and of Gaussians that the radii are proposed for.
+    photons: number of photon paths, and of Gaussians, for which the radii are proposed.
 
     Raises
     ------
@@ -193,7 +193,7 @@ def examine_scene(
 
 
 def list_materials(scene: mi.Scene) -> tuple[Material, ...]:
-    """The materials in use, each with what photon mapping does at it."""
+    """The materials in use, each with how photon mapping treats it."""
     uses: dict[tuple[bool, bool], Use] = {
         (True, False): "queried",
         (False, True): "traced through",
@@ -237,7 +237,9 @@ def _notes(scene: mi.Scene, emitters: Counter[str], materials: Sequence[Material
         notes.insert(0, media)
     for material in materials:
         if material.use == "unsupported":
-            notes.append(f"{material.name} ({material.kind}): paths end there, nothing is stored")
+            notes.append(
+                f"{material.name} ({material.kind}): paths end there and nothing is stored"
+            )
     return notes
 
 
@@ -245,6 +247,6 @@ def _clipping(diagonal: float) -> list[str]:
     if 0.1 < diagonal < 1e4:
         return []
     return [
-        f"its diagonal is {diagonal:.3g} units, but cameras see distances from 0.001 to 100,000 "
-        "units: scale the scene so that lengths are of the order of 1"
+        f"its diagonal is {diagonal:.3g} units, but cameras see only distances from 0.001 to "
+        "100,000 units: scale the scene so that lengths are of the order of 1"
     ]

@@ -16,22 +16,22 @@ from gpf.core.places import make_place
 
 MOST_FILES = 10_000
 MOST_BYTES = 4 * 2**30
-"""Limits of an unpacked archive: ten times the largest of the usual test scenes."""
+"""Limits on an unpacked archive: ten times the largest of the usual test scenes."""
 
 DEPTH = 3
-"""Levels of folders that are searched for a scene file."""
+"""Levels of folders searched for a scene file."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A scene file that is to be imported.
+    """A scene file to import.
 
     Attributes
     ----------
     origin: the name of the folder, file or archive that the user gave.
     xml: the scene file.
     folder: the folder that the user gave, the unpacked archive, or the folder of the XML file.
-    archive: the archive that was unpacked into ``folder``; None without one.
+    archive: the archive that was unpacked into ``folder``, or None.
     """
 
     origin: str
@@ -45,8 +45,8 @@ def open_source(path: Path, unpacked: Path) -> Source:
 
     Raises
     ------
-    UserError: ``path`` does not exist or is of another kind, there is no scene file or more than
-        one, or :func:`unpack_archive` refuses the archive.
+    UserError: ``path`` does not exist or is not a folder, an XML file or a zip archive; there is
+        no scene file or more than one; or :func:`unpack_archive` rejects the archive.
     """
     if not path.exists():
         raise UserError(str(path), "does not exist", "Check the path.")
@@ -60,7 +60,7 @@ def open_source(path: Path, unpacked: Path) -> Source:
         return Source(origin, path, path.parent)
     raise UserError(
         str(path),
-        "is neither a folder, nor an XML file, nor a zip archive",
+        "is not a folder, an XML file or a zip archive",
         "Unpack other archives first; convert scenes in other formats to Mitsuba's format.",
     )
 
@@ -108,14 +108,14 @@ def unpack_archive(archive: Path, target: Path) -> None:
     ------
     UserError: a member has an absolute path or a path with ``..``, or is a link or another special
         file; there are more than ``MOST_FILES`` members or ``MOST_BYTES`` bytes; the archive is
-        damaged or encrypted. ``target`` may have a part of the files then.
+        damaged or encrypted. ``target`` may then hold some of the files.
     """
-    # What the system says to a place before the file's beginning, and to a name of a member; None:
-    # bz2 says itself that data are damaged.
+    # Errors of the system for a position before the file's beginning, and for a member's name;
+    # None: bz2 raises its own OSError for damaged data.
     unreadable = (errno.EINVAL, errno.ENAMETOOLONG, None)
     damages = (
         *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, ValueError, RuntimeError),
-        # Two members need one name as a file and as a folder.
+        # Two members have the same name, one as a file and one as a folder.
         *(FileExistsError, NotADirectoryError, IsADirectoryError),
     )
     try:
@@ -163,6 +163,6 @@ def _check_members(archive: Path, members: list[zipfile.ZipInfo]) -> None:
 
 
 def _parts(member: zipfile.ZipInfo, keep_root: bool = False) -> list[str]:
-    """Folders and name of a member; some programs on Windows separate them by backslashes."""
+    """Folders and name of a member; some Windows programs separate them with backslashes."""
     parts = member.filename.replace("\\", "/").split("/")
     return ["/"] * (keep_root and parts[0] == "") + [p for p in parts if p not in ("", ".")]

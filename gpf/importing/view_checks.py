@@ -1,4 +1,4 @@
-"""Checks of views: where the camera stands, and on what its pixels end."""
+"""Checks of views: where the camera is, and what its pixels end on."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LEAST_LIT = 0.1
 # Least distance of the camera from all surfaces, in units of the views' median distance.
 LEAST_CLEARANCE = 1e-3
 
-# Another view sees a point if one of its own points is within this many spacings.
+# A view covers another's point if one of its own points is within this many spacings.
 COVERED_WITHIN = 2.5
 
 _ROWS = 48
@@ -36,19 +36,19 @@ _EMITTER_SAMPLES = 8
 
 @dataclass(frozen=True)
 class ViewReport:
-    """What was found out about a view.
+    """Facts found about a view.
 
     Attributes
     ----------
-    name: of the view.
+    name: the view's name.
     diffuse_share: share of the pixels whose path ends on a diffuse surface.
     lit_share: share of those pixels that show a lit point.
     light_share: share of all pixels that show a lit surface, a lamp or the sky, directly or through
-        what is specular.
+        specular surfaces.
     clearance: distance from the camera to the nearest surface, in units of the median distance
         from the cameras to their visible points.
-    inside: whether the camera is inside a refracting object: most of the refracting surfaces
-        around it show it their inner side.
+    inside: whether the camera is inside a refracting object, i.e. it sees most of the refracting
+        surfaces around it from their inner side.
     points: the visible points, one per pixel.
     """
 
@@ -67,7 +67,7 @@ class ViewReport:
     def faults(self, home_inside: bool = False) -> list[str]:
         """The view's faults in words; empty for a good view.
 
-        ``home_inside``: the scene's cameras may be inside a refracting object, as under water.
+        ``home_inside``: the scene's cameras may be inside a refracting object, such as water.
         """
         found = []
         if self.diffuse_share < LEAST_DIFFUSE:
@@ -85,9 +85,9 @@ class ViewReport:
 def report_views(
     scene: mi.Scene, views: Sequence[View], aspect: float = 1.0, seed: int = 0
 ) -> list[ViewReport]:
-    """Examine views by images of 48 rows of pixels, and by rays in all directions of the camera.
+    """Examine views with images of 48 rows, and with rays in all directions from the camera.
 
-    A point is lit if one of some samples of the emitters reaches it, or if a photon lands near it.
+    A point is lit if one of a few emitter samples reaches it, or if a photon lands near it.
     """
     size = max(1, round(_ROWS * aspect)), _ROWS
     lanes = size[0] * size[1]
@@ -146,7 +146,7 @@ def _is_lit(scene, points, near, sampler):  # type: ignore[no-untyped-def]
 def _camera_rays(
     view: View, size: tuple[int, int], rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Origins and directions (3, N) of a ray through a random place in each pixel, row by row."""
+    """Origins and directions (3, N) of rays through a random place in each pixel, row by row."""
     camera = make_pinhole(view, size)
     x, y = np.meshgrid(*(np.arange(n) - n / 2 for n in size))
     place = np.stack([x.ravel(), y.ravel()]) + rng.random((2, x.size))
@@ -173,8 +173,8 @@ def look_around(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Distances from V positions to the nearest surface, world units, and which are inside, (V,).
 
-    1024 rays are sent in evenly spread directions. A position is inside if more than half of the
-    rays that meet a refracting surface first meet it from its inner side.
+    1024 rays are sent from each in evenly spread directions. A position is inside if more than half
+    of the rays that meet a refracting surface first meet it from its inner side.
     """
     index = np.arange(_DIRECTIONS) + 0.5
     height, angle = 1 - 2 * index / _DIRECTIONS, np.pi * (1 + 5**0.5) * index
@@ -194,7 +194,7 @@ def look_around(
 
 
 def _refracts(si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
-    """Whether light changes its medium at a surface; thin sheets and opaque surfaces do not."""
+    """Whether light enters another medium at a surface; not so at thin sheets or opaque ones."""
     upright = mi.SurfaceInteraction3f(si)
     upright.wi = mi.Vector3f(0, 0, dr.mulsign(mi.Float(1), si.wi.z))
     # With a random number near 1, the outcome sampled at normal incidence is the transmission.

@@ -1,8 +1,8 @@
 """Closed smooth meshes from functions that are negative inside a solid (surface nets).
 
-:func:`union` joins solids and :func:`intersection` cuts them; the intersection with the negative of
-a solid removes it. Both round the new edges. Where the functions are roughly distances, ``fillet``
-is roughly the size of the rounding.
+:func:`union` joins solids and :func:`intersection` cuts them; intersecting with the negative of a
+solid removes it. Both round the new edges. Where the functions are roughly distances, ``fillet`` is
+roughly the size of the rounding.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ def polygonize(field: Field, axes: Sequence[np.ndarray]) -> Mesh:
     Parameters
     ----------
     field: ``field(x, y, z)`` broadcasts its arguments, so parts that depend on two coordinates are
-        computed on a plane of the grid only.
-    axes: the planes of the grid. It contains the whole surface with a margin of two cells. Parts
+        computed only on a plane of the grid.
+    axes: the planes of the grid, which contains the whole surface with a margin of two cells. Parts
         thinner than 1.5 cells may tear.
     """
     cell = min(float(np.diff(axis).min()) for axis in axes)
@@ -106,7 +106,7 @@ def polygonize(field: Field, axes: Sequence[np.ndarray]) -> Mesh:
 
 
 def _neighbours_mean(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    """For each point the mean of the points that share an edge of a quad with it."""
+    """For each point, the mean of the points that share an edge of a quad with it."""
     here, there = quads.ravel(), np.roll(quads, -1, axis=1).ravel()  # each edge once per direction
     columns = [np.bincount(here, points[there, k], len(points)) for k in range(3)]
     return np.stack(columns, axis=1) / np.bincount(here, minlength=len(points))[:, None]

@@ -43,7 +43,7 @@ class Mesh:
     def smooth(self) -> Mesh:
         """The mesh with normals: at each point the mean of its faces' normals, weighted by area.
 
-        Points in one place with different indices keep a crease between them.
+        Points in the same place with different indices keep a crease between them.
         """
         a, b, c = (self.points[self.faces[:, i]] for i in range(3))
         twice_area = np.cross(b - a, c - a)
@@ -108,7 +108,7 @@ def quad(corner: Vector, right: Vector, up: Vector) -> Mesh:
 
 
 def box(lower: Vector, upper: Vector) -> Mesh:
-    """A box with its faces outwards; each of the six faces has uv from (0, 0) to (1, 1)."""
+    """A box that faces outwards; each of its six faces has uv from (0, 0) to (1, 1)."""
     low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
     sides = []
     for axis in range(3):
@@ -131,14 +131,14 @@ def lathe(profile: np.ndarray, segments: int = 96) -> Mesh:
     mesh = grid(rows, closed=True)
     faces = mesh.faces
     for row in (0, len(profile) - 1):
-        if profile[row][0] == 0:  # all points of the ring are one
+        if profile[row][0] == 0:  # all points of the ring coincide
             members = (faces >= row * segments) & (faces < (row + 1) * segments)
             faces = np.where(members, row * segments, faces)
     return _compact(Mesh(mesh.points, faces))
 
 
 def _compact(mesh: Mesh) -> Mesh:
-    """The mesh without faces that have a corner twice, and without points that no face uses."""
+    """The mesh without faces that repeat a corner, and without points that no face uses."""
     a, b, c = mesh.faces.T
     faces = mesh.faces[(a != b) & (b != c) & (c != a)]
     used, index = np.unique(faces, return_inverse=True)
@@ -160,7 +160,7 @@ def write_ply(path: Path, mesh: Mesh) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
-        # A sine may differ in its last bit between machines, six decimals do not. + 0.0: no -0.0.
+        # A sine's last bit may differ between machines, but not six decimals. + 0.0: no -0.0.
         file.write((np.round(np.hstack(columns), 6) + 0.0).astype("<f4").tobytes())
         file.write(table.tobytes())
     return path

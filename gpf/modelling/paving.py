@@ -25,7 +25,7 @@ def tiles(
     """Square tiles of ``pixels²`` with round corners, (rows · pixels, columns · pixels, 3).
 
     Each tile has its own shade of ``colours`` (:func:`gpf.modelling.textures.ramp`). The grout
-    lines are 7% of a tile wide, half in each of the two tiles.
+    lines are 7% of a tile wide, half in each of two neighbours.
     """
     shade = shades(rows * columns, seed).reshape(rows, columns)
     flat = ramp(shade, colours).repeat(pixels, axis=0).repeat(pixels, axis=1)

@@ -1,6 +1,6 @@
-"""Three small rooms with what makes real ones hard, as dictionaries for :func:`mitsuba.load_dict`.
+"""Three small rooms with the difficulties of real ones, for :func:`mitsuba.load_dict`.
 
-y is up; lengths are metres. They are made here, so that a test needs no file.
+y is up; lengths are metres. They are made in code, so that tests need no files.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from gpf.modelling.shapes import (
 )
 
 STEEL: Dict = {"type": "roughconductor", "material": "Cr", "alpha_u": 0.05, "alpha_v": 0.25}
-"""Brushed."""
+"""Brushed steel."""
 
 GLASS: Dict = {"type": "dielectric"}
 
@@ -41,8 +41,8 @@ def load(name: str) -> mi.Scene:
 
 
 def sunny_room() -> Dict:
-    """A room that the sun and the sky light through a window with bars, deep reveals and curtains
-    of cloth with holes."""
+    """A room lit by the sun and the sky through a window with bars, deep reveals and curtains of
+    cloth with holes."""
     scene = camera((1.7, 1.5, 1.9), (-1.1, 0.85, -0.7), 66) | room((4, 2.6, 5))
     del scene["left"]
     scene |= {"sky": _sky()} | _window_wall(-2.15, 0.15)
@@ -119,7 +119,7 @@ ROOMS: dict[str, Callable[[], Dict]] = {
 
 
 def _table(place: Vector, half: tuple[float, float], name: str) -> Dict:
-    """A table with four thin legs, or a stool, which has no name."""
+    """A table with four thin legs, or a stool if ``name`` is empty."""
     x, _, z = place
     height = 0.72 if name else 0.44
     legs = {
@@ -135,7 +135,7 @@ def _table(place: Vector, half: tuple[float, float], name: str) -> Dict:
 
 
 def _window_wall(x: float, half: float) -> Dict:
-    """The left wall, ``half`` of its thickness on both sides of x, with a window in its middle."""
+    """The left wall, centred on x with half-thickness ``half``, with a window in its middle."""
     return {
         "below": box((x, 0.4, 0), (half, 0.4, 2.5)),
         "above": box((x, 2.45, 0), (half, 0.15, 2.5)),
@@ -145,7 +145,7 @@ def _window_wall(x: float, half: float) -> Dict:
 
 
 def _curtain(x: float, first: float, last: float) -> mi.Mesh:
-    """Cloth in folds from z ``first`` to ``last``, of which a third is holes."""
+    """Cloth in folds from z = ``first`` to ``last``; a third of it is holes."""
     z, y = np.linspace(first, last, 41), np.linspace(0.05, 2.35, 8)
     fold = x + 0.03 * np.sin(50 * z)
     rows = np.stack([np.broadcast_to(c, (8, 41)) for c in (fold, y[:, None], z)], axis=-1)

@@ -9,8 +9,8 @@ from PIL import Image
 
 
 def smooth_noise(shape: tuple[int, int], cells: tuple[int, int], seed: int) -> np.ndarray:
-    """Value noise in [0, 1], (H, W): random values on a grid of (rows, columns) ``cells``, with the
-    weights 3t² - 2t³ in between. It repeats without a seam in both directions.
+    """Value noise in [0, 1], (H, W): random values on a grid of (rows, columns) ``cells``,
+    interpolated with the weights 3t² - 2t³. It repeats without a seam in both directions.
     """
     # numpy guarantees that the generator's stream of raw integers does not change.
     raw = np.random.PCG64(seed).random_raw(cells[0] * cells[1])
@@ -40,7 +40,7 @@ def fractal_noise(
 
 
 def ramp(value: np.ndarray, stops: list[tuple[float, tuple[float, float, float]]]) -> np.ndarray:
-    """Colours (…, 3) by linear interpolation between ``stops``: (position, colour) each."""
+    """Colours (…, 3) by linear interpolation between ``stops``: pairs (position, colour)."""
     positions = [position for position, _ in stops]
     colours = np.array([colour for _, colour in stops])
     return np.stack([np.interp(value, positions, colours[:, i]) for i in range(3)], axis=-1)

@@ -1,1 +1,1 @@
-"""`gpf view`: a page in the browser that shows a scene from a field while photons come in."""
+"""`gpf view`: a page in the browser that shows a scene from a field while photons arrive."""

@@ -1,6 +1,6 @@
 """A fit in a process of its own, which pauses while the viewer needs the cores.
 
-The process prints one JSON object per line: how far it is, and when there is a new field to show.
+The process prints one JSON object per line: its progress, and whether there is a new field to show.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _REPORT_SECONDS = 0.25
 
 @dataclass(frozen=True)
 class FitStatus:
-    """How far the fit is.
+    """Progress of the fit.
 
     Attributes
     ----------
@@ -49,14 +49,14 @@ class FitStatus:
 
 
 class BackgroundFit:
-    """Starts a fit of a scene file, and knows its newest field.
+    """Starts a fit of a scene file, and follows its progress.
 
     Parameters
     ----------
     out: where the field is written when the fit ends or :meth:`close` is called; beside it is a
         folder with the photons, from which a later fit continues.
     views: a file with the cameras that the field is for; None to place some.
-    folder: for the newest field.
+    folder: folder for the newest field.
     groups: groups of emitters whose light is kept apart (:meth:`LightGroups.parse`).
     """
 
@@ -78,14 +78,14 @@ class BackgroundFit:
         self._thread.start()
 
     def pause(self, paused: bool) -> None:
-        """Stop the process at once, or let it go on."""
+        """Pause the process at once, or let it continue."""
         if paused != self._paused and self._process.poll() is None:
             # Not os.kill: the process may have ended meanwhile.
             self._process.send_signal(signal.SIGSTOP if paused else signal.SIGCONT)
             self._paused = paused
 
     def close(self) -> bool:
-        """End the fit, and keep its newest field; returns whether there is one."""
+        """End the fit and keep its newest field; return whether there is one."""
         self._closing = True
         if self._process.poll() is None:
             self._process.kill()
@@ -106,10 +106,10 @@ class BackgroundFit:
         code = self._process.wait()
         error = ""
         if code < 0 and not self._closing:
-            error = f"{signal.Signals(-code).name} ended it; perhaps the memory is too small"
+            error = f"{signal.Signals(-code).name} ended it, perhaps for lack of memory"
         elif code > 0:
             text = Path(self._errors.name).read_text(errors="replace").strip()
-            error = text.splitlines()[-1] if text else f"the fit ended with code {code}"
+            error = text.splitlines()[-1] if text else f"the fit ended with exit code {code}"
         self.status = FitStatus(
             self.status.passes,
             self.status.all_passes,
@@ -175,7 +175,7 @@ def main(
 
 
 def _end_with(parent: int) -> None:
-    """Let the kernel end this process when the viewer ends, even if it is paused then."""
+    """Have the kernel kill this process when the viewer ends, even while it is paused."""
     set_death_signal = 1
     ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
     if os.getppid() != parent:  # it has ended already

@@ -1,4 +1,4 @@
-"""The listening socket of the page: it keeps few of those who have not said the token."""
+"""The page's listening socket, which limits the connections that have not sent the token."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import time
 from contextlib import suppress
 from typing import Any
 
-# Seconds until one that was closed has to be gone.
+# Seconds within which a connection that is shut down has to be gone.
 _PATIENCE = 1.0
 
 
 class Door(socket.socket):
-    """A listening socket with a limit on strangers: connections that :meth:`trust` was not called
-    for.
+    """A listening socket with a limit on strangers: connections for which :meth:`trust` was not
+    called.
 
     When there are too many, the one that has waited longest is closed before the next is accepted.
-    A page says the token in its first packet, so it gets through a crowd that says nothing.
+    A page sends the token in its first packet, so it gets through a crowd that sends nothing.
 
     Parameters
     ----------
-    most: number of strangers; each takes two threads of the server.
+    most: largest number of strangers; each takes two threads of the server.
     """
 
     def __init__(self, host: str, port: int, most: int) -> None:
@@ -31,7 +31,7 @@ class Door(socket.socket):
         self._lock = threading.Lock()
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """The next connection; called by one thread of the server."""
+        """The next connection; called from one thread of the server."""
         link, address = super().accept()
         while not self._makes_room():
             link.close()
@@ -40,12 +40,12 @@ class Door(socket.socket):
         return link, address
 
     def trust(self, link: socket.socket) -> None:
-        """A connection has said the token: it does not count, and is never closed for others."""
+        """Stop counting a connection that has sent the token; it is never closed to make room."""
         with self._lock, suppress(ValueError):
             self._strangers.remove(link)
 
     def _makes_room(self) -> bool:
-        """Whether there is room for one more."""
+        """Make room for one more stranger; return whether there is."""
         if self._has_room():
             return True
         with self._lock, suppress(OSError, IndexError):
@@ -59,6 +59,6 @@ class Door(socket.socket):
 
     def _has_room(self) -> bool:
         with self._lock:
-            # To close a connection is the last thing that the server does with it.
+            # Closing a connection is the last thing that the server does with it.
             self._strangers = [link for link in self._strangers if link.fileno() >= 0]
             return len(self._strangers) < self._most

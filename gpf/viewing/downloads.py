@@ -1,4 +1,4 @@
-"""Files that a page asks for."""
+"""Files that a page requests."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ FPS = 24
 def add_view(
     file: Path, camera: Keyframe, name: str, taken: Collection[str], new: SceneViews
 ) -> View:
-    """Add a camera to the views of a file, or to ``new`` without one: to the training views if
-    there are none yet, else to the novel ones.
+    """Add a camera to the views in a file, or to ``new`` if there is no file: to the training views
+    if there are none yet, else to the novel ones.
 
     Parameters
     ----------
-    camera: its ``fov`` is that across x.
-    name: it gets a number if it is among ``taken`` or in the file.
+    camera: the camera, with ``fov`` across x.
+    name: the view's name, which gets a number if it is among ``taken`` or in the file.
     """
     known = read_views(file, need_training=False) if file.exists() else new
     sets = known.views
@@ -40,7 +40,7 @@ def add_view(
 
 
 def exr_file(radiance: np.ndarray, frames: int) -> bytes:
-    """An EXR with a picture, (H, W, 3), that is the mean of so many frames."""
+    """An EXR with a picture, (H, W, 3), the mean of this many frames."""
     return _written(lambda path: write_exr(path, {"radiance": radiance}, {"frames": frames}), "exr")
 
 
@@ -58,7 +58,7 @@ class Film:
         self._file.close()
 
     def add(self, picture: np.ndarray) -> None:
-        """Add a picture, display values (H, W, 3) uint8, of the size of the others."""
+        """Add a picture, display values (H, W, 3) uint8, of the same size as the others."""
         self._shape, self._count = picture.shape, self._count + 1
         try:
             self._file.write(picture.tobytes())

@@ -19,7 +19,7 @@ from gpf.scene.views import Keyframe
 from gpf.viewing.messages import Layer
 from gpf.viewing.screen import false_colours, to_display
 
-# Gaussians are shown with this share of their size, so that each is seen by itself.
+# Gaussians are shown at this fraction of their size, so that each can be seen by itself.
 _SHOWN_SIZE = 0.35
 
 # Photon paths whose photons are shown.
@@ -33,7 +33,7 @@ _FARTHEST = 4.0
 
 
 def aovs_of(layer: Layer, guides: bool) -> str:
-    """The AOVs that a layer needs; ``guides``: those of the denoiser, too."""
+    """The AOVs that a layer needs; with ``guides``, also those of the denoiser."""
     if layer == "normal":
         return "visible_normal"
     if layer in ("irradiance", "albedo", "depth", "coverage", "error"):

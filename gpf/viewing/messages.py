@@ -1,6 +1,6 @@
 """The messages between the page and the server.
 
-The page sends JSON texts, one of the classes below each. The server answers with binary messages:
+The page sends JSON texts, each one of the classes below. The server answers with binary messages:
 the length of a JSON header as four bytes (big endian), the header, and then a picture or a file.
 """
 
@@ -29,8 +29,8 @@ Layer = Literal[
 
 
 class Camera(Settings):
-    """The camera moved. ``number`` counts these messages and those of :class:`Look`; pictures come
-    with the number of the newest message that they show."""
+    """The camera moved. ``number`` counts these messages and those of :class:`Look`; each picture
+    carries the number of the newest message that it shows."""
 
     type: Literal["camera"] = "camera"
     camera: Keyframe
@@ -46,8 +46,8 @@ class Look(Settings):
     layer: the picture, a layer of it in false colours, or the Gaussians or photons themselves.
     stops: exposure in powers of two, relative to that of the scene.
     curve: ``srgb`` clips bright light; ``soft`` never does.
-    compare: what is shown beside it, if anything: ``path`` with as much time, or the reference of
-        the camera.
+    compare: what is shown beside it, if anything: ``path`` for path tracing with as much time, or
+        the camera's reference.
     number: see :class:`Camera`.
     """
 
@@ -86,7 +86,7 @@ class SaveView(Settings):
 
 
 class GetFile(Settings):
-    """Send the picture as an EXR, as it is now."""
+    """Send the current picture as an EXR."""
 
     type: Literal["exr"] = "exr"
 
@@ -111,7 +111,7 @@ def read_message(text: str | bytes) -> Message:
 
     Raises
     ------
-    UserError: it is no JSON, of no known type, or a value is wrong.
+    UserError: it is not JSON, its type is unknown, or a value is wrong.
     """
     try:
         return _ANY.validate_json(text)

@@ -6,18 +6,18 @@ HEIGHTS = (192, 224, 256, 320, 384, 448, 512)
 """Rows of pictures of a moving camera."""
 
 FRAME_SECONDS = 0.035
-"""Time for such a picture, in which the largest height is chosen that fits."""
+"""Time for such a picture; the largest height that fits into it is chosen."""
 
 
 class Pace:
-    """Chooses the height of pictures of a moving camera by the time that they took."""
+    """Chooses the height of pictures of a moving camera from the time that earlier ones took."""
 
     def __init__(self) -> None:
         self.per_pixel: float | None = None
         self._height = HEIGHTS[0]
 
     def note(self, seconds: float, pixels: int) -> None:
-        """A picture took so long."""
+        """Record how long a picture took."""
         found = seconds / pixels
         self.per_pixel = found if self.per_pixel is None else 0.8 * self.per_pixel + 0.2 * found
 
@@ -26,7 +26,7 @@ class Pace:
         if self.per_pixel is not None:
             for height in HEIGHTS:
                 spent = self.per_pixel * aspect * height * height
-                # Only with room to spare is the picture made larger.
+                # The picture grows only with time to spare.
                 if spent < FRAME_SECONDS * (0.8 if height > self._height else 1.1):
                     best = height
                 elif height == HEIGHTS[0]:

@@ -17,8 +17,8 @@ class References:
 
     Parameters
     ----------
-    cameras: of the scene; the list may grow.
-    files: EXR files.
+    cameras: the scene's cameras; the list may grow.
+    files: EXR files by the names of their cameras.
     """
 
     def __init__(self, cameras: Sequence[View], files: Mapping[str, Path]) -> None:
@@ -36,7 +36,7 @@ class References:
         return next((self._images[name] for name in names if name in self._images), None)
 
     def psnr(self, camera: Keyframe, image: np.ndarray, exposure: float) -> float | None:
-        """The PSNR of an image (H, W, C) of a camera, dB; None without a reference of its size."""
+        """The PSNR of a camera's image (H, W, C), dB; None without a reference of its size."""
         reference = self.of(camera)
         if reference is None or reference.shape[:2] != image.shape[:2]:
             return None

@@ -1,4 +1,4 @@
-"""Frames of one size from a field: recorded, and quick to move."""
+"""Frames of one size from a field, recorded so that the camera moves quickly."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ class Screen:
 
     def frame(self, camera: Keyframe) -> np.ndarray:
         """All channels of one frame, (H, W, C); the camera's ``fov`` is that across x. Each frame
-        has random numbers of its own."""
+        has its own random numbers."""
         place = mi.ScalarTransform4f().look_at(
             list(camera.origin), list(camera.target), list(camera.up)
         )
         self._parameters["to_world"] = mi.Transform4f(place)
         self._parameters["x_fov"] = mi.Float(camera.fov)
-        # Plain values would be part of the recorded kernels.
+        # Plain values would be baked into the recorded kernels.
         dr.make_opaque(self._parameters["to_world"], self._parameters["x_fov"])
         self._parameters.update()
         image = mi.render(
@@ -78,7 +78,7 @@ class Accumulated:
 
 
 def _curve(kind: str) -> np.ndarray:
-    """Display values, 0 to 255, for x / (1 + x) with linear values x, at equal steps."""
+    """Display values, 0 to 255, at equal steps of x / (1 + x), where x is linear."""
     share = np.linspace(0, 1, _ENTRIES)
     linear = share if kind == "soft" else np.minimum(share / np.maximum(1 - share, 1e-9), 1)
     return np.round(255 * tone_map(linear, 1.0)).astype(np.uint8)
@@ -88,8 +88,8 @@ _CURVES = {kind: _curve(kind) for kind in ("srgb", "soft")}
 
 
 def to_display(radiance: np.ndarray, exposure: float, curve: str = "srgb") -> np.ndarray:
-    """Display values (H, W, 3) uint8 of linear radiance: sRGB, of which ``soft`` compresses bright
-    light as x / (1 + x) and ``srgb`` clips it."""
+    """Display values (H, W, 3) uint8 of linear radiance, in sRGB; ``soft`` compresses bright light
+    as x / (1 + x), and ``srgb`` clips it."""
     x = np.maximum(radiance * np.float32(exposure), 0)
     place: np.ndarray = np.nan_to_num(x / (1 + x), nan=1.0) * np.float32(_ENTRIES - 1)
     return _CURVES[curve][(place + np.float32(0.5)).astype(np.uint16)]
@@ -102,7 +102,7 @@ _VIRIDIS = np.array(
 
 
 def false_colours(value: np.ndarray, least: float, most: float) -> np.ndarray:
-    """Display values (H, W, 3) uint8 of a number per pixel, (H, W)."""
+    """Display values (H, W, 3) uint8 for one number per pixel, (H, W)."""
     place = np.clip((value - least) / max(most - least, 1e-9), 0, 1) * (len(_VIRIDIS) - 1)
     stops = np.arange(len(_VIRIDIS))
     channels = [np.interp(place, stops, _VIRIDIS[:, c]) for c in range(3)]
@@ -110,7 +110,7 @@ def false_colours(value: np.ndarray, least: float, most: float) -> np.ndarray:
 
 
 def encode(pixels: np.ndarray, quality: int) -> bytes:
-    """A JPEG."""
+    """The pixels as a JPEG."""
     out = io.BytesIO()
     subsampling: Any = 0 if quality >= 90 else 2
     Image.fromarray(pixels).save(out, "JPEG", quality=quality, subsampling=subsampling)

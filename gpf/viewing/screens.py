@@ -1,4 +1,4 @@
-"""The frames of a scene for the viewer: of every layer and size, from its newest field."""
+"""The viewer's frames of a scene, for every layer and size, from its newest field."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from gpf.viewing.layers import PhotonPoints, aovs_of, as_ellipses
 from gpf.viewing.messages import Layer
 from gpf.viewing.screen import Screen
 
-# Photon paths of a pass, without a field.
+# Photon paths per pass while there is no field.
 _PREVIEW_PATHS = 60_000
 
 _PATH_DEPTH = 24
 
-# Level of a light that is as in the scene.
+# Level of a light as it is in the scene.
 _AS_IT_IS = (1.0, 1.0, 1.0)
 
-# Screens that are kept; each has kernels of its own.
+# Number of screens that are kept; each has its own kernels.
 _MOST_SCREENS = 12
 
 # What a screen shows, its rows, and whether the camera moves.
@@ -67,14 +67,14 @@ class Screens:
         return any(level != _AS_IT_IS for level in self.lights.values())
 
     def take(self, field: GaussianPhotonField) -> None:
-        """Show a new field, with the lights at the levels of the one before."""
+        """Show a new field, keeping the levels of the lights."""
         if self.field is None:
             self._screens.clear()  # they show photon mapping
         self.field = field
         levels: Levels = {}
         if self._mixer is not None:
             levels = self._mixer.levels
-            self._mixer.set({})  # the emitters as they were
+            self._mixer.set({})  # restores the emitters
         self._mixer = LightMixer(self.scene, field) if field.lights is not None else None
         if self._mixer is not None and levels:
             self._mixer.set(levels)
@@ -85,7 +85,7 @@ class Screens:
 
         Raises
         ------
-        UserError: an emitter cannot be coloured; then nothing has changed.
+        UserError: an emitter cannot be coloured; then nothing changes.
         """
         if self._mixer is not None:
             self._mixer.set({name: level for name, level in levels.items() if name in self.lights})
@@ -93,14 +93,14 @@ class Screens:
             self._photons = None
 
     def layer(self, wanted: Layer) -> Layer:
-        """The layer that is shown for one that is wanted: the picture, if the field lacks it."""
+        """The layer to show for the wanted one: the picture, if the field lacks that layer."""
         if wanted == "photons":
             return wanted
         lacks_error = wanted == "error" and (self.field is None or self.field.error is None)
         return "image" if self.field is None or lacks_error else wanted
 
     def screen(self, layer: Layer, rows: int, moving: bool) -> Screen:
-        """The screen for a layer, with what the denoiser needs if the camera is at rest."""
+        """The screen for a layer, with the denoiser's inputs if the camera is at rest."""
         key: _Key = (layer, rows, moving)
         if key not in self._screens:
             if self.field is None:
@@ -118,7 +118,7 @@ class Screens:
         return self._used(key)
 
     def path_screen(self, rows: int) -> Screen:
-        """The screen that shows the scene by path tracing."""
+        """The screen for path tracing the scene."""
         key: _Key = ("path", rows, False)
         if key not in self._screens:
             self._add(key, mi.load_dict({"type": "path", "max_depth": _PATH_DEPTH}))
@@ -131,8 +131,8 @@ class Screens:
         return self._photons.draw(camera, self.size(rows))
 
     def denoised(self, image: np.ndarray) -> np.ndarray | None:
-        """The picture (H, W, 3) of an image (H, W, C) of a camera at rest without its noise; None
-        without a field or denoiser."""
+        """The denoised picture (H, W, 3) of an image (H, W, C) from a camera at rest; None without
+        a field or denoiser."""
         if self.field is None or not has_denoiser():
             return None
         layers = split_layers(image, GUIDES)
@@ -146,7 +146,7 @@ class Screens:
         return max(1, round(rows * self.aspect)), rows
 
     def _update(self, only: Layer | None = None) -> None:
-        """Give their field anew to all screens, or to those of one layer."""
+        """Set the field of all screens again, or of those of one layer."""
         self._ellipses = None
         for (layer, *_), screen in self._screens.items():
             if layer != "path" and only in (None, layer):

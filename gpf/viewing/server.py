@@ -2,7 +2,7 @@
 
 The page's address contains a random token; a request without it gets nothing. The websocket is
 refused to pages of other origins. No file is ever read for a request: the page is in memory.
-Connections that do not say the token are few, and do not last (:mod:`gpf.viewing.door`).
+Connections that do not send the token are few and short-lived (:mod:`gpf.viewing.door`).
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from gpf.viewing.messages import MOST_BYTES, Message, Seen, pack, read_message
 
 PAGE = Path(__file__).with_name("page.html")
 
-# Pictures that are sent before the page says that it has shown one.
+# Pictures that are sent before the page confirms that it has shown one.
 IN_FLIGHT = 2
 
-# A page that sends so many wrong messages is disconnected.
+# A page that sends more invalid messages than this is disconnected.
 MOST_MISTAKES = 20
 
-# Connections that have not said the token, and how long they have for it.
+# Connections that have not sent the token, and the time that they have to send it.
 MOST_STRANGERS, HANDSHAKE_SECONDS = 32, 5.0
 
 _EVERYWHERE, _LOOPBACK = ("", "0.0.0.0", "::"), ("127.0.0.1", "localhost", "::1")
@@ -45,15 +45,15 @@ _POLICY = (
 
 log = logging.getLogger(__name__)
 
-# Messages that say how far something is.
+# Messages that report progress.
 _STATES = ("status", "film")
 
 
 class Client:
-    """An open page: what the server sends to it.
+    """An open page, and the messages that wait to be sent to it.
 
-    Of pictures only the newest waits; a slow page misses the others. Other messages wait in order;
-    one that says how far something is replaces the one before it.
+    Only the newest picture waits; a slow page misses the others. Other messages wait in order; one
+    that reports progress replaces the one before it.
     """
 
     def __init__(self, connection: ServerConnection) -> None:
@@ -70,7 +70,7 @@ class Client:
         return self._picture is None and self._sent - self._seen < IN_FLIGHT
 
     def show(self, header: dict[str, object], picture: bytes) -> None:
-        """Send a picture; it replaces one that is not sent yet."""
+        """Send a picture; it replaces one that has not been sent yet."""
         with self._ready:
             number = self._sent + 1
             self._picture = pack({"type": "picture", "picture": number, **header}, picture)
@@ -92,7 +92,7 @@ class Client:
             self._ready.notify()
 
     def close(self) -> None:
-        """End the thread that sends."""
+        """End the sending thread."""
         with self._ready:
             self._closed = True
             self._ready.notify()
@@ -103,7 +103,7 @@ class Client:
             while (message := self._next()) is not None:
                 self._connection.send(message)
         except (ConnectionClosed, OSError):
-            pass  # the thread that receives ends the client
+            pass  # the receiving thread ends the client
 
     def _next(self) -> bytes | None:
         with self._ready:
@@ -119,7 +119,7 @@ class Client:
 
 
 class Listener(Protocol):
-    """Who is told about pages and their messages; called from threads of the server."""
+    """Is told what happens to pages; called from threads of the server."""
 
     def opened(self, client: Client) -> None:
         """A page was opened."""
@@ -136,7 +136,7 @@ class PageServer:
 
     Parameters
     ----------
-    port: 0 for any that is free.
+    port: 0 for any free port.
 
     Raises
     ------
@@ -180,17 +180,17 @@ class PageServer:
         return f"{f'[{host}]' if ':' in host else host}:{self.port}"
 
     def _is_ours(self, name: str | None) -> bool:
-        """Whether a request may call this machine so.
+        """Whether a request may call this machine by this name.
 
-        A page elsewhere whose name leads to this machine sends that name. On purpose reachable from
-        other machines, this one may have any name; then the token alone protects it.
+        A page from elsewhere whose host name resolves to this machine sends that name. If other
+        machines are meant to reach this one, it may have any name; then only the token protects it.
         """
         here = {self._name, f"localhost:{self.port}", f"127.0.0.1:{self.port}"}
         return name in here or (name is not None and self.host not in _LOOPBACK)
 
     def close(self) -> None:
         """Close all pages and the port."""
-        # The library waits for connections in the middle of a handshake or of a large file.
+        # The library waits for connections in the middle of a handshake or a large file.
         threading.Thread(target=self._server.shutdown, daemon=True).start()
         self._thread.join(0.4)
 
@@ -233,7 +233,7 @@ class PageServer:
                 except UserError as error:
                     mistakes += 1
                     if mistakes > MOST_MISTAKES:
-                        connection.close(1008, "too many wrong messages")
+                        connection.close(1008, "too many invalid messages")
                         break
                     client.tell({"type": "error", "text": str(error)})
                     continue
@@ -248,7 +248,7 @@ class PageServer:
 
 
 def _quiet() -> logging.Logger:
-    """A logger for the library: refused requests are no news for the user."""
+    """A silent logger for the library: refused requests are of no interest to the user."""
     quiet = logging.getLogger(f"{__name__}.websockets")
     quiet.setLevel(logging.CRITICAL)
     return quiet

@@ -34,7 +34,7 @@ class Shown:
     tasks: deque[Iterator[None]] = field(default_factory=deque)
 
     def has_moved(self) -> bool:
-        """Whether the page asks for another picture; a thread of the server may say so any time."""
+        """Whether the page asks for another picture; a server thread may set this at any time."""
         return self.moving
 
     def start_anew(self) -> None:

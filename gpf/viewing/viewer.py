@@ -38,25 +38,26 @@ from gpf.viewing.screens import Screens
 from gpf.viewing.server import Client
 from gpf.viewing.shown import Shown
 
-# The camera rests if it did not move for so long; the fit goes on after the second.
+# Time without movement after which the camera is at rest, and after which the fit continues.
 _REST_SECONDS, _CALM_SECONDS = 0.12, 0.6
 
 # Frames of a camera at rest, one sample per pixel each; without a field, passes of photons.
 _FRAMES, _PASSES = 64, 200
 
-# A picture at rest is denoised when it has so many frames, and shown until it has so many more.
+# A picture at rest is denoised when it has this many frames; the result is shown until there are
+# this many.
 _DENOISED_AT, _DENOISED_UNTIL = 8, 32
 
 # Time between pictures of a camera at rest.
 _PICTURE_SECONDS = 0.1
 
-# Time between errors.
+# Time between error messages.
 _ERROR_SECONDS = 1.0
 
-# Rows without a field.
+# Rows of pictures while there is no field.
 _PREVIEW_ROWS = 192
 
-# Files that a page may wait for at a time.
+# Files that a page may wait for at once.
 _MOST_TASKS = 4
 
 
@@ -70,13 +71,13 @@ class Viewer:
     Parameters
     ----------
     title: name of the scene.
-    cameras: to which pages can jump; the first is where they start. ``fov`` is that across x.
+    cameras: cameras that pages can jump to, with ``fov`` across x; they start at the first.
     aspect: width divided by height of all pictures.
     exposure: None to measure it in the first picture.
     scene_field: None while there is none yet.
     fit: the fit that makes fields, if one is running.
     views_file: where cameras are saved.
-    references: EXR files of pictures with which those of the cameras are compared, by their names.
+    references: EXR files of the cameras' references, by camera name.
     """
 
     def __init__(
@@ -146,7 +147,7 @@ class Viewer:
             elif isinstance(message, Look):
                 page.look, page.number, page.moving = message, message.number, True
             elif len(page.tasks) < _MOST_TASKS:
-                # The camera and the picture of this moment: the page may move before the task runs.
+                # The camera and picture of this moment: the page may move before the task runs.
                 if isinstance(message, SaveView):
                     page.tasks.append(self._save_view(page, page.camera, message))
                 elif isinstance(message, GetFile):
@@ -158,7 +159,7 @@ class Viewer:
     # The thread that renders.
 
     def run(self) -> None:
-        """Render until Ctrl-C. What cannot be rendered is told to the pages."""
+        """Render until Ctrl-C. Errors are sent to the pages."""
         while True:
             pause = 0.05
             try:
@@ -171,7 +172,7 @@ class Viewer:
             self._wake.clear()
 
     def step(self) -> bool:
-        """Take a new field, and render a frame; whether there was something to render."""
+        """Take a new field and render a frame; return whether there was something to render."""
         self._follow_fit()
         self._set_lights()
         with self._lock:
@@ -189,7 +190,7 @@ class Viewer:
         return any(self._go_on(page) for page in rests)
 
     def _follow_fit(self) -> None:
-        """Tell the pages how far the fit is, and take its newest field."""
+        """Tell the pages about the fit's progress, and take its newest field."""
         if self.fit is None or self.fit.status == self._status:
             return
         before, self._status = self._status, self.fit.status
@@ -237,7 +238,7 @@ class Viewer:
         }
 
     def _show_moving(self, page: Shown) -> None:
-        """One picture of a moving camera."""
+        """Show one picture of a moving camera."""
         with self._lock:
             look, camera, number = page.look, page.camera, page.number
             page.moving = False
@@ -263,7 +264,8 @@ class Viewer:
         )
 
     def _go_on(self, page: Shown) -> bool:
-        """One more frame of a camera at rest, or one more step of a task; whether there was one."""
+        """Do one more step of a task or render one more frame of a camera at rest; return whether
+        there was one."""
         if self._do_task(page):
             return True
         look = page.look
@@ -285,7 +287,7 @@ class Viewer:
             page.picture.add(screen.frame(page.camera))
             page.seconds += time.perf_counter() - start
         if page.has_moved():
-            return True  # the camera has moved meanwhile
+            return True  # the camera has moved in the meantime
         ended = page.picture.frames >= most
         if page.picture.frames and (
             ended or compares or time.perf_counter() - page.sent > _PICTURE_SECONDS
@@ -294,7 +296,7 @@ class Viewer:
         return True
 
     def _show_resting(self, page: Shown, number: int) -> None:
-        """The mean of all frames so far; with few of them, denoised."""
+        """Show the mean of all frames so far, denoised if there are few of them."""
         look, frames = page.look, page.picture.frames
         image = page.picture.mean()
         if look.layer == "image" and not look.compare:

@@ -24,7 +24,7 @@ __all__ = ["Figure", "draw_figures"]
 
 
 def draw_figures(results: Results, folder: Path) -> list[Figure]:
-    """Write all figures into a folder, as SVG and PNG; equal results give equal files.
+    """Write all figures into a folder, as SVG and PNG; identical results give identical files.
 
     A figure without data has a ``reason`` instead of files, and its old files are removed.
     """
@@ -39,7 +39,7 @@ def draw_figures(results: Results, folder: Path) -> list[Figure]:
 
 def _plan(results: Results) -> Iterator[tuple[str, str, Callable[[Results], Sketch], str]]:
     """Names, titles, drawing functions and scenes (or ""), in the order of the report."""
-    yield "teaser", "The field beside others", draw_teaser, ""
+    yield "teaser", "The field beside other methods", draw_teaser, ""
     for scene in results.scenes:
         title = results.scene(scene).title
         methods, views = (partial(d, scene=scene) for d in (draw_comparison, draw_novel_views))

@@ -173,7 +173,7 @@ def _describe(scene: SceneResults, view: str, pictures: Sequence[Picture]) -> st
 
 
 def _explain(results: Results, scene: SceneResults, view: str, shown: Sequence[Picture]) -> str:
-    places = "; ".join(f"{letter}, {words}" for letter, words in PLACES.items())
+    places = "; ".join(f"{letter}: {words}" for letter, words in PLACES.items())
     reasons: dict[str, list[str]] = {}
     for method, title in results.methods.items():
         reason = scene.numbers(method).get("reason")
@@ -183,5 +183,6 @@ def _explain(results: Results, scene: SceneResults, view: str, shown: Sequence[P
     without = f" Missing: {'; '.join(missing)}." if missing else ""
     return (
         f"{scene.title}, view “{view}”, the novel view where GPF's PSNR is lowest. "
-        f"{places}. The best method of each system; the numbers are for the whole view.{without}"
+        f"{places}. Each system is shown by its best method; the numbers are for the whole view."
+        f"{without}"
     )

@@ -38,12 +38,12 @@ def draw_convergence(results: Results) -> Sketch:
                 words.append(f"{axes.get_title()}: {level:.1f} dB, like SPPM with {equivalent}")
         put_legend(drawing, spare, gather_legend(panels))
     text = "; ".join(words)
-    alt = f"PSNR of SPPM over the number of passes, with the PSNR of GPF as a level. {text}."
+    alt = f"PSNR of SPPM over the number of passes, with the PSNR of GPF as a line. {text}."
     caption = (
-        "PSNR of the second reference, an independent SPPM, against the reference, means over "
-        f"novel views, and the level of GPF. {text}. Both the reference and this SPPM have noise, "
-        "and the sum limits the PSNR of SPPM. The PSNR of an image without noise is limited only "
-        "by the noise of the reference."
+        "PSNR of the second reference, an independent SPPM run, against the reference, as means "
+        f"over novel views, and the PSNR of GPF. {text}. Both the reference and this run are "
+        "noisy, and their combined noise limits the PSNR of SPPM. The PSNR of an image without "
+        "noise is limited only by the noise of the reference."
     )
     return Sketch(drawing, alt, caption)
 

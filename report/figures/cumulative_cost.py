@@ -54,9 +54,9 @@ def draw_cumulative_cost(results: Results) -> Sketch:
     words = "; ".join(f"{results.scene(s).title}: {_text_of(c, passes)}" for s, c in found.items())
     alt = f"Cumulative cost in seconds over 1 to {last} views, on logarithmic axes. {words}."
     caption = (
-        f"Total seconds for 1 to {last} views. Circles, with the number of views, mark the break-"
-        "even points: from there on GPF is cheaper in total, with all of its preparation. "
-        f"{words}. SPPM at GPF's PSNR has no line if SPPM did not reach this PSNR. SPPM can render "
+        f"Total seconds for 1 to {last} views. Circles, labelled with the number of views, mark "
+        "the break-even points: from there on, GPF is cheaper in total, including its preparation. "
+        f"{words}. SPPM at GPF's PSNR has no line if SPPM did not reach it. SPPM can render "
         "views together, from the same photons, if they are known in advance; GPF does not need "
         f"this. The paper reports {paper.total_hours:g} hours of preparation, which pay off from "
         f"view {paper.break_even_views} on."

@@ -17,7 +17,7 @@ from report.figures.style import system_of
 from report.results import FIELD, SECOND_REFERENCE, Results, SceneResults
 
 ERROR_MAP, LARGEST_ERROR = "magma", 0.25
-"""Errors are differences of sRGB values. The colours also get brighter in a grey print."""
+"""Errors are differences of sRGB values. The colours also get brighter when printed in grey."""
 
 ERRORS = ScalarMappable(PowerNorm(0.5, 0, LARGEST_ERROR, clip=True), ERROR_MAP)
 
@@ -30,7 +30,7 @@ class Picture:
     ----------
     title: the method's title.
     shown: displayed sRGB values in [0, 1], (H, W, 3).
-    psnr: of the view, dB; None if not measured.
+    psnr: PSNR in the view, dB; None if not measured.
     """
 
     method: str
@@ -75,7 +75,7 @@ def open_reference(
 
 
 def best_of_each_system(results: Results, scene: SceneResults) -> list[str]:
-    """The methods with images, for each system the one with the best PSNR; the field is last."""
+    """Of the methods with images, each system's best by PSNR; the field comes last."""
     best: dict[str, tuple[float, str]] = {}
     for method in results.methods:
         psnr = scene.numbers(method).get("psnr")
@@ -93,7 +93,7 @@ def decibels(psnr: float | None) -> str:
 
 
 def show(axes: Axes, image: np.ndarray, pixels: bool = False) -> None:
-    """Draw an image alone into axes; with ``pixels``, enlarged pixels stay squares."""
+    """Draw an image into axes without ticks; with ``pixels``, enlarged pixels stay square."""
     axes.imshow(image, interpolation="nearest" if pixels else "auto")
     axes.set(xticks=[], yticks=[])
     axes.grid(False)

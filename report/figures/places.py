@@ -45,9 +45,9 @@ def focused_light(
 ) -> np.ndarray:
     """How much light changes along surfaces, (H, W): high in caustics and at hard shadows.
 
-    The absolute differences of neighbouring pixels of ``light`` (H, W, 3). Only pixels on the same
-    smooth surface count, by their positions and normals, so that edges of objects do not. The unit
-    is the 99th percentile of the light.
+    The absolute differences of neighbouring pixels of ``light`` (H, W, 3). Only pixels that are on
+    the same smooth surface, by their positions and normals, count: edges of objects do not. The
+    unit is the 99th percentile of the light.
     """
     level = light.mean(axis=-1)
     seen = level[valid > 0]

@@ -19,7 +19,7 @@ from report.figures.style import (
 )
 from report.results import FIELD, SECOND_REFERENCE, Results, SceneResults
 
-CURVE = "SPPM with the settings of references, by passes"
+CURVE = "SPPM with the reference settings, by passes"
 
 
 def sppm_curve(scene: SceneResults) -> tuple[list[float], list[float]]:
@@ -67,9 +67,9 @@ def _draw_panel(
 
 
 _CAPTION = (
-    "PSNR over the time of one view, means over novel views. Up and to the left is better. The "
-    "time is without preparation (training, and all else that is computed once per scene); see "
-    "the cost of many views."
+    "PSNR over the time per view, as means over novel views. Up and to the left is better. The "
+    "time excludes preparation (training, and all else that is computed once per scene); see the "
+    "cost of many views."
 )
 
 

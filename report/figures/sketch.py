@@ -38,7 +38,7 @@ class Figure:
 
     Attributes
     ----------
-    name: of its files, without suffix.
+    name: base name of its files, without suffix.
     title, alt, caption: its texts; ``alt`` describes it for people who cannot see it.
     svg, png: its files; None if it was left out.
     reason: why it was left out, or "".
@@ -56,13 +56,13 @@ class Figure:
 
 
 def save(sketch: Sketch, name: str, title: str, folder: Path, scene: str = "") -> Figure:
-    """Write a drawing as SVG and PNG, without dates and random ids: the same bytes each time."""
+    """Write a drawing as SVG and PNG, without dates or random ids: the same bytes each time."""
     svg, png = (folder / f"{name}.{suffix}" for suffix in ("svg", "png"))
     words = {"Title": title, "Description": sketch.alt}
     with rc_context(RC):
         for path, metadata in ((svg, {"Date": None, **words}), (png, words)):
             write_atomically(path, partial(sketch.canvas.savefig, metadata=metadata))
-            # The PNG takes the positions of the SVG: arranging everything anew takes as long as
+            # The PNG reuses the layout of the SVG: arranging everything again takes as long as
             # drawing it.
             sketch.canvas.set_layout_engine("none")
     return Figure(name, title, sketch.alt, sketch.caption, svg, png, scene=scene)

@@ -17,7 +17,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from report.results import FIELD, SECOND_REFERENCE, Results
 
 WIDTH = 8.0
-"""Width in inches. A README shows it with about 880 pixels, so that 8 points are 12 pixels."""
+"""Width in inches. A README shows it at about 880 pixels, so that 8 points are 12 pixels."""
 
 DPI = 150
 
@@ -168,7 +168,7 @@ def put_legend(drawing: Canvas, spare: Sequence[Axes], handles: Mapping[str, Any
 
 
 def gather_legend(panels: Sequence[Axes]) -> dict[str, Any]:
-    """Label -> line, of all panels, in the order of their first use."""
+    """Label -> line, from all panels, in the order of their first use."""
     found: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):

@@ -1,4 +1,4 @@
-"""Figure at the start of the report: four images of the view where the field leads most."""
+"""Figure at the start of the report: four images of the view where the field's lead is largest."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from report.figures.style import (
 from report.results import FIELD, SECOND_REFERENCE, Results
 
 RIVALS = ("sppm", "denoised")
-"""Systems that are compared with the field."""
+"""Systems that the field is compared with."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Choice:
 
 
 def choose_view(results: Results) -> Choice:
-    """The novel view where the field leads most.
+    """The novel view where the field's lead is largest.
 
     Of the rows of each rival, the one whose time per view is closest to the field's is used.
     """

@@ -84,7 +84,7 @@ class Shelf:
 
     @property
     def is_whole(self) -> bool:
-        """Whether all views are there, at full size."""
+        """Whether all views are included, at full size."""
         return self.shrunk == 1 and not any(book.left_out for book in self.books)
 
 
@@ -108,7 +108,7 @@ def make_books(results: Results, most_bytes: int, maker: ViewMaker | None = None
 
     Parameters
     ----------
-    maker: may have encoded views of earlier calls.
+    maker: may hold encoded views from earlier calls.
     """
     maker = maker or ViewMaker(results)
     scenes = [results.scene(name) for name in results.scenes]

@@ -28,7 +28,7 @@ class Embedded:
     ----------
     source: data URI.
     width, height: pixels; they reserve its place while the page loads.
-    inches: wanted width; 0 for the full width.
+    inches: intended width; 0 for the full width.
     """
 
     source: str

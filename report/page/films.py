@@ -1,8 +1,8 @@
-"""Films: the camera path of a scene by several methods side by side.
+"""Films: the camera path of a scene, rendered by several methods side by side.
 
 `gpf stage animate` writes them as animated WebP. They share the size limit of the page with the
-flip-books. If not all views fit, films get half their size along each side; films are left out
-before images of flip-books are shrunk.
+flip-books. If not all views fit, films are halved along each side; films are left out before
+images of flip-books are shrunk.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ class Film:
     Attributes
     ----------
     moving, still: data URIs of the animation and of its first frame.
-    width, height: of the file on disk, pixels, also if the film is halved.
+    width, height: of the file on disk, pixels, even if the film is halved.
     frames: number of frames.
     methods: titles of the methods in it.
-    missing: title -> reason, of methods that could not serve the scene.
+    missing: title -> reason, for methods that could not serve the scene.
     file: the file on disk.
     halved: whether it is shown at half its size.
     """
@@ -53,7 +53,7 @@ class Film:
 
     @property
     def film(self) -> Path:
-        """The video file with more pixels, for players."""
+        """The video file, which has more pixels, for players."""
         return self.file.with_suffix(".mp4")
 
 

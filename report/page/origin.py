@@ -24,7 +24,7 @@ class Machine:
 
 
 def list_machines(results: Results) -> list[Machine]:
-    """All different machines, each with its stages."""
+    """All distinct machines, each with its stages."""
     used: dict[tuple[tuple[str, str], ...], list[str]] = {}
     for scene, stage, cost in _costs(results):
         machine = cost.get("machine", {})
@@ -33,7 +33,7 @@ def list_machines(results: Results) -> list[Machine]:
             "Processor": machine.get("cpu"),
             "Cores": machine.get("cores"),
             "GPU": machine.get("gpu") or "none",
-            "Variant of Mitsuba": machine.get("variant"),
+            "Mitsuba variant": machine.get("variant"),
             "LLVM": machine.get("llvm"),
             "Python": machine.get("python"),
             **{name: version for name, version in sorted(packages.items())},

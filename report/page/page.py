@@ -62,7 +62,7 @@ def write_page(
 ) -> None:
     """Write the page atomically, with at most ``most_bytes``.
 
-    Texts, tables and figures are always complete; films and flip-books use the rest of the bytes
+    Texts, tables and figures are always complete; films and flip-books use the remaining bytes
     (:mod:`report.page.films`, :mod:`report.page.books`).
 
     Raises
@@ -77,8 +77,8 @@ def write_page(
     if room < 0:
         raise UserError(
             str(path),
-            f"would have {bare / 1e6:.1f} MB without its flip-books; {most_bytes / 1e6:.1f} MB is "
-            "the limit",
+            f"would take {bare / 1e6:.1f} MB even without flip-books, but the limit is "
+            f"{most_bytes / 1e6:.1f} MB",
             "Make the figures smaller.",
         )
     films = open_films(results)

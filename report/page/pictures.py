@@ -54,7 +54,7 @@ def encode(radiance: np.ndarray, where: str) -> Picture:
 def to_codes(radiance: np.ndarray) -> np.ndarray:
     """The nearest bfloat16 of each value, as uint16 of the same shape."""
     bits = np.maximum(radiance, 0).astype(np.float32).view(np.uint32)
-    rounded = (bits + 0x7FFF + ((bits >> 16) & 1)) >> 16  # halves go to the even neighbour
+    rounded = (bits + 0x7FFF + ((bits >> 16) & 1)) >> 16  # ties go to the even neighbour
     return np.minimum(rounded, _LARGEST).astype(np.uint16)
 
 
@@ -81,7 +81,7 @@ def predict(codes: np.ndarray) -> np.ndarray:
 
 
 def shrink(radiance: np.ndarray, factor: int) -> np.ndarray:
-    """Means of ``factor`` × ``factor`` pixels; remaining pixels at the right and below are cut."""
+    """Means of ``factor`` × ``factor`` pixels; leftover pixels at the right and bottom are cut."""
     height, width = (side // factor for side in radiance.shape[:2])
     cut = radiance[: height * factor, : width * factor]
     return cut.reshape(height, factor, width, factor, 3).mean(axis=(1, 3))

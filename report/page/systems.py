@@ -11,8 +11,8 @@ ABOUT = {
     FIELD: "The method of this project. Photons become Gaussians, which are fitted once to the "
     "result of many SPPM passes on the scene's surfaces. A camera path looks the Gaussians up at "
     "its first diffuse surface.",
-    SECOND_REFERENCE: "The second reference: SPPM with as many passes as the reference and other "
-    "random numbers. It shows how far two references agree, and is not ranked.",
+    SECOND_REFERENCE: "The second reference: SPPM with as many passes as the reference but other "
+    "random numbers. It shows how well two references agree, and is not ranked.",
     "path_tracer": "Mitsuba's path tracer: paths from the camera that connect to the lamps. Light "
     "through glass or water is found only by chance.",
     "particle_tracer": "Mitsuba's particle tracer: paths from the lamps that connect to the "
@@ -40,7 +40,7 @@ class Entry:
 
     Attributes
     ----------
-    titles: of its methods.
+    titles: titles of its methods.
     missing: reason -> titles of the scenes without numbers.
     """
 

@@ -139,7 +139,7 @@ def _equivalent(results: Results) -> MainNumber | None:
     values.sort(key=_passes_order)
     detail = "in the only novel view"
     if len(values) > 1:
-        detail = f"median of {len(values)} novel views; {values[0]} to {values[-1]} in all of them"
+        detail = f"median of {len(values)} novel views ({values[0]} to {values[-1]})"
     return MainNumber(_median(values), "passes", "of SPPM give the same PSNR as the field", detail)
 
 
@@ -153,7 +153,7 @@ def _speed(results: Results) -> MainNumber | None:
         return None
     ratio, field, sppm = sorted(pairs)[(len(pairs) - 1) // 2]
     least, most = (f"{significant(2)(r)}" for r in (min(pairs)[0], max(pairs)[0]))
-    across = f"; {least} to {most} times in all scenes" if len(pairs) > 1 else ""
+    across = f"; {least} to {most} times over all scenes" if len(pairs) > 1 else ""
     scene = " in the median scene" if len(pairs) > 1 else ""
     return MainNumber(
         f"{significant(2)(ratio)}×",

@@ -1,4 +1,4 @@
-"""All tables of the report, with measured numbers and those of the paper."""
+"""All tables of the report, with measured numbers and the paper's."""
 
 from __future__ import annotations
 

@@ -46,14 +46,14 @@ ABLATIONS = (
         "components",
         "table_3",
         "Table 3: components",
-        "Parts of the field replaced: Gaussians at random places instead of photons; only the "
+        "Parts of the field replaced: Gaussians at random places instead of at photons; only the "
         "neighbours within the search radius, or only the k nearest.",
     ),
     Ablation(
         "gaussians",
         "table_s1",
         "Table S1: number of Gaussians",
-        "The field with other numbers of Gaussians.",
+        "The field with different numbers of Gaussians.",
         "gaussians",
         "gaussians",
     ),
@@ -61,7 +61,7 @@ ABLATIONS = (
         "k",
         "table_s2",
         "Table S2: k",
-        "At least k neighbours are blended, at any distance.",
+        "At least k neighbours are blended, whatever their distance.",
         "k",
         "k",
     ),
@@ -128,7 +128,7 @@ def ablation_table(results: Results, ablation: Ablation) -> Table:
 
 
 def _remarks(results: Results, ablation: Ablation, rows: Sequence[Row]) -> tuple[str, ...]:
-    """Remarks: why there are no rows, and which files have none."""
+    """Remarks: why there are no rows, and which files have no row."""
     asked, remarks = results.params.ablations, []
     if not asked.scenes and not rows:
         remarks.append("`ablations.scenes` in params.yaml lists no scene.")
@@ -252,7 +252,7 @@ _COSTS = {
 
 
 def _changes_nothing(results: Results, overrides: Mapping[str, Any], default: Made) -> bool:
-    """Whether a variant has all settings of the default field."""
+    """Whether a variant has the same settings as the default field."""
     params = results.params.model_dump(mode="json") | {"field": default.settings}
 
     def value(key: str) -> Any:
@@ -276,6 +276,6 @@ def _settings(
 
 
 def _agrees(theirs: Variant, made: Made) -> bool:
-    """Whether a field has the settings of a row of the paper and changes no other section."""
+    """Whether a field has the settings of a row in the paper and changes no other section."""
     alone = all(key.startswith("field.") for key in made.changed)
     return alone and all(made.settings.get(key) == value for key, value in theirs.field.items())

@@ -12,7 +12,7 @@ from report.tables.columns import MEMORY, NO_COSTS, PAPER, PREPARATION, SECONDS,
 from report.tables.quality import scenes_left_out
 
 PATH = "`path` with max_depth 2 at 1 spp"
-"""The timing baseline. Times in this unit are comparable between machines, approximately."""
+"""The timing baseline. Times in this unit are roughly comparable between machines."""
 
 
 def time_table(results: Results) -> Table:
@@ -20,14 +20,14 @@ def time_table(results: Results) -> Table:
     scenes = results.scenes
     rows = [
         _row(results, method, title, group)
-        for group in ("Seconds per image", f"Times an image by {PATH}, in the same run")
+        for group in ("Seconds per image", f"In units of an image by {PATH}, in the same run")
         for method, title in _methods(results).items()
     ]
     across = tuple(Column(s, results.scene(s).title, significant(3), "lower") for s in scenes)
     return Table(
         name="table_4",
         title="Table 4: time per image",
-        caption="Wall-clock time of a novel view, without preparation and without compiling "
+        caption="Wall-clock time per novel view, without preparation and without compiling "
         f"kernels. {PAPER} A fast method may be far from the reference; see Table 1.",
         columns=across,
         rows=tuple(rows),
@@ -62,7 +62,7 @@ def cost_table(results: Results) -> Table:
         caption="Preparation is done once per scene. It includes the training data: photons and "
         "targets for the field, targets for the radiance cache, references for systems that learn "
         f"from images. × path: time per view, divided by that of a view by {PATH} in the same run. "
-        "Times are without compiling kernels.",
+        "Times exclude the compilation of kernels.",
         columns=columns,
         rows=tuple(rows),
         grouped_by="scene",

@@ -1,4 +1,4 @@
-"""Systems at equal time and at equal quality with the field."""
+"""Systems compared with the field at equal time and at equal quality."""
 
 from __future__ import annotations
 
@@ -45,8 +45,9 @@ def equal_time_table(results: Results) -> Table:
         name="equal_time",
         title="At equal time",
         caption="The best measured setting of each system that takes no longer per view than the "
-        f"field (or {TOLERANCE - 1:.0%} longer), without preparation. Only settings that were run: "
-        "a system whose settings are all much faster may be better with more samples. " + BEST,
+        f"field (or up to {TOLERANCE - 1:.0%} longer), without preparation. Only settings that "
+        "were run: a system whose settings are all much faster may be better with more samples. "
+        + BEST,
         columns=(TIME, PSNR, SSIM, LPIPS, FLIP, RELMSE, PREPARATION),
         rows=tuple(rows),
         grouped_by="scene",
@@ -69,10 +70,10 @@ def equal_quality_table(results: Results) -> Table:
         name="equal_quality",
         title="At equal quality",
         caption="Seconds per view that a system needs for the field's PSNR, without preparation: "
-        "the time of its fastest setting with that PSNR. If none has it, the row shows the best "
-        "setting that was run, and the longest time. The last column is no measurement: for "
-        "systems whose error goes to zero with more samples it is extrapolated from two settings, "
-        f"up to {REACH} times the longest time. {BEST}",
+        "the time of its fastest setting that reaches it. If none does, the row shows the best "
+        "setting that was run, and the longest time. The last column is not measured: for systems "
+        "whose error goes to zero with more samples, it is extrapolated from two settings, up to "
+        f"{REACH} times the longest time. {BEST}",
         columns=(SETTING, REACHED, NEEDED, EXTRAPOLATED),
         rows=tuple(rows),
         label="system",
@@ -120,7 +121,7 @@ def _reached(point: Point, group: str, ours: bool = False) -> Row:
 
 
 def _missing(results: Results, scene: str, system: str, points: Sequence[Point]) -> Row:
-    """The row of a system without a fitting point, with the reason."""
+    """The row of a system without a suitable point, with the reason."""
     group = results.scene(scene).title
     if points:
         why = f"its fastest setting takes {three(points[0].seconds)} s per view"

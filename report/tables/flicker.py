@@ -32,9 +32,9 @@ def flicker_table(results: Results) -> Table:
         title="Flicker",
         caption="Change of diffuse surfaces from one frame of the camera path to the next, where "
         "only the camera moves: mean absolute difference in levels of 255, and the share of pixels "
-        "in which it is measured. References would flicker by their own noise, so less flicker "
-        "than that says nothing. Low flicker does not mean a correct image: an image without "
-        f"caustics has no flickering caustics. {BEST}",
+        "in which it is measured. References would flicker with their own noise, so less "
+        "flicker than that says nothing. Low flicker does not mean a correct image: an image "
+        f"without caustics has no flickering caustics. {BEST}",
         columns=_columns(results, found),
         rows=tuple(rows) if found else (),
         remarks=_remarks(results, found),

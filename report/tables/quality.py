@@ -47,7 +47,7 @@ def glance_table(results: Results) -> Table:
     return Table(
         name="table_1_psnr",
         title="Table 1 at a glance: PSNR",
-        caption=f"PSNR of novel views, dB; more is better. {_how_to_read(results)}",
+        caption=f"PSNR of novel views, dB; higher is better. {_how_to_read(results)}",
         columns=(*across, Column("mean", "Mean", PSNR.form, "higher")),
         rows=tuple(rows),
         remarks=_remarks(results),
@@ -89,7 +89,7 @@ def learned_table(results: Results) -> Table:
         name="table_2",
         title="Table 2: systems that learn from images",
         caption=f"Novel views of systems that learn from references of {seen or 'some'} training "
-        f"views, in the scenes that `baselines` in params.yaml gives for them. {PAPER} {BEST}",
+        f"views, in the scenes that `baselines` in params.yaml lists for them. {PAPER} {BEST}",
         columns=(*QUALITY, STORAGE, PREPARATION, SECONDS),
         rows=tuple(rows),
         grouped_by="scene",
@@ -133,7 +133,7 @@ def mean_row(results: Results, method: str, title: str) -> Row:
 
 
 def scenes_left_out(results: Results) -> tuple[str, ...]:
-    """Remarks about scenes without numbers, or with references of other numbers of passes."""
+    """Remarks about scenes without numbers, or with references of a different number of passes."""
     remarks = []
     without = [s for s in results.unmeasured if not results.has_metrics(s)]
     others = [s for s in results.unmeasured if results.has_metrics(s)]
@@ -148,10 +148,10 @@ def scenes_left_out(results: Results) -> tuple[str, ...]:
 def _remarks(results: Results) -> tuple[str, ...]:
     """Remarks about the means, and about methods that have no row."""
     fewer = set(results.scenes) < set(read_paper().systems)
-    means = ("In means, the paper's numbers are over the same scenes as ours.",) if fewer else ()
+    means = ("In the means, the paper's numbers cover the same scenes as ours.",) if fewer else ()
     some = {m for scene in results.scenes for m in results.methods_of(scene)}
     nowhere = [title for m, title in results.methods.items() if m not in some]
-    where = f"Only for other scenes, by their rows of `baselines`: {join(nowhere)}."
+    where = f"Only for other scenes, according to `baselines`: {join(nowhere)}."
     elsewhere = (where,) if nowhere and results.scenes else ()
     return (*scenes_left_out(results), *means, *elsewhere)
 
@@ -191,11 +191,11 @@ def _why_no_mean(results: Results, method: str, without: Sequence[str], key: str
 def _unmeasured_costs(method: str) -> dict[str, str]:
     """Why a method with images has no costs."""
     if method == SECOND_REFERENCE:
-        return {STORAGE.key: "of references, only images are stored"}
+        return {STORAGE.key: "only the images of references are stored"}
     return dict.fromkeys((STORAGE.key, PREPARATION.key, SECONDS.key), NO_COSTS)
 
 
 def _how_to_read(results: Results) -> str:
     second = results.methods[SECOND_REFERENCE]
-    apart = f"{second}: the second reference; it shows how far references agree; not ranked."
+    apart = f"{second}: the second reference; it shows how well references agree; not ranked."
     return f"{PAPER} {BEST} {apart}"

@@ -169,7 +169,7 @@ def wood(
     """Planks glued side by side, linear reflectances (H, W, 3); the grain runs upwards.
 
     Each plank is a cut through a trunk at a distance from its pith. The distance varies along the
-    grain, which makes arches of year rings.
+    grain, which makes arches of growth rings.
     """
     height, width = shape
     v, u = (np.arange(height)[:, None] + 0.5) / height, (np.arange(width)[None] + 0.5) / width

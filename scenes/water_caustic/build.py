@@ -62,7 +62,7 @@ def heights(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     height = LOWEST + scale * (total - total.min())
     normal = np.stack([-scale * slope_x, np.ones_like(total), -scale * slope_z], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    # A sine may differ in its last bit between machines, six decimals do not.
+    # A sine may differ in its last bit between machines; six decimals do not.
     return np.round(height, 6), np.round(normal, 6)
 
 

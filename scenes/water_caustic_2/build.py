@@ -175,7 +175,7 @@ def block() -> Mesh:
 
 
 def coping() -> Mesh:
-    """Stones around the basin, with open joints; each has another part of the noise texture."""
+    """Stones around the basin, with open joints; each has a different part of the noise texture."""
     width, height, overhang, joint = COPING
     x, z = HALF_X - overhang, HALF_Z - overhang
     runs = [  # (start, end) along one axis, and the two bounds along the other
@@ -192,7 +192,7 @@ def coping() -> Mesh:
             low, high = (a, near), (b, far)
             if axis == 2:
                 low, high = (near, a), (far, b)
-            # Sunk a little into the deck, so that no light passes below.
+            # Sunk a little into the deck, so that no light passes underneath.
             stone = box((low[0], -0.001, low[1]), (high[0], height, high[1]))
             assert stone.uv is not None
             n = len(stones) + 1

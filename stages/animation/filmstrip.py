@@ -20,7 +20,7 @@ FILM_HEIGHTS = 256, 384
 """Smallest and largest height of a panel in the MP4, pixels."""
 
 WEBP_WIDTH, WEBP_BYTES = 960, 3_000_000
-"""Largest width, pixels, and size of the WebP; it is made for a README."""
+"""Largest width, in pixels, and file size of the WebP, which is meant for a README."""
 
 
 @dataclass(frozen=True)
@@ -105,14 +105,14 @@ def write_webp(path: Path, frames: Sequence[Image.Image], fps: int) -> None:
 
 
 def _wrap(text: str, font: ImageFont.FreeTypeFont, width: float) -> str:
-    """Text in lines of about ``width`` pixels at most."""
+    """The text, wrapped to lines of at most about ``width`` pixels."""
     letters = max(4, int(width / font.getlength("abcdefghij") * 10))
     lines = (textwrap.wrap(line, letters) for line in text.split("\n"))
     return "\n".join(part for parts in lines for part in parts)
 
 
 def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """The font of the figures, which is part of matplotlib."""
+    """The font of the figures, which comes with matplotlib."""
     from matplotlib.font_manager import FontProperties, findfont
 
     weight = "bold" if bold else "normal"

@@ -1,4 +1,4 @@
-"""The flicker of the frames of an animation, and the flicker from the noise of references."""
+"""The flicker of an animation's frames, and the flicker that noise in references would cause."""
 
 from __future__ import annotations
 
@@ -68,9 +68,9 @@ def see_ways(scene: mi.Scene, view: View, work: Workspace) -> dict[str, FramePoi
 
 
 def noise_of_references(work: Workspace, scene: mi.Scene) -> dict[str, dict[str, float]]:
-    """The change between frames that references of the path would have from their noise alone.
+    """The change between frames that references of the path would show due to their noise alone.
 
-    It is computed in the novel views, in the kinds of pixels in which methods are measured;
+    It is computed from the novel views, in the kinds of pixels in which methods are measured;
     ``share`` is the share of these pixels.
     """
     found: dict[str, list[np.ndarray]] = {way: [] for way in WAYS}

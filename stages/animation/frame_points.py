@@ -12,7 +12,7 @@ from gpf.scene.materials import has_diffuse
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 
-# Largest number of water and glass surfaces that a ray passes.
+# Largest number of water and glass surfaces that a ray passes through.
 MOST_SURFACES = 16
 
 
@@ -37,7 +37,7 @@ def see_points(scene: mi.Scene, view: View, size: tuple[int, int]) -> SeenPoints
     """Follow a ray through the centre of each pixel, straight or refracted, to a diffuse surface.
 
     A ray finds no point if it meets a mirror, a glossy surface, a lamp or nothing, or is totally
-    reflected: such pixels look different from other places.
+    reflected: the colour of such pixels depends on the viewpoint.
     """
     width, height = size
     sensor = make_sensor(view, width, height)
@@ -58,7 +58,7 @@ def see_points(scene: mi.Scene, view: View, size: tuple[int, int]) -> SeenPoints
         bsdf = si.bsdf(ray)
         flags = bsdf.flags()
         ends = active & has_diffuse(bsdf, si)
-        # Surfaces with further lobes look different from other places.
+        # The colour of surfaces with further lobes depends on the viewpoint.
         others = mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta)
         if ends & ~others & ~(si.shape.is_emitter()):
             p = mi.Point3f(si.p)

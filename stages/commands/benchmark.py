@@ -36,7 +36,7 @@ def preview(
         Path | None,
         typer.Option("--output", "-o", metavar="FILE.png", help="[default: in results/NAME]"),
     ] = None,
-    height: Annotated[int, typer.Option(min=16, max=1024, help="Rows of each picture.")] = 96,
+    height: Annotated[int, typer.Option(min=16, max=1024, help="Picture height, pixels.")] = 96,
     passes: Annotated[int, typer.Option(min=1, help="SPPM passes.")] = 8,
     everything: Annotated[
         bool, typer.Option("--all", help="All training views and all frames of the path.")

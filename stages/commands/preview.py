@@ -49,11 +49,11 @@ def preview_scene(name: str, out: Path | None, height: int, passes: int, whole: 
     total = len(views.train) + len(views.novel)
     shown = sum(use != "path" for _, use in chosen)
     rest = f"; --all shows all {total} views" if shown < total else ""
-    console.print(f"{out} shows the pictures{rest}")
+    console.print(f"pictures: {out}{rest}")
 
 
 def _table(previews: list[Preview]) -> Table:
-    table = Table("view", "for", "ends on diffuse", "of that lit", "faults")
+    table = Table("view", "for", "diffuse", "of which lit", "faults")
     for preview in previews:
         report = preview.report
         table.add_row(

@@ -78,7 +78,7 @@ def apply_profile(name: str, file: Path = Path("params.yaml")) -> None:
 
 
 def in_one_line(value: Any) -> Any:
-    """The value, a list in the style [a, b]."""
+    """The value; a list gets the style [a, b]."""
     if isinstance(value, list):
         value = CommentedSeq(value)
         value.fa.set_flow_style()
@@ -92,7 +92,7 @@ def open_yaml(text: str, source: str) -> tuple[YAML, Any]:
     """
     yaml = YAML()
     yaml.preserve_quotes = True
-    yaml.width = 200  # a list stays in one line
+    yaml.width = 200  # a list stays on one line
     yaml.indent(mapping=2, sequence=4, offset=2)  # as params.yaml is written
     return yaml, load_yaml(text, source, yaml)
 

@@ -40,8 +40,8 @@ def import_into_project(path: Path, name: str) -> None:
 
 
 def add_scene(name: str, file: Path) -> bool:
-    """Add a scene to params.yaml, and keep comments and other lines; False if it is listed
-    already."""
+    """Add a scene to params.yaml, keeping comments and other lines; False if it is already
+    listed."""
     text = file.read_text(encoding="utf-8")
     yaml, document = open_yaml(text, str(file))
     scenes = document["scenes"]

@@ -26,7 +26,7 @@ TRACING = ("reference", "photons", "train", "render")
 Scene = Annotated[str, typer.Option(metavar="NAME", help="A scene of the project.")]
 GoOn = Annotated[
     bool,
-    typer.Option("--go-on", help="If one cannot run in the scene, save the reason; no error."),
+    typer.Option("--go-on", help="If a row cannot run in the scene, save why and do not fail."),
 ]
 
 
@@ -48,11 +48,11 @@ def reference(
         str | None,
         typer.Option(
             metavar="FIRST:LAST",
-            help="Only passes FIRST to LAST-1, counted from 0. Other machines trace the others.",
+            help="Only passes FIRST to LAST-1, counted from 0. Other machines trace the rest.",
         ),
     ] = None,
 ) -> None:
-    """Render the SPPM references, and the targets of the training."""
+    """Render the SPPM references and the training targets."""
     run_stage("reference", scene, shared=passes is not None, passes=passes)
 
 
@@ -102,7 +102,7 @@ def ablation(
     ] = None,
     go_on: GoOn = False,
 ) -> None:
-    """Train and judge variants of the field."""
+    """Train and evaluate variants of the field."""
     run_stage("ablation", scene, row=variant, variant=variant, go_on=go_on)
 
 
@@ -138,19 +138,19 @@ def run_stage(
     shared: bool = False,
     **options: Any,
 ) -> None:
-    """Run a stage, alone: no other run may write the same output.
+    """Run a stage; no other run may write the same output meanwhile.
 
     Parameters
     ----------
-    row: of params.yaml; the output of each is its own.
+    row: a row of params.yaml; each row has its own output.
     shared: whether other runs may add to the output at the same time.
-    options: of the stage's ``run``.
+    options: arguments of the stage's ``run``.
     """
     folder, arguments = Path("results"), []
     if scene is not None:
         from gpf.scene.folders import scene_folder
 
-        scene_folder(scene)  # says what is wrong before a lock is written
+        scene_folder(scene)  # reports errors before a lock is written
         folder, arguments = folder / scene, [scene]
     from gpf.scene.untraceable import telling_untraceable
 

@@ -15,7 +15,7 @@ PROJECT = Path(__file__).resolve().parents[2]
 def digest_of(*stages: str) -> str:
     """A hash of the code that the given stages of dvc.yaml depend on.
 
-    It is computed once per process; later changes of the files do not count.
+    It is computed once per process, so later changes to the files do not count.
     """
     digest = hashlib.sha256()
     for file in sorted({file for stage in stages for file in code_of(stage)}):
@@ -25,7 +25,7 @@ def digest_of(*stages: str) -> str:
 
 @cache
 def code_of(stage: str) -> tuple[Path, ...]:
-    """The Python files among a stage's dependencies, and those in the folders among them."""
+    """The Python files that a stage's dependencies name, or contain in a folder."""
     file = PROJECT / "dvc.yaml"
     pipeline = load_yaml(file.read_text(encoding="utf-8"), str(file))
     entry = pipeline["stages"][stage]

@@ -1,4 +1,4 @@
-"""The costs of a stage: wall-clock and CPU seconds, and separately the compilation of kernels."""
+"""The costs of a stage: wall-clock and CPU seconds, with kernel compilation counted separately."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ KINDS = ("wall_seconds", "cpu_seconds", "compile_seconds")
 class CostMeter:
     """Measures named parts of a stage.
 
-    A part's ``wall_seconds`` and ``cpu_seconds`` do not include the time in which Dr.Jit compiled
-    kernels; that is ``compile_seconds``. Dr.Jit caches compiled kernels on disk, so it is near zero
-    from the second run on.
+    A part's ``wall_seconds`` and ``cpu_seconds`` exclude the time in which Dr.Jit compiled kernels,
+    which is ``compile_seconds``. Dr.Jit caches compiled kernels on disk, so this is near zero from
+    the second run on.
     """
 
     def __init__(self, parts: Mapping[str, Mapping[str, float]] | None = None) -> None:
@@ -53,7 +53,7 @@ class CostMeter:
                 del self._started
 
     def so_far(self, part: str) -> dict[str, float]:
-        """The cost until now of ``part``, which is being measured."""
+        """The cost so far of ``part``, which is being measured."""
         dr.sync_thread()
         now = time.perf_counter(), time.process_time()
         compiled = _compile_seconds()
@@ -66,13 +66,13 @@ class CostMeter:
         return entry
 
     def share(self, part: str, names: Sequence[str]) -> None:
-        """Replace a part by equal shares of it, ``part/name`` for each name."""
+        """Split a part into equal shares, ``part/name`` for each name."""
         whole = self.parts.pop(part)
         for name in names:
             self.parts[f"{part}/{name}"] = {k: v / len(names) for k, v in whole.items()}
 
     def note_peak_memory(self) -> None:
-        """Save the peak memory of this process plus that of its child processes, MB."""
+        """Record the peak memory of this process plus that of its child processes, in MB."""
         kilobytes = sum(
             resource.getrusage(who).ru_maxrss
             for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
@@ -87,11 +87,11 @@ class CostMeter:
 
 @contextmanager
 def times_of(path: Path) -> Iterator[None]:
-    """A time that a cost file lacks is named together with the file."""
+    """Report a time that is missing from a cost file together with the file."""
     try:
         yield
     except KeyError as error:
-        raise FileError(path, f"has no time of {error.args[0]!r}") from error
+        raise FileError(path, f"has no time for {error.args[0]!r}") from error
 
 
 def _compile_seconds() -> float:

@@ -11,8 +11,8 @@ from pathlib import Path
 from gpf.core.errors import FileError, UserError
 
 DVC_CACHE = Path(".dvc/cache")
-"""Where DVC keeps files. It trusts those that are read-only: only a damaged one that is writable is
-found and removed."""
+"""Where DVC keeps files. It trusts those that are read-only: it finds and removes a damaged one
+only if that is writable."""
 
 # Path below results/SCENE -> the stage, with its option.
 _MAKERS = (
@@ -33,8 +33,8 @@ _MAKERS = (
 
 
 def command_for(path: Path) -> str | None:
-    """The command that makes a file, e.g. `gpf stage train --scene cornell_box`; None if there is
-    none."""
+    """The command that makes a file, e.g. `gpf stage train --scene cornell_box`, or None if there
+    is none."""
     parts = Path(path).parts
     for i, (above, scene) in enumerate(pairwise(parts)):
         below = "/".join(parts[i + 2 :])
@@ -58,7 +58,7 @@ def with_command(error: FileError) -> UserError:
 
 @contextmanager
 def naming_commands() -> Iterator[None]:
-    """Errors about files name the commands that make these files."""
+    """Make errors about files name the commands that make these files."""
     try:
         yield
     except FileError as error:

@@ -1,4 +1,4 @@
-"""Files that belong together: all of them appear, or none, also if the program is killed."""
+"""Files that belong together: all or none of them appear, even if the program is killed."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def prepare_files(workshop: Path, write: Callable[[Path], None]) -> None:
 
 
 def publish_files(workshop: Path, target: Path) -> None:
-    """Move prepared files below ``target``; if a kill interrupts this, the next call continues.
+    """Move prepared files below ``target``; if this is interrupted, the next call resumes it.
 
-    What else is in the workshop served to make them, and is removed.
+    Anything else in the workshop was only needed to make them, and is removed.
     """
     ready = workshop / _READY
     if not ready.is_dir():

@@ -1,4 +1,4 @@
-"""The timing baseline: a simple image by Mitsuba in the same run, with which times are compared."""
+"""The timing baseline: a simple image by Mitsuba in the same run, to compare times with."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 
 ROUNDS = 5
-"""Number of timed images; one more before them may compile kernels."""
+"""Number of timed images, after one more that may compile kernels."""
 
 
 def time_path(scene: Any, view: View, size: tuple[int, int]) -> float:
-    """Median seconds of a view by ``path`` with max_depth 2 and one sample per pixel.
+    """Median seconds that ``path`` takes for a view, with max_depth 2 and one sample per pixel.
 
     A busy or slow machine affects this image and a method's image alike, so the ratio of their
-    times says more about the method than seconds.
+    times says more about the method than the seconds do.
 
     Parameters
     ----------

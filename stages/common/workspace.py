@@ -25,9 +25,10 @@ class Workspace:
 
     Attributes
     ----------
-    params: of params.yaml, or of a variant.
+    params: the parameters in params.yaml, or a variant's.
     root: ``results/``.
-    variant_folder: folder of a variant's field and of the files made from it; None for the field.
+    variant_folder: folder of a variant's field and of the files made from it; None for the field
+        itself.
     """
 
     params: Params
@@ -37,8 +38,8 @@ class Workspace:
 
     @classmethod
     def open(cls, scene: str) -> Workspace:
-        """Read params.yaml, check that it does not need more memory than there is and that the
-        scene exists, and choose the Mitsuba variant."""
+        """Read params.yaml, check that there is enough memory for it and that the scene
+        exists, and choose the Mitsuba variant."""
         params = read_params()
         refuse_too_large(params)
         scene_folder(scene)
@@ -51,12 +52,12 @@ class Workspace:
 
     @property
     def folder(self) -> Path:
-        """All files of the scene."""
+        """The folder of all files of the scene."""
         return self.root / self.scene
 
     @property
     def field_folder(self) -> Path:
-        """The field, and the files made from it."""
+        """The folder of the field and of the files made from it."""
         return self.variant_folder or self.folder
 
     @property
@@ -106,7 +107,7 @@ class Workspace:
         return self.renders(method) / f"{view}.exr"
 
     def refusal(self, method: str) -> Path:
-        """The reason why a method has no images."""
+        """The file with the reason why a method has no images."""
         return self.renders(method) / "cannot_serve.json"
 
     def metrics(self, method: str) -> Path:
@@ -198,7 +199,7 @@ class Workspace:
 
     def emission_plan(self, scene: Any) -> EmissionPlan:
         """Where photons are needed, and how they are emitted."""
-        # Always the same size, so that photons do not depend on the size of the film.
+        # Always the same size, so that photons do not depend on the film size.
         sensors = [make_sensor(view, *self.views.size(256)) for view in self.views.train]
         reference = self.params.reference
         return EmissionPlan.make(
@@ -211,5 +212,5 @@ class Workspace:
         return self.views.size(self.params.film.height)
 
     def sensor(self, view: View, spp: int = 1, sampler: str = "independent") -> Any:
-        """A Mitsuba sensor for a view, with the size of params.yaml."""
+        """A Mitsuba sensor for a view, with the film size of params.yaml."""
         return make_sensor(view, *self.film_size, spp=spp, sampler=sampler)

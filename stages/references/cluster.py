@@ -1,7 +1,7 @@
 """Passes on many machines: a task of a Ray cluster renders a range of passes.
 
 A pass depends on its index alone, and sums over ranges add up exactly. A cluster therefore gives
-the same bits as one machine, also if a task is repeated. A task brings all the data that it needs;
+the same bits as one machine, even if a task is repeated. A task carries all the data that it needs;
 a worker needs only the same version of this package.
 """
 
@@ -28,7 +28,7 @@ from stages.references.groups import Group, GroupRequest, Job
 
 
 def render_on_cluster(passes: GroupPasses, request: GroupRequest, wanted: range) -> None:
-    """Render the missing passes of a range (0-based), and save every part when it arrives."""
+    """Render the missing passes of a range (0-based), and save every part as it arrives."""
     todo = _tasks(passes, wanted)
     if not todo:
         return
@@ -77,7 +77,7 @@ def render_part(
     """On a worker: sums over passes ``first`` + 1 to ``last`` as tensors, and their cost."""
     import drjit as dr
 
-    # At least two: with one, Mitsuba waits forever when it reads an EXR file.
+    # At least two: with one, Mitsuba hangs when it reads an EXR file.
     dr.set_thread_count(max(2, threads or os.cpu_count() or 1))
     with chdir(_unpack(project)):
         passes = _open(scene, request, digest)
@@ -139,7 +139,7 @@ def _open(scene: str, request: GroupRequest, digest: str) -> GroupPasses:
     if passes.parts.digest != digest:
         raise UserError(
             "a worker of the cluster",
-            "has another version of this package or of Mitsuba, or another kind of device",
+            "has a different version of this package or of Mitsuba, or a different kind of device",
             "Install the same versions on all machines, and set runtime.variant.",
         )
     return passes

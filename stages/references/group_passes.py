@@ -19,7 +19,7 @@ from stages.common.costs import KINDS, CostMeter
 from stages.common.workspace import Workspace
 from stages.references.previews import Previews
 
-# With ``target_psnr``, the noise is measured whenever this many further passes are done.
+# With ``target_psnr``, the noise is measured each time this many more passes are done.
 CHECK_EVERY = 25
 
 
@@ -32,7 +32,7 @@ class GroupPasses:
     group: name of the group, and of its part of the costs.
     renderer: renders the passes.
     parts: ranges of passes that are done.
-    costs: gets the cost of the passes.
+    costs: receives the cost of the passes.
     """
 
     work: Workspace
@@ -86,7 +86,7 @@ class GroupPasses:
         self.costs.parts.pop(self.group, None)
 
     def update_previews(self, bar: Bar, *sums: PassSums) -> None:
-        """Update the previews if it is time, and the expected PSNR beside the progress bar."""
+        """Update the previews if they are due, and the expected PSNR beside the progress bar."""
         psnr = self.previews.update_if_due(*sums)
         if psnr is not None and np.isfinite(psnr):  # infinite after one pass, or without noise
             bar.describe(f"{self.title}, {psnr:.1f} dB")
@@ -109,10 +109,9 @@ class GroupPasses:
         self.parts.write(part, sums, costs)
 
     def merge(self, at: Callable[[PassSums], None] = lambda sums: None) -> PassSums:
-        """The sum of all passes from the first up to a missing one; ``at(sums)`` after each part.
+        """The sum of the passes before the first missing one; calls ``at(sums)`` after each part.
 
-        It ends earlier if the noise is low enough. The costs of the parts become those of the
-        group.
+        Stops earlier if the noise is low enough. The costs of the parts become those of the group.
         """
         sums, spent = self.renderer.empty_sums(), dict.fromkeys(KINDS, 0.0)
         for part in self.parts.done():
@@ -129,9 +128,9 @@ class GroupPasses:
     def finish(
         self, snapshots: Sequence[int] = ()
     ) -> tuple[PassSums, dict[str, dict[str, np.ndarray]]] | None:
-        """The sum of all passes, and the views' images after some numbers of passes.
+        """The sum of all passes, and the views' images after ``snapshots`` passes.
 
-        None if passes are missing and the noise is not low enough either.
+        None if passes are missing and the noise is not low enough yet.
         """
         images: dict[str, dict[str, np.ndarray]] = {name: {} for name in self.renderer.sensors}
 

@@ -3,8 +3,8 @@
 ========================  ====================================================================
 ``train``                 the training views: targets at their visible points and on surfaces
 ``novel``                 the novel views: the references
-``second_reference``      the novel views again, independently: how well does SPPM agree with
-                          itself
+``second_reference``      the novel views again, independently, to see how well SPPM agrees
+                          with itself
 ``more``                  further training views, for systems that learn from images
 ========================  ====================================================================
 
@@ -59,7 +59,7 @@ class Job:
     ----------
     plan: where photons are needed.
     settings: settings of the passes.
-    drawn: results of :meth:`target_points`.
+    drawn: cached results of :meth:`target_points`.
     """
 
     work: Workspace

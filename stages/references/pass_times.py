@@ -15,7 +15,7 @@ SAMPLES, ONE_IN = 8, 16
 
 
 def time_kinds_of_passes(job: Job, passes: int) -> dict[str, float]:
-    """Mean seconds of one of ``passes`` passes: single view, shared views, targets.
+    """Mean seconds per pass over ``passes`` passes: for a single view, shared views, targets.
 
     The stage's own passes serve images and targets at once, so each kind is timed separately.
     Single: mean over the novel views, each rendered on its own. Shared: all novel views at once,
@@ -61,7 +61,7 @@ def time_passes(renderers: Sequence[ReferenceRenderer], passes: range, samples: 
     """Mean seconds of a pass over a range of passes, for each of the R renderers, (R,).
 
     The time of a pass falls with the radius, as t^-0.3. The timed passes are therefore the middles
-    of equal parts of the range; with both ends among them, the mean over 1000 passes would be a
+    of equal parts of the range; with both ends included, the mean over 1000 passes would be a
     quarter too large. The renderers take turns, so that other load affects all of them.
     """
     seconds = np.empty((samples, len(renderers)))

@@ -21,7 +21,7 @@ class Previews:
         self.updated = time.monotonic()
 
     def update_if_due(self, *sums: PassSums) -> float | None:
-        """Do as :meth:`update` if the last time is ``preview_seconds`` ago."""
+        """Call :meth:`update` if the last update was at least ``preview_seconds`` ago."""
         seconds = self.work.params.reference.preview_seconds
         return self.update(*sums) if time.monotonic() - self.updated >= seconds else None
 
@@ -29,7 +29,7 @@ class Previews:
         """Write a picture of each view from the passes in all of ``sums``.
 
         Returns the lowest expected PSNR of all views, dB
-        (:meth:`gpf.sppm.pass_sums.ViewTally.expected_psnr`); None if nothing was written.
+        (:meth:`gpf.sppm.pass_sums.ViewTally.expected_psnr`), or None if nothing was written.
         """
         passes = sum(part.passes for part in sums)
         if not self.work.params.reference.preview_seconds or not passes or not self.renderer.sizes:

@@ -1,4 +1,4 @@
-"""How many training views have an image; other systems than the field learn from images."""
+"""How many training views have images, from which systems other than the field learn."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def count_views_with_images(work: Workspace) -> int:
 
 
 def count_needed_images(params: Params, scene: str) -> int:
-    """The largest number of images that a system needs that will be run for a scene."""
+    """The largest number of images that any system to be run for a scene needs."""
     animated = params.animation.methods if scene in params.animation.scenes else ()
     listed = [m for m in (*params.methods.all, *animated) if m not in OWN_METHODS]
     rows = [params.baselines[method] for method in listed]

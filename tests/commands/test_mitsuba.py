@@ -112,8 +112,8 @@ def test_scenes_that_photon_mapping_cannot_render(room):
         ),
         ('<integrator type="$kind"/>', "", "lacks an integrator"),
         ('value="8"', 'value="4000000000"', "film: is 4000000000x6, which needs .* GiB"),
-        ("path", "gpf", "does not render: The gpf integrator has no field"),
-        ("<emitter type", BUMPY, "does not render: .Texture. .*eval_1_grad"),
+        ("path", "gpf", "cannot be rendered: The gpf integrator has no field"),
+        ("<emitter type", BUMPY, "cannot be rendered: .Texture. .*eval_1_grad"),
     ],
 )
 def test_scenes_that_cannot_be_rendered(room, capfd, old, new, words):
@@ -137,7 +137,7 @@ def test_an_error_in_a_loop_of_drjit(room, capfd):
         ("--seed 4294967296", "Invalid value for '--seed'"),
         ("-s 1", "-s 1: the scene has 1 sensors"),
         ("-D config=1", "-D config=1: has a name that Mitsuba reserves"),
-        ("-o a.tga", "error: a.tga: is not the name of an image. End it in .exr, "),
+        ("-o a.tga", "error: a.tga: is not the name of an image. Use the ending .exr, "),
         ("-o a", "error: a: is not the name of an image"),
         ("-o folder.exr", "error: folder.exr: is a folder"),
         ("-o room.xml/a.exr", "could not be written"),
@@ -175,7 +175,7 @@ def test_an_error_of_the_file_system_is_explained(room, capfd, monkeypatch):
 def test_an_interrupt_in_a_loop_of_drjit(room, capfd):
     assert run("-D", "kind=stopped") == 130
     said = capfd.readouterr().err
-    assert "stopped" in said and "does not render" not in said
+    assert "stopped" in said and "cannot be rendered" not in said
 
 
 def test_as_a_module(room):

@@ -241,12 +241,12 @@ def test_fields_that_do_not_know_their_scene_are_taken(box):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("--size", "wide"), "--size wide: is no size. Give WIDTHxHEIGHT"),
+        (("--size", "wide"), "--size wide: is not a size. Give WIDTHxHEIGHT"),
         (("--aovs", "dept"), "--aovs dept: unknown name 'dept'. Choose from depth"),
-        (("--aovs", "error"), "field.safetensors: does not know its error. Fit it with `gpf fit`"),
+        (("--aovs", "error"), "field.safetensors: has no error estimate. Fit it with `gpf fit`"),
         (("--view", "sensr"), "view 'sensr': does not exist. Did you mean 'sensor'?"),
         (("--denoise", "--seconds", "1"), "--denoise and --seconds: are mutually"),
-        (("--cluster", "head:10001"), "--cluster: is for `--executor ray`"),
+        (("--cluster", "head:10001"), "--cluster: needs `--executor ray`"),
         (("--frames", "all"), "box.xml: has no camera path"),
         (("--seconds", "nan"), "--seconds: is nan. Give a number above 0"),
         (("--seconds", "-1"), "--seconds: is -1.0. Give a number above 0"),
@@ -270,7 +270,7 @@ def test_the_expected_error_is_said_and_kept_with_the_picture(box, capsys):
     assert record["expected_psnr"] == pytest.approx(
         expected_psnr(layers["radiance"], layers["error"], 1.5), abs=0.01
     )
-    assert f"light right to {record['expected_psnr']:.1f} dB" in capsys.readouterr().err
+    assert f"light accurate to {record['expected_psnr']:.1f} dB" in capsys.readouterr().err
 
 
 def test_views_beside_the_scene(box):

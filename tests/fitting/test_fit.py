@@ -68,7 +68,7 @@ def test_a_fit_says_how_far_it_is_and_what_it_made(scene, monkeypatch):
 
 def test_what_gathered_light_was_worth_is_told():
     told = describe_fit({"fields": [(24, 30.0), (24, 34.04)]})
-    assert told == "24 passes, estimated PSNR 34.0 dB (by photons alone: 30.0 dB)"
+    assert told == "24 passes, estimated PSNR 34.0 dB (from photons alone: 30.0 dB)"
 
 
 @pytest.mark.slow
@@ -326,7 +326,7 @@ def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch, capsys)
     with pytest.raises(SystemExit) as ended:
         main(["fit", str(SOURCE), "-o", str(tmp_path / "box.safetensors"), "--passes", "24"])
     assert not ended.value.code
-    assert f"cameras: those of {SOURCE.parent / 'views.yaml'}" in capsys.readouterr().err
+    assert f"cameras: from {SOURCE.parent / 'views.yaml'}" in capsys.readouterr().err
     stored = read_field(tmp_path / "box.safetensors")
     assert stored.record["passes"] == 24
     assert stored.record["exposure"] == read_views(SOURCE.parent / "views.yaml").exposure

@@ -108,7 +108,7 @@ def test_the_report_says_what_was_found(original, root):
     assert re.search(r"queried +twosided diffuse: Floor; diffuse: Green\n", text.getvalue())
     assert re.search(r"traced through +dielectric: Glass\n", text.getvalue())
     assert re.search(r"size +6 × 1 × 6 units, diagonal 8\.544\n", text.getvalue())
-    assert re.search(r"views +1 to train, 1 novel, no path\n", text.getvalue())
+    assert re.search(r"views +1 for training, 1 novel, no path\n", text.getvalue())
     readme = (root / "room/README.md").read_text()
     assert "Imported from `Their Room`" in readme
     assert "Licence: see `LICENSE.txt`" in readme
@@ -156,8 +156,8 @@ def test_what_is_left_behind_or_shown_otherwise_is_said(original, root):
     report = bring(original, root)
     line = SCENE.count("\n")
     said = "\n".join(report.warnings)
-    assert "not imported: old.xml (nothing refers to it)" in said
-    assert f"the orthographic sensor in line {line} is no camera: not imported" in said
+    assert "not imported: old.xml (not referenced)" in said
+    assert f"the orthographic sensor in line {line} is not a camera: not imported" in said
     assert "it has 2 cameras" in said
     assert "not imported: views.yaml" in said
     assert "sensor camera has an aperture: views are in focus everywhere" in said
@@ -176,7 +176,7 @@ def test_scene_xml_is_preferred_and_rubbish_of_other_systems_ignored(original, r
         opened.writestr("__MACOSX/Their Room/scene.xml", b"\0")
         opened.writestr("Their Room/._scene.xml", b"\0")
     report = bring(archive, root)
-    assert report.warnings == ("not imported: a.xml (nothing refers to it)",)
+    assert report.warnings == ("not imported: a.xml (not referenced)",)
 
 
 # --- what photon mapping makes of materials and emitters -----------------------------------------

@@ -32,7 +32,7 @@ def assert_refused(path: Path, root: Path, words: str, name: str = "room") -> Us
     [
         ('wedge"/>', 'lost"/>', r"scene\.xml:30: refers to .*Their Room/models/lost\.ply, which "
          r"does not exist\. Put it there"),
-        ("$mesh.ply", "models\\wedge.ply", r"scene\.xml:30: refers to .* Write / for "),
+        ("$mesh.ply", "models\\wedge.ply", r"scene\.xml:30: refers to .* Separate folders with /"),
         ("wood.png", "lost.png", r"scene\.xml:21: refers to .*lost\.png, which does not exist"),
         ("green.spd", "red.spd", r"scene\.xml:31: refers to .*red\.spd, which does not exist"),
         ("parts/light", "parts/dark", r"scene\.xml:17: refers to .*parts/dark\.xml, which does no"),
@@ -40,16 +40,16 @@ def assert_refused(path: Path, root: Path, words: str, name: str = "room") -> Us
         ("$mesh.ply", "models", r"scene\.xml:30: refers to .*models, which is not a file"),
         ("$mesh.ply", "/etc/hostname", r"scene\.xml:30: refers to /etc/hostname by an absolute p"),
         ("$mesh.ply", "../outside.ply", r"scene\.xml:30: refers to \.\./outside\.ply, which is out"
-         r"side of the scene's folder .*Their Room\. Copy it into the folder"),
-        ("$mesh.ply", "models/../../outside.ply", r"scene\.xml:30: .*outside of the scene's f"),
+         r"side the scene's folder .*Their Room\. Copy it into the folder"),
+        ("$mesh.ply", "models/../../outside.ply", r"scene\.xml:30: .*outside the scene's f"),
         ("$mesh.ply", "link.ply", r"scene\.xml:30: refers to link\.ply, a link to .*outside\.ply, "
-         r"which is outside of the scene's folder"),
+         r"which is outside the scene's folder"),
         ("$mesh.ply", "scene.xml", r"scene\.xml:30: refers to scene\.xml, a name "
-         r"with a meaning of its own in the folder of a scene"),
+         r"that is reserved"),
         ('<scene version="3.0.0">', '<scene version="0.6.0"><film type="ldrfilm"/>', r"scene\.xml: "
          r"does not load: .*Their Room/scene\.xml \(line 2, .*ldrfilm.* Of old scenes, Mitsuba 3 "),
         ('<scene version="3.0.0">', "<scene>", r"scene\.xml:2: <scene> has no version\. Add vers"
-         r'ion="3\.0\.0", or "0\.6\.0" if its parameters are written as in toWorld'),
+         r'ion="3\.0\.0", or "0\.6\.0" if parameter names look like toWorld'),
         ('<scene version="3.0.0">', '<scene version="3">', r"scene\.xml:2: has the version '3'"),
         ('type="perspective"', 'type="orthographic"', r"scene\.xml:7: the sensor is of type orthogr"
          r"aphic\. Views need one of type perspective or thinlens"),
@@ -90,7 +90,7 @@ def test_a_scene_needs_a_sensor_of_its_own(original, root):
     batch = f'<sensor type="batch">{sensor}</sensor>'
     (original / "scene.xml").write_text(SCENE.replace(sensor, batch))
     assert_refused(
-        original, root, r"scene\.xml: has no perspective sensor at the top level of .* Take the se"
+        original, root, r"scene\.xml: has no perspective sensor at the top level of .* Move the se"
     )
 
 
@@ -123,14 +123,14 @@ def test_a_shape_is_no_scene(original, root):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("Their Room", r"name 'Their Room': is not a small letter .* example their_room\."),
-        ("_x", r"Take for example x\."),
-        ("../up", r"Take for example up\."),
-        ("", r"Take for example scene_of_mine\."),
-        ("123", r"name '123': is not a small letter .* example scene_123\."),
-        ("true", r"name 'true': has another meaning already"),
-        ("tables", r"name 'tables': has another meaning already"),
-        ("taken", r"name 'taken': is taken: there is .*scenes/taken\. Choose another name"),
+        ("Their Room", r"name 'Their Room': is not a lower-case letter .* Try their_room\."),
+        ("_x", r"Try x\."),
+        ("../up", r"Try up\."),
+        ("", r"Try scene_of_mine\."),
+        ("123", r"name '123': is not a lower-case letter .* Try scene_123\."),
+        ("true", r"name 'true': is reserved"),
+        ("tables", r"name 'tables': is reserved"),
+        ("taken", r"name 'taken': is taken: .*scenes/taken exists\. Choose another name"),
     ],
 )
 def test_names_that_do_not_do(original, root, name, words):
@@ -149,7 +149,7 @@ def test_several_files_are_listed_and_none_is_told(original, root, tmp_path):
     )
     assert_refused(original / "models", root, r"models: has no XML file\. Give a folder with")
     assert_refused(tmp_path / "nowhere", root, r"nowhere: does not exist\. Check the path")
-    assert_refused(original / "green.spd", root, r"green\.spd: is neither a folder, nor an XML")
+    assert_refused(original / "green.spd", root, r"green\.spd: is not a folder, an XML file or")
     bring(original / "a.xml", root)
 
 
@@ -212,7 +212,7 @@ def test_damaged_archives_are_told(original, root, tmp_path):
     archive.write_bytes(data.replace(b"Do as you", b"Pay for it"[:9]))
     assert_refused(archive, root, r"room\.zip: cannot be unpacked: Bad CRC-32.*Pack it again")
     archive.write_bytes(data[: len(data) // 2])
-    assert_refused(archive, root, r"room\.zip: is neither a folder, nor an XML file, nor a zip")
+    assert_refused(archive, root, r"room\.zip: is not a folder, an XML file or a zip")
 
 
 def test_damaged_bzip2_is_told(original, root, tmp_path):
@@ -235,7 +235,7 @@ def test_whatever_interrupts_leaves_nothing_behind(original, root):
 
 
 def test_a_folder_that_cannot_be_written_is_told(original, tmp_path):
-    with pytest.raises(UserError, match=r"nowhere/room: could not be made \(.*Free some disk"):
+    with pytest.raises(UserError, match=r"nowhere/room: could not be created \(.*Free some disk"):
         bring(original, tmp_path / "nowhere")
 
 

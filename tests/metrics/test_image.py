@@ -187,11 +187,11 @@ def test_compare_says_that_an_image_is_too_small(reference):
     result = image.compare(reference, reference, 1.0)
     assert result["lpips"] is None
     assert result["reasons"]["lpips"] == (
-        "LPIPS needs at least 16x16 pixels and the image is 6x8: render it larger"
+        "LPIPS needs at least 16x16 pixels, but the image is 6x8: render it larger"
     )
     tiny = image.compare(reference[:, :5], reference[:, :5], 1.0)
     assert tiny["ssim"] is None
-    assert "at least 6x6 pixels and the image is 5x8" in tiny["reasons"]["ssim"]
+    assert "at least 6x6 pixels, but the image is 5x8" in tiny["reasons"]["ssim"]
 
 
 def test_compare_without_packages_gives_null_and_the_command(monkeypatch):

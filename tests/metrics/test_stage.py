@@ -71,7 +71,7 @@ def test_a_method_that_was_not_run_is_left_out(work, capsys):
     assert set(read_json(work.summary)) == {"gpf", "path_10", "second_reference"}
     assert not work.metrics("em_gmm").exists()
     said = " ".join(capsys.readouterr().err.split())
-    assert "em_gmm is left out" in said and "path_10 is left out" not in said
+    assert "em_gmm has no images" in said and "path_10 has no images" not in said
     assert f"`gpf stage baseline --method em_gmm --scene {SCENE}`" in said
 
 

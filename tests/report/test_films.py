@@ -72,7 +72,7 @@ def test_a_film_has_texts_and_a_still_first_frame(results, tmp_path):
     assert f"at the same exposure: {shown}." in page.text
     assert "Missing: 3D Gaussian splatting, 3 views (no views)." in page.text
     assert "results/water_caustic/animation/animation.mp4" in page.text
-    assert "half its size" not in page.text and page.text.count("Pause") == 1
+    assert "half size" not in page.text and page.text.count("Pause") == 1
     assert "Not animated yet" not in page.text and "Flicker" in page.text
 
 
@@ -135,7 +135,7 @@ def test_the_page_keeps_its_limit_and_says_what_is_missing(results, tmp_path, mo
     limit = size - film.size // 8
     page = read(results, tmp_path / "half.html", limit)
     assert (tmp_path / "half.html").stat().st_size <= limit
-    assert "Shown at half its size" in page.text and len(page.all("source")) == 1
+    assert "Shown at half size" in page.text and len(page.all("source")) == 1
     monkeypatch.setattr(
         "report.page.page.share_room", lambda results, _, room: ({}, make_books(results, room))
     )

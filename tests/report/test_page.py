@@ -206,7 +206,7 @@ def test_large_images_are_shrunk_until_the_page_fits(tmp_path):
 def test_figures_larger_than_the_page_are_an_error(tmp_path):
     results = make_results(tmp_path / "results")
     figure = make_figure(tmp_path / "figures", "teaser", 300)
-    with pytest.raises(UserError, match=r"report\.html.*without its flip-books.*figures smaller"):
+    with pytest.raises(UserError, match=r"report\.html.*without flip-books.*figures smaller"):
         write_page(results, [], [figure], tmp_path / "report.html", 60_000)
     assert not (tmp_path / "report.html").exists()
     figure.svg.unlink()

@@ -90,7 +90,7 @@ def test_equal_quality_is_measured_or_not_reached(results):
     guess = frame.loc["Path tracer", "extrapolated_seconds"]
     assert guess == pytest.approx(10 * 5 ** (7 / 6))
     assert "| ≈ 65.4 |" in " ".join(to_markdown(table).split())
-    assert "no measurement" in table.caption
+    assert "is not measured" in table.caption
 
 
 def points(*pairs):

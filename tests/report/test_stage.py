@@ -45,6 +45,6 @@ def test_tables_figures_page_and_messages(drawn, tmp_path, capsys):
 
 
 def test_without_results_the_error_names_the_command(drawn, tmp_path):
-    with pytest.raises(UserError, match=r"results: has no numbers of any scene.*`dvc repro`.*"):
+    with pytest.raises(UserError, match=r"results: has no results for any scene.*`dvc repro`.*"):
         stage.run()
     assert not list(tmp_path.iterdir())

@@ -176,7 +176,7 @@ def test_table_2_says_why_it_is_empty(results):
     assert not tables["table_2"].rows
     why = "`baselines` has no such system for any measured scene."
     assert tables["table_2"].notes == [why]
-    where = "Only for other scenes, by their rows of `baselines`: "
+    where = "Only for other scenes, according to `baselines`: "
     assert f"{where}3D Gaussian splatting, 3 views." in tables["table_1"].remarks
 
 

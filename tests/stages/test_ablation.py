@@ -81,7 +81,7 @@ def test_the_field_as_it_is_is_not_made_again(project, variant, monkeypatch):
     never(monkeypatch, "fit")
     never(monkeypatch, "render_novel_views")
     outcome = ablate(project, variant)
-    assert outcome.code == 0 and f"{variant} has the parameters of the field" in outcome.text
+    assert outcome.code == 0 and f"{variant} has the same parameters" in outcome.text
     found = result(project, variant)
     field = read_json(project.results / "metrics" / "gpf.json")
     assert found["same_as"] == "gpf"

@@ -81,7 +81,7 @@ def test_frames_films_and_flicker(walked):
     with Image.open(folder / "animation.webp") as picture:
         assert picture.n_frames == FRAMES
     told = read_json(walked.results / "flicker.json")["methods"]
-    assert told["splatting_3"] == {"cannot_serve": "not asked for"}
+    assert told["splatting_3"] == {"cannot_serve": "not requested"}
     assert told["gpf"]["directly"]["change"] == pytest.approx(0, abs=1e-9)
     low, high = tone_map(np.array([0.19, 0.21]), read_views(walked.results / "views.yaml").exposure)
     noise = 255 * (high - low) / 2

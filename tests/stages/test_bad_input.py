@@ -78,9 +78,9 @@ def test_unknown_scene(finished):
         (
             "reference",
             "250",
-            r"error: --passes 250: is no range of passes\. Write it as FIRST:LAST",
+            r"error: --passes 250: is not a range\. Write it as FIRST:LAST",
         ),
-        ("reference", "a:b", r"--passes a:b: is no range of passes"),
+        ("reference", "a:b", r"--passes a:b: is not a range"),
         ("reference", "3:3", r"--passes 3:3: is not within the 4 passes of params\.yaml"),
         ("reference", "0:400", r"--passes 0:400: is not within the 4 passes"),
         ("train", "0:2", r"No such option: --passes"),

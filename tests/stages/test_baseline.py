@@ -79,14 +79,14 @@ def test_a_reason_takes_the_place_of_images(finished, go_on):
     arguments = ["stage", "baseline", "--scene", "cornell_box", "--method", "path_10"]
     outcome = finished.gpf(*arguments, *(["--go-on"] if go_on else []))
     assert outcome.code == (0 if go_on else 2)
-    assert "not asked for. Add cornell_box there" in outcome.text
+    assert "not requested. Add cornell_box there" in outcome.text
     assert not list((finished.results / "renders" / "path_10").glob("*.exr"))
     assert finished.stage("metrics").code == 0
     report = read_json(finished.results / "metrics" / "path_10.json")
-    assert report == {"cannot_serve": "not asked for"}
+    assert report == {"cannot_serve": "not requested"}
     with (finished.results / "quality.csv").open() as table:
         rows = {row["method"]: row for row in csv.DictReader(table)}
-    assert rows["path_10"]["psnr"] == "" and rows["path_10"]["reason"] == "not asked for"
+    assert rows["path_10"]["psnr"] == "" and rows["path_10"]["reason"] == "not requested"
     assert float(rows["gpf"]["psnr"]) > 10 and rows["gpf"]["reason"] == ""
 
 
@@ -97,7 +97,7 @@ def test_training_views_without_images(finished):
         "stage", "baseline", "--scene", "cornell_box", "--method", "splatting_10"
     )
     assert outcome.code == 2
-    assert "10 training views with images are needed, there are 3" in outcome.text
+    assert "10 training views with images are needed, but only 3" in outcome.text
 
 
 def test_a_method_that_is_not_listed_any_more_has_no_numbers(finished):

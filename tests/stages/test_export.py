@@ -100,11 +100,11 @@ def test_a_compact_field(trained):
         ),
         (
             ["results/cornell_box/photons.safetensors", "--ply", "a.ply"],
-            r"photons\.safetensors: holds photons, not field\. Name the file of a field\.",
+            r"photons\.safetensors: holds photons, not field\. Give the file of a field\.",
         ),
         (
             ["params.yaml", "--compact", "a.safetensors"],
-            r"params\.yaml: is truncated or damaged \(.+\)\. Name the file of a field\.",
+            r"params\.yaml: is truncated or damaged \(.+\)\. Give the file of a field\.",
         ),
         (
             ["cornell_box", "--ply", "a.obj"],
@@ -120,12 +120,12 @@ def test_a_compact_field(trained):
         ),
         (
             ["cornell_box", "--compact", "a.safetensors", "--exposure", "2"],
-            r"--exposure 2\.0: is for --ply alone\. Leave it out",
+            r"--exposure 2\.0: is only for --ply",
         ),
         *(
             (
                 ["cornell_box", "--ply", "a.ply", "--exposure", value],
-                rf"--exposure {value}: is no exposure\. Give a number above zero",
+                rf"--exposure {value}: is not an exposure\. Give a number above 0",
             )
             for value in ("0.0", "-1.0", "nan", "inf")
         ),

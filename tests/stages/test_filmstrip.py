@@ -23,7 +23,7 @@ def frames() -> list[Image.Image]:
     return compose(
         [
             Reel("Path tracer + OIDN, equal time", moving),
-            Reel("Splats", [], "10 training views with images are needed, there are 3"),
+            Reel("Splats", [], "10 training views with images are needed, but only 3 exist"),
             Reel("GPF, 64 spp", [flat(BLUE)] * 3),
         ],
         PANEL,

@@ -342,7 +342,7 @@ def test_a_fit_that_is_watched_is_kept(tmp_path):
         page.wait_for("document.querySelector('#message').textContent.includes('has stopped')")
     field = read_field(tmp_path / "field.safetensors")
     assert len(field.tensors["means"]) > 1000
-    assert "field.safetensors: the field after" in (tmp_path / "log.txt").read_text()
+    assert "field.safetensors: field after" in (tmp_path / "log.txt").read_text()
     with viewing(tmp_path) as (process, _):  # the same command shows it
         os.kill(process.pid, signal.SIGINT)
         assert process.wait(10) == 0
