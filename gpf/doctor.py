@@ -1,9 +1,9 @@
-"""`gpf doctor`: what works on this machine, what is missing, and the command that repairs it.
+"""`gpf doctor`: what works on this machine, what is missing, and the command that fixes it.
 
-:func:`diagnose` makes the checks, :func:`print_report` prints them. Code that could end a process
+:func:`diagnose` runs the checks, :func:`print_report` prints them. Code that could kill a process
 (a kernel compiled by an unknown libLLVM, an import of compiled code) runs in a subprocess. In a
-checkout of the project, what the pipeline needs is checked as well: the versions in the lock file,
-the repository, the weights of the metrics, the baselines.
+checkout of the project, the needs of the pipeline are checked as well: the versions in the lock
+file, the repository, the weights of the metrics, the baselines.
 """
 
 import importlib
@@ -53,11 +53,11 @@ class Check:
     ok: bool | None
     detail: str
     remedy: str = ""
-    """The command that repairs it, or advice."""
+    """The command that fixes it, or advice."""
 
 
 def diagnose() -> list[Check]:
-    """Check everything that is needed here; takes a few seconds and changes nothing."""
+    """Check everything needed here; takes a few seconds and changes nothing."""
     probe = run_probe()
     library = [
         check_python(),
@@ -71,7 +71,7 @@ def diagnose() -> list[Check]:
 
 
 def diagnose_pipeline(checkout: Path) -> list[Check]:
-    """Check what the pipeline in a checkout of the project needs beside the library."""
+    """Check what the pipeline in a checkout of the project needs besides the library."""
     return [
         check_torch(),
         check_repository(checkout),
@@ -95,21 +95,21 @@ def print_report(checks: Sequence[Check], console: Console | None = None) -> int
         line = Text.assemble(words[check.ok], f"  {check.name:<13}  {check.detail}")
         if check.ok is not True and check.remedy:
             line.append(f"\n       -> {spell_out(check.remedy)}", "bold")
-        console.print(line, soft_wrap=True)  # not broken: commands are copied from here
+        console.print(line, soft_wrap=True)  # not wrapped: commands are copied from here
     failed = [check.name for check in checks if check.ok is False]
     notes = [check.name for check in checks if check.ok is None]
     if failed:
-        console.print(f"\nTo be repaired: {', '.join(failed)}.", soft_wrap=True)
+        console.print(f"\nNeeds fixing: {', '.join(failed)}.", soft_wrap=True)
     else:
         optional = f" (optional: {', '.join(notes)})" if notes else ""
-        console.print(f"\nAll that is required works{optional}.", soft_wrap=True)
+        console.print(f"\nEverything required works{optional}.", soft_wrap=True)
     return 1 if failed else 0
 
 
 def spell_out(remedy: str) -> str:
     """Replace ``pip`` by that of this interpreter, and the lock file by its path.
 
-    Where the environment is not activated, ``pip`` alone is that of the system.
+    If the environment is not activated, plain ``pip`` is that of the system.
     """
     interpreter = shlex.quote(_shorten(Path(sys.executable)))
     remedy = re.sub(r"(?<![/\w])pip (?=(un)?install)", lambda _: f"{interpreter} -m pip ", remedy)
@@ -117,9 +117,10 @@ def spell_out(remedy: str) -> str:
 
 
 def install_command(package: str) -> str:
-    """The command that installs a package in a version that fits.
+    """The command that installs a suitable version of a package.
 
-    In a checkout that is the lock file's, elsewhere one that the library's requirements allow.
+    In a checkout, that is the lock file's version, elsewhere one that the library's requirements
+    allow.
     """
     if LOCK is not None:
         return LOCK_INSTALL
@@ -134,16 +135,16 @@ def install_command(package: str) -> str:
 
 
 def check_python() -> Check:
-    """The versions of Python that the lock file was tried with."""
+    """Python has a version that the lock file was tested with."""
     ok = sys.version_info[:2] in PYTHONS
     remedy = "rm -rf .venv && make venv PYTHON=python3.11"
     if CHECKOUT is None:
-        remedy = "install into an environment of Python 3.11, 3.12 or 3.13"
+        remedy = "install into an environment with Python 3.11, 3.12 or 3.13"
     return Check("Python", ok, f"{platform.python_version()} at {sys.executable}", remedy)
 
 
 def check_package(package: str) -> Check:
-    """A package is installed, in the version of the lock file where there is one."""
+    """A package is installed, in the version of the lock file if there is one."""
     found, locked = read_version(package), read_lock().get(package.lower())
     if found is None:
         return Check(package, False, "not installed", install_command(package))
@@ -168,7 +169,7 @@ def check_libllvm(probe: dict[str, Any]) -> Check:
     path = os.environ.get(LLVM_VARIABLE) or "found on the system"
     version = probe.get("llvm")
     if version is None:
-        detail = f"the subprocess ended before it looked: {probe.get('died')}"
+        detail = f"the subprocess died before it could check: {probe.get('died')}"
         return Check("libLLVM", missing, detail, install_command("drjit"))
     remedy = f"unset {LLVM_VARIABLE}; {LLVM_INSTALL}"
     if version[0] < 0:
@@ -176,7 +177,7 @@ def check_libllvm(probe: dict[str, Any]) -> Check:
         return Check("libLLVM", missing, detail, remedy)
     detail = f"{'.'.join(map(str, version))}, {path}"
     if version[0] < LLVM_MINIMUM:
-        detail += f": older than {LLVM_MINIMUM}, it would end the process that renders"
+        detail += f": older than {LLVM_MINIMUM}, it would crash the renderer"
         return Check("libLLVM", missing, detail, remedy)
     if probe.get("llvm_sum") != PROBE_SUM:
         detail += f": a small kernel failed ({probe.get('died', 'wrong result')})"
@@ -187,20 +188,20 @@ def check_libllvm(probe: dict[str, Any]) -> Check:
 def check_cuda(probe: dict[str, Any]) -> Check:
     """A CUDA device that ran a kernel; without one, kernels run on the CPU."""
     if probe.get("cuda_sum") == PROBE_SUM:
-        return Check("CUDA", True, "a device that runs kernels: runtime.variant auto takes it")
+        return Check("CUDA", True, "a device that runs kernels: runtime.variant auto uses it")
     if "cuda" not in probe:
         return Check(
-            "CUDA", None, "the subprocess ended before it looked", install_command("drjit")
+            "CUDA", None, "the subprocess died before it could check", install_command("drjit")
         )
     if not probe["cuda"]:
-        remedy = "nothing to do; with an NVIDIA GPU: install its driver"
+        remedy = "nothing to do; if you have an NVIDIA GPU, install its driver"
         return Check("CUDA", None, "no device: kernels run on the CPU", remedy)
     detail = f"a device, but a small kernel failed on it ({probe.get('died', 'wrong result')})"
     return Check("CUDA", False, detail, "set runtime.variant: llvm_ad_rgb in params.yaml")
 
 
 def check_torch() -> Check:
-    """Torch at the locked version, and no torchvision beside it."""
+    """Torch is installed at the locked version, and without torchvision."""
     if vision := read_version("torchvision"):
         detail = f"torchvision {vision} is installed, which needs its own build of torch"
         return Check("torch", False, detail, "pip uninstall -y torchvision")
@@ -216,14 +217,14 @@ def check_importable(name: str, module: str) -> Check:
 
 
 def check_repository(root: Path) -> Check:
-    """DVC is installed, and the project is in a git repository with DVC's configuration."""
+    """DVC is installed, and the project is a git repository with a DVC configuration."""
     dvc = read_version("dvc")
     if dvc is None:
         return Check("dvc", False, "not installed", LOCK_INSTALL)
     if shutil.which("git") is None:
         return Check("dvc", False, "git is not on the PATH", "apt install git (or your system's)")
     if not (root / ".git").exists():
-        return Check("dvc", False, f"{root} is no git repository", f"git init '{root}'")
+        return Check("dvc", False, f"{root} is not a git repository", f"git init '{root}'")
     if not (root / ".dvc" / "config").is_file():
         return Check("dvc", False, f"{root}/.dvc is missing", "git checkout -- .dvc (or dvc init)")
     return Check("dvc", True, f"{dvc}, in {root}")
@@ -245,7 +246,7 @@ def check_lpips_weights() -> Check:
 
 
 def check_flip() -> Check:
-    """NVIDIA's FLIP evaluator is installed; without it that metric is null."""
+    """NVIDIA's FLIP evaluator is installed; without it, the metric is null."""
     if find_spec("flip_evaluator") is None:
         remedy = "pip install --no-deps flip-evaluator==1.7"
         return Check("FLIP", None, "flip-evaluator is not installed; FLIP will be null", remedy)
@@ -256,8 +257,8 @@ def check_baselines() -> list[Check]:
     """The optional parts of the baselines are installed."""
     try:
         available = importlib.import_module("gpf.baselines.available")
-    except Exception as error:  # of mitsuba or drjit, which other checks report
-        return [Check("baselines", None, f"cannot be checked: {error}", "repair mitsuba first")]
+    except Exception as error:  # from mitsuba or drjit; other checks report it
+        return [Check("baselines", None, f"cannot be checked: {error}", "fix mitsuba first")]
     return [
         Check(part.name, part.there or None, part.detail, part.remedy)
         for part in available.list_parts()
@@ -265,7 +266,7 @@ def check_baselines() -> list[Check]:
 
 
 def check_disk() -> Check:
-    """The working folder has space for what the pipeline writes."""
+    """The working folder has space for the pipeline's output."""
     free = shutil.disk_usage(Path.cwd()).free / 2**30
     remedy = "dvc gc --workspace, or free some space"
     detail = f"{free:.1f} GiB free here, {FREE_DISK_GIB:.0f} needed"
@@ -273,11 +274,11 @@ def check_disk() -> Check:
 
 
 def check_memory() -> Check:
-    """The memory that there is; with little of it, take a small profile."""
+    """How much memory there is; with little, use a small profile."""
     total = count_memory() / 2**30
     enough = True if total >= MEMORY_GIB else None
-    detail = f"{total:.1f} GiB, {MEMORY_GIB:.0f} advised"
-    return Check("memory", enough, detail, "take the profile quick or desk")
+    detail = f"{total:.1f} GiB, {MEMORY_GIB:.0f} recommended"
+    return Check("memory", enough, detail, "use the profile quick or desk")
 
 
 def _shorten(path: Path) -> str:

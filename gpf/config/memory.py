@@ -1,4 +1,4 @@
-"""Settings that need more memory than there is: said before anything starts."""
+"""Refuse settings that need more memory than there is, before anything starts."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ BYTES = {
     "stream.view_points": 64,
     "stream.surface_points": 64,
 }
-"""Key of params.yaml -> bytes for each of its units. Arrays of so much exist at once; the whole
-needs more."""
+"""Key of params.yaml -> bytes per unit. Arrays of this size exist at once; the total is larger."""
 
 
 def refuse_too_large(params: Params) -> None:
-    """Raise a :class:`UserError` if one number needs more memory than there is."""
+    """Raise a :class:`UserError` if a single setting needs more memory than there is."""
     asked = {}
     for key, each in BYTES.items():
         section, _, leaf = key.partition(".")
         asked[key] = getattr(getattr(params, section), leaf), each
     for name, row in params.baselines.items():
-        # A row of photons, of samples or of components takes as much as one of the field.
+        # A photon, a sample or a component takes as much as a Gaussian of the field.
         for leaf in ("photons_per_pass", "components", "samples", "gaussians", "batch"):
             asked[f"baselines.{name}.{leaf}"] = getattr(row, leaf, None), 64
     for key, (value, each) in asked.items():

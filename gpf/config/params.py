@@ -1,4 +1,4 @@
-"""The whole params.yaml: its sections, checks between them, and its variants."""
+"""The whole params.yaml: its sections, the checks across them, and its variants."""
 
 from __future__ import annotations
 
@@ -59,11 +59,11 @@ class Params(Settings):
 
     @property
     def recipe(self) -> Recipe:
-        """The settings that make a field from photons and targets."""
+        """The settings for making a field from photons and targets."""
         return Recipe(self.field, self.train)
 
     def vary(self, overrides: Mapping[str, Any]) -> Params:
-        """These parameters with other values for some dotted keys, and without ablations.
+        """These parameters with new values for some dotted keys, and without ablations.
 
         Raises
         ------
@@ -85,9 +85,9 @@ class Params(Settings):
         return Params.model_validate(data)
 
     def variant(self, name: str, also: Mapping[str, Any] | None = None) -> Params:
-        """The parameters of an ablation's variant.
+        """The parameters of an ablation variant.
 
-        ``also``: further dotted keys and values; those of the variant have priority.
+        ``also``: further dotted keys and values; those of the variant take precedence.
         """
         return self.vary({**(also or {}), **self.ablations.variants[name].set})
 
@@ -97,21 +97,23 @@ class Params(Settings):
         for name in (*known, *listed):
             if name in OWN_METHODS:
                 raise _objection(
-                    f"{name} is the name of a result of the pipeline itself",
+                    f"{name} is reserved for a result of the pipeline itself",
                     "Give the row another name.",
                 )
         for name in listed:
             if name not in known:
                 todo = suggest(name, known, "The rows of baselines are")
-                raise _objection(f"methods has {name}, which baselines does not have", todo)
+                raise _objection(f"methods lists {name}, which is not in baselines", todo)
             if listed.count(name) > 1:
-                raise _objection(f"methods has {name} more than once", "Remove one.")
+                raise _objection(f"methods lists {name} more than once", "Remove one.")
         for group in Methods.model_fields:
             for name in getattr(self.methods, group):
                 fitting = self.baselines[name].lists
                 if group not in fitting:
                     todo = f"List it under {' or '.join(f'methods.{g}' for g in fitting)}."
-                    raise _objection(f"methods.{group} has {name}, which does not fit there", todo)
+                    raise _objection(
+                        f"methods.{group} lists {name}, which does not belong there", todo
+                    )
         return self
 
     @model_validator(mode="after")
@@ -121,7 +123,7 @@ class Params(Settings):
             where = f"ablations.variants.{name}.set"
             for key in variant.set:
                 if key.split(".")[0] not in VARIED or "." not in key:
-                    todo = f"Keys begin with one of: {', '.join(f'{v}.' for v in VARIED)}"
+                    todo = f"Keys must begin with one of: {', '.join(f'{v}.' for v in VARIED)}"
                     raise _objection(f"{where}: a variant cannot set {key}", todo)
             try:
                 self.variant(name)
@@ -133,7 +135,7 @@ class Params(Settings):
                 todo = suggest(name, list(rows), "The rows of ablations.variants are")
                 raise _objection(f"ablations.run: {name} is not among the variants", todo)
             if self.ablations.run.count(name) > 1:
-                raise _objection(f"ablations.run: has {name} more than once", "Remove one.")
+                raise _objection(f"ablations.run: lists {name} more than once", "Remove one.")
         return self
 
     @model_validator(mode="after")
@@ -147,7 +149,7 @@ class Params(Settings):
         for method in self.animation.methods:
             if method not in known:
                 todo = suggest(method, known, "The methods are")
-                raise _objection(f"animation.methods: {method} is no method", todo)
+                raise _objection(f"animation.methods: {method} is not a method", todo)
         return self
 
     @model_validator(mode="after")
@@ -155,17 +157,17 @@ class Params(Settings):
         if self.field.direct == "emitters" and self.reference.direct != "emitters":
             raise _objection(
                 "field.direct is emitters, but reference.direct is photons, which do not separate "
-                "direct light from other light",
+                "direct from indirect light",
                 "Set both to emitters, or field.direct to field.",
             )
         return self
 
 
 def _objection(what: str, todo: str) -> PydanticCustomError:
-    """An error that concerns several keys of params.yaml, and what the user can do."""
+    """An error about several keys of params.yaml, and what the user can do about it."""
     return PydanticCustomError("params", "{what}", {"what": what, "todo": todo})
 
 
 def read_params(file: Path = Path("params.yaml")) -> Params:
-    """Read and check params.yaml; errors are raised as :class:`gpf.core.errors.UserError`."""
-    return read_yaml(file, Params, "Run `gpf` in the project's folder, which has a params.yaml.")
+    """Read and check params.yaml; raises a :class:`gpf.core.errors.UserError` for any error."""
+    return read_yaml(file, Params, "Run `gpf` in the project folder, which contains params.yaml.")

@@ -1,4 +1,4 @@
-"""Sections of params.yaml for the pipeline; those for the library are in its packages."""
+"""Pipeline sections of params.yaml; the sections for the library are in its packages."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ OWN_METHODS = ("gpf", "second_reference")
 
 
 class Methods(Settings):
-    """The rows of ``baselines`` that the pipeline runs, by what they need first.
+    """The rows of ``baselines`` that the pipeline runs, grouped by prerequisites.
 
     Attributes
     ----------
-    classical: need only the scene.
-    equal_time: need the field, or its render time.
-    learned: need references of training views.
+    classical: rows that need only the scene.
+    equal_time: rows that need the field, or its render time.
+    learned: rows that need references of training views.
     """
 
     classical: tuple[MethodName, ...] = ()
@@ -53,7 +53,7 @@ class Methods(Settings):
 
     @property
     def all(self) -> tuple[str, ...]:
-        """All rows, in the order of tables."""
+        """All rows, in table order."""
         return (*self.classical, *self.equal_time, *self.learned)
 
 
@@ -70,7 +70,7 @@ class Variant(Settings):
 
 
 class Ablations(Settings):
-    """Variants of the field, the names of those that run, and the scenes that they run in."""
+    """Variants of the field, the names of those to run, and the scenes to run them in."""
 
     scenes: tuple[str, ...] = ()
     run: tuple[MethodName, ...] = ()
@@ -82,7 +82,7 @@ class Ablations(Settings):
 
 
 class Animation(Settings):
-    """Films of the camera path of scenes, several methods side by side."""
+    """Films along the scenes' camera paths, with several methods side by side."""
 
     scenes: tuple[str, ...] = ()
     methods: tuple[MethodName, ...] = ("gpf",)

@@ -13,7 +13,7 @@ from typing import Any
 from gpf.core.errors import UserError
 
 HEAD_TRIES = 5
-"""Attempts, a second apart, to reach a head that does not answer: it may be restarting on its own."""
+"""Attempts to reach a head that does not answer, a second apart: it may be restarting by itself."""
 
 
 @dataclass(frozen=True)

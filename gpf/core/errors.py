@@ -134,8 +134,8 @@ def uninterrupted() -> Iterator[None]:
 
 @contextmanager
 def no_lost_interrupts() -> Iterator[None]:
-    """Repeat a Ctrl-C that arrives in a destructor, where Python drops every exception, and remember
-    one that becomes another error (:func:`is_interrupt`)."""
+    """Repeat a Ctrl-C that arrives in a destructor, where Python drops every exception, and
+    remember one that becomes another error (:func:`is_interrupt`)."""
     before, raises = sys.unraisablehook, signal.getsignal(signal.SIGINT)
 
     def come_again(dropped: sys.UnraisableHookArgs) -> None:

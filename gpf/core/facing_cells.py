@@ -15,8 +15,8 @@ import numpy as np
 LARGEST_TABLE = 1 << 20
 
 # A direction is mapped to the nearest of 26 directions: axes, and diagonals of two or three axes.
-# That one is at most 35.3° away. A normal within 45.6° of the direction (gpf.core.surface_tags, with
-# the rounding of tags) is therefore at most 81.5° away from that one of the 26.
+# That one is at most 35.3° away. A normal within 45.6° of the direction (gpf.core.surface_tags,
+# with the rounding of tags) is therefore at most 81.5° away from that one of the 26.
 _COMPATIBLE = 0.147
 
 

@@ -47,7 +47,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write JSON atomically, sorted and indented, so that two files can be compared line by line."""
+    """Write JSON atomically, sorted and indented, so that files can be compared line by line."""
     write_text(path, json.dumps(value, indent=2, sort_keys=True) + "\n")
 
 
@@ -81,7 +81,7 @@ def _parse_json(path: Path, text: str | bytes, shape: Any) -> Any:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"]) or "the whole file"
         raise FileError(path, f"has the wrong structure ({place}: {first['msg']})") from error
-    # ValueError: not UTF-8, not JSON, or a number with thousands of digits. RecursionError: too deep.
+    # ValueError: not UTF-8, not JSON, a number with thousands of digits. RecursionError: too deep.
     except (ValueError, RecursionError) as error:
         raise FileError(path, f"is not JSON ({error})") from error
     return content

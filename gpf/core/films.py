@@ -83,7 +83,9 @@ def find_encoder() -> str:
         return str(get_ffmpeg_exe())
     except ImportError as error:
         raise UserError(
-            "imageio_ffmpeg", "is not installed, so no MP4 can be written", "Run `pip install imageio-ffmpeg`."
+            "imageio_ffmpeg",
+            "is not installed, so no MP4 can be written",
+            "Run `pip install imageio-ffmpeg`.",
         ) from error
     except RuntimeError as error:
         raise UserError("imageio_ffmpeg", f"has no encoder: {error}", _REINSTALL) from error

@@ -146,7 +146,7 @@ def tone_slope(radiance: np.ndarray, exposure: float) -> np.ndarray:
 
 
 def tone_secant(x: np.ndarray, y: np.ndarray, exposure: float) -> np.ndarray:
-    """(T(x) - T(y)) / (x - y) with T as in :func:`tone_map`; the derivative where x and y are equal.
+    """(T(x) - T(y)) / (x - y) with T as in :func:`tone_map`; the derivative where x equals y.
 
     For large differences, the derivative at x would be wrong: clipped light does not show.
     """

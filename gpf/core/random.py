@@ -12,7 +12,7 @@ import numpy as np
 
 @unique
 class Stream(IntEnum):
-    """Numbers of the independent streams of random numbers that one seed has."""
+    """The independent streams of random numbers derived from one seed."""
 
     PHOTONS = 0
     CAMERA = 1
@@ -69,7 +69,7 @@ def pass_seed(seed: int, t: int, stream: int, *more: int) -> int:
 def stream_of(name: str) -> int:
     """The stream of a named view or set of points.
 
-    The number equals one of :class:`Stream` with a probability below one in a million.
+    The number coincides with one of :class:`Stream` with a probability below one in a million.
     """
     return zlib.crc32(name.encode())
 
@@ -98,17 +98,17 @@ def spread_sample(start: mi.Point2f, t: int | mi.UInt32) -> mi.Point2f:
     start: u_0 of each lane, from :func:`random_start`, (N, 2).
     """
     number = dr.opaque(mi.UInt32, t) if isinstance(t, int) else t
-    # The first 24 bits of the fractions are what a float can hold.
+    # A float holds only the first 24 bits of the fractions.
     offset = mi.Point2f(*(mi.Float((number * step) >> 8) * 2**-24 for step in _SPREAD))
     place = start + offset
     return place - dr.floor(place)
 
 
 def step_random(lanes: int, seed: mi.UInt32, step: mi.UInt32) -> mi.PCG32:
-    """Random numbers of a step: different for each seed, step and lane.
+    """Random numbers for one step: different for each seed, step and lane.
 
     ``PCG32(lanes, seed, step)`` is not enough: a lane in one step has the same stream as a
-    neighbouring lane in the next step, so that all steps together repeat a few thousand numbers.
+    neighbouring lane in the next step, so all steps together repeat a few thousand numbers.
 
     Parameters
     ----------
@@ -141,8 +141,8 @@ def stratified_batch(count: int, size: int, seed: mi.UInt32, step: mi.UInt32) ->
 def next_1d(sampler: mi.Sampler, active: mi.Bool) -> mi.Float:
     """The next number of a sampler in [0, 1), (N,).
 
-    One in some ten million of ``multijitter`` is 1, with which a BSDF may sample what has no
-    probability.
+    About one in ten million from ``multijitter`` is 1, for which a BSDF may sample something of
+    zero probability.
     """
     return dr.minimum(sampler.next_1d(active), dr.one_minus_epsilon(mi.Float))
 

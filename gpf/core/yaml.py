@@ -90,7 +90,7 @@ def _not_yaml(source: str, error: Exception) -> UserError:
 def _check_repetitions(text: str, source: str) -> None:
     """Raise a :class:`UserError` if aliases make a document too long, or endless.
 
-    Nothing is expanded for this. A merge key (``<<``) counts only as its alias.
+    Nothing is expanded for this. For a merge key (``<<``), only its alias would be written.
     """
     sizes: dict[str, int] = {}  # of complete nodes with anchors: characters, at least 1 per node
     begun: list[tuple[str | None, int]] = [(None, 0)]  # anchors and sizes of incomplete nodes
@@ -125,7 +125,7 @@ def explain(source: str, model: type[BaseModel], error: ValidationError) -> User
     place, known = _place(model, first["loc"])
     where = f"{source}: {'.'.join(place)}" if place else source
     if first["type"] == "extra_forbidden":
-        return UserError(where, "is an unknown key", suggest(place[-1], known, "Known keys here are"))
+        return UserError(where, "is an unknown key", suggest(place[-1], known, "Known keys are"))
     if first["type"] == "missing":
         return UserError(where, "is missing", "Add it.")
     todo = first.get("ctx", {}).get("todo")

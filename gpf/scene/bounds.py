@@ -11,8 +11,8 @@ import numpy as np
 def bounding_box(scene: mi.Scene) -> np.ndarray:
     """Two opposite corners of the box around all shapes, world units, (2, 3); zeros if no shapes.
 
-    ``scene.bbox()`` is wrong if Mitsuba merged rectangles into one mesh when it loaded the file:
-    the bounding box of that mesh is empty.
+    ``scene.bbox()`` is wrong if Mitsuba merged rectangles into one mesh on loading: the bounding
+    box of that mesh is empty.
     """
     corners = []
     for shape in scene.shapes():
@@ -34,7 +34,7 @@ def scene_bounds(scene: mi.Scene) -> tuple[Any, Any]:
 
 
 def require_bounds(scene: mi.Scene) -> None:
-    """Raise a ``ValueError`` if photons from infinite emitters would miss a part of the scene.
+    """Raise a ``ValueError`` if photons from infinite emitters would miss part of the scene.
 
     Such emitters aim at the bounding box that the scene had when it was loaded.
     """
@@ -42,7 +42,7 @@ def require_bounds(scene: mi.Scene) -> None:
     if emitters and not all(shape.bbox().valid() for shape in scene.shapes()):
         kinds = ", ".join(sorted({e.class_name() for e in emitters}))
         raise ValueError(
-            "Mitsuba merged rectangles of this scene into a mesh that has no bounding box, so that "
+            "Mitsuba merged rectangles of this scene into a mesh without a bounding box, so "
             f"light from its {kinds} would miss them. Load it with "
             "mi.load_file(path, optimize=False)."
         )

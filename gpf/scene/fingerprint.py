@@ -1,6 +1,6 @@
-"""What a scene consists of, in short: has it changed since a field was fitted to it?
+"""Fingerprints of scenes: has a scene changed since a field was fitted to it?
 
-Mitsuba may merge shapes that share a material when it loads a file. So nothing here depends on how
+Mitsuba may merge shapes that share a material when it loads a file, so nothing here depends on how
 a surface is divided into shapes, or on their order.
 """
 
@@ -16,17 +16,17 @@ import numpy as np
 
 PARTS = ("geometry", "materials", "lights")
 
-# Relative difference of two numbers that are the same but for rounding.
+# Relative difference up to which two numbers count as the same but for rounding.
 _SAME = 1e-4
 
 
 def fingerprint(scene: mi.Scene) -> dict[str, Any]:
     """The :data:`PARTS` of a scene as JSON values; cameras and integrators do not matter.
 
-    ``geometry`` has the area of all surfaces, its centre, and the second moments around the origin,
-    ten numbers. ``materials`` has a digest of each material, with the area that it covers.
-    ``lights`` has a digest of each emitter with its place. The digests are of values that Mitsuba
-    gives access to, and of the printed form of materials.
+    ``geometry`` is the total surface area, its centroid, and the second moments around the origin:
+    ten numbers. ``materials`` maps a digest of each material to the area that it covers.
+    ``lights`` is a digest of each emitter and its position. The digests are of the values that
+    Mitsuba exposes, and of the printed form of materials.
     """
     moments, lights = np.zeros(10), []
     areas: dict[str, float] = defaultdict(float)
@@ -34,7 +34,7 @@ def fingerprint(scene: mi.Scene) -> dict[str, Any]:
         own = _moments(shape)
         moments += own
         if (bsdf := shape.bsdf()) is not None:
-            # The printed form has what is not among the values, but also a name.
+            # The printed form shows what is not among the values, but also a name.
             lines = [line for line in str(bsdf).splitlines() if " id = " not in line]
             printed = "".join(lines).encode()
             areas[_digest(*_values(bsdf, set()), printed)] += float(own[0])
@@ -52,23 +52,23 @@ def fingerprint(scene: mi.Scene) -> dict[str, Any]:
 
 
 def changed_parts(first: Mapping[str, Any], second: Mapping[str, Any]) -> list[str]:
-    """The parts in which two fingerprints differ; those of earlier versions do not tell."""
+    """The parts in which two fingerprints differ; fingerprints of earlier versions match any."""
     return [part for part in PARTS if not _same(part, first, second)]
 
 
 def _same(part: str, first: Mapping[str, Any], second: Mapping[str, Any]) -> bool:
     ours, theirs = first.get(part), second.get(part)
     if type(ours) is not type(theirs) or isinstance(ours, str):
-        return True  # an earlier version had digests of the single shapes
+        return True  # an earlier version had digests of individual shapes
     if part == "geometry":
         a, b = np.array(ours), np.array(theirs)
-        # Lengths and squares of lengths are compared with the size of the scene.
+        # Lengths and squared lengths are compared relative to the size of the scene.
         size = np.sqrt(max(a[4:7].sum(), b[4:7].sum()))
         units = np.array([max(a[0], b[0]), *[size] * 3, *[size**2] * 6])
         return bool((np.abs(a - b) <= _SAME * units).all())
     if part == "materials" and ours.keys() == theirs.keys():  # type: ignore[union-attr]
         if not _same("geometry", first, second):
-            return True  # then areas are others, too
+            return True  # then areas differ too
         areas = np.array([[ours[name], theirs[name]] for name in ours])  # type: ignore[index,union-attr]
         return bool((np.abs(areas[:, 0] - areas[:, 1]) <= _SAME * areas.sum()).all())
     return bool(ours == theirs)
@@ -77,7 +77,7 @@ def _same(part: str, first: Mapping[str, Any], second: Mapping[str, Any]) -> boo
 def _moments(shape: mi.Shape) -> np.ndarray:
     """Area A of a shape, and the integrals over it of x, y, z, x², y², z², yz, zx, xy, (10,).
 
-    Of a shape that is neither a mesh nor a rectangle, those of a box with its extent.
+    A shape that is neither a mesh nor a rectangle counts as a box of its extent.
     """
     if isinstance(shape, mi.Mesh):
         vertices = np.array(shape.vertex_positions_buffer(), dtype=float).reshape(-1, 3)
@@ -103,17 +103,17 @@ def _moments(shape: mi.Shape) -> np.ndarray:
 
 
 def _digest(*facts: bytes) -> str:
-    """Of the facts as a set: a texture that two parts share may be found once or twice."""
+    """Digest of the facts as a set: a texture that two parts share may be found once or twice."""
     return hashlib.sha256(b"\0".join(sorted(set(facts)))).hexdigest()[:16]
 
 
 def _values(thing: Any, without: set[Any]) -> Iterator[bytes]:
-    """The class and the values of an object and of those below it, but for some of them."""
+    """The class and the values of an object and its children, except those in ``without``."""
     yield thing.class_name().encode()
     found = mi.traverse(thing)
     for key, facts in found.properties.items():
         if facts[2] not in without:
             value = found[key]
-            # Transformations have a matrix; of a colour, it would be a swizzle of its channels.
+            # Only for transforms: the `matrix` of a colour would be a swizzle of its channels.
             value = value.matrix if hasattr(type(value), "matrix") else value
             yield key.rpartition(".")[2].encode() + np.array(value).tobytes()

@@ -23,7 +23,7 @@ def scenes_root() -> Path:
     """The folder that holds the scenes.
 
     ``$GPF_SCENES`` if it is set; else ``scenes`` in the nearest folder, from the current one
-    upwards, that has a ``params.yaml`` or a ``scenes/*/scene.xml``. Raises a :class:`UserError` if
+    upwards, that contains a ``params.yaml`` or a ``scenes/*/scene.xml``. Raises a :class:`UserError` if
     there is none.
     """
     chosen = os.environ.get("GPF_SCENES")
@@ -41,7 +41,7 @@ def scenes_root() -> Path:
     raise UserError(
         str(here),
         "neither this folder nor one above it has scenes",
-        "Change to the project's folder, or set GPF_SCENES to the folder that holds the scenes.",
+        "Change to the project folder, or set GPF_SCENES to the folder that holds the scenes.",
     )
 
 

@@ -15,7 +15,7 @@ from gpf.scene.materials import NOT_DIFFUSE, inseparable_materials
 def check_scene(scene: mi.Scene, where: str = "scene") -> None:
     """Raise a :class:`UserError` if photon mapping cannot render the scene.
 
-    It needs emitters, diffuse surfaces, only materials whose diffuse part can be separated, and
+    A scene needs emitters, diffuse surfaces, materials whose diffuse part can be separated, and
     triangles in each mesh. ``where`` names the scene in the message.
     """
     check_meshes(scene, where)
@@ -26,13 +26,13 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
         raise UserError(
             where,
             f"has materials of type {', '.join(names)}, whose diffuse part cannot be separated",
-            "Load the scene by gpf.load_scene_file, or write separable_ before the type.",
+            "Load the scene with gpf.load_scene_file, or prefix the type with separable_.",
         )
     if loses_dim_sky(scene):
         raise UserError(
             where,
-            "has an envmap with mis_compensation, whose dim parts would send no photons",
-            "Load the scene by gpf.load_scene_file, or leave mis_compensation out.",
+            "has an envmap with mis_compensation, whose dim parts would emit no photons",
+            "Load the scene with gpf.load_scene_file, or remove mis_compensation.",
         )
     if not any(bsdf["queried"] for bsdf in info["bsdfs"].values()):
         raise UserError(
@@ -45,12 +45,12 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
 def loses_dim_sky(scene: mi.Scene, directions: int = 4096) -> bool:
     """Whether the scene has an environment map with ``mis_compensation``.
 
-    Parts of it that are dimmer than its mean are never sampled then. A path tracer finds them by
-    its BSDFs; photons, and samples of the emitters alone, do not.
+    Parts of such a map that are dimmer than its mean are never sampled. A path tracer finds them
+    through BSDF sampling; photons, and emitter sampling alone, do not.
     """
     sky = scene.environment()
     if sky is None or sky.class_name() != "EnvironmentMapEmitter" or not dr.is_jit_v(mi.Float):
-        return False  # photons need a variant with wavefronts
+        return False  # photons need a wavefront variant
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(0, directions)
     si, light = dr.zeros(mi.SurfaceInteraction3f), dr.zeros(mi.DirectionSample3f)
@@ -64,7 +64,7 @@ def loses_dim_sky(scene: mi.Scene, directions: int = 4096) -> bool:
 def check_meshes(scene: mi.Scene, where: str = "scene") -> None:
     """Raise a :class:`UserError` if a mesh of the scene has no triangles.
 
-    A ray that meets it would make an error of Dr.Jit: a gather from an empty array.
+    A ray that hits it would cause a Dr.Jit error: a gather from an empty array.
     """
     for shape in all_shapes(scene):
         if isinstance(shape, mi.Mesh) and not shape.face_count():
@@ -73,22 +73,22 @@ def check_meshes(scene: mi.Scene, where: str = "scene") -> None:
 
 
 def describe_media(scene: mi.Scene) -> str:
-    """What is missing in pictures because of the scene's participating media; empty without any."""
+    """What images lack because of the scene's participating media; empty if it has none."""
     media = [part for part in mi.traverse(scene).hierarchy if isinstance(part, mi.Medium)]
     if not media:
         return ""
     what = "a participating medium" if len(media) == 1 else f"{len(media)} participating media"
-    return f"{what}: ignored, light passes as if the space were empty"
+    return f"{what}: ignored, light passes through as if the space were empty"
 
 
 def scene_info(scene: mi.Scene) -> dict[str, Any]:
     """The parts of a scene as JSON values.
 
     Keys: ``bbox`` (``min``, ``max``), ``emitters`` (``count``, ``types``: number by class),
-    ``shapes`` (``id``, ``type``, ``bsdf`` each) and ``bsdfs``. The last has, for each material by
-    its name (:func:`scene_materials`), its ``type``, whether the field is ``queried`` there (it has
-    a diffuse component) and whether paths are ``traced`` on (it has another component). A layered
-    material is both.
+    ``shapes`` (``id``, ``type``, ``bsdf`` each) and ``bsdfs``. The last has, for each material
+    name (:func:`scene_materials`), its ``type``, whether the field is ``queried`` there (it has a
+    diffuse component) and whether paths are ``traced`` further (it has another component). For a
+    layered material, both are true.
     """
     lobes = mi.BSDFFlags
     materials = scene_materials(scene)
@@ -125,7 +125,7 @@ def scene_info(scene: mi.Scene) -> dict[str, Any]:
 
 
 def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:
-    """The materials of all surfaces that a ray can hit, by id, else by their class and shape."""
+    """The materials of all surfaces that a ray can hit, by id, or else by class and shape."""
     found: dict[str, mi.BSDF] = {}
     for shape in all_shapes(scene):
         # The material of an instance is not used: the shapes of its group have their own.
@@ -142,18 +142,18 @@ def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:
 
 
 def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
-    """The shapes of a scene and those of its groups, each once."""
+    """The shapes of a scene and of its shape groups, each once."""
     parts = mi.traverse(scene).hierarchy
     inner = [part for part in parts if isinstance(part, mi.Shape)]
     return list(dict.fromkeys((*scene.shapes(), *inner)))
 
 
 def divides_walks(scene: mi.Scene) -> bool:
-    """Whether a camera walk can take both ways at its first surface: through smooth glass and back
-    from it, or the diffuse component of a material and its others.
+    """Whether a camera walk can take both paths at its first surface: through smooth glass and
+    reflected from it, or the diffuse component of a material and its others.
 
-    The scene has such a surface, and all smooth glass is such that a random number alone chooses
-    between both directions: no mixture of materials, and no mask.
+    This requires that the scene has such a surface, and that at all smooth glass a random number
+    alone chooses between both directions: no mixture of materials, and no mask.
     """
     through = int(mi.BSDFFlags.DeltaTransmission) | int(mi.BSDFFlags.Null)
     diffuse, glossy = int(mi.BSDFFlags.Diffuse), int(mi.BSDFFlags.Glossy)

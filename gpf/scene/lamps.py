@@ -1,4 +1,4 @@
-"""Some of the emitters of a scene, and samples of their direct light."""
+"""Sets of emitters, and samples of their direct light."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gpf.core.errors import UserError
 from gpf.core.loops import loops_traced_once
 from gpf.scene.materials import has_null
 
-# A sample of direct light asks so many emitters at most; of more, some at random.
+# A sample of direct light uses at most this many emitters; from more, it picks some at random.
 MOST_AT_ONCE = 4
 
 
@@ -23,14 +23,14 @@ class Lamps:
 
     Parameters
     ----------
-    indices: places of the emitters in ``scene.emitters()``, possibly none; by default all.
-    through_null: whether their light also comes through surfaces that do not bend it, such as cloth
-        with holes or a thin pane of glass (``Null`` among Mitsuba's flags). As in ``volpath``, such
-        surfaces do not count for a limit on depth.
+    indices: indices of the emitters in ``scene.emitters()``, possibly none; all by default.
+    through_null: whether their light also passes through surfaces that do not bend it, such as
+        cloth with holes or a thin pane of glass (Mitsuba's flag ``Null``). As in ``volpath``, such
+        surfaces do not count towards a depth limit.
 
     Raises
     ------
-    UserError: the scene has no emitter at one of these places.
+    UserError: the scene has no emitter with one of these indices.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class Lamps:
             raise UserError(
                 "field.direct",
                 f"names emitters {list(indices)}, but the scene has {count}",
-                "Correct it in params.yaml, or take a field that was fitted to this scene.",
+                "Correct it in params.yaml, or use a field that was fitted to this scene.",
             )
         self.scene, self.indices, self._through_null = scene, indices, through_null
         self._index = mi.UInt32(list(indices)) if indices else mi.UInt32()
@@ -53,8 +53,8 @@ class Lamps:
     def sample(
         self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
-        """A point on one of the emitters, and its radiance over the density of its direction, times
-        the share of it that arrives, W/m² for a cosine of one, (N, 3); as
+        """A point on one of the emitters, and its radiance divided by the density of its direction,
+        times the fraction that arrives, W/m² for a cosine of one, (N, 3); as in
         ``scene.sample_emitter_direction``, so the density of hidden points is zero."""
         light, weight = self._choose(origin, sample, active)
         seen = active & (light.pdf > 0)
@@ -74,7 +74,7 @@ class Lamps:
     def _choose(
         self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
-        """As :meth:`sample`, without visibility."""
+        """Like :meth:`sample`, but without visibility."""
         if self.indices is None:
             return self.scene.sample_emitter_direction(origin, sample, False, active)
         if not self.indices:
@@ -90,7 +90,7 @@ class Lamps:
         return light, weight * count
 
     def others(self) -> Lamps:
-        """All emitters but these."""
+        """All emitters except these."""
         if not self:
             return self._with(None)
         every = range(0 if self.indices is None else len(self.scene.emitters()))
@@ -104,7 +104,7 @@ class Lamps:
         return self.indices is None or len(self.indices) > 0
 
     def groups(self) -> list[Lamps]:
-        """At most :data:`MOST_AT_ONCE` sets, which together are these; all emitters are one set."""
+        """At most :data:`MOST_AT_ONCE` sets that make up these lamps; all emitters form one set."""
         if self.indices is None:
             return [self]
         if self._groups is None:
@@ -113,12 +113,12 @@ class Lamps:
         return self._groups
 
     def arrays(self) -> list[mi.UInt32]:
-        """The arrays that samples of the groups read; see :meth:`with_arrays`."""
+        """The arrays that sampling the groups reads; see :meth:`with_arrays`."""
         return [group._index for group in self.groups()]
 
     def with_arrays(self, arrays: Sequence[mi.UInt32]) -> Lamps:
-        """The same lamps, whose groups read these arrays, so that a recorded function can take them
-        as arguments."""
+        """The same lamps, with groups that read these arrays, so that a recorded function can take
+        them as arguments."""
         if self.indices is None:
             return self
         other = copy.copy(self)
@@ -133,7 +133,7 @@ class Lamps:
 def _arriving_share(
     scene: mi.Scene, origin: mi.Interaction3f, target: mi.Point3f, active: mi.Bool
 ) -> mi.Color3f:
-    """How much of the light from a point comes straight to another, (N, 3)."""
+    """The fraction of light from one point that goes straight to another, (N, 3)."""
     share = dr.select(active, mi.Color3f(1), 0)
     ray = origin.spawn_ray_to(target)
     walking = mi.Bool(active)
@@ -148,17 +148,17 @@ def _arriving_share(
 
 
 def small_lamps(scene: mi.Scene, length: float) -> list[int]:
-    """The emitters without a size, or with one below ``length`` (world units), as places in
+    """The emitters without a size, or smaller than ``length`` (world units), as indices into
     ``scene.emitters()``.
 
-    Their shadows are too sharp for a field, and samples of them have little noise.
+    Their shadows are too sharp for a field, and sampling them causes little noise.
     """
     sizes = {s.emitter(): float(dr.norm(s.bbox().extents())) for s in scene.shapes()}
     return [k for k, e in enumerate(scene.emitters()) if _size(e, sizes) < length]
 
 
 def _size(emitter: mi.Emitter, sizes: Mapping[mi.Emitter | None, float]) -> float:
-    """Diagonal of an emitter, world units; infinite if samples of its points are of no use."""
+    """Diagonal of an emitter, world units; infinite if sampling points on it is useless."""
     position, direction = (
         mi.has_flag(emitter.flags(), flag)
         for flag in (mi.EmitterFlags.DeltaPosition, mi.EmitterFlags.DeltaDirection)

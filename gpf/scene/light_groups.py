@@ -1,4 +1,4 @@
-"""Groups of emitters whose light is kept apart, so that it can be dimmed and coloured later."""
+"""Emitter groups whose light is kept separate, so that it can be dimmed and coloured later."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ MOST_GROUPS = 16
 
 @dataclass(frozen=True)
 class LightGroups:
-    """Groups that together have each emitter of a scene once.
+    """Groups that together contain each emitter of a scene once.
 
     Attributes
     ----------
-    names: of the groups.
-    members: of each group, the places of its emitters in ``scene.emitters()``.
+    names: names of the groups.
+    members: for each group, the indices of its emitters in ``scene.emitters()``.
     """
 
     names: tuple[str, ...]
@@ -36,7 +36,7 @@ class LightGroups:
 
     @classmethod
     def parse(cls, text: str, scene: mi.Scene) -> LightGroups | None:
-        """None for an empty text; a group for each emitter for ``auto``; else those of a file.
+        """None for an empty text; a group per emitter for ``auto``; else the groups in a file.
 
         Raises
         ------
@@ -48,7 +48,7 @@ class LightGroups:
 
     @classmethod
     def each(cls, scene: mi.Scene) -> LightGroups:
-        """A group for each emitter.
+        """One group per emitter.
 
         Raises
         ------
@@ -58,7 +58,7 @@ class LightGroups:
         if len(names) > MOST_GROUPS:
             raise UserError(
                 "--groups auto",
-                f"would make {len(names)} groups, one for each emitter; {MOST_GROUPS} are possible",
+                f"would make {len(names)} groups, one per emitter; the limit is {MOST_GROUPS}",
                 "List the groups in a file, such as `ceiling: [lamp_1, lamp_2]`.",
             )
         return cls(tuple(names), tuple((k,) for k in range(len(names))))
@@ -67,14 +67,16 @@ class LightGroups:
     def read(cls, file: Path, scene: mi.Scene) -> LightGroups:
         """The groups in a YAML file: names with lists of emitters (:func:`emitter_names`).
 
-        Emitters that the file does not list are the group ``other``.
+        Emitters that the file does not list form the group ``other``.
 
         Raises
         ------
         UserError: the file cannot be read, an emitter does not exist or is listed twice, or there
             are more than :data:`MOST_GROUPS` groups.
         """
-        listed = read_yaml(file, _Listed, "Write one: `window: [sky]`, one line for each group.")
+        listed = read_yaml(
+            file, _Listed, "Write one, with a line such as `window: [sky]` for each group."
+        )
         known = emitter_names(scene)
         groups: dict[str, tuple[int, ...]] = {}
         taken: dict[str, str] = {}
@@ -89,7 +91,7 @@ class LightGroups:
                 if emitter in taken:
                     raise UserError(
                         f"{file}: {name}",
-                        f"{emitter} is in {taken[emitter]}, too",
+                        f"{emitter} is also in {taken[emitter]}",
                         "List each emitter once.",
                     )
                 taken[emitter] = name
@@ -99,12 +101,12 @@ class LightGroups:
             groups[name_view("other", groups, "other")] = rest
         if len(groups) > MOST_GROUPS:
             raise UserError(
-                str(file), f"has {len(groups)} groups", f"{MOST_GROUPS} are possible: join some."
+                str(file), f"has {len(groups)} groups", f"The limit is {MOST_GROUPS}: join some."
             )
         return cls(tuple(groups), tuple(groups.values()))
 
     def table(self, scene: mi.Scene) -> mi.UInt32:
-        """Numbers of groups by the registry's number of an emitter; see :func:`group_of`."""
+        """Group numbers, indexed by an emitter's number in the registry; see :func:`group_of`."""
         ids = np.array(dr.reinterpret_array(mi.UInt32, scene.emitters_dr()))
         table = np.zeros(int(ids.max()) + 1, np.uint32)
         for number, members in enumerate(self.members):
@@ -124,13 +126,13 @@ class _Listed(
 
 
 def group_of(table: mi.UInt32, emitter: mi.EmitterPtr) -> mi.UInt32:
-    """The group of each emitter, (N,); ``table``: of :meth:`LightGroups.table`."""
+    """The group of each emitter, (N,); ``table`` comes from :meth:`LightGroups.table`."""
     index = dr.reinterpret_array(mi.UInt32, emitter)
     return dr.gather(mi.UInt32, table, index, index < dr.width(table))
 
 
 def emitter_names(scene: mi.Scene) -> list[str]:
-    """A name for each of ``scene.emitters()``: the id of its shape or its own, in small letters."""
+    """A name for each of ``scene.emitters()``: its shape's id or its own, in lower case."""
     shapes = {shape.emitter(): shape.id() for shape in scene.shapes() if shape.is_emitter()}
     names: list[str] = []
     for emitter in scene.emitters():
@@ -144,7 +146,7 @@ def emitter_names(scene: mi.Scene) -> list[str]:
 # --- levels -----------------------------------------------------------------------------------
 
 Levels = Mapping[str, tuple[float, float, float]]
-"""Factors of red, green and blue for the light of some groups; 1 for all others."""
+"""Factors for the red, green and blue light of some groups; 1 for all others."""
 
 
 def parse_levels(text: str, names: Sequence[str]) -> dict[str, tuple[float, float, float]]:
@@ -154,7 +156,7 @@ def parse_levels(text: str, names: Sequence[str]) -> dict[str, tuple[float, floa
 
     Raises
     ------
-    UserError: a name does not exist, or a level is no number from 0 on.
+    UserError: a name does not exist, or a level is not a number of at least 0.
     """
     levels: dict[str, tuple[float, float, float]] = {}
     last = ""
@@ -165,7 +167,7 @@ def parse_levels(text: str, names: Sequence[str]) -> dict[str, tuple[float, floa
         last, equals, value = (word.strip() for word in part.partition("="))
         if last not in names:
             raise UserError(
-                f"lights: {last}", "is no group", suggest(last, list(names), "The groups are")
+                f"lights: {last}", "is not a group", suggest(last, list(names), "The groups are")
             )
         try:
             level = float(value)
@@ -173,14 +175,14 @@ def parse_levels(text: str, names: Sequence[str]) -> dict[str, tuple[float, floa
             level = -1.0
         if not equals or not 0 <= level < float("inf"):
             raise UserError(
-                f"lights: {part}", "is no level", f"Write {last}=0.5, or {last}=1,#ffd0a0."
+                f"lights: {part}", "is not a level", f"Write {last}=0.5, or {last}=1,#ffd0a0."
             )
         levels[last] = (level, level, level)
     return levels
 
 
 def _colour(text: str) -> tuple[float, ...]:
-    """Linear red, green and blue of an sRGB colour in hexadecimal."""
+    """Linear red, green and blue of a hexadecimal sRGB colour."""
     from gpf.core.images import undo_tone_map
 
     digits = text[1:]
@@ -189,5 +191,5 @@ def _colour(text: str) -> tuple[float, ...]:
     except ValueError:
         codes = []
     if len(digits) != 6 or len(codes) != 3:
-        raise UserError(f"lights: {text}", "is no colour", "Write it as #ffd0a0.")
+        raise UserError(f"lights: {text}", "is not a colour", "Write it as #ffd0a0.")
     return tuple(float(v) for v in undo_tone_map(np.array(codes) / 255))

@@ -1,4 +1,4 @@
-"""Load scenes, by name or by file."""
+"""Load scenes by name or by file."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from gpf.scene.materials import INSEPARABLE
 from gpf.scene.meshes import check_obj, check_ply, check_serialized
 from gpf.scene.xml import SceneXml, read_scene_xml
 
-# Plugins of Mitsuba -> plugins of this project that are loaded in their place.
+# Mitsuba's plugins -> this project's plugins, loaded in their place.
 REPLACED = {name: f"separable_{name}" for name in INSEPARABLE.values()}
 
 OLD = (
-    "Of old scenes, Mitsuba 3 renames the parameters only: write <lookat> for <lookAt>, <rgb> for "
+    "In old scenes, Mitsuba 3 renames only the parameters: write <lookat> for <lookAt>, <rgb> for "
     "<srgb>, hdrfilm for ldrfilm, independent for sobol, bilinear for trilinear, and so on."
 )
-"""What to do if Mitsuba does not take a scene of version 0.5 or 0.6."""
+"""What to do if Mitsuba rejects a scene of version 0.5 or 0.6."""
 
 
 def load_scene(
@@ -40,11 +40,11 @@ def load_scene_file(file: Path | str, width: int = 256, height: int = 256) -> mi
     ``width`` and ``height`` become the parameters ``resx`` and ``resy`` if the file uses them. The
     sensors of :func:`gpf.scene.sensors.make_sensor` do not depend on them.
 
-    The scene has no integrator: the file's own may be a plugin that is not here, or somebody else's
-    ``sppm``.
+    The scene is loaded without its integrator, which may be a plugin that is not installed, or
+    somebody else's ``sppm``.
 
     Loads with ``optimize=False``. The optimisation merges shapes that share a material: their ids
-    are lost, and merged rectangles have a wrong bounding box. It saves no measurable time (``path``
+    are lost, and merged rectangles get a wrong bounding box. It saves no measurable time (``path``
     and ``ptracer`` in scenes of 8 to 22 shapes: differences below 3%).
 
     Raises
@@ -91,14 +91,14 @@ def check_files(file: Path, parameters: Mapping[str, str] | None = None) -> Scen
 def load_with_parameters(
     file: Path, parameters: Mapping[str, object], integrator: bool = True
 ) -> mi.Scene:
-    """What ``mi.load_file`` loads, with the project's plugins in place of some of Mitsuba's.
+    """Load a file as ``mi.load_file`` does, with this project's plugins in place of some of Mitsuba's.
 
-    ``integrator``: whether the scene's own integrator is made, too.
+    ``integrator``: whether to load the scene's own integrator, too.
 
     Raises
     ------
-    UserError: Mitsuba cannot load the file, or it holds no scene, or a plugin is not of Mitsuba, or
-        would end the process.
+    UserError: Mitsuba cannot load the file, the file contains no scene, or a plugin is not one of
+        Mitsuba's or would kill the process.
     """
     try:
         scene = _load(file, parameters, integrator)
@@ -107,7 +107,7 @@ def load_with_parameters(
         raise UserError(str(file), f"does not load: {what}", _advise(file)) from error
     if not isinstance(scene, mi.Scene):
         raise UserError(
-            str(file), f"describes a {type(scene).__name__}", "Its outermost tag has to be <scene>."
+            str(file), f"describes a {type(scene).__name__}", "Its outermost tag must be <scene>."
         )
     return scene
 
@@ -119,17 +119,17 @@ def _advise(file: Path) -> str:
 
 
 def describe_plugin_error(error: BaseException) -> str:
-    """The message of an error that Mitsuba or a plugin raised, in a line for users."""
+    """The message of an error from Mitsuba or a plugin, in one line for users."""
     while error.__cause__ and "(see above)" in str(error):  # Dr.Jit wraps errors in its loops
         error = error.__cause__
-    # Plugins in Python, as those of this project, add a traceback to the message.
+    # Plugins in Python, such as this project's, add a traceback to the message.
     what = re.sub(r"Traceback \(most.*:\s*\n([ \t]+.*\n)*([\w.]+: )?", "", str(error))
-    # Mitsuba's messages name lines of its own source code.
+    # Mitsuba's messages contain line numbers of its own source code.
     return re.sub(r"\[[\w.]+:\d+\] ", "", " ".join(what.split())).rstrip(".")
 
 
 def _load(file: Path, parameters: Mapping[str, object], integrator: bool) -> Any:
-    """What the file describes, in Mitsuba's words if it cannot be loaded."""
+    """Load what the file describes; errors are in Mitsuba's words."""
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_equivalent = config.merge_meshes = False
     values = {key: str(value) for key, value in parameters.items()}
@@ -151,15 +151,15 @@ def _load(file: Path, parameters: Mapping[str, object], integrator: bool) -> Any
     finally:
         mi.set_file_resolver(before)
         # If a shape fails, the others are freed, but `state` keeps their emitters, and the
-        # traceback keeps `state`: the next kernel that calls emitters would end the process.
+        # traceback keeps `state`: the next kernel that calls emitters would kill the process.
         del state
     return loaded[0] if isinstance(loaded, list) and len(loaded) == 1 else loaded
 
 
 def _refuse_foreign_code(state: mi.parser.ParserState) -> None:
-    """Raise a :class:`UserError` if there are libraries in a folder `plugins` of the folders in
-    which Mitsuba looks, which are those of the scene and the current one: instead of its own
-    plugins, or beside them, Mitsuba would load those, and to load a library is to run it."""
+    """Raise a :class:`UserError` if a folder that Mitsuba searches (the scene's and the current one)
+    has a subfolder `plugins` with libraries: Mitsuba would load those instead of its own plugins,
+    or along with them, and loading a library runs it."""
     for node in state.nodes:
         if {"/", "\\"} & {*node.props.plugin_name()}:
             where = mi.parser.file_location(state, node)
@@ -171,14 +171,14 @@ def _refuse_foreign_code(state: mi.parser.ParserState) -> None:
             if library.suffix in (".so", ".dylib", ".dll") and not library.is_relative_to(own):
                 raise UserError(
                     str(library),
-                    "would be run by Mitsuba, as a plugin",
-                    "Move it away: scenes may use Mitsuba's own plugins only.",
+                    "would be run by Mitsuba as a plugin",
+                    "Move it away: scenes may only use Mitsuba's own plugins.",
                 )
 
 
 def _require_parts(state: mi.parser.ParserState) -> None:
-    """Raise a :class:`UserError` for a plugin without what it needs, if Mitsuba would not say so
-    but end the process."""
+    """Raise a :class:`UserError` for a plugin without what it needs, where Mitsuba would crash
+    instead of reporting it."""
     for node in state.nodes:
         props, name = node.props, node.props.plugin_name()
         if name == "blendbsdf":
@@ -193,8 +193,8 @@ def _require_parts(state: mi.parser.ParserState) -> None:
 
 
 def _use_own_plugins(state: mi.parser.ParserState) -> None:
-    """Put the project's plugins in the place of some of Mitsuba's, and let environment maps emit
-    all of their light (:func:`gpf.scene.inventory.loses_dim_sky`)."""
+    """Replace some of Mitsuba's plugins by this project's, and let environment maps emit all of
+    their light (:func:`gpf.scene.inventory.loses_dim_sky`)."""
     for node in state.nodes:
         name = node.props.plugin_name()
         node.props.set_plugin_name(REPLACED.get(name, name))
@@ -203,7 +203,7 @@ def _use_own_plugins(state: mi.parser.ParserState) -> None:
 
 
 def _leave_out_integrators(state: mi.parser.ParserState) -> None:
-    """Remove what refers to integrators: Mitsuba makes only what the scene refers to."""
+    """Remove references to integrators: Mitsuba creates only what the scene refers to."""
     for node in state.nodes:
         for key in _parts(node.props):
             if state.nodes[node.props[key].index()].type == mi.ObjectType.Integrator:
@@ -213,6 +213,6 @@ def _leave_out_integrators(state: mi.parser.ParserState) -> None:
 def _parts(props: mi.Properties) -> list[str]:
     """The names of the properties that are other nodes.
 
-    By their type: who reads a value tells Mitsuba that it is used, and misspelt names would pass.
+    Found by type: reading a value marks it as used for Mitsuba, and misspelt names would pass.
     """
     return [key for key in props if props.type(key) == mi.Properties.Type.ResolvedReference]

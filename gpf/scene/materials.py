@@ -8,8 +8,8 @@ approximation (exactly for ``diffuse``, ``plastic`` and ``roughplastic``, also i
 
     f_d(wi, wo) = g(wi) ρ(wo) / π    with g(n) = 1.
 
-ρ is evaluated where a camera ray ends and g where a photon lands, so that no pair of a photon and
-a point is evaluated.
+ρ is evaluated where a camera ray ends and g where a photon lands, so nothing needs to be evaluated
+per pair of photon and point.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import drjit as dr
 import mitsuba as mi
 
 # Materials that evaluate all components, whatever the context enables: their diffuse part cannot be
-# separated, and would count twice.
+# separated and would count twice.
 INSEPARABLE = {"Principled": "principled", "PrincipledThin": "principledthin"}
 
 
@@ -27,9 +27,9 @@ NOT_DIFFUSE = int(mi.BSDFFlags.All) & ~int(mi.BSDFFlags.Diffuse)
 
 
 def inseparable_materials(scene: mi.Scene) -> list[str]:
-    """Plugin names of the materials that photon mapping cannot use, also nested ones, sorted."""
+    """Plugin names of the materials that photon mapping cannot use, including nested ones, sorted."""
     objects = mi.traverse(scene).hierarchy.items()
-    # This project's plugins have one of Mitsuba's inside.
+    # This project's plugins contain one of Mitsuba's.
     found = {
         bsdf.class_name()
         for bsdf, (parent, _) in objects
@@ -44,7 +44,7 @@ def require_separable(scene: mi.Scene) -> None:
     if names := inseparable_materials(scene):
         raise ValueError(
             f"the scene has materials of type {', '.join(names)}, whose diffuse part cannot be "
-            "separated. Load the scene by gpf.load_scene_file, or write separable_ before the type."
+            "separated. Load the scene with gpf.load_scene_file, or prefix the type with separable_."
         )
 
 
@@ -80,28 +80,28 @@ def is_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
 
 
 def has_gloss(scene: mi.Scene) -> bool:
-    """Whether any surface of the scene is glossy without a diffuse component."""
+    """Whether any surface of the scene is glossy and has no diffuse component."""
     gloss, diffuse = int(mi.BSDFFlags.Glossy), int(mi.BSDFFlags.Diffuse)
     return any(flags & gloss and not flags & diffuse for flags in _all_flags(scene))
 
 
 def has_null(scene: mi.Scene) -> bool:
-    """Whether light goes through any surface of the scene without changing its direction."""
+    """Whether light passes through any surface of the scene without changing direction."""
     return any(flags & int(mi.BSDFFlags.Null) for flags in _all_flags(scene))
 
 
 def _all_flags(scene: mi.Scene) -> list[int]:
-    """The flags of all BSDFs of a scene, also of nested ones."""
+    """The flags of all BSDFs of a scene, including nested ones."""
     return [int(o.flags()) for o in mi.traverse(scene).hierarchy if isinstance(o, mi.BSDF)]
 
 
 def is_only_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
-    """Whether the surface is glossy without a diffuse component, (N,)."""
+    """Whether the surface is glossy and has no diffuse component, (N,)."""
     return is_glossy(bsdf) & ~mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
 
 
 def is_smooth_glass(bsdf: mi.BSDFPtr) -> mi.Bool:
-    """Whether the surface reflects in one direction and lets light through in one, (N,)."""
+    """Whether the surface reflects in one direction and transmits in one direction, (N,)."""
     flags = bsdf.flags()
     through = mi.has_flag(flags, mi.BSDFFlags.DeltaTransmission)
     through |= mi.has_flag(flags, mi.BSDFFlags.Null)
@@ -114,7 +114,7 @@ def diffuse_reflectance(
 ) -> mi.Color3f:
     """ρ(wo) = π f_d(n, wo) for ``wo = si.wi``, dimensionless, (N, 3); light comes along the normal.
 
-    Evaluated with exchanged directions, because the lobe is symmetric.
+    Evaluated with swapped directions, because the lobe is symmetric.
     """
     normal = mi.Vector3f(0, 0, dr.select(si.wi.z > 0, 1, -1))
     return dr.pi * bsdf.eval(diffuse_context(), si, normal, active)
@@ -125,7 +125,7 @@ def diffuse_transfer(bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, active: mi.B
 
     f_d is the value of the BSDF divided by the cosine at the surface. For a BSDF with its own
     normal (``normalmap``, ``bumpmap``), g therefore includes the ratio of the two cosines: a facet
-    that is turned towards the light gets more.
+    turned towards the light receives more.
     """
     normal = mi.Vector3f(0, 0, dr.select(si.wi.z > 0, 1, -1))
     upright = mi.SurfaceInteraction3f(si)
