@@ -56,7 +56,7 @@ class FilmSamples:
 
 
 def sample_grid(film: mi.Film) -> tuple[int, int]:
-    """Width and height of the grid of samples, pixels: the crop window and, if asked, a border."""
+    """Width and height of the grid of samples, pixels: the crop window and any border."""
     border = film.rfilter().border_size() if film.sample_border() else 0
     width, height = (int(n) + 2 * border for n in film.crop_size())
     return width, height
@@ -77,8 +77,8 @@ def sample_film(
     Parameters
     ----------
     max_depth, rr_depth, lamps: as for :func:`find_visible_points`.
-    walks: walks K of the rays whose first surface is glossy without a diffuse component; give 1 if
-        the scene has no such surface.
+    walks: number of walks K of rays whose first surface is glossy without a diffuse component;
+        give 1 if the scene has no such surface.
     rows: the rows of the sample grid; all by default.
     """
     width, height = sample_grid(sensor.film())
@@ -100,7 +100,7 @@ def sample_film(
         if extra > 0:
             lane = dr.arange(mi.UInt32, extra) % dr.opaque(mi.UInt32, dr.width(samples.split))
             again = dr.gather(mi.Ray3f, ray, dr.gather(mi.UInt32, samples.split, lane))
-            # Not the seed of the first walks.
+            # Different from the seed of the first walks.
             sampler.seed((seed + 1) % 2**32, extra)
             further = find_visible_points(scene, sampler, again, **options)
             samples.points = concatenate([points, further])
@@ -135,7 +135,7 @@ def reconstruct(
 
     Parameters
     ----------
-    position: of the samples of the whole sample grid, pixels, (N, 2).
+    position: positions of the samples of the whole sample grid, pixels, (N, 2).
     radiance: (N, 3).
     alpha: (N,).
     """

@@ -29,9 +29,9 @@ def direct_light(
     Parameters
     ----------
     context: enables the components of f.
-    lamps: sampled are these alone, and no rays contribute the remaining weight: w is 1. By default,
+    lamps: the emitters to sample; no rays then contribute the remaining weight: w is 1. By default,
         all emitters are sampled, but not through surfaces that do not bend light: rays that go
-        through them have forgotten ``p_f``.
+        through these no longer know ``p_f``.
     """
     sampled = Lamps(scene, through_null=False) if lamps is None else lamps
     light, weight = sampled.sample(si, next_2d(sampler, active), active)
@@ -67,7 +67,7 @@ def share_of_bsdf(
     Parameters
     ----------
     origin: the point where the ray to ``si`` was scattered, (N, 3).
-    bsdf_pdf: density ``p_f`` of its direction, 1/sr.
+    bsdf_pdf: density ``p_f`` of the ray's direction, 1/sr.
     active: whether next event estimation was done at ``origin``; if not, the weight is 1.
     """
     before = dr.zeros(mi.Interaction3f)

@@ -1,4 +1,4 @@
-"""The walk of camera rays to their visible points; the only one of the project."""
+"""The walk of camera rays to their visible points; the only one in the project."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def find_visible_points(
 ) -> VisiblePoints:
     """Follow rays through glossy and specular bounces to their first diffuse hit, (N,).
 
-    This is :func:`follow` with all choices at random, evaluated. The rays are evaluated before, so
-    that one kernel serves all cameras: for a room with many materials, it takes a second or two to
-    compile.
+    This is :func:`follow` with all choices made at random, and its result evaluated. The rays are
+    evaluated first, so that one kernel serves all cameras: for a room with many materials, it takes
+    a second or two to compile.
     """
     ray, none = mi.Ray3f(ray), dr.zeros(mi.Float, dr.width(ray))
     ray.o, ray.d = none + ray.o, none + ray.d
@@ -46,18 +46,19 @@ def find_visible_points(
 
 
 COHERENT = 4
-"""Segments of a walk in which the rays of a packet may still run side by side. Embree follows them
-together, in up to a quarter of the time; later, each alone. The hits are the same."""
+"""The first segments of a walk, in which the rays of a packet may still run side by side: Embree
+follows them together, in as little as a quarter of the time; later, each alone. The hits are the
+same."""
 
 
 OTHER_WAYS = 4
-"""Where the other way from a first surface has the weight F, a sample takes it with the probability
-min(1, OTHER_WAYS F), so many times as often as by chance. It then counts less, and the picture has
-less noise; but it takes time in which there could be more samples."""
+"""Where the other way from a first surface has weight F, a sample takes it with probability
+min(1, OTHER_WAYS F): this many times as often as by chance. It then counts for less, and the
+picture has less noise; but it takes time that could go into more samples."""
 
 LEAST_OF_OTHERS, LEAST_OF_HOLES = 0.0625, 0.25
 """Least F, for that probability alone, of components beside a diffuse one, and of holes in it: a
-sample of them may be zero by chance, but they are there all the same."""
+sample of them may be zero by chance, although they are there."""
 
 
 @dr.syntax
@@ -76,25 +77,25 @@ def follow(
 
     If a BSDF has a diffuse and other components, one of the two parts is chosen at random, with
     probabilities in proportion to their reflectances, and the throughput is divided by the
-    probability. The emission of the points contains the emitters on the way and at the end of the
+    probability. The emission of the points includes the emitters on the way and at the end of the
     ray, and the direct light on glossy lobes, because photons carry only the light that arrives at
     diffuse surfaces.
 
     Parameters
     ----------
     ray: one ray per lane of the sampler's wavefront, (N,).
-    max_depth: longest path in edges, as in Mitsuba's ``path``; -1 is no limit. The walk ends after
+    max_depth: longest path in edges, as in Mitsuba's ``path``; -1: no limit. The walk ends after
         ``max_depth`` edges; a visible point needs one more edge for its light.
     rr_depth: number of bounces after which Russian roulette may end a ray.
-    active: lanes that are followed.
-    lamps: emitters whose direct light at the visible points the emission also contains.
+    active: lanes to follow.
+    lamps: emitters whose direct light at the visible points the emission also includes.
     back: which of two ways rays take at their first surface, (N,). If it is smooth glass with
-        Fresnel's reflectance F, they are reflected, with the weight F, or go through, with 1 - F.
-        If it has a diffuse and other components, they leave by the others, or end at the diffuse
-        one. None: one of both ways at random. Only for scenes of
-        :func:`gpf.scene.inventory.divides_walks`. The sum of both has the same mean as one at
-        random. At any other first surface, and with total reflection, rays that do not go back
-        have the weight 1, and those that do find nothing.
+        Fresnel reflectance F, rays that go back are reflected, with weight F; the others go
+        through, with 1 - F. If it has a diffuse and other components, rays that go back leave by
+        the other components; the rest end at the diffuse one. None: one of the ways at random.
+        Only for scenes for which :func:`gpf.scene.inventory.divides_walks` is true. The sum of both
+        ways has the same mean as one at random. At any other first surface, and with total
+        reflection, rays that do not go back have weight 1, and those that do find nothing.
     """
     context = specular_context()
     diffusely = diffuse_context()
@@ -125,7 +126,7 @@ def follow(
         emitted = throughput * si.emitter(scene).eval(si, active)
         if lit:
             emitted *= share_of_bsdf(scene, si, origin, density, lit & active)
-        # The walk that goes through has what the first surface emits.
+        # The emission of the first surface counts for the walk that goes through.
         emitted = dr.select(reflected & (depth == 0), 0, emitted)
         emission += dr.select(active, emitted, 0)
         active &= si.is_valid() & (depth + 1 < deepest)
@@ -144,7 +145,7 @@ def follow(
             choice = dr.select(divided, towards, choice)
         sample, weight = bsdf.sample(context, si, choice, next_2d(sampler, active), active)
         if dr.hint(dividing, mode="scalar"):
-            # The density of one of two directions is its probability; of total reflection it is 1.
+            # The density of one of two directions is its probability; for total reflection, 1.
             chosen = dr.select(reflected & (sample.pdf >= 1), 0, sample.pdf)
             side_weight = dr.select(divided & active, chosen, side_weight)
             chance = dr.select(divided & active, _chance(1 - chosen), chance)
@@ -210,7 +211,7 @@ def follow(
 
 
 def _chance(other: mi.Float) -> mi.Float:
-    """Probability with which the other way is taken, (N,), if it has the weight ``other``."""
+    """Probability of taking the other way, (N,), if it has weight ``other``."""
     return dr.minimum(OTHER_WAYS * other, 1)
 
 

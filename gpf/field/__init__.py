@@ -1,1 +1,1 @@
-"""The Gaussian photon field: Gaussians on surfaces, their query, their files, their start."""
+"""The Gaussian photon field: Gaussians on surfaces, their queries, files and initialisation."""

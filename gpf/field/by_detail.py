@@ -18,8 +18,8 @@ from gpf.field.limits import find_limits, no_limits
 from gpf.field.settings import FieldSettings
 from gpf.guiding.density_control import cell_keys
 
-# Distances between the Gaussians that fill gaps, in search radii, one after the other: the more a
-# surface is curved, the closer they have to be for one to be near that faces the same way.
+# Distances between the Gaussians that fill gaps, in search radii, tried in this order: the more a
+# surface is curved, the closer they must be so that one that faces the same way is near.
 GAP_DISTANCES = DISTANCE / 2, DISTANCE / 4, DISTANCE / 8
 
 
@@ -35,14 +35,14 @@ def field_by_detail(
     """A field with levels before training, with Gaussians at some of the points where it is needed.
 
     One Gaussian in each cell of a grid (:func:`place_by_detail`) is too few for what is smaller
-    than the cell: it may be on another side, or another object. So points around which not enough
-    are found get more, closer and closer (:data:`GAP_DISTANCES`).
+    than the cell: it may be on another side, or another object. So points with too few around
+    them get more, closer and closer (:data:`GAP_DISTANCES`).
 
     Parameters
     ----------
     bounds: corners of the scene's bounding box.
     points: positions, world units, and unit normals, (P, 3) each.
-    fill_gaps: whether there are more than one in each cell.
+    fill_gaps: whether cells may get more than one.
     """
     position, normal = points
     gaussians = place_by_detail(detail, position, normal, seed)
@@ -91,7 +91,7 @@ def place_by_detail(
 
 
 def _untrained(p: np.ndarray, n: np.ndarray, detail: Detail, seed: int) -> Gaussians:
-    """Gaussians at places of the unfolded space and with normals, (N, 3) each."""
+    """Gaussians at places in the unfolded space, with normals, (N, 3) each."""
     count = len(p)
     quats = np.random.default_rng(seed).normal(size=(4, count)).T
     gaussians = Gaussians(

@@ -1,6 +1,6 @@
-"""Whether a field's file holds what a field needs: a damaged one would end the process later.
+"""Whether a field's file holds what a field needs: a damaged one would crash the process later.
 
-Indices that lead out of a table, an empty tensor or a grid of 10^30 cells are no error to a kernel.
+Kernels do not notice indices outside a table, an empty tensor or a grid of 10^30 cells.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class _Encoding(TypedDict, total=False):
 
 
 class _Fingerprint(TypedDict, total=False):
-    """Of :mod:`gpf.scene.fingerprint`; earlier versions had digests of all three."""
+    """That of :mod:`gpf.scene.fingerprint`; earlier versions had digests of all three."""
 
     geometry: str | Annotated[list[_Finite], Field(min_length=10, max_length=10)]
     materials: str | dict[str, _Finite]
@@ -76,7 +76,7 @@ class FieldFacts(TypedDict, total=False):
     lights: _Lights | _Nothing
 
 
-# Of each tensor: its shape with N Gaussians and G groups, its type, and that in a compact file.
+# For each tensor: its shape with N Gaussians and G groups, its type, and that in a compact file.
 _SHAPES: dict[str, tuple[tuple[str | int, ...], str, str]] = {
     "means": (("N", 3), "f4", "u2"),
     "log_scales": (("N", 3), "f4", "u1"),
@@ -127,12 +127,12 @@ def check_stored(
 
 def smallest_search_radius(bounds: Any) -> float:
     """The smallest search radius of a field between two corners, world units."""
-    # Twice the limit of a file: what is fitted can be read again.
+    # Twice the limit for files, so that a fitted field can be read again.
     return 2 * max(float(bounds[1][i] - bounds[0][i]) for i in range(3)) / _MOST_CELLS
 
 
 def check_values(path: Path, tensors: Mapping[str, np.ndarray], facts: Mapping[str, Any]) -> None:
-    """Raise a :class:`FileError` if values of the unpacked tensors are none that a field has."""
+    """Raise a :class:`FileError` if the unpacked tensors have values that no field has."""
     least = {name: np.linalg.norm(tensors[name], axis=1).min() for name in ("quats", "normals")}
     what = next((f"{name} of length 0" for name, length in least.items() if length < 1e-6), "")
     if np.abs(tensors["log_scales"]).max() > MOST_LOG_SCALE:
@@ -151,6 +151,6 @@ def check_values(path: Path, tensors: Mapping[str, np.ndarray], facts: Mapping[s
         lights = facts["lights"]
         members = sorted(member for group in lights["members"] for member in group)
         if members != list(range(len(members))) or len(lights["names"]) != len(lights["members"]):
-            what = "groups that do not have each emitter once"
+            what = "groups that do not hold each emitter once"
     if what:
         raise FileError(path, f"has {what}")

@@ -28,7 +28,7 @@ from gpf.core.structs import from_numpy
 # this distance one level fades into the next; otherwise the edges of cells would show.
 FADE = 0.25
 
-# Free space between the boxes of two levels, in search radii. Queries look 4 radii far.
+# Free space between the boxes of two levels, in search radii. Queries look up to 4 radii away.
 _GAP = 8.0
 
 
@@ -81,7 +81,7 @@ class Detail:
         return other
 
     def unfold(self, x: mi.Point3f) -> mi.Point3f:
-        """Points in the unfolded space, at the levels that queries at ``x`` have, (N, 3)."""
+        """Points in the unfolded space, at the levels of queries at ``x``, (N, 3)."""
         a = self._arrays
         cell = (x - a["corner"]) * a["inverse"] + FADE * _scatter(x)
         index = mi.Vector3u(dr.clip(mi.Vector3i(dr.floor(cell)), 0, a["last"]))

@@ -27,8 +27,8 @@ WEIGHT_FLOOR = 1e-6
 
 # Where the ball holds at most k Gaussians, the k nearest are blended instead (the supplement).
 # Their falloff reaches zero slightly beyond the (k + 1)-th neighbour, so that weights stay above
-# zero if all are equally far. Without a (k + 1)-th neighbour it reaches zero at SUPPLEMENT_REACH
-# times the farthest distance.
+# zero if all are equally far away. Without a (k + 1)-th neighbour, it reaches zero at
+# SUPPLEMENT_REACH times the farthest distance.
 SUPPLEMENT_SLACK = 1.0002
 SUPPLEMENT_REACH = 1.5
 
@@ -38,7 +38,7 @@ SUPPLEMENT_REACH = 1.5
 FIRST_REACH = 1.4
 LARGEST_REACH = 4.0
 
-# Distance of a plane that no point is beyond.
+# Turns a missing plane into one that no point is beyond.
 _BEYOND_ALL = np.array([0, 0, 0, 1e30], np.float32)
 
 
@@ -65,7 +65,7 @@ def blend_weight(
 def supplement_support(distance2: list[mi.Float]) -> tuple[mi.Float, mi.Float]:
     """Squared distance of the farthest of the k nearest, and squared support R² of their falloff.
 
-    ``distance2`` holds k + 1 squared distances, ascending; infinite if there is no neighbour.
+    ``distance2`` holds k + 1 squared distances, ascending; infinite where a neighbour is missing.
     """
     farthest2 = mi.Float(0)
     for distance in distance2[:-1]:
@@ -93,14 +93,14 @@ class GaussianPhotonField:
     gaussians: (N).
     settings: settings of the query.
     bounds: corners of the scene's bounding box.
-    record: facts about the making of the field, as JSON values; saved with it.
+    record: facts about how the field was made, as JSON values; saved with it.
     detail: the levels of a field that is not equally fine everywhere. Positions and sizes of its
         Gaussians are those of the unfolded space (:mod:`gpf.field.detail`).
     lights: the irradiance by groups of emitters; None if they are not kept apart.
     error: expected error around each Gaussian, relative to its irradiance, (N,)
-        (:mod:`gpf.training.field_error`); None if it is not known.
+        (:mod:`gpf.training.field_error`); None if unknown.
     limits: the planes at which the Gaussians end, (N, 3, 4), in the space of their centres
-        (:mod:`gpf.field.limits`); None if there is nothing near the surfaces.
+        (:mod:`gpf.field.limits`); None if nothing is near the surfaces.
     """
 
     def __init__(
@@ -149,7 +149,7 @@ class GaussianPhotonField:
         self._radius = dr.opaque(mi.Float, self.settings.search_radius)
 
     def recolour(self, irradiance: np.ndarray) -> None:
-        """Take other colours for the same Gaussians, (N, 3); quick, for sliders."""
+        """Give the same Gaussians new colours, (N, 3); fast enough for sliders."""
         colour = from_numpy(mi.Color3f, irradiance)
         self.gaussians = dataclasses.replace(self.gaussians, irradiance=colour)
         self._pack()
@@ -204,8 +204,8 @@ class GaussianPhotonField:
         return x if self.detail is None else self.detail.unfold(x)
 
     def reaches(self, index: mi.UInt32, p: mi.Point3f, active: mi.Bool) -> mi.Bool:
-        """Whether the Gaussians at places ``index`` in the order of the search do not end before
-        ``p``; false where not active."""
+        """Whether the Gaussians at ``index``, in the order of the search, do not end before ``p``;
+        false where inactive."""
         if self._limits is None:
             return active
         before = mi.Bool(active)
@@ -215,7 +215,7 @@ class GaussianPhotonField:
         return before
 
     def _within(self, n: mi.Normal3f) -> mi.Vector3f | None:
-        """Half the size of a box around those Gaussians in the ball that :meth:`accepts` takes,
+        """Half the size of a box around those Gaussians in the ball that :meth:`accepts` admits,
         (N, 3): around a flat disc."""
         if not self.settings.normal_test:
             return None
@@ -244,7 +244,7 @@ class GaussianPhotonField:
 
     @dr.syntax
     def _add(self, state, x, n, index, record, inside):  # type: ignore[no-untyped-def]
-        """Add a candidate to the number of neighbours, their weights and weighted colours."""
+        """Add a candidate to the neighbour count and the sums of weights and weighted colours."""
         count, total, colour = state
         inside &= self.accepts(record, x, n)
         # Most candidates are too far away for all lanes of a packet, which then skips this.
@@ -258,7 +258,7 @@ class GaussianPhotonField:
 
     @dr.syntax
     def supplement(self, x, n, active):  # type: ignore[no-untyped-def]
-        """The k + 1 nearest Gaussians, as :meth:`SpatialHash.nearest` returns them; none that are
+        """The k + 1 nearest Gaussians, as :meth:`SpatialHash.nearest` returns them; none is
         farther than :data:`LARGEST_REACH`. Where all of them end before a point, as in a niche
         without any of its own, they count all the same."""
         if dr.hint(self.settings.normal_test, mode="scalar"):
@@ -295,10 +295,10 @@ class GaussianPhotonField:
 
         Returns
         -------
-        value: irradiance, W/m², or radiance (see the settings), (N, 3); 0 without any neighbour.
+        value: irradiance, W/m², or radiance (see the settings), (N, 3); 0 without neighbours.
         reach: distance of the farthest neighbour used, in search radii and at least 1, (N,):
-            1 in dense regions, more where the k nearest lie farther away, infinite without any
-            neighbour.
+            1 in dense regions, more where the k nearest lie farther away, infinite without
+            neighbours.
         """
         settings = self.settings
         x = self.unfold(x)
@@ -344,14 +344,14 @@ class GaussianPhotonField:
         RuntimeError: the field does not know its error.
         """
         if self._error_packets is None:
-            raise RuntimeError("This field does not know its error: fit it anew with `gpf fit`.")
+            raise RuntimeError("This field does not know its error: fit it again with `gpf fit`.")
         other = copy.copy(self)
         other._packets = self._error_packets
         return other.query(x, n, active)[0]
 
     def reflect(self, points: VisiblePoints, value: mi.Color3f) -> mi.Color3f:
         """L at visible points, W/(m² sr), (N, 3), from the stored quantity there, (N, 3)."""
-        # The files of other programs, or a network in the field's place, may have less than none.
+        # Other programs' files, or a network in the field's place, may give negative values.
         value = dr.maximum(value, 0)
         if self.settings.stores == "irradiance":
             return points.radiance(value)

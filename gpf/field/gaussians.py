@@ -58,7 +58,8 @@ def whitening_adjoint(
     quats: mi.Quaternion4f,
     grad_rows: tuple[mi.Vector3f, mi.Vector3f, mi.Vector3f],
 ) -> tuple[mi.Vector3f, mi.Vector4f]:
-    """Gradients of a loss by log scales, (N, 3), and quaternion, (N, 4), from those by M's rows.
+    """Gradients of a loss with respect to log scales, (N, 3), and quaternion, (N, 4), from those
+    with respect to M's rows.
 
     With M_k = R_k / s_k (R_k a column of R):
 

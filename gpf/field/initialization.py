@@ -31,14 +31,14 @@ class InitialFieldSettings(FieldSettings):
 
     Attributes
     ----------
-    gaussians: number M of Gaussians; ``auto``: several numbers are tried in short trainings.
+    gaussians: number M of Gaussians; ``auto``: several are tried in short training runs.
     initialization: ``photons``: means and normals of M random photons; ``random``: means uniform in
         the scene's bounding box, each with the normal of the nearest photon.
     fill_gaps: whether to place some of the Gaussians where cameras look but few photons land.
     initial_colour: ``targets``: the mean of the targets around the Gaussian; ``density``: kernel
         estimate of E at the Gaussian; ``flux``: the photon's own power Φ.
     initial_scale: standard deviation of all axes, world units; ``auto``: :data:`TYPICAL_SCALE`.
-    direct: as for the field; ``auto``: direct light of lamps without a size, or with a small one,
+    direct: as for the field; ``auto``: direct light of lamps of zero or small size
         is sampled when a view is rendered (:func:`gpf.scene.lamps.small_lamps`).
     search_radius: world units; ``auto``: about 16 Gaussians around a typical point.
     anisotropic: whether the three scales of a Gaussian may differ.
@@ -152,15 +152,14 @@ def find_gaps(
 ) -> OrientedPoints:
     """Points whose search radius holds fewer than k Gaussians.
 
-    At most one point for each cell of a grid; surfaces that face different directions have separate
-    cells.
+    At most one point per grid cell; surfaces that face different directions have separate cells.
 
     Parameters
     ----------
     field: a field without gap filling.
     position, normal: points where the field will be queried, world units and unit vectors, (P, 3).
     spacing: edge length of a cell, search radii.
-    most: the largest number, as a share of the field's Gaussians.
+    most: largest number of points, as a share of the field's Gaussians.
     """
     p, n = from_numpy(mi.Point3f, position), from_numpy(mi.Normal3f, normal)
     _, reach = field.query(p, n, dr.full(mi.Bool, True, len(position)))

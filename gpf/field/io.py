@@ -1,4 +1,4 @@
-"""Field files: ``field.safetensors``, exact or in a third of the size.
+"""Field files: ``field.safetensors``, exact or at a third of the size.
 
 Both precisions have the same tensors, one row per Gaussian, and the same metadata: settings,
 bounds, record, precision. The precision ``compact`` stores each tensor as follows, with these
@@ -15,8 +15,8 @@ error         float16                                                     0.05%
 limits        as quats; distances float16                                 half a degree, 0.05%
 ============  ==========================================================  ====================
 
-A Gaussian takes 22 bytes instead of 64; 37 instead of 112 in a field with limits. A field that was
-read from a compact file gives the same bytes when it is written again.
+A Gaussian takes 22 bytes instead of 64; 37 instead of 112 in a field with limits. A field
+read from a compact file gives the same bytes when written again.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ _NAMES = ("means", "log_scales", "quats", "irradiance", "normals")
 
 @dataclass(frozen=True)
 class StoredField:
-    """The content of a field's file; needs no Mitsuba variant.
+    """The content of a field's file; does not need a Mitsuba variant.
 
     Attributes
     ----------
@@ -68,14 +68,14 @@ class StoredField:
         (:mod:`gpf.field.detail`) also has ``levels``, those of the Gaussians, (N,) uint8, and
         ``detail``, its table, (X, Y, Z) uint8. A field that knows its error has ``error``, relative
         to the irradiance, (N,). A field whose Gaussians end at planes has ``limits``, the
-        directions of these, (N, 3, 3), and ``limit_distances``, (N, 3), from the centres in search
+        planes' directions, (N, 3, 3), and ``limit_distances``, (N, 3), from the centres in search
         radii.
     settings: settings of the query.
     bounds: two corners of the scene's bounding box, world units.
-    record: facts about the making of the field.
-    grid: of the table of levels: its ``width`` and ``corner``; empty without levels.
+    record: facts about how the field was made.
+    grid: ``width`` and ``corner`` of the table of levels; empty without levels.
     lights: ``names`` and ``members`` of groups of emitters (:class:`LightGroups`), whose irradiance
-        is the tensor ``lights``, (G, N, 3); empty if they are not kept apart.
+        is the tensor ``lights``, (G, N, 3); empty if not kept apart.
     """
 
     tensors: dict[str, np.ndarray]
@@ -182,7 +182,7 @@ def write_field(stored: StoredField, path: Path, precision: Precision = "float32
         raise UserError(
             str(path),
             f"was not written, because {name} of the field has NaN or infinite values",
-            "Look at the targets of the training, or use lower learning rates.",
+            "Check the training targets, or lower the learning rates.",
         )
     tensors = stored.tensors
     encoding: dict[str, Any] = {}
@@ -206,7 +206,7 @@ def read_field(path: Path | str) -> StoredField:
     Raises
     ------
     FileError: the file is missing or truncated, is of another kind, schema version or precision,
-        has values that are not finite, or something else than a field (:mod:`gpf.field.checks`).
+        has non-finite values, or does not hold a field (:mod:`gpf.field.checks`).
     """
     path = Path(path)
     tensors, metadata = read_tensors(path, "field", FieldFacts)
@@ -239,7 +239,7 @@ def read_field(path: Path | str) -> StoredField:
 def _pack(
     tensors: Mapping[str, np.ndarray], radius: float
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """The tensors of a compact file, and the ranges and units that are needed to read them."""
+    """The tensors of a compact file, and the ranges and units needed to read them."""
     exact = {name: tensors[name] for name in ("levels", "detail") if name in tensors}
     finest = int(exact["levels"].max()) if exact else 0
     least, most = SCALES

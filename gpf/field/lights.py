@@ -11,7 +11,7 @@ from gpf.scene.light_groups import Levels, LightGroups
 
 @dataclass(frozen=True)
 class FieldLights:
-    """The part of each group in the irradiance of the Gaussians.
+    """Each group's part of the Gaussians' irradiance.
 
     Attributes
     ----------

@@ -2,9 +2,9 @@
 
 Gaussians are often wider than a wall is thick. So each ends at three planes. One is that of the
 nearest obstacle on its surface (:mod:`gpf.scene.obstacles`). The other two lie before the next
-surfaces over and under its own, and are tilted like these: between a lamp and the cap behind it
+surfaces above and below its own, and are tilted like them: between a lamp and the cap behind it
 there is much light, behind the cap none, although the lamp's back, the cap and the wall behind it
-face nearly the same way, a finger's breadth from each other. A point that is beyond one of the
+face nearly the same way, a finger's breadth apart. A point that is beyond one of the
 planes does not use the Gaussian.
 
 The limits of a Gaussian are three planes (a, d): points x of the unfolded space are before one if
@@ -26,13 +26,13 @@ from gpf.field.gaussians import Gaussians
 from gpf.scene.obstacles import look_along, next_surface
 
 PLANES = 3
-"""Planes of a Gaussian."""
+"""Number of planes per Gaussian."""
 
 CLEAR = 0.75
-"""The part of the way to the next surface, over or under its own, for which a Gaussian counts."""
+"""A Gaussian counts for this part of the way to the next surface above or below its own."""
 
 RAYS = 16
-"""Directions in which obstacles are looked for."""
+"""Number of directions in which to look for obstacles."""
 
 SURFACE_HEIGHT = 0.35
 """Largest distance of a Gaussian from the plane of the surface, in search radii. Beyond one radius
@@ -48,7 +48,7 @@ def find_limits(scene: mi.Scene, gaussians: Gaussians, detail: Detail) -> np.nda
     radii = detail.radius / np.float32(2) ** detail.levels_of(means)
     p, n = from_numpy(mi.Point3f, detail.fold(means)), gaussians.normals
     reach = from_numpy(mi.Float, radii)
-    # As far as from a surface that is tilted as much as may be, to one at the largest height.
+    # The distance from a surface with the largest allowed tilt to one at the largest height.
     away = reach * (SURFACE_HEIGHT / SAME_SURFACE_COSINE)
     beside = [surface_before(scene, p, side, away) for side in (n, -n)]
     found = np.stack([nearest_obstacles(scene, p, n, reach), *beside], axis=1)
@@ -56,7 +56,7 @@ def find_limits(scene: mi.Scene, gaussians: Gaussians, detail: Detail) -> np.nda
 
 
 def no_limits(count: int) -> np.ndarray:
-    """The limits of so many Gaussians that have none."""
+    """The limits of ``count`` Gaussians that have none."""
     return np.zeros((count, PLANES, 4), np.float32)
 
 
@@ -73,13 +73,13 @@ def before(limits: np.ndarray, x: np.ndarray) -> np.ndarray:
 def nearest_obstacles(
     scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float
 ) -> np.ndarray:
-    """The planes of the nearest obstacles around points on surfaces, upright on the surface,
+    """The planes of the nearest obstacles around points, perpendicular to the surface there,
     (N, 4) float32: unit vectors away from the points, and distances from them; or zeros.
 
     Parameters
     ----------
     p, n: positions and unit normals, world units, (N, 3).
-    reach: how far away obstacles are looked for, world units, (N,).
+    reach: how far to look for obstacles, world units, (N,).
     """
     found, best = _nearest(scene, mi.Point3f(p), mi.Normal3f(n), mi.Float(reach))
     return _planes(found, best)
@@ -105,7 +105,7 @@ def _nearest(  # type: ignore[no-untyped-def]
 
 
 def surface_before(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float) -> np.ndarray:
-    """The planes before the next surfaces straight along the normals, tilted like these, as those
+    """The planes before the next surfaces straight along the normals, tilted like them; in the form
     of :func:`nearest_obstacles`."""
     height, facing = next_surface(scene, p, n, reach)
     found = dr.select(height < dr.inf, facing, 0)
@@ -119,8 +119,8 @@ def _planes(away: mi.Vector3f, distance: mi.Float) -> np.ndarray:
 
 
 def unfold(limits: np.ndarray, means: np.ndarray, detail: Detail | None) -> np.ndarray:
-    """Limits whose d are distances from the Gaussians' centres, world units, as limits of the
-    unfolded space; ``means``: centres there, (N, 3)."""
+    """Limits of the unfolded space, from limits whose d is a distance from the Gaussian's centre in
+    world units; ``means``: centres in the unfolded space, (N, 3)."""
     found = np.array(limits)
     found[:, :, 3] *= _scales(means, detail)
     found[:, :, 3] += _own(found, means)

@@ -1,4 +1,4 @@
-"""Queries of a field at points in no order, such as those that rays find."""
+"""Queries of a field at points in no particular order, such as those that rays find."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from gpf.field.field import GaussianPhotonField
 def query_in_order(
     field: GaussianPhotonField, p: mi.Point3f, n: mi.Normal3f, asks: mi.Bool
 ) -> tuple[mi.Color3f, mi.Float, mi.UInt32]:
-    """The field's answers at evaluated points, as of :meth:`GaussianPhotonField.query`.
+    """The field's answers at evaluated points; see :meth:`GaussianPhotonField.query`.
 
-    The lanes of a packet run in step, so they should look at the same Gaussians: those points are
-    asked together that are close and face the same way, and no lane of a packet is idle.
+    The lanes of a packet run in step, so they should look at the same Gaussians: points that are
+    close and face the same way are queried together, and no lane of a packet is idle.
 
     Parameters
     ----------
@@ -24,8 +24,8 @@ def query_in_order(
 
     Returns
     -------
-    value, reach: of the M points that ask, (M, 3) and (M,); a single lane if none does.
-    place: of each asking point's answer among these, (N,).
+    value, reach: answers for the M points that ask, (M, 3) and (M,); a single lane if none does.
+    place: index of each asking point's answer among these, (N,).
     """
     asking = dr.compress(asks)
     place = dr.zeros(mi.UInt32, dr.width(asks))

@@ -6,8 +6,8 @@ Gaussians around a point of a surface. Three changes bring the viewer's picture 
 - Splats are flat. The field is queried only on surfaces, but a viewer would also show the extent of
   a Gaussian above and below them: fog in front of walls, tables as thick as their splats. Only the
   slice along the surface is kept, which is the part that a query uses.
-- Splats are narrower than the slices. Neighbours overlap several times: drawn over each other they
-  blur details, which their mean does not, and they reach beyond edges.
+- Splats are narrower than the slices. Neighbours overlap several times: drawn over each other,
+  they blur details, which their mean does not, and they reach beyond edges.
 - Splats are nearly opaque, like the surfaces.
 
 PSNR of splatted views against E / π in veach_bidir: 14 to 19 dB with unchanged Gaussians, 1 to 4 dB

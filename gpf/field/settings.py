@@ -18,15 +18,15 @@ class FieldSettings(Settings):
     ----------
     search_radius: radius r of the ball, world units.
     k: if the ball holds at most k Gaussians, the k nearest are used instead.
-    neighbours: ``both`` as described under k, ``radius`` the ball alone, ``knn`` the k nearest
+    neighbours: ``both``: as described under k; ``radius``: the ball alone; ``knn``: the k nearest
         alone.
     blend: ``divided`` by the sum of weights, or the plain ``sum``.
     stores: ``irradiance`` (multiplied by the reflectance / π at the hit) or ``radiance``.
     direct: source of direct light: the ``field``, like all other light; a sample of the
         ``emitters`` at the visible point, and the field stores indirect light only; or such a
-        sample for some of the emitters alone, by their places in ``scene.emitters()``.
-    normal_test: whether to ignore Gaussians of another surface: normals more than 45° apart, or
-        farther from the plane than :data:`gpf.field.limits.SURFACE_HEIGHT`.
+        sample for some of the emitters alone, given by their indices in ``scene.emitters()``.
+    normal_test: whether to ignore Gaussians of another surface: with normals more than 45° apart,
+        or farther from the plane than :data:`gpf.field.limits.SURFACE_HEIGHT`.
     """
 
     search_radius: Positive

@@ -1,11 +1,11 @@
-"""How noisy the light is that a source brings to what cameras see.
+"""How noisy a source's light is on the surfaces that cameras see.
 
 The power that arrives in the visible region does not tell: most of it may land on a few bright
-places, and few photons in the dark. So the light is gathered at some visible points, from two
-independent halves a and b of the paths, and compared relative to its level as in the loss of the
-training: the mean of
+places, and few photons in the dark. So the light is gathered at some visible points from two
+independent halves of the paths, a and b, and their difference is taken relative to the light's
+level, as in the training loss: the mean of
 
-    ω (a - b)²,    ω = 1 / (e² + ⟨e⟩²),    e = (a + b) / 2 as it is with all sources together.
+    ω (a - b)²,    ω = 1 / (e² + ⟨e⟩²),    e = (a + b) / 2 averaged over all sources.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ POINTS = 4096
 """Visible points at which light is gathered."""
 
 IN_DISC = 32
-"""So many of them are around a typical one within the radius of the kernel."""
+"""The kernel's radius is such that this many of them lie around a typical one."""
 
 CLEARLY = 1.4
-"""Rare bright photons make the comparison uncertain."""
+"""A factor, because rare bright photons make the comparison uncertain."""
 
 
 def least_noisy(
@@ -43,13 +43,13 @@ def least_noisy(
     settings: PathSettings,
     seed: int,
 ) -> int:
-    """The place of the source whose light has the least noise at visible points; an earlier one if
-    a later one is not better by the factor :data:`CLEARLY`.
+    """Index of the source whose light has the least noise at visible points; a later source must be
+    better by the factor :data:`CLEARLY`.
 
     Parameters
     ----------
-    points: in the visible region, (N,).
-    settings: the paths that compare the sources, from each so many.
+    points: points in the visible region, (N,).
+    settings: the paths that are traced from each source for the comparison.
     """
     rng = np.random.default_rng(pass_seed(seed, 0, Stream.NOISE_POINTS))
     chosen = rng.integers(0, dr.width(points.p), POINTS)

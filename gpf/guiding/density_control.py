@@ -10,19 +10,19 @@ from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import Photons, VisiblePoints, from_numpy, take, to_numpy
 
 # The share of all photons that a cell keeps is at most this multiple of its share of all visible
-# points: a caustic needs more Gaussians than the wall around it, the inside of a lamp does not.
+# points: a caustic needs more Gaussians than the wall around it; the inside of a lamp does not.
 MAX_RATIO = 8.0
 
 HEIGHTS = 4
-"""Layers of a cell in which surfaces that lie over each other are told apart."""
+"""Layers of a cell, which tell apart surfaces that lie over each other."""
 
 
 def control_density(
     photons: Photons, points: Photons | VisiblePoints, width: float, seed: int
 ) -> Photons:
-    """Russian roulette on photons in cells with few visible points: the survivors.
+    """The photons that survive Russian roulette in cells with few visible points.
 
-    A photon survives with the probability ``min(1, MAX_RATIO s_points / s_photons)``, where
+    A photon survives with probability ``min(1, MAX_RATIO s_points / s_photons)``, where
     s_points and s_photons are the shares of all visible points and of all photons that lie in its
     cell. Its power is divided by the probability, so that sums over an area are unbiased. Surfaces
     with different orientations have different cells: the outside of a lamp has few photons and
@@ -49,8 +49,8 @@ def control_density(
 
 
 def oriented_places(p: np.ndarray, n: np.ndarray, width: float) -> np.ndarray:
-    """Positions, the nearest axis of their normals, and their height along the normal over the
-    middle of their cell, (N, 5).
+    """Positions, the nearest axis of their normals, and their height along the normal above
+    the middle of their cell, (N, 5).
 
     A grid with cells of ``width`` then separates surfaces with different orientations, and those
     that lie over each other: a lamp's back and the cap behind it. On a plane, all points of a cell

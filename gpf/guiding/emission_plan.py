@@ -25,7 +25,7 @@ from gpf.photons.tracing import PathSettings
 # Emission may be guided if the efficiency of the paths is below this.
 GUIDED_BELOW = 0.3
 
-# Each guide learns from the paths of the one before; none follows one that was not better by the
+# Each guide learns from the paths of the one before; no more follow one that is not better by the
 # factor LEAST_GAIN.
 MOST_GUIDES, LEAST_GAIN = 6, 1.2
 
@@ -42,11 +42,11 @@ class VisibleRegionSettings(Settings):
 
     Attributes
     ----------
-    use: whether Gaussians and targets are restricted to the visible region; else everywhere.
+    use: whether Gaussians and targets are restricted to the visible region or lie everywhere.
     rays: number of rays that sample the visible region.
-    guide: whether emission may be guided, if most photons miss the region.
+    guide: whether emission may be guided when most photons miss the region.
     pilot_paths: number of photon paths that measure how many miss it.
-    seed: of the rays and the pilot paths.
+    seed: seed of the rays and the pilot paths.
     """
 
     use: bool = True
@@ -83,13 +83,13 @@ class EmissionPlan:
         """Sample the visible region of the sensors, and guide the emission if that lowers the
         noise there.
 
-        The plan depends on the number of pixels of the sensors: use sensors of a fixed size, not of
+        The plan depends on the number of pixels of the sensors: use sensors of a fixed size, not
         the size of the images.
 
         Parameters
         ----------
-        direct: what brings direct light, as in :class:`gpf.sppm.passes.PassSettings`. If samples of
-            the emitters do, a guide may be for the other photons alone.
+        direct: source of direct light, as in :class:`gpf.sppm.passes.PassSettings`. If it is
+            ``emitters``, a guide may be for the other photons alone.
         """
         region = None
         if settings.use:
@@ -113,14 +113,14 @@ class EmissionPlan:
         return cls(region, *found[least_noisy(scene, region.points, sources, paths, seed)])
 
     def collect(self, scene: mi.Scene, paths: int, seed: int, rr_depth: int = 5) -> Photons:
-        """The photons of so many paths in the visible region, (N,); see :func:`collect_photons`."""
+        """The photons of ``paths`` paths in the visible region, (N,): :func:`collect_photons`."""
         settings = PathSettings(paths, rr_depth=rr_depth, source=self.source)
         return collect_photons(scene, self.region, settings, seed)
 
     def paths_for_gaussians(self, gaussians: int) -> int:
-        """The number of paths with enough photons in the region for so many Gaussians.
+        """The number of paths with enough photons in the region for this many Gaussians.
 
-        There are :data:`PHOTONS_PER_GAUSSIAN` photons per Gaussian; 1 to 50 whole batches of paths.
+        :data:`PHOTONS_PER_GAUSSIAN` photons per Gaussian; 1 to 50 whole batches of paths.
         """
         photons = PHOTONS_PER_GAUSSIAN * gaussians
         return _batches(photons / max(self.pilot.photons_per_path, 1e-9), most=50)
@@ -162,7 +162,7 @@ def _batches(paths: float, most: int) -> int:
     wanted = max(round(paths / BATCH), 1)
     if wanted > most:
         log.warning(
-            "%s photon paths would be needed; auto takes at most %s. Give a number to have more.",
+            "%s photon paths would be needed; auto takes at most %s. Set a number to use more.",
             f"{wanted * BATCH:,}",
             f"{most * BATCH:,}",
         )

@@ -1,9 +1,9 @@
 """Guided emission: more photons start with rays that are likely to reach the visible region.
 
 Mitsuba's emitters make a ray from five uniform random numbers u: one for the emitter, two for the
-place, two for the direction. The rays of some parts of this unit cube reach the region and those of
-other parts do not: behind a window, one in a thousand. Pilots of photon paths tell which. The cube
-is divided into boxes, in halves again and again, where that lowers the noise most. Box b, of volume
+place, two for the direction. Rays from some parts of this unit cube reach the region and those from
+other parts do not: behind a window, one in a thousand does. Pilot paths tell which parts do. The
+cube is divided into boxes, by repeated halving, where that lowers the noise most. Box b, of volume
 V_b, is chosen with probability P_b, the numbers are uniform in it, and the power of a photon is
 
     Φ' = Φ V_b / P_b,    P_b = V_b/4 + 3/4 V_b sqrt(m_b) / Σ V sqrt(m),
@@ -35,8 +35,8 @@ _MOST_HALVINGS = 40
 # Chance alone lowers the root by 1 / 8n if n paths of equal power have reached the region from it.
 _SIGNIFICANT = 8
 
-# Number of further paths that a box is taken to have, whose mean square is that of the box that it
-# is a half of. Where no path of a pilot has reached the region, one of the next one may.
+# Each box is credited with this many further paths, with the mean square of the box that it is half
+# of: where no path of one pilot has reached the region, one of the next may.
 _PRIOR = 0.5
 
 
@@ -55,7 +55,7 @@ class Boxes:
 
     @property
     def volume(self) -> np.ndarray:
-        """(B,)."""
+        """Volumes, (B,)."""
         return np.asarray(self.edges.prod(axis=1))
 
     @classmethod
@@ -74,7 +74,7 @@ class EmissionGuide:
         # Where nothing is known to reach the region, all rays are equally likely.
         wanted = boxes.volume * np.sqrt(boxes.mean if boxes.mean.any() else 1)
         share = _UNIFORM * boxes.volume + (1 - _UNIFORM) * wanted / wanted.sum()
-        # At most 1: rounding must not put a number behind the last box.
+        # At most 1: rounding must not put a number beyond the last box.
         cumulated = np.minimum(np.cumsum(share), 1).astype(np.float32)
         cumulated[-1] = 1
         self._cumulated = from_numpy(mi.Float, cumulated)
@@ -86,9 +86,9 @@ class EmissionGuide:
         self._edges = [from_numpy(mi.Float, x) for x in boxes.edges.T]
 
     def draw(self, sampler: mi.Sampler) -> tuple[EmitterSample, mi.UInt32]:
-        """The numbers of emitted rays, and their boxes, (N,)."""
+        """The random numbers of emitted rays, and their boxes, (N,)."""
         u = sampler.next_1d()
-        # The same for all guides, so that none needs a kernel of its own.
+        # The same steps for all guides, so that none needs a kernel of its own.
         box, step, count = mi.UInt32(0), _MOST_BOXES, dr.opaque(mi.UInt32, len(self.density))
         while step:
             probe = box + step - 1
@@ -115,8 +115,8 @@ class EmissionGuide:
     def learn(
         cls, scene: mi.Scene, pilot: Pilot, guide: EmissionGuide | None = None
     ) -> EmissionGuide:
-        """Learn from a pilot, whose paths ``guide`` has emitted; without one, every ray was equally
-        likely."""
+        """Learn from a pilot whose paths were emitted by ``guide``, or, without one, with every ray
+        equally likely."""
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(pilot.seed, len(pilot.power))
         if guide is None:
@@ -130,7 +130,7 @@ class EmissionGuide:
             boxes, number = guide.boxes, np.asarray(box.numpy())
             density = guide.density[number]
         numbers = np.stack([np.asarray(x.numpy()) for x in start.numbers()], axis=1)
-        # Each path stands for so much of the cube; and its power as it would be without a guide.
+        # How much of the cube each path stands for; and its power as it would be without a guide.
         weight = 1 / (len(number) * density)
         square = weight * (pilot.power * density) ** 2
         return cls(_divide(boxes, numbers, number, weight, square))
@@ -139,14 +139,14 @@ class EmissionGuide:
 def _divide(
     boxes: Boxes, numbers: np.ndarray, box: np.ndarray, weight: np.ndarray, square: np.ndarray
 ) -> Boxes:
-    """Boxes that are halved where it pays.
+    """The boxes, halved where it pays.
 
     Parameters
     ----------
-    numbers: of paths, (N, 5).
-    box: the number of each path's box, (N,).
+    numbers: random numbers of the paths, (N, 5).
+    box: index of each path's box, (N,).
     weight: how much of the cube each path stands for, (N,).
-    square: square of its power, times that, (N,).
+    square: ``weight`` times the square of the path's power, (N,).
     """
     corner, edges = boxes.corner.copy(), boxes.edges.copy()
     mean = _mean(box, square, weight, boxes.mean * square.sum() / max(_total(boxes), 1e-300))

@@ -27,14 +27,14 @@ UNIFORM = 0.15
 """Part of the samples that are not guided, so that every one remains possible."""
 
 POINTS_PER_CELL = 300
-"""Cells of space are widened until they hold about as many points."""
+"""Cells of space are widened until they hold about this many points."""
 
-# So many samples with the mean square of the whole scene are added to those in a bin of a cell.
+# This many samples with the mean square of the whole scene are added to those in a bin of a cell.
 _PRIOR = 1.0
 
-# Standard deviation of the weights with which the bins around a bin count too, in bins. Otherwise
-# there are few samples, and bright ones, where a pilot has found no light that is there: behind a
-# window, with four samples at each point, seven times as much noise remains.
+# Standard deviation, in bins, of the weights with which neighbouring bins count, too. Without them,
+# samples are few and bright where a pilot has missed light: behind a window, with four samples at
+# each point, seven times as much noise remains.
 _SMOOTHING = 0.6
 
 
@@ -43,7 +43,7 @@ class LampGuide:
 
     Parameters
     ----------
-    cell: the number of each point's cell, (N,).
+    cell: index of each point's cell, (N,).
     square: sum of the squared light of the samples in each bin of each cell, (C, SIDE, SIDE).
     count: number of these samples, (C, SIDE, SIDE).
     """
@@ -60,7 +60,7 @@ class LampGuide:
         # Where nothing is known to arrive, all numbers are equally likely.
         share = np.where(total > 0, root / np.maximum(total, 1e-300), 1 / SIDE**2)
         self.chance = UNIFORM / SIDE**2 + (1 - UNIFORM) * share
-        # Noise with the guide over noise without it: sqrt(m)'s variance is the least possible.
+        # Noise with the guide over noise without it; sqrt(m) gives the least possible variance.
         weight = count.sum(axis=(1, 2))
         with_guide = (mean / self.chance).sum(axis=(1, 2)) / SIDE**4
         without = mean.sum(axis=(1, 2)) / SIDE**2
@@ -71,15 +71,15 @@ class LampGuide:
         self._cell = from_numpy(mi.UInt32, cell.astype(np.uint32))
 
     def warp(self, sample: mi.Point2f) -> tuple[mi.Point2f, mi.Float]:
-        """Guided random numbers of each point, (N, 2), from uniform ones, and by what their light
-        is multiplied, (N,)."""
+        """Guided random numbers for each point, (N, 2), from uniform ones, and the factors by which
+        their light is multiplied, (N,)."""
         x, column, wide = _invert(self._columns, self._cell, sample.x)
         y, _, high = _invert(self._rows, self._cell * SIDE + column, sample.y)
         return mi.Point2f(x, y), 1 / (wide * high * SIDE**2)
 
 
 def find_cells(p: np.ndarray, n: np.ndarray) -> np.ndarray:
-    """The numbers of the cells of oriented points (N, 3), (N,)."""
+    """The index of the cell of each oriented point (N, 3), (N,)."""
     extent = float(np.linalg.norm(p.max(axis=0) - p.min(axis=0)))
     width = max(extent / 64, 1e-6)
     while True:
@@ -96,9 +96,9 @@ def count_bins(
 
     Parameters
     ----------
-    cell: the number of each point's cell, (N,).
+    cell: index of each point's cell, (N,).
     sample: uniform random numbers in [0, 1)², (N, 2).
-    light: what arrives with them, (N,).
+    light: light that arrives with these numbers, (N,).
     """
     place = np.minimum((sample * SIDE).astype(np.int64), SIDE - 1)
     index = (cell * SIDE + place[:, 0]) * SIDE + place[:, 1]
@@ -109,7 +109,7 @@ def count_bins(
 
 
 def _cumulated(chance: np.ndarray) -> mi.Float:
-    """Cumulated probabilities along the last axis, flat; the last of each row is 1."""
+    """Cumulative probabilities along the last axis, flat; the last of each row is 1."""
     cumulated = np.cumsum(chance, axis=-1)
     cumulated /= cumulated[..., -1:]
     return from_numpy(mi.Float, cumulated.astype(np.float32).ravel())
@@ -122,7 +122,7 @@ def _invert(
 
     Parameters
     ----------
-    cumulated: probabilities of the bins of all rows, flat.
+    cumulated: cumulative probabilities of the bins of all rows, flat.
     u: uniform random numbers, (N,).
     """
     first, bin_ = row * SIDE, mi.UInt32(0)

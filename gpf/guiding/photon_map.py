@@ -14,7 +14,7 @@ from gpf.guiding.density_control import control_density
 from gpf.guiding.visible_region import VisibleRegion
 from gpf.photons.tracing import PathSettings, record_photons
 
-# Paths that are traced and selected at a time; it bounds the memory.
+# Paths that are traced and selected at a time; this bounds the memory.
 BATCH = 100_000
 
 
@@ -25,7 +25,7 @@ class PhotonSettings(Settings):
     ----------
     paths: number of emitted paths; ``auto``: enough for 3 photons per Gaussian.
     rr_depth: number of interactions before Russian roulette.
-    seed: of the paths.
+    seed: seed of the paths.
     """
 
     paths: AutoCount = "auto"
@@ -36,7 +36,7 @@ class PhotonSettings(Settings):
 def collect_photons(
     scene: mi.Scene, region: VisibleRegion | None, settings: PathSettings, seed: int
 ) -> Photons:
-    """The photons in the region, after :func:`control_density`; without a region, all: (N,).
+    """The photons in the region, after :func:`control_density`, or all without a region, (N,).
 
     Powers are divided by the number of all paths, so that sums over an area of the region are
     unbiased.

@@ -21,7 +21,7 @@ class Pilot:
     ----------
     power: sum over the photons of each path in the region, W, mean of the channels, (N,).
     photons: number of these photons, (N,).
-    seed: of the paths.
+    seed: seed of the paths.
     """
 
     power: np.ndarray
@@ -40,7 +40,7 @@ class Pilot:
 
     @property
     def efficiency(self) -> float:
-        """(Σ Φ)² / (N Σ Φ²): this share of N paths has the same noise if all have equal power."""
+        """(Σ Φ)² / (N Σ Φ²): this share of N paths has the same noise if all are equal in power."""
         total, square = self.power.sum(), (self.power**2).sum()
         return float(total**2 / (len(self.power) * square)) if square > 0 else 0.0
 

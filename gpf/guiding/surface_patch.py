@@ -14,7 +14,7 @@ from gpf.core.structs import from_numpy, to_numpy
 from gpf.core.surface_tags import pack_tag, same_surface
 from gpf.guiding.density_control import cell_keys
 
-# One point is kept in each cell whose edge is this part of the radius.
+# One point is kept in each cell; a cell's edge is the radius divided by this.
 _CELLS = 8
 
 

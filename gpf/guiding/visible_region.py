@@ -2,8 +2,8 @@
 
 In the scene ``veach_ajar``, about 4% of the photons get through the door; the others light a room
 that no camera sees. The field must serve every camera in the space that the training views look
-into. It needs Gaussians only on the surfaces that such a camera can see, also in mirrors and
-through glass.
+into. It needs Gaussians only on the surfaces that such a camera can see, including those
+in mirrors and behind glass.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class VisibleRegion:
     Parameters
     ----------
     sensors: the views.
-    seed: of the rays.
+    seed: seed of the rays.
     samples: number of rays.
 
     Raises
@@ -65,7 +65,7 @@ class VisibleRegion:
             raise UserError(
                 "training views",
                 "see no diffuse surface",
-                "Point them at one, or use no visible region (VisibleRegionSettings: use = false).",
+                "Point them at one, or disable the region (VisibleRegionSettings: use = false).",
             )
         self.points = take(points, lanes)
         p, n = self.points.p, self.points.n
@@ -82,7 +82,7 @@ class VisibleRegion:
         return take(photons, dr.compress(self.contains(photons.p, photons.n)))
 
     def reject(self, photons: Photons) -> Photons:
-        """The photons outside of the region."""
+        """The photons outside the region."""
         return take(photons, dr.compress(~self.contains(photons.p, photons.n)))
 
 

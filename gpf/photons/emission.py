@@ -63,7 +63,7 @@ def _spread_over_scene(
     if environment is None or environment.class_name() != "EnvironmentMapEmitter":
         return ray.o
     ball = scene.bbox().bounding_sphere()
-    # The radius of the emitter, because its weight contains the area of the disc.
+    # The emitter's own radius, because its weight contains the area of the disc.
     radius = dr.opaque(mi.Float, ball.radius * (1 + mi.math.RayEpsilon))
     disc = mi.warp.square_to_uniform_disk_concentric(sample)
     offset = mi.Frame3f(ray.d).to_world(mi.Vector3f(disc.x, disc.y, 0)) - ray.d

@@ -1,4 +1,4 @@
-"""The cubes in which photons are added up: larger where a field cannot be fine."""
+"""The cubes in which photons are summed: larger where a field cannot be fine."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from gpf.core.structs import from_numpy
 LEVEL_BITS = 2
 """Bits that hold a level."""
 
-# With the coarsest, an edge is half as long as the radius of a wide kernel after 100 passes.
+# The coarsest level: its edges are half the radius of a wide kernel after 100 passes.
 _COARSEST = 2
 
-# Edge of the cells of the table of levels, in edges of the finest cubes; their largest number.
+# The table of levels: edge of its cells, in edges of the finest cubes; their largest number.
 _WIDTH = 16
 _MOST_CELLS = 1 << 22
 
-# Of a cube along an axis; it has 16 bits.
+# Largest index of a cube along an axis; it has 16 bits.
 _LARGEST_NUMBER = 65535
 
 # A cube's edge is at most this share of the distance between the points around it.
@@ -29,18 +29,18 @@ _SHARE = 0.5
 
 
 class PhotonCells:
-    """Cubes of several sizes: at level l, edges are 2^l times as long as the finest.
+    """Cubes of several sizes: at level l, edges are 2^l times as long as at the finest.
 
-    A place has a level. It is 0 where points that gather photons are dense. Where they are far
-    apart, as on the walls of a large room with cameras at a table in its middle, more photons than
-    memory holds would each have a cube of their own, for light that the points cannot tell from
-    its surroundings.
+    Each place has a level. It is 0 where the points that gather photons are dense. Where they are
+    far apart, as on the walls of a large room with cameras around a table in its middle, the finest
+    cubes would hold single photons, more than fit into memory, for detail that the points cannot
+    resolve.
 
     Parameters
     ----------
-    edge: of the finest cubes, world units; longer if the scene is larger than 65535 of them.
+    edge: that of the finest cubes, world units; longer if the scene spans more than 65535 of them.
     bounds: corners of the scene's bounding box.
-    points: that gather photons, world units, (N, 3); without them all places have level 0.
+    points: points that gather photons, world units, (N, 3); without them, every level is 0.
     """
 
     def __init__(
@@ -61,8 +61,8 @@ class PhotonCells:
         dr.make_opaque(self._levels)
 
     def find(self, p: mi.Point3f) -> tuple[mi.UInt32, mi.Vector3u, mi.Vector3f]:
-        """The level of the cubes in which points (N, 3) lie, the numbers of the cubes along each
-        axis, at most 65535, and the places in them, [0, 1)."""
+        """The level of the cubes in which points (N, 3) lie, the indices of the cubes along each
+        axis, at most 65535, and the places within them, [0, 1)."""
         at = mi.Vector3i(dr.floor((p - self._lower) * self._inverse))
         level = dr.gather(
             mi.UInt32, self._levels, dr.dot(mi.Vector3u(dr.clip(at, 0, self._last)), self._stride)
@@ -72,7 +72,7 @@ class PhotonCells:
         return level, mi.Vector3u(corner), mi.Vector3f(offset - corner)
 
     def points(self, level: mi.UInt32, corner: mi.Vector3u, inside: mi.Vector3f) -> mi.Point3f:
-        """Points from what :meth:`find` has found, (N, 3)."""
+        """Points from the results of :meth:`find`, (N, 3)."""
         edge = self._edge * mi.Float(mi.UInt32(1) << level)
         return mi.Point3f(self._lower + edge * (mi.Vector3f(corner) + inside))
 
@@ -89,9 +89,9 @@ def _choose_levels(
     shape = tuple(int(n) for n in np.floor(extent / width) + 1)
     cell = np.clip(np.floor((points - lower) / width).astype(np.int64), 0, np.array(shape) - 1)
     count = np.bincount(np.ravel_multi_index(cell.T, shape), minlength=math.prod(shape))
-    # If one surface lies in the cell. With more of them, points are less dense than that.
+    # Assumes one surface in the cell; with more, the points are farther apart than this.
     distance = width / np.sqrt(np.maximum(count, 1e-6))
     level = np.clip(np.floor(np.log2(_SHARE * distance / edge)), 0, _COARSEST)
-    # Points gather photons from the cells around theirs, too.
+    # Points also gather photons from the cells around their own.
     table: np.ndarray = minimum_filter(level.reshape(shape), 3).astype(np.uint32)
     return table, width

@@ -4,7 +4,7 @@ A density estimate does not need single photons: the photons in a cell that is s
 kernel, or than the distance between the points that gather them, count as one photon at their mean
 position, with the sum of their powers. The cost of a pass is little more than its photon walk, for
 any number of points, and the kernel's radius can be chosen after the tracing. Two halves of the
-passes are kept apart, so that what they bring can be compared; they share the cells and the mean
+passes are kept apart, so that their results can be compared; they share the cells and the mean
 positions in them.
 """
 
@@ -24,10 +24,10 @@ from gpf.photons.photon_cells import LEVEL_BITS, PhotonCells
 from gpf.photons.tracing import PathSettings, record_photons, trace_photons
 from gpf.scene.light_groups import group_of
 
-# Coordinates of normals are rounded to thirds: a direction is at most 17° from its rounded one.
+# Coordinates of normals are rounded to thirds: this changes a direction by at most 17°.
 _NORMAL_STEPS = 3
 
-# Places of the numbers of the level and the group in a cell's key.
+# Bit positions of the level and the group in a cell's key.
 _LEVEL_SHIFT = 57
 _GROUP_SHIFT = _LEVEL_SHIFT + LEVEL_BITS
 _GROUP_BITS = 4
@@ -42,33 +42,33 @@ _POWER_STEPS = 2.0**24
 # Paths that measure the typical power of a photon and the number of photons per path.
 PILOT = 1024
 
-# 64-bit numbers per cell for its sums. A key is never zero, because no unit normal has -3, -3, -3
+# 64-bit numbers per cell for its sums. A key is never zero, because no unit normal is -3, -3, -3
 # thirds.
 _LINE = 8
 
 # Columns of a cell's numbers: power of each half; x and y; z and the number of photons.
 _POWER, _XY, _ZN = (0, 5), 3, 4
 
-# At most this share of the table is in use; then it grows, with this factor to spare.
+# The table grows before more than this share of it is used, to this multiple of what is needed.
 _FULL, _SPARE = 0.7, 1.5
 
 
 class PhotonSums:
-    """Sums of photons by cell; a cell is a cube of space, a rounded direction of normals, and a
-    group of lights.
+    """Sums of photons by cell: by cube of space, rounded direction of the normal, and group of
+    lights.
 
-    The sums are of whole numbers, so that the order of the photons does not change them.
+    The sums are integers, so that the order of the photons does not change them.
 
     Parameters
     ----------
     cells: the cubes.
     settings: the photon paths of each pass.
     capacity: initial number of slots in the table of cells; the table grows.
-    groups: to keep the light of groups of emitters apart: :meth:`LightGroups.table`.
+    groups: keeps the light of groups of emitters apart; see :meth:`LightGroups.table`.
 
     Attributes
     ----------
-    paths: photon paths so far of each half.
+    paths: photon paths of each half so far.
     """
 
     def __init__(
@@ -92,13 +92,13 @@ class PhotonSums:
         self._cells = dr.zeros(mi.UInt32, 1)
         self._keys = dr.zeros(mi.UInt64, capacity)
         # The sums of a cell fill one cache line: three of power for each half; x and y as two sums
-        # of 32 bits in one number of 64 bits; z and the number of photons in another one.
+        # of 32 bits in one number of 64 bits; z and the number of photons in another.
         self._sums = dr.zeros(mi.UInt64, _LINE * capacity)
         dr.eval(self._keys, self._sums)
 
     def trace(self, scene: mi.Scene, seed: int, half: int, diffused: bool = True) -> None:
-        """Add the photons of one more pass to half 0 or 1; ``diffused``: those that come from
-        diffuse surfaces, too. Once they are left out, they are missing for good."""
+        """Add the photons of one more pass to half 0 or 1. ``diffused``: whether to include those
+        from diffuse surfaces; once left out, they are missing for good."""
         paths = self._settings.paths
         if not self._unit:
             pilot = replace(self._settings, paths=PILOT, indirect=False)
@@ -139,7 +139,7 @@ class PhotonSums:
         line = _LINE * self._find(key, active)
         inside = mi.Vector3u(dr.clip(place * _PLACES, 0, _PLACES - 1))
         power = photons.power * self._scale
-        # As two's complements: some skies have negative colours.
+        # In two's complement: some skies have negative colours.
         sums = [(self._column + k, mi.UInt64(mi.Int64(power[k]))) for k in range(3)]
         sums.append((mi.UInt32(_XY), mi.UInt64(inside.x) | (mi.UInt64(inside.y) << 32)))
         sums.append((mi.UInt32(_ZN), mi.UInt64(inside.z) | (mi.UInt64(1) << 32)))
@@ -148,7 +148,7 @@ class PhotonSums:
 
     @dr.syntax
     def _find(self, key: mi.UInt64, active: mi.Bool):  # type: ignore[no-untyped-def]
-        """The slot of a cell in the table (open addressing), new if the cell has none."""
+        """The slot of a cell in the table (open addressing), a new one if it has none."""
         low, high = mi.sample_tea_32(mi.UInt32(key), mi.UInt32(key >> 32), 4)
         slot = mi.UInt32((mi.UInt64(low ^ high) * mi.UInt64(self._last + 1)) >> 32)
         looking, probes = mi.Bool(active), mi.UInt32(0)
@@ -168,11 +168,11 @@ class PhotonSums:
         return slot
 
     def photons(self, half: int, group: int | None = None, diffused: bool = True) -> Photons:
-        """One photon per cell with light of a half, sorted by cell; powers are divided by the
-        number of the half's paths so far.
+        """One photon for each cell that has light of a half, sorted by cell; powers are divided by
+        the half's number of paths so far.
 
-        ``group``: those of one group of emitters; by default all. ``diffused``: whether those from
-        diffuse surfaces are among them.
+        ``group``: only the photons of this group of emitters; all by default. ``diffused``: whether
+        to include those from diffuse surfaces.
         """
         wanted = self._keys != 0
         if group is not None:
@@ -223,7 +223,7 @@ class PhotonSums:
         }
 
     def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
-        """Take the sums of :meth:`tensors`; there must be none yet."""
+        """Restore the sums from :meth:`tensors`; there must be none yet."""
         keys = from_numpy(mi.UInt64, tensors["keys"])
         self._unit, self._landings = (float(v) for v in tensors["units"][:2])
         self.paths = [int(n) for n in tensors["units"][2:]]
@@ -243,7 +243,7 @@ class PhotonSums:
         self._insert(known, lambda k: dr.gather(mi.UInt64, sums, _LINE * taken + k))
 
     def _insert(self, keys: mi.UInt64, column: Callable[[int], mi.UInt64]) -> None:
-        """Put cells into an empty table; ``column(k)``: their numbers, (C,), one of _LINE."""
+        """Put cells into an empty table; ``column(k)``: number k of _LINE of each, (C,)."""
         slot = self._find(keys, mi.Bool(True))
         dr.eval(slot, self._keys, self._cells, self._lost)
         for k in range(_LINE):
@@ -252,7 +252,7 @@ class PhotonSums:
 
 
 def rounded_normal(n: mi.Normal3f) -> mi.Normal3f:
-    """What becomes of a photon's normal in a cell, (N, 3)."""
+    """A photon's normal as rounded by its cell, (N, 3)."""
     return dr.normalize(_thirds(n))
 
 

@@ -1,4 +1,4 @@
-"""The walk of photons through the scene; the only one of the project.
+"""The walk of photons through the scene; the only one in the project.
 
 The caller's ``deposit`` gets the photons at diffuse surfaces; :func:`record_photons` stores them.
 """
@@ -32,12 +32,12 @@ class PathSettings:
     Attributes
     ----------
     paths: number of emitted paths, the width of the wavefront.
-    max_depth: longest path from emitter to camera in edges, as in Mitsuba's ``path``; -1 is no
+    max_depth: longest path from emitter to camera in edges, as in Mitsuba's ``path``; -1: no
         limit. The camera has the last edge, so a photon has at most ``max_depth - 1`` interactions.
     rr_depth: number of interactions after which Russian roulette may end a path.
     source: makes the first rays and their powers, e.g. :func:`emit_light` or a guided emission.
-    indirect: whether photons that come straight from an emitter are left out, those through
-        surfaces that do not bend light, too: what :meth:`gpf.scene.lamps.Lamps.sample` finds.
+    indirect: whether to leave out photons that come straight from an emitter, including those
+        through surfaces that do not bend light: what :meth:`gpf.scene.lamps.Lamps.sample` finds.
     """
 
     paths: int
@@ -61,15 +61,15 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
     """Trace photon paths from the emitters and deposit photons on diffuse surfaces.
 
     The expected sum of the powers at depth 0 is the part of the emitters' power that hits a diffuse
-    surface first, W. A power may have negative channels: skies have colours that no display shows.
-    A path ends where its power is not finite.
+    surface first, W. A power may have negative channels: skies have colours that no display can
+    show. A path ends where its power is not finite.
 
     Parameters
     ----------
     deposit: called in a recorded loop as ``deposit(photons, diffused, active)`` at each surface
         interaction; it has side effects, masked with ``active``. ``diffused``: whether a photon
-        comes from a diffuse surface, or through something that does not change its direction from
-        one.
+        comes from a diffuse surface, directly or through something that does not change its
+        direction.
     """
     paths, max_depth = settings.paths, settings.max_depth
     sampler = mi.load_dict({"type": "independent"})
@@ -152,7 +152,7 @@ def record_photons(
 
     Parameters
     ----------
-    capacity: number of photons that memory is reserved for. If there are more, they are traced a
+    capacity: number of photons to reserve memory for. If there are more, they are traced a
         second time. The default is :attr:`PathSettings.usual_capacity`.
     """
     capacity = capacity or settings.usual_capacity
@@ -171,7 +171,7 @@ class _Recorder:
 
     def __init__(self, capacity: int, paths: int) -> None:
         self.capacity, self.paths = capacity, paths
-        # The sort key has the path and, in the remaining bits of 32, the depth. Photons of a path
+        # The sort key holds the path and, in the rest of its 32 bits, the depth. Photons of a path
         # that are deeper than these bits allow keep the order of their deposits.
         self.depth_bits = 32 - max(paths - 1, 1).bit_length()
         self.count = dr.zeros(mi.UInt32, 1)

@@ -23,8 +23,8 @@ def scenes_root() -> Path:
     """The folder that holds the scenes.
 
     ``$GPF_SCENES`` if it is set; else ``scenes`` in the nearest folder, from the current one
-    upwards, that contains a ``params.yaml`` or a ``scenes/*/scene.xml``. Raises a :class:`UserError` if
-    there is none.
+    upwards, that contains a ``params.yaml`` or a ``scenes/*/scene.xml``. Raises a
+    :class:`UserError` if there is none.
     """
     chosen = os.environ.get("GPF_SCENES")
     if chosen:

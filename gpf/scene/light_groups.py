@@ -74,9 +74,7 @@ class LightGroups:
         UserError: the file cannot be read, an emitter does not exist or is listed twice, or there
             are more than :data:`MOST_GROUPS` groups.
         """
-        listed = read_yaml(
-            file, _Listed, "Write one, with a line such as `window: [sky]` for each group."
-        )
+        listed = read_yaml(file, _Listed, "Write one with lines such as `window: [sky]`.")
         known = emitter_names(scene)
         groups: dict[str, tuple[int, ...]] = {}
         taken: dict[str, str] = {}

@@ -91,7 +91,7 @@ def check_files(file: Path, parameters: Mapping[str, str] | None = None) -> Scen
 def load_with_parameters(
     file: Path, parameters: Mapping[str, object], integrator: bool = True
 ) -> mi.Scene:
-    """Load a file as ``mi.load_file`` does, with this project's plugins in place of some of Mitsuba's.
+    """Load a file as ``mi.load_file`` does, with some of Mitsuba's plugins replaced by this project's.
 
     ``integrator``: whether to load the scene's own integrator, too.
 
@@ -157,7 +157,7 @@ def _load(file: Path, parameters: Mapping[str, object], integrator: bool) -> Any
 
 
 def _refuse_foreign_code(state: mi.parser.ParserState) -> None:
-    """Raise a :class:`UserError` if a folder that Mitsuba searches (the scene's and the current one)
+    """Raise a :class:`UserError` if a folder that Mitsuba searches (the scene's or the current one)
     has a subfolder `plugins` with libraries: Mitsuba would load those instead of its own plugins,
     or along with them, and loading a library runs it."""
     for node in state.nodes:

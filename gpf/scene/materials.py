@@ -27,7 +27,7 @@ NOT_DIFFUSE = int(mi.BSDFFlags.All) & ~int(mi.BSDFFlags.Diffuse)
 
 
 def inseparable_materials(scene: mi.Scene) -> list[str]:
-    """Plugin names of the materials that photon mapping cannot use, including nested ones, sorted."""
+    """Plugin names of materials that photon mapping cannot use, including nested ones, sorted."""
     objects = mi.traverse(scene).hierarchy.items()
     # This project's plugins contain one of Mitsuba's.
     found = {
@@ -43,8 +43,9 @@ def require_separable(scene: mi.Scene) -> None:
     """Raise a ``ValueError`` if the scene has a material that photon mapping cannot use."""
     if names := inseparable_materials(scene):
         raise ValueError(
-            f"the scene has materials of type {', '.join(names)}, whose diffuse part cannot be "
-            "separated. Load the scene with gpf.load_scene_file, or prefix the type with separable_."
+            f"the scene has materials of type {', '.join(names)}, whose diffuse part cannot "
+            "be separated. Load the scene with gpf.load_scene_file, or prefix the type with "
+            "separable_."
         )
 
 

@@ -1,8 +1,8 @@
-"""Meshes whose triangles name vertices that do not exist, and meshes without triangles: Mitsuba
-would end the process, or have no clear words.
+"""Find meshes whose triangles refer to vertices that do not exist, and meshes without triangles:
+Mitsuba would crash or give an unclear message.
 
-Files of another kind than their beginning or their name says are left out. What else is wrong with
-a file, Mitsuba says when it reads it.
+Files that are not of the kind that a check is for are skipped. Mitsuba itself reports all other
+errors when it reads a file.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ _SERIALIZED = (b"\x1c\x04\x03\x00", b"\x1c\x04\x04\x00")
 """The first bytes of Mitsuba's own format, versions 3 and 4."""
 
 Elements = list[tuple[str, int, list[list[str]]]]
-"""Of a PLY file: name, number, and the words of each property."""
+"""Elements of a PLY file: name, count, and the words of each property."""
 
 Corners = np.ndarray | None
-"""The vertices of all triangles; None if the file has less than its header says."""
+"""The vertices of all triangles; None if the file is shorter than its header says."""
 
 
 class _NoTriangles(Exception):
-    """A mesh has faces with another number of corners than three."""
+    """A mesh has faces that do not have three corners."""
 
 
 def check_ply(file: Path, where: str) -> None:
-    """Raise a :class:`UserError` if a triangle of a PLY file names a vertex that does not exist,
+    """Raise a :class:`UserError` if a triangle of a PLY file refers to a vertex that does not exist,
     if there is no triangle, or if the file is shorter than its header says.
 
     Parameters
     ----------
-    where: place of the scene file that names the mesh, for the message.
+    where: place in the scene file that names the mesh, for the message.
     """
     with file.open("rb") as stream:
         if stream.read(256).lstrip()[:3] != b"ply":
@@ -58,7 +58,7 @@ def check_ply(file: Path, where: str) -> None:
         if end is None:
             return
         form, elements = _read_header(data[: end.start()].decode("utf-8", "replace"))
-        # Mitsuba takes the last, if there are several.
+        # Mitsuba uses the last one if there are several.
         vertices = min((count for name, count, _ in elements if name == "vertex"), default=0)
         if form == "ascii":
             corners = _text_corners(data[end.end() :], elements)
@@ -66,7 +66,7 @@ def check_ply(file: Path, where: str) -> None:
             order = ">" if form == "binary_big_endian" else "<"
             corners = _binary_corners(data, end.end(), elements, order)
     except _NoTriangles:
-        what = "has faces that are no triangles"
+        what = "has faces that are not triangles"
         raise UserError(where, f"refers to {file}, which {what}", "Export triangles.") from None
     except (ValueError, KeyError, IndexError, OverflowError, StopIteration):
         return
@@ -76,28 +76,28 @@ def check_ply(file: Path, where: str) -> None:
 
 
 def check_obj(file: Path, where: str) -> None:
-    """Raise a :class:`UserError` if an OBJ file has no face."""
+    """Raise a :class:`UserError` if an OBJ file has no faces."""
     if file.suffix.lower() != ".obj":
         return
-    # The first face is soon found, however large the file is.
+    # The first face is found quickly, however large the file is.
     if not file.stat().st_size or not re.search(rb"(?m)^[ \t]*f[ \t]", _mapped(file)):
         raise _no_triangles(file, where)
 
 
 def check_serialized(file: Path, where: str) -> None:
-    """Raise a :class:`UserError` if a triangle of a file in Mitsuba's own format names a vertex
+    """Raise a :class:`UserError` if a triangle of a file in Mitsuba's own format refers to a vertex
     that does not exist.
 
-    The file has meshes, each compressed, and at its end a list of their places.
+    The file consists of compressed meshes, with a list of their offsets at the end.
     """
     with file.open("rb") as stream:
         if stream.read(4) not in _SERIALIZED:
             return
     data = memoryview(_mapped(file))
-    wide = data[2] == 4  # places of 8 bytes, and meshes with names
+    wide = data[2] == 4  # 8-byte offsets, and meshes with names
     begin = len(data) - 4 - int.from_bytes(data[-4:], "little") * (8 if wide else 4)
     listed = data[begin:-4] if begin > 0 else b""
-    # The first mesh is read without the list.
+    # The first mesh is read even without the list.
     for place in sorted({0, *np.frombuffer(listed, "<u8" if wide else "<u4").tolist()}):
         try:
             vertices, corners = _serialized_corners(data, place, wide, where)
@@ -107,7 +107,7 @@ def check_serialized(file: Path, where: str) -> None:
 
 
 def _mapped(file: Path) -> mmap.mmap:
-    """The bytes of a file that is not empty; those that are asked for are read."""
+    """The bytes of a non-empty file, read on access."""
     with file.open("rb") as stream:
         return mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
 
@@ -128,7 +128,7 @@ def _require_vertices(file: Path, where: str, corners: Corners, vertices: int) -
 
 
 def _read_header(text: str) -> tuple[str, Elements]:
-    """The form and the elements, in the order of the file."""
+    """The format and the elements, in the order of the file."""
     form, elements = "", Elements()
     for line in text.splitlines():
         words = line.split()
@@ -144,7 +144,7 @@ def _read_header(text: str) -> tuple[str, Elements]:
 def _text_corners(body: bytes, elements: Elements) -> Corners:
     """The vertices of all triangles of a text file."""
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # a word that is no number
+        warnings.simplefilter("error", DeprecationWarning)  # a word that is not a number
         try:
             numbers = np.fromstring(body, sep=" ")
         except DeprecationWarning as error:
@@ -155,7 +155,7 @@ def _text_corners(body: bytes, elements: Elements) -> Corners:
         width = len(properties) + 3 * len(lists)  # a list of three takes four numbers
         rows = numbers[at : at + count * width]
         if name == "face" and count:
-            # In a mesh with other faces, a row ends elsewhere: the first wrong number tells.
+            # In a mesh with other faces, rows have other lengths: the first wrong count shows it.
             whole = rows[: len(rows) // width * width].reshape(-1, width)
             if (whole[:, lists[0]] != 3).any():
                 raise _NoTriangles
@@ -194,7 +194,7 @@ def _binary_corners(data: mmap.mmap, at: int, elements: Elements, order: str) ->
 def _serialized_corners(
     data: memoryview, place: int, wide: bool, where: str
 ) -> tuple[int, Corners]:
-    """The number of vertices of a mesh of Mitsuba's format, and the vertices of its triangles."""
+    """The number of vertices of a mesh in Mitsuba's format, and the vertices of its triangles."""
     if data[place : place + 4] not in _SERIALIZED:
         raise ValueError
     stream = zlib.decompressobj()
@@ -202,7 +202,7 @@ def _serialized_corners(
     (flags,) = struct.unpack_from("<I", head)
     at = head.index(b"\0", 4) + 1 if wide else 4
     vertices, faces = struct.unpack_from("<QQ", head, at)
-    # Positions, then normals, places in textures and colours if there are any.
+    # Positions, then normals, texture coordinates and colours if there are any.
     values = 3 + 3 * bool(flags & 1) + 2 * bool(flags & 2) + 3 * bool(flags & 8)
     at += 16 + vertices * values * (8 if flags & 0x2000 else 4)
     size = at + 12 * faces

@@ -1,7 +1,7 @@
-"""What stands on a surface, or lies over it, found by short rays from it.
+"""Find what stands on a surface, or lies above it, with short rays from it.
 
-A wall that stands on a floor separates the light on both of its sides, although the floor goes on
-beneath it. An obstacle is taken for a plane that stands upright on the surface.
+A wall that stands on a floor separates the light on its two sides, although the floor continues
+beneath it. An obstacle is treated as a plane that stands upright on the surface.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ import mitsuba as mi
 
 from gpf.core.surface_tags import SAME_SURFACE_COSINE
 
-# Height of the rays above the surface, in units of their length: what is lower is no obstacle.
+# Height of the rays above the surface, relative to their length: anything lower is no obstacle.
 _HEIGHT = 0.03
 
-# Where rays straight up begin, in units of their length: not on the surface itself.
+# Where rays straight up begin, relative to their length: not on the surface itself.
 _START = 0.03
 
 
 @dataclass(frozen=True)
 class Obstacle:
-    """What rays along surfaces meet first, (N,) each.
+    """What rays along surfaces hit first, (N,) each.
 
     Attributes
     ----------
-    stands: whether there is something, other than the surface itself.
-    t: how far the ray goes, world units.
+    stands: whether there is anything other than the surface itself.
+    t: length of the ray up to the obstacle, world units.
     away: unit vector across the obstacle's plane, away from the point, in the frame of the point's
         normal.
-    distance: of the plane from the point, world units.
+    distance: distance of the plane from the point, world units.
     """
 
     stands: mi.Bool
@@ -42,12 +42,12 @@ class Obstacle:
 def look_along(
     scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float, direction: mi.Vector2f
 ) -> Obstacle:
-    """The obstacles that rays from points on surfaces meet.
+    """The obstacles that rays from points on surfaces hit.
 
     Parameters
     ----------
     p, n: positions and unit normals, world units, (N, 3).
-    reach: how far the rays go, world units, (N,).
+    reach: length of the rays, world units, (N,).
     direction: unit vectors in the frame of the normal, (N, 2).
     """
     frame = mi.Frame3f(n)
@@ -56,7 +56,7 @@ def look_along(
     si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
     stands = si.is_valid() & (dr.dot(si.n, n) < SAME_SURFACE_COSINE)
     facing = frame.to_local(mi.Vector3f(si.n))
-    # What leans far over is taken to face the point.
+    # An obstacle that leans far over is assumed to face the point.
     away = mi.Vector2f(facing.x, facing.y)
     away *= dr.sign(dr.dot(away, direction))
     away = dr.select(dr.squared_norm(away) > 0.01, dr.normalize(away), direction)
@@ -66,9 +66,9 @@ def look_along(
 def next_surface(
     scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float
 ) -> tuple[mi.Float, mi.Vector3f]:
-    """The next surface from points on surfaces, straight along their normals: how far away it is,
-    world units, (N,), infinite if there is none within ``reach``, (N,); and its unit normal, on the
-    far side, (N, 3)."""
+    """The next surface from points on surfaces, straight along their normals: its distance, world
+    units, (N,), infinite if there is none within ``reach``, (N,); and its unit normal on the far
+    side, (N, 3)."""
     start = _START * reach
     ray = mi.Ray3f(p + start * n, mi.Vector3f(n), reach - start, 0, mi.Color0f())
     si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)

@@ -1,4 +1,4 @@
-"""Views as the pinhole cameras of computer vision: x to the right, y down, z ahead."""
+"""Views as pinhole cameras in the computer-vision convention: x right, y down, z forward."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Pinhole:
     Attributes
     ----------
     origin: position, world units, (3,).
-    rotation: camera to world, (3, 3); its columns point to the right, down and ahead.
+    rotation: camera to world, (3, 3); its columns point right, down and forward.
     focal: focal length, pixels.
     size: width and height of the image, pixels.
     """
@@ -37,7 +37,7 @@ class Pinhole:
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pixel coordinates (N, 2) and depths (N,) of points (N, 3).
 
-        The first pixel reaches from 0 to 1. Points behind the camera have negative depths and
+        The first pixel spans 0 to 1. Points behind the camera have negative depths and
         meaningless pixel coordinates.
         """
         x, y, z = ((points - self.origin) @ self.rotation).T

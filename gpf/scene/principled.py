@@ -1,22 +1,22 @@
 """The plugins ``separable_principled`` and ``separable_principledthin``: ``principled`` and
-``principledthin`` with a diffuse component of its own.
+``principledthin`` with a separate diffuse component.
 
-Mitsuba's plugins evaluate all their lobes together, whatever the context enables. Here they are two
-components, a diffuse one and the rest:
+Mitsuba's plugins evaluate all their lobes together, whatever the context enables. Here they form
+two components, a diffuse one and the rest:
 
     f = D + (f - D),    D(wi, wo) = q (1 - t) (1 - 3/8 s) a(wi) a(wo) c / π
     a(w) = 1 - (1 - |cos θ_w|)⁵ / 2
-    q = 1 - m           of principled, 1 - d / 2 of principledthin
+    q = 1 - m           for principled, 1 - d / 2 for principledthin
 
-with the base colour c, the metallic share m, the transmission t, the diffuse transmission d (0 to
+with the base colour c, the metallic fraction m, the transmission t, the diffuse transmission d (0 to
 2) and the flatness s at the point. D is the part of the diffuse lobe (Burley 2012) that is a
-product of a function of wi and one of wo, as :mod:`gpf.scene.materials` needs it. It is never
-larger than the lobe: retro-reflection, the rest of the flat lobe (at least 5/8 c / π) and sheen are
-only added. They belong to the second component, with the specular lobes, the clear coat, and the
-light that a thin sheet transmits diffusely.
+product of a function of wi and one of wo, as :mod:`gpf.scene.materials` requires. It is never
+larger than the lobe: retro-reflection, the rest of the flat lobe (at least 5/8 c / π) and sheen
+only add to it. They belong to the second component, with the specular lobes, the clear coat, and
+the light that a thin sheet transmits diffusely.
 
-A scene whose file is loaded with :func:`gpf.scene.load.load_scene_file` gets these plugins in place
-of Mitsuba's. All components together have the same values, so other integrators see no difference.
+Scene files loaded with :func:`gpf.scene.load.load_scene_file` get these plugins in place of
+Mitsuba's. All components together have the same values, so other integrators see no difference.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-# How often directions of the second component are sampled like those of a diffuse surface. This
-# finds retro-reflection and sheen; the specular lobes are sampled by their own distributions.
+# Fraction of the second component's directions that is sampled as for a diffuse surface. This finds
+# retro-reflection and sheen; the specular lobes are sampled with their own distributions.
 DIFFUSE_RATE = 0.2
 
 
@@ -36,7 +36,7 @@ class _Separable(mi.BSDF):
 
     Attributes
     ----------
-    original: the name of Mitsuba's plugin, whose properties are those of this one.
+    original: the name of Mitsuba's plugin; this one has the same properties.
     two_sided: whether there is a diffuse component on both sides.
     taken_by, taken_share: q is 1 - ``taken_share`` times the parameter ``taken_by``.
     """
@@ -48,7 +48,7 @@ class _Separable(mi.BSDF):
 
     def __init__(self, props: mi.Properties) -> None:
         super().__init__(props)
-        given = {name: props[name] for name in props.keys()}  # noqa: SIM118  # no dictionary
+        given = {name: props[name] for name in props.keys()}  # noqa: SIM118  # not a dictionary
         self.whole = mi.load_dict({"type": self.original} | given)
         rate = {"diffuse_reflectance_sampling_rate": DIFFUSE_RATE}
         self.rest = mi.load_dict({"type": self.original} | given | rate)
@@ -61,13 +61,13 @@ class _Separable(mi.BSDF):
         self.m_flags = self.whole.flags()
 
     def traverse(self, callback: Any) -> None:
-        """Show the parameters of Mitsuba's plugin."""
+        """Expose the parameters of Mitsuba's plugin."""
         callback.put(self.original, self.whole, mi.ParamFlags.NonDifferentiable)
 
     def eval(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: Any = True
     ) -> mi.Color3f:
-        """``f(wi, wo) |cos θ_o|`` of the enabled components, (N, 3)."""
+        """``f(wi, wo) |cos θ_o|`` for the enabled components, (N, 3)."""
         diffuse, rest = _enabled(ctx)
         if not rest:
             return self._diffuse(si, wo, active) if diffuse else mi.Color3f(0)
@@ -88,7 +88,7 @@ class _Separable(mi.BSDF):
     def eval_pdf(
         self, ctx: mi.BSDFContext, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: Any = True
     ) -> tuple[mi.Color3f, mi.Float]:
-        """Both."""
+        """:meth:`eval` and :meth:`pdf` together."""
         return self.eval(ctx, si, wo, active), self.pdf(ctx, si, wo, active)
 
     def sample(
@@ -99,7 +99,7 @@ class _Separable(mi.BSDF):
         sample2: mi.Point2f,
         active: Any = True,
     ) -> tuple[mi.BSDFSample3f, mi.Color3f]:
-        """A direction, and ``f |cos θ_o|`` over its density, (N, 3), of the enabled components."""
+        """A direction, and ``f |cos θ_o|`` over its density, (N, 3), for the enabled components."""
         diffuse, rest = _enabled(ctx)
         if rest and diffuse:
             return self.whole.sample(ctx, si, sample1, sample2, active)
@@ -129,7 +129,7 @@ class _Separable(mi.BSDF):
         return self.whole.eval_diffuse_reflectance(si, active)
 
     def _reflects(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f) -> mi.Bool:
-        """Whether both directions lie on one side that has a diffuse component, (N,)."""
+        """Whether both directions are on the same side and it has a diffuse component, (N,)."""
         return (si.wi.z * wo.z > 0) & ((wo.z > 0) | self.two_sided)
 
     def _diffuse(self, si: mi.SurfaceInteraction3f, wo: mi.Vector3f, active: Any) -> mi.Color3f:
@@ -144,11 +144,11 @@ class _Separable(mi.BSDF):
         return dr.select(active, level * self.base_color.eval(si, active), 0)
 
     def class_name(self) -> str:
-        """Otherwise the name of Mitsuba's base class."""
+        """The name of this class; by default, Mitsuba gives that of its base class."""
         return type(self).__name__
 
     def to_string(self) -> str:
-        """A description, for print."""
+        """A printable description."""
         return f"{self.class_name()}[{self.whole}]"
 
 

@@ -1,4 +1,4 @@
-"""Sensors of Mitsuba for views, and views for the sensors of a scene."""
+"""Mitsuba sensors for views, and views for the sensors of a scene."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ def make_sensor(
 ) -> mi.Sensor:
     """A Mitsuba perspective sensor for a view: RGB float32 film, box filter.
 
-    With the box filter, a pixel is the mean of its own samples, for all methods.
+    With the box filter, a pixel is the mean of its own samples for all methods.
 
     Parameters
     ----------
     width, height: pixels.
     spp: samples per pixel.
-    sampler: the plugin's name.
+    sampler: name of the sampler plugin.
     """
     look_at = mi.ScalarTransform4f().look_at(
         origin=list(view.origin), target=list(view.target), up=list(view.up)
@@ -61,12 +61,12 @@ def scene_cameras(scene: mi.Scene) -> list[mi.Sensor]:
 
 
 def views_of_sensors(scene: mi.Scene) -> list[View]:
-    """One view for each of :func:`scene_cameras`.
+    """One view per sensor from :func:`scene_cameras`.
 
     ``target`` is one unit in front of ``origin``, and ``fov`` is the angle across x. Names come
     from the ids of the sensors; without an id, the name is ``camera``. A view is a pinhole camera
-    with its axis through the middle of the image: it has no aperture, shifted principal point,
-    crop of the film or mirrored image (:func:`differs_from_view` reports these).
+    with its axis through the centre of the image: it has no aperture, shifted principal point,
+    film crop or mirrored image (:func:`differs_from_view` reports these).
 
     Raises
     ------
@@ -101,25 +101,25 @@ def film_aspect(sensor: mi.Sensor) -> float:
 
 
 def differs_from_view(sensor: mi.Sensor, view: View) -> list[str]:
-    """The properties of a sensor that its view lacks, in words; empty if their images agree."""
+    """Descriptions of the sensor's properties that its view lacks; empty if their images agree."""
     found = []
     if sensor.class_name() == "ThinLensCamera":
         found.append("has an aperture: views are in focus everywhere")
     if np.linalg.det(_matrix(sensor)[:3, :3]) < 0:
-        found.append("shows a mirror image: views show it the right way round")
+        found.append("shows a mirror image: views are not mirrored")
     if list(sensor.film().crop_size()) != list(sensor.film().size()):
-        found.append("shows a crop of its film: views show all of it")
+        found.append("shows a crop of its film: views show the whole film")
     shift = [_principal_point(sensor, axis) for axis in "xy"]
     if any(shift):
-        found.append("has its principal point off the middle: that of views is in the middle")
+        found.append("has its principal point off centre: views have it at the centre")
     width, height = (int(n) for n in sensor.film().size())
     if not found and not _same_rays(sensor, make_sensor(view, width, height)):
-        found.append("makes other rays than a pinhole camera would")
+        found.append("generates different rays from a pinhole camera")
     return found
 
 
 def looks_through(scene: mi.Scene, sensor: mi.Sensor, view: View) -> list[str]:
-    """Whether the sensor's near clip hides surfaces that the view shows, in words; else empty."""
+    """A description of what the sensor's near clip hides but the view shows; empty if nothing."""
     near, aspect = float(sensor.near_clip()), film_aspect(sensor)
     rows, columns = 32, max(1, round(32 * aspect))
     index = dr.arange(mi.UInt32, rows * columns)
@@ -131,7 +131,7 @@ def looks_through(scene: mi.Scene, sensor: mi.Sensor, view: View) -> list[str]:
     if share == 0:
         return []
     return [
-        f"leaves out all that is nearer than {near:.3g} units: "
+        f"clips everything nearer than {near:.3g} units: "
         f"views do not, and it covers {100 * share:.0f}% of this one"
     ]
 

@@ -20,7 +20,7 @@ def build_scene(name: str, root: Path | None = None, target: Path | None = None)
     """Run the ``build.py`` of a scene and return the files that it made; none without a builder.
 
     The files go below ``target``, by default the folder of the scene. The builder writes them to a
-    temporary folder; they are moved when all are complete.
+    temporary folder; they are moved once all are complete.
     """
     folder = scene_folder(name, root)
     target = target or folder
@@ -46,9 +46,9 @@ def build_scene(name: str, root: Path | None = None, target: Path | None = None)
 def snapshot_scene(name: str, target: Path, root: Path | None = None) -> None:
     """Make ``target`` a complete copy of a scene, with the files that its builder generates.
 
-    The files of :func:`scene_files` except the builder are copied, so that the snapshot depends on
-    no other folder; other files in ``target`` are deleted. The snapshot is loaded once before it
-    replaces an older one: after a :class:`UserError`, the older one is unchanged.
+    All :func:`scene_files` except the builder are copied, so that the snapshot depends on no other
+    folder; other files in ``target`` are deleted. The snapshot is loaded once before it replaces
+    an older one: after a :class:`UserError`, the older one is unchanged.
     """
     folder = scene_folder(name, root)
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -58,11 +58,11 @@ def snapshot_scene(name: str, target: Path, root: Path | None = None) -> None:
         lines = {reference.path: str(reference.place) for reference in reversed(references)}
         for source in scene_files(name, root):
             where = lines.get(source, str(folder / "scene.xml"))
-            inside = source.is_relative_to(folder)  # else named by an absolute path
+            inside = source.is_relative_to(folder)  # otherwise named by an absolute path
             if not inside or not source.resolve().is_relative_to(folder.resolve()):
                 raise UserError(
                     where,
-                    f"refers to {source}, which is outside of the scene's folder",
+                    f"refers to {source}, which is outside the scene folder",
                     "Copy it into the folder and refer to it by a relative path.",
                 )
             if source.name == "build.py" or source.relative_to(folder) in made:
@@ -86,7 +86,7 @@ def snapshot_scene(name: str, target: Path, root: Path | None = None) -> None:
 
 
 def make_folders(file: Path, target: Path) -> None:
-    """Make the folders below ``target`` that a scene file names in ``<path>``, even if empty."""
+    """Create the folders below ``target`` that a scene file names in ``<path>``, even if empty."""
     for reference in read_scene_xml(file).references:
         if reference.is_folder and reference.path.is_relative_to(file.parent):
             name, where = reference.path.relative_to(file.parent), str(reference.place)

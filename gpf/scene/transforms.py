@@ -1,8 +1,8 @@
-"""Views as ``transforms.json``, the format of cameras for NeRF, nerfstudio and gsplat.
+"""Views as ``transforms.json``, the camera format of NeRF, nerfstudio and gsplat.
 
 ``transform_matrix`` maps from the camera to the world; the camera looks along its -z, and y is up.
-Focal lengths and image sizes are in pixels. Written files have them once for all frames; files
-that are read may have them in each frame, or ``camera_angle_x`` (radians) instead.
+Focal lengths and image sizes are in pixels. Written files give them once for all frames; files to
+be read may give them per frame, or ``camera_angle_x`` (radians) instead.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from gpf.scene.pinhole import make_pinhole
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import SceneViews, View, ViewSets, name_view, read_views
 
-# From the camera of computer vision (y down, z ahead) to the one of OpenGL (y up, z backwards).
+# From the computer-vision camera (y down, z forward) to the OpenGL camera (y up, z backward).
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 _DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")
@@ -43,8 +43,8 @@ def write_transforms(
     Parameters
     ----------
     size: width and height of the images, pixels.
-    files: by name of a view, further keys of its frame, such as ``file_path``.
-    more: further keys of the whole, such as ``ply_file_path``.
+    files: view name -> further keys of its frame, such as ``file_path``.
+    more: further top-level keys, such as ``ply_file_path``.
     """
     width, height = size
     cameras = [make_pinhole(view, size) for view in views]
@@ -79,22 +79,22 @@ def _focal(length: float) -> dict[str, float]:
 
 
 def read_transforms(path: Path) -> SceneViews:
-    """The frames as training views.
+    """Read the frames as training views.
 
     A view's name is the frame's ``name``, or the name of its image file.
 
     Raises
     ------
-    UserError: the file is missing or has no frames; or a camera is no pinhole camera with square
-        pixels and its axis through the middle of the image; or the images differ in aspect, or
-        neither the file nor they say how large they are.
+    UserError: the file is missing or has no frames; or a camera is not a pinhole camera with square
+        pixels and its axis through the centre of the image; or the images differ in aspect, or
+        their size is given neither by the file nor by the images themselves.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise UserError(str(path), "does not exist", "Check the path.") from None
     except (OSError, ValueError, RecursionError) as error:
-        raise UserError(str(path), f"is no JSON file ({error})", "Check the file.") from error
+        raise UserError(str(path), f"is not a JSON file ({error})", "Check the file.") from error
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames:
         raise UserError(str(path), "has no frames", "Give it a list `frames` of cameras.")
@@ -108,13 +108,13 @@ def read_transforms(path: Path) -> SceneViews:
             view, aspect = _read_frame(where, {**content, **frame}, names, path.parent)
         except (TypeError, ValueError, ArithmeticError) as error:
             raise UserError(
-                where, f"has a value that is no useful number: {error}", "Correct the frame."
+                where, f"has a value that is not a usable number: {error}", "Correct the frame."
             ) from error
         names.add(view.name)
         views.append(view)
         aspects.append(aspect)
     if max(aspects) > 1.001 * min(aspects):
-        raise UserError(str(path), "has images of different aspects", "Use one file for each.")
+        raise UserError(str(path), "has images of different aspects", "Use one file per aspect.")
     try:
         return SceneViews(aspect=round(aspects[0], 6), views=ViewSets(train=tuple(views)))
     except ValidationError as error:
@@ -122,13 +122,13 @@ def read_transforms(path: Path) -> SceneViews:
 
 
 def read_cameras(path: Path) -> SceneViews:
-    """The views of a ``transforms.json`` or of a ``views.yaml``, by the suffix of the file."""
+    """Read the views of a ``transforms.json`` or ``views.yaml``, depending on the file's suffix."""
     return read_transforms(path) if path.suffix == ".json" else read_views(path)
 
 
 def read_sensors(path: Path, rows: int) -> tuple[list[mi.Sensor], float | None]:
-    """Sensors of the training and novel views of a file, with so many rows of pixels, and the
-    exposure that it gives, if it does."""
+    """Sensors for the training and novel views of a file, with ``rows`` rows of pixels, and the
+    file's exposure, if given."""
     read = read_cameras(path)
     sensors = [make_sensor(view, *read.size(rows)) for view in (*read.train, *read.novel)]
     return sensors, read.given_exposure
@@ -143,25 +143,27 @@ def _read_frame(
         raise UserError(where, "has no transform_matrix of 4 rows", "Give camera to world, 4×4.")
     rotation = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
     if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-        raise UserError(where, "has a transform_matrix that is no rotation", "Correct the matrix.")
+        raise UserError(
+            where, "has a transform_matrix that is not a rotation", "Correct the matrix."
+        )
     if bent := [key for key in _DISTORTIONS if frame.get(key)]:
         raise UserError(
             where, f"has lens distortion ({', '.join(bent)})", "Undistort the images first."
         )
     width, height = _image_size(frame, folder)
     if not (width > 0 and height > 0):
-        raise UserError(where, "has no size of the image", "Give `w` and `h` in pixels.")
+        raise UserError(where, "has no image size", "Give `w` and `h` in pixels.")
     centre = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
     if abs(centre[0] - width / 2) > 1 or abs(centre[1] - height / 2) > 1:
         raise UserError(
             where,
-            f"has its principal point at {centre[0]:g}, {centre[1]:g}, not in the middle",
-            "Crop the images so that it is in the middle.",
+            f"has its principal point at {centre[0]:g}, {centre[1]:g}, not at the centre",
+            "Crop the images so that it is at the centre.",
         )
     if "fl_x" in frame:
         focal = float(frame["fl_x"])
         if abs(float(frame.get("fl_y", focal)) / focal - 1) > 1e-3:
-            raise UserError(where, "has pixels that are not square", "Resample the images.")
+            raise UserError(where, "has non-square pixels", "Resample the images.")
         fov = 2 * math.atan(width / 2 / focal)
     elif "camera_angle_x" in frame:
         fov = float(frame["camera_angle_x"])
@@ -183,8 +185,8 @@ def _read_frame(
 
 
 def _image_size(frame: Mapping[str, Any], folder: Path) -> tuple[float, float]:
-    """Width and height in pixels: as given, or those of the image, as in the data sets of NeRF;
-    0 if neither is there."""
+    """Width and height in pixels: as given, or those of the image, as in NeRF data sets; 0 if
+    neither is available."""
     if "w" in frame or "h" in frame:
         return float(frame.get("w", 0)), float(frame.get("h", 0))
     name = str(frame.get("file_path", ""))
@@ -195,6 +197,8 @@ def _image_size(frame: Mapping[str, Any], folder: Path) -> tuple[float, float]:
                     return opened.size
             except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
                 raise UserError(
-                    str(file), f"cannot be read ({error})", "Or give `w` and `h` in the frame."
+                    str(file),
+                    f"cannot be read ({error})",
+                    "Repair it, or give `w` and `h` in the frame.",
                 ) from error
     return 0, 0

@@ -1,4 +1,4 @@
-"""Errors of Mitsuba while light is traced, in words: a material or a texture cannot do it."""
+"""Explain Mitsuba's errors during light tracing: a material or a texture does not support it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from gpf.core.errors import UserError
 
 @contextmanager
 def telling_untraceable(where: str) -> Iterator[None]:
-    """Make an error of Mitsuba in the block a :class:`UserError`; ``where`` names the scene.
+    """Turn a Mitsuba error in the block into a :class:`UserError`; ``where`` names the scene.
 
-    Mitsuba's messages begin with the class that raised them, in brackets. An error of Dr.Jit or of
-    Python is a mistake in this program, and keeps its traceback.
+    Mitsuba's messages begin with the class that raised them, in brackets. An error from Dr.Jit or
+    Python is a bug in this program, and keeps its traceback.
     """
     try:
         yield
@@ -25,7 +25,7 @@ def telling_untraceable(where: str) -> Iterator[None]:
         todo = "Replace the material or emitter that Mitsuba names."
         if "eval_1_grad" in message:
             todo = "Give the bumpmap a bitmap texture: the slope of this one cannot be evaluated."
-        raise UserError(where, f"light cannot be traced in it: {message}", todo) from error
+        raise UserError(where, f"cannot be traced: {message}", todo) from error
 
 
 def _origin_of(error: BaseException) -> BaseException:

@@ -8,16 +8,16 @@ The format, with every key::
     views:
       train:                 # training views of the field: at least one
         - {name: front, origin: [0, 0, 3.9], target: [0, 0, 0], up: [0, 1, 0], fov: 39.3}
-      novel: []              # views that no method trains with, to compare methods
+      novel: []              # views that no method trains on, to compare methods
       more: []               # further training views, for baselines that learn from images
     path:                    # optional: a camera path through keyframes
       frames: 24
-      closed: true           # the path goes on from the last keyframe to the first
+      closed: true           # the path continues from the last keyframe to the first
       keyframes:             # at least two
         - {origin: [0, 0, 3.9], target: [0, 0, 0], fov: 39.3}
         - {origin: [1, 0, 3.9], target: [0, 0, 0], fov: 39.3}
 
-Lengths are in scene units, ``fov`` in degrees, ``up`` is +y by default. Other keys are errors.
+Lengths are in scene units, ``fov`` is in degrees, and ``up`` is +y by default. Other keys are errors.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Keyframe(Settings):
 class View(Keyframe):
     """A named camera; ``fov`` is the angle across ``fov_axis``."""
 
-    # Files of pictures are called so, with more behind it.
+    # Image files are named after the view, with a suffix.
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_]*$", max_length=100)]
     fov_axis: FovAxis = "x"
 
@@ -74,7 +74,7 @@ class View(Keyframe):
     def _check_name(cls, name: str) -> str:
         if name.startswith("frame_"):
             raise PydanticCustomError(
-                "name", "begins with frame_", {"todo": "Only frames of the path are called so."}
+                "name", "begins with frame_", {"todo": "That is reserved for frames of the path."}
             )
         return name
 
@@ -116,13 +116,13 @@ class ViewSets(Settings):
                 raise PydanticCustomError(
                     "duplicate",
                     f"{names.count(name)} views are called {name!r}",
-                    {"todo": "Give every view a name of its own."},
+                    {"todo": "Give every view its own name."},
                 )
         return self
 
 
 class SceneViews(Settings):
-    """A whole ``views.yaml``. Views without their own ``fov_axis`` have that of the file."""
+    """A whole ``views.yaml``. Views without their own ``fov_axis`` use that of the file."""
 
     views: ViewSets = ViewSets()
     path: CameraPath | None = None
@@ -151,7 +151,7 @@ class SceneViews(Settings):
 
     @property
     def novel(self) -> tuple[View, ...]:
-        """The novel views, which no method trains with."""
+        """The novel views, which no method trains on."""
         return tuple(self._with_axis(view) for view in self.views.novel)
 
     @property
@@ -165,7 +165,7 @@ class SceneViews(Settings):
         return self.exposure if "exposure" in self.model_fields_set else None
 
     def find(self, name: str) -> View:
-        """The view or the frame with this name; a :class:`UserError` if there is none."""
+        """The view or frame with this name; a :class:`UserError` if there is none."""
         named = (*self.train, *self.novel, *self.more, *self.frames())
         known = {view.name: view for view in named}
         if name not in known:
@@ -224,7 +224,8 @@ def read_views(file: Path | str, need_training: bool = True) -> SceneViews:
 
     Raises
     ------
-    UserError: as :func:`gpf.core.yaml.read_yaml`, or ``need_training`` and no training view.
+    UserError: as :func:`gpf.core.yaml.read_yaml`, or if ``need_training`` and there is no training
+        view.
     """
     found = read_yaml(Path(file), SceneViews, "Write one; gpf/scene/views.py describes the format.")
     if need_training and not found.train:

@@ -38,7 +38,7 @@ def _list(name: str, cameras: Iterable[Keyframe], axis: str = "x") -> list[str]:
 
 
 def _camera(camera: Keyframe, axis: str) -> str:
-    """One camera; ``axis`` is the ``fov_axis`` of the file, which is not repeated."""
+    """One camera; ``axis`` is the file's ``fov_axis``, which is not repeated."""
     parts = [f"name: {_word(camera.name)}"] if isinstance(camera, View) else []
     parts += [f"{key}: {_vector(getattr(camera, key))}" for key in ("origin", "target")]
     if camera.up != (0, 1, 0):

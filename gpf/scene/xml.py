@@ -1,6 +1,6 @@
 """Read scene files without Mitsuba: their tags with file and line, and the files that they name.
 
-``mi.parser`` does not suit: it raises an error at the first missing include, folder or spectrum
+``mi.parser`` is not suitable: it raises an error at the first missing include, folder or spectrum
 file and at a parameter without a value, and its nodes do not keep ``<include>``, ``<path>``,
 ``<default>`` or the file name of a ``<spectrum>``.
 
@@ -14,8 +14,8 @@ File names are resolved as in Mitsuba 3.9:
 - a ``<path>`` adds its folder before those of the including files; one in the scene file also
   counts for all plugins.
 
-Mitsuba also looks in the current folder. A file that is only there counts as missing here, because
-it is not part of the scene.
+Mitsuba also looks in the current folder. A file found only there counts as missing here, because it
+is not part of the scene.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from gpf.core.errors import UserError
 CODINGS = ("utf-8", "utf8", "utf-16", "iso-8859-1", "latin1", "us-ascii", "ascii")
 
 DEEPEST_INCLUDE = 14
-"""So many files may be nested by includes below the first; Mitsuba refuses more."""
+"""Maximum depth of includes below the first file; Mitsuba refuses more."""
 
 MOST_CHARACTERS = 100_000
-"""An attribute may be so long with the values of its parameters: a few lines of parameters within
-parameters could otherwise fill the memory."""
+"""Maximum length of an attribute after its parameters are replaced by their values: otherwise, a few
+lines of nested parameters could fill the memory."""
 
-_DOLLAR = r"(?<!\\)\$"  # begins the name of a parameter
+_DOLLAR = r"(?<!\\)\$"  # starts a parameter name
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class SceneXml:
         return list(reversed(found.values()))
 
     def fill(self, text: str) -> str:
-        """Replace parameters by their default values; the longest matching name has priority.
+        """Replace parameters by their default values; the longest matching name takes precedence.
 
         A parameter without a value stays as it is: Mitsuba raises an error with its line.
 
@@ -144,7 +144,7 @@ def read_scene_xml(file: Path, parameters: Mapping[str, str] | None = None) -> S
 
 
 class _Reader:
-    """Reads files in the order of Mitsuba."""
+    """Reads files in Mitsuba's order."""
 
     def __init__(self, file: Path, parameters: Mapping[str, str]) -> None:
         self.document = SceneXml(defaults=dict(parameters))
@@ -156,7 +156,7 @@ class _Reader:
             references[i] = replace(references[i], path=_find(references[i].text, search))
 
     def read(self, file: Path, search: list[Path], within: tuple[Path, ...]) -> None:
-        """Add a file, which looks for names in the folders ``search``, in order."""
+        """Add a file whose names are looked up in the folders ``search``, in order."""
         document = self.document
         for number, (name, raw, line) in enumerate(_parse(file)):
             place = Place(file, line)
@@ -165,8 +165,8 @@ class _Reader:
             try:
                 filled = {k: document.fill(text) for k, text in raw.items()}
             except ValueError as error:
-                what = f"has, with the values of its parameters, {error}"
-                raise UserError(str(place), what, "Use fewer parameters within others.") from None
+                what = f"has {error} once its parameters are replaced"
+                raise UserError(str(place), what, "Nest fewer parameters.") from None
             attributes = {k: text.replace("\\$", "$") for k, text in filled.items()}
             document.tags.append(Tag(name, attributes, place, is_root=number == 0))
             value, filename = attributes.get("value", ""), attributes.get("filename", "")
@@ -187,36 +187,36 @@ class _Reader:
                 inner = [file.parent, *search]
                 included = _find(filename, inner, 0)
                 document.references.append(Reference(filename, included, place))
-                if included.is_file():  # a link to itself is none, and cannot be resolved
+                if included.is_file():  # false for a link to itself, which cannot be resolved
                     chain = (*within, file.resolve())
                     if included.resolve() in chain:
                         circle = f"includes {included}, which includes it"
                         raise UserError(str(place), circle, "Remove one include.")
                     if len(chain) > DEEPEST_INCLUDE:
-                        deep = f"is an include in more than {DEEPEST_INCLUDE} others"
-                        raise UserError(str(place), deep, "Join some of these files.")
+                        deep = f"is nested in more than {DEEPEST_INCLUDE} includes"
+                        raise UserError(str(place), deep, "Merge some of these files.")
                     self.read(included, inner, chain)
 
 
 def _find(text: str, folders: Iterable[Path], otherwise: int = -1) -> Path:
-    """``text`` in the first folder that has it; if none has, in ``folders[otherwise]``."""
+    """``text`` in the first folder that contains it; if none does, in ``folders[otherwise]``."""
     places = [folder / text for folder in folders]
     return next((path for path in places if path.exists()), places[otherwise])
 
 
 def _check_coding(file: Path, coding: str | None) -> None:
-    # Mitsuba takes the bytes of others for UTF-8, and Python cannot read ids that are not.
+    # Mitsuba treats any other encoding as UTF-8, and Python cannot read ids that are not UTF-8.
     if coding and coding.lower() not in CODINGS and not file.read_bytes().isascii():
-        todo = f"Save it in UTF-8; {', '.join(CODINGS)} are possible."
+        todo = f"Save it as UTF-8; supported are {', '.join(CODINGS)}."
         raise UserError(str(file), f"does not parse: unknown encoding {coding}", todo)
 
 
 def _refuse_type(place: Place) -> None:
-    raise UserError(str(place), "has a document type (DOCTYPE)", "Remove it, and its entities.")
+    raise UserError(str(place), "has a document type (DOCTYPE)", "Remove it and its entities.")
 
 
 def _coding_of(file: Path) -> str | None:
-    """The encoding of a file whose own word for it expat does not know; None if it does."""
+    """The encoding of a file if expat does not know the file's name for it; else None."""
     try:
         with file.open("rb") as stream:
             head = stream.read(200)
@@ -232,7 +232,7 @@ def _parse(file: Path) -> list[tuple[str, dict[str, str], int]]:
     parser.StartElementHandler = lambda name, attributes: tags.append(
         (name, attributes, parser.CurrentLineNumber)
     )
-    # Its entities can grow to gigabytes or name other files, and scenes need none.
+    # Entities can expand to gigabytes or refer to other files, and scenes need none.
     parser.StartDoctypeDeclHandler = lambda *_: _refuse_type(Place(file, parser.CurrentLineNumber))
     parser.XmlDeclHandler = lambda _, coding, __: _check_coding(file, coding)
     try:

@@ -18,7 +18,7 @@ def radius_at(t: int, initial_radius: float, alpha: float) -> float:
     """Radius of pass ``t`` (counted from 1), in the unit of ``initial_radius``.
 
     The recurrence r_{t+1} = r_t √((t + α) / (t + 1)) (Knaus and Zwicker 2011) in closed form, so
-    that a pass does not need the passes before it:
+    that a pass does not depend on earlier ones:
 
         r_t² = r_1² Γ(t + α) / (Γ(1 + α) Γ(t + 1))
     """
@@ -59,7 +59,7 @@ class PhotonDensity:
 
     @classmethod
     def of_points(cls, points: OrientedPoints, radius: float, bounds: Any) -> PhotonDensity:
-        """The density of points on surfaces, 1/m²: each point is a photon of one watt."""
+        """The density of points on surfaces, 1/m²: each point counts as a photon of one watt."""
         count = dr.width(points.p)
         power = mi.Color3f(dr.full(mi.Float, 1, count))
         depth = dr.zeros(mi.UInt32, count)

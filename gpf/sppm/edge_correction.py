@@ -1,11 +1,11 @@
 """Edge correction: what part of the kernel's disc lies on the surface.
 
 The kernel density estimate divides by the area of a disc, π r². Where the surface ends within the
-disc (a wall in a corner, the rim of a table), photons land on a part of the disc only. The estimate
+disc (a wall in a corner, the rim of a table), photons land on only part of the disc. The estimate
 is then too low, and images get dark lines along edges, which fade only as the radius shrinks.
 
-A pass of SPPM corrects its estimate with the rays of a moment (:func:`area_correction`): the mean
-over many passes is right. Photons of all passes that are gathered at once need the area itself
+A pass of SPPM corrects its estimate with a few random rays (:func:`area_correction`): the mean over
+many passes is right. When the photons of all passes are gathered at once, the area itself is needed
 (:func:`covered_share`), at the points where it matters (:func:`near_edges`).
 """
 
@@ -20,10 +20,10 @@ from gpf.photons.photon_grid import rounded_normal
 # Without a limit, a point on an object much smaller than the disc would need very many trials.
 _MOST_TRIALS = 8
 
-# Angle between the points of a sunflower, radians: they cover a disc evenly.
+# Angle between successive points of a sunflower pattern, radians: they cover a disc evenly.
 _GOLDEN_ANGLE = 2.399963
 
-# Rays of near_edges: on the disc's rim, which every straight edge in the disc cuts, and within.
+# Rays of near_edges on the disc's rim, which every straight edge in the disc cuts, and within it.
 _RIM, _WITHIN = 8, 8
 
 
@@ -31,7 +31,7 @@ _RIM, _WITHIN = 8, 8
 def area_correction(
     scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, valid: mi.Bool, radius: float, seed: int
 ) -> mi.Float:
-    """An estimate of π r² / A(x), (N,); A(x) is the area on which photons count at x.
+    """An estimate of π r² / A(x), (N,), where A(x) is the area on which photons count at x.
 
     Short rays, perpendicular to the disc, go through random points of the disc until one of them
     meets the surface. If a ray does so with probability c, the expected number of rays is 1/c. The
@@ -39,8 +39,8 @@ def area_correction(
     c = 1/4.
 
     The ball around x cuts the same area from a curved surface, or from one with a crease, as from
-    a plane (for a sphere: exactly). The disc is therefore treated as bent like the surface. Surface
-    inside a box that stands on it, or behind a wall that crosses it, counts like the rest.
+    a plane (exactly so for a sphere). The disc is therefore treated as bent like the surface.
+    Surface inside a box that stands on it, or behind a wall that crosses it, counts like the rest.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ def covered_share(
 ) -> mi.Float:
     """The part A(x) / π r² of the smooth kernel's disc on which photons count at x, (N,).
 
-    As :func:`area_correction`, but the share of a number of rays, which are spread evenly over the
-    disc, and for photons of :class:`gpf.photons.photon_grid.PhotonSums`, whose normals are rounded.
-    At least an eighth.
+    Like :func:`area_correction`, but from a fixed number of rays, spread evenly over the disc: the
+    share of them that meet the surface, at least an eighth. For photons of
+    :class:`gpf.photons.photon_grid.PhotonSums`, whose normals are rounded.
     """
     r, frame = dr.opaque(mi.Float, radius), mi.Frame3f(n)
     first, second = _numbers_of(p, seed)
@@ -89,7 +89,7 @@ def covered_share(
 
 @dr.syntax
 def near_edges(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, radius: float, seed: int) -> mi.Bool:
-    """Where the surface does not fill the disc of a kernel, or of a smaller one, (N,).
+    """Whether the surface does not fill the disc of this kernel, or of a smaller one, (N,).
 
     Edges that cut off less than 1.2 % of the disc may be missed.
     """
@@ -118,8 +118,8 @@ def _numbers_of(p: mi.Point3f, seed: int) -> tuple[mi.UInt32, mi.UInt32]:
 def _above(
     frame: mi.Frame3f, r: mi.Float, distance: mi.Float, turn: mi.Float, number: mi.UInt32
 ) -> mi.Vector3f:
-    """Offset of the start of a ray, (N, 3): number ``number`` of a sunflower that is turned by an
-    angle, at a distance in radii, one radius above the disc."""
+    """Offset of a ray's start, (N, 3): point ``number`` of a sunflower pattern rotated by ``turn``,
+    at ``distance`` radii from its centre, one radius above the disc."""
     sine, cosine = dr.sincos(turn + _GOLDEN_ANGLE * mi.Float(number))
     return frame.to_world(r * mi.Vector3f(distance * cosine, distance * sine, 1))
 

@@ -15,7 +15,7 @@ from gpf.core.structs import VisiblePoints, to_numpy
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import diffuse_context
 
-# Random numbers (N, 2) instead of others, and the weight of their samples, (N,).
+# Replaces random numbers, (N, 2), and gives the weight of their samples, (N,).
 Warp = Callable[["mi.Point2f"], tuple["mi.Point2f", "mi.Float"]]
 
 
@@ -32,7 +32,7 @@ class FixedPoints:
 
     @cached_property
     def _surface(self) -> mi.SurfaceInteraction3f:
-        """The surfaces of the points, (N,), found by short rays from above; not valid where a ray
+        """The surfaces of the points, (N,), found by short rays from above; invalid where a ray
         misses the surface."""
         above = dr.zeros(mi.SurfaceInteraction3f, dr.width(self.points.p))
         above.p, above.n = self.points.p, self.points.n
@@ -51,14 +51,14 @@ class FixedPoints:
 
             E = L_e / p_e(ω) T |cos θ| g(ω)
 
-        with the share T of the light that arrives, the cosine in the shading frame, and g of
-        :func:`gpf.scene.materials.diffuse_transfer`. Photons from the same point would bring the
-        same irradiance.
+        where T is the share of the light that arrives, the cosine is that in the shading frame, and
+        g is that of :func:`gpf.scene.materials.diffuse_transfer`. Photons from the same point would
+        bring the same irradiance.
 
         Parameters
         ----------
         sample: random numbers in [0, 1)², (N, 2).
-        lamps: the emitters that are sampled; by default all.
+        lamps: the emitters to sample; all by default.
         """
         here, n = self._interactions(), self.points.n
         lamps = Lamps(self.scene) if lamps is None else lamps
@@ -83,12 +83,12 @@ class FixedPoints:
         start: start of each point's sequence of samples, (N, 2); see
             :func:`gpf.core.random.random_start`.
         first, count: the samples are elements ``first`` to ``first + count - 1`` of the sequence.
-        lamps: the emitters that are sampled; by default all.
-        warp: other random numbers for those of the sequence, and the weight of their light.
+        lamps: the emitters to sample; all by default.
+        warp: replaces the random numbers of the sequence, and gives the weight of their light.
         """
         lamps = Lamps(self.scene) if lamps is None else lamps
         total, squares = (dr.zeros(mi.Color3f, dr.width(self.points.p)) for _ in range(2))
-        # One kernel for any numbers; it is traced once for all samples.
+        # One kernel serves any range of samples; it is traced once for all of them.
         number, end = dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, first + count)
         _ = self._surface  # cannot be found within a loop
         while dr.hint(number < end, exclude=[start, end]):
@@ -118,11 +118,11 @@ class FixedPoints:
         return here
 
     def share(self, direction: mi.Vector3f) -> mi.Color3f:
-        """Irradiance for light from a direction ω, over that for light from above of the same
-        radiance, (N, 3): the cosine of the direction times g(ω)."""
+        """Irradiance from light of direction ω, relative to light of the same radiance from above,
+        (N, 3): the cosine of the direction times g(ω)."""
         n, si = self.points.n, self._surface
         cosine = dr.dot(direction, n)
-        # As for a photon that lands: the BSDF for light from ω over the BSDF for light from above.
+        # As for a photon that lands: the BSDF for light from ω over that for light from above.
         context, known = diffuse_context(), si.is_valid()
         upright = mi.SurfaceInteraction3f(si)
         upright.wi = mi.Vector3f(0, 0, dr.select(dr.dot(si.sh_frame.n, n) > 0, 1, -1))
@@ -133,8 +133,8 @@ class FixedPoints:
         return dr.select(known, shaded, cosine)
 
     def mean_direct(self, lamps: Lamps, samples: int, seed: int) -> np.ndarray:
-        """Irradiance from lamps, W/m², (N, 3) float32: means of evenly spread samples, so many of
-        each of :meth:`Lamps.groups`."""
+        """Irradiance from lamps, W/m², (N, 3) float32: means of evenly spread samples,
+        ``samples`` for each of :meth:`Lamps.groups`."""
         total = dr.zeros(mi.Color3f, dr.width(self.points.p))
         start = random_start(seed, dr.width(self.points.p))
         for number, group in enumerate(lamps.groups()):

@@ -1,4 +1,4 @@
-"""Files with sums over ranges of passes; added together they give the bits of one long sum."""
+"""Files with sums over ranges of passes; added together, they equal one long sum bit for bit."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _NAME = re.compile(r"(\d+)-(\d+)\.safetensors")
 class PassParts:
     """A folder of files ``FIRST-LAST.safetensors``, each with the sums over passes FIRST+1 to LAST.
 
-    These files record which passes are done. A checkpoint is a part that still grows. A part from
-    another machine counts like one that was made here.
+    These files record which passes are done. A checkpoint is a part that is still growing. A
+    part from another machine counts like one made here.
 
     Parameters
     ----------
-    folder: parent of the folder with the parts. That folder has the name of the fingerprint's
-        digest and also holds the fingerprint. Folders of other fingerprints are not touched.
+    folder: parent of the folder with the parts, which is named after the fingerprint's digest and
+        also holds the fingerprint. Folders of other fingerprints are not touched.
     fingerprint: everything that the sums depend on, as JSON values.
     passes: total number of passes. Parts of a longer sum that end later are ignored.
     """
@@ -44,7 +44,7 @@ class PassParts:
         chosen: list[range] = []
         names = [_NAME.fullmatch(p.name) for p in self.folder.glob("*.safetensors")]
         found = [range(int(m[1]), int(m[2])) for m in names if m and int(m[2]) <= self.passes]
-        # Of parts with the same start the longest counts; a part that overlaps it does not.
+        # Of parts with the same start, the longest counts; parts that overlap it do not.
         for part in sorted(found, key=lambda r: (r.start, -r.stop)):
             if not chosen or part.start >= chosen[-1].stop:
                 chosen.append(part)
@@ -61,7 +61,7 @@ class PassParts:
         return left
 
     def others(self) -> dict[Path, str]:
-        """Folders with parts of other sums, and in which facts those sums differ from this one."""
+        """Folders with parts of other sums, and the facts in which these differ from this sum."""
         if not self.parent.is_dir():
             return {}
         folders = sorted(p for p in self.parent.iterdir() if p.is_dir() and p != self.folder)

@@ -1,4 +1,4 @@
-"""Sums over passes; ranges of passes may be grouped in any way and give the same bits."""
+"""Sums over passes: the same bits, however the passes are grouped into ranges."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ _GREATEST_SQUARE = 2.0**51
 
 
 class ViewTally:
-    """Sums of the radiances of one view over passes, (N, 3), and of their squares.
+    """Sums over passes of the radiance of one view, (N, 3), and of its square.
 
-    Odd and even passes are summed separately. The difference of these independent halves shows how
-    much noise is left, also after any processing of the images.
+    Odd and even passes are summed separately. The difference between these independent halves
+    shows how much noise is left, even after any processing of the images.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ class ViewTally:
         return np.sqrt(np.maximum(variance, 0) / (passes - 1))
 
     def expected_psnr(self, passes: int, exposure: float) -> float:
-        """Expected PSNR, in dB, of an independent image of as many passes against this image.
+        """Expected PSNR, in dB, of an independent image with as many passes against this image.
 
         T is the tone mapping. Each half has half of the passes, so its squared error is twice that
-        of the whole; the squared difference of the halves is four times, and that of two whole
-        images twice, the squared error of one:
+        of the whole. The squared difference of the halves is thus four times the squared error of
+        one whole image; that of two whole images is twice this error:
 
             PSNR = -10 log₁₀ (⟨(T(odd) - T(even))²⟩ / 2)
         """
@@ -83,8 +83,8 @@ class PassSums:
 
     Parameters
     ----------
-    views: name -> number of pixels, of each view whose image is accumulated.
-    points: name -> number of points, of each set whose irradiance is accumulated.
+    views: number of pixels of each view whose image is accumulated, by name.
+    points: number of points of each set whose irradiance is accumulated, by name.
     separate_direct: whether direct light, a part of the irradiance, is also summed on its own.
 
     Attributes

@@ -39,11 +39,11 @@ class PassSettings(Settings):
     photons_per_pass: emitted photon paths.
     initial_radius: kernel radius of the first pass, world units.
     alpha: radius reduction, in (0, 1); see :func:`gpf.sppm.density.radius_at`.
-    max_depth: longest path in edges, as in Mitsuba's ``path``; -1 is no limit.
+    max_depth: longest path in edges, as in Mitsuba's ``path``; -1: no limit.
     rr_depth: interactions before Russian roulette.
     direct: source of direct light at visible and fixed points: ``photons``, like all other light,
         or a sample of the ``emitters``.
-    glossy_walks: camera walks of a sample that meets a glossy surface first; see
+    glossy_walks: number of camera walks of a sample that meets a glossy surface first; see
         :class:`gpf.camera.film.FilmSamples`.
     edge_correction: whether to divide by the part of the kernel's disc that lies on the surface,
         instead of the whole disc; see :mod:`gpf.sppm.edge_correction`.
@@ -95,7 +95,7 @@ class PhotonPasses:
         self.settings = suit_scene(settings, scene)
         self.paths = self.settings.path_settings(source)
         self.bounds = scene_bounds(scene)
-        # Number of photons that the buffer must hold, from the passes so far.
+        # Number of photons that the buffer must hold, judging by the passes so far.
         self._room: int | None = None
 
     def trace(self, t: int, photon_seed: int | None = None) -> PhotonPass:
@@ -106,7 +106,7 @@ class PhotonPasses:
         photons = record_photons(self.scene, self.paths, photon_seed, self._room)
         found = dr.width(photons.p)
         if self._room is None or found > self._room:
-            # With an eighth in reserve, because later passes may have a few more photons.
+            # An eighth in reserve, because later passes may have a few more photons.
             self._room = max(self.paths.usual_capacity, found + found // 8)
         radius = radius_at(t, settings.initial_radius, settings.alpha)
         density = PhotonDensity(photons, radius, self.bounds)
@@ -125,8 +125,8 @@ class PhotonPass:
     t: int
 
     def irradiance(self, points: VisiblePoints) -> mi.Color3f:
-        """Irradiance from photons at ``points``, W/m², (N, 3): all light, or indirect light if
-        direct light is sampled at the emitters."""
+        """Irradiance from photons at ``points``, W/m², (N, 3): all light, or only indirect
+        light if direct light is sampled at the emitters."""
         # A path has depth + 1 edges from the camera and depth + 1 edges from the photon.
         budget: Any = UNLIMITED
         if self.settings.max_depth > 0:
@@ -141,15 +141,15 @@ class PhotonPass:
     def all_irradiance(
         self, fixed: FixedPoints, start: mi.Point2f, number: int, lamps: Lamps | None = None
     ) -> tuple[mi.Color3f, mi.Color3f | None]:
-        """E at fixed points, W/m², (N, 3), and the part of it from a sample of the emitters; None
-        for that part if photons also carry direct light.
+        """E at fixed points, W/m², (N, 3), and the part of it from a sample of the emitters, or
+        None if photons also carry direct light.
 
         Parameters
         ----------
         start: start of each point's sequence of samples, (N, 2); see
             :func:`gpf.core.random.random_start`.
-        number: number of passes at these points so far, this one included.
-        lamps: the emitters that are sampled; by default all.
+        number: number of passes at these points so far, including this one.
+        lamps: the emitters to sample; all by default.
         """
         if self.settings.direct == "photons":
             return self.irradiance(fixed.points), None

@@ -32,11 +32,11 @@ class ReferenceSettings(PassSettings):
 
     Attributes
     ----------
-    passes: number of passes, at most.
-    photons_per_pass: emitted paths; ``auto``: from what they bring to the visible region.
+    passes: maximum number of passes.
+    photons_per_pass: emitted paths; ``auto``: from what paths contribute to the visible region.
     initial_radius: world units; ``auto``: from the photon density at the first view.
     view_points, surface_points: largest number of supervised points that training views see, and
-        of supervised samples of surfaces.
+        of supervised surface samples.
     images: number of training views with images; ``auto``: as many as the systems to be run need.
     checkpoint_seconds: time between checkpoints.
     preview_seconds: time between preview images; 0: no previews.
@@ -56,8 +56,9 @@ class ReferenceSettings(PassSettings):
     target_psnr: NotNegative = 0.0
 
     def measure(self, scene: mi.Scene, sensor: mi.Sensor, plan: EmissionPlan) -> PassSettings:
-        """Settings of the passes, with measured values for ``auto``: the number of paths from what
-        they bring to the visible region, the radius from the points that the sensor sees."""
+        """Settings of the passes. Measured values replace ``auto``: the number of paths depends on
+        what they contribute to the visible region, the radius on the points that the sensor sees.
+        """
         paths, radius = self.photons_per_pass, self.initial_radius
         if paths == "auto":
             paths = plan.paths_for_passes(EQUAL_PATHS)
@@ -65,8 +66,8 @@ class ReferenceSettings(PassSettings):
             film = sample_film(scene, sensor, pass_seed(self.seed, 0, Stream.CAMERA))
             pilot = PathSettings(paths, rr_depth=self.rr_depth, source=plan.source)
             measured = propose_radius(scene, film.points, pilot, self.seed)
-            # In steps of a fifth, so that a new training view rarely changes the radius: with
-            # another radius, all novel views would have to be rendered again.
+            # Rounded to steps of a fifth, so that a new training view rarely changes the radius:
+            # with a different radius, all novel views would have to be rendered again.
             radius = float(f"{2 ** (round(4 * np.log2(measured)) / 4):.4g}")
         common = {name: getattr(self, name) for name in PassSettings.model_fields}
         return PassSettings(**common | {"photons_per_pass": paths, "initial_radius": radius})
@@ -82,7 +83,7 @@ class ReferenceView:
         for a view without an image.
     standard_error: standard error of the radiance, from its variance between passes, (H, W, 3);
         None for a view without an image.
-    position, normal, reflectance: of one fixed visible point per pixel, (H, W, 3).
+    position, normal, reflectance: those of one fixed visible point per pixel, (H, W, 3).
     irradiance: mean over passes at these points, W/m², (H, W, 3); None for a view without points.
     direct: the part of the irradiance from samples of the emitters, (H, W, 3); 0 if photons carry
         direct light; None for a view without points.
@@ -112,8 +113,8 @@ class ReferenceRenderer:
 
     Parameters
     ----------
-    sensors: by name, the sensor of each view whose image is accumulated.
-    points: by name, sets of fixed points whose irradiance is accumulated: visible points of a view
+    sensors: the sensor of each view whose image is accumulated, by name.
+    points: sets of fixed points whose irradiance is accumulated, by name: visible points of a view
         (:func:`fixed_points`) or samples of the scene's surfaces.
     source: emits the photons; see :func:`gpf.photons.tracing.trace_photons`.
     """
@@ -203,7 +204,7 @@ class ReferenceRenderer:
         return value.reshape(height, width, 3).astype(np.float32)
 
     def view(self, name: str, sums: PassSums, size: tuple[int, int] | None = None) -> ReferenceView:
-        """The results of a view: its image, and the set of fixed points that has its name.
+        """The results of a view: its image, and the set of fixed points of the same name.
 
         ``size`` is the width and height of the film; a view with an image does not need it.
         """
@@ -254,7 +255,7 @@ class ReferenceRenderer:
 def sample_view(
     scene: mi.Scene, sensor: mi.Sensor, name: str, settings: PassSettings, seed: int, t: int
 ) -> FilmSamples:
-    """One sample per pixel of a view; each pass ``t`` has other samples."""
+    """One sample per pixel of a view; each pass ``t`` has different samples."""
     return sample_film(
         scene,
         sensor,
@@ -276,7 +277,7 @@ def fixed_points(
 ) -> VisiblePoints:
     """One visible point per pixel, the same for all passes, (W H,).
 
-    Only a random ``share`` of the pixels has a valid point.
+    Only a random ``share`` of the pixels have a valid point.
     """
     # Direct light at these points is sampled in each pass, not here.
     whole = settings.model_copy(update={"direct": "photons", "glossy_walks": 1})
