@@ -46,7 +46,7 @@ def read_report(*checks: Check) -> tuple[int, str]:
 def test_all_well_is_status_0_and_says_so() -> None:
     status, text = read_report(Check("one", True, "1.0", "never shown"), Check("two", True, "2"))
     assert status == 0
-    assert "All that is required works." in text
+    assert "Everything required works." in text
     assert "never shown" not in text
 
 
@@ -64,7 +64,7 @@ def test_what_fails_is_status_1_with_its_command() -> None:
     assert status == 1
     assert "FAILS  one            [old] 1.0\n" in text  # brackets are text here, not rich's markup
     assert "-m pip install one" in text
-    assert "To be repaired: one." in text
+    assert "Needs fixing: one." in text
 
 
 def test_commands_name_the_environment_they_are_for(
@@ -278,7 +278,7 @@ def test_a_full_disk_fails_and_little_memory_does_not(monkeypatch: pytest.Monkey
     pages = {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 2**19}
     monkeypatch.setattr(doctor.os, "sysconf", pages.__getitem__)
     check = doctor.check_memory()
-    assert (check.ok, check.detail) == (None, "2.0 GiB, 4 advised")
+    assert (check.ok, check.detail) == (None, "2.0 GiB, 4 recommended")
     pages["SC_PHYS_PAGES"] = 2**20
     assert doctor.check_memory().ok is True
 

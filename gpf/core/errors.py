@@ -52,7 +52,7 @@ class FileError(UserError):
     def __init__(self, path: Path, what: str, missing: bool = False) -> None:
         self.path, self.missing = Path(path), missing
         super().__init__(
-            str(path), what, "Check the path." if missing else "Delete it and recreate it."
+            str(path), what, "Check the path." if missing else "Delete it and make it again."
         )
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -91,7 +91,7 @@ def check_files(file: Path, parameters: Mapping[str, str] | None = None) -> Scen
 def load_with_parameters(
     file: Path, parameters: Mapping[str, object], integrator: bool = True
 ) -> mi.Scene:
-    """Load a file as ``mi.load_file`` does, with some of Mitsuba's plugins replaced by this project's.
+    """Load a file like ``mi.load_file``, with some of Mitsuba's plugins replaced by this project's.
 
     ``integrator``: whether to load the scene's own integrator, too.
 

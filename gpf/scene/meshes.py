@@ -42,8 +42,8 @@ class _NoTriangles(Exception):
 
 
 def check_ply(file: Path, where: str) -> None:
-    """Raise a :class:`UserError` if a triangle of a PLY file refers to a vertex that does not exist,
-    if there is no triangle, or if the file is shorter than its header says.
+    """Raise a :class:`UserError` if a PLY file has a triangle with a vertex that does not exist,
+    has no triangles, or is shorter than its header says.
 
     Parameters
     ----------

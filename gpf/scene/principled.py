@@ -8,8 +8,8 @@ two components, a diffuse one and the rest:
     a(w) = 1 - (1 - |cos θ_w|)⁵ / 2
     q = 1 - m           for principled, 1 - d / 2 for principledthin
 
-with the base colour c, the metallic fraction m, the transmission t, the diffuse transmission d (0 to
-2) and the flatness s at the point. D is the part of the diffuse lobe (Burley 2012) that is a
+with the base colour c, the metallic fraction m, the transmission t, the diffuse transmission d (0
+to 2) and the flatness s at the point. D is the part of the diffuse lobe (Burley 2012) that is a
 product of a function of wi and one of wo, as :mod:`gpf.scene.materials` requires. It is never
 larger than the lobe: retro-reflection, the rest of the flat lobe (at least 5/8 c / π) and sheen
 only add to it. They belong to the second component, with the specular lobes, the clear coat, and

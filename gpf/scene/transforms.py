@@ -143,9 +143,7 @@ def _read_frame(
         raise UserError(where, "has no transform_matrix of 4 rows", "Give camera to world, 4×4.")
     rotation = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
     if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-        raise UserError(
-            where, "has a transform_matrix that is not a rotation", "Correct the matrix."
-        )
+        raise UserError(where, "has a transform_matrix that is not a rotation", "Correct it.")
     if bent := [key for key in _DISTORTIONS if frame.get(key)]:
         raise UserError(
             where, f"has lens distortion ({', '.join(bent)})", "Undistort the images first."
@@ -199,6 +197,6 @@ def _image_size(frame: Mapping[str, Any], folder: Path) -> tuple[float, float]:
                 raise UserError(
                     str(file),
                     f"cannot be read ({error})",
-                    "Repair it, or give `w` and `h` in the frame.",
+                    "Give `w` and `h` in the frame.",
                 ) from error
     return 0, 0

@@ -17,7 +17,7 @@ The format, with every key::
         - {origin: [0, 0, 3.9], target: [0, 0, 0], fov: 39.3}
         - {origin: [1, 0, 3.9], target: [0, 0, 0], fov: 39.3}
 
-Lengths are in scene units, ``fov`` is in degrees, and ``up`` is +y by default. Other keys are errors.
+Lengths are in scene units, ``fov`` is in degrees, ``up`` is +y by default. Other keys are errors.
 """
 
 from __future__ import annotations

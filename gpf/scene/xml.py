@@ -34,7 +34,7 @@ DEEPEST_INCLUDE = 14
 """Maximum depth of includes below the first file; Mitsuba refuses more."""
 
 MOST_CHARACTERS = 100_000
-"""Maximum length of an attribute after its parameters are replaced by their values: otherwise, a few
+"""Maximum length of an attribute with its parameters replaced by their values: otherwise, a few
 lines of nested parameters could fill the memory."""
 
 _DOLLAR = r"(?<!\\)\$"  # starts a parameter name

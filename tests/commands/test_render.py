@@ -295,7 +295,7 @@ def test_what_travels_to_a_cluster_is_the_scene_and_its_files(tmp_path):
 
 def test_without_ray(box, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    assert "--executor: is ray, but the package ray is not installed" in refused(
+    assert "--executor: is ray, but the ray package is not installed" in refused(
         capsys, "--executor", "ray"
     )
 
@@ -323,5 +323,5 @@ def test_a_material_that_cannot_be_traced_is_told(box, capsys):
     new = text.replace("</scene>", f'<shape type="sphere">{bump}</shape></scene>')
     (box / "box.xml").write_text(new, encoding="utf-8")
     said = refused(capsys, "--changed-scene")
-    assert "box.xml: light cannot be traced in it" in said and "Give the bumpmap a bitmap" in said
+    assert "box.xml: cannot be traced" in said and "Give the bumpmap a bitmap" in said
     gc.collect()  # the error's traceback holds the scene, and Dr.Jit traces through all that exist

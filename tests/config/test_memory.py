@@ -25,9 +25,7 @@ def test_what_needs_too_much_says_how_much(monkeypatch, key):
     monkeypatch.setattr(runtime, "count_memory", lambda: 2**34)
     params = Params(scenes=("a",)).vary({key: MUCH})
     gigabytes = MUCH * BYTES[key] / 2**30
-    words = (
-        rf"params\.yaml: {key}: is 2,147,483,647, which needs {gigabytes:.1f} GiB of memory or m"
-    )
+    words = rf"params\.yaml: {key}: is 2,147,483,647, which needs at least {gigabytes:.1f} GiB"
     with pytest.raises(UserError, match=words):
         refuse_too_large(params)
 
@@ -45,7 +43,7 @@ def test_a_limit_of_the_process_counts(monkeypatch):
     assert count_memory() == 2**32
     require_memory("--size", "4x4", 2**32)
     with pytest.raises(
-        UserError, match=r"--size: is 9x9, which needs 8\.0 GiB .* there are 4\.0 GiB"
+        UserError, match=r"--size: is 9x9, which needs at least 8\.0 GiB .* 4\.0 GiB are available"
     ):
         require_memory("--size", "9x9", 2**33)
 

@@ -62,7 +62,7 @@ def test_rows_are_named_as_the_file_has_them(tmp_path, more, words):
 def test_methods_are_listed_where_the_pipeline_waits_for_what_they_need(
     tmp_path, row, group, fitting
 ):
-    words = f"methods.{group} has mine, which does not fit there. List it under methods."
+    words = f"methods.{group} lists mine, which does not belong there. List it under methods."
     with pytest.raises(UserError, match=re.escape(words + fitting)):
         read(tmp_path, f"{GOOD}baselines: {{mine: {row}}}\nmethods: {{{group}: [mine]}}\n")
 
@@ -89,7 +89,7 @@ def test_params_do_not_change(tmp_path):
             "  passes: 4",
             "  pases: 4",
             r"params\.yaml: reference\.pases: is an unknown key\. Did you mean 'passes'\? Known "
-            r"here are alpha, checkpoint_seconds",
+            r"keys are alpha, checkpoint_seconds",
         ),
         ("film:", "films:", r"params\.yaml: films: is an unknown key\. Did you mean 'film'"),
         (
@@ -228,7 +228,7 @@ def test_variants_change_what_they_name_and_nothing_else(tmp_path):
         (
             "field.k: 5",
             "field: 5",
-            r"k_5\.set: a variant cannot set field\. Keys begin with one of",
+            r"k_5\.set: a variant cannot set field\. Keys must begin with one of",
         ),
         (
             "field.k: 5",
@@ -247,14 +247,14 @@ def test_variants_change_what_they_name_and_nothing_else(tmp_path):
             "run: [k_6]",
             r"ablations\.run: k_6 is not among the variants\. Did you mean 'k",
         ),
-        ("run: [k_5]", "run: [k_5, k_5]", r"ablations\.run: has k_5 more than once"),
+        ("run: [k_5]", "run: [k_5, k_5]", r"ablations\.run: lists k_5 more than once"),
         (
             "scenes: [a]",
             "scenes: [c]",
             r"ablations\.scenes: c is not among the scenes\. .*are a, b",
         ),
         ("scenes: [b]", "scenes: [c]", r"animation\.scenes: c is not among the scenes"),
-        ("sppm_3]", "sppm_4]", r"animation\.methods: sppm_4 is no method\. Did you mean 'sppm_3'"),
+        ("sppm_3]", "sppm_4]", r"animation\.methods: sppm_4 is not a method\. Did you mean 'sppm"),
         (
             "methods: [gpf",
             "fps: 0\n  methods: [gpf",

@@ -267,12 +267,12 @@ def test_tensors_of_another_shape_or_type(tmp_path, colour, words):
         (b'{"name": "\xff"}', r"costs\.json: is not JSON \('utf-8' codec can't decode"),
         (b"[" * 100_000, r"is not JSON \(maximum recursion depth"),
         (b"9" * 5000, r"is not JSON \(Exceeds the limit"),
-        (b'{"parts": [1]}', r"has another shape \(parts: Input should be an object"),
-        (b"[]", r"has another shape \(the whole: Input should be an object"),
-        (b'{"parts": {"a": "b"}}', r"has another shape \(parts\.a: Input should be a valid number"),
+        (b'{"parts": [1]}', r"has the wrong structure \(parts: Input should be an object"),
+        (b"[]", r"has the wrong structure \(the whole file: Input should be an object"),
+        (b'{"parts": {"a": "b"}}', r"wrong structure \(parts\.a: Input should be a valid number"),
         (
             b'{"parts": {"a": "1.5"}}',
-            r"has another shape \(parts\.a: Input should be a valid number",
+            r"has the wrong structure \(parts\.a: Input should be a valid number",
         ),
     ],
 )
@@ -294,5 +294,5 @@ def test_metadata_of_another_form_are_told(tmp_path, metadata):
     header = {"kind": "photons", "schema_version": str(SCHEMA_VERSION)}
     header |= {} if metadata is None else {"metadata": metadata}
     save_file({"a": np.zeros(3, np.float32)}, path, metadata=header)
-    with pytest.raises(FileError, match=r"is not JSON|has another shape"):
+    with pytest.raises(FileError, match=r"is not JSON|has the wrong structure"):
         read_tensors(path, "photons")

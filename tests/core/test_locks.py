@@ -32,7 +32,7 @@ def output(tmp_path):
 
 def test_the_second_is_told_who_is_at_work(output):
     holder = re.escape(f"process {os.getpid()} on {socket.gethostname()} since ")
-    words = rf"results/train: is being made by {holder}\d{{4}}-.*\. Wait until it ends"
+    words = rf"results/train: is being made by {holder}\d{{4}}-.*\. Wait until it finishes"
     with sole_run(output):
         with pytest.raises(UserError, match=words), sole_run(output):
             pass

@@ -165,7 +165,7 @@ def test_a_variable_on_something_else_is_said_so(
     other = tmp_path / "libother.so"
     other.write_bytes(b"")
     monkeypatch.setenv(LLVM_VARIABLE, str(other))
-    with pytest.raises(UserError, match=f"libother.so is no libLLVM.*and unset {LLVM_VARIABLE}"):
+    with pytest.raises(UserError, match=f"libother.so is not a libLLVM.*and unset {LLVM_VARIABLE}"):
         check_llvm()
 
 

@@ -81,7 +81,7 @@ def test_bombs_are_refused_with_little_memory(tmp_path):
 def test_the_pipelines_own_file_is_read_so_too(tmp_path, monkeypatch):
     (tmp_path / "dvc.yaml").write_text(LISTS)
     monkeypatch.setattr(code, "PROJECT", tmp_path)
-    with pytest.raises(UserError, match=r"dvc\.yaml: repeats more than .* by names such as \*n"):
+    with pytest.raises(UserError, match=r"dvc\.yaml: repeats more than .* through aliases .*\*n"):
         code.code_of.__wrapped__("scene")
 
 

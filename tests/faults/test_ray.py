@@ -24,7 +24,7 @@ pytestmark = pytest.mark.slow
 
 KILLED = {"a node": ("raylet",), "the head": ("gcs_server", "raylet")}
 NO_HEAD = "the head of the Ray cluster, "
-WHAT_THEN = ": does not answer any more. Start the cluster again, then run this again"
+WHAT_THEN = ": no longer answers. Restart the cluster, then run this again"
 RAYS_OWN_WORDS = "Failed to connect to GCS within 60 seconds. GCS may have been killed."
 """Of a head that dies between our question whether it lives and the call that needs it: Ray waits
 for a minute and ends the process, before Python can say anything."""

@@ -63,13 +63,13 @@ def take(name, rows):
         (lambda t, f: t["levels"].__setitem__(3, 2), "has levels that its table lacks"),
         (lambda t, f: t["quats"].__setitem__(3, 0), "has quats of length 0"),
         (lambda t, f: f.pop("bounds"), "has no bounds"),
-        (lambda t, f: f.update(bounds=[[0, 0], [1, 1]]), r"another shape \(bounds\.0\.2: Field"),
+        (lambda t, f: f.update(bounds=[[0, 0], [1, 1]]), r"wrong structure \(bounds\.0\.2: Field"),
         (lambda t, f: f.update(bounds=f["bounds"][::-1]), "has bounds whose corners are swapped"),
         (lambda t, f: f["settings"].update(search_radius=1e-9), "has a search radius too small"),
-        (lambda t, f: f["settings"].update(k=0), r"another shape \(settings\.k: Input should be"),
-        (lambda t, f: f["record"].update(fingerprint=3), r"another shape \(record\.fingerprint"),
+        (lambda t, f: f["settings"].update(k=0), r"wrong structure \(settings\.k: Input should be"),
+        (lambda t, f: f["record"].update(fingerprint=3), r"wrong structure \(record\.fingerprint"),
         (lambda t, f: f["lights"].update(members=[[1], [0, 3]]), "groups that do not have each em"),
-        (lambda t, f: f["grid"].update(width="x"), "another shape"),
+        (lambda t, f: f["grid"].update(width="x"), "wrong structure"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_field_is_told(file, change, words):

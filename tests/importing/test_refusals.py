@@ -47,7 +47,7 @@ def assert_refused(path: Path, root: Path, words: str, name: str = "room") -> Us
         ("$mesh.ply", "scene.xml", r"scene\.xml:30: refers to scene\.xml, a name "
          r"that is reserved"),
         ('<scene version="3.0.0">', '<scene version="0.6.0"><film type="ldrfilm"/>', r"scene\.xml: "
-         r"does not load: .*Their Room/scene\.xml \(line 2, .*ldrfilm.* Of old scenes, Mitsuba 3 "),
+         r"does not load: .*Their Room/scene\.xml \(line 2, .*ldrfilm.* In old scenes, Mitsuba 3 "),
         ('<scene version="3.0.0">', "<scene>", r"scene\.xml:2: <scene> has no version\. Add vers"
          r'ion="3\.0\.0", or "0\.6\.0" if parameter names look like toWorld'),
         ('<scene version="3.0.0">', '<scene version="3">', r"scene\.xml:2: has the version '3'"),
@@ -75,7 +75,7 @@ def test_a_material_that_cannot_be_traced_is_told(original, root):
     assert_refused(
         original,
         root,
-        r"scene\.xml: light cannot be traced in it: .*eval_1_grad.* Give the bumpmap a bitmap",
+        r"scene\.xml: cannot be traced: .*eval_1_grad.* Give the bumpmap a bitmap",
     )
     # The error's traceback holds the scene, and Dr.Jit traces through all that exist.
     gc.collect()
@@ -112,7 +112,7 @@ def test_what_mitsuba_does_not_take_in_an_old_include_is_told_with_its_line(orig
         .replace("/emitter", "/luminaire")
     )
     (original / "parts/light.xml").write_text("\n" + old)
-    assert_refused(original, root, r"parts/light\.xml \(line 3, .*<luminaire>.* Of old scenes, Mit")
+    assert_refused(original, root, r"parts/light\.xml \(line 3, .*<luminaire>.* In old scenes, Mit")
 
 
 def test_a_shape_is_no_scene(original, root):

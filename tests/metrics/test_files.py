@@ -31,5 +31,5 @@ def test_numbers_are_finite(tmp_path, shape, make, place, value):
     path.write_text(json.dumps(make(2.5)))
     assert read_json(path, shape) == make(2.5)
     path.write_text(json.dumps(make(value)))
-    with pytest.raises(FileError, match=rf"has another shape \({place}: .* finite number"):
+    with pytest.raises(FileError, match=rf"has the wrong structure \({place}: .* finite number"):
         read_json(path, shape)

@@ -183,7 +183,7 @@ def test_its_commands(installed, tmp_path):
     text = run([str(installed / "gpf"), "--help"], tmp_path)
     assert "export" in text and "doctor" in text and "stage" not in text
     text = run([str(installed / "gpf"), "doctor"], tmp_path)
-    assert "All that is required works" in text and "(no lock file to compare with)" in text
+    assert "Everything required works" in text and "(no lock file to compare with)" in text
     assert not any(word in text for word in ("dvc", "torch", "LPIPS", "disk"))
     text = run([str(installed / "python"), "-m", "gpf", "--help"], tmp_path)
     assert "python -m gpf" in text and "mitsuba" in text

@@ -60,7 +60,7 @@ def test_a_file_joins_emitters_and_the_rest_is_other(scene, tmp_path):
     ("text", "says"),
     [
         ("lamps: [bg_lamp]", "lamps: there is no emitter 'bg_lamp'. Did you mean 'big_lamp'"),
-        ("a: [spot]\nb: [spot]", "b: spot is in a, too"),
+        ("a: [spot]\nb: [spot]", "b: spot is also in a"),
         ("a: []", "a"),
         ("A b: [spot]", "A b"),
         ("[spot]", "groups.yaml"),

@@ -146,7 +146,7 @@ def living_emitters() -> int:
 
 def test_a_lone_shape_is_no_scene(tmp_path):
     make_scene(tmp_path, '<shape version="3.9.0" type="sphere"/>')
-    with pytest.raises(UserError, match=r"describes a .*Its outermost tag has to be <scene>"):
+    with pytest.raises(UserError, match=r"describes a .*Its outermost tag must be <scene>"):
         load_scene("ball", root=tmp_path)
 
 
@@ -309,7 +309,7 @@ def test_the_dim_parts_of_a_sky_emit_light_too(tmp_path, two_threads):
     expected = 2 * np.pi * 0.1 * np.pi * sphere**2  # 1 W/m²/sr from a cap of 2 π (1 - .9)
     assert (found * up).mean() == pytest.approx(expected, rel=0.1)
     raw = mi.load_file(str(tmp_path / "scene.xml"))
-    with pytest.raises(UserError, match="mis_compensation, whose dim parts would send no photons"):
+    with pytest.raises(UserError, match="mis_compensation, whose dim parts would emit no photons"):
         check_scene(raw)
 
 

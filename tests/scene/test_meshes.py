@@ -166,7 +166,7 @@ def test_a_mesh_that_says_it_has_more_than_memory(tmp_path):
     body = struct.pack("<I", 0x1000) + b"name\0" + struct.pack("<QQ", 2**50, 1)
     path = tmp_path / "mesh.serialized"
     path.write_bytes(b"\x1c\x04\x04\x00" + zlib.compress(body) + struct.pack("<QI", 0, 1))
-    with pytest.raises(UserError, match="which needs .* GiB of memory or more"):
+    with pytest.raises(UserError, match="which needs at least .* GiB of memory"):
         check_serialized(path, "scene.xml:4")
 
 

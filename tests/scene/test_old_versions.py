@@ -211,7 +211,7 @@ def test_what_mitsuba_does_not_take_is_told_with_its_line(tmp_path, old, new, pl
     file = write(tmp_path / "old", text, OLD_LAMPS)
     with pytest.raises(UserError, match=rf"scene\.xml \(line {line}, .*{words}") as told:
         load_scene_file(file)
-    assert "Of old scenes, Mitsuba 3 renames the parameters only" in told.value.todo
+    assert "In old scenes, Mitsuba 3 renames only the parameters" in told.value.todo
     file.write_text(renew(text))
     (tmp_path / "old/lamps.xml").write_text(renew(OLD_LAMPS))
     with pytest.raises(UserError) as told:

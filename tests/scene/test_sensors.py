@@ -92,13 +92,13 @@ def mirrored() -> dict:
     [
         (camera(type="thinlens", aperture_radius=0.1), ["has an aperture"]),
         (mirrored(), ["shows a mirror image"]),
-        (camera(principal_point_offset_x=0.1), ["has its principal point off the middle"]),
+        (camera(principal_point_offset_x=0.1), ["has its principal point off centre"]),
         (
             camera(
                 film={"type": "hdrfilm", "width": 8, "height": 6, "crop_width": 4},
                 principal_point_offset_y=0.2,
             ),
-            ["shows a crop of its film", "has its principal point off the middle"],
+            ["shows a crop of its film", "has its principal point off centre"],
         ),
     ],
 )
@@ -121,7 +121,7 @@ def test_what_the_near_clip_hides_is_measured():
     assert looks_through(scene, scene.sensors()[0], view) == []
     scene = load({**sensor, "near_clip": 4.0}, wall=right_half)
     (said,) = looks_through(scene, scene.sensors()[0], view)
-    assert said.startswith("leaves out all that is nearer than 4 units")
+    assert said.startswith("clips everything nearer than 4 units")
     assert "50% of this one" in said
 
 

@@ -81,10 +81,10 @@ def test_angles_and_names_from_elsewhere(tmp_path):
     [
         ({"frames": []}, "has no frames"),
         ({"frames": [{}], "w": 4, "h": 4, "fl_x": 4}, r"frames\[0\]: has no transform_matrix"),
-        ({"frames": [frame()], "fl_x": 4}, "has no size of the image"),
+        ({"frames": [frame()], "fl_x": 4}, "has no image size"),
         ({"frames": [frame()], "w": 4, "h": 4}, "has no focal length"),
         ({"frames": [frame(k1=0.1)], "w": 4, "h": 4, "fl_x": 4}, "lens distortion .k1."),
-        ({"frames": [frame()], "w": 4, "h": 4, "fl_x": 4, "fl_y": 5}, "not square"),
+        ({"frames": [frame()], "w": 4, "h": 4, "fl_x": 4, "fl_y": 5}, "non-square"),
         ({"frames": [frame()], "w": 40, "h": 4, "fl_x": 4, "cx": 9}, "principal point at 9, 2"),
         (
             {"frames": [frame(w=4), frame(w=8)], "h": 4, "fl_x": 4},
@@ -92,7 +92,7 @@ def test_angles_and_names_from_elsewhere(tmp_path):
         ),
         (
             {"frames": [{"transform_matrix": np.diag([-1.0, 1, 1, 1]).tolist()}], "w": 4, "h": 4},
-            "is no rotation",
+            "is not a rotation",
         ),
     ],
 )
@@ -133,7 +133,7 @@ def test_the_size_may_be_that_of_the_images(tmp_path):
         read_transforms(file)
     del frame["file_path"]
     file.write_text(json.dumps({"camera_angle_x": 0.7, "frames": [frame]}))
-    with pytest.raises(UserError, match="has no size of the image"):
+    with pytest.raises(UserError, match="has no image size"):
         read_transforms(file)
 
 
@@ -141,15 +141,15 @@ def test_a_file_that_is_missing_or_no_json(tmp_path):
     with pytest.raises(UserError, match="does not exist"):
         read_transforms(tmp_path / "transforms.json")
     (tmp_path / "transforms.json").write_text("views:", encoding="utf-8")
-    with pytest.raises(UserError, match="is no JSON file"):
+    with pytest.raises(UserError, match="is not a JSON file"):
         read_transforms(tmp_path / "transforms.json")
 
 
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (b"[" * 100_000, r"is no JSON file \(maximum recursion"),
-        (b'{"frames": "\xff"}', r"is no JSON file \('utf-8'"),
+        (b"[" * 100_000, r"is not a JSON file \(maximum recursion"),
+        (b'{"frames": "\xff"}', r"is not a JSON file \('utf-8'"),
     ],
 )
 def test_files_that_are_too_deep_or_not_utf_8_are_told(tmp_path, data, words):

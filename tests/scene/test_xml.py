@@ -175,7 +175,7 @@ def test_includes_may_be_nested_as_deep_as_in_mitsuba(tmp_path, below):
     files = {f"{k}_xml": scene(text) for k, text in enumerate([*inner, ""])}
     file = write(tmp_path, scene_xml=scene('<include filename="1.xml"/>'), **files)
     if below > DEEPEST_INCLUDE:
-        words = rf"{DEEPEST_INCLUDE}\.xml:1: is an include in more than {DEEPEST_INCLUDE} others"
+        words = rf"{DEEPEST_INCLUDE}\.xml:1: is nested in more than {DEEPEST_INCLUDE} includes"
         with pytest.raises(UserError, match=words):
             read_scene_xml(file)
         with pytest.raises(RuntimeError, match="maximum include recursion"):
@@ -267,7 +267,5 @@ def test_parameters_within_parameters_do_not_fill_the_memory(tmp_path):
     lines = ['<default name="a0" value="0123456789"/>']
     lines += [f'<default name="a{k}" value="{"$a" + str(k - 1)}$a{k - 1}"/>' for k in range(1, 30)]
     file = write(tmp_path, scene_xml=scene("\n".join(lines)))
-    with pytest.raises(
-        UserError, match=r"scene\.xml:15: has, with .* more than 100,000 characters"
-    ):
+    with pytest.raises(UserError, match=r"scene\.xml:15: has more than 100,000 characters"):
         read_scene_xml(file)

@@ -141,11 +141,11 @@ def test_a_reason_says_where_and_what_to_do(finished, monkeypatch):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"methods__classical": ["path_11"]}, r"baselines does not have. Did you mean 'path_10'"),
+        ({"methods__classical": ["path_11"]}, r"is not in baselines. Did you mean 'path_10'"),
         ({"methods__classical": ["path_10", "path_10"]}, "more than once"),
         ({"baselines__gpf": {"system": "path_tracer"}}, "Give the row another name"),
         ({"baselines__path_10__spp": 0}, "baselines.path_10"),
-        ({"baselines__path_10__passes": 3}, "is an unknown key. Known here are scenes, spp, sys"),
+        ({"baselines__path_10__passes": 3}, "is an unknown key. Known keys are scenes, spp, sys"),
         ({"baselines__path_10__system": "path_trace"}, "path_trace"),
     ],
 )

@@ -33,7 +33,7 @@ def test_without_ray(fresh, monkeypatch):
     assert fresh.stage("scene").code == 0
     outcome = fresh.stage("reference")
     assert outcome.code == 2 and "Traceback" not in outcome.text
-    assert "executor: is ray, but the package ray is not installed. Install it" in outcome.text
+    assert "executor: is ray, but the ray package is not installed. Install it" in outcome.text
 
 
 def workers(driver: int) -> list:
