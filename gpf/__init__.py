@@ -2,9 +2,9 @@
 
 Importing this package registers the integrators ``sppm`` and ``gpf`` in Mitsuba 3, for the active
 variant and for every variant that is set later. It never sets a variant itself. The public names,
-``gpf.__all__``, are loaded at their first use.
+``gpf.__all__``, are loaded on first use.
 
-The packages; each imports only from those above it:
+The packages, each of which imports only from those above it:
 
 ======================  =========================================================================
 :mod:`gpf.core`         errors, files, settings, random numbers, neighbour search
@@ -16,10 +16,10 @@ The packages; each imports only from those above it:
 :mod:`gpf.field`        photons -> initial Gaussians; Gaussians and points -> irradiance
 :mod:`gpf.training`     Gaussians and target irradiance -> fitted Gaussians
 :mod:`gpf.rendering`    the integrators ``sppm`` and ``gpf``
-:mod:`gpf.importing`    Mitsuba scenes of others -> scenes with views
+:mod:`gpf.importing`    other people's Mitsuba scenes -> scenes with views
 :mod:`gpf.fitting`      a scene and cameras -> a field and an estimate of its quality
 :mod:`gpf.commands`     the commands ``gpf fit``, ``gpf render`` and ``gpf demo``
-:mod:`gpf.modelling`    meshes and textures for scenes that are generated
+:mod:`gpf.modelling`    meshes and textures for generated scenes
 :mod:`gpf.baselines`    other methods, for comparison
 :mod:`gpf.config`       params.yaml: the settings of all packages
 ======================  =========================================================================
@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 from gpf.core.runtime import ensure_llvm
 
-# Dr.Jit reads the path of libLLVM once, when it is imported: this must run before.
+# Dr.Jit reads the path of libLLVM once, when it is imported, so this must run first.
 ensure_llvm()
 
 from gpf.rendering.plugins import register_plugins  # noqa: E402

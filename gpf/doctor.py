@@ -2,7 +2,7 @@
 
 :func:`diagnose` runs the checks, :func:`print_report` prints them. Code that could kill a process
 (a kernel compiled by an unknown libLLVM, an import of compiled code) runs in a subprocess. In a
-checkout of the project, the needs of the pipeline are checked as well: the versions in the lock
+checkout of the project, what the pipeline needs is checked as well: the versions in the lock
 file, the repository, the weights of the metrics, the baselines.
 """
 
@@ -57,7 +57,7 @@ class Check:
 
 
 def diagnose() -> list[Check]:
-    """Check everything needed here; takes a few seconds and changes nothing."""
+    """Run all checks that apply here; takes a few seconds and changes nothing."""
     probe = run_probe()
     library = [
         check_python(),
@@ -107,9 +107,9 @@ def print_report(checks: Sequence[Check], console: Console | None = None) -> int
 
 
 def spell_out(remedy: str) -> str:
-    """Replace ``pip`` by that of this interpreter, and the lock file by its path.
+    """Replace ``pip`` with that of this interpreter, and the lock file with its path.
 
-    If the environment is not activated, plain ``pip`` is that of the system.
+    If the environment is not activated, plain ``pip`` is the system's.
     """
     interpreter = shlex.quote(_shorten(Path(sys.executable)))
     remedy = re.sub(r"(?<![/\w])pip (?=(un)?install)", lambda _: f"{interpreter} -m pip ", remedy)
@@ -148,7 +148,7 @@ def check_package(package: str) -> Check:
     found, locked = read_version(package), read_lock().get(package.lower())
     if found is None:
         return Check(package, False, "not installed", install_command(package))
-    # A build of the same version (torch 2.13.0+cpu) is the same version.
+    # A build suffix (torch 2.13.0+cpu) does not make it another version.
     if locked is not None and found.partition("+")[0] != locked:
         return Check(package, False, f"{found}, but the lock file says {locked}", LOCK_INSTALL)
     return Check(package, True, found if locked else f"{found} (no lock file to compare with)")
@@ -177,7 +177,7 @@ def check_libllvm(probe: dict[str, Any]) -> Check:
         return Check("libLLVM", missing, detail, remedy)
     detail = f"{'.'.join(map(str, version))}, {path}"
     if version[0] < LLVM_MINIMUM:
-        detail += f": older than {LLVM_MINIMUM}, it would crash the renderer"
+        detail += f": older than {LLVM_MINIMUM}, so it would crash the renderer"
         return Check("libLLVM", missing, detail, remedy)
     if probe.get("llvm_sum") != PROBE_SUM:
         detail += f": a small kernel failed ({probe.get('died', 'wrong result')})"

@@ -18,7 +18,7 @@ from gpf.scene.materials import is_only_glossy
 
 @dataclass
 class FilmSamples:
-    """The visible points of one camera ray per pixel, and the rays' places on the film.
+    """The visible points of one camera ray per pixel, and the rays' positions on the film.
 
     A ray that hits a glossy surface first has K walks, because it may be reflected anywhere.
 
@@ -135,7 +135,7 @@ def reconstruct(
 
     Parameters
     ----------
-    position: positions of the samples of the whole sample grid, pixels, (N, 2).
+    position: sample positions for the whole sample grid, pixels, (N, 2).
     radiance: (N, 3).
     alpha: (N,).
     """

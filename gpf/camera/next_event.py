@@ -29,9 +29,9 @@ def direct_light(
     Parameters
     ----------
     context: enables the components of f.
-    lamps: the emitters to sample; no rays then contribute the remaining weight: w is 1. By default,
-        all emitters are sampled, but not through surfaces that do not bend light: rays that go
-        through these no longer know ``p_f``.
+    lamps: the emitters to sample; w is then 1, as no rays contribute the remaining weight. By
+        default, all emitters are sampled, but not through surfaces that do not bend light: rays
+        that pass through these no longer know ``p_f``.
     """
     sampled = Lamps(scene, through_null=False) if lamps is None else lamps
     light, weight = sampled.sample(si, next_2d(sampler, active), active)

@@ -1,4 +1,4 @@
-"""Camera rays through places on the film."""
+"""Camera rays through points on the film."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def sample_tiled_rays(
 
     Mitsuba orders pixels row by row: the 16 lanes of a packet are a line of pixels, whose rays end
     in many different neighbourhoods. The rays of a tile of 4×4 pixels share most of them. Mitsuba's
-    order remains if the film is not a whole number of tiles, or if :func:`keeps_to_pixels` is
+    order is kept if the film is not a whole number of tiles, or if :func:`keeps_to_pixels` is
     false.
     """
     film = sensor.film()
@@ -51,16 +51,16 @@ def keeps_to_pixels(sensor: mi.Sensor) -> bool:
 def sample_pixel_rays(
     sensor: mi.Sensor, sampler: mi.Sampler, pixel: mi.Vector2u
 ) -> tuple[Any, Any]:
-    """Rays through random places in pixels of the crop window (N, 2), and their weights (N, 3)."""
+    """Rays through random points in pixels of the crop window (N, 2), and their weights (N, 3)."""
     return sample_rays_at(sensor, sampler, mi.Point2f(mi.Vector2f(pixel) + sampler.next_2d()))
 
 
 def sample_rays_at(
     sensor: mi.Sensor, sampler: mi.Sampler, place: mi.Point2f
 ) -> tuple[Any, mi.Color3f]:
-    """Rays through places in the crop window, pixels (N, 2), and their weights (N, 3).
+    """Rays through points in the crop window, pixels (N, 2), and their weights (N, 3).
 
-    The time, and the place on an aperture, are random.
+    The time and the point on the aperture are random.
     """
     time, duration = sensor.shutter_open(), sensor.shutter_open_time()
     ray, weight = sensor.sample_ray_differential(

@@ -31,7 +31,7 @@ def find_visible_points(
 ) -> VisiblePoints:
     """Follow rays through glossy and specular bounces to their first diffuse hit, (N,).
 
-    This is :func:`follow` with all choices made at random, and its result evaluated. The rays are
+    This is :func:`follow` with all choices made at random and the result evaluated. The rays are
     evaluated first, so that one kernel serves all cameras: for a room with many materials, it takes
     a second or two to compile.
     """
@@ -46,19 +46,19 @@ def find_visible_points(
 
 
 COHERENT = 4
-"""The first segments of a walk, in which the rays of a packet may still run side by side: Embree
-follows them together, in as little as a quarter of the time; later, each alone. The hits are the
-same."""
+"""Number of segments at the start of a walk on which the rays of a packet may still run side by
+side. Embree traces these together, in as little as a quarter of the time, and later ones one by
+one. The hits are the same."""
 
 
 OTHER_WAYS = 4
 """Where the other way from a first surface has weight F, a sample takes it with probability
-min(1, OTHER_WAYS F): this many times as often as by chance. It then counts for less, and the
-picture has less noise; but it takes time that could go into more samples."""
+min(1, OTHER_WAYS F): this many times as often as by chance. It then counts for less, which lowers
+the noise of the picture, but takes time that could go into more samples."""
 
 LEAST_OF_OTHERS, LEAST_OF_HOLES = 0.0625, 0.25
-"""Least F, for that probability alone, of components beside a diffuse one, and of holes in it: a
-sample of them may be zero by chance, although they are there."""
+"""Lower limits of F, in that probability only, for components beside a diffuse one and for holes in
+it: a sample of them may be zero by chance although they exist."""
 
 
 @dr.syntax
@@ -72,8 +72,8 @@ def follow(
     lamps: Lamps | None = None,
     back: mi.Bool | bool | None = None,
 ) -> tuple[VisiblePoints, Way]:
-    """Follow rays through glossy and specular bounces to their first diffuse hit, (N,), by one of
-    two ways.
+    """Follow rays through glossy and specular bounces to their first diffuse hit, (N,), along one
+    of two ways.
 
     If a BSDF has a diffuse and other components, one of the two parts is chosen at random, with
     probabilities in proportion to their reflectances, and the throughput is divided by the
@@ -88,14 +88,15 @@ def follow(
         ``max_depth`` edges; a visible point needs one more edge for its light.
     rr_depth: number of bounces after which Russian roulette may end a ray.
     active: lanes to follow.
-    lamps: emitters whose direct light at the visible points the emission also includes.
+    lamps: emitters whose direct light at the visible points is also included in the emission.
     back: which of two ways rays take at their first surface, (N,). If it is smooth glass with
-        Fresnel reflectance F, rays that go back are reflected, with weight F; the others go
-        through, with 1 - F. If it has a diffuse and other components, rays that go back leave by
-        the other components; the rest end at the diffuse one. None: one of the ways at random.
-        Only for scenes for which :func:`gpf.scene.inventory.divides_walks` is true. The sum of both
-        ways has the same mean as one at random. At any other first surface, and with total
-        reflection, rays that do not go back have weight 1, and those that do find nothing.
+        Fresnel reflectance F, rays that go back are reflected, with weight F; the others pass
+        through, with weight 1 - F. If it has a diffuse and other components, rays that go back
+        leave by the other components; the rest end at the diffuse one. None: one of the ways at
+        random. Allowed only in scenes for which :func:`gpf.scene.inventory.divides_walks` is true.
+        The sum of both ways has the same mean as one way at random. At any other first surface, and
+        with total reflection, rays that do not go back have weight 1, and those that do find
+        nothing.
     """
     context = specular_context()
     diffusely = diffuse_context()
@@ -126,7 +127,7 @@ def follow(
         emitted = throughput * si.emitter(scene).eval(si, active)
         if lit:
             emitted *= share_of_bsdf(scene, si, origin, density, lit & active)
-        # The emission of the first surface counts for the walk that goes through.
+        # The emission of the first surface counts for the walk that passes through.
         emitted = dr.select(reflected & (depth == 0), 0, emitted)
         emission += dr.select(active, emitted, 0)
         active &= si.is_valid() & (depth + 1 < deepest)

@@ -1,4 +1,4 @@
-"""The whole params.yaml: its sections, the checks across them, and its variants."""
+"""The whole params.yaml: its sections, checks across sections, and its variants."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def method_titles(params: Params) -> dict[str, str]:
 
 
 def passes_title(section: ReferenceSettings) -> str:
-    """The number of reference passes, in words."""
+    """The number of reference passes, as text."""
     return f"at most {section.passes}" if section.target_psnr else str(section.passes)
 
 

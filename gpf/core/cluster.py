@@ -13,7 +13,7 @@ from typing import Any
 from gpf.core.errors import UserError
 
 HEAD_TRIES = 5
-"""Attempts to reach a head that does not answer, a second apart: it may be restarting by itself."""
+"""Attempts, a second apart, to reach a head that does not answer: it may be restarting."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class ClusterChoice:
     asked_by: the option that asks for Ray.
     address: address of a cluster, ``HOST:PORT``; empty to start one on this machine.
     address_option: the option that gives the address.
-    cores: number of cores of a cluster started on this machine.
+    cores: number of cores for a cluster started on this machine.
     """
 
     asked_by: str
@@ -88,13 +88,13 @@ class ClusterChoice:
 
 
 def cores_of_smallest_machine(ray: Any) -> float:
-    """Cores that a task must reserve to have a machine to itself; every machine has that many."""
+    """Cores that a task must reserve to have a machine to itself: no machine has fewer."""
     cores = [node["Resources"].get("CPU", 1) for node in ray.nodes() if node["Alive"]]
     return float(min(cores))
 
 
 def wait_for_tasks(ray: Any, running: Collection[Any]) -> list[Any]:
-    """The running tasks that have finished; empty if none finishes within a second.
+    """The tasks that have finished; empty if none finishes within a second.
 
     Raises
     ------

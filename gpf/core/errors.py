@@ -24,7 +24,7 @@ class UserError(Exception):
     ----------
     where: the file, key or object that is wrong, e.g. ``views.yaml: exposure``.
     what: what is wrong with it, e.g. ``is -1``.
-    todo: what the user can do, as a request: ``Choose a number above 0.``
+    todo: what the user can do, as an instruction: ``Choose a number above 0.``
     """
 
     exit_code = 2
@@ -100,13 +100,15 @@ def without_folders(text: str) -> str:
     return re.sub(r"(?<![\w/.~-])[~.]*/(?!/)\S*/", "", text)
 
 
-# Set once Ctrl-C was pressed after :func:`no_lost_interrupts` began.
+# Set when Ctrl-C is pressed after :func:`no_lost_interrupts` has begun.
 _heard = threading.Event()
 
 
 def is_interrupt(error: BaseException | None) -> bool:
-    """Whether Ctrl-C caused an error: inside a loop, Dr.Jit raises another error from it, and C++
-    libraries raise others in its place."""
+    """Whether Ctrl-C caused an error.
+
+    Inside a loop, Dr.Jit raises another error from it; C++ libraries raise others in its place.
+    """
     if _heard.is_set() and not isinstance(error, UserError):
         return True
     while error is not None and not isinstance(error, KeyboardInterrupt):
@@ -142,7 +144,7 @@ def no_lost_interrupts() -> Iterator[None]:
         if not issubclass(dropped.exc_type, KeyboardInterrupt):
             before(dropped)
             return
-        # From another thread and a moment later: raised here, it would be dropped as well.
+        # From another thread and a moment later: raised here, it would be dropped too.
         again = threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT))
         again.daemon = True
         again.start()

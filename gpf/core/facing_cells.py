@@ -15,8 +15,8 @@ import numpy as np
 LARGEST_TABLE = 1 << 20
 
 # A direction is mapped to the nearest of 26 directions: axes, and diagonals of two or three axes.
-# That one is at most 35.3° away. A normal within 45.6° of the direction (gpf.core.surface_tags,
-# with the rounding of tags) is therefore at most 81.5° away from that one of the 26.
+# The result is at most 35.3° away. A normal within 45.6° of the direction (gpf.core.surface_tags,
+# including the rounding of tags) is therefore at most 81.5° from that result.
 _COMPATIBLE = 0.147
 
 
@@ -87,13 +87,13 @@ class FacingCells:
 
 
 def _direction(n: mi.Normal3f) -> mi.UInt32:
-    """The number of the nearest of the 26 directions, 0 to 26 without 13."""
+    """The number of the nearest of the 26 directions: 0 to 26, except 13."""
     whole = mi.Vector3i(dr.round(n / dr.max(dr.abs(n)))) + 1
     return mi.UInt32(whole.x + 3 * whole.y + 9 * whole.z)
 
 
 def _directions_near(n: mi.Normal3f) -> mi.UInt32:
-    """Bits of the directions whose queries accept a point with the normal ``n``."""
+    """Bit mask of the directions whose queries accept a point with the normal ``n``."""
     found = mi.UInt32(0)
     for z, y, x in product((-1, 0, 1), repeat=3):
         axis = np.array([x, y, z], dtype=float)

@@ -72,7 +72,7 @@ def read_json(path: Path, shape: Any = Any) -> Any:
 
 
 def _parse_json(path: Path, text: str | bytes, shape: Any) -> Any:
-    """Parse the content of a file, or of a part of it."""
+    """Parse the content of a file, or part of it."""
     try:
         text = text.decode("utf-8") if isinstance(text, bytes) else text
         content = json.loads(text)
@@ -167,7 +167,7 @@ def require_shapes(
     ----------
     wanted: name -> shape and type, such as ``(("N", 3), "f4")``. A letter stands for the same size
         everywhere.
-    sizes: sizes of letters that are already known.
+    sizes: sizes that are already known, by letter.
     """
     known = dict(sizes or {})
     for name, (shape, kind) in wanted.items():

@@ -148,7 +148,7 @@ def tone_slope(radiance: np.ndarray, exposure: float) -> np.ndarray:
 def tone_secant(x: np.ndarray, y: np.ndarray, exposure: float) -> np.ndarray:
     """(T(x) - T(y)) / (x - y) with T as in :func:`tone_map`; the derivative where x equals y.
 
-    For large differences, the derivative at x would be wrong: clipped light does not show.
+    For large differences, the derivative at x would be wrong, because clipped light does not show.
     """
     step = y - x
     near = np.abs(step) <= 1e-3 * np.maximum(np.abs(x), 1e-6)

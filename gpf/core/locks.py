@@ -27,8 +27,8 @@ def sole_run(output: Path, shared: bool = False, inside: bool = False) -> Iterat
     ----------
     output: file or folder that the run writes; it need not exist.
     shared: whether other shared runs may work at the same time.
-    inside: whether the lock goes inside the output, which is then a folder: the user may be allowed
-        to write there, but not beside it.
+    inside: whether to put the lock file inside the output, a folder: the user may be allowed to
+        write there, but not beside it.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """Sort positions along a Morton curve, so that consecutive positions lie close together.
 
-The lanes of a packet run in step: neighbour queries are fastest if their points share neighbours.
+Lanes of a packet run in lockstep: neighbour queries are fastest if their points share neighbours.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ def order_in_space(positions: np.ndarray, cell: float) -> np.ndarray:
 
 
 def order_lanes_in_space(x: mi.Point3f, cell: float) -> mi.UInt32:
-    """The same for Dr.Jit positions (N, 3), fast enough to run for every query: (N,).
+    """As :func:`order_in_space`, for Dr.Jit positions; fast enough to run for every query: (N,).
 
-    Each axis has 1024 cubes; beyond them, the numbering wraps around.
+    ``x``: (N, 3). Each axis has 1024 cubes; beyond them, the numbering wraps around.
     """
     cube = mi.Vector3i(dr.floor(x * dr.opaque(mi.Float, 1 / cell)))
     bits = mi.Vector3u(cube & (1 << _LANE_BITS) - 1)
-    # Put two zeros after each bit: move apart the halves of a number, then of each half, …
+    # Insert two zeros after each bit: move the halves of a number apart, then those of each half, …
     for shift, kept in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
         bits = (bits | bits << shift) & kept
     return dr.argsort(bits.x | bits.y << 1 | bits.z << 2)

@@ -100,6 +100,6 @@ def _try_to_lock(handle: int) -> bool:
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
-        # Some network file systems have no locks: there, nothing is known to be left over.
+        # Some network file systems have no locks: there, nothing can be known to be a leftover.
         return error.errno not in (errno.EWOULDBLOCK, errno.EACCES, errno.ENOLCK, errno.ENOTSUP)
     return True

@@ -1,4 +1,4 @@
-"""Keep files whose names others have chosen inside a folder, at every step of their paths."""
+"""Keep files with names chosen by others inside a folder, at every step of their paths."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from gpf.core.errors import UserError
 def place_below(folder: Path, name: str | PurePath, where: str) -> Path:
     """``folder / name``, with ``..`` and links below the folder resolved.
 
-    ``where`` says in messages where the name comes from.
+    ``where`` is the place that gives the name, for messages.
 
     Raises
     ------
-    UserError: the path leaves the folder, even if it comes back in: going through the folder's own
-        name, it would lead elsewhere from a copy.
+    UserError: the path leaves the folder, even if it returns by the folder's own name: in a copy,
+        it would lead elsewhere.
     """
     home, place = folder.resolve(), (folder / name).resolve()
     steps = accumulate(-1 if part == ".." else 1 for part in PurePath(name).parts)

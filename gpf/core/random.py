@@ -69,13 +69,13 @@ def pass_seed(seed: int, t: int, stream: int, *more: int) -> int:
 def stream_of(name: str) -> int:
     """The stream of a named view or set of points.
 
-    The number coincides with one of :class:`Stream` with a probability below one in a million.
+    The probability that it equals a member of :class:`Stream` is below one in a million.
     """
     return zlib.crc32(name.encode())
 
 
 # 1 / g and 1 / g², where g is the real solution of g³ = g + 1: the steps of a low-discrepancy
-# sequence in the plane (Roberts 2018). In units of 2⁻³²: integers of 32 bits overflow modulo 1.
+# sequence in the plane (Roberts 2018). In units of 2⁻³², so that 32-bit overflow is modulo 1.
 _SPREAD = tuple(round(step * 2**32) for step in (0.7548776662466927, 0.5698402909980532))
 
 
@@ -141,7 +141,7 @@ def stratified_batch(count: int, size: int, seed: mi.UInt32, step: mi.UInt32) ->
 def next_1d(sampler: mi.Sampler, active: mi.Bool) -> mi.Float:
     """The next number of a sampler in [0, 1), (N,).
 
-    About one in ten million from ``multijitter`` is 1, for which a BSDF may sample something of
+    About one in ten million from ``multijitter`` is 1, which may make a BSDF sample something of
     zero probability.
     """
     return dr.minimum(sampler.next_1d(active), dr.one_minus_epsilon(mi.Float))

@@ -8,7 +8,7 @@ that variable to the libLLVM of an installed Python package, so the system does 
     from gpf.core.runtime import ensure_llvm
     ensure_llvm()                       # after this, drjit and mitsuba may be imported
 
-Therefore this module does not import drjit or mitsuba at its top.
+This module therefore does not import drjit or mitsuba at the top level.
 
 Importing ``gpf`` never sets a variant: programs and tests call :func:`choose_variant`. The plugins
 call :func:`check_llvm` before their first kernel, because an LLVM that is too old raises no error:
@@ -105,7 +105,7 @@ def check_llvm() -> tuple[int, int, int]:
         where = f"libLLVM ({named or 'the one Dr.Jit found on the system'})"
         what = (
             f"version {'.'.join(map(str, version))} is older than {LLVM_MINIMUM} "
-            "and would crash while it compiles a kernel"
+            "and would crash while compiling a kernel"
         )
     elif named:
         where = LLVM_VARIABLE
@@ -149,7 +149,7 @@ def choose_variant(variant: str = "auto") -> str:
             f"{variant} needs an NVIDIA GPU with its driver, and Dr.Jit finds none",
             "Set it to auto or llvm_ad_rgb; `gpf doctor` shows what is available.",
         )
-    with uninterrupted():  # Ctrl-C during the imports that this makes would abort the process
+    with uninterrupted():  # Ctrl-C during the imports that this triggers would abort the process
         mi.set_variant(variant)
     if count_cores() == 1:  # for Mitsuba's EXR files, see two_threads
         dr.set_thread_count(2)
@@ -158,8 +158,8 @@ def choose_variant(variant: str = "auto") -> str:
 
 
 def _mend_sums() -> None:
-    """With one thread, do not let sums into small arrays use a copy per thread: Dr.Jit 1.5 then
-    sometimes shifts all of them by one place."""
+    """Work around a bug of Dr.Jit 1.5 with one thread: if sums into small arrays use a copy per
+    thread, all of them are sometimes shifted by one place."""
     import drjit as dr
 
     if dr.thread_count() == 1:
@@ -170,8 +170,8 @@ def _mend_sums() -> None:
 def two_threads() -> Iterator[None]:
     """Give Dr.Jit at least two threads: with one, Mitsuba 3.9 waits forever for an EXR file.
 
-    It leaves reading and writing to Dr.Jit's other threads. If there are none, it means to do the
-    work itself, but tests for a ``pool_size()`` of 0, and that counts the caller.
+    Mitsuba leaves reading and writing to Dr.Jit's other threads. If there are none, it is meant to
+    do the work itself, but it tests for a ``pool_size()`` of 0, and that includes the caller.
     """
     import drjit as dr
 
@@ -229,7 +229,7 @@ CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
 
 
 def count_memory() -> int:
-    """The memory that this process may use, bytes, not counting that of a GPU."""
+    """The memory that this process may use, bytes, excluding GPU memory."""
     limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY:

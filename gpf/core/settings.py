@@ -16,7 +16,7 @@ Share = Annotated[float, Field(ge=0, lt=1)]
 
 
 def _check_length(value: object) -> float | Literal["auto"]:
-    """A positive number or ``auto``; for a union, pydantic's message would list each type."""
+    """A positive number or ``auto``; pydantic's message for a union would list each type."""
     if value == "auto":
         return "auto"
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < math.inf:

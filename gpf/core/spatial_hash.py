@@ -78,7 +78,7 @@ class SpatialHash:
     order: index into ``points`` of each sorted entry, level by level, (levels N,).
     records: the sorted entries, flat: ``x, y, z, tag``, and ``red, green, blue, 0`` if there are
         colours, (4 or 8 levels N,).
-    extent: the diagonal of the bounds or ``cell``, the larger of the two, world units.
+    extent: the larger of the diagonal of the bounds and ``cell``, world units.
     """
 
     def __init__(
@@ -193,9 +193,9 @@ class SpatialHash:
 
         ``body(state, index, record, distance², inside)`` returns the new state. ``index`` is the
         position of the point in the sorted order, ``record`` its :class:`Record`, and ``inside``
-        tells whether ``distance <= radius``: ``body`` must mask its side effects with it. The
-        search for a lane ends when ``enough(state)`` is true. Points farther than ``within`` on an
-        axis, world units, (N, 3), may be left out.
+        tells whether ``distance <= radius``: ``body`` must mask its side effects with it. A
+        lane's search ends when ``enough(state)`` is true. Points farther away than ``within`` along
+        an axis, world units, (N, 3), may be left out.
         """
         return self._scan(self._first, x, radius, body, state, active, enough, within)
 
@@ -211,8 +211,8 @@ class SpatialHash:
         def searching(state):  # type: ignore[no-untyped-def]
             return active if enough is None else active & ~enough(state)
 
-        # Exclude from each loop's state what the loop does not change: Dr.Jit would trace the loop
-        # once more to find that out, and the innermost of four loops 16 times.
+        # Exclude from each loop's state what the loop does not change. Otherwise, Dr.Jit traces the
+        # loop once more to find that out, and the innermost of four loops 16 times.
         z = mi.Int32(first.z)
         while dr.hint(
             searching(state) & (z <= last.z), exclude=[active, x, grid, radius2, first, last]
@@ -252,7 +252,7 @@ class SpatialHash:
         """The ``k`` nearest points of each query, nearest first. Needs ``far=True``.
 
         Balls of radius ``start``, 2 ``start``, … up to ``limit`` are searched until one contains
-        ``k`` points that ``accept(index, record, inside)`` admits. The result is exact within the
+        ``k`` points that ``accept(index, record, inside)`` accepts. The result is exact within the
         last ball searched.
 
         Returns

@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike
 
-# Bytes of the widest packet of a processor; also more values than one holds.
+# Bytes in the widest packet of any processor; also more than the number of values in one.
 _PACKET = 64
 
 
@@ -90,7 +90,7 @@ class Way:
     Attributes
     ----------
     weight: weight of this path in a mean over both, (N,); 1 if there is no other.
-    chance: for the first path, the probability with which the other one should be taken as well,
+    chance: for the first path, the probability that the other one should be taken as well,
         (N,); 0 if there is none.
     """
 
@@ -106,7 +106,7 @@ class SurfacePoints:
     ----------
     p: position, world units, (P, 3).
     n: unit normal, (P, 3).
-    target: what the field should answer there, irradiance or radiance, (P, 3).
+    target: what the field should return there, irradiance or radiance, (P, 3).
     """
 
     p: mi.Point3f
@@ -115,8 +115,8 @@ class SurfacePoints:
 
 
 def take(points: Any, lanes: mi.UInt32) -> Any:
-    """Some lanes of a structure; attributes with a single lane stay as they are."""
-    dr.eval(points)  # all at once: each member alone would run the whole loop that it comes from
+    """The given lanes of a structure; attributes with a single lane stay as they are."""
+    dr.eval(points)  # all at once: one by one, each would run the whole loop that it comes from
     width, taken = dr.width(points), {}
     for f in fields(points):
         value = getattr(points, f.name)
@@ -162,7 +162,7 @@ def from_numpy(kind: Any, values: ArrayLike) -> Any:
 
     Dr.Jit does not copy numpy's memory, and its kernels read whole packets of values, even beyond
     the last one. If that memory is not mapped, the process dies. So this makes a copy with room
-    behind it. The copy is aligned to packets: unaligned data is read by different kernels, which
+    after it. The copy is aligned to packets: unaligned data is read by different kernels, which
     would have to be compiled as well.
 
     Parameters

@@ -1,11 +1,11 @@
-"""Run code in a subprocess, because it may kill its process."""
+"""Run code that may kill its process in a subprocess."""
 
 import json
 import subprocess
 import sys
 from typing import Any
 
-# LLVM 15 and 16 cannot compile `minimum`: 0+1+2+3+3.5+3.5+3.5+3.5 = 20.
+# LLVM 15 and 16 cannot compile `minimum`. The sum is 0+1+2+3+3.5+3.5+3.5+3.5 = 20.
 PROBE = """
 import json
 import gpf

@@ -49,7 +49,7 @@ def same_surface(record: Record, p: mi.Point3f, n: mi.Normal3f, radius2: mi.Floa
     """Whether a record lies on the surface that has the normal ``n`` at ``p``, (N,).
 
     Two conditions: the normals are similar (:func:`same_orientation`), and the record is close to
-    the tangent plane at ``p``; with the offset d from ``p`` to the record: ``|n · d| ≤ 0.5 r``.
+    the tangent plane at ``p``: ``|n · d| ≤ 0.5 r`` for the offset d from ``p`` to the record.
 
     Parameters
     ----------

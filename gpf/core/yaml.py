@@ -29,7 +29,7 @@ _SHORT.maxdict = _SHORT.maxlist = _SHORT.maxtuple = 20
 
 
 def suggest(word: str, known: Sequence[str], introduction: str) -> str:
-    """The known word that is closest, if one is close, then ``introduction`` and all known words.
+    """The closest known word, if any is close, then ``introduction`` and all known words.
 
     ``suggest("prot", ["port", "host"], "Keys are")`` is "Did you mean 'port'? Keys are port, host."
     """
@@ -46,8 +46,8 @@ def read_yaml(file: Path, model: type[Model], if_missing: str) -> Model:
 
     Raises
     ------
-    UserError: the first error in the file: it cannot be read (then ``if_missing`` tells what to
-        do), it is not YAML, or a key is repeated, unknown, missing or has a bad value.
+    UserError: the first error in the file: it cannot be read (``if_missing`` then tells what
+        to do), it is not YAML, or a key is repeated, unknown, missing or has a bad value.
     """
     try:
         data = load_yaml(file.read_text(encoding="utf-8"), str(file))
@@ -90,7 +90,7 @@ def _not_yaml(source: str, error: Exception) -> UserError:
 def _check_repetitions(text: str, source: str) -> None:
     """Raise a :class:`UserError` if aliases make a document too long, or endless.
 
-    Nothing is expanded for this. For a merge key (``<<``), only its alias would be written.
+    This expands nothing. For a merge key (``<<``), only its alias would be written.
     """
     sizes: dict[str, int] = {}  # of complete nodes with anchors: characters, at least 1 per node
     begun: list[tuple[str | None, int]] = [(None, 0)]  # anchors and sizes of incomplete nodes

@@ -1,9 +1,9 @@
 """How noisy a source's light is on the surfaces that cameras see.
 
-The power that arrives in the visible region does not tell: most of it may land on a few bright
-places, and few photons in the dark. So the light is gathered at some visible points from two
-independent halves of the paths, a and b, and their difference is taken relative to the light's
-level, as in the training loss: the mean of
+The power that arrives in the visible region does not show this: most of it may land on a few bright
+places, and few photons in the dark. So light is gathered at some visible points from two
+independent halves of the paths, a and b. The measure is their difference relative to the level of
+the light, as in the training loss: the mean of
 
     ω (a - b)²,    ω = 1 / (e² + ⟨e⟩²),    e = (a + b) / 2 averaged over all sources.
 """
@@ -30,10 +30,10 @@ POINTS = 4096
 """Visible points at which light is gathered."""
 
 IN_DISC = 32
-"""The kernel's radius is such that this many of them lie around a typical one."""
+"""The kernel's radius is chosen so that it holds this many of the points around a typical one."""
 
 CLEARLY = 1.4
-"""A factor, because rare bright photons make the comparison uncertain."""
+"""Factor for a clear difference, because rare bright photons make the comparison uncertain."""
 
 
 def least_noisy(
@@ -43,8 +43,8 @@ def least_noisy(
     settings: PathSettings,
     seed: int,
 ) -> int:
-    """Index of the source whose light has the least noise at visible points; a later source must be
-    better by the factor :data:`CLEARLY`.
+    """Index of the source whose light has the least noise at visible points; to be chosen over an
+    earlier source, a later one must be better by the factor :data:`CLEARLY`.
 
     Parameters
     ----------

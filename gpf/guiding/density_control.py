@@ -14,7 +14,7 @@ from gpf.core.structs import Photons, VisiblePoints, from_numpy, take, to_numpy
 MAX_RATIO = 8.0
 
 HEIGHTS = 4
-"""Layers of a cell, which tell apart surfaces that lie over each other."""
+"""Number of layers of a cell, which separate surfaces that lie above each other."""
 
 
 def control_density(
@@ -37,7 +37,7 @@ def control_density(
     seen = oriented_places(to_numpy(points.p), to_numpy(points.n), width)
     photon, point = count_in_cells(p, width, p, seen)
     ratio = (point / len(seen)) / (photon / len(p))
-    # A cell without visible points counts as if it had half of one.
+    # A cell without visible points counts as if it had half a point.
     least = 0.5 / len(seen) * len(p) / photon
     survival = np.minimum(1, MAX_RATIO * np.maximum(ratio, least))
     rng = np.random.default_rng(pass_seed(seed, 0, Stream.DENSITY_CONTROL))
@@ -53,8 +53,8 @@ def oriented_places(p: np.ndarray, n: np.ndarray, width: float) -> np.ndarray:
     the middle of their cell, (N, 5).
 
     A grid with cells of ``width`` then separates surfaces with different orientations, and those
-    that lie over each other: a lamp's back and the cap behind it. On a plane, all points of a cell
-    have the same height.
+    that lie above each other, such as a lamp's back and the cap behind it. On a plane, all points
+    of a cell have the same height.
 
     Parameters
     ----------

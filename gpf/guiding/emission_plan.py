@@ -25,11 +25,11 @@ from gpf.photons.tracing import PathSettings
 # Emission may be guided if the efficiency of the paths is below this.
 GUIDED_BELOW = 0.3
 
-# Each guide learns from the paths of the one before; no more follow one that is not better by the
-# factor LEAST_GAIN.
+# Each guide learns from the paths of the one before; the first that is not better by the factor
+# LEAST_GAIN is the last.
 MOST_GUIDES, LEAST_GAIN = 6, 1.2
 
-# If fewer paths than FEW reach the region, pilots have MORE times as many paths.
+# If fewer than FEW paths reach the region, pilots have MORE times as many paths.
 FEW, MORE = 4000, 4
 
 PHOTONS_PER_GAUSSIAN = 3
@@ -45,7 +45,7 @@ class VisibleRegionSettings(Settings):
     use: whether Gaussians and targets are restricted to the visible region or lie everywhere.
     rays: number of rays that sample the visible region.
     guide: whether emission may be guided when most photons miss the region.
-    pilot_paths: number of photon paths that measure how many miss it.
+    pilot_paths: number of photon paths traced to measure how many miss it.
     seed: seed of the rays and the pilot paths.
     """
 
@@ -89,7 +89,7 @@ class EmissionPlan:
         Parameters
         ----------
         direct: source of direct light, as in :class:`gpf.sppm.passes.PassSettings`. If it is
-            ``emitters``, a guide may be for the other photons alone.
+            ``emitters``, a guide may serve only the other photons.
         """
         region = None
         if settings.use:
@@ -118,7 +118,7 @@ class EmissionPlan:
         return collect_photons(scene, self.region, settings, seed)
 
     def paths_for_gaussians(self, gaussians: int) -> int:
-        """The number of paths with enough photons in the region for this many Gaussians.
+        """The number of paths that bring enough photons into the region for this many Gaussians.
 
         :data:`PHOTONS_PER_GAUSSIAN` photons per Gaussian; 1 to 50 whole batches of paths.
         """
@@ -144,7 +144,7 @@ class EmissionPlan:
 def _guide(
     scene: mi.Scene, region: VisibleRegion | None, paths: PathSettings, pilot: Pilot, seed: int
 ) -> tuple[Source, Pilot]:
-    """A guided source that has learnt from a pilot of such paths, and a pilot of its own."""
+    """A guided source that has learnt from ``pilot``, traced with these paths, and its own pilot."""
     guide = None
     for number in range(1, MOST_GUIDES + 1):
         guide = EmissionGuide.learn(scene, pilot, guide)

@@ -1,15 +1,15 @@
-"""Guided emission: more photons start with rays that are likely to reach the visible region.
+"""Guided emission: more photons start along rays that are likely to reach the visible region.
 
 Mitsuba's emitters make a ray from five uniform random numbers u: one for the emitter, two for the
 place, two for the direction. Rays from some parts of this unit cube reach the region and those from
-other parts do not: behind a window, one in a thousand does. Pilot paths tell which parts do. The
+other parts do not: behind a window, one in a thousand does. Pilot paths show which parts do. The
 cube is divided into boxes, by repeated halving, where that lowers the noise most. Box b, of volume
 V_b, is chosen with probability P_b, the numbers are uniform in it, and the power of a photon is
 
     Φ' = Φ V_b / P_b,    P_b = V_b/4 + 3/4 V_b sqrt(m_b) / Σ V sqrt(m),
 
-so that the expected photon map is unchanged; m_b is the mean of Φ² in the box. With this P, the
-variance of the power that reaches the region is least: (Σ V sqrt(m))², less the square of the mean.
+so that the expected photon map is unchanged; m_b is the mean of Φ² in the box. This P minimises the
+variance of the power that reaches the region: (Σ V sqrt(m))² minus the square of the mean.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from gpf.core.structs import from_numpy
 from gpf.guiding.pilot import Pilot
 from gpf.photons.emission import Emitted, EmitterSample, emit_from
 
-# Part of the photons that are emitted without guiding, so that every ray remains possible.
+# Fraction of the photons that are emitted without guiding, so that every ray remains possible.
 _UNIFORM = 0.25
 
 _MOST_EMITTERS = 64
 _MOST_BOXES = 1 << 14
 _MOST_HALVINGS = 40
 
-# A box is divided if that lowers the variance by more than this many times what chance would.
+# A box is divided if that lowers the variance by more than this many times what chance would do.
 # Chance alone lowers the root by 1 / 8n if n paths of equal power have reached the region from it.
 _SIGNIFICANT = 8
 
-# Each box is credited with this many further paths, with the mean square of the box that it is half
+# Each box is credited with this many extra paths, with the mean square of the box that it is half
 # of: where no path of one pilot has reached the region, one of the next may.
 _PRIOR = 0.5
 
@@ -100,7 +100,7 @@ class EmissionGuide:
         for number, corner, edge in zip(
             EmitterSample.draw(sampler).numbers(), self._corner, self._edges, strict=True
         ):
-            # Rounded, the last number of the last box would be 1.
+            # Otherwise rounding could make the last number of the last box 1.
             inside = dr.gather(mi.Float, corner, box) + dr.gather(mi.Float, edge, box) * number
             numbers.append(dr.minimum(inside, dr.one_minus_epsilon(mi.Float)))
         return EmitterSample.of(numbers), box
@@ -115,8 +115,8 @@ class EmissionGuide:
     def learn(
         cls, scene: mi.Scene, pilot: Pilot, guide: EmissionGuide | None = None
     ) -> EmissionGuide:
-        """Learn from a pilot whose paths were emitted by ``guide``, or, without one, with every ray
-        equally likely."""
+        """Learn from a pilot whose paths were emitted by ``guide`` or, without a guide, with all
+        rays equally likely."""
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(pilot.seed, len(pilot.power))
         if guide is None:
@@ -130,7 +130,7 @@ class EmissionGuide:
             boxes, number = guide.boxes, np.asarray(box.numpy())
             density = guide.density[number]
         numbers = np.stack([np.asarray(x.numpy()) for x in start.numbers()], axis=1)
-        # How much of the cube each path stands for; and its power as it would be without a guide.
+        # How much of the cube each path stands for, and the power it would have without a guide.
         weight = 1 / (len(number) * density)
         square = weight * (pilot.power * density) ** 2
         return cls(_divide(boxes, numbers, number, weight, square))

@@ -1,8 +1,8 @@
-"""Where samples of direct light find light: guided samples of the emitters.
+"""Guided samples of the emitters, aimed at where direct light comes from.
 
-Behind a window, most samples of a sky find the wall; of many lamps, most are in other rooms. A
+Behind a window, most samples of a sky hit the wall; with many lamps, most are in other rooms. A
 sample of the emitters is determined by two uniform random numbers, whatever emitters there are. In
-each cell of space, a pilot tells from which parts of this unit square light arrives. The square is
+each cell of space, a pilot shows from which parts of this unit square light arrives. The square is
 divided into B bins; bin b has the probability
 
     P_b = UNIFORM / B + (1 - UNIFORM) sqrt(m_b) / Σ sqrt(m),
@@ -21,10 +21,10 @@ from gpf.core.structs import from_numpy
 from gpf.guiding.density_control import cell_keys
 
 SIDE = 16
-"""Bins of the unit square along each of its sides."""
+"""Number of bins along each side of the unit square."""
 
 UNIFORM = 0.15
-"""Part of the samples that are not guided, so that every one remains possible."""
+"""Fraction of the samples that are not guided, so that every sample remains possible."""
 
 POINTS_PER_CELL = 300
 """Cells of space are widened until they hold about this many points."""
@@ -32,9 +32,9 @@ POINTS_PER_CELL = 300
 # This many samples with the mean square of the whole scene are added to those in a bin of a cell.
 _PRIOR = 1.0
 
-# Standard deviation, in bins, of the weights with which neighbouring bins count, too. Without them,
-# samples are few and bright where a pilot has missed light: behind a window, with four samples at
-# each point, seven times as much noise remains.
+# Standard deviation, in bins, of the weights of neighbouring bins, which count as well. Without
+# them, samples are few and bright where a pilot has missed light: behind a window, with four
+# samples at each point, seven times as much noise remains.
 _SMOOTHING = 0.6
 
 
@@ -72,7 +72,7 @@ class LampGuide:
 
     def warp(self, sample: mi.Point2f) -> tuple[mi.Point2f, mi.Float]:
         """Guided random numbers for each point, (N, 2), from uniform ones, and the factors by which
-        their light is multiplied, (N,)."""
+        to multiply their light, (N,)."""
         x, column, wide = _invert(self._columns, self._cell, sample.x)
         y, _, high = _invert(self._rows, self._cell * SIDE + column, sample.y)
         return mi.Point2f(x, y), 1 / (wide * high * SIDE**2)

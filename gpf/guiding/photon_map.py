@@ -14,7 +14,7 @@ from gpf.guiding.density_control import control_density
 from gpf.guiding.visible_region import VisibleRegion
 from gpf.photons.tracing import PathSettings, record_photons
 
-# Paths that are traced and selected at a time; this bounds the memory.
+# Number of paths traced and selected at a time, which bounds the memory.
 BATCH = 100_000
 
 
@@ -36,7 +36,7 @@ class PhotonSettings(Settings):
 def collect_photons(
     scene: mi.Scene, region: VisibleRegion | None, settings: PathSettings, seed: int
 ) -> Photons:
-    """The photons in the region, after :func:`control_density`, or all without a region, (N,).
+    """The photons in the region, after :func:`control_density`, or all if there is no region, (N,).
 
     Powers are divided by the number of all paths, so that sums over an area of the region are
     unbiased.

@@ -1,4 +1,4 @@
-"""A pilot: some photon paths that measure how much power reaches the visible region."""
+"""A pilot: photon paths that measure how much power reaches the visible region."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Pilot:
 
     @property
     def efficiency(self) -> float:
-        """(Σ Φ)² / (N Σ Φ²): this share of N paths has the same noise if all are equal in power."""
+        """(Σ Φ)² / (N Σ Φ²): this fraction of N paths, all of equal power, has the same noise."""
         total, square = self.power.sum(), (self.power**2).sum()
         return float(total**2 / (len(self.power) * square)) if square > 0 else 0.0
 

@@ -32,12 +32,12 @@ class SurfacePatch:
         self, p: mi.Point3f, n: mi.Normal3f, radius: float, bounds: tuple[Any, Any]
     ) -> None:
         self._radius = dr.opaque(mi.Float, radius)
-        # Of points that lie close together, one is enough. In a room under an open sky, where the
-        # radius is that of the land around, a photon on a table leg would visit all of them.
+        # One of several close points is enough. In a room under an open sky, where the radius is
+        # that of the surrounding land, a photon on a table leg would visit all of them.
         keys = cell_keys(to_numpy(p), to_numpy(n), radius / _CELLS)
         kept = from_numpy(mi.UInt32, np.unique(keys, return_index=True)[1].astype(np.uint32))
         p, n = dr.gather(mi.Point3f, p, kept), dr.gather(mi.Normal3f, n, kept)
-        # On the outside of a wall, all the points of its inside would be visited in vain.
+        # On the outside of a wall, all the points on its inside would be visited in vain.
         self._facing = FacingCells(p, n, radius, bounds)
         self._hash = SpatialHash(p, cell=2.02 * radius, bounds=bounds, tag=pack_tag(n))
 

@@ -46,7 +46,7 @@ class VisibleRegion:
     Attributes
     ----------
     points: the visible points, (N,).
-    radius: distance from a visible point up to which the region extends, world units.
+    radius: how far the region extends around each visible point, world units.
     """
 
     def __init__(

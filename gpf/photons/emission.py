@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-# Makes one ray, its power, W, and its emitter per lane of the sampler's wavefront. The expected
-# power of a ray is that of all emitters together.
+# Makes one ray per lane of the sampler's wavefront, with its power, W, and its emitter. The
+# expected power of a ray is that of all emitters together.
 Emitted = tuple["mi.Ray3f", "mi.Color3f", "mi.EmitterPtr"]
 Source = Callable[["mi.Scene", "mi.Sampler"], Emitted]
 
@@ -56,8 +56,8 @@ def _spread_over_scene(
 ) -> mi.Point3f:
     """Origins of the rays; for an environment map, on a disc perpendicular to the ray.
 
-    In Mitsuba 3.9 that disc is perpendicular to the direction before ``to_world``, so that too many
-    or too few rays of a rotated map would hit the scene.
+    In Mitsuba 3.9 that disc is perpendicular to the direction before ``to_world``, so too many or
+    too few rays from a rotated map would hit the scene.
     """
     environment = scene.environment()
     if environment is None or environment.class_name() != "EnvironmentMapEmitter":

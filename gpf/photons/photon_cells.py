@@ -17,7 +17,7 @@ LEVEL_BITS = 2
 # The coarsest level: its edges are half the radius of a wide kernel after 100 passes.
 _COARSEST = 2
 
-# The table of levels: edge of its cells, in edges of the finest cubes; their largest number.
+# The table of levels: edge of its cells, in edges of the finest cubes, and their maximum number.
 _WIDTH = 16
 _MOST_CELLS = 1 << 22
 
@@ -29,7 +29,7 @@ _SHARE = 0.5
 
 
 class PhotonCells:
-    """Cubes of several sizes: at level l, edges are 2^l times as long as at the finest.
+    """Cubes of several sizes: at level l, edges are 2^l times as long as at level 0.
 
     Each place has a level. It is 0 where the points that gather photons are dense. Where they are
     far apart, as on the walls of a large room with cameras around a table in its middle, the finest
@@ -38,7 +38,7 @@ class PhotonCells:
 
     Parameters
     ----------
-    edge: that of the finest cubes, world units; longer if the scene spans more than 65535 of them.
+    edge: edge of the finest cubes, world units; longer if the scene spans more than 65535 of them.
     bounds: corners of the scene's bounding box.
     points: points that gather photons, world units, (N, 3); without them, every level is 0.
     """
@@ -61,8 +61,8 @@ class PhotonCells:
         dr.make_opaque(self._levels)
 
     def find(self, p: mi.Point3f) -> tuple[mi.UInt32, mi.Vector3u, mi.Vector3f]:
-        """The level of the cubes in which points (N, 3) lie, the indices of the cubes along each
-        axis, at most 65535, and the places within them, [0, 1)."""
+        """The levels of the cubes in which points (N, 3) lie, the cubes' indices along each axis,
+        at most 65535, and the positions within them, [0, 1)."""
         at = mi.Vector3i(dr.floor((p - self._lower) * self._inverse))
         level = dr.gather(
             mi.UInt32, self._levels, dr.dot(mi.Vector3u(dr.clip(at, 0, self._last)), self._stride)

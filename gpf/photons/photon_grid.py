@@ -2,10 +2,10 @@
 
 A density estimate does not need single photons: the photons in a cell that is smaller than the
 kernel, or than the distance between the points that gather them, count as one photon at their mean
-position, with the sum of their powers. The cost of a pass is little more than its photon walk, for
-any number of points, and the kernel's radius can be chosen after the tracing. Two halves of the
-passes are kept apart, so that their results can be compared; they share the cells and the mean
-positions in them.
+position, with the sum of their powers. A pass costs little more than its photon walk, for any
+number of points, and the kernel's radius can be chosen after tracing. Two halves of the passes are
+kept apart, so that their results can be compared; they share the cells and the mean positions in
+them.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ _POWER_STEPS = 2.0**24
 # Paths that measure the typical power of a photon and the number of photons per path.
 PILOT = 1024
 
-# 64-bit numbers per cell for its sums. A key is never zero, because no unit normal is -3, -3, -3
-# thirds.
+# Number of 64-bit integers for a cell's sums. A key is never zero, because no unit normal is
+# -3, -3, -3 thirds.
 _LINE = 8
 
 # Columns of a cell's numbers: power of each half; x and y; z and the number of photons.
 _POWER, _XY, _ZN = (0, 5), 3, 4
 
-# The table grows before more than this share of it is used, to this multiple of what is needed.
+# The table grows before it is more than _FULL used, to _SPARE times the size needed.
 _FULL, _SPARE = 0.7, 1.5
 
 
@@ -64,11 +64,11 @@ class PhotonSums:
     cells: the cubes.
     settings: the photon paths of each pass.
     capacity: initial number of slots in the table of cells; the table grows.
-    groups: keeps the light of groups of emitters apart; see :meth:`LightGroups.table`.
+    groups: table that keeps the light of groups of emitters apart; see :meth:`LightGroups.table`.
 
     Attributes
     ----------
-    paths: photon paths of each half so far.
+    paths: number of photon paths in each half so far.
     """
 
     def __init__(
@@ -168,8 +168,8 @@ class PhotonSums:
         return slot
 
     def photons(self, half: int, group: int | None = None, diffused: bool = True) -> Photons:
-        """One photon for each cell that has light of a half, sorted by cell; powers are divided by
-        the half's number of paths so far.
+        """One photon for each cell that has light in this half, sorted by cell; powers are divided
+        by the half's number of paths so far.
 
         ``group``: only the photons of this group of emitters; all by default. ``diffused``: whether
         to include those from diffuse surfaces.
@@ -243,7 +243,7 @@ class PhotonSums:
         self._insert(known, lambda k: dr.gather(mi.UInt64, sums, _LINE * taken + k))
 
     def _insert(self, keys: mi.UInt64, column: Callable[[int], mi.UInt64]) -> None:
-        """Put cells into an empty table; ``column(k)``: number k of _LINE of each, (C,)."""
+        """Put cells into an empty table; ``column(k)``: integer k of _LINE of each cell, (C,)."""
         slot = self._find(keys, mi.Bool(True))
         dr.eval(slot, self._keys, self._cells, self._lost)
         for k in range(_LINE):

@@ -27,7 +27,7 @@ Deposit = Callable[[Photons, "mi.Bool", "mi.Bool"], None]
 
 @dataclass(frozen=True)
 class PathSettings:
-    """The number, the length and the emission of photon paths.
+    """Number, length and emission of photon paths.
 
     Attributes
     ----------
@@ -36,8 +36,8 @@ class PathSettings:
         limit. The camera has the last edge, so a photon has at most ``max_depth - 1`` interactions.
     rr_depth: number of interactions after which Russian roulette may end a path.
     source: makes the first rays and their powers, e.g. :func:`emit_light` or a guided emission.
-    indirect: whether to leave out photons that come straight from an emitter, including those
-        through surfaces that do not bend light: what :meth:`gpf.scene.lamps.Lamps.sample` finds.
+    indirect: whether to leave out photons that come straight from an emitter, even through
+        surfaces that do not bend light: the light that :meth:`gpf.scene.lamps.Lamps.sample` finds.
     """
 
     paths: int

@@ -9,7 +9,7 @@ import numpy as np
 
 
 def bounding_box(scene: mi.Scene) -> np.ndarray:
-    """Two opposite corners of the box around all shapes, world units, (2, 3); zeros if no shapes.
+    """Two opposite corners of the box around all shapes, world units, (2, 3); zeros without shapes.
 
     ``scene.bbox()`` is wrong if Mitsuba merged rectangles into one mesh on loading: the bounding
     box of that mesh is empty.

@@ -16,7 +16,7 @@ import numpy as np
 
 PARTS = ("geometry", "materials", "lights")
 
-# Relative difference up to which two numbers count as the same but for rounding.
+# Relative difference up to which two numbers count as equal except for rounding.
 _SAME = 1e-4
 
 
@@ -25,8 +25,8 @@ def fingerprint(scene: mi.Scene) -> dict[str, Any]:
 
     ``geometry`` is the total surface area, its centroid, and the second moments around the origin:
     ten numbers. ``materials`` maps a digest of each material to the area that it covers.
-    ``lights`` is a digest of each emitter and its position. The digests are of the values that
-    Mitsuba exposes, and of the printed form of materials.
+    ``lights`` is a digest of each emitter and its position. The digests cover the values
+    that Mitsuba exposes and, for materials, the printed form.
     """
     moments, lights = np.zeros(10), []
     areas: dict[str, float] = defaultdict(float)
@@ -34,7 +34,7 @@ def fingerprint(scene: mi.Scene) -> dict[str, Any]:
         own = _moments(shape)
         moments += own
         if (bsdf := shape.bsdf()) is not None:
-            # The printed form shows what is not among the values, but also a name.
+            # The printed form also shows what is not among the values, but it includes a name.
             lines = [line for line in str(bsdf).splitlines() if " id = " not in line]
             printed = "".join(lines).encode()
             areas[_digest(*_values(bsdf, set()), printed)] += float(own[0])
@@ -77,7 +77,7 @@ def _same(part: str, first: Mapping[str, Any], second: Mapping[str, Any]) -> boo
 def _moments(shape: mi.Shape) -> np.ndarray:
     """Area A of a shape, and the integrals over it of x, y, z, x², y², z², yz, zx, xy, (10,).
 
-    A shape that is neither a mesh nor a rectangle counts as a box of its extent.
+    A shape that is neither a mesh nor a rectangle counts as its bounding box.
     """
     if isinstance(shape, mi.Mesh):
         vertices = np.array(shape.vertex_positions_buffer(), dtype=float).reshape(-1, 3)

@@ -40,7 +40,7 @@ def scenes_root() -> Path:
             return root
     raise UserError(
         str(here),
-        "neither this folder nor one above it has scenes",
+        "neither this folder nor any above it has scenes",
         "Change to the project folder, or set GPF_SCENES to the folder that holds the scenes.",
     )
 
@@ -52,7 +52,7 @@ def list_scenes(root: Path | None = None) -> list[str]:
 
 
 def scene_folder(name: str, root: Path | None = None) -> Path:
-    """The folder of a scene; a :class:`UserError` if there is no such scene."""
+    """The folder of a scene; raises a :class:`UserError` if there is no such scene."""
     root = root or scenes_root()
     known = list_scenes(root)
     if name not in known:

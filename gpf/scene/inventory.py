@@ -73,7 +73,7 @@ def check_meshes(scene: mi.Scene, where: str = "scene") -> None:
 
 
 def describe_media(scene: mi.Scene) -> str:
-    """What images lack because of the scene's participating media; empty if it has none."""
+    """A warning about the scene's participating media; empty if it has none."""
     media = [part for part in mi.traverse(scene).hierarchy if isinstance(part, mi.Medium)]
     if not media:
         return ""
@@ -149,11 +149,11 @@ def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
 
 
 def divides_walks(scene: mi.Scene) -> bool:
-    """Whether a camera walk can take both paths at its first surface: through smooth glass and
-    reflected from it, or the diffuse component of a material and its others.
+    """Whether a camera walk can take both paths at its first surface: transmission and reflection
+    at smooth glass, or the diffuse component of a material and its others.
 
-    This requires that the scene has such a surface, and that at all smooth glass a random number
-    alone chooses between both directions: no mixture of materials, and no mask.
+    The scene must have such a surface, and at all smooth glass, a random number alone must choose
+    between the two directions: no blended materials, and no masks.
     """
     through = int(mi.BSDFFlags.DeltaTransmission) | int(mi.BSDFFlags.Null)
     diffuse, glossy = int(mi.BSDFFlags.Diffuse), int(mi.BSDFFlags.Glossy)

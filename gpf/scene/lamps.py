@@ -14,7 +14,7 @@ from gpf.core.errors import UserError
 from gpf.core.loops import loops_traced_once
 from gpf.scene.materials import has_null
 
-# A sample of direct light uses at most this many emitters; from more, it picks some at random.
+# A sample of direct light uses at most this many emitters, picked at random if there are more.
 MOST_AT_ONCE = 4
 
 
@@ -53,9 +53,11 @@ class Lamps:
     def sample(
         self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
-        """A point on one of the emitters, and its radiance divided by the density of its direction,
-        times the fraction that arrives, W/m² for a cosine of one, (N, 3); as in
-        ``scene.sample_emitter_direction``, so the density of hidden points is zero."""
+        """Sample a point on one of the emitters, as ``scene.sample_emitter_direction`` does.
+
+        Returns the point, with a density of zero if it is hidden, and its radiance divided by the
+        density of its direction, times the fraction that arrives, W/m² for a cosine of one, (N, 3).
+        """
         light, weight = self._choose(origin, sample, active)
         seen = active & (light.pdf > 0)
         if self._asks_null:
@@ -97,7 +99,7 @@ class Lamps:
         return self._with([k for k in every if k not in (self.indices or ())])
 
     def _with(self, indices: Sequence[int] | None) -> Lamps:
-        """The same for other emitters."""
+        """The same, with other emitters."""
         return Lamps(self.scene, indices, self._through_null)
 
     def __bool__(self) -> bool:

@@ -83,13 +83,13 @@ class LightGroups:
                 if emitter not in known:
                     raise UserError(
                         f"{file}: {name}",
-                        f"there is no emitter {emitter!r}",
+                        f"lists {emitter!r}, which is not an emitter",
                         suggest(emitter, known, "The emitters are"),
                     )
                 if emitter in taken:
                     raise UserError(
                         f"{file}: {name}",
-                        f"{emitter} is also in {taken[emitter]}",
+                        f"lists {emitter}, which is also in {taken[emitter]}",
                         "List each emitter once.",
                     )
                 taken[emitter] = name

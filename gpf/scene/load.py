@@ -93,7 +93,7 @@ def load_with_parameters(
 ) -> mi.Scene:
     """Load a file like ``mi.load_file``, with some of Mitsuba's plugins replaced by this project's.
 
-    ``integrator``: whether to load the scene's own integrator, too.
+    ``integrator``: whether to load the scene's own integrator too.
 
     Raises
     ------
@@ -150,8 +150,8 @@ def _load(file: Path, parameters: Mapping[str, object], integrator: bool) -> Any
             loaded = mi.parser.instantiate(config, state)
     finally:
         mi.set_file_resolver(before)
-        # If a shape fails, the others are freed, but `state` keeps their emitters, and the
-        # traceback keeps `state`: the next kernel that calls emitters would kill the process.
+        # If a shape fails, the others are freed, but `state` keeps their emitters alive, and
+        # the traceback keeps `state`: the next kernel that calls emitters would kill the process.
         del state
     return loaded[0] if isinstance(loaded, list) and len(loaded) == 1 else loaded
 
@@ -177,8 +177,8 @@ def _refuse_foreign_code(state: mi.parser.ParserState) -> None:
 
 
 def _require_parts(state: mi.parser.ParserState) -> None:
-    """Raise a :class:`UserError` for a plugin without what it needs, where Mitsuba would crash
-    instead of reporting it."""
+    """Raise a :class:`UserError` if a plugin lacks a part and Mitsuba would crash instead of
+    reporting it."""
     for node in state.nodes:
         props, name = node.props, node.props.plugin_name()
         if name == "blendbsdf":
@@ -213,6 +213,6 @@ def _leave_out_integrators(state: mi.parser.ParserState) -> None:
 def _parts(props: mi.Properties) -> list[str]:
     """The names of the properties that are other nodes.
 
-    Found by type: reading a value marks it as used for Mitsuba, and misspelt names would pass.
+    Found by type: reading a value marks it as used, so Mitsuba would accept misspelt names.
     """
     return [key for key in props if props.type(key) == mi.Properties.Type.ResolvedReference]

@@ -23,7 +23,7 @@ INSEPARABLE = {"Principled": "principled", "PrincipledThin": "principledthin"}
 
 
 NOT_DIFFUSE = int(mi.BSDFFlags.All) & ~int(mi.BSDFFlags.Diffuse)
-"""Flags of all other components."""
+"""Flags of all components except diffuse ones."""
 
 
 def inseparable_materials(scene: mi.Scene) -> list[str]:
@@ -113,9 +113,9 @@ def is_smooth_glass(bsdf: mi.BSDFPtr) -> mi.Bool:
 def diffuse_reflectance(
     bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, active: mi.Bool
 ) -> mi.Color3f:
-    """ρ(wo) = π f_d(n, wo) for ``wo = si.wi``, dimensionless, (N, 3); light comes along the normal.
+    """ρ(wo) = π f_d(n, wo) for ``wo = si.wi``, dimensionless, (N, 3), for light along the normal.
 
-    Evaluated with swapped directions, because the lobe is symmetric.
+    Evaluated with swapped directions: the lobe is symmetric.
     """
     normal = mi.Vector3f(0, 0, dr.select(si.wi.z > 0, 1, -1))
     return dr.pi * bsdf.eval(diffuse_context(), si, normal, active)

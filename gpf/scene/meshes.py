@@ -1,8 +1,7 @@
 """Find meshes whose triangles refer to vertices that do not exist, and meshes without triangles:
 Mitsuba would crash or give an unclear message.
 
-Files that are not of the kind that a check is for are skipped. Mitsuba itself reports all other
-errors when it reads a file.
+Each check skips files of other kinds. Mitsuba itself reports all other errors on reading a file.
 """
 
 from __future__ import annotations
@@ -155,7 +154,7 @@ def _text_corners(body: bytes, elements: Elements) -> Corners:
         width = len(properties) + 3 * len(lists)  # a list of three takes four numbers
         rows = numbers[at : at + count * width]
         if name == "face" and count:
-            # In a mesh with other faces, rows have other lengths: the first wrong count shows it.
+            # Rows of other faces have other lengths, but the first wrong count is found.
             whole = rows[: len(rows) // width * width].reshape(-1, width)
             if (whole[:, lists[0]] != 3).any():
                 raise _NoTriangles

@@ -1,4 +1,4 @@
-"""Find what stands on a surface, or lies above it, with short rays from it.
+"""Find what stands on a surface, or lies above it, by tracing short rays.
 
 A wall that stands on a floor separates the light on its two sides, although the floor continues
 beneath it. An obstacle is treated as a plane that stands upright on the surface.
@@ -13,10 +13,10 @@ import mitsuba as mi
 
 from gpf.core.surface_tags import SAME_SURFACE_COSINE
 
-# Height of the rays above the surface, relative to their length: anything lower is no obstacle.
+# Height of the rays above the surface, relative to their length: anything lower is not an obstacle.
 _HEIGHT = 0.03
 
-# Where rays straight up begin, relative to their length: not on the surface itself.
+# Height at which rays straight up begin, relative to their length: not on the surface itself.
 _START = 0.03
 
 
@@ -66,9 +66,11 @@ def look_along(
 def next_surface(
     scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float
 ) -> tuple[mi.Float, mi.Vector3f]:
-    """The next surface from points on surfaces, straight along their normals: its distance, world
-    units, (N,), infinite if there is none within ``reach``, (N,); and its unit normal on the far
-    side, (N, 3)."""
+    """The next surface straight along the normals of points on surfaces.
+
+    Returns its distance, world units, (N,), infinite if there is none within ``reach``, (N,), and
+    its unit normal on the far side, (N, 3).
+    """
     start = _START * reach
     ray = mi.Ray3f(p + start * n, mi.Vector3f(n), reach - start, 0, mi.Color0f())
     si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)

@@ -12,11 +12,11 @@ with the base colour c, the metallic fraction m, the transmission t, the diffuse
 to 2) and the flatness s at the point. D is the part of the diffuse lobe (Burley 2012) that is a
 product of a function of wi and one of wo, as :mod:`gpf.scene.materials` requires. It is never
 larger than the lobe: retro-reflection, the rest of the flat lobe (at least 5/8 c / π) and sheen
-only add to it. They belong to the second component, with the specular lobes, the clear coat, and
+only add to it. These belong to the second component, with the specular lobes, the clear coat, and
 the light that a thin sheet transmits diffusely.
 
 Scene files loaded with :func:`gpf.scene.load.load_scene_file` get these plugins in place of
-Mitsuba's. All components together have the same values, so other integrators see no difference.
+Mitsuba's. The sum of the components is unchanged, so other integrators see no difference.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class _Separable(mi.BSDF):
         return dr.select(active, level * self.base_color.eval(si, active), 0)
 
     def class_name(self) -> str:
-        """The name of this class; by default, Mitsuba gives that of its base class."""
+        """The name of this class; by default, Mitsuba returns that of its base class."""
         return type(self).__name__
 
     def to_string(self) -> str:

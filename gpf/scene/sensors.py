@@ -119,7 +119,7 @@ def differs_from_view(sensor: mi.Sensor, view: View) -> list[str]:
 
 
 def looks_through(scene: mi.Scene, sensor: mi.Sensor, view: View) -> list[str]:
-    """A description of what the sensor's near clip hides but the view shows; empty if nothing."""
+    """Describe what the sensor's near clip hides but the view shows; empty if nothing."""
     near, aspect = float(sensor.near_clip()), film_aspect(sensor)
     rows, columns = 32, max(1, round(32 * aspect))
     index = dr.arange(mi.UInt32, rows * columns)

@@ -17,7 +17,7 @@ from gpf.scene.xml import read_scene_xml
 
 
 def build_scene(name: str, root: Path | None = None, target: Path | None = None) -> list[Path]:
-    """Run the ``build.py`` of a scene and return the files that it made; none without a builder.
+    """Run the ``build.py`` of a scene, if it has one, and return the files that it made.
 
     The files go below ``target``, by default the folder of the scene. The builder writes them to a
     temporary folder; they are moved once all are complete.

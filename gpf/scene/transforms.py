@@ -86,8 +86,8 @@ def read_transforms(path: Path) -> SceneViews:
     Raises
     ------
     UserError: the file is missing or has no frames; or a camera is not a pinhole camera with square
-        pixels and its axis through the centre of the image; or the images differ in aspect, or
-        their size is given neither by the file nor by the images themselves.
+        pixels and its axis through the centre of the image; or the images differ in aspect ratio,
+        or their size is given neither by the file nor by the images themselves.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -114,7 +114,9 @@ def read_transforms(path: Path) -> SceneViews:
         views.append(view)
         aspects.append(aspect)
     if max(aspects) > 1.001 * min(aspects):
-        raise UserError(str(path), "has images of different aspects", "Use one file per aspect.")
+        raise UserError(
+            str(path), "has images with different aspect ratios", "Use one file per ratio."
+        )
     try:
         return SceneViews(aspect=round(aspects[0], 6), views=ViewSets(train=tuple(views)))
     except ValidationError as error:
@@ -140,7 +142,9 @@ def _read_frame(
     """The view of a frame, and its width divided by its height."""
     matrix = np.array(frame.get("transform_matrix", ()), dtype=float)
     if matrix.shape not in ((4, 4), (3, 4)) or not np.isfinite(matrix).all():
-        raise UserError(where, "has no transform_matrix of 4 rows", "Give camera to world, 4×4.")
+        raise UserError(
+            where, "has no transform_matrix of 4 rows", "Give the camera-to-world matrix, 4×4."
+        )
     rotation = matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
     if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
         raise UserError(where, "has a transform_matrix that is not a rotation", "Correct it.")

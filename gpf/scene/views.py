@@ -165,7 +165,7 @@ class SceneViews(Settings):
         return self.exposure if "exposure" in self.model_fields_set else None
 
     def find(self, name: str) -> View:
-        """The view or frame with this name; a :class:`UserError` if there is none."""
+        """The view or frame with this name; raises a :class:`UserError` if there is none."""
         named = (*self.train, *self.novel, *self.more, *self.frames())
         known = {view.name: view for view in named}
         if name not in known:
@@ -183,7 +183,7 @@ class SceneViews(Settings):
 
         Origin, target, up and fov follow uniform Catmull-Rom splines through the keyframes, at
         equal steps of the parameter. An open path ends at its last keyframe. A closed path ends one
-        step before its first keyframe, so that it repeats without a pause.
+        step before its first keyframe, so that it loops without a pause.
         """
         if self.path is None:
             return ()

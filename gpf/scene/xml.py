@@ -12,7 +12,7 @@ File names are resolved as in Mitsuba 3.9:
 - ``<string name="filename">``: plugins read it after all includes, so in the folder of the scene
   file, whichever file has the tag;
 - a ``<path>`` adds its folder before those of the including files; one in the scene file also
-  counts for all plugins.
+  applies to all plugins.
 
 Mitsuba also looks in the current folder. A file found only there counts as missing here, because it
 is not part of the scene.
@@ -207,7 +207,7 @@ def _find(text: str, folders: Iterable[Path], otherwise: int = -1) -> Path:
 def _check_coding(file: Path, coding: str | None) -> None:
     # Mitsuba treats any other encoding as UTF-8, and Python cannot read ids that are not UTF-8.
     if coding and coding.lower() not in CODINGS and not file.read_bytes().isascii():
-        todo = f"Save it as UTF-8; supported are {', '.join(CODINGS)}."
+        todo = f"Save it as UTF-8, or as one of {', '.join(CODINGS)}."
         raise UserError(str(file), f"does not parse: unknown encoding {coding}", todo)
 
 
@@ -216,7 +216,7 @@ def _refuse_type(place: Place) -> None:
 
 
 def _coding_of(file: Path) -> str | None:
-    """The encoding of a file if expat does not know the file's name for it; else None."""
+    """The encoding of a file if expat does not know the name that the file gives it, or None."""
     try:
         with file.open("rb") as stream:
             head = stream.read(200)

@@ -35,8 +35,8 @@ class PhotonDensity:
 
     with the constant kernel κ(s) = 1 or the smooth kernel κ(s) = 2 (1 - s).
 
-    Photons are added cell by cell, and within a cell in the order in which they are given. The
-    same photons in the same order give the same bits.
+    Photons are added cell by cell, and in the given order within a cell, so that the same photons
+    in the same order give the same bits.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class PhotonDensity:
         self._empty = dr.width(photons.p) == 0
         if self._empty:
             return
-        # Narrow cells hold few photons outside the ball; with wide cells, fewer rows are visited.
+        # Narrower cells hold fewer photons outside the ball; wider cells mean fewer rows to visit.
         tag, cell = pack_tag(photons.n, photons.depth), 1.01 * radius
         self._grid = SpatialHash(photons.p, cell=cell, bounds=bounds, tag=tag, colour=photons.power)
         self._radius = dr.opaque(mi.Float, radius)

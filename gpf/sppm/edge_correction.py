@@ -1,12 +1,12 @@
-"""Edge correction: what part of the kernel's disc lies on the surface.
+"""Edge correction: the part of the kernel's disc that lies on the surface.
 
 The kernel density estimate divides by the area of a disc, π r². Where the surface ends within the
 disc (a wall in a corner, the rim of a table), photons land on only part of the disc. The estimate
 is then too low, and images get dark lines along edges, which fade only as the radius shrinks.
 
-A pass of SPPM corrects its estimate with a few random rays (:func:`area_correction`): the mean over
-many passes is right. When the photons of all passes are gathered at once, the area itself is needed
-(:func:`covered_share`), at the points where it matters (:func:`near_edges`).
+Each pass of SPPM corrects its estimate with a few random rays (:func:`area_correction`), so that
+the mean over many passes is right. When the photons of all passes are gathered at once, the area
+itself is needed (:func:`covered_share`), at the points where it matters (:func:`near_edges`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ _MOST_TRIALS = 8
 # Angle between successive points of a sunflower pattern, radians: they cover a disc evenly.
 _GOLDEN_ANGLE = 2.399963
 
-# Rays of near_edges on the disc's rim, which every straight edge in the disc cuts, and within it.
+# Number of rays of near_edges on the disc's rim, which every straight edge in the disc cuts, and
+# number of rays within it.
 _RIM, _WITHIN = 8, 8
 
 
@@ -39,8 +40,9 @@ def area_correction(
     c = 1/4.
 
     The ball around x cuts the same area from a curved surface, or from one with a crease, as from
-    a plane (exactly so for a sphere). The disc is therefore treated as bent like the surface.
-    Surface inside a box that stands on it, or behind a wall that crosses it, counts like the rest.
+    a plane (exactly so for a sphere). The disc is therefore treated as if it bent with the surface.
+    Parts of the surface inside a box that stands on it, or behind a wall that crosses it, count
+    like the rest.
 
     Parameters
     ----------
@@ -69,8 +71,8 @@ def covered_share(
 ) -> mi.Float:
     """The part A(x) / π r² of the smooth kernel's disc on which photons count at x, (N,).
 
-    Like :func:`area_correction`, but from a fixed number of rays, spread evenly over the disc: the
-    share of them that meet the surface, at least an eighth. For photons of
+    Like :func:`area_correction`, but from a fixed number of rays spread evenly over the disc: the
+    fraction of them that meet the surface, at least an eighth. Meant for the photons of
     :class:`gpf.photons.photon_grid.PhotonSums`, whose normals are rounded.
     """
     r, frame = dr.opaque(mi.Float, radius), mi.Frame3f(n)
@@ -79,7 +81,7 @@ def covered_share(
     count = dr.opaque(mi.UInt32, rays)
     number, hits = mi.UInt32(0), mi.UInt32(0)
     while number < count:
-        # The smooth kernel weighs a place at the distance √s r by 2 (1 - s).
+        # The smooth kernel gives a point at the distance √s r the weight 2 (1 - s).
         s = (mi.Float(number) + shift) / mi.Float(count)
         above = _above(frame, r, dr.sqrt(1 - dr.sqrt(dr.maximum(1 - s, 0))), turn, number)
         hits += dr.select(_lands(scene, p, n, r, above, True), 1, 0)
@@ -89,7 +91,7 @@ def covered_share(
 
 @dr.syntax
 def near_edges(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, radius: float, seed: int) -> mi.Bool:
-    """Whether the surface does not fill the disc of this kernel, or of a smaller one, (N,).
+    """Whether the surface fails to fill the disc of this kernel, or of a smaller one, (N,).
 
     Edges that cut off less than 1.2 % of the disc may be missed.
     """
@@ -108,7 +110,7 @@ def near_edges(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, radius: float, se
 
 
 def _numbers_of(p: mi.Point3f, seed: int) -> tuple[mi.UInt32, mi.UInt32]:
-    """Two random numbers of each position, (N,) each."""
+    """Two random numbers for each position, (N,) each."""
     key = dr.opaque(mi.UInt32, seed)
     bits = [dr.reinterpret_array(mi.UInt32, p[i]) for i in range(3)]
     first, second = mi.sample_tea_32(bits[0] ^ key, bits[1])
@@ -128,7 +130,7 @@ def _above(
 def _lands(
     scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, r: mi.Float, above: mi.Vector3f, rounded: bool
 ) -> mi.Bool:
-    """Whether the surface below a place is that of ``p``, so that photons there count, (N,).
+    """Whether the surface below a place is the one ``p`` is on, so that photons there count, (N,).
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from gpf.core.structs import VisiblePoints, to_numpy
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import diffuse_context
 
-# Replaces random numbers, (N, 2), and gives the weight of their samples, (N,).
+# Maps random numbers, (N, 2), to others, and gives the weights of their samples, (N,).
 Warp = Callable[["mi.Point2f"], tuple["mi.Point2f", "mi.Float"]]
 
 
@@ -51,9 +51,9 @@ class FixedPoints:
 
             E = L_e / p_e(ω) T |cos θ| g(ω)
 
-        where T is the share of the light that arrives, the cosine is that in the shading frame, and
-        g is that of :func:`gpf.scene.materials.diffuse_transfer`. Photons from the same point would
-        bring the same irradiance.
+        where T is the fraction of the light that arrives, θ is measured in the shading frame, and g
+        is that of :func:`gpf.scene.materials.diffuse_transfer`. Photons from the same point would
+        give the same irradiance.
 
         Parameters
         ----------
@@ -76,7 +76,7 @@ class FixedPoints:
         lamps: Lamps | None = None,
         warp: Warp | None = None,
     ) -> tuple[mi.Color3f, mi.Color3f]:
-        """Sums of the irradiance from some samples of the emitters, and of its square, (N, 3) each.
+        """Sums of the irradiance, and of its square, over samples of the emitters, (N, 3) each.
 
         Parameters
         ----------
@@ -84,13 +84,13 @@ class FixedPoints:
             :func:`gpf.core.random.random_start`.
         first, count: the samples are elements ``first`` to ``first + count - 1`` of the sequence.
         lamps: the emitters to sample; all by default.
-        warp: replaces the random numbers of the sequence, and gives the weight of their light.
+        warp: replaces the sequence's random numbers, and gives the weights of their light.
         """
         lamps = Lamps(self.scene) if lamps is None else lamps
         total, squares = (dr.zeros(mi.Color3f, dr.width(self.points.p)) for _ in range(2))
         # One kernel serves any range of samples; it is traced once for all of them.
         number, end = dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, first + count)
-        _ = self._surface  # cannot be found within a loop
+        _ = self._surface  # cannot be computed within a loop
         while dr.hint(number < end, exclude=[start, end]):
             sample, weight = spread_sample(start, number), mi.Float(1)
             if dr.hint(warp is not None, mode="scalar"):
@@ -103,7 +103,7 @@ class FixedPoints:
         return total, squares
 
     def cosine_rays(self, sample: mi.Point2f) -> tuple[mi.Ray3f, mi.Float]:
-        """Rays from the points, (N,), with densities cos θ / π, and cos θ, (N,).
+        """Rays from the points, (N,), with density cos θ / π, and their cos θ, (N,).
 
         ``sample``: random numbers in [0, 1)², (N, 2).
         """
@@ -118,8 +118,8 @@ class FixedPoints:
         return here
 
     def share(self, direction: mi.Vector3f) -> mi.Color3f:
-        """Irradiance from light of direction ω, relative to light of the same radiance from above,
-        (N, 3): the cosine of the direction times g(ω)."""
+        """Irradiance due to light from direction ω, relative to light of the same radiance from
+        straight above, (N, 3): the cosine of the direction times g(ω)."""
         n, si = self.points.n, self._surface
         cosine = dr.dot(direction, n)
         # As for a photon that lands: the BSDF for light from ω over that for light from above.

@@ -29,7 +29,7 @@ class PassParts:
     folder: parent of the folder with the parts, which is named after the fingerprint's digest and
         also holds the fingerprint. Folders of other fingerprints are not touched.
     fingerprint: everything that the sums depend on, as JSON values.
-    passes: total number of passes. Parts of a longer sum that end later are ignored.
+    passes: total number of passes. Parts that end later, from a longer sum, are ignored.
     """
 
     def __init__(self, folder: Path, fingerprint: Mapping[str, Any], passes: int) -> None:
@@ -44,7 +44,7 @@ class PassParts:
         chosen: list[range] = []
         names = [_NAME.fullmatch(p.name) for p in self.folder.glob("*.safetensors")]
         found = [range(int(m[1]), int(m[2])) for m in names if m and int(m[2]) <= self.passes]
-        # Of parts with the same start, the longest counts; parts that overlap it do not.
+        # Among parts with the same start, the longest counts; parts that overlap it do not.
         for part in sorted(found, key=lambda r: (r.start, -r.stop)):
             if not chosen or part.start >= chosen[-1].stop:
                 chosen.append(part)
@@ -61,7 +61,7 @@ class PassParts:
         return left
 
     def others(self) -> dict[Path, str]:
-        """Folders with parts of other sums, and the facts in which these differ from this sum."""
+        """Folders with parts of other sums, and how their fingerprints differ from this one."""
         if not self.parent.is_dir():
             return {}
         folders = sorted(p for p in self.parent.iterdir() if p.is_dir() and p != self.folder)
@@ -106,7 +106,7 @@ class PassParts:
         if metadata.get("digest") != self.digest:
             raise UserError(
                 str(self.file(part)),
-                "holds passes of another scene, or of other views, parameters or code "
+                "holds passes of a different scene, or with different views, parameters or code "
                 f"({metadata.get('digest', 'unknown')}); it was not changed",
                 "Move it out of this folder.",
             )

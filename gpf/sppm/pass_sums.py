@@ -1,4 +1,4 @@
-"""Sums over passes: the same bits, however the passes are grouped into ranges."""
+"""Sums over passes, with the same bits however the passes are grouped into ranges."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ class ViewTally:
         """Expected PSNR, in dB, of an independent image with as many passes against this image.
 
         T is the tone mapping. Each half has half of the passes, so its squared error is twice that
-        of the whole. The squared difference of the halves is thus four times the squared error of
-        one whole image; that of two whole images is twice this error:
+        of the whole. The squared difference between the halves is thus four times the squared error
+        of one whole image; that between two whole images is twice this error:
 
             PSNR = -10 log₁₀ (⟨(T(odd) - T(even))²⟩ / 2)
         """
@@ -79,7 +79,7 @@ class ViewTally:
 
 
 class PassSums:
-    """Sums over a number of passes, for views and for sets of fixed points.
+    """Sums over passes, for views and for sets of fixed points.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class PassSums:
         }
 
     def add_tensors(self, tensors: Mapping[str, np.ndarray], passes: int) -> None:
-        """Add the sums over ``passes`` other passes, as :meth:`tensors` gives them."""
+        """Add the sums over ``passes`` other passes, as returned by :meth:`tensors`."""
         for name, part in self._parts().items():
             keys = ("whole", "steps", "broken")
             part.add_tensors({key: tensors[f"{name}/{key}"] for key in keys})
@@ -177,7 +177,7 @@ class ExactSum:
         }
 
     def add_tensors(self, tensors: Mapping[str, np.ndarray]) -> None:
-        """Add another sum, as :meth:`tensors` gives it."""
+        """Add another sum, as returned by :meth:`tensors`."""
         kind = type(self._whole)
         self._whole += kind(np.ascontiguousarray(tensors["whole"].T))
         self._steps += kind(np.ascontiguousarray(tensors["steps"].T))

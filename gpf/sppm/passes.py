@@ -43,10 +43,10 @@ class PassSettings(Settings):
     rr_depth: interactions before Russian roulette.
     direct: source of direct light at visible and fixed points: ``photons``, like all other light,
         or a sample of the ``emitters``.
-    glossy_walks: number of camera walks of a sample that meets a glossy surface first; see
+    glossy_walks: number of camera walks for a sample whose first surface is glossy; see
         :class:`gpf.camera.film.FilmSamples`.
-    edge_correction: whether to divide by the part of the kernel's disc that lies on the surface,
-        instead of the whole disc; see :mod:`gpf.sppm.edge_correction`.
+    edge_correction: whether to divide by only the part of the kernel's disc that lies on the
+        surface, instead of the whole disc; see :mod:`gpf.sppm.edge_correction`.
     """
 
     photons_per_pass: Count = 100_000

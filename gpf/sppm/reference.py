@@ -33,10 +33,11 @@ class ReferenceSettings(PassSettings):
     Attributes
     ----------
     passes: maximum number of passes.
-    photons_per_pass: emitted paths; ``auto``: from what paths contribute to the visible region.
+    photons_per_pass: emitted paths; ``auto``: depends on what they contribute to the visible
+        region.
     initial_radius: world units; ``auto``: from the photon density at the first view.
-    view_points, surface_points: largest number of supervised points that training views see, and
-        of supervised surface samples.
+    view_points, surface_points: maximum number of supervised points seen by training views, and of
+        supervised surface samples.
     images: number of training views with images; ``auto``: as many as the systems to be run need.
     checkpoint_seconds: time between checkpoints.
     preview_seconds: time between preview images; 0: no previews.
@@ -56,8 +57,9 @@ class ReferenceSettings(PassSettings):
     target_psnr: NotNegative = 0.0
 
     def measure(self, scene: mi.Scene, sensor: mi.Sensor, plan: EmissionPlan) -> PassSettings:
-        """Settings of the passes. Measured values replace ``auto``: the number of paths depends on
-        what they contribute to the visible region, the radius on the points that the sensor sees.
+        """Settings of the passes, with measured values in place of ``auto``: the number of paths
+        depends on what they contribute to the visible region, the radius on the points that the
+        sensor sees.
         """
         paths, radius = self.photons_per_pass, self.initial_radius
         if paths == "auto":
@@ -66,7 +68,7 @@ class ReferenceSettings(PassSettings):
             film = sample_film(scene, sensor, pass_seed(self.seed, 0, Stream.CAMERA))
             pilot = PathSettings(paths, rr_depth=self.rr_depth, source=plan.source)
             measured = propose_radius(scene, film.points, pilot, self.seed)
-            # Rounded to steps of a fifth, so that a new training view rarely changes the radius:
+            # Rounded in steps of a fifth, so that a new training view rarely changes the radius:
             # with a different radius, all novel views would have to be rendered again.
             radius = float(f"{2 ** (round(4 * np.log2(measured)) / 4):.4g}")
         common = {name: getattr(self, name) for name in PassSettings.model_fields}

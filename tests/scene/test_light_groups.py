@@ -59,8 +59,11 @@ def test_a_file_joins_emitters_and_the_rest_is_other(scene, tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("lamps: [bg_lamp]", "lamps: there is no emitter 'bg_lamp'. Did you mean 'big_lamp'"),
-        ("a: [spot]\nb: [spot]", "b: spot is also in a"),
+        (
+            "lamps: [bg_lamp]",
+            "lamps: lists 'bg_lamp', which is not an emitter. Did you mean 'big_lamp'",
+        ),
+        ("a: [spot]\nb: [spot]", "b: lists spot, which is also in a"),
         ("a: []", "a"),
         ("A b: [spot]", "A b"),
         ("[spot]", "groups.yaml"),

@@ -203,7 +203,7 @@ def test_scenes_are_found_from_below_and_by_variable(tmp_path, monkeypatch):
     (project / "deep/down").mkdir(parents=True)
     (project / "scenes").mkdir()
     monkeypatch.chdir("/")  # nothing is above it
-    with pytest.raises(UserError, match="neither this folder nor one above it has scenes"):
+    with pytest.raises(UserError, match="nor any above it has scenes"):
         scenes_root()
     monkeypatch.chdir(project / "deep/down")
     with suppress(UserError):  # the folder of temporary files may be below somebody's scenes

@@ -88,7 +88,7 @@ def test_angles_and_names_from_elsewhere(tmp_path):
         ({"frames": [frame()], "w": 40, "h": 4, "fl_x": 4, "cx": 9}, "principal point at 9, 2"),
         (
             {"frames": [frame(w=4), frame(w=8)], "h": 4, "fl_x": 4},
-            "images of different aspects",
+            "different aspect ratios",
         ),
         (
             {"frames": [{"transform_matrix": np.diag([-1.0, 1, 1, 1]).tolist()}], "w": 4, "h": 4},
