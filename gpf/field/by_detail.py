@@ -18,8 +18,8 @@ from gpf.field.limits import find_limits, no_limits
 from gpf.field.settings import FieldSettings
 from gpf.guiding.density_control import cell_keys
 
-# Distances between the Gaussians that fill gaps, in search radii, tried in this order: the more a
-# surface is curved, the closer they must be so that one that faces the same way is near.
+# Distances between the Gaussians that fill gaps, in search radii, tried in this order: the more
+# curved a surface is, the closer they must be for one that faces the same way to be near.
 GAP_DISTANCES = DISTANCE / 2, DISTANCE / 4, DISTANCE / 8
 
 
@@ -32,17 +32,17 @@ def field_by_detail(
     seed: int,
     fill_gaps: bool = True,
 ) -> GaussianPhotonField:
-    """A field with levels before training, with Gaussians at some of the points where it is needed.
+    """An untrained field with levels, with Gaussians at some of the points where it is needed.
 
-    One Gaussian in each cell of a grid (:func:`place_by_detail`) is too few for what is smaller
-    than the cell: it may be on another side, or another object. So points with too few around
-    them get more, closer and closer (:data:`GAP_DISTANCES`).
+    One Gaussian per cell of a grid (:func:`place_by_detail`) is too few for anything smaller than
+    the cell: it may be on another side, or on another object. So points with too few around them
+    get more, at smaller and smaller distances (:data:`GAP_DISTANCES`).
 
     Parameters
     ----------
     bounds: corners of the scene's bounding box.
     points: positions, world units, and unit normals, (P, 3) each.
-    fill_gaps: whether cells may get more than one.
+    fill_gaps: whether cells may get more than one Gaussian.
     """
     position, normal = points
     gaussians = place_by_detail(detail, position, normal, seed)
@@ -69,7 +69,7 @@ def place_by_detail(
     """Gaussians at some of the points where a field is needed, as many as its levels ask for.
 
     At each level, a grid has cells of :data:`gpf.field.initialization.DISTANCE` radii; each cell
-    with points that queries of the level may reach gets a Gaussian at one of them. Irradiance is 0.
+    with points that queries of the level may reach gets a Gaussian at one of them, of irradiance 0.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def place_by_detail(
 
 
 def _untrained(p: np.ndarray, n: np.ndarray, detail: Detail, seed: int) -> Gaussians:
-    """Gaussians at places in the unfolded space, with normals, (N, 3) each."""
+    """Gaussians at positions in the unfolded space, with normals, (N, 3) each."""
     count = len(p)
     quats = np.random.default_rng(seed).normal(size=(4, count)).T
     gaussians = Gaussians(

@@ -1,4 +1,4 @@
-"""Whether a field's file holds what a field needs: a damaged one would crash the process later.
+"""Checks of a field's file for what a field needs: a damaged one would crash the process later.
 
 Kernels do not notice indices outside a table, an empty tensor or a grid of 10^30 cells.
 """
@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field, with_config
-from typing_extensions import TypedDict  # pydantic cannot read that of Python 3.11
+from typing_extensions import TypedDict  # pydantic cannot use the one in Python 3.11
 
 from gpf.core.errors import FileError
 from gpf.core.files import require_shapes
@@ -25,7 +25,7 @@ _MOST_CELLS = 1e7
 """Largest extent of a field, search radii; the neighbour search has a table as long as this."""
 
 MOST_LOG_SCALE = 80.0
-"""Limit of the logarithms of scales: their exponentials are within single precision."""
+"""Limit of the logarithms of scales, whose exponentials must fit into single precision."""
 
 
 class _Encoding(TypedDict, total=False):
@@ -36,7 +36,7 @@ class _Encoding(TypedDict, total=False):
 
 
 class _Fingerprint(TypedDict, total=False):
-    """That of :mod:`gpf.scene.fingerprint`; earlier versions had digests of all three."""
+    """As in :mod:`gpf.scene.fingerprint`; earlier versions stored digests of all three."""
 
     geometry: str | Annotated[list[_Finite], Field(min_length=10, max_length=10)]
     materials: str | dict[str, _Finite]
@@ -76,7 +76,7 @@ class FieldFacts(TypedDict, total=False):
     lights: _Lights | _Nothing
 
 
-# For each tensor: its shape with N Gaussians and G groups, its type, and that in a compact file.
+# For each tensor: its shape with N Gaussians and G groups, its type, and its type if compact.
 _SHAPES: dict[str, tuple[tuple[str | int, ...], str, str]] = {
     "means": (("N", 3), "f4", "u2"),
     "log_scales": (("N", 3), "f4", "u1"),
@@ -99,8 +99,8 @@ def check_stored(
     facts: Mapping[str, Any],
     precision: Literal["float32", "compact"],
 ) -> None:
-    """Raise a :class:`FileError` if tensors are missing or have another type or size than the
-    others, or if metadata that belong to them are missing."""
+    """Raise a :class:`FileError` if tensors are missing, have the wrong type, or do not match in
+    size, or if metadata that belong to them are missing."""
     needed = [*_ALWAYS]
     needed += ["levels", "detail"] if facts.get("grid") else []
     needed += ["lights"] if facts.get("lights") else []
@@ -132,7 +132,7 @@ def smallest_search_radius(bounds: Any) -> float:
 
 
 def check_values(path: Path, tensors: Mapping[str, np.ndarray], facts: Mapping[str, Any]) -> None:
-    """Raise a :class:`FileError` if the unpacked tensors have values that no field has."""
+    """Raise a :class:`FileError` if the unpacked tensors have values that no field can have."""
     least = {name: np.linalg.norm(tensors[name], axis=1).min() for name in ("quats", "normals")}
     what = next((f"{name} of length 0" for name, length in least.items() if length < 1e-6), "")
     if np.abs(tensors["log_scales"]).max() > MOST_LOG_SCALE:

@@ -1,10 +1,10 @@
 """How fine a field is at each place.
 
 Smooth light needs few Gaussians: more would only learn noise. Sharp light needs many. So each cell
-of a coarse grid has a level. At level l, all lengths are 2^l times smaller than at level 0, the
-radius of a query among them. A query uses Gaussians of its own level only.
+of a coarse grid has a level. At level l, all lengths are 2^l times smaller than at level 0,
+including the radius of a query. A query uses Gaussians of its own level only.
 
-One search with one radius serves all levels, in an *unfolded* space: what belongs to level l is
+One search with one radius serves all levels, in an *unfolded* space: everything at level l is
 scaled by 2^l and moved into a box of its own, beside those of the other levels:
 
     x' = 2^l (x - corner) + offset_l
@@ -24,8 +24,8 @@ import numpy as np
 
 from gpf.core.structs import from_numpy
 
-# A query takes the level of a place near it, at most this far away on each axis, in cells. Over
-# this distance one level fades into the next; otherwise the edges of cells would show.
+# A query takes the level of a nearby point, at most this far away on each axis, in cells. Over this
+# distance one level fades into the next; otherwise the edges of cells would show.
 FADE = 0.25
 
 # Free space between the boxes of two levels, in search radii. Queries look up to 4 radii away.
@@ -94,7 +94,7 @@ class Detail:
         return mi.Point3f(y.x + dr.gather(mi.Float, a["starts"], level), y.y, y.z)
 
     def reaches(self, x: np.ndarray, level: int) -> np.ndarray:
-        """Which points (P, 3) queries of a level may reach, (P,) bool."""
+        """Which of the points (P, 3) queries of a level may reach, (P,) bool."""
         from scipy.ndimage import maximum_filter  # slow to import
 
         reach = self.radius / 2**level + FADE * self.width

@@ -85,8 +85,8 @@ class GaussianPhotonField:
         E(x) = Σ w_i c_i / Σ w_i,   i in N(x)
         N(x) = Ball(x, max(r, d_{k+1})),   d_{k+1} the distance of the (k + 1)-th nearest:
 
-    the ball of radius r, or the k nearest Gaussians where the ball holds no more than k; without
-    those that end before x (:mod:`gpf.field.limits`).
+    the ball of radius r, or the k nearest Gaussians where the ball holds no more than k; Gaussians
+    that end before x are left out (:mod:`gpf.field.limits`).
 
     Parameters
     ----------
@@ -94,8 +94,8 @@ class GaussianPhotonField:
     settings: settings of the query.
     bounds: corners of the scene's bounding box.
     record: facts about how the field was made, as JSON values; saved with it.
-    detail: the levels of a field that is not equally fine everywhere. Positions and sizes of its
-        Gaussians are those of the unfolded space (:mod:`gpf.field.detail`).
+    detail: the levels of a field that is not equally fine everywhere. The positions and sizes of
+        its Gaussians are in the unfolded space (:mod:`gpf.field.detail`).
     lights: the irradiance by groups of emitters; None if they are not kept apart.
     error: expected error around each Gaussian, relative to its irradiance, (N,)
         (:mod:`gpf.training.field_error`); None if unknown.
@@ -215,8 +215,8 @@ class GaussianPhotonField:
         return before
 
     def _within(self, n: mi.Normal3f) -> mi.Vector3f | None:
-        """Half the size of a box around those Gaussians in the ball that :meth:`accepts` admits,
-        (N, 3): around a flat disc."""
+        """Half the size of a box around the Gaussians in the ball that :meth:`accepts` may admit,
+        (N, 3), which lie in a flat disc."""
         if not self.settings.normal_test:
             return None
         along = dr.minimum(dr.abs(mi.Vector3f(n)), 1)
@@ -260,7 +260,7 @@ class GaussianPhotonField:
     def supplement(self, x, n, active):  # type: ignore[no-untyped-def]
         """The k + 1 nearest Gaussians, as :meth:`SpatialHash.nearest` returns them; none is
         farther than :data:`LARGEST_REACH`. Where all of them end before a point, as in a niche
-        without any of its own, they count all the same."""
+        without any of its own, they are used anyway."""
         if dr.hint(self.settings.normal_test, mode="scalar"):
             active = self.facing.may_contain(x, n, active)
         radii = FIRST_REACH * self._radius, LARGEST_REACH * self._radius

@@ -21,8 +21,8 @@ class Gaussians:
     means: centres μ, world units, (N, 3).
     log_scales: logarithms of the standard deviations along the local axes, (N, 3).
     quats: rotations (x, y, z, w), of any non-zero length, (N, 4).
-    irradiance: the stored quantity: irradiance E in W/m², or radiance, as in the field's settings,
-        (N, 3).
+    irradiance: the stored quantity: irradiance E in W/m², or radiance, depending on the field's
+        settings, (N, 3).
     normals: unit normal of the surface on which the Gaussian lies, (N, 3); not trained.
     """
 

@@ -1,4 +1,4 @@
-"""The Gaussians before training, from photons."""
+"""Initial Gaussians, made from photons."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gpf.field.settings import FieldSettings
 from gpf.guiding.density_control import oriented_places
 from gpf.sppm.density import PhotonDensity
 
-# Distance between Gaussians, in search radii: 16 of them in the area of a search.
+# Distance between Gaussians, in search radii: 16 Gaussians in the area of a search.
 DISTANCE = math.sqrt(math.pi / 16)
 
 # Initial standard deviation with ``initial_scale: auto``, in search radii.
@@ -31,7 +31,7 @@ class InitialFieldSettings(FieldSettings):
 
     Attributes
     ----------
-    gaussians: number M of Gaussians; ``auto``: several are tried in short training runs.
+    gaussians: number M of Gaussians; ``auto``: several numbers are tried in short training runs.
     initialization: ``photons``: means and normals of M random photons; ``random``: means uniform in
         the scene's bounding box, each with the normal of the nearest photon.
     fill_gaps: whether to place some of the Gaussians where cameras look but few photons land.
@@ -77,7 +77,7 @@ def initialize_gaussians(
     ----------
     settings: with numbers in place of ``auto``.
     bounds: corners of the scene's bounding box.
-    gaps: points that get a Gaussian in any case, (G).
+    gaps: points that always get a Gaussian, (G).
     """
     assert settings.gaussians != "auto" and settings.search_radius != "auto"
     assert settings.initial_scale != "auto"
@@ -138,7 +138,7 @@ def propose_search_radius(
 # Distance between the Gaussians in a gap, in search radii: about twelve within one search radius.
 SPACING = 0.5
 
-# Largest share of a field's Gaussians that fills gaps.
+# Largest share of a field's Gaussians that may fill gaps.
 MOST = 0.1
 
 

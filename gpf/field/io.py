@@ -51,7 +51,8 @@ from gpf.scene.light_groups import LightGroups
 Precision = Literal["float32", "compact"]
 
 # Range of standard deviations in a compact file, in search radii of their level. A query uses
-# distances up to about one radius: to it, smaller Gaussians are points, larger ones are constant.
+# distances up to about one radius; on that scale, smaller Gaussians are points and larger ones
+# constant.
 SCALES = (0.0025, 50.0)
 
 _NAMES = ("means", "log_scales", "quats", "irradiance", "normals")
@@ -86,14 +87,14 @@ class StoredField:
     lights: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     def groups(self) -> LightGroups | None:
-        """The groups of emitters; None if their light is not kept apart."""
+        """The groups of emitters, or None if their light is not kept apart."""
         if not self.lights:
             return None
         members = tuple(tuple(emitters) for emitters in self.lights["members"])
         return LightGroups(tuple(self.lights["names"]), members)
 
     def detail(self) -> Detail | None:
-        """The levels; None for a field that is equally fine everywhere."""
+        """The levels, or None for a field that is equally fine everywhere."""
         if not self.grid:
             return None
         return Detail(

@@ -1,11 +1,11 @@
-"""Where Gaussians end: at what stands on their surface, lies over it, or is behind it.
+"""Where Gaussians end: at whatever stands on their surface, lies over it, or is behind it.
 
 Gaussians are often wider than a wall is thick. So each ends at three planes. One is that of the
 nearest obstacle on its surface (:mod:`gpf.scene.obstacles`). The other two lie before the next
-surfaces above and below its own, and are tilted like them: between a lamp and the cap behind it
-there is much light, behind the cap none, although the lamp's back, the cap and the wall behind it
-face nearly the same way, a finger's breadth apart. A point that is beyond one of the
-planes does not use the Gaussian.
+surfaces above and below its own, and are tilted like them: there is much light between a lamp and
+the cap behind it and none behind the cap, although the lamp's back, the cap and the wall behind it
+face nearly the same way, a finger's breadth apart. A point beyond one of the planes does not use
+the Gaussian.
 
 The limits of a Gaussian are three planes (a, d): points x of the unfolded space are before one if
 a · x < d; a is a unit vector, or 0 where nothing is near. The planes stay where they are if
@@ -29,7 +29,7 @@ PLANES = 3
 """Number of planes per Gaussian."""
 
 CLEAR = 0.75
-"""A Gaussian counts for this part of the way to the next surface above or below its own."""
+"""A Gaussian counts up to this fraction of the way to the next surface above or below its own."""
 
 RAYS = 16
 """Number of directions in which to look for obstacles."""
@@ -42,8 +42,8 @@ times darker than the lamp's back, and training cannot correct for light that le
 
 
 def find_limits(scene: mi.Scene, gaussians: Gaussians, detail: Detail) -> np.ndarray | None:
-    """The limits of the Gaussians of a field with levels, (N, :data:`PLANES`, 4) float32; None if
-    no Gaussian has any."""
+    """The limits of the Gaussians of a field with levels, (N, :data:`PLANES`, 4) float32, or None
+    if no Gaussian has any."""
     means = to_numpy(gaussians.means)
     radii = detail.radius / np.float32(2) ** detail.levels_of(means)
     p, n = from_numpy(mi.Point3f, detail.fold(means)), gaussians.normals
@@ -105,8 +105,8 @@ def _nearest(  # type: ignore[no-untyped-def]
 
 
 def surface_before(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float) -> np.ndarray:
-    """The planes before the next surfaces straight along the normals, tilted like them; in the form
-    of :func:`nearest_obstacles`."""
+    """The planes before the next surfaces straight along the normals, tilted like these surfaces;
+    in the same form as from :func:`nearest_obstacles`."""
     height, facing = next_surface(scene, p, n, reach)
     found = dr.select(height < dr.inf, facing, 0)
     return _planes(found, CLEAR * height * dr.dot(facing, n))

@@ -7,7 +7,7 @@ Gaussians around a point of a surface. Three changes bring the viewer's picture 
   a Gaussian above and below them: fog in front of walls, tables as thick as their splats. Only the
   slice along the surface is kept, which is the part that a query uses.
 - Splats are narrower than the slices. Neighbours overlap several times: drawn over each other,
-  they blur details, which their mean does not, and they reach beyond edges.
+  they blur details, unlike their mean, and reach beyond edges.
 - Splats are nearly opaque, like the surfaces.
 
 PSNR of splatted views against E / π in veach_bidir: 14 to 19 dB with unchanged Gaussians, 1 to 4 dB
@@ -125,7 +125,7 @@ def flatten(
     whitened = np.exp(-log_scales.astype(float))[:, :, None] * (local @ tangents)
     _, singular, turned = np.linalg.svd(whitened, full_matrices=False)
     frames = np.concatenate([tangents @ turned.transpose(0, 2, 1), n[:, :, None]], axis=2)
-    frames[:, :, 1] *= np.sign(np.linalg.det(frames))[:, None]  # no mirrors
+    frames[:, :, 1] *= np.sign(np.linalg.det(frames))[:, None]  # no reflections
     smaller, larger = -np.log(singular).T
     xyzw = Rotation.from_matrix(frames).as_quat()
     return np.stack([smaller, larger, smaller], axis=1), xyzw[:, [3, 0, 1, 2]]

@@ -23,8 +23,8 @@ class FieldSettings(Settings):
     blend: ``divided`` by the sum of weights, or the plain ``sum``.
     stores: ``irradiance`` (multiplied by the reflectance / π at the hit) or ``radiance``.
     direct: source of direct light: the ``field``, like all other light; a sample of the
-        ``emitters`` at the visible point, and the field stores indirect light only; or such a
-        sample for some of the emitters alone, given by their indices in ``scene.emitters()``.
+        ``emitters`` at the visible point, so that the field stores indirect light only; or such a
+        sample for only some of the emitters, given by their indices in ``scene.emitters()``.
     normal_test: whether to ignore Gaussians of another surface: with normals more than 45° apart,
         or farther from the plane than :data:`gpf.field.limits.SURFACE_HEIGHT`.
     """

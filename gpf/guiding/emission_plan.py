@@ -144,7 +144,7 @@ class EmissionPlan:
 def _guide(
     scene: mi.Scene, region: VisibleRegion | None, paths: PathSettings, pilot: Pilot, seed: int
 ) -> tuple[Source, Pilot]:
-    """A guided source that has learnt from ``pilot``, traced with these paths, and its own pilot."""
+    """A guided source that has learnt from a pilot of these paths, and its own pilot."""
     guide = None
     for number in range(1, MOST_GUIDES + 1):
         guide = EmissionGuide.learn(scene, pilot, guide)

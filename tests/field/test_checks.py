@@ -68,7 +68,7 @@ def take(name, rows):
         (lambda t, f: f["settings"].update(search_radius=1e-9), "has a search radius too small"),
         (lambda t, f: f["settings"].update(k=0), r"wrong structure \(settings\.k: Input should be"),
         (lambda t, f: f["record"].update(fingerprint=3), r"wrong structure \(record\.fingerprint"),
-        (lambda t, f: f["lights"].update(members=[[1], [0, 3]]), "groups that do not have each em"),
+        (lambda t, f: f["lights"].update(members=[[1], [0, 3]]), "groups that do not hold each"),
         (lambda t, f: f["grid"].update(width="x"), "wrong structure"),
     ],
 )  # fmt: skip
