@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.judged import KERNELS, trace
-from gpf.config.titles import method_titles
 from gpf.core.files import write_text
 from gpf.core.images import read_exr
 from gpf.scene.folders import list_scenes
@@ -23,6 +22,7 @@ from metrics.halves import Halves
 from metrics.image import lpips
 from report.results import Results
 from stages.common.workspace import Workspace
+from stages.config.titles import method_titles
 
 METHODS = ("gpf", "radiance_cache", "second_reference")
 

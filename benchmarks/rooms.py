@@ -30,10 +30,10 @@ from rich.console import Console
 from rich.table import Table
 
 import gpf
+from baselines.denoised.baseline import Denoised
+from baselines.options import DenoisedOptions
+from baselines.protocol import Task
 from benchmarks.energy import TRIMMED, trace_paths
-from gpf.baselines.denoised.baseline import Denoised
-from gpf.baselines.options import DenoisedOptions
-from gpf.baselines.protocol import Task
 from gpf.camera.film import sample_film
 from gpf.core.images import tone_map
 from gpf.core.progress import progress_bar

@@ -20,8 +20,6 @@ The packages, each of which imports only from those above it:
 :mod:`gpf.fitting`      a scene and cameras -> a field and an estimate of its quality
 :mod:`gpf.commands`     the commands ``gpf fit``, ``gpf render`` and ``gpf demo``
 :mod:`gpf.modelling`    meshes and textures for generated scenes
-:mod:`gpf.baselines`    other methods, for comparison
-:mod:`gpf.config`       params.yaml: the settings of all packages
 ======================  =========================================================================
 """
 

@@ -256,7 +256,7 @@ def check_flip() -> Check:
 def check_baselines() -> list[Check]:
     """The optional parts of the baselines are installed."""
     try:
-        available = importlib.import_module("gpf.baselines.available")
+        available = importlib.import_module("baselines.available")
     except Exception as error:  # from mitsuba or drjit; other checks report it
         return [Check("baselines", None, f"cannot be checked: {error}", "fix mitsuba first")]
     return [

@@ -13,15 +13,15 @@ from typing import Any
 
 import pandas as pd
 
-from gpf.baselines.options import BaselineOptions
-from gpf.config.params import Params, read_params
-from gpf.config.pipeline import OWN_METHODS
-from gpf.config.titles import method_titles, passes_title
+from baselines.options import BaselineOptions
 from gpf.core.files import read_json
 from gpf.scene.views import SceneViews, read_views
 from metrics.files import CostFile, Judged, NotJudged, Point
 from metrics.image import NUMBERS
 from metrics.stage_costs import passes_done, seconds_per_view, target_seconds
+from stages.config.params import Params, read_params
+from stages.config.pipeline import OWN_METHODS
+from stages.config.titles import method_titles, passes_title
 
 FIELD, SECOND_REFERENCE = OWN_METHODS
 """The two methods without a row in `baselines`: the field and the second reference."""

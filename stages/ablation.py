@@ -8,8 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gpf.config.params import Params
-from gpf.config.titles import variant_title
 from gpf.core.errors import UserError, WriteError, without_folders
 from gpf.core.files import read_json, write_json
 from gpf.core.partial import replace_folder
@@ -24,6 +22,8 @@ from stages.common.costs import CostMeter
 from stages.common.resuming import open_task_folder
 from stages.common.subprocesses import run_each
 from stages.common.workspace import Workspace
+from stages.config.params import Params
+from stages.config.titles import variant_title
 from stages.metrics import Judge, summarize
 from stages.photons import load_photons
 from stages.render import render_novel_views

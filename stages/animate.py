@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from gpf.baselines.protocol import CannotServe
-from gpf.config.titles import method_titles
+from baselines.protocol import CannotServe
 from gpf.core.errors import UserError
 from gpf.core.files import write_json
 from gpf.core.films import write_film
@@ -38,6 +37,7 @@ from stages.baseline import forget_state, open_state, prepare, refuse_other_scen
 from stages.common.code import digest_of
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
+from stages.config.titles import method_titles
 from stages.render import open_renderer
 
 FIELD = "gpf"

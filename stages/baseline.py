@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from gpf.baselines.options import BaselineOptions
-from gpf.baselines.protocol import CannotServe, Prepared, Task, TrainingView
-from gpf.baselines.registry import make_baseline
+from baselines.options import BaselineOptions
+from baselines.protocol import CannotServe, Prepared, Task, TrainingView
+from baselines.registry import make_baseline
 from gpf.core.errors import UserError
 from gpf.core.files import read_json, write_json
 from gpf.core.images import check_finite, read_exr, write_exr, write_png

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from gpf.config.titles import variant_title
 from metrics.stage_costs import learning_seconds
 from report.formats import fixed, join, signed, significant, whole
 from report.paper import Variant, read_paper
 from report.results import FIELD, NUMBERS, Results
 from report.table import Column, Row, Table, Value
 from report.tables.columns import BEST, FLIP, PAPER, PSNR, SECONDS, STORAGE
+from stages.config.titles import variant_title
 
 # Differences between variants are small.
 SSIM = Column("ssim", "SSIM", fixed(4), "higher")

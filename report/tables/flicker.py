@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gpf.config.titles import method_titles
 from report.formats import fixed, join
 from report.results import FIELD, Results
 from report.table import Column, Row, Table, Value
 from report.tables.columns import BEST
+from stages.config.titles import method_titles
 
 WAYS = {"directly": "seen directly", "refracted": "through water or glass"}
 """How surfaces are seen: the key in the files of `gpf stage animate`, and its text."""

@@ -8,7 +8,6 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from gpf.config.params import read_params
 from gpf.core.errors import UserError
 from gpf.core.progress import progress_bar
 from gpf.core.runtime import choose_variant
@@ -16,6 +15,7 @@ from gpf.importing.preview import Preview, choose_views, draw_contact_sheet, ren
 from gpf.scene.folders import load_views, scenes_root
 from gpf.scene.load import load_scene_file
 from gpf.scene.snapshot import snapshot_scene
+from stages.config.params import read_params
 
 
 def preview_scene(name: str, out: Path | None, height: int, passes: int, whole: bool) -> None:

@@ -11,11 +11,11 @@ from pydantic import ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedSeq
 
-from gpf.config.params import Params, read_params
 from gpf.core.errors import UserError
 from gpf.core.files import write_text
 from gpf.core.progress import say
 from gpf.core.yaml import explain, load_yaml, suggest
+from stages.config.params import Params, read_params
 
 # Value of `ablations.run` that stands for all rows of `ablations.variants`.
 EVERY = "all"

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from rich.console import Console
 
-from gpf.config.params import Params, read_params
 from gpf.core.files import write_text
 from gpf.core.progress import console
 from gpf.core.runtime import choose_variant
@@ -17,6 +16,7 @@ from gpf.importing.importer import import_scene
 from gpf.importing.placement import place_views
 from gpf.scene.folders import scenes_root
 from stages.commands.profiles import dump_yaml, open_yaml
+from stages.config.params import Params, read_params
 
 
 def import_into_project(path: Path, name: str) -> None:

@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gpf.config.params import read_params
 from gpf.core.errors import UserError
 from gpf.scene.folders import list_scenes, load_views, scenes_root
+from stages.config.params import read_params
 
 
 def print_scenes() -> None:

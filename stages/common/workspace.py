@@ -8,8 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from gpf.config.memory import refuse_too_large
-from gpf.config.params import Params, read_params
 from gpf.core.errors import FileError, UserError
 from gpf.core.runtime import choose_variant
 from gpf.guiding.emission_plan import EmissionPlan
@@ -17,6 +15,8 @@ from gpf.scene.folders import scene_folder
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import SceneViews, View, read_views
+from stages.config.memory import refuse_too_large
+from stages.config.params import Params, read_params
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from gpf.config.params import Params
-from gpf.config.pipeline import OWN_METHODS
 from stages.common.workspace import Workspace
+from stages.config.params import Params
+from stages.config.pipeline import OWN_METHODS
 
 
 def count_views_with_images(work: Workspace) -> int:

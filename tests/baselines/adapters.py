@@ -11,8 +11,8 @@ import mitsuba as mi
 import numpy as np
 from safetensors.numpy import save_file
 
-from gpf.baselines.official import PROGRAMS
-from gpf.baselines.protocol import Task, TrainingView
+from baselines.official import PROGRAMS
+from baselines.protocol import Task, TrainingView
 
 STAND_INS = Path(__file__).parent / "stand_ins"
 
@@ -44,7 +44,7 @@ def write_weights(folder: Path, tensors: dict[str, Any]) -> str:
 
 
 def load_program(name: str) -> ModuleType:
-    """A file of gpf/baselines/programs, which is no module of the package when it runs."""
+    """A file of baselines/programs, which is no module of the package when it runs."""
     spec = importlib.util.spec_from_file_location(name, PROGRAMS / f"{name}.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -8,7 +8,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from gpf.baselines.protocol import Task
+from baselines.protocol import Task
 from gpf.core.structs import from_numpy
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View

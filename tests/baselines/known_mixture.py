@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
-from gpf.baselines.em_gmm.gaussian_mixture import GaussianMixture
+from baselines.em_gmm.gaussian_mixture import GaussianMixture
 
 WEIGHTS = np.array([0.4, 0.3, 0.2, 0.1])
 MEANS = np.array([[0.0, 0.2, 0.1], [1.6, -0.3, 0.4], [0.4, 1.9, -0.6], [-0.9, -0.8, 1.7]])

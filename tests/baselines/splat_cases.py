@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import torch
 
-from gpf.baselines.protocol import Task, TrainingView
+from baselines.protocol import Task, TrainingView
 from gpf.scene.pinhole import Pinhole, make_pinhole
 from gpf.scene.views import View
 from tests.baselines.adapters import make_task

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gpf.baselines.anysplat.baseline import CODE, Anysplat, make_picture
-from gpf.baselines.anysplat.predicted_splats import Prediction, draw, make_splats
-from gpf.baselines.anysplat.sim3 import Similarity
-from gpf.baselines.options import AnySplatOptions
-from gpf.baselines.protocol import CannotServe, TrainingView
+from baselines.anysplat.baseline import CODE, Anysplat, make_picture
+from baselines.anysplat.predicted_splats import Prediction, draw, make_splats
+from baselines.anysplat.sim3 import Similarity
+from baselines.options import AnySplatOptions
+from baselines.protocol import CannotServe, TrainingView
 from gpf.core.images import tone_map, undo_tone_map
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
 
-from gpf.baselines.denoised import baseline
-from gpf.baselines.denoised.baseline import Denoised
-from gpf.baselines.options import DenoisedOptions, PathTracerOptions
-from gpf.baselines.path_tracer import PathTracer
-from gpf.baselines.protocol import CannotServe
+from baselines.denoised import baseline
+from baselines.denoised.baseline import Denoised
+from baselines.options import DenoisedOptions, PathTracerOptions
+from baselines.path_tracer import PathTracer
+from baselines.protocol import CannotServe
 from gpf.scene.views import View
 from tests.baselines.classical import task_for
 from tests.furnace import cornell_box

@@ -6,7 +6,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.denoised.guides import are_noisy, render_guides
+from baselines.denoised.guides import are_noisy, render_guides
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from tests.furnace import bitmap, diffuse, floor, lamp, rectangle, rgb, room

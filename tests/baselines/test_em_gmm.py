@@ -11,10 +11,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.em_gmm.baseline import EmGmm, PreparedMixture, plane_thickness
-from gpf.baselines.em_gmm.mixture_density import MixtureDensity
-from gpf.baselines.options import EmGmmOptions
-from gpf.baselines.protocol import CannotServe, Task
+from baselines.em_gmm.baseline import EmGmm, PreparedMixture, plane_thickness
+from baselines.em_gmm.mixture_density import MixtureDensity
+from baselines.options import EmGmmOptions
+from baselines.protocol import CannotServe, Task
 from gpf.core.structs import from_numpy, to_numpy
 from gpf.scene.views import View
 from tests.baselines.known_mixture import densities, known_mixture

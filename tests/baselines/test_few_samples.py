@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gpf.baselines.few_samples import FewSamples
-from gpf.baselines.options import FewSamplesOptions
-from gpf.baselines.protocol import CannotServe, Task
+from baselines.few_samples import FewSamples
+from baselines.options import FewSamplesOptions
+from baselines.protocol import CannotServe, Task
 from gpf.field.io import save_field
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
@@ -55,6 +55,6 @@ def test_it_is_the_field_with_these_samples(task):
 
 
 def test_without_the_denoiser_there_are_no_images(task, monkeypatch):
-    monkeypatch.setattr("gpf.baselines.few_samples.available", lambda: False)
+    monkeypatch.setattr("baselines.few_samples.available", lambda: False)
     with pytest.raises(CannotServe, match="pyoidn is missing"):
         FewSamples(FewSamplesOptions(system="few_samples")).prepare(replace(task, name="box"))

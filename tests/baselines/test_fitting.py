@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.neural.fitting import Fit, Recorded, digest
+from baselines.neural.fitting import Fit, Recorded, digest
 from gpf.training.settings import cosine_decay
 
 

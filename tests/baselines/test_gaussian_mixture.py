@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpf.baselines.em_gmm.gaussian_mixture import (
+from baselines.em_gmm.gaussian_mixture import (
     GaussianMixture,
     improve_mixture,
     initialize_mixture,
 )
-from gpf.baselines.em_gmm.photon_cells import single_photons
-from gpf.baselines.em_gmm.progressive_em import ProgressiveMixture
+from baselines.em_gmm.photon_cells import single_photons
+from baselines.em_gmm.progressive_em import ProgressiveMixture
 from tests.baselines.known_mixture import (
     POWERS,
     WEIGHTS,

@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.neural.hash_encoding import Cube, GridShape, HashGrid, Network
+from baselines.neural.hash_encoding import Cube, GridShape, HashGrid, Network
 from gpf.core.structs import from_numpy
 
 # Half precision, which networks have on CUDA, is too coarse for differences.

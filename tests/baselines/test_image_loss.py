@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from gpf.baselines.splatting.image_loss import C1, C2, SIGMA, WINDOW, ImageLoss
+from baselines.splatting.image_loss import C1, C2, SIGMA, WINDOW, ImageLoss
 from gpf.core.structs import from_numpy
 
 

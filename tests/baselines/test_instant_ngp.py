@@ -7,13 +7,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.instant_ngp import baseline
-from gpf.baselines.instant_ngp.baseline import InstantNgp, PreparedVolume
-from gpf.baselines.instant_ngp.radiance_volume import VolumeShape
-from gpf.baselines.neural import fitting
-from gpf.baselines.neural.hash_encoding import GridShape
-from gpf.baselines.options import InstantNgpOptions
-from gpf.baselines.protocol import CannotServe, Task, TrainingView
+from baselines.instant_ngp import baseline
+from baselines.instant_ngp.baseline import InstantNgp, PreparedVolume
+from baselines.instant_ngp.radiance_volume import VolumeShape
+from baselines.neural import fitting
+from baselines.neural.hash_encoding import GridShape
+from baselines.options import InstantNgpOptions
+from baselines.protocol import CannotServe, Task, TrainingView
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from metrics.image import psnr

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 
-from gpf.baselines.official import PROGRAMS
+from baselines.official import PROGRAMS
 from tests.baselines.adapters import load_program, write_weights
 
 conversation = load_program("conversation")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpf.baselines.options import ParticleTracerOptions
-from gpf.baselines.particle_tracer import ParticleTracer
+from baselines.options import ParticleTracerOptions
+from baselines.particle_tracer import ParticleTracer
 from gpf.scene.views import View
 from tests.baselines.classical import ABOVE, INSIDE, floor_radiance, lit_floor, pane, task_for
 from tests.furnace import cornell_box, furnace

@@ -7,9 +7,9 @@ import time
 import numpy as np
 import pytest
 
-from gpf.baselines.options import PathTracerOptions
-from gpf.baselines.path_tracer import PathTracer
-from gpf.baselines.protocol import CannotServe
+from baselines.options import PathTracerOptions
+from baselines.path_tracer import PathTracer
+from baselines.protocol import CannotServe
 from gpf.scene.views import View
 from tests.baselines.classical import ABOVE, INSIDE, floor_radiance, lit_floor, pane, task_for
 from tests.furnace import cornell_box, furnace

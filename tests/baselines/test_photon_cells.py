@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpf.baselines.em_gmm.photon_cells import (
+from baselines.em_gmm.photon_cells import (
     coarsen_cells,
     join_cells,
     kd_runs,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from gpf.baselines import optional
-from gpf.baselines.protocol import CannotServe
+from baselines import optional
+from baselines.protocol import CannotServe
 from gpf.core.errors import without_folders
 
 

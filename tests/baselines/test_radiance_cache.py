@@ -7,13 +7,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.neural import fitting
-from gpf.baselines.neural.hash_encoding import GridShape
-from gpf.baselines.options import RadianceCacheOptions
-from gpf.baselines.protocol import Task
-from gpf.baselines.radiance_cache import baseline
-from gpf.baselines.radiance_cache.baseline import PreparedCache, RadianceCache
-from gpf.baselines.radiance_cache.cached_irradiance import CacheShape
+from baselines.neural import fitting
+from baselines.neural.hash_encoding import GridShape
+from baselines.options import RadianceCacheOptions
+from baselines.protocol import Task
+from baselines.radiance_cache import baseline
+from baselines.radiance_cache.baseline import PreparedCache, RadianceCache
+from baselines.radiance_cache.cached_irradiance import CacheShape
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
 from gpf.training.targets import Targets

@@ -5,8 +5,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.instant_ngp.occupancy_grid import TURNS, OccupancyGrid
-from gpf.baselines.instant_ngp.ray_marching import (
+from baselines.instant_ngp.occupancy_grid import TURNS, OccupancyGrid
+from baselines.instant_ngp.ray_marching import (
     Rays,
     Samples,
     clip_rays,
@@ -14,7 +14,7 @@ from gpf.baselines.instant_ngp.ray_marching import (
     composite_adjoint,
     take_samples,
 )
-from gpf.baselines.neural.hash_encoding import Cube
+from baselines.neural.hash_encoding import Cube
 from gpf.core.structs import from_numpy
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View

@@ -15,9 +15,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.options import RenderFormerOptions
-from gpf.baselines.protocol import CannotServe
-from gpf.baselines.renderformer.baseline import CODE, Renderformer, crop, supersampling
+from baselines.options import RenderFormerOptions
+from baselines.protocol import CannotServe
+from baselines.renderformer.baseline import CODE, Renderformer, crop, supersampling
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from tests.baselines.adapters import STAND_INS, make_task, write_weights

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gpf.baselines.protocol import CannotServe
-from gpf.baselines.renderformer.files import (
+from baselines.protocol import CannotServe
+from baselines.renderformer.files import (
     IRRADIANCE,
     find_placement,
     mean_irradiance,
@@ -16,7 +16,7 @@ from gpf.baselines.renderformer.files import (
     split_lights,
     write_scene,
 )
-from gpf.baselines.renderformer.triangle_scene import Triangles
+from baselines.renderformer.triangle_scene import Triangles
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from gpf.baselines import sampling
-from gpf.baselines.options import BaselineOptions
-from gpf.baselines.protocol import CannotServe
-from gpf.baselines.sampling import Samples, own_camera
+from baselines import sampling
+from baselines.options import BaselineOptions
+from baselines.protocol import CannotServe
+from baselines.sampling import Samples, own_camera
 from gpf.core.structs import from_numpy
 from gpf.rendering.batches import render_in_batches, split_samples
 from gpf.scene.sensors import make_sensor

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gpf.baselines.anysplat.sim3 import Similarity, align_cameras, align_points
+from baselines.anysplat.sim3 import Similarity, align_cameras, align_points
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
 

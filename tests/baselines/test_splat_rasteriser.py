@@ -9,8 +9,8 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from gpf.baselines.splatting.compositing import DENSEST, Compositor
-from gpf.baselines.splatting.projection import (
+from baselines.splatting.compositing import DENSEST, Compositor
+from baselines.splatting.projection import (
     BLUR,
     FAINTEST,
     Projector,
@@ -18,8 +18,8 @@ from gpf.baselines.splatting.projection import (
     harmonics,
     project,
 )
-from gpf.baselines.splatting.rasteriser import NAMES, Rasteriser
-from gpf.baselines.splatting.tiles import TILE, sort_into_tiles
+from baselines.splatting.rasteriser import NAMES, Rasteriser
+from baselines.splatting.tiles import TILE, sort_into_tiles
 from gpf.core.structs import from_numpy
 from gpf.scene.pinhole import Pinhole
 from tests.baselines.splat_cases import SIZE, place_camera, random_splats
@@ -108,7 +108,7 @@ def test_lists_hold_each_tiles_footprints_by_depth():
 def test_gradients_equal_finite_differences(name, monkeypatch):
     # The cut of faint footprints makes the image jump where one moves.
     for module in ("projection", "compositing"):
-        monkeypatch.setattr(f"gpf.baselines.splatting.{module}.FAINTEST", 1e-6)
+        monkeypatch.setattr(f"baselines.splatting.{module}.FAINTEST", 1e-6)
     splats, camera = random_splats(30, degree=3), place_camera()
     adjoint = np.random.default_rng(1).normal(size=3 * SIZE[0] * SIZE[1])
     drawing = Rasteriser(SIZE).draw(splats, camera, 3)
@@ -129,7 +129,7 @@ def test_gradients_equal_finite_differences(name, monkeypatch):
 
 def test_gradients_of_centres_are_per_pixel(monkeypatch):
     """What the rule of densification goes by."""
-    monkeypatch.setattr("gpf.baselines.splatting.compositing.FAINTEST", 1e-6)
+    monkeypatch.setattr("baselines.splatting.compositing.FAINTEST", 1e-6)
     splats, camera = random_splats(30, degree=0), place_camera()
     adjoint = np.random.default_rng(1).normal(size=3 * SIZE[0] * SIZE[1])
     drawing = Rasteriser(SIZE).draw(splats, camera, 0)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from gpf.baselines.protocol import Task
-from gpf.baselines.splatting.seeds import SKY, Seeds, find_seeds
-from gpf.baselines.splatting.training import Picture
+from baselines.protocol import Task
+from baselines.splatting.seeds import SKY, Seeds, find_seeds
+from baselines.splatting.training import Picture
 from gpf.core.images import tone_map
 from gpf.scene.pinhole import make_pinhole
 from tests.baselines.splat_cases import INDEX, PICTURE_SIZE, wall_task

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gpf.baselines.options import SplattingOptions
-from gpf.baselines.protocol import CannotServe
-from gpf.baselines.splatting.baseline import FittedSplats, Splatting
-from gpf.baselines.splatting.training import SplatTrainer
+from baselines.options import SplattingOptions
+from baselines.protocol import CannotServe
+from baselines.splatting.baseline import FittedSplats, Splatting
+from baselines.splatting.training import SplatTrainer
 from gpf.core.images import tone_map, undo_tone_map
 from tests.baselines.splat_cases import PICTURE_SIZE, photograph, place_view, wall_task
 
@@ -74,7 +74,7 @@ class Killed(Exception):
 def test_a_killed_training_goes_on(tmp_path, monkeypatch):
     """All of it counts: moments, the rule's counters, the order of pictures."""
     pytest.importorskip("gsplat")
-    monkeypatch.setattr("gpf.baselines.splatting.training.CHECKPOINT_SECONDS", -1)
+    monkeypatch.setattr("baselines.splatting.training.CHECKPOINT_SECONDS", -1)
     task = wall_task(tmp_path, False, PLACES)
 
     def stop(done: int, total: int) -> None:
@@ -106,7 +106,7 @@ def test_a_damaged_checkpoint_is_as_none(tmp_path):
 
 def test_there_are_hardly_more_than_there_may_be(tmp_path, monkeypatch):
     pytest.importorskip("gsplat")
-    monkeypatch.setattr("gpf.baselines.splatting.training.PULL", 0.0)
+    monkeypatch.setattr("baselines.splatting.training.PULL", 0.0)
     counts = []
     step = SplatTrainer.step
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpf.baselines.options import SppmOptions
-from gpf.baselines.protocol import CannotServe
-from gpf.baselines.sppm import Sppm
+from baselines.options import SppmOptions
+from baselines.protocol import CannotServe
+from baselines.sppm import Sppm
 from tests.baselines.classical import ABOVE, INSIDE, floor_radiance, lit_floor, pane, task_for
 from tests.furnace import camera, diffuse, furnace, point_light, room
 

@@ -11,10 +11,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.baselines.protocol import CannotServe
-from gpf.baselines.renderformer.triangle_budget import fit_budget, shade, simplify, subdivide
-from gpf.baselines.renderformer.triangle_materials import read_material
-from gpf.baselines.renderformer.triangle_scene import (
+from baselines.protocol import CannotServe
+from baselines.renderformer.triangle_budget import fit_budget, shade, simplify, subdivide
+from baselines.renderformer.triangle_materials import read_material
+from baselines.renderformer.triangle_scene import (
     Surface,
     Triangles,
     facet_normals,

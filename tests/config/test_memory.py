@@ -6,11 +6,11 @@ import resource
 
 import pytest
 
-from gpf.config.memory import BYTES, refuse_too_large
-from gpf.config.params import Params
 from gpf.core import runtime
 from gpf.core.errors import UserError
 from gpf.core.runtime import count_memory, require_memory
+from stages.config.memory import BYTES, refuse_too_large
+from stages.config.params import Params
 
 MUCH = 2**31 - 1
 

@@ -7,9 +7,9 @@ import pytest
 from pydantic import ValidationError
 from ruamel.yaml import YAML
 
-from gpf.config.params import Params, read_params
-from gpf.config.titles import variant_title
 from gpf.core.errors import UserError
+from stages.config.params import Params, read_params
+from stages.config.titles import variant_title
 from stages.references.views_with_images import count_needed_images
 
 PROJECT = Path(__file__).parents[2]

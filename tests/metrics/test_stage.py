@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpf.config.params import Params
 from gpf.core.errors import UserError
 from gpf.core.files import read_json, write_json, write_text
 from gpf.core.images import read_exr, write_exr
@@ -13,6 +12,7 @@ from metrics.image import compare, flip_exposures
 from stages import metrics
 from stages.common.makers import naming_commands
 from stages.common.workspace import Workspace
+from stages.config.params import Params
 
 SCENE, VIEWS = "cornell_box", ("above", "below")
 METHODS = {"path_10": {"system": "path_tracer", "spp": 10}, "em_gmm": {"system": "em_gmm"}}

@@ -36,5 +36,5 @@ def test_the_api_page_has_each_package():
     folders = [file.parent for file in PROJECT.glob("gpf/*/**/__init__.py")]
     packages = {".".join(folder.relative_to(PROJECT).parts) for folder in folders}
     # Scripts for other environments: they cannot be imported.
-    packages -= {"gpf.baselines.programs"}
+    packages -= {"baselines.programs"}
     assert packages - {*API} == set()

@@ -137,7 +137,17 @@ def test_it_requires_nothing_that_only_the_benchmark_needs(installed):
     there = {path.name for path in packages.iterdir()}
     assert {"gpf", "mitsuba", "drjit", "numpy"} <= there
     unwanted = {"torch", "dvc", "dvclive", "pandas", "tabulate", "matplotlib", "skimage", "jinja2"}
-    unwanted |= {"imageio_ffmpeg", "h5py", "pyoidn", "ray", "stages", "metrics", "report", "tests"}
+    unwanted |= {
+        "imageio_ffmpeg",
+        "h5py",
+        "pyoidn",
+        "ray",
+        "baselines",
+        "stages",
+        "metrics",
+        "report",
+        "tests",
+    }
     assert there & unwanted == set()
 
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from gpf.config.params import Params
 from gpf.core.files import write_json, write_text
 from gpf.core.images import tone_map, write_exr
 from report.figures.sketch import Sketch, save
 from report.results import NUMBERS, Results
+from stages.config.params import Params
 from tests.report.made_up import seconds
 
 SCENE, OTHER = "water_caustic", "cornell_box"

@@ -9,10 +9,10 @@ from typing import Any
 
 import pandas as pd
 
-from gpf.config.params import Params
 from gpf.core.files import read_json, write_json
 from report.results import NUMBERS, Results
 from report.tables import make_tables
+from stages.config.params import Params
 
 BOX, WATER = "cornell_box", "water_caustic"
 METHODS = {

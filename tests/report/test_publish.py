@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from gpf.config.params import read_params
 from gpf.core.errors import UserError
 from report.results import Results
 from stages.commands.profiles import apply_profile
+from stages.config.params import read_params
 
 PROJECT = Path(__file__).parents[2]
 

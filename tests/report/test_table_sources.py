@@ -15,7 +15,7 @@ from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
 import report
-from gpf.baselines.options import BaselineOptions
+from baselines.options import BaselineOptions
 from report.paper import FILE
 from report.results import NUMBERS, Results
 from tests.report.made_up import BOX, WATER, cells, edit, make_results, seconds, tables_of

@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterable, Iterator
 from functools import cache
 
-from gpf.config.params import Params
+from stages.config.params import Params
 from tests.stages.imports import PROJECT, WORKSPACE, tree
 
 # Parameters that methods of Workspace and Recipe read, by the names of these.
@@ -67,7 +67,9 @@ def names_from_stages(file: str) -> dict[str, tuple[str, str]]:
     return {
         name.asname or name.name: (node.module.replace(".", "/") + ".py", name.name)
         for node in ast.walk(tree(file))
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("stages")
+        if isinstance(node, ast.ImportFrom)
+        and (node.module or "").startswith("stages")
+        and not (node.module or "").startswith("stages.config")  # it reads all of them
         for name in node.names
     }
 

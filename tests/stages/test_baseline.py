@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from gpf.baselines.protocol import CannotServe, Task
+from baselines.protocol import CannotServe, Task
 from gpf.core.files import read_json, write_text
 from gpf.core.images import read_exr
 

@@ -8,10 +8,10 @@ from functools import cache
 import pytest
 from ruamel.yaml import YAML
 
-from gpf.config.params import Params, read_params
 from stages.commands.profiles import read_profiles
 from stages.commands.stage import OF_ALL_SCENES, STAGES
 from stages.common.code import code_of
+from stages.config.params import Params, read_params
 from tests.stages.imports import PROJECT, files_behind
 from tests.stages.params_read import params_read_by
 from tests.stages.results import SMOKE_STAGES
@@ -74,8 +74,8 @@ def needed_by(stage: str) -> set[str]:
 
 
 def system_file(method: str) -> str:
-    """The file of a method's system, which :mod:`gpf.baselines.registry` imports by name."""
-    place = f"gpf/baselines/{PARAMS.baselines[method].system}"
+    """The file of a method's system, which :mod:`baselines.registry` imports by name."""
+    place = f"baselines/{PARAMS.baselines[method].system}"
     return f"{place}/baseline.py" if (PROJECT / place).is_dir() else f"{place}.py"
 
 
@@ -142,9 +142,9 @@ def test_the_code_that_a_stage_lists_exists(stage):
 def test_the_reader_of_imports_sees_them():
     render = files_behind(["stages/render.py"])
     assert {"gpf/rendering/gpf.py", "gpf/field/field.py", "gpf/core/spatial_hash.py"} <= render
-    assert not any(file.startswith(("gpf/config", "gpf/guiding")) for file in render)
+    assert not any(file.startswith(("stages/config", "gpf/guiding")) for file in render)
     assert "gpf/guiding/pilot.py" in files_behind(["stages/photons.py"])
-    assert "gpf/sppm/passes.py" in files_behind(["gpf/baselines/sppm.py"])
+    assert "gpf/sppm/passes.py" in files_behind(["baselines/sppm.py"])
     # Inside a function.
     assert "stages/references/cluster.py" in files_behind(["stages/reference.py"])
     assert "gpf/modelling/teapot.py" in needed_by("scene")

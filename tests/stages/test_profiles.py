@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
-from gpf.config.params import Params, read_params
 from gpf.core.errors import UserError
 from stages.commands.profiles import EVERY, apply_profile, read_profiles
+from stages.config.params import Params, read_params
 
 PROJECT = Path(__file__).parent.parent.parent
 NAMES = ("quick", "desk", "full", "paper", "smoke")

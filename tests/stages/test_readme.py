@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gpf.config.params import read_params
+from stages.config.params import read_params
 from tests.importing.foreign_scene import pack, write_original
 from tests.readme import blocks, commands
 from tests.stages.pipeline import Checkout

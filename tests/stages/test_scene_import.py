@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
-from gpf.config.params import read_params
 from gpf.scene.views import SceneViews, ViewSets
 from stages.commands import scene_import
 from stages.commands.scene_import import add_scene
+from stages.config.params import read_params
 
 PROJECT = Path(__file__).parent.parent.parent
 
