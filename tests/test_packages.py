@@ -47,7 +47,7 @@ def imports(module: str) -> set[str]:
 def package(module: str) -> str:
     """The package below ``gpf``, ``config``, or the outermost one."""
     outer, *inner = module.split(".")
-    if inner and (outer == "gpf" and inner[0] in ORDER or module.startswith("stages.config")):
+    if inner and ((outer == "gpf" and inner[0] in ORDER) or module.startswith("stages.config")):
         return inner[0]
     return outer
 
