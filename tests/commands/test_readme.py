@@ -43,7 +43,7 @@ def test_the_commands_follow_each_other(viewers, capsys):
     assert programs == ["fit", "render", "view"]
     assert len(list(Path("pictures").glob("*.exr"))) == 3 and Path("pictures/film.mp4").exists()
     assert len(viewers) == 1 and viewers[0].field is not None and viewers[0].fit is None
-    assert "field.safetensors: the field of this scene; to fit a new one" in capsys.readouterr().err
+    assert "field.safetensors: a field of this scene; to fit a new one" in capsys.readouterr().err
 
     assert language == "python"
     scene = {"results/water_caustic/scene/scene.xml": "scene.xml", "llvm_ad_rgb": mi.variant()}

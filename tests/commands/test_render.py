@@ -105,7 +105,7 @@ def test_pictures_that_exist_are_kept(box, capsys):
     (box / "a" / "orbit_002.png").unlink()
     capsys.readouterr()
     render("--orbit", "3", "-o", "a")
-    assert "2 pictures, " in (said := capsys.readouterr().err) and "1 were there" in said
+    assert "2 pictures, " in (said := capsys.readouterr().err) and "1 already done" in said
     assert (box / "a" / "orbit_000.exr").stat().st_mtime_ns == files[box / "a" / "orbit_000.exr"]
 
 
@@ -210,7 +210,7 @@ def test_what_has_changed_since_the_fit_is_named(box, capsys, part):
     change(box / "box.xml", part)
     said = refused(capsys)
     assert "field.safetensors: was fitted to another scene, or before box.xml was changed" in said
-    assert f"other {part}." in said and "--changed-scene" in said
+    assert f"different {part}." in said and "--changed-scene" in said
     assert not (box / "pictures").exists()
     render("--changed-scene")
     assert (box / "pictures" / "sensor.png").exists()

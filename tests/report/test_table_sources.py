@@ -175,7 +175,7 @@ def test_costs_come_from_cost_files(results):
     edit(results.root / WATER / "costs" / "render.json", facts__path_seconds=0.05)
     tables = tables_of(results)
     time = tables["table_4"].frame.set_index(["quantity", "method"])
-    ratio = next(group for group in tables["table_4"].groups if group.startswith("Times"))
+    ratio = next(group for group in tables["table_4"].groups if group.startswith("In units of"))
     assert time.loc[("Seconds per image", "GPF, 16 spp"), WATER] == 20
     assert time.loc[("Seconds per image", "GPF, 16 spp"), f"{WATER}_paper"] == 16.34
     assert time.loc[(ratio, "GPF, 16 spp"), WATER] == pytest.approx(400)

@@ -141,7 +141,7 @@ def test_faces_that_are_no_triangles(tmp_path, form):
         (b"\n3 0", b"\n4 0") if form == "ascii" else (b"\x03" + bytes(4), b"\x04" + bytes(4))
     )
     path.write_bytes(path.read_bytes().replace(three, four))
-    with pytest.raises(UserError, match=r"has faces that are no triangles\. Export triangles"):
+    with pytest.raises(UserError, match=r"has faces that are not triangles\. Export triangles"):
         check_ply(path, "scene.xml:4")
 
 

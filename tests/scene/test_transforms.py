@@ -129,7 +129,7 @@ def test_the_size_may_be_that_of_the_images(tmp_path):
     assert views.aspect == 1.5 and views.train[0].name == "r_0"
     assert views.train[0].fov == pytest.approx(math.degrees(0.7))
     (tmp_path / "train" / "r_0.png").write_bytes(b"no image")
-    with pytest.raises(UserError, match=r"r_0\.png: cannot be read .* give `w` and `h`"):
+    with pytest.raises(UserError, match=r"r_0\.png: cannot be read .* Give `w` and `h`"):
         read_transforms(file)
     del frame["file_path"]
     file.write_text(json.dumps({"camera_angle_x": 0.7, "frames": [frame]}))
