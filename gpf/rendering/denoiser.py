@@ -73,7 +73,7 @@ class ImageDenoiser:
         self.description = (
             f"Open Image Denoise {oidn.version.oidn_version}, {'CUDA' if gpu else 'CPU'}"
         )
-        self._size, self._quality = size, getattr(oidn, f"OIDN_QUALITY_{quality.upper()}")
+        self.size, self._quality = size, getattr(oidn, f"OIDN_QUALITY_{quality.upper()}")
         self._images = {
             name: oidn.Buffer(self._device, size[0] * size[1] * 12)
             for name in ("color", "albedo", "normal", "output")
@@ -92,15 +92,15 @@ class ImageDenoiser:
         ValueError: an image has another size.
         """
         for name, image in (("color", radiance), ("albedo", albedo), ("normal", normal)):
-            if image.shape != (self._size[1], self._size[0], 3):
+            if image.shape != (self.size[1], self.size[0], 3):
                 raise ValueError(
-                    f"{name} has the shape {image.shape}; the denoiser has the size {self._size}"
+                    f"{name} has the shape {image.shape}; the denoiser has the size {self.size}"
                 )
             pixels = np.ascontiguousarray(image, dtype=np.float32)
             self._images[name].write(0, pixels.nbytes, pixels)
         for filter_ in self._filters:
             filter_.execute()
-        output = np.empty((self._size[1], self._size[0], 3), np.float32)
+        output = np.empty((self.size[1], self.size[0], 3), np.float32)
         self._images["output"].read(0, output.nbytes, output)
         self._check()
         return output
@@ -110,7 +110,7 @@ class ImageDenoiser:
         oidn = self._oidn
         made = oidn.Filter(self._device, oidn.OIDN_FILTER_TYPE_RT)
         for role, name in [*zip(inputs, inputs, strict=True), ("output", output)]:
-            made.set_image(role, self._images[name], oidn.OIDN_FORMAT_FLOAT3, *self._size)
+            made.set_image(role, self._images[name], oidn.OIDN_FORMAT_FLOAT3, *self.size)
         for name, value in switches.items():
             made.set_bool(name, value)
         made.set_quality(self._quality)

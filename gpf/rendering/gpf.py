@@ -24,11 +24,9 @@ from gpf.rendering.aovs import (
 from gpf.rendering.denoiser import GUIDES, ImageDenoiser, denoise
 from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths
-from gpf.rendering.recording import RecordedWalks, Recording, Vertices
-from gpf.rendering.scene_check import warn_of_another_scene
+from gpf.rendering.recording import KnownScene, RecordedFrames
+from gpf.rendering.scene_check import SceneCheck
 from gpf.rendering.walks import GroupedWalks, Walks
-from gpf.scene.inventory import divides_walks
-from gpf.scene.materials import require_separable
 
 
 class GPF(mi.ad.integrators.common.ADIntegrator):
@@ -102,21 +100,12 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         self.suppress_fireflies = props.get("suppress_fireflies", False)
         self.denoise = props.get("denoise", False)
         self.lights = props.get("lights", "")
-        self._denoiser: tuple[tuple[int, int], ImageDenoiser] | None = None
-        # Pixel variances of the last adaptively sampled image, (H, W); only for the denoiser.
-        self._with_variance = False
-        self._variance: np.ndarray | None = None
-        super().__init__(props)
-        # Shapes of the last checked scene, held so that their ids are not reused. Not the scene: it
-        # may hold this integrator, and circular references are never freed.
-        self._checked: list[mi.Shape] | None = None
-        self._compared: Any = None
-        self._divides = False
-        self._vertices: Vertices | None = None
-        self._recorded = RecordedWalks()
-        self._recorded_of = 0
         self.record = props.get("record", False)
-        self.recording: Recording | None = None
+        super().__init__(props)
+        self._guides: tuple[str, ...] = ()  # AOVs of this image that only the denoiser asks for
+        self._denoiser: ImageDenoiser | None = None
+        self._check, self._known = SceneCheck(), KnownScene()
+        self.recorded_frames = RecordedFrames()
         found = mi.file_resolver().resolve(path) if path else ""
         self.field: Any = load_field(Path(str(found))) if path else None
 
@@ -132,105 +121,96 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         """Render an image; parameters as for every Mitsuba integrator."""
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
-        self._compare(scene)
-        self._prepare(scene)
-        if self.lights and self.field is not None:
-            levels, self.lights = self.lights, ""
+        if self.field is None:
+            return super().render(scene, sensor, seed, spp, develop, evaluate)
+        self._check.compare(scene, self.field)
+        self._known.prepare(scene)
+        with mixed(scene, self.field, self.lights):
+            if not develop:
+                return super().render(scene, sensor, seed, spp, develop, evaluate)
+            missing = [name for name in GUIDES if name not in self.aovs]
+            self._guides = tuple(missing) if self.denoise else ()
             try:
-                with mixed(scene, self.field, levels):
-                    return self.render(scene, sensor, seed, spp, develop, evaluate)
+                image, variance = self._sample_image(scene, sensor, seed, spp, evaluate)
             finally:
-                self.lights = levels
-        if self.denoise and develop:
-            return self._render_denoised(scene, sensor, seed, spp)
-        if self.adaptive and develop and (spp or sensor.sampler().sample_count()) >= MIN_SPP:
+                self._guides = ()
+        return self._denoise(image, variance) if self.denoise else image
+
+    def _sample_image(
+        self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, evaluate: bool
+    ) -> tuple[mi.TensorXf, np.ndarray | None]:
+        """The mean of all samples, and the variance of its pixels where that is known."""
+        if self.adaptive and (spp or sensor.sampler().sample_count()) >= MIN_SPP:
             if not keeps_to_pixels(sensor):
                 raise RuntimeError(
                     "Adaptive sampling needs a film with a box filter and a shutter time of zero. "
                     'Add <rfilter type="box"/> to the film, or set "adaptive" to false.'
                 )
-            return self._render_adaptively(scene, sensor, seed, spp)
-        if not self.record or self.field is None or not develop:
-            return super().render(scene, sensor, seed, spp, develop, evaluate)
-        size = tuple(int(v) for v in sensor.film().crop_size())
-        facts = (size, spp, self.aovs, self.field.settings, self._recorded_of)
-        if self.recording is None or not self.recording.serves(scene, sensor, facts):
-            self.recording = Recording(scene, sensor, facts, self._render_with)
-        return self.recording.frame(mi.UInt32(seed), spp, self.field.arrays())
+            return self._sample_adaptively(scene, sensor, seed, spp)
+        if self.record:
+            facts = self.aovs, self._guides, self.field.settings, self._known.changes
+            fields = self.field.arrays()
+            return self.recorded_frames.render(
+                self._sample_with, scene, sensor, seed, spp, fields, facts
+            ), None
+        return super().render(scene, sensor, seed, spp, True, evaluate), None
 
-    def _render_adaptively(
-        self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int
-    ) -> mi.TensorXf:
-        film = sensor.film()
-        has_alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
-
-        def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
-            ray, weight = sample_pixel_rays(sensor, sampler, pixel)
-            walks = GroupedWalks(self._walks_in(scene), sampler.sample_count(), self._recorded)
-            found = self._look(walks, sampler, ray, mi.Bool(True))
-            alpha = [dr.select(found["valid"], mi.Float(1), 0)] if has_alpha else []
-            radiance = found["radiance"] * weight
-            return [*radiance, *alpha, mi.Float(1), *channels(self.aovs, found)]
-
-        film.prepare(self.aov_names())
-        size = int(film.crop_size()[0]), int(film.crop_size()[1])
-        sampler, spp = sensor.sampler(), spp or sensor.sampler().sample_count()
-        seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
-        with dr.suspend_grad():
-            means = sample_adaptively(
-                sample, sampler, size, spp, seed, self.suppress_fireflies, self._with_variance
-            )
-            if self._with_variance:
-                self._variance = means[..., -1].numpy()
-                means = means[..., :-1]
-            offset = mi.ScalarPoint2i(film.crop_offset())
-            film.put_block(mi.ImageBlock(means, offset, border=False))
-            return film.develop()
-
-    def _render_denoised(
-        self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int
-    ) -> mi.TensorXf:
-        size = int(sensor.film().crop_size()[0]), int(sensor.film().crop_size()[1])
-        if self._denoiser is None or self._denoiser[0] != size:
-            cuda = "cuda" in str(mi.variant())
-            denoiser = ImageDenoiser(size, prefilter=True, cuda=cuda, quality="balanced")
-            self._denoiser = size, denoiser
-        wanted = self.aovs
-        self.aovs = (*wanted, *(name for name in GUIDES if name not in wanted))
-        self.denoise, self._with_variance = False, True
-        try:
-            image = np.array(self.render(scene, sensor, seed, spp))
-            variance, self._variance = self._variance, None
-            first = image.shape[2] - len(self.aov_names())
-            together = np.concatenate([image[..., :3], image[..., first:]], axis=2)
-            layers = split_layers(together, self.aovs)
-        finally:
-            self.aovs, self.denoise, self._with_variance = wanted, True, False
-        guides = layers[GUIDES[0]], layers[GUIDES[1]]
-        image[..., :3] = denoise(layers["radiance"], guides, variance, self._denoiser[1])
-        return from_numpy(mi.TensorXf, image[..., : first + len(self.aov_names())])
-
-    def _compare(self, scene: mi.Scene) -> None:
-        """Warn, once for each pair of scene and field, if they do not belong together."""
-        if self.field is not None:
-            bounds = [[float(v) for v in corner] for corner in self.field.bounds]
-            if self._compared != (scene.shapes(), bounds):
-                self._compared = scene.shapes(), bounds
-                record = getattr(self.field, "record", {})  # or another system in its place
-                known = dict(record.get("fingerprint") or {})
-                if getattr(self.field, "lights", None) is not None:
-                    known.pop("lights", None)  # they may be dimmed (gpf.rendering.lights)
-                warn_of_another_scene(scene, bounds, known)
-
-    def _render_with(
+    def _sample_with(
         self, scene: mi.Scene, sensor: mi.Sensor, seed: mi.UInt32, spp: int, arrays: Any
     ) -> Any:
+        """The mean of all samples, with other arrays of the field."""
         field = self.field
         self.field = field.with_arrays(arrays)
         try:
             return super().render(scene, sensor, seed, spp)
         finally:
             self.field = field
+
+    def _sample_adaptively(
+        self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int
+    ) -> tuple[mi.TensorXf, np.ndarray | None]:
+        film = sensor.film()
+        has_alpha = mi.has_flag(film.flags(), mi.FilmFlags.Alpha)
+
+        def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+            ray, weight = sample_pixel_rays(sensor, sampler, pixel)
+            walks = GroupedWalks(self._walks(scene), sampler.sample_count(), self._known.walks)
+            found = self._look(walks, sampler, ray, mi.Bool(True))
+            alpha = [dr.select(found["valid"], mi.Float(1), 0)] if has_alpha else []
+            radiance = found["radiance"] * weight
+            return [*radiance, *alpha, mi.Float(1), *channels(walks.aovs, found)]
+
+        film.prepare(self.aov_names())
+        size = int(film.crop_size()[0]), int(film.crop_size()[1])
+        sampler, spp = sensor.sampler(), spp or sensor.sampler().sample_count()
+        seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
+        variance = None
+        with dr.suspend_grad():
+            means = sample_adaptively(
+                sample, sampler, size, spp, seed, self.suppress_fireflies, self.denoise
+            )
+            if self.denoise:
+                variance = means[..., -1].numpy()
+                means = means[..., :-1]
+            offset = mi.ScalarPoint2i(film.crop_offset())
+            film.put_block(mi.ImageBlock(means, offset, border=False))
+            return film.develop(), variance
+
+    def _denoise(self, sampled: mi.TensorXf, variance: np.ndarray | None) -> mi.TensorXf:
+        """The image without noise, and without the channels that only the denoiser asks for."""
+        image = np.array(sampled)
+        size = image.shape[1], image.shape[0]
+        if self._denoiser is None or self._denoiser.size != size:
+            cuda = "cuda" in str(mi.variant())
+            self._denoiser = ImageDenoiser(size, prefilter=True, cuda=cuda, quality="balanced")
+        ours = len(channel_names(self.aovs))
+        every = (*self.aovs, *(name for name in GUIDES if name not in self.aovs))
+        first = image.shape[2] - len(channel_names(every))
+        together = np.concatenate([image[..., :3], image[..., first:]], axis=2)
+        layers = split_layers(together, every)
+        guides = layers[GUIDES[0]], layers[GUIDES[1]]
+        image[..., :3] = denoise(layers["radiance"], guides, variance, self._denoiser)
+        return from_numpy(mi.TensorXf, image[..., : first + ours])
 
     def sample(  # type: ignore[no-untyped-def]
         self, mode, scene, sampler, ray, depth=None, active=True, **kwargs
@@ -239,34 +219,19 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         channels of the AOVs, (N,) each."""
         if mode != dr.ADMode.Primal:
             raise RuntimeError("The gpf integrator does not support derivatives.")
-        found = self._look(self._walks_in(scene), sampler, mi.Ray3f(ray), mi.Bool(active))
-        return found["radiance"], found["valid"], channels(self.aovs, found), None
+        walks = self._walks(scene)
+        found = self._look(walks, sampler, mi.Ray3f(ray), mi.Bool(active))
+        return found["radiance"], found["valid"], channels(walks.aovs, found), None
 
-    def _walks_in(self, scene: mi.Scene) -> Walks:
+    def _walks(self, scene: mi.Scene) -> Walks:
         """The walks that follow the samples of a scene."""
         if self.field is None:
             raise RuntimeError(
                 'The gpf integrator has no field: set its "field" property to the path of a '
                 "field.safetensors, or assign a GaussianPhotonField to its attribute field."
             )
-        self._look_at(scene)
-        depths = self.depth_limit, self.rr_depth
-        return Walks(scene, self.field, self.aovs, *depths, self._divides)
-
-    def _look_at(self, scene: mi.Scene) -> None:
-        """Find out what all renderings of a scene need to know."""
-        if self._checked != scene.shapes():
-            require_separable(scene)
-            self._divides, self._vertices = divides_walks(scene), Vertices(scene)
-            self._recorded, self._checked = RecordedWalks(), scene.shapes()
-
-    def _prepare(self, scene: mi.Scene) -> None:
-        """Before an image, discard what was recorded for another scene or other vertices."""
-        if self.field is not None:
-            self._look_at(scene)
-            assert self._vertices is not None
-            if (changes := self._vertices.changes()) != self._recorded_of:
-                self._recorded, self._recorded_of = RecordedWalks(), changes
+        aovs, divides = (*self.aovs, *self._guides), self._known.divides(scene)
+        return Walks(scene, self.field, aovs, self.depth_limit, self.rr_depth, divides)
 
     @loops_traced_once
     def _look(
@@ -274,7 +239,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
     ) -> dict[str, Any]:
         """What rays find, with all AOVs."""
         found = walks.look(sampler, ray, active)
-        return found | at_first_surface(walks.scene, ray, self.aovs, active)
+        return found | at_first_surface(walks.scene, ray, walks.aovs, active)
 
     def sample_rays(
         self, scene: mi.Scene, sensor: mi.Sensor, sampler: mi.Sampler
@@ -284,7 +249,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
 
     def aov_names(self) -> list[str]:
         """The names of the channels besides radiance."""
-        return channel_names(self.aovs)
+        return channel_names((*self.aovs, *self._guides))
 
     def to_string(self) -> str:
         """A description, for print."""

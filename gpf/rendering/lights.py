@@ -90,7 +90,11 @@ def set_lights(scene: mi.Scene, field: GaussianPhotonField, text: str) -> None:
 
 @contextmanager
 def mixed(scene: mi.Scene, field: GaussianPhotonField, text: str) -> Iterator[None]:
-    """Set levels given as text (:func:`parse_levels`) in a scene and its field, temporarily."""
+    """Set levels given as text (:func:`parse_levels`) in a scene and its field, temporarily; an
+    empty text changes nothing."""
+    if not text:
+        yield
+        return
     mixer = LightMixer(scene, field)
     mixer.set(parse_levels(text, mixer.names))
     try:

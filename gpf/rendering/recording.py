@@ -12,7 +12,6 @@ import gc
 import logging
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -21,8 +20,9 @@ import mitsuba as mi
 
 from gpf.camera.visible_points import follow
 from gpf.core.structs import VisiblePoints, Way
-from gpf.scene.inventory import all_shapes
+from gpf.scene.inventory import all_shapes, divides_walks
 from gpf.scene.lamps import Lamps
+from gpf.scene.materials import require_separable
 
 log = logging.getLogger(__name__)
 
@@ -30,38 +30,52 @@ MOST_WALKS = 8
 """Recordings of camera walks to keep: one for each set of samplers, depths and kinds of arrays."""
 
 
-@dataclass
-class Recording:
-    """A recorded ``render(scene, sensor, seed, spp, arrays)``, and the facts that it depends on.
+class RecordedFrames:
+    """Recorded frames of one scene and camera.
 
-    The values of arrays may change: those of the scene, of the sensor (a moved camera) and of
-    ``arrays``. Objects and plain values may not.
+    The values of arrays may change from frame to frame: those of the scene, of the camera (which
+    may move), and those given to the function that is recorded. With other objects or other plain
+    values, frames are recorded anew.
     """
 
-    scene: mi.Scene
-    sensor: mi.Sensor
-    facts: Hashable
-    render: Callable[..., Any]
+    def __init__(self) -> None:
+        self._objects: tuple[mi.Scene, mi.Sensor] | None = None
+        self._facts: Hashable = None
+        self.frozen: Any = None
 
-    def __post_init__(self) -> None:
-        self._frozen = dr.freeze(self.render)
-        self.frames = 0
+    def render(
+        self,
+        function: Callable[..., mi.TensorXf],
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        seed: Any,
+        spp: int,
+        arrays: Any,
+        facts: Hashable,
+    ) -> mi.TensorXf:
+        """Render one frame by ``function(scene, sensor, seed, spp, arrays)``; the first two calls
+        record.
 
-    def frame(self, seed: mi.UInt32, spp: int, arrays: Any) -> Any:
-        """Render one frame; the first two calls record."""
-        self.frames += 1
+        Parameters
+        ----------
+        facts: plain values on which the function depends.
+        """
+        facts = facts, spp, tuple(int(v) for v in sensor.film().crop_size())
+        known = self._objects
+        first = known is None or known[0] is not scene or known[1] is not sensor
+        if first or self._facts != facts:
+            first = True
+            self._objects, self._facts = (scene, sensor), facts
+            self.frozen = dr.freeze(function)
         try:
-            with _nothing_collected(first=self.frames == 1):
-                return self._frozen(self.scene, self.sensor, seed, spp, arrays)
+            with _nothing_collected(first):
+                frame: mi.TensorXf = self.frozen(scene, sensor, mi.UInt32(seed), spp, arrays)
+                return frame
         except RuntimeError as error:
             raise RuntimeError(
                 "This scene cannot be recorded: one of its plugins, such as an orthographic "
                 'camera, does not expose all its data to Dr.Jit. Set "record" to false.'
             ) from error
-
-    def serves(self, scene: mi.Scene, sensor: mi.Sensor, facts: Hashable) -> bool:
-        """Whether the recording was made with these objects and plain values."""
-        return self.scene is scene and self.sensor is sensor and self.facts == facts
 
 
 class RecordedWalks:
@@ -150,6 +164,42 @@ class Vertices:
             self._arrays = arrays
             self._changes += 1
         return self._changes
+
+
+class KnownScene:
+    """What all images of a scene need to know, found out once per scene.
+
+    Attributes
+    ----------
+    walks: recorded walks of the scene.
+    changes: how often :meth:`prepare` found other vertices.
+    """
+
+    def __init__(self) -> None:
+        # Held so that their ids are not reused. Not the scene: it may hold the integrator, and
+        # circular references are never freed.
+        self._shapes: list[mi.Shape] | None = None
+        self._divides = False
+        self._vertices: Vertices | None = None
+        self.walks, self.changes = RecordedWalks(), 0
+
+    def prepare(self, scene: mi.Scene) -> None:
+        """Before an image: discard what was recorded for another scene or other vertices."""
+        self._learn(scene)
+        assert self._vertices is not None
+        if (changes := self._vertices.changes()) != self.changes:
+            self.walks, self.changes = RecordedWalks(), changes
+
+    def divides(self, scene: mi.Scene) -> bool:
+        """Whether walks may take both ways at their first surface."""
+        self._learn(scene)
+        return self._divides
+
+    def _learn(self, scene: mi.Scene) -> None:
+        if self._shapes != scene.shapes():
+            require_separable(scene)
+            self._divides, self._vertices = divides_walks(scene), Vertices(scene)
+            self.walks, self._shapes = RecordedWalks(), scene.shapes()
 
 
 @contextmanager

@@ -16,6 +16,24 @@ from gpf.scene.fingerprint import changed_parts, fingerprint
 TOLERANCE = 1e-3
 
 
+class SceneCheck:
+    """Warns once for each pair of scene and field that do not belong together."""
+
+    def __init__(self) -> None:
+        self._compared: tuple[list[mi.Shape], list[list[float]]] | None = None
+
+    def compare(self, scene: mi.Scene, field: Any) -> None:
+        """Compare a scene with a field, or with another system in a field's place."""
+        bounds = [[float(v) for v in corner] for corner in field.bounds]
+        if self._compared == (scene.shapes(), bounds):
+            return
+        self._compared = scene.shapes(), bounds
+        known = dict(getattr(field, "record", {}).get("fingerprint") or {})
+        if getattr(field, "lights", None) is not None:
+            known.pop("lights", None)  # they may be dimmed (gpf.rendering.lights)
+        warn_of_another_scene(scene, bounds, known)
+
+
 def warn_of_another_scene(
     scene: mi.Scene, bounds: Sequence[Sequence[float]], known: Mapping[str, Any] | None = None
 ) -> None:

@@ -229,7 +229,7 @@ def test_both_ways_from_a_surface_make_the_same_picture_with_less_noise(
         aovs = "irradiance,visible_normal"
         integrator = integrator_with(field, aovs=aovs, adaptive=adaptive)
         if not divided:
-            monkeypatch.setattr("gpf.rendering.gpf.divides_walks", lambda scene: False)
+            monkeypatch.setattr("gpf.rendering.recording.divides_walks", lambda scene: False)
         a, b = (
             mi.render(scene, sensor=sensor, integrator=integrator, spp=324, seed=seed).numpy()
             for seed in (1, 2)

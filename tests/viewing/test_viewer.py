@@ -284,5 +284,5 @@ def test_a_moving_camera_is_not_recorded_anew(scene, box):
         origin = (3 * np.sin(angle), 0.0, 3 * np.cos(angle))
         screen.frame(FRONT.model_copy(update={"origin": origin, "fov": 40.0 + k}))
         if k == 2:
-            recordings = integrator.recording._frozen.n_recordings
-    assert integrator.recording._frozen.n_recordings == recordings <= 3
+            recordings = integrator.recorded_frames.frozen.n_recordings
+    assert integrator.recorded_frames.frozen.n_recordings == recordings <= 3
