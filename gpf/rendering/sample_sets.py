@@ -139,7 +139,9 @@ class _Part:
 
 def tile_order(width: int, height: int) -> mi.UInt32:
     """Numbers of all pixels, (H W,), sorted so that the pixels of a small square stay together."""
-    place = dr.arange(mi.UInt32, width * height)
+    # Kernels also run for the lanes that fill the last packet: there, too, nothing may be divided
+    # by zero, which would end the process.
+    place = dr.minimum(dr.arange(mi.UInt32, width * height), width * height - 1)
     across, down = dr.opaque(mi.UInt32, width), dr.opaque(mi.UInt32, height)
     top = place // (TILE * across) * TILE
     rows = dr.minimum(TILE, down - top)

@@ -138,7 +138,7 @@ def test_what_is_far_brighter_than_the_rest_hardly_counts():
     assert noise[-1].max() < 0.5 * noise[0].min()
 
 
-@pytest.mark.parametrize(("width", "height"), [(8, 8), (7, 5), (1, 3)])
+@pytest.mark.parametrize(("width", "height"), [(8, 8), (7, 5), (1, 3), (25, 8), (33, 24)])
 def test_tiles_go_through_every_pixel_once(width, height):
     order = tile_order(width, height).numpy()
     np.testing.assert_array_equal(np.sort(order), np.arange(width * height))
