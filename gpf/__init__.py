@@ -43,11 +43,9 @@ _MODULES = {
     "FieldSettings": "gpf.field.settings",
     "FileError": "gpf.core.errors",
     "GaussianPhotonField": "gpf.field.field",
-    "InitialFieldSettings": "gpf.field.initialization",
     "PassSettings": "gpf.sppm.passes",
     "PathSettings": "gpf.photons.tracing",
     "Photons": "gpf.core.structs",
-    "Recipe": "gpf.training.recipe",
     "ReferenceRenderer": "gpf.sppm.reference",
     "ReferenceSettings": "gpf.sppm.reference",
     "RenderSettings": "gpf.rendering.settings",
@@ -57,13 +55,11 @@ _MODULES = {
     "UserError": "gpf.core.errors",
     "View": "gpf.scene.views",
     "VisibleRegionSettings": "gpf.guiding.emission_plan",
-    "choose_count": "gpf.training.gaussian_count",
     "choose_variant": "gpf.core.runtime",
     "fit": "gpf.fitting.fit",
     "load_field": "gpf.field.io",
     "load_scene_file": "gpf.scene.load",
     "make_sensor": "gpf.scene.sensors",
-    "open_stream": "gpf.training.recipe",
     "read_views": "gpf.scene.views",
     "save_field": "gpf.field.io",
 }
@@ -75,7 +71,6 @@ if TYPE_CHECKING:
     from gpf.core.runtime import choose_variant as choose_variant
     from gpf.core.structs import Photons as Photons
     from gpf.field.field import GaussianPhotonField as GaussianPhotonField
-    from gpf.field.initialization import InitialFieldSettings as InitialFieldSettings
     from gpf.field.io import load_field as load_field
     from gpf.field.io import save_field as save_field
     from gpf.field.settings import FieldSettings as FieldSettings
@@ -92,9 +87,6 @@ if TYPE_CHECKING:
     from gpf.sppm.passes import PassSettings as PassSettings
     from gpf.sppm.reference import ReferenceRenderer as ReferenceRenderer
     from gpf.sppm.reference import ReferenceSettings as ReferenceSettings
-    from gpf.training.gaussian_count import choose_count as choose_count
-    from gpf.training.recipe import Recipe as Recipe
-    from gpf.training.recipe import open_stream as open_stream
     from gpf.training.settings import TrainingSettings as TrainingSettings
     from gpf.training.streaming import StreamSettings as StreamSettings
 else:

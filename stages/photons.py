@@ -17,6 +17,7 @@ from gpf.core.files import (
 from gpf.core.structs import Photons, from_numpy, to_numpy
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
+from stages.config.training import most_gaussians
 
 
 def run(scene_name: str) -> None:
@@ -29,7 +30,7 @@ def run(scene_name: str) -> None:
         plan = work.emission_plan(scene)
         paths = section.paths
         if paths == "auto":
-            paths = plan.paths_for_gaussians(work.params.recipe.max_gaussians)
+            paths = plan.paths_for_gaussians(most_gaussians(work.params.field.gaussians))
         photons = plan.collect(scene, paths, section.seed, section.rr_depth)
     if dr.width(photons.p) == 0:
         raise UserError(

@@ -17,13 +17,11 @@ from gpf.core.partial import replace_folder
 from gpf.core.progress import progress_bar
 from gpf.core.structs import Photons
 from gpf.field.io import save_field
+from gpf.field.settings import sampled_lamps
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.scene import fingerprint as scenes
 from gpf.scene.bounds import scene_bounds
 from gpf.sppm.passes import PassSettings
-from gpf.training.checkpoint import restore_trainer, save_trainer
-from gpf.training.gaussian_count import choose_count
-from gpf.training.recipe import Recipe, open_stream
 from gpf.training.streaming import PhotonStream
 from gpf.training.targets import Targets
 from gpf.training.trainer import Progress, Trainer
@@ -31,6 +29,9 @@ from stages.common.code import digest_of
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
 from stages.photons import load_photons
+from stages.training.checkpoint import restore_trainer, save_trainer
+from stages.training.gaussian_count import choose_count
+from stages.training.recipe import Recipe, open_stream
 
 
 def run(scene_name: str) -> None:
@@ -99,14 +100,15 @@ def fit(work: Workspace) -> None:
 
 def _on_references(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:
     """The trainer of a new field, with targets from the stage `reference`."""
-    recipe, targets = work.params.recipe, Targets.load(work.targets, work.scene)
+    recipe, targets = _recipe(work), Targets.load(work.targets, work.scene)
     if recipe.field.direct != "field":
         scene = work.load_scene()
         passes = passes_of(work, scene, work.emission_plan(scene))
         recipe = recipe.suit(scene, passes)
         if isinstance(recipe.field.direct, tuple):
-            lamps = recipe.field.sampled_lamps(scene)
-            targets = targets.without(scene, lamps, work.params.train.seed)
+            targets = targets.without(
+                scene, sampled_lamps(scene, recipe.field.direct), work.params.train.seed
+            )
     photons = recipe.select_photons(load_photons(work))
     points = recipe.supervise(targets)
     with costs.measure("initialization"):
@@ -133,8 +135,12 @@ def open_stream_of(work: Workspace) -> tuple[Recipe, PhotonStream, Photons]:
     plan = work.emission_plan(scene)
     passes = passes_of(work, scene, plan)
     sensors = {view.name: work.sensor(view) for view in work.views.train}
-    recipe = work.params.recipe.suit(scene, passes)
+    recipe = _recipe(work).suit(scene, passes)
     return recipe, *open_stream(scene, sensors, plan, passes, work.params.stream, recipe)
+
+
+def _recipe(work: Workspace) -> Recipe:
+    return Recipe(work.params.field, work.params.train)
 
 
 def passes_of(work: Workspace, scene: mi.Scene, plan: EmissionPlan) -> PassSettings:
@@ -160,17 +166,15 @@ def _train(
 ) -> None:
     """Take all remaining steps; ``fingerprint``: for the checkpoints, or None to save none."""
     section, saved = work.params.train, time.monotonic()
-    with progress_bar(f"{work.scene}: training", section.steps) as advance:
-
-        def tick(step: int) -> None:
-            nonlocal saved
-            advance(step)
+    steps = progress_bar(f"{work.scene}: training", section.steps)
+    with steps as advance, costs.measure("training"):
+        for progress in trainer.steps():
+            if progress:
+                report(progress)
+            advance(trainer.step_count)
             # Only with fresh lists: a resumed run starts with such lists, so it gets the same bits.
-            fresh = trainer.rebuilt_at == step
+            fresh = trainer.rebuilt_at == trainer.step_count
             if fingerprint and fresh and time.monotonic() - saved > section.checkpoint_seconds:
                 cost = costs.so_far("training")
                 save_trainer(trainer, work.checkpoint("train"), fingerprint, cost)
                 saved = time.monotonic()
-
-        with costs.measure("training"):
-            trainer.run(report, tick)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from gpf.field.initialization import InitialFieldSettings
 from gpf.fitting import fit as fitting
 from gpf.fitting import plan
 from gpf.guiding.emission_plan import BATCH, VisibleRegionSettings
@@ -12,7 +11,7 @@ from gpf.training.streaming import StreamSettings
 
 
 def make_small(monkeypatch: pytest.MonkeyPatch, passes: int, steps: int, paths: int) -> None:
-    """Let `gpf.fit` use few photons, points, Gaussians and steps.
+    """Let `gpf.fit` use few photons, points and steps.
 
     Parameters
     ----------
@@ -21,7 +20,6 @@ def make_small(monkeypatch: pytest.MonkeyPatch, passes: int, steps: int, paths: 
     """
     small = {
         "REGION": VisibleRegionSettings(rays=20_000, pilot_paths=20_000),
-        "FIELD": InitialFieldSettings(gaussians=2000, direct="auto"),
         "STREAM": StreamSettings(view_points=2000, surface_points=10_000),
     }
     for name, value in small.items():

@@ -10,6 +10,18 @@ from pydantic import Field
 from gpf.core.settings import Positive, Settings
 from gpf.scene.lamps import Lamps
 
+Direct = Literal["field", "emitters"] | tuple[int, ...]
+"""Source of direct light: the ``field``, like all other light; a sample of the ``emitters`` at the
+visible point, so that the field stores indirect light only; or such a sample for only some of the
+emitters, given by their indices in ``scene.emitters()``."""
+
+
+def sampled_lamps(scene: mi.Scene, direct: Direct) -> Lamps:
+    """The emitters whose direct light is sampled when a view is rendered."""
+    if direct == "emitters":
+        return Lamps(scene)
+    return Lamps(scene, () if direct == "field" else direct)
+
 
 class FieldSettings(Settings):
     """How a field is queried.
@@ -22,9 +34,7 @@ class FieldSettings(Settings):
         alone.
     blend: ``divided`` by the sum of weights, or the plain ``sum``.
     stores: ``irradiance`` (multiplied by the reflectance / π at the hit) or ``radiance``.
-    direct: source of direct light: the ``field``, like all other light; a sample of the
-        ``emitters`` at the visible point, so that the field stores indirect light only; or such a
-        sample for only some of the emitters, given by their indices in ``scene.emitters()``.
+    direct: source of direct light (:data:`Direct`).
     normal_test: whether to ignore Gaussians of another surface: with normals more than 45° apart,
         or farther from the plane than :data:`gpf.field.limits.SURFACE_HEIGHT`.
     """
@@ -34,15 +44,9 @@ class FieldSettings(Settings):
     neighbours: Literal["both", "radius", "knn"] = "both"
     blend: Literal["divided", "sum"] = "divided"
     stores: Literal["irradiance", "radiance"] = "irradiance"
-    direct: Literal["field", "emitters"] | tuple[int, ...] = "field"
+    direct: Direct = "field"
     normal_test: bool = True
 
     def sampled_lamps(self, scene: mi.Scene) -> Lamps:
         """The emitters whose direct light is sampled when a view is rendered."""
-        if self.direct == "emitters":
-            return Lamps(scene)
-        return Lamps(scene, () if self.direct == "field" else self.direct)
-
-    def stored_lamps(self, scene: mi.Scene) -> Lamps:
-        """The emitters whose direct light the field stores."""
-        return self.sampled_lamps(scene).others()
+        return sampled_lamps(scene, self.direct)

@@ -36,8 +36,8 @@ class Goals:
     passes: float
 
     @staticmethod
-    def of(seconds: float | None, target_psnr: float | None, passes: int | None) -> Goals:
-        """The goals that are asked for; without any, :data:`DEFAULT_PASSES` passes.
+    def asked(seconds: float | None, target_psnr: float | None, passes: int | None) -> Goals:
+        """The goals that a user asks for; without any, :data:`DEFAULT_PASSES` passes.
 
         Raises
         ------
@@ -54,7 +54,10 @@ class Goals:
 
 
 class TimeBudget:
-    """The wall-clock time of a fit.
+    """The wall-clock time of a fit, and the part of it that is work.
+
+    Work is the time within a ``with`` block, except while Dr.Jit compiles kernels. They are
+    compiled once, so that time says nothing about what comes next.
 
     Attributes
     ----------
@@ -65,8 +68,30 @@ class TimeBudget:
         self.begin = self._last = time.perf_counter()
         self._end = float("inf") if seconds is None else self.begin + seconds
         self._passes: deque[float] = deque(maxlen=LATELY)
-        self._compiling = True
+        self._is_first_pass = True
         self.pass_seconds = 0.0
+        self._work_begin, self._compiling = self.begin, 0.0
+
+    def __enter__(self) -> TimeBudget:
+        self._work_begin, self._compiling = time.perf_counter(), 0.0
+        self._had_history = dr.flag(dr.JitFlag.KernelHistory)
+        dr.set_flag(dr.JitFlag.KernelHistory, True)
+        dr.kernel_history_clear()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        where: TracebackType | None,
+    ) -> None:
+        dr.set_flag(dr.JitFlag.KernelHistory, self._had_history)
+
+    @property
+    def work(self) -> float:
+        """Seconds of work so far."""
+        self._compiling += _seconds_of_compiling()
+        return time.perf_counter() - self._work_begin - self._compiling
 
     @property
     def left(self) -> float:
@@ -85,10 +110,10 @@ class TimeBudget:
     def note_pass(self) -> None:
         """Note that a pass has ended. The time of the first is ignored, because it compiled
         kernels; others take longer if they make room for photons."""
-        if not self._compiling:
+        if not self._is_first_pass:
             self._passes.append(time.perf_counter() - self._last)
             self.pass_seconds = statistics.mean(self._passes)
-        self._compiling = False
+        self._is_first_pass = False
 
     def lengthen_passes(self, seconds: float) -> None:
         """Expect each pass to take ``seconds`` longer from now on."""
@@ -98,31 +123,6 @@ class TimeBudget:
     def start_pass(self) -> None:
         """Note that the next pass begins now."""
         self._last = time.perf_counter()
-
-
-class WorkClock:
-    """A clock that runs within a ``with`` block, but stops while Dr.Jit compiles kernels. They are
-    compiled once, so that time says nothing about what comes next."""
-
-    def __enter__(self) -> WorkClock:
-        self._begin, self._compiling = time.perf_counter(), 0.0
-        self._recorded = dr.flag(dr.JitFlag.KernelHistory)
-        dr.set_flag(dr.JitFlag.KernelHistory, True)
-        dr.kernel_history_clear()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        where: TracebackType | None,
-    ) -> None:
-        dr.set_flag(dr.JitFlag.KernelHistory, self._recorded)
-
-    def seconds(self) -> float:
-        """Seconds since the block began, without compiling."""
-        self._compiling += _seconds_of_compiling()
-        return time.perf_counter() - self._begin - self._compiling
 
 
 def _seconds_of_compiling() -> float:

@@ -66,19 +66,27 @@ class FieldCost:
     evaluation: an evaluation, every :data:`STEPS_PER_EVALUATION` training steps, at all points.
     step: a training step.
     judgement: the estimate of its quality.
+    ending: all that follows the training.
     """
 
     points: float = 0.0
     evaluation: float = 0.0
     step: float = 0.0
     judgement: float = 0.0
+    ending: float = 0.0
 
     @classmethod
     def of_all(
-        cls, stride: int, points: float, evaluation: float, step: float, judgement: float
+        cls,
+        stride: int,
+        points: float,
+        evaluation: float,
+        step: float,
+        judgement: float,
+        ending: float,
     ) -> FieldCost:
         """The cost for all points, from that of a field from every ``stride``-th point."""
-        return cls(stride * points, stride * evaluation, step, judgement)
+        return cls(stride * points, stride * evaluation, step, judgement, ending)
 
     def seconds(self, steps: int, stride: int = 1) -> float:
         """Seconds for the next field with this many steps, from every ``stride``-th point."""

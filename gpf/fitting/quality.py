@@ -17,11 +17,11 @@ from gpf.core.images import check_finite, propose_exposure, tone_map, tone_secan
 from gpf.core.random import Stream, pass_seed, random_start
 from gpf.core.structs import VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.field.field import GaussianPhotonField
-from gpf.field.settings import FieldSettings
 from gpf.photons.emission import Source, emit_light
 from gpf.rendering.adaptive import sample_adaptively
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
+from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, PhotonPasses
 
@@ -75,7 +75,7 @@ class QualityEstimate:
     ----------
     sensors: the views; if there are more than :data:`MOST_VIEWS`, an even selection is used.
     settings: settings of the passes.
-    field: how the fields are queried.
+    sampled: the emitters whose direct light the fields do not store.
     pixels: number of pixels in all, at random places.
     exposure: exposure of the tone mapping; by default :func:`gpf.core.images.propose_exposure`.
     """
@@ -85,7 +85,7 @@ class QualityEstimate:
         scene: mi.Scene,
         sensors: Sequence[mi.Sensor],
         settings: PassSettings,
-        field: FieldSettings,
+        sampled: Lamps,
         seed: int,
         source: Source = emit_light,
         pixels: int = PIXELS,
@@ -106,9 +106,9 @@ class QualityEstimate:
         points = take(points, valid)
         self._share = to_numpy(points.throughput * points.reflectance) / np.pi
         self._points = FixedPoints(scene, points)
-        self._stored = field.stored_lamps(scene)
+        self._stored = sampled.others()
         self._sampled = self._points.mean_direct(
-            field.sampled_lamps(scene), DIRECT_SAMPLES, pass_seed(seed, 3, Stream.QUALITY_DIRECT)
+            sampled, DIRECT_SAMPLES, pass_seed(seed, 3, Stream.QUALITY_DIRECT)
         )
         self._starts = [
             random_start(pass_seed(seed, half, Stream.QUALITY_DIRECT), len(self._lanes))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import logging
 import re
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -16,6 +18,7 @@ import numpy as np
 from gpf.core.errors import UserError
 from gpf.core.files import read_tensors, write_tensors
 from gpf.core.partial import remove_leftovers
+from gpf.core.structs import from_numpy, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field, save_field
 from gpf.scene.fingerprint import changed_parts, fingerprint
@@ -25,7 +28,10 @@ PHOTONS = "photons.safetensors"
 # Files beside it.
 _FIELD = re.compile(r"field-\d+\.safetensors")
 
-FORMAT = 6
+SAVE_SECONDS = 60.0
+"""Time between saved states while photons are traced."""
+
+FORMAT = 7
 """Format of the files; those of another format are not read."""
 
 Resume = Literal["if possible", "always", "never"]
@@ -47,8 +53,12 @@ class FitState:
     """
 
     def __init__(self, folder: Path, identity: Mapping[str, Any]) -> None:
-        self.folder = folder
+        self.folder, self._saved = folder, time.perf_counter()
         self.identity = json.loads(json.dumps({"format": FORMAT, **identity}))
+
+    def is_due(self) -> bool:
+        """Whether the state was last saved :data:`SAVE_SECONDS` ago, while photons are traced."""
+        return time.perf_counter() - self._saved > SAVE_SECONDS
 
     def save(
         self,
@@ -60,12 +70,14 @@ class FitState:
         field = None if best is None else f"field-{best.record['passes']}.safetensors"
         if best is not None and field is not None:
             save_field(best, self.folder / field)
+            tensors = {**tensors, **_rounded(best)}
         facts = {"identity": self.identity, "facts": facts, "field": field}
         write_tensors(self.folder / PHOTONS, "fit", tensors, facts)
         for file in self.folder.iterdir():
             if _FIELD.fullmatch(file.name) and file.name != field:  # of the state before
                 file.unlink(missing_ok=True)
         remove_leftovers(self.folder)
+        self._saved = time.perf_counter()
 
     def load(
         self, resume: Resume = "if possible"
@@ -88,7 +100,9 @@ class FitState:
                     f"has the photons of another fit: different {other}",
                     "Give the same scene and options as before, or start a new fit.",
                 )
-            best = load_field(self.folder / facts["field"]) if facts["field"] else None
+            best = None
+            if facts["field"]:
+                best = _restored(load_field(self.folder / facts["field"]), tensors)
         except UserError as error:
             if resume == "always":
                 raise
@@ -105,6 +119,30 @@ class FitState:
         names = {*saved, *self.identity} - {"scene"}
         found += [name for name in sorted(names) if saved.get(name) != self.identity.get(name)]
         return ", ".join(found)
+
+
+_OF_BEST = "best/"
+
+
+def _rounded(field: GaussianPhotonField) -> dict[str, np.ndarray]:
+    """The arrays that a field's file rounds: it has positions and sizes in world units."""
+    gaussians = field.gaussians
+    arrays = {"means": to_numpy(gaussians.means), "log_scales": to_numpy(gaussians.log_scales)}
+    if field.limits is not None:
+        arrays["limits"] = field.limits
+    return {_OF_BEST + name: array for name, array in arrays.items()}
+
+
+def _restored(field: GaussianPhotonField, tensors: Mapping[str, np.ndarray]) -> GaussianPhotonField:
+    """A field from a file, with the arrays of :func:`_rounded`, so that the fit gives the same bits
+    as without an interruption."""
+    exact = {
+        "means": from_numpy(mi.Point3f, tensors[_OF_BEST + "means"]),
+        "log_scales": from_numpy(mi.Vector3f, tensors[_OF_BEST + "log_scales"]),
+    }
+    field.limits = tensors.get(_OF_BEST + "limits")
+    field.update(dataclasses.replace(field.gaussians, **exact), field.error)
+    return field
 
 
 def fit_identity(

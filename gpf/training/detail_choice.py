@@ -14,16 +14,22 @@ summed over each cell of the field's grid, and the level with the least error is
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import mitsuba as mi
 import numpy as np
 
 from gpf.core.runtime import count_cores
 from gpf.core.structs import SurfacePoints, to_numpy
+from gpf.field.by_detail import field_by_detail
 from gpf.field.detail import Detail
+from gpf.field.field import GaussianPhotonField
 from gpf.field.initialization import DISTANCE
+from gpf.field.settings import FieldSettings
 from gpf.guiding.density_control import cell_keys
+from gpf.scene.bounds import scene_bounds
 from gpf.training.loss import relative_weight
 
 LEVELS = 7
@@ -54,6 +60,31 @@ _RIDGE = 0.5
 
 # Lower limit of 1 - h: the share of a point's value that the others in its cell decide.
 _LEAST_FREE = 0.1
+
+
+def field_by_place(
+    points: SurfacePoints,
+    halves: tuple[SurfacePoints, SurfacePoints],
+    kernel: float,
+    scene: mi.Scene,
+    query: Callable[[float], FieldSettings],
+    seed: int,
+    fill_gaps: bool = True,
+) -> GaussianPhotonField:
+    """The field before training, with as many Gaussians at each place as its light needs.
+
+    Parameters
+    ----------
+    points: the field will be trained on these.
+    halves: the same points, with targets from two independent halves of the photons.
+    kernel: radius of the targets' narrowest kernel, world units.
+    query: the settings of the field, given its search radius.
+    fill_gaps: whether places with too few Gaussians around them get more.
+    """
+    bounds = scene_bounds(scene)
+    detail = choose_detail(points, halves, kernel, bounds)
+    at = to_numpy(points.p), to_numpy(points.n)
+    return field_by_detail(scene, detail, query(detail.radius), bounds, at, seed, fill_gaps)
 
 
 def choose_detail(

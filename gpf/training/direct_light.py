@@ -1,8 +1,9 @@
-"""Direct light at supervised points, from samples of the emitters."""
+"""Direct light: whether a field stores it, and samples of it at supervised points."""
 
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Literal
 
 import drjit as dr
 import mitsuba as mi
@@ -10,9 +11,11 @@ import numpy as np
 
 from gpf.core.random import Stream, pass_seed, random_start, spread_sample
 from gpf.core.structs import to_numpy
+from gpf.field.settings import Direct
 from gpf.guiding.lamp_guide import LampGuide, count_bins, find_cells
-from gpf.scene.lamps import Lamps
+from gpf.scene.lamps import Lamps, small_lamps
 from gpf.sppm.fixed_points import FixedPoints
+from gpf.sppm.passes import PassSettings, suit_scene
 from gpf.training.sampled_light import SampledLight
 
 PILOT = 8
@@ -20,6 +23,24 @@ PILOT = 8
 
 WORTH = 0.95
 """Samples are guided if that reduces their variance to less than this fraction."""
+
+
+def choose_direct(
+    scene: mi.Scene, passes: PassSettings, asked: Literal["auto"] | Direct = "auto"
+) -> Direct:
+    """The source of direct light in a scene: ``auto`` becomes the list of the small lamps.
+
+    Lamps below the kernel radius of the first pass are small. If photons bring direct light, the
+    field stores all of it; or, with ``emitters``, all but what samples of the emitters add when a
+    view is rendered.
+    """
+    by_photons = suit_scene(passes, scene).direct == "photons"
+    if asked == "auto":
+        small = [] if by_photons else small_lamps(scene, passes.initial_radius)
+        return tuple(small) or "field"
+    if asked == "emitters" and by_photons:
+        return tuple(range(len(scene.emitters())))
+    return asked
 
 
 class DirectLight(SampledLight):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from gpf.core.settings import Count, NotNegative, Positive, Seed, Settings, Share
+from gpf.core.settings import Count, NotNegative, Seed, Settings, Share
 from gpf.training.loss import Loss
 
 
@@ -30,7 +30,6 @@ class TrainingSettings(Settings):
     batch: supervised points per step.
     points: which points are supervised: visible points of ``views``, samples of the ``surface``, or
         both.
-    supervision: targets from a finished ``reference``, or ``streaming`` while passes are traced.
     loss: ``squared``, or ``relative`` to the light at each point (:mod:`gpf.training.loss`).
     rates: initial learning rates; they fall on a cosine to ``final_rate`` times these values.
     rebuild_every: largest number of steps between rebuilds of the neighbour lists; an evaluation
@@ -39,13 +38,11 @@ class TrainingSettings(Settings):
     held_out: share of the points that training does not use; the state with the smallest error at
         these points is kept.
     seed: for the split into training and held-out points, and for the batches.
-    checkpoint_seconds: time between checkpoints.
     """
 
     steps: Count = 500
     batch: Count = 32_768
     points: Literal["views", "surface", "both"] = "both"
-    supervision: Literal["reference", "streaming"] = "reference"
     loss: Loss = "relative"
     rates: LearningRates = LearningRates()
     final_rate: Annotated[float, Field(gt=0, le=1)] = 0.1
@@ -53,7 +50,6 @@ class TrainingSettings(Settings):
     evaluate_every: Count = 50
     held_out: Share = 0.1
     seed: Seed = 3
-    checkpoint_seconds: Positive = 30.0
 
 
 def cosine_decay(done: float, final: float) -> float:

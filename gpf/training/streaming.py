@@ -74,6 +74,11 @@ class StreamSettings(Settings):
     surface_points: Count = 300_000
     seed: Seed = 6
 
+    def passes_like(self, passes: PassSettings) -> PassSettings:
+        """The settings of the stream's passes, given those of the references' passes."""
+        radius = self.radius * passes.initial_radius
+        return passes.model_copy(update={"alpha": self.alpha, "initial_radius": radius})
+
 
 class PhotonStream:
     """Photons of a growing number of passes, and the targets that they give at fixed points.
@@ -141,6 +146,11 @@ class PhotonStream:
             first_radius = self.settings.initial_radius  # later ones are smaller
             self._edges = near_edges(scene, p, n, first_radius, edge_seed).numpy()
         self.blur = np.zeros(len(self._source), np.float32)
+
+    @property
+    def narrowest(self) -> float:
+        """Radius of the narrowest kernel, world units."""
+        return WIDTHS[-1] * self.radius
 
     @property
     def radius(self) -> float:

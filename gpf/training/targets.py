@@ -124,8 +124,8 @@ class Targets:
 
     def supervised_points(
         self,
-        points: Literal["views", "surface", "both"],
-        stores: Literal["irradiance", "radiance"],
+        points: Literal["views", "surface", "both"] = "both",
+        stores: Literal["irradiance", "radiance"] = "irradiance",
         indirect: bool = False,
     ) -> SurfacePoints:
         """The points that a trainer learns from.

@@ -8,7 +8,7 @@ gradients.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -56,7 +56,7 @@ LEAST_LEVEL = 0.01
 class Trainer:
     """Fits a field to supervised points.
 
-    The field's Gaussians are replaced by the best state when :meth:`run` returns.
+    :meth:`finish` gives the field its best state.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Trainer:
         field: GaussianPhotonField,
         points: SurfacePoints,
         settings: TrainingSettings,
-        from_targets: bool = False,
+        from_targets: bool = True,
         anisotropic: bool = True,
     ) -> None:
         self.field, self.settings, self.anisotropic = field, settings, anisotropic
@@ -209,28 +209,24 @@ class Trainer:
             if self.step_count % self.settings.rebuild_every == 0:
                 self.rebuild()
 
-    def run(
-        self,
-        report: Callable[[Progress], None] = lambda progress: None,
-        tick: Callable[[int], None] = lambda step: None,
-    ) -> GaussianPhotonField:
+    def run(self) -> GaussianPhotonField:
         """Train to the end and return the field in its best state.
-
-        ``report`` is called after each evaluation; ``tick`` after each step, with the number of
-        steps so far.
 
         Raises
         ------
         UserError: the error was never finite.
         """
+        for _ in self.steps():
+            pass
+        return self.finish()
+
+    def steps(self) -> Iterator[Progress | None]:
+        """Take all remaining steps, one at a time; yields the evaluation where one is due."""
         s = self.settings
         while self.step_count < s.steps:
             self.advance(1)
-            done = self.step_count
-            if done % s.evaluate_every == 0 or done == s.steps:
-                report(self.judge())
-            tick(done)
-        return self.finish()
+            due = self.step_count % s.evaluate_every == 0 or self.step_count == s.steps
+            yield self.judge() if due else None
 
     def judge(self) -> Progress:
         """Evaluate the current state, and keep it if it is the best so far."""

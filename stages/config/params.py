@@ -12,13 +12,10 @@ from pydantic_core import PydanticCustomError
 from baselines.options import BaselineOptions
 from gpf.core.settings import Settings
 from gpf.core.yaml import explain, read_yaml, suggest
-from gpf.field.initialization import InitialFieldSettings
 from gpf.guiding.emission_plan import VisibleRegionSettings
 from gpf.guiding.photon_map import PhotonSettings
 from gpf.rendering.settings import RenderSettings
 from gpf.sppm.reference import ReferenceSettings
-from gpf.training.recipe import Recipe
-from gpf.training.settings import TrainingSettings
 from gpf.training.streaming import StreamSettings
 from stages.config.pipeline import (
     OWN_METHODS,
@@ -33,6 +30,7 @@ from stages.config.pipeline import (
     Metrics,
     Runtime,
 )
+from stages.config.training import FieldTrainingSettings, InitialFieldSettings
 
 
 class Params(Settings):
@@ -47,7 +45,7 @@ class Params(Settings):
     reference: ReferenceSettings = ReferenceSettings()
     photons: PhotonSettings = PhotonSettings()
     field: InitialFieldSettings = InitialFieldSettings()
-    train: TrainingSettings = TrainingSettings()
+    train: FieldTrainingSettings = FieldTrainingSettings()
     stream: StreamSettings = StreamSettings()
     render: RenderSettings = RenderSettings()
     methods: Methods = Methods()
@@ -56,11 +54,6 @@ class Params(Settings):
     animation: Animation = Animation()
     metrics: Metrics = Metrics()
     amortize: Amortize = Amortize()
-
-    @property
-    def recipe(self) -> Recipe:
-        """The settings for making a field from photons and targets."""
-        return Recipe(self.field, self.train)
 
     def vary(self, overrides: Mapping[str, Any]) -> Params:
         """These parameters with new values for some dotted keys, and without ablations.

@@ -32,7 +32,6 @@ from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import VisiblePoints
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.scene.views import View
-from gpf.sppm.pass_files import PassParts
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import ReferenceRenderer
 from gpf.training.surface_points import share_of_pixels, target_points
@@ -40,6 +39,7 @@ from stages.common.code import digest_of
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
 from stages.references.group_passes import GroupPasses
+from stages.references.pass_files import PassParts
 from stages.references.views_with_images import count_views_with_images
 
 GROUPS = {

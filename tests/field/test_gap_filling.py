@@ -8,14 +8,10 @@ from scipy.spatial import cKDTree
 
 from gpf.core.structs import Photons, from_numpy
 from gpf.field.field import GaussianPhotonField
-from gpf.field.initialization import (
-    MOST,
-    SPACING,
-    InitialFieldSettings,
-    find_gaps,
-    initialize_gaussians,
-)
+from gpf.field.initialization import MOST, SPACING, find_gaps
 from gpf.field.settings import FieldSettings
+from stages.config.training import InitialFieldSettings
+from stages.training.photon_gaussians import initialize_gaussians
 
 BOUNDS = (mi.ScalarPoint3f(-1, -1, -1), mi.ScalarPoint3f(5, 3, 2))
 RADIUS = 0.2

@@ -10,10 +10,10 @@ import pytest
 
 import gpf
 from gpf.core.images import tone_map
-from gpf.field.settings import FieldSettings
 from gpf.fitting.quality import QualityEstimate
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
+from gpf.scene.lamps import Lamps
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from gpf.sppm.passes import PassSettings
@@ -47,9 +47,14 @@ def test_the_estimate_is_the_psnr_against_a_reference(make, monkeypatch):
     scene = mi.load_dict(make(), optimize=False)
     settings = PassSettings(photons_per_pass=40_000, initial_radius=0.08)
     sensors = {view.name: make_sensor(view, *SIZE) for view in VIEWS}
-    query = FieldSettings(search_radius=1)
     estimate = QualityEstimate(
-        scene, [*sensors.values()], settings, query, seed=7, pixels=4000, exposure=EXPOSURE
+        scene,
+        [*sensors.values()],
+        settings,
+        Lamps(scene, ()),
+        seed=7,
+        pixels=4000,
+        exposure=EXPOSURE,
     )
     for _ in range(100):
         estimate.add_pass()

@@ -14,7 +14,6 @@ BEHIND = {
     "film_size": ("film",),
     "sensor": ("film",),
     "emission_plan": ("visible_region", "reference.rr_depth"),
-    "max_gaussians": ("field.gaussians",),
     "initial_field": ("field",),
     "supervise": ("train",),
 }

@@ -66,7 +66,7 @@ def test_direct_light_has_to_be_told_apart(finished):
 
 
 def test_the_number_of_gaussians_is_the_best_of_a_trial(finished, monkeypatch):
-    monkeypatch.setattr("gpf.training.recipe.MAX_GAUSSIANS", 640)
+    monkeypatch.setattr("stages.config.training.MAX_GAUSSIANS", 640)
     finished.edit("params.yaml", field__gaussians="auto")
     outcome = finished.stage("train")
     assert outcome.code == 0, outcome.text

@@ -62,12 +62,13 @@ def make_trainer(
         log_scales=np.full((250, 3), np.log(0.15)) if isotropic else g.log_scales,
     )
     field = make_field(g, FieldSettings(search_radius=0.3, k=3))
+    options = {"from_targets": False} | options
     return Trainer(field, points or make_points(scale=scale), settings, **options)
 
 
 def run(trainer: Trainer) -> tuple[GaussianPhotonField, list[Progress]]:
-    reports: list[Progress] = []
-    return trainer.run(reports.append), reports
+    reports = [progress for progress in trainer.steps() if progress]
+    return trainer.finish(), reports
 
 
 def error_of(field: GaussianPhotonField, scale: float = 1.0) -> float:

@@ -14,9 +14,9 @@ from gpf.field.settings import FieldSettings
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings
 from gpf.training.gathered_light import GatheredLight
-from gpf.training.recipe import Recipe
-from gpf.training.settings import TrainingSettings
 from gpf.training.streaming import PhotonStream
+from stages.config.training import FieldTrainingSettings
+from stages.training.recipe import Recipe
 from tests.furnace import diffuse, floor
 
 BOUNDS = mi.ScalarPoint3f(-1, -1, -1), mi.ScalarPoint3f(1, 1, 1)
@@ -137,10 +137,9 @@ def test_with_gathered_light_points_have_as_much_as_with_photons():
     stream.advance(12)
     halves = stream.halves()
     before = stream.mean(halves)
-    recipe = Recipe(train=TrainingSettings(steps=100))
+    recipe = Recipe(train=FieldTrainingSettings(steps=100))
     trainer = recipe.fit_stream(stream, halves, dr.zeros(Photons, 0), BOUNDS)
-    trainer.run(lambda progress: None, lambda step: None)
-    stream.light_by(trainer.finish())
+    stream.light_by(trainer.run())
     after = stream.mean(stream.halves())
     assert stream.gathered is not None and stream.gathered.samples == GatheredLight.LEAST
     indirect = (before.irradiance - before.direct).mean()

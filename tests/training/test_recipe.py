@@ -9,12 +9,14 @@ import pytest
 
 from gpf.core.errors import UserError
 from gpf.core.structs import Photons, VisiblePoints, from_numpy
-from gpf.field.initialization import InitialFieldSettings
+from gpf.field.settings import sampled_lamps
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings
-from gpf.training.recipe import Recipe
+from gpf.training.direct_light import choose_direct
 from gpf.training.streaming import PhotonStream
 from gpf.training.targets import Targets
+from stages.config.training import InitialFieldSettings
+from stages.training.recipe import Recipe
 from tests.furnace import diffuse, floor, lamp, point_light
 
 LAMPS = {
@@ -37,7 +39,7 @@ def test_small_lamps_are_left_to_samples(asked, passes, names, small):
     lamps = {name: LAMPS[name] for name in names}
     scene = mi.load_dict({"type": "scene", "floor": floor(diffuse(0.5))} | lamps)
     settings = PassSettings(initial_radius=0.1, direct=passes)
-    found = Recipe(InitialFieldSettings(direct=asked)).suit(scene, settings).field.direct
+    found = choose_direct(scene, settings, asked)
     if small is None:
         assert found == "field"
     else:
@@ -70,12 +72,13 @@ def test_direct_light_counts_once(lights, asked):
     points.p = from_numpy(mi.Point3f, np.column_stack([place, np.zeros(400)]))
     points.n = mi.Normal3f(0, 0, 1) + dr.zeros(mi.Normal3f, 400)
     points.valid = dr.full(mi.Bool, True, 400)
-    lamps = recipe.field.stored_lamps(scene) if recipe.field.direct != "emitters" else None
+    direct = recipe.field.direct
+    lamps = None if direct == "emitters" else sampled_lamps(scene, direct).others()
     stream = PhotonStream(scene, passes, {"view": points}, seed=1, lamps=lamps)
     stream.advance(8)
     stored = np.array(recipe.supervise(stream.mean(stream.halves())).target).mean()
     fixed = FixedPoints(scene, points)
-    sampled = fixed.mean_direct(recipe.field.query(1.0).sampled_lamps(scene), 64, seed=2).mean()
+    sampled = fixed.mean_direct(sampled_lamps(scene, direct), 64, seed=2).mean()
     whole = PhotonStream(
         scene, passes.model_copy(update={"direct": "photons"}), {"view": points}, seed=3
     )

@@ -1,8 +1,7 @@
-"""How a field is made: from photons, targets and settings to a trainer."""
+"""How the pipeline makes a field: from photons, targets and settings to a trainer."""
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,34 +11,23 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
-from gpf.core.structs import Photons, SurfacePoints, take, to_numpy
-from gpf.field.by_detail import field_by_detail
+from gpf.core.progress import say
+from gpf.core.structs import Photons, SurfacePoints, take
 from gpf.field.checks import smallest_search_radius
 from gpf.field.field import GaussianPhotonField
-from gpf.field.initialization import (
-    TYPICAL_SCALE,
-    InitialFieldSettings,
-    find_gaps,
-    initialize_gaussians,
-    propose_search_radius,
-)
+from gpf.field.initialization import TYPICAL_SCALE, find_gaps, propose_search_radius
+from gpf.field.settings import sampled_lamps
 from gpf.guiding.emission_plan import EmissionPlan
-from gpf.scene.bounds import scene_bounds
-from gpf.scene.lamps import small_lamps
-from gpf.scene.light_groups import LightGroups
-from gpf.sppm.passes import PassSettings, suit_scene
-from gpf.training.detail_choice import choose_detail
-from gpf.training.kernel_width import WIDTHS
+from gpf.sppm.passes import PassSettings
+from gpf.training.detail_choice import field_by_place
+from gpf.training.direct_light import choose_direct
 from gpf.training.settings import TrainingSettings
+from gpf.training.stream_points import stream_points
 from gpf.training.streaming import PhotonStream, StreamSettings
-from gpf.training.surface_points import share_of_pixels, target_points
 from gpf.training.targets import Targets
 from gpf.training.trainer import Trainer
-
-MAX_GAUSSIANS = 100_000
-"""Largest number that ``gaussians: auto`` tries, as in the paper."""
-
-log = logging.getLogger(__name__)
+from stages.config.training import FieldTrainingSettings, InitialFieldSettings
+from stages.training.photon_gaussians import initialize_gaussians
 
 
 @dataclass(frozen=True)
@@ -47,27 +35,11 @@ class Recipe:
     """The settings with which a field is made from photons and targets."""
 
     field: InitialFieldSettings = InitialFieldSettings()
-    train: TrainingSettings = TrainingSettings()
-
-    @property
-    def max_gaussians(self) -> int:
-        """Upper limit; with ``auto``, the largest number that the search tries."""
-        return MAX_GAUSSIANS if self.field.gaussians == "auto" else self.field.gaussians
+    train: FieldTrainingSettings = FieldTrainingSettings()
 
     def suit(self, scene: mi.Scene, passes: PassSettings) -> Recipe:
-        """The settings for a scene: ``direct: auto`` becomes the list of the small lamps.
-
-        Lamps below the kernel radius of the first pass are small. If photons bring direct light,
-        the field stores all of it; or, with ``emitters``, all but what samples of the emitters add
-        when a view is rendered.
-        """
-        by_photons = suit_scene(passes, scene).direct == "photons"
-        direct = self.field.direct
-        if direct == "auto":
-            small = [] if by_photons else small_lamps(scene, passes.initial_radius)
-            direct = tuple(small) or "field"
-        elif direct == "emitters" and by_photons:
-            direct = tuple(range(len(scene.emitters())))
+        """The settings for a scene: without ``auto`` for direct light (:func:`choose_direct`)."""
+        direct = choose_direct(scene, passes, self.field.direct)
         return replace(self, field=self.field.model_copy(update={"direct": direct}))
 
     def select_photons(self, photons: Photons) -> Photons:
@@ -88,11 +60,9 @@ class Recipe:
                 "Set field.direct to field.",
             )
         if self.field.gaussians != "auto" and count < self.field.gaussians:
-            log.warning(
-                "Only %s photons are indirect light, so the field gets that many Gaussians "
-                "instead of %s. Trace more photon paths to get more.",
-                count,
-                self.field.gaussians,
+            say(
+                f"Only {count} photons are indirect light, so the field gets that many Gaussians "
+                f"instead of {self.field.gaussians}. Trace more photon paths to get more."
             )
         return take(photons, indirect)
 
@@ -144,27 +114,6 @@ class Recipe:
             gaussians.irradiance *= mi.Color3f(*(float(c) for c in mean))
         return GaussianPhotonField(gaussians, settings, bounds)
 
-    def field_by_place(
-        self,
-        points: SurfacePoints,
-        halves: tuple[SurfacePoints, SurfacePoints],
-        kernel: float,
-        scene: mi.Scene,
-    ) -> GaussianPhotonField:
-        """The field before training, with as many Gaussians at each place as its light needs.
-
-        Parameters
-        ----------
-        points: the field will be trained on these.
-        halves: the same points, with targets from two independent halves of the photons.
-        kernel: radius of the targets' narrowest kernel, world units.
-        """
-        bounds = scene_bounds(scene)
-        detail = choose_detail(points, halves, kernel, bounds)
-        settings, at = self.field.query(detail.radius), (to_numpy(points.p), to_numpy(points.n))
-        fill = self.field.fill_gaps
-        return field_by_detail(scene, detail, settings, bounds, at, self.train.seed, fill)
-
     def fit_stream(
         self,
         stream: PhotonStream,
@@ -184,7 +133,9 @@ class Recipe:
         points = self.supervise(targets)
         if self.field.gaussians == "auto":
             split = self.supervise(halves[0]), self.supervise(halves[1])
-            field = self.field_by_place(points, split, WIDTHS[-1] * stream.radius, stream.scene)
+            kernel, seed = stream.narrowest, self.train.seed
+            settings = self.field.query, seed, self.field.fill_gaps
+            field = field_by_place(points, split, kernel, stream.scene, *settings)
         else:
             photons = self.select_photons(photons)
             field = self.initial_field(self.field.gaussians, photons, targets, bounds)
@@ -211,9 +162,8 @@ def open_stream(
     sensors: Mapping[str, mi.Sensor],
     plan: EmissionPlan,
     passes: PassSettings,
-    stream: StreamSettings,
+    settings: StreamSettings,
     recipe: Recipe,
-    groups: LightGroups | None = None,
 ) -> tuple[PhotonStream, Photons]:
     """A stream that has no passes yet, and photons for the Gaussians.
 
@@ -221,30 +171,17 @@ def open_stream(
     ----------
     sensors: the training views, by name.
     plan: where photons are needed.
-    passes: settings of the references' passes; radius and ``alpha`` come from ``stream``.
+    passes: settings of the references' passes.
     recipe: without ``auto`` for direct light (:meth:`Recipe.suit`).
-    groups: groups of emitters whose light the stream keeps apart.
     """
-    radius = stream.radius * passes.initial_radius
-    settings = passes.model_copy(update={"alpha": stream.alpha, "initial_radius": radius})
-    pixels = sum(int(np.prod(sensor.film().crop_size())) for sensor in sensors.values())
-    wanted = "views" if recipe.field.stores == "radiance" else recipe.train.points
-    paths = settings.photons_per_pass
+    paths = settings.passes_like(passes).photons_per_pass
     if recipe.field.gaussians != "auto":
         paths = max(paths, plan.paths_for_gaussians(recipe.field.gaussians))
-    photons = plan.collect(scene, paths, stream.seed, settings.rr_depth)
-    points = target_points(
-        scene,
-        {} if wanted == "surface" else sensors,
-        plan,
-        passes,
-        share_of_pixels(stream.view_points, pixels),
-        0 if wanted == "views" else stream.surface_points,
-        stream.seed,
-        photons,
-    )
+    photons = plan.collect(scene, paths, settings.seed, passes.rr_depth)
+    wanted = "views" if recipe.field.stores == "radiance" else recipe.train.points
+    points = stream_points(scene, sensors, plan, passes, settings, photons, wanted)
     # With ``emitters``, the recipe subtracts the samples of direct light from the targets.
     direct = recipe.field.direct
-    lamps = recipe.field.stored_lamps(scene) if isinstance(direct, tuple) else None
-    made = PhotonStream(scene, settings, points, stream.seed, plan.source, lamps, groups)
-    return made, photons
+    stored = sampled_lamps(scene, direct).others() if isinstance(direct, tuple) else None
+    own = settings.passes_like(passes)
+    return PhotonStream(scene, own, points, settings.seed, plan.source, stored), photons

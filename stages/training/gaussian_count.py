@@ -6,12 +6,13 @@ field has less noise: for smooth light, a few thousand are better than a hundred
 
 from __future__ import annotations
 
-import logging
 from typing import Any
 
+from gpf.core.progress import say
 from gpf.core.structs import Photons
-from gpf.training.recipe import Recipe
 from gpf.training.targets import Targets
+from stages.config.training import most_gaussians
+from stages.training.recipe import Recipe
 
 # Numbers to try in this order, as shares of the largest, until the error rises. The largest comes
 # first: with sharp shadows, a quarter of the Gaussians may be worse than a sixteenth.
@@ -20,8 +21,6 @@ SHARES = (1, 1 / 4, 1 / 16)
 # Length of a trial training, as a share of all steps. In a shorter trial the field would not yet
 # have learned the noise that neighbouring points share.
 TRIAL = 0.5
-
-log = logging.getLogger(__name__)
 
 
 def choose_count(
@@ -37,14 +36,14 @@ def choose_count(
     """
     if recipe.field.gaussians != "auto":
         return recipe.field.gaussians
-    best, least = recipe.max_gaussians, float("inf")
+    best, least = most_gaussians(recipe.field.gaussians), float("inf")
     if recipe.train.held_out == 0:
         return best
     steps = max(round(recipe.train.steps * TRIAL), 1)
     shorter = {"steps": steps, "rebuild_every": min(recipe.train.rebuild_every, steps)}
     settings, points = recipe.train.model_copy(update=shorter), recipe.supervise(targets)
     for share in SHARES:
-        count = round(recipe.max_gaussians * share)
+        count = round(most_gaussians(recipe.field.gaussians) * share)
         trainer = recipe.trainer(
             recipe.initial_field(count, photons, targets, bounds), points, settings
         )
@@ -53,5 +52,5 @@ def choose_count(
         if error >= least:
             break
         best, least = count, error
-    log.info("%s Gaussians", best)
+    say(f"{best} Gaussians")
     return best

@@ -1,0 +1,304 @@
+"""The fields of a fit, each from more photons than the one before."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from gpf.core.structs import SurfacePoints
+from gpf.field.field import GaussianPhotonField
+from gpf.field.lights import FieldLights
+from gpf.field.settings import FieldSettings
+from gpf.fitting.best_field import MOST_STALLS, BestField
+from gpf.fitting.goals import Goals, TimeBudget
+from gpf.fitting.plan import (
+    LARGEST_STRIDE,
+    LEAST_STEPS,
+    STEPS_PER_EVALUATION,
+    FieldCost,
+    Plan,
+    plan_next,
+)
+from gpf.fitting.progress import Reporter
+from gpf.fitting.quality import ENOUGH_PASSES, LEAST_PASSES, QualityEstimate
+from gpf.fitting.state import FitState, Resume
+from gpf.scene.light_groups import LightGroups
+from gpf.training.detail_choice import field_by_place
+from gpf.training.field_error import estimate_error
+from gpf.training.half_colours import HalfColours
+from gpf.training.light_split import split_light
+from gpf.training.settings import TrainingSettings
+from gpf.training.shared_detail import keep_shared_detail
+from gpf.training.streaming import PhotonStream
+from gpf.training.trainer import Trainer
+
+# Passes for the field per pass for the PSNR estimate: the usual number, and the smallest, for when
+# the estimate is too uncertain.
+PASSES_PER_ESTIMATE, LEAST_PER_ESTIMATE = 8, 4
+
+# Light is gathered for the next field if its first rays take at most this part of the time left.
+GATHER_PART = 0.5
+
+# Extra time for judging the last field, as a fraction of the fit's.
+GRACE = 0.05
+
+TRAINING = TrainingSettings(evaluate_every=STEPS_PER_EVALUATION)
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class _Supervision:
+    """Points with targets from all photons, and from two independent halves of them."""
+
+    points: SurfacePoints
+    halves: tuple[SurfacePoints, SurfacePoints]
+
+
+@dataclass
+class FieldSeries:
+    """Complete fields from more and more passes of the same stream.
+
+    Attributes
+    ----------
+    origin: the fingerprint of the scene.
+    query: the settings of the fields, given their search radius.
+    state: where photons are saved, or None.
+    last: the plan of the last complete field; None before it.
+    cost: what that field cost.
+    """
+
+    goals: Goals
+    time: TimeBudget
+    reporter: Reporter
+    groups: LightGroups | None
+    origin: dict[str, Any]
+    stream: PhotonStream
+    quality: QualityEstimate
+    query: Callable[[float], FieldSettings]
+    best: BestField = dataclasses.field(default_factory=BestField)
+    state: FitState | None = None
+    last: Plan | None = None
+    cost: FieldCost = dataclasses.field(default_factory=FieldCost)
+
+    def run(self) -> None:
+        """Make fields until a goal is reached, or until no better field can follow."""
+        while not self.is_done() and (plan := self.trace()):
+            self.stream.sample()  # its time is not part of the field's cost
+            self.save()
+            self.make_field(plan)
+            dr.flush_malloc_cache()  # Dr.Jit would keep the training's memory, a gigabyte or more
+            self.gather()
+        if self.quality.passes < ENOUGH_PASSES:
+            self.add_estimates(ENOUGH_PASSES)
+            self.best.judge_again(self.quality)
+
+    def is_done(self) -> bool:
+        """Whether a goal is reached, or can no longer be reached."""
+        target, psnr = self.goals.target_psnr, self.best.psnr
+        if psnr is None:
+            return False
+        if target is not None and psnr >= target:
+            return True
+        if target is not None and self.best.stalls >= MOST_STALLS:
+            words = "More passes will not raise the estimated PSNR from %.1f dB to %.1f dB."
+            log.warning(words, psnr, target)
+            return True
+        return self.plan() is None
+
+    def plan(self) -> Plan | None:
+        """Plan the next field."""
+        pass_seconds = self.time.pass_seconds * (1 + 1 / PASSES_PER_ESTIMATE)
+        times = self.time.work, self.time.left, pass_seconds
+        done, gathers = self.stream.count, self.stream.gathered is not None
+        return plan_next(done, self.last, self.goals.passes, *times, self.cost, gathers)
+
+    def trace(self) -> Plan | None:
+        """Trace the photons of the next field; None if no time is left for one."""
+        self.time.start_pass()
+        while (plan := self.plan()) and self.stream.count < plan.passes:
+            self.reporter.note(all_passes=plan.passes, all_steps=plan.steps)
+            self.stream.advance(self.stream.count + 1)
+            self.time.note_pass()
+            if self.quality.passes < self.stream.count / PASSES_PER_ESTIMATE:
+                self.quality.add_pass()
+            if self.state is not None and self.state.is_due():
+                self.save()
+            self.time.start_pass()
+            self.tell()
+            # A draft is always followed by another field.
+            is_draft = self.last is not None and self.last.is_draft
+            if self.best.field is not None and not is_draft and self.time.is_over():
+                return None
+        return plan
+
+    def make_field(self, plan: Plan) -> None:
+        """Fit a field to the passes so far, judge it, and measure what it costs."""
+        self.reporter.note(all_passes=plan.passes, all_steps=plan.steps)
+        begin = self.time.work
+        supervision = self.supervise(plan.stride)
+        trainer = self.start_training(supervision, plan.steps)
+        start = self.time.work
+        step, evaluation = self.train(trainer)
+        trained = self.time.work
+        field = trainer.finish()
+        fitted = HalfColours.fit(field, supervision.halves)
+        field.recolour(keep_shared_detail(field, fitted))
+        cleaned = self.time.work
+        # A first field is soon replaced, but a PSNR that is compared with a target must be certain.
+        first = self.best.field is None and self.goals.target_psnr is None
+        self.add_estimates(LEAST_PASSES if first else ENOUGH_PASSES)
+        self.quality.psnr(field)
+        # The first estimate has prepared what later ones reuse.
+        begin_judgement = self.time.work
+        self.judge(field, fitted, supervision.points)
+        # Not earlier: an interrupted field has to be fitted again.
+        self.last = dataclasses.replace(plan, passes=self.stream.count)
+        self.tell(self.best.field)
+        judgement = self.time.work - begin_judgement
+        points = start - begin + cleaned - trained
+        self.cost = FieldCost.of_all(
+            plan.stride, points, evaluation, step, judgement, cleaned - trained + judgement
+        )
+
+    def supervise(self, stride: int) -> _Supervision:
+        """What the next field learns from: every ``stride``-th point."""
+        halves = self.stream.halves(stride)
+        mean = self.stream.mean(halves).supervised_points()
+        return _Supervision(mean, (halves[0].supervised_points(), halves[1].supervised_points()))
+
+    def start_training(self, supervision: _Supervision, steps: int) -> Trainer:
+        """The trainer of a new field."""
+        stream, points = self.stream, supervision.points
+        settings = TRAINING.model_copy(update={"seed": stream.seed, "steps": steps})
+        place = stream.narrowest, stream.scene, self.query, stream.seed
+        return Trainer(field_by_place(points, supervision.halves, *place), points, settings)
+
+    def train(self, trainer: Trainer) -> tuple[float, float]:
+        """Train to the end, or while there is time; returns the seconds of a step and of an
+        evaluation."""
+        ticks = [self.time.work]
+        for progress in trainer.steps():
+            if progress:
+                self.reporter.note(held_out_error=progress.held_out_error)
+                # A copy: later steps change the trainer's field, and the unit of its colours.
+                field = copy.copy(trainer.current_field())
+                field.record = self.origin_of(self.stream.count)
+                self.tell(field)
+            dr.sync_thread()  # or the next evaluation would include the time of the steps
+            ticks.append(self.time.work)
+            self.reporter.note(steps=trainer.step_count)
+            self.tell()
+            # Not before any training: all the photons of the last field would be wasted.
+            trained = trainer.step_count >= STEPS_PER_EVALUATION
+            if trained and self.best.field is not None and self.time.is_over(self.cost.ending):
+                break
+        intervals = np.diff(ticks)
+        step = float(np.median(intervals))
+        return step, max(float(intervals[-1]) - step, 0)  # the last step ends with an evaluation
+
+    def judge(self, field: GaussianPhotonField, fitted: HalfColours, points: SurfacePoints) -> None:
+        """Estimate the PSNR of a field, and keep it unless its training failed.
+
+        Parameters
+        ----------
+        fitted: what the field would be from each half of the photons.
+        points: what it has learned from.
+        """
+        passes = self.stream.count
+        most = passes // LEAST_PER_ESTIMATE
+        self.add_estimates(min(self.quality.needed_passes(field), most))
+        psnr = self.quality.psnr(field)
+        if not self.best.gives_way_to(psnr, self.quality):
+            return
+        self.add_error(field, fitted)
+        if self.groups is not None:
+            split = split_light(field, points, self.stream.by_group())
+            field.lights = FieldLights(self.groups, split)
+        field.record = self.origin_of(passes)
+        self.best.take(field, passes, psnr)
+
+    def add_error(self, field: GaussianPhotonField, fitted: HalfColours) -> None:
+        """Give a field its expected errors."""
+        error = estimate_error(field, fitted, self.stream.blur)
+        field.set_error(error)
+        field.set_error(error * np.float32(self.quality.error_scale(field)))
+
+    def add_estimates(self, wanted: int) -> None:
+        """Add passes for the estimate: :data:`LEAST_PASSES` in any case, more unless the time was
+        up long ago."""
+        late = GRACE * (self.goals.seconds or 0)
+        while self.quality.passes < wanted and (
+            self.quality.passes < LEAST_PASSES or not self.time.is_over(-late)
+        ):
+            self.quality.add_pass()
+
+    def gather(self) -> None:
+        """Gather diffuse light from the best field, if time is left for a better one."""
+        assert self.best.field is not None and self.last is not None
+        if self.last.passes >= self.goals.passes and self.last.gathered and not self.last.is_draft:
+            return
+        left, before = self.time.left, self.stream.sample_seconds
+        if left < self.cost.seconds(LEAST_STEPS, LARGEST_STRIDE):  # no other field could follow
+            return
+        self.stream.light_by(self.best.field, GATHER_PART * left)
+        self.time.lengthen_passes(self.stream.sample_seconds - before)
+
+    def resume(self, state: FitState, resume: Resume) -> None:
+        """Continue from what was saved, if anything was."""
+        self.state = state
+        tensors, facts, best = state.load(resume)
+        if not tensors:
+            return
+        self.stream.restore(tensors, best)
+        self.quality.restore(tensors)
+        self.last = Plan(*facts["last"]) if facts["last"] else None
+        self.time.pass_seconds, *cost = facts["seconds"]
+        self.cost = FieldCost(*cost)
+        if best is not None:
+            self.best.restore(best, facts, self.quality)
+            if facts["target_psnr"] != self.goals.target_psnr:
+                self.best.stalls = 0
+            if self.last is not None and self.stream.gathered is None:  # interrupted earlier
+                self.gather()
+
+    def save(self) -> None:
+        """Write the state, if there is a folder for it."""
+        if self.state is not None:
+            facts = self.best.facts() | {
+                "last": dataclasses.astuple(self.last) if self.last else None,
+                "target_psnr": self.goals.target_psnr,
+                "seconds": [self.time.pass_seconds, *dataclasses.astuple(self.cost)],
+            }
+            tensors = self.stream.tensors() | self.quality.tensors()
+            self.state.save(tensors, facts, self.best.field)
+
+    def result(self) -> GaussianPhotonField:
+        """The best field with its record."""
+        field, psnr = self.best.field, self.best.psnr
+        assert field is not None and psnr is not None
+        field.record = self.origin_of(self.best.passes) | {
+            "estimated_psnr": psnr,
+            "fields": self.best.history,
+            "exposure": self.quality.exposure,
+            "seconds": self.time.spent,
+            "seed": self.stream.seed,
+        }
+        self.save()
+        return field
+
+    def origin_of(self, passes: int) -> dict[str, Any]:
+        """The record of a field from so many passes; a field that is shown may also be kept."""
+        return {"passes": passes, "fingerprint": self.origin}
+
+    def tell(self, field: GaussianPhotonField | None = None) -> None:
+        """Report the progress, with a field where there is a new one."""
+        self.reporter.note(passes=self.stream.count, psnr=self.best.psnr)
+        self.reporter.tell(self.time.spent, field)
