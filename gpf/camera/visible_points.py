@@ -6,6 +6,7 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.next_event import direct_light, share_of_bsdf
+from gpf.camera.two_ways import GivenWay, RandomWay
 from gpf.core.random import next_1d, next_2d
 from gpf.core.structs import VisiblePoints, Way
 from gpf.scene.lamps import Lamps
@@ -13,9 +14,7 @@ from gpf.scene.materials import (
     diffuse_context,
     diffuse_reflectance,
     has_diffuse,
-    has_others,
     is_glossy,
-    is_smooth_glass,
     specular_context,
 )
 
@@ -49,16 +48,6 @@ COHERENT = 4
 """Number of segments at the start of a walk on which the rays of a packet may still run side by
 side. Embree traces these together, in as little as a quarter of the time, and later ones one by
 one. The hits are the same."""
-
-
-OTHER_WAYS = 4
-"""Where the other way from a first surface has weight F, a sample takes it with probability
-min(1, OTHER_WAYS F): this many times as often as by chance. It then counts for less, which lowers
-the noise of the picture, but takes time that could go into more samples."""
-
-LEAST_OF_OTHERS, LEAST_OF_HOLES = 0.0625, 0.25
-"""Lower limits of F, in that probability only, for components beside a diffuse one and for holes in
-it: a sample of them may be zero by chance although they exist."""
 
 
 @dr.syntax
@@ -99,27 +88,18 @@ def follow(
         nothing.
     """
     context = specular_context()
-    diffusely = diffuse_context()
     deepest = dr.opaque(mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF)
     roulette_from = dr.opaque(mi.UInt32, rr_depth)
-    sampled = bool(lamps)
-    dividing = back is not None
-    reflected = mi.Bool(back) if dividing else mi.Bool(False)
+    ways = RandomWay() if back is None else GivenWay(back)
 
     ray = mi.Ray3f(ray)
-    throughput = mi.Color3f(1)
-    emission = mi.Color3f(0)
-    eta = mi.Float(1)
-    depth = mi.UInt32(0)
-    p = mi.Point3f(0)
-    n = mi.Normal3f(0)
-    reflectance = mi.Color3f(0)
-    valid = mi.Bool(False)
+    throughput, emission = mi.Color3f(1), mi.Color3f(0)
+    eta, depth = mi.Float(1), mi.UInt32(0)
+    p, n = mi.Point3f(0), mi.Normal3f(0)
+    reflectance, valid = mi.Color3f(0), mi.Bool(False)
     # The last glossy lobe with next event estimation: its point and the density of the direction.
-    origin = mi.Point3f(0)
-    density = mi.Float(0)
-    lit = mi.Bool(False)
-    side_weight, chance = dr.select(reflected, mi.Float(0), 1), mi.Float(0)
+    origin, density, lit = mi.Point3f(0), mi.Float(0), mi.Bool(False)
+    way = ways.start()
     active = mi.Bool(active) & (deepest > 0)
 
     while active:
@@ -127,57 +107,30 @@ def follow(
         emitted = throughput * si.emitter(scene).eval(si, active)
         if lit:
             emitted *= share_of_bsdf(scene, si, origin, density, lit & active)
-        # The emission of the first surface counts for the walk that passes through.
-        emitted = dr.select(reflected & (depth == 0), 0, emitted)
-        emission += dr.select(active, emitted, 0)
+        emission += dr.select(active & ways.sees_light(depth), emitted, 0)
         active &= si.is_valid() & (depth + 1 < deepest)
         bsdf = si.bsdf(ray)
-        divided, layered = mi.Bool(False), mi.Bool(False)
-        if dr.hint(dividing, mode="scalar"):
-            divided = (depth == 0) & is_smooth_glass(bsdf)
-            layered = (depth == 0) & has_diffuse(bsdf, si)
-            active &= ~reflected | divided | layered | (depth > 0)
+        fork = ways.fork(bsdf, si, depth)
+        active &= ways.goes_on(fork, depth)
 
         diffuse = active & has_diffuse(bsdf, si)
         diffuse_part = diffuse_reflectance(bsdf, si, diffuse)
-        choice = next_1d(sampler, active)
-        if dr.hint(dividing, mode="scalar"):
-            towards = dr.select(reflected, mi.Float(0), dr.one_minus_epsilon(mi.Float))
-            choice = dr.select(divided, towards, choice)
+        choice = ways.choice(fork, next_1d(sampler, active))
         sample, weight = bsdf.sample(context, si, choice, next_2d(sampler, active), active)
-        if dr.hint(dividing, mode="scalar"):
-            # The density of one of two directions is its probability; for total reflection, 1.
-            chosen = dr.select(reflected & (sample.pdf >= 1), 0, sample.pdf)
-            side_weight = dr.select(divided & active, chosen, side_weight)
-            chance = dr.select(divided & active, _chance(1 - chosen), chance)
-            weight *= dr.select(divided, chosen, 1)
-        wo = si.to_world(sample.wo)
-
-        # Choose the part to follow. The sampled weight approximates the albedo of the other lobes;
-        # the choice may depend on it, because it uses an independent random number.
-        from_diffuse = dr.max(diffuse_part)
-        from_others = dr.max(weight)
-        share = dr.select(diffuse, from_diffuse / (from_diffuse + from_others), 0)
-        share = dr.select(diffuse & (from_diffuse + from_others <= 0), 1, share)
-        if dr.hint(dividing, mode="scalar"):
-            layered &= active
-            side_weight = dr.select(layered, dr.select(reflected, 1 - share, share), side_weight)
-            masked = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
-            least = dr.select(masked, mi.Float(LEAST_OF_HOLES), LEAST_OF_OTHERS)
-            more = _chance(dr.maximum(1 - share, least))
-            chance = dr.select(layered & has_others(bsdf), more, chance)
-            share = dr.select(layered, dr.select(reflected, mi.Float(0), 1), share)
+        way, factor = ways.through_glass(fork, way, sample, active)
+        weight *= factor
+        share = _share_of_diffuse(diffuse, diffuse_part, weight)
+        way, share = ways.off_layers(fork, way, bsdf, share, active)
 
         # Rays from a glossy lobe rarely hit a small emitter: sample the emitters as well.
-        lit = active & is_glossy(bsdf) & ~(layered & ~reflected)
+        lit = active & is_glossy(bsdf) & ~ways.leaves_out_gloss(fork)
         if lit:
             emission += throughput * direct_light(scene, sampler, context, bsdf, si, lit)
         ends = diffuse & (next_1d(sampler, active) < share)
         throughput /= dr.select(ends, share, 1 - share)
-
-        lights = ends & mi.Bool(sampled)
+        lights = ends & mi.Bool(bool(lamps))
         if lights:
-            emission += throughput * _light_of(lamps, sampler, diffusely, bsdf, si, lights)
+            emission += throughput * _light_of(lamps, sampler, bsdf, si, lights)
         if ends:
             p = mi.Point3f(si.p)
             n = mi.Normal3f(dr.mulsign(si.n, -dr.dot(si.n, ray.d)))
@@ -190,7 +143,7 @@ def follow(
             density = mi.Float(sample.pdf)
             origin = mi.Point3f(si.p)
             eta *= sample.eta
-            ray = si.spawn_ray(wo)
+            ray = si.spawn_ray(si.to_world(sample.wo))
             depth += 1
 
         survival = dr.minimum(dr.max(throughput) * dr.square(eta), 0.95)
@@ -199,28 +152,25 @@ def follow(
         throughput[roulette] = throughput / survival
         active &= lives & (dr.max(throughput) > 0)
 
-    points = VisiblePoints(
-        p=p,
-        n=n,
-        reflectance=reflectance,
-        throughput=throughput,
-        emission=emission,
-        depth=depth,
-        valid=valid,
-    )
-    return points, Way(side_weight, chance)
+    return VisiblePoints(p, n, reflectance, throughput, emission, depth, valid), way
 
 
-def _chance(other: mi.Float) -> mi.Float:
-    """Probability of taking the other way, (N,), if it has weight ``other``."""
-    return dr.minimum(OTHER_WAYS * other, 1)
+def _share_of_diffuse(diffuse: mi.Bool, reflectance: mi.Color3f, weight: mi.Color3f) -> mi.Float:
+    """The probability that a walk ends at the diffuse component of a surface, (N,).
+
+    The sampled ``weight`` approximates the albedo of the other lobes; the choice may depend on it,
+    because it uses an independent random number.
+    """
+    from_diffuse, from_others = dr.max(reflectance), dr.max(weight)
+    share = dr.select(diffuse, from_diffuse / (from_diffuse + from_others), 0)
+    return dr.select(diffuse & (from_diffuse + from_others <= 0), 1, share)
 
 
 def _light_of(  # type: ignore[no-untyped-def]
-    lamps: Lamps | None, sampler, context, bsdf, si, active
+    lamps: Lamps | None, sampler, bsdf, si, active
 ) -> mi.Color3f:
-    """The direct light of lamps, W/(m² sr), (N, 3)."""
-    total = mi.Color3f(0)
+    """The direct light of lamps on the diffuse component, W/(m² sr), (N, 3)."""
+    context, total = diffuse_context(), mi.Color3f(0)
     for group in lamps.groups() if lamps else ():
         total += direct_light(group.scene, sampler, context, bsdf, si, active, group)
     return total
