@@ -21,7 +21,7 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 .PHONY: help repro test test-all lint docs bench gpu doctor venv lock clean
 
 help: ## show this list
-	@grep -hE '^[a-z-]+:.*## ' Makefile | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 10
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "%-10s%s\n", $$1, $$2 }' Makefile
 
 repro: $(STAMP) ## environment, then every stage of the pipeline that is out of date
 	@.venv/bin/dvc repro $(ARGS)

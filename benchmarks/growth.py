@@ -45,6 +45,7 @@ from gpf.scene.bounds import scene_bounds
 from gpf.scene.folders import scene_folder
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import ReferenceRenderer
+from stages.common.costs import peak_memory
 
 ROWS, PATHS, RADIUS = 256, 100_000, 0.02
 
@@ -173,7 +174,7 @@ def measure_here(name: str, size: int) -> Cost:
     dr.sync_thread()
     seconds = time.perf_counter() - start
     who = resource.RUSAGE_CHILDREN if name == "frames" else resource.RUSAGE_SELF
-    return Cost(seconds, resource.getrusage(who).ru_maxrss * 1024 / 1e6)
+    return Cost(seconds, peak_memory(who) / 1e6)
 
 
 def measure(name: str, size: int) -> Cost:

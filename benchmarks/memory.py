@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import sys
 
 import drjit as dr
@@ -10,11 +9,7 @@ import mitsuba as mi
 
 from benchmarks.glass_sphere import PHOTONS, load_scene
 from gpf.core.runtime import choose_variant
-
-
-def peak() -> float:
-    """The peak memory of this process so far, GB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+from stages.common.costs import peak_memory
 
 
 def main() -> None:
@@ -22,11 +17,14 @@ def main() -> None:
     choose_variant("auto")
     size = int(sys.argv[1]) if len(sys.argv) > 1 else 1024
     scene = load_scene(size, size)
-    before = peak()
+    before = peak_memory()
     sppm = {"type": "sppm", "photons_per_pass": PHOTONS, "initial_radius": 0.02}
     dr.eval(mi.render(scene, integrator=mi.load_dict(sppm), spp=3))
     dr.sync_thread()
-    print(f"{size}², {PHOTONS} paths per pass: {peak():.2f} GB, {before:.2f} GB before rendering")
+    print(
+        f"{size}², {PHOTONS} paths per pass: {peak_memory() / 1e9:.2f} GB, "
+        f"{before / 1e9:.2f} GB before rendering"
+    )
 
 
 if __name__ == "__main__":

@@ -35,11 +35,8 @@ autodoc_typehints_format = "short"
 maximum_signature_line_length = 90
 napoleon_custom_sections = [("Attributes", "params_style")]
 ROOT = Path(gpf.__file__).parents[1]
-packages = {
-    ".".join(file.relative_to(ROOT).parts[:-1])
-    for folder in ("gpf", "baselines")
-    for file in ROOT.glob(f"{folder}/**/__init__.py")
-}
+inits = [file for top in ("gpf", "baselines") for file in ROOT.glob(f"{top}/**/__init__.py")]
+packages = {".".join(file.relative_to(ROOT).parts[:-1]) for file in inits}
 autosummary_context = {"packages": packages}
 
 

@@ -35,7 +35,7 @@ from gpf.rendering.plugins import register_plugins  # noqa: E402
 
 register_plugins()
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # Public name -> module. Type checkers read the imports below instead.
 _MODULES = {

@@ -120,4 +120,5 @@ def describe(model: Any, device: str) -> Answer:
 
 def peak_megabytes() -> float:
     """The peak memory of this process, megabytes."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
+    unit = 1 if sys.platform == "darwin" else 1024  # macOS counts bytes, Linux kibibytes
+    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6

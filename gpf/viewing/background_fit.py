@@ -175,11 +175,23 @@ def main(
 
 
 def _end_with(parent: int) -> None:
-    """Have the kernel kill this process when the viewer ends, even while it is paused."""
-    set_death_signal = 1
-    ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
+    """Have the kernel kill this process when the viewer ends, even while it is paused.
+
+    Only Linux can do this. Elsewhere a thread watches the viewer, and is paused with the process.
+    """
+    if sys.platform == "linux":
+        set_death_signal = 1
+        ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
+    else:
+        threading.Thread(target=_kill_after, args=(parent,), daemon=True).start()
     if os.getppid() != parent:  # it has ended already
         sys.exit(1)
+
+
+def _kill_after(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_REPORT_SECONDS)
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import resource
+import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -73,16 +74,20 @@ class CostMeter:
 
     def note_peak_memory(self) -> None:
         """Record the peak memory of this process plus that of its child processes, in MB."""
-        kilobytes = sum(
-            resource.getrusage(who).ru_maxrss
-            for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+        self.facts["peak_memory_megabytes"] = sum(
+            peak_memory(who) / 1e6 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
         )
-        self.facts["peak_memory_megabytes"] = kilobytes * 1024 / 1e6
 
     def write(self, path: Path) -> None:
         """Write the parts, the facts and a description of the machine."""
         machine = device_description()
         write_json(path, {"parts": self.parts, "facts": self.facts, "machine": machine})
+
+
+def peak_memory(who: int = resource.RUSAGE_SELF) -> int:
+    """The peak memory, bytes, of this process or of its child processes."""
+    unit = 1 if sys.platform == "darwin" else 1024  # macOS counts bytes, Linux kibibytes
+    return unit * resource.getrusage(who).ru_maxrss
 
 
 @contextmanager

@@ -15,6 +15,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+import gpf
 from gpf.field.io import StoredField, write_field
 from gpf.field.settings import FieldSettings
 
@@ -124,11 +125,12 @@ def run(command: list[str], folder: Path) -> str:
 def test_the_wheel_has_the_library_and_nothing_else(wheel):
     names = zipfile.ZipFile(wheel).namelist()
     tops = {name.split("/")[0] for name in names}
-    assert {top for top in tops if not top.endswith(".dist-info")} == {"gpf"}
+    assert tops == {"gpf", f"gaussian_photon_fields-{gpf.__version__}.dist-info"}
     code = {path.relative_to(PROJECT).as_posix() for path in PROJECT.glob("gpf/**/*.py")}
     demo = {f"gpf/commands/demo_scene/{file}" for file in ("scene.xml", "views.yaml", "build.py")}
     assert {name for name in names if name.startswith("gpf/")} == code | demo | {
-        "gpf/viewing/page.html"
+        "gpf/py.typed",
+        "gpf/viewing/page.html",
     }
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import time
+from types import SimpleNamespace
 
 import drjit as dr
 import mitsuba as mi
 import pytest
 
+from baselines.programs.conversation import peak_megabytes
 from gpf.core.errors import UserError
-from stages.common.costs import KINDS, CostMeter
+from stages.common.costs import KINDS, CostMeter, peak_memory
 
 
 def busy(seconds: float) -> None:
@@ -121,3 +123,10 @@ def test_a_damaged_file_is_said_in_words(tmp_path):
     path.write_text('{"parts": {"old": {"wall')
     with pytest.raises(UserError, match=r"reference\.json: is not JSON"):
         CostMeter.load(path)
+
+
+@pytest.mark.parametrize(("system", "size"), [("linux", 2_048_000), ("darwin", 2000)])
+def test_peak_memory_in_the_units_of_the_system(monkeypatch, system, size):
+    monkeypatch.setattr("sys.platform", system)
+    monkeypatch.setattr("resource.getrusage", lambda who: SimpleNamespace(ru_maxrss=2000))
+    assert (peak_memory(), peak_megabytes()) == (size, size / 1e6)
