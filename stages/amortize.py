@@ -112,7 +112,8 @@ def run(scene_name: str) -> None:
     lines, seconds = cost_lines(work), seconds_of_all(work)
     write_text(work.all_costs, seconds.to_csv(index=False))
     table = cumulative([lines.field, *lines.others], range(1, work.params.amortize.views + 1))
-    write_text(work.folder / "cost.csv", table.to_csv(index=False))
+    long = table.melt("views", var_name="system", value_name="seconds")  # for `dvc plots`
+    write_text(work.folder / "cost.csv", long.to_csv(index=False))
     counts = {other.name: break_even(lines.field, other) for other in lines.others}
     write_json(
         work.folder / "amortize.json",

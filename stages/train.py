@@ -166,6 +166,7 @@ def _train(
 ) -> None:
     """Take all remaining steps; ``fingerprint``: for the checkpoints, or None to save none."""
     section, saved = work.params.train, time.monotonic()
+    due = work.params.progress.checkpoint_seconds
     steps = progress_bar(f"{work.scene}: training", section.steps)
     with steps as advance, costs.measure("training"):
         for progress in trainer.steps():
@@ -174,7 +175,7 @@ def _train(
             advance(trainer.step_count)
             # Only with fresh lists: a resumed run starts with such lists, so it gets the same bits.
             fresh = trainer.rebuilt_at == trainer.step_count
-            if fingerprint and fresh and time.monotonic() - saved > section.checkpoint_seconds:
+            if fingerprint and fresh and time.monotonic() - saved > due:
                 cost = costs.so_far("training")
                 save_trainer(trainer, work.checkpoint("train"), fingerprint, cost)
                 saved = time.monotonic()

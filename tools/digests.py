@@ -40,7 +40,7 @@ SIZES: Mapping[str, Any] = {
     "reference.glossy_walks": 8,
     "reference.view_points": 2000,
     "reference.surface_points": 1500,
-    "reference.preview_seconds": 0,
+    "progress.preview_seconds": 0,
     "photons.paths": 6000,
     "field.gaussians": 1500,
     "train.steps": 30,

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from gpf.camera.film import FilmSamples, sample_film
 from gpf.core.random import Stream, pass_seed, random_start, stream_of
-from gpf.core.settings import AutoCount, Count, Length, NotNegative, Positive, Seed
+from gpf.core.settings import AutoCount, Count, Length, NotNegative, Seed
 from gpf.core.structs import VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.photons.emission import Source, emit_light
@@ -39,8 +39,6 @@ class ReferenceSettings(PassSettings):
     view_points, surface_points: maximum number of supervised points seen by training views, and of
         supervised surface samples.
     images: number of training views with images; ``auto``: as many as the systems to be run need.
-    checkpoint_seconds: time between checkpoints.
-    preview_seconds: time between preview images; 0: no previews.
     target_psnr: dB; stop when a second reference is expected to agree this well; 0: never.
     """
 
@@ -52,8 +50,6 @@ class ReferenceSettings(PassSettings):
     surface_points: Annotated[int, Field(ge=0)] = 300_000
     images: Annotated[int, Field(ge=0)] | Literal["auto"] = "auto"
     seed: Seed = 1
-    checkpoint_seconds: Positive = 30.0
-    preview_seconds: NotNegative = 10
     target_psnr: NotNegative = 0.0
 
     def measure(self, scene: mi.Scene, sensor: mi.Sensor, plan: EmissionPlan) -> PassSettings:

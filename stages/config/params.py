@@ -28,6 +28,7 @@ from stages.config.pipeline import (
     MethodName,
     Methods,
     Metrics,
+    Progress,
     Runtime,
 )
 from stages.config.training import FieldTrainingSettings, InitialFieldSettings
@@ -38,6 +39,7 @@ class Params(Settings):
 
     scenes: Annotated[tuple[str, ...], Field(min_length=1)]
     runtime: Runtime = Runtime()
+    progress: Progress = Progress()
     film: Film = Film()
     visible_region: VisibleRegionSettings = VisibleRegionSettings()
     executor: Literal["local", "ray"] = "local"

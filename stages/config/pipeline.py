@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from gpf.core.settings import Count, Positive, Settings
+from gpf.core.settings import Count, NotNegative, Positive, Settings
 
 
 class Runtime(Settings):
@@ -79,6 +79,19 @@ class Ablations(Settings):
     def asks_for(self, scene: str, variant: str) -> bool:
         """Whether the pipeline runs a variant in a scene."""
         return scene in self.scenes and variant in self.run
+
+
+class Progress(Settings):
+    """How often long stages save and show what they have. Changes no result.
+
+    Attributes
+    ----------
+    checkpoint_seconds: time between checkpoints.
+    preview_seconds: time between preview images of references; 0: no previews.
+    """
+
+    checkpoint_seconds: Positive = 30.0
+    preview_seconds: NotNegative = 10
 
 
 class Animation(Settings):

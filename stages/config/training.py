@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from gpf.core.settings import AutoCount, Length, Positive
+from gpf.core.settings import AutoCount, Length
 from gpf.field.io import Precision
 from gpf.field.settings import Direct, FieldSettings
 from gpf.training.settings import TrainingSettings
@@ -59,8 +59,6 @@ class FieldTrainingSettings(TrainingSettings):
     Attributes
     ----------
     supervision: targets from a finished ``reference``, or ``streaming`` while passes are traced.
-    checkpoint_seconds: time between checkpoints.
     """
 
     supervision: Literal["reference", "streaming"] = "reference"
-    checkpoint_seconds: Positive = 30.0

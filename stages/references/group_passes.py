@@ -59,7 +59,7 @@ class GroupPasses:
 
     def render(self, wanted: range) -> None:
         """Render the missing passes of a range (0-based), and save every part."""
-        seconds = self.work.params.reference.checkpoint_seconds
+        seconds = self.work.params.progress.checkpoint_seconds
         todo = self.parts.missing(wanted, self.cuts())
         done = len(wanted) - sum(map(len, todo))
         total = self.renderer.empty_sums()

@@ -22,7 +22,7 @@ class Previews:
 
     def update_if_due(self, *sums: PassSums) -> float | None:
         """Call :meth:`update` if the last update was at least ``preview_seconds`` ago."""
-        seconds = self.work.params.reference.preview_seconds
+        seconds = self.work.params.progress.preview_seconds
         return self.update(*sums) if time.monotonic() - self.updated >= seconds else None
 
     def update(self, *sums: PassSums) -> float | None:
@@ -32,7 +32,7 @@ class Previews:
         (:meth:`gpf.sppm.pass_sums.ViewTally.expected_psnr`), or None if nothing was written.
         """
         passes = sum(part.passes for part in sums)
-        if not self.work.params.reference.preview_seconds or not passes or not self.renderer.sizes:
+        if not self.work.params.progress.preview_seconds or not passes or not self.renderer.sizes:
             return None
         folder, exposure, lowest = self.work.folder / "preview", self.work.views.exposure, np.inf
         for name, (width, height) in self.renderer.sizes.items():

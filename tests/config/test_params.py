@@ -89,7 +89,7 @@ def test_params_do_not_change(tmp_path):
             "  passes: 4",
             "  pases: 4",
             r"params\.yaml: reference\.pases: is an unknown key\. Did you mean 'passes'\? Known "
-            r"keys are alpha, checkpoint_seconds",
+            r"keys are alpha, direct",
         ),
         ("film:", "films:", r"params\.yaml: films: is an unknown key\. Did you mean 'film'"),
         (

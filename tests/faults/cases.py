@@ -54,7 +54,7 @@ CASES = {
         _of_scene("scene", {}, "scene"),
         _of_scene("reference", {"reference__seed": 11}, "reference"),
         _of_scene("photons", {"photons__seed": 12}, "costs"),
-        _of_scene("train", {"train__seed": 13, "train__checkpoint_seconds": 1e-6}, "training"),
+        _of_scene("train", {"train__seed": 13, "progress__checkpoint_seconds": 1e-6}, "training"),
         _of_scene("render", {"render__seed": 14}, "renders/gpf"),
         _of_scene("baseline", {"render__seed": 14}, "renders/path_10", "--method", "path_10"),
         _of_scene("metrics", {"metrics__relmse_epsilon": 0.02}, "metrics"),

@@ -84,7 +84,7 @@ def ready(runner: Runner, tmp_path_factory: pytest.TempPathFactory) -> Project:
         project.replace(views, "frames: 24", f"frames: {FRAMES}")
         project.edit("params.yaml", animation__scenes=[SCENE], animation__methods=["gpf"])
         # Everything that it makes is saved at once, so that a kill finds something to go on with.
-        project.edit("params.yaml", reference__checkpoint_seconds=1e-6)
+        project.edit("params.yaml", progress__checkpoint_seconds=1e-6)
         for case in CASES.values():
             ending = runner.run(project.folder, *case.arguments)
             assert ending.code == 0, ending.said

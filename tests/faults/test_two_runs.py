@@ -69,7 +69,7 @@ def test_pictures_that_are_being_made(project):
 
 @pytest.mark.slow
 def test_two_processes_at_once(project):
-    project.edit("params.yaml", reference__passes=100_000, reference__checkpoint_seconds=0.01)
+    project.edit("params.yaml", reference__passes=100_000, progress__checkpoint_seconds=0.01)
     assert project.stage("scene").code == 0
     with project.start("reference", ENVIRONMENT) as first:
         deadline = time.monotonic() + 90

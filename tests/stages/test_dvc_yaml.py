@@ -167,7 +167,7 @@ def test_every_parameter_that_a_stage_reads_is_declared(stage):
     unused = ["effort"] if stage in WITHOUT_TARGETS else []
     reads = params_read_by(stage_file(stage), "run", unused)
     assert "runtime" in reads
-    known = [*declared, "cluster"]
+    known = [*declared, "cluster", "progress"]  # change no result
     missing = {
         path
         for path in reads - WHO_RENDERS
@@ -184,7 +184,7 @@ def test_systems_that_depend_on_the_fields_training_are_of_no_other_list(stage):
 
 def test_the_reader_of_parameters_sees_them():
     train = params_read_by("stages/train.py", "run")
-    assert {"stream.passes", "train.checkpoint_seconds", "reference.rr_depth"} <= train
+    assert {"stream.passes", "progress.checkpoint_seconds", "reference.rr_depth"} <= train
     assert not any(path.startswith("photons") for path in train)  # of which one function is used
     assert "photons.paths" in params_read_by("stages/photons.py", "run")
     reference = params_read_by("stages/reference.py", "run")

@@ -37,7 +37,7 @@ def interrupt_after(monkeypatch, kind: type, method: str, calls: int) -> list[in
 
 
 def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monkeypatch, no_probe):
-    fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
+    fresh.edit("params.yaml", progress__checkpoint_seconds=1e-6)
     assert fresh.stage("scene").code == 0
     with monkeypatch.context() as patch:
         interrupt_after(patch, ReferenceRenderer, "run_pass", 4 + 2)  # in the novel views
@@ -69,7 +69,7 @@ def test_an_interrupted_reference_goes_on_from_its_checkpoint(fresh, built, monk
 
 
 def test_a_checkpoint_of_other_surface_points_is_left_alone(fresh, monkeypatch, no_probe):
-    fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
+    fresh.edit("params.yaml", progress__checkpoint_seconds=1e-6)
     assert fresh.stage("scene").code == 0
     with monkeypatch.context() as patch:
         interrupt_after(patch, ReferenceRenderer, "run_pass", 2)
@@ -103,7 +103,7 @@ def test_passes_in_any_order_give_the_same_files(fresh, built, no_probe):
 
 def test_nothing_is_lost_to_a_kill(fresh, built, environment, no_probe):
     """SIGKILL while parts are written; what is left goes on to the bits of a run in one piece."""
-    fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
+    fresh.edit("params.yaml", progress__checkpoint_seconds=1e-6)
     assert fresh.stage("scene").code == 0
     assert kill_after(fresh, 0, environment()) > 0
     assert fresh.stage("reference").code == 0
@@ -112,7 +112,7 @@ def test_nothing_is_lost_to_a_kill(fresh, built, environment, no_probe):
 
 @pytest.mark.slow
 def test_nothing_is_lost_to_two_kills_in_many_passes(fresh, environment):
-    fresh.edit("params.yaml", reference__passes=60, reference__checkpoint_seconds=1e-6)
+    fresh.edit("params.yaml", reference__passes=60, progress__checkpoint_seconds=1e-6)
     assert fresh.stage("scene").code == 0
     whole = fresh.copy(fresh.folder.parent / "whole")
     assert whole.stage("reference").code == 0
@@ -185,7 +185,7 @@ def passes_kept(folder: Path) -> int:
 
 
 def test_the_second_reference_goes_on_from_a_checkpoint_too(fresh, monkeypatch, no_probe):
-    fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6)
+    fresh.edit("params.yaml", progress__checkpoint_seconds=1e-6)
     assert fresh.stage("scene").code == 0
     with monkeypatch.context() as patch:
         interrupt_after(patch, ReferenceRenderer, "run_pass", 4 + 4 + 3)
@@ -200,12 +200,12 @@ def test_the_second_reference_goes_on_from_a_checkpoint_too(fresh, monkeypatch, 
 
 
 def test_what_more_passes_have_left_is_not_in_a_sum_of_fewer(fresh, built, monkeypatch, no_probe):
-    fresh.edit("params.yaml", reference__checkpoint_seconds=1e-6, reference__passes=6)
+    fresh.edit("params.yaml", progress__checkpoint_seconds=1e-6, reference__passes=6)
     assert fresh.stage("scene").code == 0
     with monkeypatch.context() as patch:
         interrupt_after(patch, ReferenceRenderer, "run_pass", 6 + 6 + 5)
         assert fresh.stage("reference").code == 130
-    fresh.edit("params.yaml", reference__checkpoint_seconds=30, reference__passes=4)
+    fresh.edit("params.yaml", progress__checkpoint_seconds=30, reference__passes=4)
     assert fresh.stage("reference").code == 0
     for file in ("second_reference/above.exr", "reference/above.exr"):
         layers, record = read_exr(fresh.results / file)
@@ -216,7 +216,7 @@ def test_what_more_passes_have_left_is_not_in_a_sum_of_fewer(fresh, built, monke
 
 
 def test_an_interrupted_training_goes_on_from_its_checkpoint(finished, monkeypatch):
-    finished.edit("params.yaml", train__checkpoint_seconds=1e-6)
+    finished.edit("params.yaml", progress__checkpoint_seconds=1e-6)
     (finished.results / "field.safetensors").unlink()
     with monkeypatch.context() as patch:
         interrupt_after(patch, Trainer, "step", 12)
@@ -236,7 +236,7 @@ def test_an_interrupted_training_goes_on_from_its_checkpoint(finished, monkeypat
 
 @pytest.mark.slow
 def test_ctrl_c_in_a_process_of_its_own(fresh, environment):
-    fresh.edit("params.yaml", reference__checkpoint_seconds=0.01, reference__passes=100_000)
+    fresh.edit("params.yaml", progress__checkpoint_seconds=0.01, reference__passes=100_000)
     assert fresh.stage("scene").code == 0
     with fresh.start("reference", environment()) as process:
         kept = fresh.results / "checkpoints/reference-train"
