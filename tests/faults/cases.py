@@ -68,11 +68,16 @@ CASES = {
 }
 
 
+STRIDE = 5
+"""Of all cases of a test, one in this many is not marked long. The faults meet a few mechanisms
+that all stages share, and these cases meet each of them many times. No test has a multiple of five
+faults, so that all faults take their turn."""
+
+
 def in_turn(cases: Iterable[tuple[Any, ...]]) -> list[Any]:
-    """Parameters of a test; all but every third case are marked long. The faults meet a few
-    mechanisms that all stages share, and a third of the cases meets each of them many times."""
+    """Parameters of a test, most of them marked long."""
     return [
-        pytest.param(*case, marks=() if number % 3 == 0 else pytest.mark.long)
+        pytest.param(*case, marks=() if number % STRIDE == 0 else pytest.mark.long)
         for number, case in enumerate(cases)
     ]
 

@@ -32,17 +32,15 @@ class Fault:
 
     Attributes
     ----------
-    before_change: SIGKILL just before so many-th change of a file: opened for writing, renamed,
-        removed.
-    signals, after: signals, the first of them after so many seconds.
+    signals, before_change: the first signal comes just before this change of a file (opened for
+        writing, renamed, removed), counted from 1, and each further one a change later.
     file_size: no file can have more bytes.
     clock: whether the clock jumps by days.
     unprivileged: whether permissions hold for root as well.
     """
 
-    before_change: int | None = None
     signals: tuple[int, ...] = ()
-    after: float = 0
+    before_change: int = 0
     file_size: int | None = None
     clock: bool = False
     unprivileged: bool = False
@@ -50,12 +48,11 @@ class Fault:
 
 @dataclass(frozen=True)
 class Ending:
-    """How a run ended: its exit code (negative: the signal), what it said, its seconds, and how
-    often it changed a file."""
+    """How a run ended: its exit code (negative: the signal), what it said, and how often it changed
+    a file."""
 
     code: int
     said: str
-    seconds: float
     changes: int
 
     def is_in_words(self) -> bool:
@@ -96,12 +93,10 @@ class Runner:
         self.process.communicate()
 
 
-def moment(what: str, number: int, whole: Ending) -> Fault:
-    """A random moment at which a run is killed: in turn before a change of a file, and at a time.
+def at_random(what: str, signals: tuple[int, ...], whole: Ending) -> Fault:
+    """Signals at a random moment of a run.
 
     ``whole``: the run without a fault.
     """
-    chance = random.Random(f"{SEED} {what} {number}")
-    if number % 2 == 0:
-        return Fault(before_change=chance.randint(1, whole.changes))
-    return Fault(signals=(signal.SIGKILL,), after=chance.uniform(0, whole.seconds))
+    chance = random.Random(f"{SEED} {what}")
+    return Fault(signals, before_change=chance.randint(1, whole.changes))

@@ -47,10 +47,8 @@ def serve() -> None:
 def run(
     main: Any, folder: str, arguments: list[str], small: bool, fault: dict[str, Any]
 ) -> dict[str, Any]:
-    """One run: its exit code (negative: the signal), what it said, its seconds and its changes of
-    files."""
+    """One run: its exit code (negative: the signal), what it said, and its changes of files."""
     changes = mmap.mmap(-1, 8)  # shared with the forked process
-    start = time.monotonic()
     hear, say = os.pipe()  # not a file, whose size a fault may limit
     process = os.fork()
     if process == 0:
@@ -59,29 +57,14 @@ def run(
     said: list[bytes] = []
     listener = Thread(target=lambda: said.extend(iter(lambda: os.read(hear, 65536), b"")))
     listener.start()
-    for number in fault["signals"]:
-        wait_until = start + fault["after"]
-        while time.monotonic() < wait_until and not _has_ended(process):
-            time.sleep(0.001)
-        if not _has_ended(process):
-            os.kill(process, number)
-            start += 0.05  # a second signal comes a little later
     _, status = os.waitpid(process, 0)
-    seconds = time.monotonic() - start
     listener.join()
     os.close(hear)
     return {
         "code": os.waitstatus_to_exitcode(status),
         "said": " ".join(b"".join(said).decode(errors="replace").split()),
-        "seconds": seconds,
         "changes": int.from_bytes(changes[:8], "little"),
     }
-
-
-def _has_ended(process: int) -> bool:
-    """Whether a child has ended; it can still be waited for."""
-    flags = os.WEXITED | os.WNOHANG | os.WNOWAIT
-    return os.waitid(os.P_PID, process, flags) is not None
 
 
 def _child(
@@ -111,7 +94,7 @@ def _child(
         _let_the_clock_jump()
     if fault["unprivileged"]:
         _drop_capabilities()
-    sys.addaudithook(_counter(changes, fault["before_change"]))
+    sys.addaudithook(_counter(changes, fault["signals"], fault["before_change"]))
     try:
         main(arguments)
     except SystemExit as end:
@@ -143,9 +126,9 @@ def _let_the_clock_jump() -> None:
     time.time = jumping
 
 
-def _counter(changes: mmap.mmap, last: int | None) -> Any:
-    """A hook that counts changes of files below the working directory, and ends the process
-    before change number ``last``."""
+def _counter(changes: mmap.mmap, signals: list[int], first: int) -> Any:
+    """A hook that counts changes of files below the working directory, and sends this process the
+    signals, one before each change from number ``first`` on."""
     here = os.getcwd()
 
     def count(event: str, details: tuple[Any, ...]) -> None:
@@ -159,8 +142,8 @@ def _counter(changes: mmap.mmap, last: int | None) -> Any:
             return
         seen = int.from_bytes(changes[:8], "little") + 1
         changes[:8] = seen.to_bytes(8, "little")
-        if seen == last:
-            os.kill(os.getpid(), signal.SIGKILL)
+        if 0 <= seen - first < len(signals):
+            os.kill(os.getpid(), signals[seen - first])
 
     return count
 

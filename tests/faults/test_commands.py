@@ -16,7 +16,7 @@ import pytest
 from gpf.commands.fit import is_finished
 from gpf.core.files import read_tensors
 from gpf.field.io import load_field
-from tests.faults.runner import MOMENTS, SEED, SIGNALS, Ending, Fault, Runner, moment
+from tests.faults.runner import MOMENTS, SEED, SIGNALS, Ending, Fault, Runner, at_random
 from tests.faults.test_disks import small_disk
 from tests.faults.wholeness import contents
 from tests.stages.conftest import PROJECT, SCENE
@@ -99,9 +99,9 @@ def check(folder: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(MOMENTS))
 @commands
-def test_a_kill(box, tmp_path, command, number):
+def test_a_killed_command_goes_on(box, tmp_path, command, number):
     folder = box.copy(tmp_path / "box")
-    fault = moment(command, number, box.well[command][0])
+    fault = at_random(f"{command} {number}", (signal.SIGKILL,), box.well[command][0])
     ending = box.run(folder, command, fault)
     assert ending.code in (0, -signal.SIGKILL), (SEED, fault, ending.said)
     box.survived(folder, command, ending)
@@ -110,10 +110,9 @@ def test_a_kill(box, tmp_path, command, number):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SIGNALS)
 @commands
-def test_a_signal(box, tmp_path, command, name):
-    folder, whole = box.copy(tmp_path / "box"), box.well[command][0]
-    after = random.Random(f"{SEED} {command} {name}").uniform(0.3, whole.seconds)
-    fault = Fault(signals=SIGNALS[name], after=after)
+def test_a_command_ends_at_a_signal_and_goes_on(box, tmp_path, command, name):
+    folder = box.copy(tmp_path / "box")
+    fault = at_random(f"{command} {name}", SIGNALS[name], box.well[command][0])
     ending = box.run(folder, command, fault)
     assert "Traceback" not in ending.said, (SEED, fault, ending.said)
     assert ending.code in (0, 1, 130, -SIGNALS[name][0]), (SEED, fault, ending.said)
@@ -123,7 +122,7 @@ def test_a_signal(box, tmp_path, command, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(MOMENTS))
 @commands
-def test_a_limit_on_the_size_of_a_file(box, tmp_path, command, number):
+def test_files_that_may_not_grow_are_said_in_words(box, tmp_path, command, number):
     folder = box.copy(tmp_path / "box")
     size = random.Random(f"{SEED} {command} size {number}").randrange(100, 200_000)
     ending = box.run(folder, command, Fault(file_size=size))
@@ -133,7 +132,7 @@ def test_a_limit_on_the_size_of_a_file(box, tmp_path, command, number):
 
 @pytest.mark.slow
 @commands
-def test_a_full_disk(box, tmp_path, command):
+def test_a_full_disk_is_said_in_words(box, tmp_path, command):
     folder = box.copy(tmp_path / "box")
     room = random.Random(f"{SEED} {command} disk").randrange(300_000)
     with small_disk(folder, room):
@@ -146,7 +145,7 @@ def test_a_full_disk(box, tmp_path, command):
 
 @pytest.mark.slow
 @commands
-def test_a_folder_that_became_read_only(box, tmp_path, command):
+def test_a_read_only_folder_is_said_in_words(box, tmp_path, command):
     folder = box.copy(tmp_path / "box")
     folder.chmod(0o555)
     ending = box.run(folder, command, Fault(unprivileged=True))
@@ -158,7 +157,7 @@ def test_a_folder_that_became_read_only(box, tmp_path, command):
 
 @pytest.mark.slow
 @commands
-def test_a_scene_that_may_not_be_read(box, tmp_path, command):
+def test_an_unreadable_scene_is_said_in_words(box, tmp_path, command):
     folder = box.copy(tmp_path / "box")
     (folder / "box.xml").chmod(0)
     ending = box.run(folder, command, Fault(unprivileged=True))
@@ -169,7 +168,7 @@ def test_a_scene_that_may_not_be_read(box, tmp_path, command):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("command", "name"), [("fit", "box.fit"), ("render", "pictures")])
-def test_a_file_where_a_folder_should_be(box, tmp_path, command, name):
+def test_a_file_in_place_of_an_output_folder_is_kept(box, tmp_path, command, name):
     folder = box.copy(tmp_path / "box")
     (folder / name).write_text("a file")
     ending = box.run(folder, command)
@@ -181,7 +180,7 @@ def test_a_file_where_a_folder_should_be(box, tmp_path, command, name):
 
 @pytest.mark.slow
 @commands
-def test_a_clock_that_jumps(box, tmp_path, command):
+def test_a_clock_that_jumps_changes_nothing(box, tmp_path, command):
     folder = box.copy(tmp_path / "box")
     assert box.run(folder, command, Fault(clock=True)).code == 0
     check(folder)

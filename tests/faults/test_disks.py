@@ -41,7 +41,7 @@ def small_disk(folder: Path, room: int) -> Iterator[None]:
 
 
 @stages()
-def test_a_full_disk(trials, tmp_path, stage):
+def test_a_full_disk_is_said_in_words(trials, tmp_path, stage):
     trial = trials(stage)
     made = trial.before.folder.parent / f"{stage}-well" / "results"
     ending, _ = trial.well
@@ -60,7 +60,7 @@ def test_a_full_disk(trials, tmp_path, stage):
 
 
 @stages(turn=1)
-def test_a_folder_that_became_read_only(trials, tmp_path, stage):
+def test_a_read_only_folder_is_said_in_words(trials, tmp_path, stage):
     trial = trials(stage)
     project = trial.before.copy(tmp_path / "project")
     results = project.folder / "results"
@@ -78,7 +78,7 @@ def test_a_folder_that_became_read_only(trials, tmp_path, stage):
 
 
 @stages(turn=2)
-def test_a_file_that_may_not_be_read(trials, tmp_path, stage):
+def test_unreadable_settings_are_said_in_words(trials, tmp_path, stage):
     trial = trials(stage)
     project = trial.before.copy(tmp_path / "project")
     file = project.folder / "params.yaml"

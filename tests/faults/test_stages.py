@@ -13,23 +13,22 @@ import signal
 import pytest
 
 from tests.faults.cases import stages
-from tests.faults.runner import MOMENTS, SEED, SIGNALS, Fault, moment
+from tests.faults.runner import MOMENTS, SEED, SIGNALS, Fault, at_random
 
 
 @pytest.mark.slow
 @stages(*range(MOMENTS))
-def test_a_kill(trials, tmp_path, stage, other):
+def test_a_killed_stage_goes_on(trials, tmp_path, stage, other):
     trial = trials(stage)
-    fault = moment(stage, other, trial.well[0])
+    fault = at_random(f"{stage} {other}", (signal.SIGKILL,), trial.well[0])
     trial.survives(tmp_path / "project", fault, lambda end: end.code in (0, -signal.SIGKILL))
 
 
 @pytest.mark.slow
 @stages(*SIGNALS)
-def test_a_signal(trials, tmp_path, stage, other):
+def test_a_stage_ends_at_a_signal_and_goes_on(trials, tmp_path, stage, other):
     trial, signals = trials(stage), SIGNALS[other]
-    chance = random.Random(f"{SEED} {stage} {other}")
-    fault = Fault(signals=signals, after=chance.uniform(0.2, trial.well[0].seconds))
+    fault = at_random(f"{stage} {other}", signals, trial.well[0])
 
     def may_end(ending):
         return ending.code in (0, 130, -signals[0]) and "Traceback" not in ending.said
@@ -39,7 +38,7 @@ def test_a_signal(trials, tmp_path, stage, other):
 
 @pytest.mark.slow
 @stages()
-def test_a_limit_on_the_size_of_a_file(trials, tmp_path, stage):
+def test_files_that_may_not_grow_are_said_in_words(trials, tmp_path, stage):
     trial = trials(stage)
     largest = max(p.stat().st_size for p in trial.before.folder.glob("results/**/*.*"))
     for number in range(MOMENTS):
@@ -51,7 +50,7 @@ def test_a_limit_on_the_size_of_a_file(trials, tmp_path, stage):
 
 @pytest.mark.slow
 @stages(turn=1)
-def test_a_file_where_a_folder_was(trials, tmp_path, stage):
+def test_a_file_in_place_of_an_output_folder_is_kept(trials, tmp_path, stage):
     trial = trials(stage)
     project = trial.before.copy(tmp_path / "project")
     place = project.folder / "results" / trial.case.folder
@@ -69,5 +68,5 @@ def test_a_file_where_a_folder_was(trials, tmp_path, stage):
 
 @pytest.mark.slow
 @stages(turn=2)
-def test_a_clock_that_jumps(trials, tmp_path, stage):
+def test_a_clock_that_jumps_changes_nothing(trials, tmp_path, stage):
     trials(stage).survives(tmp_path / "project", Fault(clock=True), lambda end: end.code == 0)
