@@ -15,51 +15,72 @@ from gpf.core.errors import UserError
 from stages.common.costs import KINDS, CostMeter, peak_memory
 
 
-def busy(seconds: float) -> None:
-    end = time.process_time() + seconds
-    while time.process_time() < end:
-        pass
+class Clock:
+    """Wall-clock and CPU time that only the test lets go by."""
+
+    def __init__(self) -> None:
+        self.wall, self.cpu = 100.0, 50.0
+
+    def perf_counter(self) -> float:
+        return self.wall
+
+    def process_time(self) -> float:
+        return self.cpu
+
+    def sleep(self, seconds: float) -> None:
+        self.wall += seconds
+
+    def work(self, seconds: float) -> None:
+        self.wall += seconds
+        self.cpu += seconds
 
 
-def test_wall_and_cpu_time_of_a_part():
+@pytest.fixture
+def clock(monkeypatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr("stages.common.costs.time", clock)
+    return clock
+
+
+def test_wall_and_cpu_time_of_a_part(clock):
     costs = CostMeter()
     with costs.measure("asleep"):
-        time.sleep(0.2)
+        clock.sleep(0.5)
     with costs.measure("busy"):
-        busy(0.1)
-    assert costs.parts.keys() == {"asleep", "busy"}
-    asleep, worked = costs.parts["asleep"], costs.parts["busy"]
-    assert asleep.keys() == set(KINDS)
-    assert 0.19 < asleep["wall_seconds"] < 1 and asleep["cpu_seconds"] < 0.1
-    assert 0.09 < worked["cpu_seconds"] < 1 and worked["wall_seconds"] > 0.09
+        clock.work(0.25)
+    none = {"compile_seconds": 0.0}
+    assert costs.parts == {
+        "asleep": {"wall_seconds": 0.5, "cpu_seconds": 0.0} | none,
+        "busy": {"wall_seconds": 0.25, "cpu_seconds": 0.25} | none,
+    }
+    assert costs.parts["busy"].keys() == set(KINDS)
 
 
-def test_a_part_measured_twice_adds_up():
+def test_a_part_measured_twice_adds_up(clock):
     costs = CostMeter()
     for _ in range(2):
         with costs.measure("part"):
-            time.sleep(0.1)
-    assert 0.19 < costs.parts["part"]["wall_seconds"] < 1
+            clock.sleep(0.5)
+    assert costs.parts["part"]["wall_seconds"] == 1
 
 
-def test_a_part_that_fails_is_counted_too():
+def test_a_part_that_fails_is_counted_too(clock):
     costs = CostMeter()
     with pytest.raises(KeyboardInterrupt), costs.measure("part"):
-        time.sleep(0.1)
+        clock.sleep(0.5)
         raise KeyboardInterrupt
-    assert costs.parts["part"]["wall_seconds"] > 0.09
+    assert costs.parts["part"]["wall_seconds"] == 0.5
 
 
-def test_what_is_asked_for_in_between_is_not_counted_twice():
+def test_what_is_asked_for_in_between_is_not_counted_twice(clock):
     costs = CostMeter()
     with costs.measure("part"):
-        time.sleep(0.1)
+        clock.sleep(0.5)
         half = costs.so_far("part")
-        assert 0.09 < half["wall_seconds"] < 0.5
-        time.sleep(0.1)
-    assert 0.19 < costs.parts["part"]["wall_seconds"] < 0.29 + half["wall_seconds"]
-    # what was asked for is a record of its moment, not a view of the running total
-    assert half["wall_seconds"] < costs.parts["part"]["wall_seconds"]
+        clock.sleep(0.25)
+    assert costs.parts["part"]["wall_seconds"] == 0.75
+    # What was asked for is a record of its moment, not a view of the running total.
+    assert half["wall_seconds"] == 0.5
 
 
 def test_compilation_is_counted_apart():
