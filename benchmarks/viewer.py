@@ -1,20 +1,9 @@
-"""`python -m benchmarks.viewer [SCENE …]`: how quickly `gpf view` responds.
-
-For each scene of `scenes/`, a program in place of the page moves the camera 60 times a second and
-receives pictures. One line per scene: pictures per second and their rows, the time from an input to
-its picture (median, 95th percentile), and the time for a still of 512 rows with 64 samples per
-pixel, also relative to `gpf render`. Then, without a field, while one is fitted: the time from the
-address to the first picture; and, for a minute in which the camera alternately moves for a second
-and rests for four, the largest memory of the viewer and the fit together, sampled after each rest,
-and the number of cores that they kept busy.
-"""
+"""A program in place of the page of `gpf view`, to measure how quickly that responds."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
-import os
 import struct
 import subprocess
 import sys
@@ -26,20 +15,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
+import psutil
 from rich.console import Console
 from rich.table import Table
 from websockets.sync.client import ClientConnection, connect
 
 import gpf
+from benchmarks import cli
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
+from gpf.rendering.timed_sampling import time_of
 from gpf.scene.folders import list_scenes, load_views
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import make_sensor
 from gpf.scene.snapshot import snapshot_scene
-from gpf.scene.views import View
 
 ROWS, SPP, PASSES = 512, 64, 24
 
@@ -142,42 +132,42 @@ class Page:
 def viewing(folder: Path, *words: str) -> Iterator[tuple[int, Page]]:
     """Run `gpf view` in a folder; yields its process id and a page."""
     command = [sys.executable, "-m", "gpf.cli", "view", *words, "--no-open"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder)
-    try:
-        assert process.stdout is not None
-        address = process.stdout.readline().strip()
-        origin = address.rpartition("/")[0].rpartition("/")[0]
-        socket = address.replace("http", "ws", 1) + "socket"
-        with connect(socket, origin=origin, max_size=None) as link:  # type: ignore[arg-type]
-            yield process.pid, Page(link)
-    finally:
-        process.terminate()
-        process.wait()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder) as process:
+        try:
+            assert process.stdout is not None
+            address = process.stdout.readline().strip()
+            origin = address.rpartition("/")[0].rpartition("/")[0]
+            socket = address.replace("http", "ws", 1) + "socket"
+            with connect(socket, origin=origin, max_size=None) as link:  # type: ignore[call-overload]
+                yield process.pid, Page(link)
+        finally:
+            process.terminate()
 
 
 def resources(process: int) -> tuple[int, float]:
     """Bytes and CPU seconds that a process and its descendants use; shared bytes count once."""
-    lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
-    size = 1024 * next(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
-    times = Path(f"/proc/{process}/stat").read_text().rpartition(") ")[2].split()[11:13]
-    seconds = sum(map(int, times)) / os.sysconf("SC_CLK_TCK")
-    for child in Path(f"/proc/{process}/task/{process}/children").read_text().split():
-        more = resources(int(child))
-        size, seconds = size + more[0], seconds + more[1]
-    return size, seconds
+    first = psutil.Process(process)
+    every = [first, *first.children(recursive=True)]
+    size = sum(each.memory_full_info().pss for each in every)
+    return size, sum(sum(each.cpu_times()[:2]) for each in every)
 
 
-def main() -> None:
-    """Print one line for each scene."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenes", nargs="*", default=list_scenes())
-    columns = ("pictures/s", "rows", "median ms", "95 % ms", "still s", "× gpf render")
-    columns += ("first s", "GB", "cores")
-    table = Table("scene", *columns)
-    for name in parser.parse_args().scenes:
+def viewer(scenes: cli.ProjectScenes = None) -> None:
+    """How quickly `gpf view` responds to a camera that moves 60 times a second.
+
+    One line per scene: pictures per second and their rows, the time from an input to its picture
+    (median, 95th percentile), and the time for a still of 512 rows with 64 samples per pixel, also
+    relative to `gpf render`. Then, without a field, while one is fitted: the time from the address
+    to the first picture; and, for a minute in which the camera alternately moves for a second and
+    rests for four, the largest memory of the viewer and the fit together, sampled after each rest,
+    and the number of cores that they kept busy.
+    """
+    moving = "pictures/s", "rows", "median ms", "95 % ms"
+    table = Table("scene", *moving, "still s", "× gpf render", "first s", "GB", "cores")
+    for name in scenes or list_scenes():
         with tempfile.TemporaryDirectory() as folder:
             table.add_row(name, *measure(name, Path(folder)))
-        Console(width=100).print(table)
+        Console(width=120).print(table)
 
 
 def measure(name: str, folder: Path) -> list[str]:
@@ -189,7 +179,8 @@ def measure(name: str, folder: Path) -> list[str]:
     sensors = [make_sensor(view, *views.size(256)) for view in views.train]
     found = gpf.fit(scene, sensors, passes=PASSES)
     gpf.save_field(found, field_file)
-    alone = time_render(scene, found, views.train[0], views.size(ROWS))
+    renderer = FieldRenderer.make(scene, found, RenderSettings(spp=SPP))
+    alone = time_of(lambda: renderer.render(views.train[0], views.size(ROWS), seed=0))
     with viewing(folder, str(scene_file), "--field", str(field_file)) as (_, page):
         page.move(WARM_UP)
         motion = page.move(MEASURED)
@@ -217,23 +208,3 @@ def measure(name: str, folder: Path) -> list[str]:
         f"{max(sizes) / 1e9:.1f}",
         f"{cores:.1f}",
     ]
-
-
-def time_render(
-    scene: mi.Scene, found: gpf.GaussianPhotonField, view: View, size: tuple[int, int]
-) -> float:
-    """Seconds for a still by `gpf render`, without the compilation of its kernels."""
-    renderer = FieldRenderer.make(scene, found, RenderSettings(spp=SPP))
-    spent = 0.0
-    for seed in range(2):
-        start = time.perf_counter()
-        renderer.render(view, size, seed)
-        spent = time.perf_counter() - start
-    return spent
-
-
-if __name__ == "__main__":
-    from gpf.core.runtime import choose_variant
-
-    choose_variant("auto")
-    main()
