@@ -51,7 +51,7 @@ def energy(
         for image in (sppm, *(fit_and_render(measured, rows, goal) for goal in asked)):
             cells += [f"{truth.energy(image[None], chosen):.3f}" for chosen in (is_open, True)]
         table.add_row(name, *cells)
-        Console(width=60 + 20 * len(asked)).print(table)
+        Console(width=80 + 25 * len(asked)).print(table)
 
 
 def energy_row(rows: int, samples: int, passes: int) -> Row:

@@ -11,7 +11,6 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +22,11 @@ from websockets.sync.client import ClientConnection, connect
 
 import gpf
 from benchmarks import cli
+from benchmarks.measured_scenes import open_scene
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.rendering.timed_sampling import time_of
-from gpf.scene.folders import list_scenes, load_views
-from gpf.scene.load import load_scene_file
-from gpf.scene.sensors import make_sensor
+from gpf.scene.folders import list_scenes
 from gpf.scene.snapshot import snapshot_scene
 
 ROWS, SPP, PASSES = 512, 64, 24
@@ -38,14 +36,6 @@ WARM_UP, MEASURED, INPUTS = 6.0, 8.0, 60
 
 # Seconds of a fit while its memory is measured.
 FITTED = 60.0
-
-
-@dataclass
-class Motion:
-    """What came back while the camera moved."""
-
-    delays: list[float] = field(default_factory=list)
-    rows: list[int] = field(default_factory=list)
 
 
 class Page:
@@ -62,19 +52,19 @@ class Page:
         self._start = np.subtract(self.camera["origin"], self.camera["target"])
         self._tell({"type": "look", "rows": ROWS})
 
-    def move(self, seconds: float) -> Motion:
-        """Swing around the target."""
-        motion, begin = Motion(), time.perf_counter()
-        last = 0.0
+    def move(self, seconds: float) -> np.ndarray:
+        """Swing around the target; the delay and the rows of each picture that comes back,
+        (2, N)."""
+        pictures, begin, last = [], time.perf_counter(), 0.0
         while (now := time.perf_counter()) - begin < seconds:
             if now - last > 1 / INPUTS:
                 last = now
                 self._turn(0.25 * math.sin(2 * (now - begin)))
             header = self._receive(max(0.0, last + 1 / INPUTS - time.perf_counter()))
             if header and header["type"] == "picture" and header["number"] in self._sent:
-                motion.delays.append(time.perf_counter() - self._sent[header["number"]])
-                motion.rows.append(header["height"])
-        return motion
+                delay = time.perf_counter() - self._sent[header["number"]]
+                pictures.append((delay, header["height"]))
+        return np.reshape(pictures, (-1, 2)).T
 
     def first(self) -> None:
         """Wait for the first picture."""
@@ -173,17 +163,16 @@ def viewer(scenes: cli.ProjectScenes = None) -> None:
 def measure(name: str, folder: Path) -> list[str]:
     """The cells of a scene."""
     snapshot_scene(name, folder / name)
-    views = load_views(name)
     scene_file, field_file = folder / name / "scene.xml", folder / "field.safetensors"
-    scene = load_scene_file(scene_file, *views.size(256))
-    sensors = [make_sensor(view, *views.size(256)) for view in views.train]
-    found = gpf.fit(scene, sensors, passes=PASSES)
-    gpf.save_field(found, field_file)
-    renderer = FieldRenderer.make(scene, found, RenderSettings(spp=SPP))
-    alone = time_of(lambda: renderer.render(views.train[0], views.size(ROWS), seed=0))
+    measured = open_scene(name)
+    views = measured.training_views
+    field = measured.fit(views, passes=PASSES)
+    gpf.save_field(field, field_file)
+    renderer = FieldRenderer.make(measured.scene, field, RenderSettings(spp=SPP))
+    alone = time_of(lambda: renderer.render(views[0], measured.size(ROWS), seed=0))
     with viewing(folder, str(scene_file), "--field", str(field_file)) as (_, page):
         page.move(WARM_UP)
-        motion = page.move(MEASURED)
+        delays, heights = page.move(MEASURED)
         page.rest()
         still = page.rest()
     field_file.unlink()
@@ -198,10 +187,9 @@ def measure(name: str, folder: Path) -> list[str]:
             sizes.append(resources(process)[0])
         cores = (resources(process)[1] - before) / (time.perf_counter() - start)
     return [
-        f"{len(motion.delays) / MEASURED:.0f}",
-        f"{np.median(motion.rows):.0f}",
-        f"{1e3 * np.median(motion.delays):.0f}",
-        f"{1e3 * np.quantile(motion.delays, 0.95):.0f}",
+        f"{len(delays) / MEASURED:.0f}",
+        f"{np.median(heights):.0f}",
+        *(f"{1e3 * delay:.0f}" for delay in np.quantile(delays, (0.5, 0.95))),
         f"{still:.1f}",
         f"{still / alone:.1f}",
         f"{first:.1f}",
