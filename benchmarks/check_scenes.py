@@ -34,11 +34,6 @@ from gpf.modelling.shapes import (
 )
 
 
-def load(name: str) -> mi.Scene:
-    """One of :data:`SCENES` as a Mitsuba scene."""
-    return mi.load_dict(SCENES[name](), optimize=False)
-
-
 def closed_room() -> Dict:
     """A furnished room without a window, seen from a corner."""
     scene = room((4, 2.6, 5)) | camera((1.7, 1.6, 2.2), (-0.8, 0.8, -1.2), 60)

@@ -1,69 +1,76 @@
-"""`python -m benchmarks.error [--seconds S] [SCENE …]`: is the field as wrong as it says?
-
-A field is fitted for S seconds with the scene's training views. The novel views are rendered with
-many samples per pixel and the AOV `error`. Pixels are sorted by the error that they predict; for
-those around 1, 2, 4 and 8 %, the table has the root mean square of their measured relative error
-divided by that of the predicted one; 1 would be perfect. Errors are measured against references
-with 4000 passes, or against a sharper truth (:mod:`benchmarks.judged`). Neither their noise nor
-that of the camera samples counts, because two images of each view are compared with two references.
-The 3 % of the pixels at either end, mostly edges, are left out. The last columns have the PSNR,
-predicted and measured: over all views, and in the view where the prediction is worst.
-"""
+"""Whether a field is as wrong as it says."""
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Sequence
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.judged import Judged, decibels, open_field, options
+from benchmarks import cli
+from benchmarks.judged import Judged, judge_views, kept_field
+from benchmarks.measured_scenes import open_scene
+from benchmarks.truth import decibels
 from gpf.rendering.aovs import expected_psnr
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
+from gpf.scene.folders import list_scenes
 
-ROWS, SPP = 256, 144
+SPP = 144
 LEVELS = (0.01, 0.02, 0.04, 0.08)
 LEAST_SHARE = 0.005  # of all pixels
 EDGES = 0.03
 
 
-def main() -> None:
-    """Print the table."""
-    parser = options(__doc__.splitlines()[0], passes=200)
-    parser.add_argument("--truth", choices=("long", "sharp"), default="long")
-    arguments = parser.parse_args()
-    table = Table("scene", *(f"{level:.0%}" for level in LEVELS), "all views", "worst view")
+def error(
+    scenes: cli.Scenes = None,
+    seconds: cli.Seconds = 120,
+    rows: cli.Rows = 256,
+    reference_passes: cli.ReferencePasses = 200,
+    kept: cli.Kept = cli.KEPT,
+) -> None:
+    """Measured divided by predicted error, for pixels whose predicted error is about 1, 2, 4, 8 %.
+
+    A field is fitted with the scene's training views. The novel views are rendered with many
+    samples per pixel and the AOV `error`. In the table are root mean squares of relative errors,
+    measured against references with 4000 passes. Neither their noise nor that of the camera samples
+    counts, because two images of each view are compared with two references. The 3 % of the pixels
+    at either end, mostly edges, are left out. The last column has the PSNR of all views together,
+    predicted and measured.
+    """
+    table = Table("scene", *(f"{level:.0%}" for level in LEVELS), "all views")
     table.title = "measured / predicted error (share of the pixels); predicted, measured dB"
-    for name in arguments.scenes:
-        table.add_row(name, *judge(name, arguments))
+    for name in scenes or list_scenes():
+        measured = open_scene(name)
+        judged = judge_views(measured, rows, reference_passes, kept, kernels="long")
+        field = kept_field(measured, seconds, kept)
+        renderer = FieldRenderer.make(measured.scene, field, RenderSettings(spp=SPP), ["error"])
+        table.add_row(name, *compare(renderer, judged, measured.size(rows)))
         Console(width=140).print(table)
 
 
-def judge(name: str, arguments: argparse.Namespace) -> list[str]:
+def compare(renderer: FieldRenderer, judged: Judged, size: tuple[int, int]) -> list[str]:
     """The cells of a line."""
-    scene, field, judged = open_field(name, ROWS, None, arguments, arguments.truth)
-    renderer = FieldRenderer.make(scene, field, RenderSettings(spp=SPP), ["error"])
     images, errors = [], []
     for half in range(2):
-        layers = [renderer.render(v, judged.size, 2 * k + half) for k, v in enumerate(judged.views)]
+        layers = [renderer.render(v, size, 2 * k + half) for k, v in enumerate(judged.views)]
         images.append(np.stack([each["radiance"] for each in layers]))
         errors.append(np.stack([each["error"] for each in layers]))
-    radiance, error = sum(images) / 2, sum(errors) / 2
-    cells = [_ratio(judged, images, error, level) for level in LEVELS]
-    measured = judged.errors(*images).mean(axis=1)
-    expected = [expected_psnr(*view, judged.exposure) for view in zip(radiance, error, strict=True)]
-    predicted = 10 ** (-0.1 * np.array(expected))
-    worst = int(np.argmax(np.abs(np.log(predicted / np.maximum(measured, 1e-9)))))
-    cells.append(f"{decibels(predicted.mean())}, {decibels(measured.mean())}")
-    cells.append(f"{decibels(predicted[worst])}, {decibels(measured[worst])}")
-    return cells
+    radiance, predicted_error = np.mean(images, axis=0), np.mean(errors, axis=0)
+    cells = [_ratio(judged.truth.halves, images, predicted_error, level) for level in LEVELS]
+    measured = judged.truth.errors(*images).mean()
+    pairs = zip(radiance, predicted_error, strict=True)
+    expected = [expected_psnr(*view, judged.truth.exposure) for view in pairs]
+    predicted = np.mean(10 ** (-0.1 * np.array(expected)))
+    return [*cells, f"{decibels(float(predicted))}, {decibels(measured)}"]
 
 
-def _ratio(judged: Judged, images: list[np.ndarray], errors: np.ndarray, level: float) -> str:
+def _ratio(
+    halves: np.ndarray, images: Sequence[np.ndarray], errors: np.ndarray, level: float
+) -> str:
     """Measured divided by predicted error, for pixels whose predicted error is about ``level``."""
-    a, b = judged.truth[:, 0], judged.truth[:, 1]
+    a, b = halves[:, 0], halves[:, 1]
     light = (a + b).mean(axis=-1) / 2
     chosen = (errors > level / 2**0.5) & (errors < level * 2**0.5) & (light > 0)
     if chosen.mean() < LEAST_SHARE:
@@ -74,10 +81,3 @@ def _ratio(judged: Judged, images: list[np.ndarray], errors: np.ndarray, level: 
     measured = np.sqrt(max(float(square[cut : len(square) - cut].mean()), 0))
     predicted = np.sqrt(np.mean(errors[chosen] ** 2))
     return f"{measured / predicted:.2f} ({chosen.mean():.0%})"
-
-
-if __name__ == "__main__":
-    from gpf.core.runtime import choose_variant
-
-    choose_variant("auto")
-    main()

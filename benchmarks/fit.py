@@ -1,111 +1,75 @@
-"""`python -m benchmarks.fit [--seconds S … | --times T | --passes N] [SCENE …]`: `gpf.fit` alone.
-
-The scenes are those of `scenes/` and of `benchmarks/check_scenes.py`. The fit places its own
-cameras; with `--views training` it gets the scene's training views and exposure, with
-`--views judged` the judged views too, as the command `gpf fit` takes them from a file. The judged
-views are the novel views of `scenes/`, or frames of the path that `gpf scene import` would place.
-With `--times T`, the fit takes T times as long as SPPM with 1000 passes takes for a view.
-
-There is one line per scene and goal, with the time of such a view, and the views' mean PSNR
-
-- as estimated by the fit, and of the rendered field against SPPM with 1000 passes, at the exposure
-  that the fit has chosen, and at that of the scene's views;
-- of a second SPPM with 1000 passes against the first;
-- of the field and of SPPM with 1000 passes against the truth, and over all pixels of a region
-  (:mod:`benchmarks.regions`).
-
-References are those of :mod:`benchmarks.judged`, kept in a folder for the next run.
-"""
+"""The quality of `gpf.fit` for a given time or number of passes, and of its first pictures."""
 
 from __future__ import annotations
 
-import argparse
 import time
-from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
+from functools import partial
+from typing import Annotated, Literal
 
-import mitsuba as mi
 import numpy as np
+import typer
 from rich.console import Console
 from rich.table import Table
 
-import gpf
-from benchmarks.check_scenes import SCENES
-from benchmarks.judged import (
-    STANDARD,
-    Judged,
-    Kept,
-    decibels,
-    judged_views,
-    mean_psnr,
-    references,
-    render,
-    training_views,
-)
-from benchmarks.placement import open_scene
+from benchmarks import check_scenes, cli
+from benchmarks.judged import STANDARD, Judged, judge_views, kept_field, mean_psnr
+from benchmarks.measured_scenes import MeasuredScene, open_scene
 from benchmarks.regions import REGIONS
-from gpf.core.progress import progress_bar
+from benchmarks.truth import decibels, sppm
 from gpf.field.field import GaussianPhotonField
-from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
+from gpf.rendering.settings import RenderSettings
+from gpf.rendering.timed_sampling import time_of
 from gpf.scene.folders import list_scenes
-from gpf.scene.sensors import make_sensor
-from gpf.sppm.reference import ReferenceRenderer, ReferenceSettings
 
-ROWS = 256
+COLUMNS = (
+    *("passes", "s", "SPPM s", "Gaussians", "estimated", "measured", "second SPPM", "truth"),
+)
+
+# Of the pictures of `frame`: samples per pixel, and whether it is denoised.
+SAMPLES = ((1, True), (2, True), (4, True), (8, True), (16, True), (16, False), (64, False))
+FRAME_PASSES = 300
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    goal = parser.add_mutually_exclusive_group()
-    goal.add_argument("--seconds", type=float, nargs="+")
-    goal.add_argument("--times", type=float)
-    goal.add_argument("--passes", type=int)
-    parser.add_argument("--views", choices=("training", "judged"))
-    parser.add_argument("--reference-passes", type=int, default=200)
-    parser.add_argument("--references", type=Path, default=Path("results/benchmark_references"))
-    parser.add_argument("scenes", nargs="*", default=[*list_scenes(), *SCENES])
-    arguments = parser.parse_args()
-    columns = (
-        "passes",
-        "s",
-        "SPPM s",
-        "Gaussians",
-        "estimated",
-        "fit's exposure",
-        "measured",
-        "second SPPM",
-        "truth",
-    )
-    table = Table("scene", *columns, *REGIONS)
-    for name in arguments.scenes:
-        for cells in judge(name, arguments):
-            table.add_row(name, *cells)
+def fit(
+    scenes: cli.Scenes = None,
+    seconds: cli.EachSeconds = None,
+    passes: cli.EachPasses = None,
+    times: Annotated[
+        float | None, typer.Option(help="Time of a fit, in views by SPPM with 1000 passes.")
+    ] = None,
+    views: Annotated[
+        Literal["placed", "training", "judged"],
+        typer.Option(
+            help="Cameras: placed by the fit; the scene's training views, with its exposure; or "
+            "those and the judged views, as the command `gpf fit` takes them from a file."
+        ),
+    ] = "placed",
+    rows: cli.Rows = 256,
+    reference_passes: cli.ReferencePasses = 200,
+    kept: cli.Kept = cli.KEPT,
+) -> None:
+    """`gpf.fit` alone, once for each given time or number of passes.
+
+    The judged views are the novel views of `scenes/`, or frames of the path that `gpf scene import`
+    would place. A line has the time that SPPM with 1000 passes takes for a view, and the views'
+    mean PSNR: as estimated by the fit; of the field, and of a second SPPM, against SPPM with 1000
+    passes; and of the field / of SPPM against a truth with narrow kernels, in all and by region.
+    """
+    table = Table("scene", *COLUMNS, *REGIONS)
+    for name in scenes or [*list_scenes(), *check_scenes.SCENES]:
+        measured = open_scene(name)
+        judged = judge_views(measured, rows, reference_passes, kept)
+        view = time_view(measured, rows)
+        asked = [{"seconds": times * view}] if times else cli.goals(seconds, passes) or [{}]
+        cameras, exposure = None, None
+        if views != "placed":
+            cameras, exposure = measured.training_views, measured.exposure
+            cameras = cameras if views == "training" else [*cameras, *judged.views]
+        for goal in asked:
+            field = measured.fit(cameras, rows, exposure=exposure, **goal)
+            images = measured.render(field, judged.views, rows)
+            table.add_row(name, *describe(field, images, judged, view))
             Console(width=190).print(table)
-
-
-def judge(name: str, arguments: argparse.Namespace) -> Iterator[list[str]]:
-    """Fit fields to a scene, and compare their images with references; the cells of each line."""
-    scene, own, aspect = open_scene(name)
-    views, exposure = judged_views(name, scene, own, aspect)
-    size = round(ROWS * aspect), ROWS
-    kept = Kept(arguments.references, arguments.reference_passes)
-    judged = references(name, scene, views, size, exposure, kept)
-    sensors = None
-    if arguments.views:
-        views = training_views(name, own)
-        views += judged.views if arguments.views == "judged" else []
-        sensors = [make_sensor(view, *judged.size) for view in views]
-    view = time_view(scene, make_sensor(own, *judged.size))
-    known = exposure if arguments.views else None
-    goals = [arguments.times * view] if arguments.times else arguments.seconds or [None]
-    for seconds in goals:
-        with progress_bar(f"{name}: fit", 1):
-            field = gpf.fit(
-                scene, sensors, seconds=seconds, passes=arguments.passes, exposure=known
-            )
-        yield describe(field, render(scene, field, judged), judged, view)
 
 
 def describe(
@@ -113,15 +77,13 @@ def describe(
 ) -> list[str]:
     """The cells of a line; ``view``: seconds that SPPM takes for a view."""
     record, references_too = field.record, judged.reference_errors()
-    errors = judged.errors(images)
-    so_exposed = replace(judged, exposure=record["exposure"])
+    errors = judged.truth.errors(images)
     cells = [
         str(record["passes"]),
         f"{record['seconds']:.0f}",
         f"{view:.0f}",
         str(len(field.gaussians.means.numpy().T)),
         f"{record['estimated_psnr']:.1f}",
-        mean_psnr(so_exposed.differences(images)),
         mean_psnr(judged.differences(images)),
         mean_psnr(2 * judged.noise(STANDARD)),
         f"{mean_psnr(errors)} / {mean_psnr(references_too)}",
@@ -133,11 +95,9 @@ def describe(
     return cells
 
 
-def time_view(scene: mi.Scene, sensor: mi.Sensor, passes: int = 24) -> float:
+def time_view(measured: MeasuredScene, rows: int, passes: int = 24) -> float:
     """Seconds that SPPM with :data:`STANDARD` passes takes for a view, from some of its passes."""
-    plan = EmissionPlan.make(scene, [sensor], VisibleRegionSettings())
-    settings = ReferenceSettings().measure(scene, sensor, plan)
-    renderer = ReferenceRenderer(scene, {"own": sensor}, {}, settings, 0, plan.source)
+    renderer = sppm(measured.scene, measured.sensors([measured.own], rows))
     sums = renderer.empty_sums()
     spent = []
     for k in range(passes):
@@ -147,8 +107,29 @@ def time_view(scene: mi.Scene, sensor: mi.Sensor, passes: int = 24) -> float:
     return STANDARD * float(np.median(spent[2:]))  # the first ones compile
 
 
-if __name__ == "__main__":
-    from gpf.core.runtime import choose_variant
+def frame(
+    scenes: cli.Scenes = None,
+    seconds: cli.Seconds = 120,
+    rows: cli.Rows = 512,
+    reference_passes: cli.ReferencePasses = 100,
+    kept: cli.Kept = cli.KEPT,
+) -> None:
+    """Time and quality of one novel view, for several numbers of samples, denoised and not.
 
-    choose_variant("auto")
-    main()
+    The field is fitted with the scene's training views. PSNR is against a truth with narrow
+    kernels; the title has that of SPPM with 300 passes, whose kernels are those of 1000.
+    """
+    for name in scenes or list_scenes():
+        measured = open_scene(name)
+        judged = judge_views(measured, rows, reference_passes, kept, count=1)
+        field = kept_field(measured, seconds, kept)
+        asked = decibels(judged.reference_errors(FRAME_PASSES).mean())
+        title = f"{name}: SPPM, {FRAME_PASSES} passes: {asked}"
+        table = Table("samples", "seconds", "PSNR", title=title)
+        for spp, denoise in SAMPLES:
+            settings = RenderSettings(spp=spp, denoise=denoise)
+            picture = partial(measured.render, field, judged.views, rows, settings)
+            spent, images = time_of(picture), picture()
+            label = f"{spp}, denoised" if denoise else f"{spp}"
+            table.add_row(label, f"{spent:.2f}", decibels(judged.truth.errors(images).mean()))
+        Console(width=100).print(table)

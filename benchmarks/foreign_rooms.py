@@ -1,35 +1,32 @@
-"""`python -m benchmarks.foreign_rooms FOLDER [ROOM …]`: published scenes, adapted to Mitsuba 3.
-
-The repositories are cloned into `FOLDER/clones`, unless they are there; each room becomes a folder
-`FOLDER/NAME` with a `scene.xml`. The files were written for Mitsuba 0.x: what Mitsuba 3 lacks is
-replaced or left out (:func:`mend`), and the changes are printed. Their licences do not allow them
-to be part of this project.
-"""
+"""Published scenes, written for Mitsuba 0.x, adapted to Mitsuba 3."""
 
 from __future__ import annotations
 
-import argparse
 import re
+import shutil
 import subprocess
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import mitsuba as mi
+import typer
+
+from gpf.core.errors import UserError
 
 CHOI, MUELLER = "hchoi405/dppm-scenes", "Tom94/practical-path-guiding"
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where a room comes from, what is special about it, and whether it is for judging only."""
+    """Where a room comes from, and what is special about it."""
 
     repository: str
     file: str
     what: str
-    judges: bool = False
 
 
 ROOMS = {
@@ -38,61 +35,50 @@ ROOMS = {
     "spaceship": Source(CHOI, "scenes/spaceship/scene.xml", "four lamps, rough glass, metal"),
     "artware": Source(CHOI, "scenes/artware/scene.xml", "glass and metal, lamps and sky"),
     "staircase": Source(CHOI, "scenes/staircase/scene.xml", "one lamp, many small shapes"),
-    "kitchen": Source(MUELLER, "scenes/kitchen/kitchen.xml", "sky, steel, lacquer", judges=True),
-    "classroom": Source(CHOI, "scenes/classroom/scene.xml", "sun through windows", judges=True),
-    "bathroom": Source(CHOI, "scenes/bathroom/scene.xml", "one lamp, mirror, masks", judges=True),
-    "bathroom2": Source(CHOI, "scenes/bathroom2/scene.xml", "bulbs in glass", judges=True),
-    "living-room-2": Source(CHOI, "scenes/living-room-2/scene.xml", "four lamps", judges=True),
-    "glass": Source(CHOI, "scenes/glass/scene.xml", "tumbler, ice, brushed metal", judges=True),
-    "torus": Source(CHOI, "scenes/torus/scene.xml", "sun through glass", judges=True),
+    # These are for judging only: nothing is tuned to them.
+    "kitchen": Source(MUELLER, "scenes/kitchen/kitchen.xml", "sky, steel, lacquer"),
+    "classroom": Source(CHOI, "scenes/classroom/scene.xml", "sun through windows"),
+    "bathroom": Source(CHOI, "scenes/bathroom/scene.xml", "one lamp, mirror, masks"),
+    "bathroom2": Source(CHOI, "scenes/bathroom2/scene.xml", "bulbs in glass"),
+    "living-room-2": Source(CHOI, "scenes/living-room-2/scene.xml", "four lamps"),
+    "glass": Source(CHOI, "scenes/glass/scene.xml", "tumbler, ice, brushed metal"),
+    "torus": Source(CHOI, "scenes/torus/scene.xml", "sun through glass"),
 }
 
 # As Mitsuba 3 reads its direction, the file's own sun is below the horizon.
 SUNS = {"classroom": "0.4, 0.5, 0.6"}
 
 
-def main() -> None:
-    """Make the folders of the rooms."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("rooms", nargs="*", default=list(ROOMS))
-    arguments = parser.parse_args()
-    for name in arguments.rooms:
-        target = arguments.folder / name
-        extract(clone(ROOMS[name].repository, arguments.folder / "clones"), ROOMS[name], target)
-        print(f"{name}: {ROOMS[name].what}")
+def fetch(
+    folder: Path,
+    rooms: Annotated[
+        list[str] | None, typer.Argument(metavar="[ROOM]…", help=f"Of: {', '.join(ROOMS)}.")
+    ] = None,
+) -> None:
+    """Published scenes, adapted to Mitsuba 3.
+
+    The repositories are cloned into FOLDER/clones, unless they are there; each room becomes a
+    folder FOLDER/NAME with a scene.xml. What Mitsuba 3 lacks is replaced or left out, and the
+    changes are printed. The licences of these scenes do not allow them to be part of this project.
+    """
+    for name in rooms or ROOMS:
+        room, target = ROOMS[name], folder / name
+        source = clone(room.repository, folder / "clones") / room.file
+        shutil.copytree(source.parent, target, dirs_exist_ok=True)
+        shutil.copyfile(source, target / "scene.xml")
+        print(f"{name}: {room.what}")
         changes = Counter(mend(target / "scene.xml", SUNS.get(name)))
         for change, times in changes.items():
             print(f"    {change}" + (f" ({times} times)" if times > 1 else ""))
 
 
 def clone(repository: str, folder: Path) -> Path:
-    """The git directory of a repository."""
+    """The folder of a repository."""
     found = folder / repository.replace("/", "+")
     if not found.exists():
         address = f"https://github.com/{repository}.git"
-        subprocess.run(["git", "clone", "--bare", "--depth", "1", address, str(found)], check=True)
+        subprocess.run(["git", "clone", "--depth", "1", address, str(found)], check=True)
     return found
-
-
-def extract(git: Path, source: Source, target: Path) -> None:
-    """Write the files of a room, except those missing from the clone."""
-
-    def run(*words: str) -> subprocess.CompletedProcess[bytes]:
-        return subprocess.run(["git", f"--git-dir={git}", *words], capture_output=True)
-
-    place = str(Path(source.file).parent)
-    names = run("ls-tree", "-r", "--name-only", "-z", "HEAD", place).stdout.decode().split("\0")
-    for name in filter(None, names):
-        own = name == source.file
-        if name.endswith(".xml") and not own:
-            continue
-        file = target / ("scene.xml" if own else Path(name).relative_to(place))
-        if own or not file.exists():
-            found = run("cat-file", "blob", f"HEAD:{name}")
-            if found.returncode == 0:
-                file.parent.mkdir(parents=True, exist_ok=True)
-                file.write_bytes(found.stdout)
 
 
 def mend(file: Path, sun: str | None) -> Iterator[str]:
@@ -131,7 +117,7 @@ def mend(file: Path, sun: str | None) -> Iterator[str]:
             message = str(error)
         change = _leave_out(root, message)
         if change is None:
-            raise SystemExit(f"{file}: {message}")
+            raise UserError(str(file), message, "Extend benchmarks/foreign_rooms.py.")
         yield change
 
 
@@ -177,10 +163,3 @@ def _leave_out(root: ET.Element, message: str) -> str | None:
                 parent.remove(child)
                 removed += 1
     return f"{plugin[2]}: {', '.join(names)} left out" if removed else None
-
-
-if __name__ == "__main__":
-    from gpf.core.runtime import choose_variant
-
-    choose_variant("auto")
-    main()

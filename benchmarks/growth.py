@@ -1,16 +1,8 @@
-"""`python -m benchmarks.growth [NAME …]`: how time and memory grow, and how predictably.
-
-For each quantity three small sizes are measured, and a large one, each in a process of its own.
-A line through the two larger of the small ones, ``a + b n``, predicts the large one. The exponent
-``p`` of ``n^p`` is the slope between the last two measurements on logarithmic axes. Memory is the
-peak of the process. The whole run takes about six minutes.
-"""
+"""Time and memory for more and more of each quantity."""
 
 from __future__ import annotations
 
-import argparse
 import atexit
-import json
 import math
 import resource
 import shutil
@@ -21,27 +13,21 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import typer
 from rich.console import Console
 from rich.table import Table
 
 import gpf
-from benchmarks.glass_sphere import load_scene
+from benchmarks import cli
+from benchmarks.glass_sphere import cornell_box, load_scene, untrained_field
 from gpf.core.runtime import choose_variant
-from gpf.core.structs import from_numpy, to_numpy
-from gpf.field.field import GaussianPhotonField
-from gpf.field.initialization import (
-    TYPICAL_SCALE,
-    InitialFieldSettings,
-    initialize_gaussians,
-    propose_search_radius,
-)
-from gpf.photons.tracing import PathSettings, record_photons
-from gpf.scene.bounds import scene_bounds
+from gpf.modelling import shapes
+from gpf.modelling.meshes import grid
 from gpf.scene.folders import scene_folder
 from gpf.sppm.passes import PassSettings
 from gpf.sppm.reference import ReferenceRenderer
@@ -50,8 +36,7 @@ from stages.common.costs import peak_memory
 ROWS, PATHS, RADIUS = 256, 100_000, 0.02
 
 
-@dataclass(frozen=True)
-class Cost:
+class Cost(NamedTuple):
     """Seconds without loading and compiling, and the peak memory of the process, MB."""
 
     seconds: float
@@ -63,7 +48,7 @@ def render_pixels(pixels: int) -> Callable[[], object]:
     rows = math.isqrt(pixels)
     scene = load_scene(rows, rows)
     integrator = mi.load_dict({"type": "gpf"})
-    integrator.field = _field(scene, 50_000)
+    integrator.field = untrained_field(scene, 50_000)
     return lambda: mi.render(scene, integrator=integrator, spp=16)
 
 
@@ -83,7 +68,7 @@ def query_gaussians(count: int) -> Callable[[], object]:
     integrator = mi.load_dict({"type": "gpf"})
 
     def call() -> object:
-        integrator.field = _field(scene, count)
+        integrator.field = untrained_field(scene, count)
         return mi.render(scene, integrator=integrator, spp=16)
 
     return call
@@ -93,7 +78,7 @@ def load_triangles(count: int) -> Callable[[], object]:
     """Loading a rough ball of ``count`` triangles in the Cornell box, and a pass of SPPM."""
 
     def call() -> object:
-        scene = mi.load_dict(_box() | {"ball": _ball(count)})
+        scene = mi.load_dict(cornell_box(ROWS, ROWS) | {"ball": _ball(count)})
         return _sppm(scene, PATHS, 1)()
 
     return call
@@ -112,7 +97,7 @@ def light_lamps(count: int) -> Callable[[], object]:
         }
         for k in range(side**2)
     }
-    return _sppm(mi.load_dict(_box() | lamps), PATHS, 3)
+    return _sppm(mi.load_dict(cornell_box(ROWS, ROWS) | lamps), PATHS, 3)
 
 
 def share_views(count: int) -> Callable[[], object]:
@@ -130,7 +115,9 @@ def render_frames(count: int) -> Callable[[], object]:
     folder = Path(tempfile.mkdtemp())
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     scene_file = scene_folder("cornell_box") / "scene.xml"
-    gpf.save_field(_field(gpf.load_scene_file(scene_file), 50_000), folder / "field.safetensors")
+    gpf.save_field(
+        untrained_field(gpf.load_scene_file(scene_file), 50_000), folder / "field.safetensors"
+    )
     options = ["--field", "field.safetensors", "--orbit", str(count), "--size", "64", "--spp", "4"]
     command = [sys.executable, "-m", "gpf.cli", "render", str(scene_file), *options]
     calls = iter(range(9))
@@ -179,9 +166,9 @@ def measure_here(name: str, size: int) -> Cost:
 
 def measure(name: str, size: int) -> Cost:
     """The cost of one size, in a process of its own."""
-    command = [sys.executable, "-m", "benchmarks.growth", name, "--size", str(size)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    return Cost(**json.loads(done.stdout.splitlines()[-1]))
+    code = f"from benchmarks.growth import measure_here; print(*measure_here({name!r}, {size}))"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    return Cost(*map(float, done.stdout.splitlines()[-1].split()))
 
 
 def predict(sizes: tuple[int, ...], costs: list[float], size: int) -> float:
@@ -208,22 +195,33 @@ def row(name: str) -> list[str]:
     return cells
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*", default=list(QUANTITIES))
-    parser.add_argument("--size", type=int, help="measure only this size, here; print JSON")
-    arguments = parser.parse_args()
-    if arguments.size is not None:
-        print(json.dumps(vars(measure_here(arguments.names[0], arguments.size))))
-        return
+def growth(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]…", help=f"Of: {', '.join(QUANTITIES)}.")
+    ] = None,
+) -> None:
+    """How time and memory grow, and how predictably; all of it takes about six minutes.
+
+    For each quantity three small sizes are measured, and a large one, each in a process of its own.
+    A line through the two larger of the small ones, a + b n, predicts the large one. The exponent
+    p of n^p is the slope between the last two measurements on logarithmic axes. Memory is the peak
+    of the process.
+    """
     columns = ("small", "predicted", "measured", "ratio", "exponent")
     table = Table("", "large", *columns, *columns)
-    for name in arguments.names:
-        cells = row(name)
-        print(*cells, sep=" | ", flush=True)
-        table.add_row(*cells)
-    Console(width=160).print(table)
+    for name in names or QUANTITIES:
+        table.add_row(*row(name))
+        Console(width=160).print(table)
+
+
+def memory(rows: cli.Rows = 1024) -> None:
+    """The peak memory of this process while it renders ROWS² pixels by SPPM."""
+    call = _sppm(load_scene(rows, rows), PATHS, 3)
+    before = peak_memory() / 1e6
+    dr.eval(call())
+    dr.sync_thread()
+    now = peak_memory() / 1e6
+    print(f"{rows}², {PATHS} paths per pass: {now:.0f} MB, {before:.0f} MB before rendering")
 
 
 def _sppm(scene: mi.Scene, paths: int, passes: int) -> Callable[[], object]:
@@ -232,53 +230,13 @@ def _sppm(scene: mi.Scene, paths: int, passes: int) -> Callable[[], object]:
     return lambda: mi.render(scene, integrator=integrator, spp=passes)
 
 
-def _field(scene: mi.Scene, count: int) -> GaussianPhotonField:
-    """An untrained field; training hardly moves its Gaussians."""
-    bounds = scene_bounds(scene)
-    photons = record_photons(scene, PathSettings(count), seed=1)
-    position = to_numpy(photons.p)[:10_000]
-    radius = propose_search_radius(photons, count, position, bounds)
-    settings = InitialFieldSettings(
-        gaussians=count,
-        initial_colour="density",
-        initial_scale=TYPICAL_SCALE * radius,
-        search_radius=radius,
-    )
-    gaussians = initialize_gaussians(photons, settings, bounds, seed=1)
-    return GaussianPhotonField(gaussians, settings.query(radius), bounds)
-
-
-def _box() -> dict[str, Any]:
-    scene = mi.cornell_box()
-    scene["sensor"]["film"].update(width=ROWS, height=ROWS, rfilter={"type": "box"})
-    return dict(scene)
-
-
 def _ball(triangles: int) -> mi.Mesh:
     """A ball with bumps, so that no two triangles are alike."""
     rows = math.isqrt(triangles // 4)
-    columns = 2 * rows
-    theta = np.linspace(0.01, np.pi - 0.01, rows + 1)[:, None]
-    phi = np.linspace(0, 2 * np.pi, columns, endpoint=False)[None]
+    theta = np.linspace(np.pi - 0.01, 0.01, rows + 1)[:, None]
+    phi = np.linspace(0, 2 * np.pi, 2 * rows, endpoint=False)[None]
     radius = 0.35 * (1 + 0.02 * np.sin(40 * theta) * np.sin(40 * phi))
-    points = np.stack(
-        [
-            radius * np.sin(theta) * np.cos(phi),
-            radius * np.cos(theta) * np.ones_like(phi) + 0.2,
-            radius * np.sin(theta) * np.sin(phi),
-        ],
-        axis=-1,
-    )
-    here = np.arange(rows)[:, None] * columns + np.arange(columns)[None]
-    right = np.arange(rows)[:, None] * columns + (np.arange(columns)[None] + 1) % columns
-    faces = np.stack([here, here + columns, right, right, here + columns, right + columns], axis=-1)
-    mesh = mi.Mesh("ball", vertex_count=points[..., 0].size, face_count=faces.size // 3)
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = from_numpy(mi.Float, points.reshape(-1))
-    parameters["faces"] = from_numpy(mi.UInt32, faces.reshape(-1))
-    parameters.update()
-    return mesh
-
-
-if __name__ == "__main__":
-    main()
+    x, y = radius * np.sin(theta) * np.cos(phi), radius * np.cos(theta) + 0.2
+    z = radius * np.sin(theta) * np.sin(phi)
+    mesh = grid(np.stack([x, y + 0 * z, z], axis=-1), closed=True)
+    return shapes.triangles(mesh, shapes.diffuse(shapes.WHITE))

@@ -1,4 +1,4 @@
-"""Small scenes, each with a light that a path tracer finds, for :mod:`benchmarks.energy`.
+"""Small scenes, each with a light that a path tracer finds, to compare brightness in.
 
 y is up; lengths are metres.
 """
@@ -12,22 +12,15 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from gpf.modelling.shapes import (
-    GREY,
-    WHITE,
-    WOOD,
-    Dict,
-    box,
-    camera,
-    lamp,
-    rectangle,
-    rgb,
-    room,
-)
+from benchmarks.check_scenes import closed_room
+from gpf.modelling.shapes import GREY, WHITE, Dict, box, camera, rectangle, rgb, room
 from gpf.scene.load import load_scene_file
 
 SUN = (-0.5, 0.62, 0.6)
 """Direction towards the sun."""
+
+GLASS_AT = (0.0, 0.3, 0.0)
+"""Centre of the block of glass on a plane."""
 
 
 def plane_under_sunsky() -> Dict:
@@ -43,7 +36,21 @@ def plane_under_sunsky() -> Dict:
 
 def plane_under_envmap() -> Dict:
     """The same under an environment map with a sun of a few pixels."""
-    return _plane() | {"sky": _sky_map()}
+    return _plane() | {"sky": {"type": "envmap", "bitmap": _sky_map()}}
+
+
+def plane_with_compensation() -> mi.Scene:
+    """The same under this map with ``mis_compensation``: Mitsuba does not sample its dim parts. It
+    is loaded from a file, as only :func:`gpf.scene.load.load_scene_file` can mend that."""
+    with tempfile.TemporaryDirectory() as folder:
+        sky, file = Path(folder) / "sky.exr", Path(folder) / "scene.xml"
+        _sky_map().write(str(sky))
+        light = {"type": "envmap", "filename": str(sky), "mis_compensation": True}
+        parsed = mi.parser.parse_dict(
+            mi.parser.ParserConfig(mi.variant()), _plane() | {"sky": light}
+        )
+        file.write_text(mi.parser.write_string(parsed))
+        return load_scene_file(file, width=96, height=72)
 
 
 def sixteen_lamps() -> Dict:
@@ -56,33 +63,26 @@ def two_hundred_lamps() -> Dict:
     return _lamps(10, 20)
 
 
+def one_lamp() -> Dict:
+    """A room with one lamp and a table."""
+    left_out = ("glass", "gold", "shelf")
+    return {name: part for name, part in closed_room().items() if name not in left_out}
+
+
 def window_room() -> Dict:
-    """A room lit only through a window, by the map with a sun."""
-    scene = camera((1.7, 1.6, 2.2), (-0.8, 0.8, -1.2), 60) | {"sky": _sky_map()}
-    walls = room((4, 2.6, 5))
-    del walls["left"]
-    scene |= walls
-    scene |= {
+    """The same room, lit only through a window, by the map with a sun."""
+    scene = one_lamp()
+    del scene["left"], scene["lamp"]
+    return scene | {
+        "sky": {"type": "envmap", "bitmap": _sky_map()},
         "below": box((-2.05, 0.45, 0), (0.05, 0.45, 2.5), WHITE),
         "above": box((-2.05, 2.4, 0), (0.05, 0.2, 2.5), WHITE),
         "beside": box((-2.05, 1.55, -1.6), (0.05, 0.65, 0.9), WHITE),
         "other side": box((-2.05, 1.55, 1.75), (0.05, 0.65, 0.75), WHITE),
-        "table": box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD),
     }
-    return scene
 
 
-def one_lamp() -> Dict:
-    """A room with one lamp and a table."""
-    scene = room((4, 2.6, 5)) | camera((1.7, 1.6, 2.2), (-0.8, 0.8, -1.2), 60)
-    scene |= {
-        "lamp": lamp((0, 2.58, 0), (0.5, 0.5), 18),
-        "table": box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD),
-    }
-    return scene
-
-
-SCENES: dict[str, Callable[[], Dict]] = {
+SCENES: dict[str, Callable[[], Dict | mi.Scene]] = {
     scene.__name__: scene
     for scene in (
         plane_under_sunsky,
@@ -91,69 +91,22 @@ SCENES: dict[str, Callable[[], Dict]] = {
         two_hundred_lamps,
         window_room,
         one_lamp,
+        plane_with_compensation,
     )
 }
-"""Name -> function that makes the dictionary for ``mitsuba.load_dict``."""
-
-COMPENSATED = "plane_with_compensation"
-"""The plane under the same map with ``mis_compensation``, as a file: Mitsuba does not sample dim
-parts of the map."""
-
-_FILE = """
-<scene version="3.0.0">
-    <sensor type="perspective">
-        <float name="fov" value="40"/>
-        <transform name="to_world">
-            <lookat origin="3.6, 2.7, 4.2" target="0, 0, 0" up="0, 1, 0"/>
-        </transform>
-        <film type="hdrfilm">
-            <integer name="width" value="96"/><integer name="height" value="72"/>
-            <rfilter type="box"/>
-        </film>
-    </sensor>
-    <shape type="rectangle">
-        <transform name="to_world"><rotate x="1" angle="-90"/><scale value="20"/></transform>
-        <bsdf type="twosided"><bsdf type="diffuse">
-            <rgb name="reflectance" value="0.45"/>
-        </bsdf></bsdf>
-    </shape>
-    <shape type="cube">
-        <transform name="to_world"><scale value="0.3"/><translate y="0.3"/></transform>
-        <bsdf type="dielectric"/>
-    </shape>
-    <emitter type="envmap">
-        <string name="filename" value="sky.exr"/>
-        <boolean name="mis_compensation" value="true"/>
-    </emitter>
-</scene>"""
-
-NAMES = (*SCENES, COMPENSATED)
-
-GLASS_AT = {name: (0.0, 0.3, 0.0) for name in NAMES if name.startswith("plane")}
-"""Scenes with a block of glass, and its centre."""
-
-
-def load(name: str) -> mi.Scene:
-    """One of :data:`NAMES`."""
-    if name != COMPENSATED:
-        return mi.load_dict(SCENES[name](), optimize=False)
-    with tempfile.TemporaryDirectory() as folder:
-        _sky_map()["bitmap"].write(str(Path(folder) / "sky.exr"))
-        file = Path(folder) / "scene.xml"
-        file.write_text(_FILE)
-        return load_scene_file(file)
+"""Name -> function that makes the scene, or the dictionary for ``mitsuba.load_dict``."""
 
 
 def _plane() -> Dict:
     scene = camera((3.6, 2.7, 4.2), (0, 0, 0), 40)
     scene |= {
         "floor": rectangle((0, 0, 0), (20, 20), "up", GREY),
-        "glass": box((0, 0.3, 0), (0.3, 0.3, 0.3), WHITE) | {"bsdf": {"type": "dielectric"}},
+        "glass": box(GLASS_AT, (0.3, 0.3, 0.3), WHITE) | {"bsdf": {"type": "dielectric"}},
     }
     return scene
 
 
-def _sky_map() -> Dict:
+def _sky_map() -> mi.Bitmap:
     """A blue sky with a sun of 2 × 2 pixels, which gives most of the light."""
     height, width = 128, 256
     row = (np.arange(height) + 0.5) / height * np.pi
@@ -166,7 +119,7 @@ def _sky_map() -> Dict:
     y, x = np.arccos(direction[1]), np.arctan2(direction[0], -direction[2]) % (2 * np.pi)
     i, j = np.abs(row - y).argmin(), np.abs(column - x).argmin()
     pixels[i : i + 2, j : j + 2] = np.array([4200.0, 3900.0, 3400.0])
-    return {"type": "envmap", "bitmap": mi.Bitmap(pixels)}
+    return mi.Bitmap(pixels)
 
 
 def _lamps(rows: int, columns: int) -> Dict:
@@ -182,5 +135,5 @@ def _lamps(rows: int, columns: int) -> Dict:
                 "position": place,
                 "intensity": rgb((power, 0.95 * power, 0.85 * power)),
             }
-    scene["table"] = box((-0.6, 0.36, -0.8), (0.7, 0.36, 0.45), WOOD)
+    scene["table"] = closed_room()["table"]
     return scene

@@ -5,9 +5,25 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import drjit as dr
 import numpy as np
+
+
+class Row(NamedTuple):
+    """A line of `make bench`: what is measured, and what it is compared with."""
+
+    what: str
+    measured: str
+    compared: str
+    ratio: str
+    goal: str
+
+    def __str__(self) -> str:
+        return (
+            f"{self.what:92} {self.measured:>9} {self.compared:>14} {self.ratio:>6} {self.goal:>6}"
+        )
 
 
 @dataclass(frozen=True)

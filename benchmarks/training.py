@@ -6,6 +6,7 @@ import time
 
 import gpf
 from benchmarks.glass_sphere import load_scene
+from benchmarks.timing import Row
 from gpf.fitting.fit import FitProgress
 from gpf.training.settings import TrainingSettings
 
@@ -29,15 +30,15 @@ class _Clock:
             self.errors.append((now, progress.held_out_error))
 
 
-def training_row() -> tuple[str, str, str, str, str]:
-    """What is measured, seconds, points per second, and the goal."""
+def training_row() -> Row:
+    """Seconds, and points per second."""
     scene, clock = load_scene(ROWS, ROWS), _Clock()
     gpf.fit(scene, scene.sensors(), passes=PASSES, callback=clock)
     (begin, first), (end, last) = clock.steps[0], clock.steps[-1]
     rate = (last - first) * TrainingSettings().batch / (end - begin)
     final = clock.errors[-1][1]
     seconds = next(now for now, error in clock.errors if error <= final * 10 ** (0.3 / 20)) - begin
-    return (
+    return Row(
         "training to within 0.3 dB of its final error at held-out points",
         f"{seconds:.1f} s",
         f"{1e-6 * rate:.1f} M points/s",

@@ -1,65 +1,146 @@
-"""`python -m benchmarks.truth SCENE [VIEW …]`: field and SPPM against a path tracer.
+"""Images that the benchmarks take as the truth, by SPPM or by path tracing.
 
-Needs the results of `dvc repro`, and a scene whose light a path tracer can find. The noise of the
-references counts as an error of other methods. The path-traced image is independent of the field
-and of SPPM, and less noisy.
+The truth is what two independent images A and B of a view have in common. The mean of
+(f - A) (f - B) is the squared error of an image f without the noise of A and B. Images and fields
+are kept in a folder for the next run.
 """
 
 from __future__ import annotations
 
-import sys
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
-from gpf.core.images import read_exr
+from gpf.core.images import tone_map
 from gpf.core.progress import progress_bar
-from metrics.image import flip_exposures
-from stages.common.workspace import Workspace
-from stages.metrics import Judge
+from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
+from gpf.sppm.reference import ReferenceRenderer, ReferenceSettings
+from metrics.flip import evaluate_ldr
 
-SAMPLES, AT_ONCE = 8192, 256
-SHOWN = ("psnr", "ssim", "lpips", "flip")
-
-
-def main() -> None:
-    """Print one table per view."""
-    name, *views = sys.argv[1:]
-    work = Workspace.open(name)
-    judge = Judge.open(work)
-    for view in views or list(judge.references):
-        truth = trace(work, view)
-        path_judge = Judge(work, {view: truth}, flip_exposures([truth]))
-        layers, _ = read_exr(work.second_reference(view))
-        passes = max(int(layer.removeprefix("sppm_")) for layer in layers)
-        images = {
-            "the reference": judge.references[view],
-            f"a second SPPM, {passes} passes": layers[f"sppm_{passes}"],
-            "GPF": read_exr(work.render("gpf", view))[0]["radiance"],
-        }
-        table = Table("", *SHOWN, title=f"{name}, {view}: against `path`, {SAMPLES} spp")
-        for title, image in images.items():
-            found = path_judge.compare(view, image)
-            table.add_row(title, *(f"{found[key]:.3f}" for key in SHOWN))
-        Console(width=120).print(table)
+TRIMMED = 0.005
+"""Fraction of the pixels, the brightest, that do not count in :meth:`Truth.energy`."""
 
 
-def trace(work: Workspace, view: str) -> np.ndarray:
-    """The path-traced radiance of a view, W/(m² sr), (H, W, 3)."""
-    scene, sensor = work.load_scene(), work.sensor(work.views.find(view))
+@dataclass(frozen=True)
+class Truth:
+    """Two independent images of each view, (V, 2, H, W, 3), and their exposure."""
+
+    halves: np.ndarray
+    exposure: float
+
+    def errors(self, images: np.ndarray, again: np.ndarray | None = None) -> np.ndarray:
+        """Squared error of images (V, H, W, 3) at each pixel, (V, H W).
+
+        ``again``: the same images with other samples, so that their noise does not count.
+        """
+        f, g = self.shown(images), self.shown(images if again is None else again)
+        a, b = (self.shown(self.halves[:, half]) for half in range(2))
+        return ((f - a) * (g - b)).mean(axis=3).reshape(len(f), -1)
+
+    def energy(self, images: np.ndarray, chosen: np.ndarray | bool = True) -> float:
+        """Sum of images (V, H, W, 3) divided by that of the truth, over chosen pixels, (V, H, W),
+        without the brightest of either."""
+        true = self.halves.mean(axis=1)
+        kept = np.full(true.shape[:3], chosen)
+        for each in (images, true):
+            light = each.mean(axis=3)
+            kept &= light <= np.quantile(light, 1 - TRIMMED)
+        return float(images[kept].sum() / true[kept].sum())
+
+    def flip(self, images: np.ndarray) -> float:
+        """Mean LDR-FLIP of images (V, H, W, 3)."""
+        shown, true = (
+            self.shown(each).astype(np.float64) for each in (images, self.halves.mean(axis=1))
+        )
+        return float(np.mean([evaluate_ldr(*pair) for pair in zip(shown, true, strict=True)]))
+
+    def shown(self, images: np.ndarray) -> np.ndarray:
+        """Displayed values."""
+        return tone_map(images, self.exposure)
+
+
+def decibels(error: float) -> str:
+    """The PSNR for a mean squared error, as text."""
+    return f"{-10 * np.log10(error):.1f}" if error > 0 else "-"
+
+
+def keep(file: Path, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Arrays from a file, which is made if it is not there."""
+    if not file.exists():
+        made = make()
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(file, **made)  # type: ignore[arg-type]
+    with np.load(file) as stored:
+        return dict(stored)
+
+
+def trace_paths(
+    what: str, scene: mi.Scene, sensor: mi.Sensor, samples: int, seed: int = 0, at_once: int = 128
+) -> np.ndarray:
+    """The radiance by `path`, (H, W, 3)."""
     integrator = mi.load_dict({"type": "path", "max_depth": -1, "rr_depth": 8})
-    rounds = SAMPLES // AT_ONCE
-    total: Any = 0.0
-    with progress_bar(f"{work.scene}: {view} by path", rounds) as bar:
+    rounds = -(-samples // at_once)
+    total: np.ndarray | float = 0.0
+    with progress_bar(f"{what}: path", rounds) as bar:
         for k in range(rounds):
-            image = mi.render(scene, sensor=sensor, integrator=integrator, spp=AT_ONCE, seed=k)
-            total = total + np.array(image, dtype=np.float64)
+            own = seed * rounds + k
+            image = mi.render(scene, sensor=sensor, integrator=integrator, spp=at_once, seed=own)
+            total = total + np.array(image, dtype=np.float64)[..., :3]
             bar(k + 1)
-    return np.asarray(total / rounds, dtype=np.float32)
+    return np.asarray(total / rounds, np.float32)
 
 
-if __name__ == "__main__":
-    main()
+def path_halves(
+    what: str, scene: mi.Scene, sensors: Sequence[mi.Sensor], samples: int
+) -> np.ndarray:
+    """Two images of each view by `path`, (V, 2, H, W, 3)."""
+    at_once = min(samples, 128 if len(sensors) == 1 else 32)
+    return np.array(
+        [
+            [trace_paths(what, scene, sensor, samples, seed, at_once) for seed in range(2)]
+            for sensor in sensors
+        ]
+    )
+
+
+def sppm(scene: mi.Scene, sensors: Sequence[mi.Sensor], seed: int = 0) -> ReferenceRenderer:
+    """Passes of SPPM for views named "0", "1", …, with the settings of references."""
+    plan = EmissionPlan.make(scene, sensors, VisibleRegionSettings())
+    settings = ReferenceSettings().measure(scene, sensors[0], plan)
+    named = {f"{k}": sensor for k, sensor in enumerate(sensors)}
+    return ReferenceRenderer(scene, named, {}, settings, seed, plan.source)
+
+
+def sppm_images(
+    what: str,
+    scene: mi.Scene,
+    sensors: Sequence[mi.Sensor],
+    passes: int,
+    kernels: tuple[int, int] | None = None,
+    seeds: Sequence[int] = (0, 1),
+) -> Iterator[list[dict[str, np.ndarray]]]:
+    """For each seed, the layers of all views.
+
+    Parameters
+    ----------
+    kernels: the passes have the kernels of those between these two, spread evenly; by default,
+        their own.
+    """
+    first, last = kernels or (1, passes)
+    for seed in seeds:
+        renderer = sppm(scene, sensors, seed)
+        sums = renderer.empty_sums()
+        with progress_bar(f"{what}: SPPM {seed}", passes) as bar:
+            for k in range(passes):
+                renderer.run_pass(first + k * (last + 1 - first) // passes, sums)
+                bar(k + 1)
+        yield [renderer.view(name, sums).layers() for name in renderer.sensors]
+
+
+def radiance_pairs(halves: Iterable[list[dict[str, np.ndarray]]]) -> np.ndarray:
+    """The two images of each view, (V, 2, H, W, 3), from the layers of all views for two seeds."""
+    views = zip(*halves, strict=True)
+    return np.array([[layers["radiance"] for layers in both] for both in views])

@@ -1,20 +1,9 @@
-"""`python -m benchmarks.viewer [SCENE …]`: how quickly `gpf view` responds.
-
-For each scene of `scenes/`, a program in place of the page moves the camera 60 times a second and
-receives pictures. One line per scene: pictures per second and their rows, the time from an input to
-its picture (median, 95th percentile), and the time for a still of 512 rows with 64 samples per
-pixel, also relative to `gpf render`. Then, without a field, while one is fitted: the time from the
-address to the first picture; and, for a minute in which the camera alternately moves for a second
-and rests for four, the largest memory of the viewer and the fit together, sampled after each rest,
-and the number of cores that they kept busy.
-"""
+"""A program in place of the page of `gpf view`, to measure how quickly that responds."""
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
-import os
 import struct
 import subprocess
 import sys
@@ -22,24 +11,23 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
+import psutil
 from rich.console import Console
 from rich.table import Table
 from websockets.sync.client import ClientConnection, connect
 
 import gpf
+from benchmarks import cli
+from benchmarks.measured_scenes import open_scene
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
-from gpf.scene.folders import list_scenes, load_views
-from gpf.scene.load import load_scene_file
-from gpf.scene.sensors import make_sensor
+from gpf.rendering.timed_sampling import time_of
+from gpf.scene.folders import list_scenes
 from gpf.scene.snapshot import snapshot_scene
-from gpf.scene.views import View
 
 ROWS, SPP, PASSES = 512, 64, 24
 
@@ -48,14 +36,6 @@ WARM_UP, MEASURED, INPUTS = 6.0, 8.0, 60
 
 # Seconds of a fit while its memory is measured.
 FITTED = 60.0
-
-
-@dataclass
-class Motion:
-    """What came back while the camera moved."""
-
-    delays: list[float] = field(default_factory=list)
-    rows: list[int] = field(default_factory=list)
 
 
 class Page:
@@ -72,19 +52,19 @@ class Page:
         self._start = np.subtract(self.camera["origin"], self.camera["target"])
         self._tell({"type": "look", "rows": ROWS})
 
-    def move(self, seconds: float) -> Motion:
-        """Swing around the target."""
-        motion, begin = Motion(), time.perf_counter()
-        last = 0.0
+    def move(self, seconds: float) -> np.ndarray:
+        """Swing around the target; the delay and the rows of each picture that comes back,
+        (2, N)."""
+        pictures, begin, last = [], time.perf_counter(), 0.0
         while (now := time.perf_counter()) - begin < seconds:
             if now - last > 1 / INPUTS:
                 last = now
                 self._turn(0.25 * math.sin(2 * (now - begin)))
             header = self._receive(max(0.0, last + 1 / INPUTS - time.perf_counter()))
             if header and header["type"] == "picture" and header["number"] in self._sent:
-                motion.delays.append(time.perf_counter() - self._sent[header["number"]])
-                motion.rows.append(header["height"])
-        return motion
+                delay = time.perf_counter() - self._sent[header["number"]]
+                pictures.append((delay, header["height"]))
+        return np.reshape(pictures, (-1, 2)).T
 
     def first(self) -> None:
         """Wait for the first picture."""
@@ -142,57 +122,57 @@ class Page:
 def viewing(folder: Path, *words: str) -> Iterator[tuple[int, Page]]:
     """Run `gpf view` in a folder; yields its process id and a page."""
     command = [sys.executable, "-m", "gpf.cli", "view", *words, "--no-open"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder)
-    try:
-        assert process.stdout is not None
-        address = process.stdout.readline().strip()
-        origin = address.rpartition("/")[0].rpartition("/")[0]
-        socket = address.replace("http", "ws", 1) + "socket"
-        with connect(socket, origin=origin, max_size=None) as link:  # type: ignore[arg-type]
-            yield process.pid, Page(link)
-    finally:
-        process.terminate()
-        process.wait()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=folder) as process:
+        try:
+            assert process.stdout is not None
+            address = process.stdout.readline().strip()
+            origin = address.rpartition("/")[0].rpartition("/")[0]
+            socket = address.replace("http", "ws", 1) + "socket"
+            with connect(socket, origin=origin, max_size=None) as link:  # type: ignore[call-overload]
+                yield process.pid, Page(link)
+        finally:
+            process.terminate()
 
 
 def resources(process: int) -> tuple[int, float]:
     """Bytes and CPU seconds that a process and its descendants use; shared bytes count once."""
-    lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
-    size = 1024 * next(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
-    times = Path(f"/proc/{process}/stat").read_text().rpartition(") ")[2].split()[11:13]
-    seconds = sum(map(int, times)) / os.sysconf("SC_CLK_TCK")
-    for child in Path(f"/proc/{process}/task/{process}/children").read_text().split():
-        more = resources(int(child))
-        size, seconds = size + more[0], seconds + more[1]
-    return size, seconds
+    first = psutil.Process(process)
+    every = [first, *first.children(recursive=True)]
+    size = sum(each.memory_full_info().pss for each in every)
+    return size, sum(sum(each.cpu_times()[:2]) for each in every)
 
 
-def main() -> None:
-    """Print one line for each scene."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scenes", nargs="*", default=list_scenes())
-    columns = ("pictures/s", "rows", "median ms", "95 % ms", "still s", "× gpf render")
-    columns += ("first s", "GB", "cores")
-    table = Table("scene", *columns)
-    for name in parser.parse_args().scenes:
+def viewer(scenes: cli.ProjectScenes = None) -> None:
+    """How quickly `gpf view` responds to a camera that moves 60 times a second.
+
+    One line per scene: pictures per second and their rows, the time from an input to its picture
+    (median, 95th percentile), and the time for a still of 512 rows with 64 samples per pixel, also
+    relative to `gpf render`. Then, without a field, while one is fitted: the time from the address
+    to the first picture; and, for a minute in which the camera alternately moves for a second and
+    rests for four, the largest memory of the viewer and the fit together, sampled after each rest,
+    and the number of cores that they kept busy.
+    """
+    moving = "pictures/s", "rows", "median ms", "95 % ms"
+    table = Table("scene", *moving, "still s", "× gpf render", "first s", "GB", "cores")
+    for name in scenes or list_scenes():
         with tempfile.TemporaryDirectory() as folder:
             table.add_row(name, *measure(name, Path(folder)))
-        Console(width=100).print(table)
+        Console(width=120).print(table)
 
 
 def measure(name: str, folder: Path) -> list[str]:
     """The cells of a scene."""
     snapshot_scene(name, folder / name)
-    views = load_views(name)
     scene_file, field_file = folder / name / "scene.xml", folder / "field.safetensors"
-    scene = load_scene_file(scene_file, *views.size(256))
-    sensors = [make_sensor(view, *views.size(256)) for view in views.train]
-    found = gpf.fit(scene, sensors, passes=PASSES)
-    gpf.save_field(found, field_file)
-    alone = time_render(scene, found, views.train[0], views.size(ROWS))
+    measured = open_scene(name)
+    views = measured.training_views
+    field = measured.fit(views, passes=PASSES)
+    gpf.save_field(field, field_file)
+    renderer = FieldRenderer.make(measured.scene, field, RenderSettings(spp=SPP))
+    alone = time_of(lambda: renderer.render(views[0], measured.size(ROWS), seed=0))
     with viewing(folder, str(scene_file), "--field", str(field_file)) as (_, page):
         page.move(WARM_UP)
-        motion = page.move(MEASURED)
+        delays, heights = page.move(MEASURED)
         page.rest()
         still = page.rest()
     field_file.unlink()
@@ -207,33 +187,12 @@ def measure(name: str, folder: Path) -> list[str]:
             sizes.append(resources(process)[0])
         cores = (resources(process)[1] - before) / (time.perf_counter() - start)
     return [
-        f"{len(motion.delays) / MEASURED:.0f}",
-        f"{np.median(motion.rows):.0f}",
-        f"{1e3 * np.median(motion.delays):.0f}",
-        f"{1e3 * np.quantile(motion.delays, 0.95):.0f}",
+        f"{len(delays) / MEASURED:.0f}",
+        f"{np.median(heights):.0f}",
+        *(f"{1e3 * delay:.0f}" for delay in np.quantile(delays, (0.5, 0.95))),
         f"{still:.1f}",
         f"{still / alone:.1f}",
         f"{first:.1f}",
         f"{max(sizes) / 1e9:.1f}",
         f"{cores:.1f}",
     ]
-
-
-def time_render(
-    scene: mi.Scene, found: gpf.GaussianPhotonField, view: View, size: tuple[int, int]
-) -> float:
-    """Seconds for a still by `gpf render`, without the compilation of its kernels."""
-    renderer = FieldRenderer.make(scene, found, RenderSettings(spp=SPP))
-    spent = 0.0
-    for seed in range(2):
-        start = time.perf_counter()
-        renderer.render(view, size, seed)
-        spent = time.perf_counter() - start
-    return spent
-
-
-if __name__ == "__main__":
-    from gpf.core.runtime import choose_variant
-
-    choose_variant("auto")
-    main()

@@ -1,8 +1,8 @@
 """Put tables and pictures of the report into README.md and docs/: `python docs/publish.py`.
 
-Run it after `gpf profile full && dvc repro` and `python -m benchmarks.independent`. Pictures are
-copied from results/figures. Tables replace the text between marks such as `<!-- table_1_psnr -->`
-and `<!-- /table_1_psnr -->`.
+Run it after `gpf profile full && dvc repro` and `python -m benchmarks.pipeline independent`.
+Pictures are copied from results/figures. Tables replace the text between marks such as
+`<!-- table_1_psnr -->` and `<!-- /table_1_psnr -->`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from stages.commands.profiles import EVERY, read_profiles
 from stages.common.makers import naming_commands
 
 PROFILE = "full"
-ADVICE = f"Run `gpf profile {PROFILE} && dvc repro && python -m benchmarks.independent` to its end."
+INDEPENDENT = "python -m benchmarks.pipeline independent"
+ADVICE = f"Run `gpf profile {PROFILE} && dvc repro && {INDEPENDENT}` to its end."
 
 FIGURES = Path("results/figures")
 IMAGES = Path("docs/images")
@@ -93,7 +94,7 @@ def fill(name: str, results: Results) -> str:
     if name == "summary":
         body = summary(results)
     else:
-        # That of `python -m benchmarks.independent` lies outside of the report's own folder.
+        # That of INDEPENDENT lies outside of the report's own folder.
         folder = results.root if name == "independent" else results.root / "tables"
         file = folder / f"{name}.md"
         if not file.exists():

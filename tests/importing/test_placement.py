@@ -4,12 +4,12 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from benchmarks.check_scenes import SCENES, load
+from benchmarks.check_scenes import SCENES
+from benchmarks.measured_scenes import open_scene
 from gpf.core.errors import UserError
 from gpf.importing.orbit import Orbit
 from gpf.importing.placement import measure_exposure, place_views
 from gpf.importing.view_checks import report_views
-from gpf.scene.sensors import film_aspect, views_of_sensors
 from gpf.scene.views import View
 
 T = mi.ScalarTransform4f
@@ -43,11 +43,11 @@ def test_all_views_and_frames_are_fit_for_use(scene, placed):
 @pytest.mark.parametrize("name", SCENES)
 def test_views_show_lit_surfaces_in_any_scene(name):
     """Four fifths of their pixels, if the scene's own camera does."""
-    scene = load(name)
-    own, aspect = views_of_sensors(scene)[0], film_aspect(scene.sensors()[0])
-    placed = place_views(scene, [own], aspect)
-    views = [own, *placed.train, *placed.novel, *placed.frames()]
-    shares = [r.light_share for r in report_views(scene, views, aspect, seed=77)]
+    measured = open_scene(name)
+    placed = measured.placed
+    views = [measured.own, *placed.train, *placed.novel, *placed.frames()]
+    reports = report_views(measured.scene, views, measured.aspect, seed=77)
+    shares = [report.light_share for report in reports]
     assert shares[0] > 0.8 and len(placed.novel) == 5 and len(placed.frames()) == 24
     assert min(shares) > 0.8
 

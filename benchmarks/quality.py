@@ -1,0 +1,14 @@
+"""`python -m benchmarks.quality COMMAND`: fields against SPPM and path tracing."""
+
+from __future__ import annotations
+
+from benchmarks import cli
+from benchmarks.energy import energy
+from benchmarks.error import error
+from benchmarks.fit import fit, frame
+from benchmarks.rooms import rooms
+
+app = cli.make_app(fit, frame, error, energy, rooms)
+
+if __name__ == "__main__":
+    cli.run(app)

@@ -1,0 +1,51 @@
+"""`python -m benchmarks.quality`, at sizes of no use: each command runs, and prints numbers."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from benchmarks import fit
+from benchmarks.quality import app
+from gpf.rendering.denoiser import available
+from tests.benchmarks.conftest import cells, numbers
+
+SMALL = ("--rows", 16, "--reference-passes", 2)
+BOX = "cornell_box"
+FILE = Path(__file__).parents[2] / "scenes" / BOX / "scene.xml"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "name", "least"),
+    [
+        (["fit", "--passes", 2, "--views", "training", *SMALL], BOX, 8),
+        (["error", "--seconds", 1, *SMALL], BOX, 2),
+        (["energy", "--passes", 2, "--rows", 16, "--samples", 5], BOX, 5),
+        (["energy", "--passes", 2, "--rows", 16, "--samples", 5, "one_lamp"], "one_lamp", 5),
+    ],
+    ids=["fit", "error", "energy by SPPM", "energy by path"],
+)
+def test_a_command_prints_a_line_for_a_scene(run, tmp_path, words, name, least):
+    scene = [] if name in words else [name]
+    told = run(app, *words, "--kept", tmp_path, *scene)
+    assert len(numbers(cells(told, name))) >= least, told
+    assert any(tmp_path.glob(f"*{name}*.npz"))  # the truth is kept
+
+
+@pytest.mark.slow
+def test_frame(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(fit, "SAMPLES", ((1, False),))
+    told = run(app, "frame", "--seconds", 1, *SMALL, "--kept", tmp_path, BOX)
+    assert len(numbers(cells(told, "1"))) == 2
+    assert (tmp_path / f"{BOX}_1s.safetensors").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not available(), reason="pyoidn is not installed")
+def test_rooms(run, tmp_path):
+    sizes = ("--rows", 16, "--views", 3, "--judged", 2, "--samples", 5)
+    told = run(app, "rooms", FILE, "--passes", 2, *sizes, "--kept", tmp_path)
+    for method in ("field", "path + OIDN", "SPPM"):
+        assert len(numbers(cells(told, method))) == 4
+    assert re.search(r"2 passes in \d+ s, .*ratio \d", told, re.DOTALL)

@@ -1,0 +1,54 @@
+"""`python -m benchmarks.scenes`: a scene's cameras, and a file that Mitsuba 3 cannot read."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+from PIL import Image
+
+from benchmarks import scenes
+from benchmarks.measured_scenes import BUILT, open_scene
+from benchmarks.scenes import app
+
+OLD = """
+<scene version="0.5.0">
+    <integrator type="path"/>
+    <sensor type="perspective">
+        <float name="fov" value="40"/>
+        <sampler type="independent"><integer name="sampleCount" value="4"/></sampler>
+        <film type="hdrfilm"><integer name="width" value="16"/></film>
+    </sensor>
+    <shape type="sphere">
+        <bsdf type="phong"><float name="exponent" value="30"/></bsdf>
+    </shape>
+    <shape type="obj"><string name="filename" value="lost.obj"/></shape>
+    <emitter type="envmap"><string name="filename" value="lost.exr"/></emitter>
+</scene>"""
+
+
+@pytest.mark.slow
+def test_placement(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(scenes, "PASSES", 2)
+    run(app, "placement", "--sheet", tmp_path / "sheet.png", "open_box")
+    with Image.open(tmp_path / "sheet.png") as sheet:
+        views = 3 + 5 + 4
+        assert sheet.size == (views * (96 + scenes.GAP), scenes.ROWS + 18)
+        first = np.asarray(sheet)[18:, :96]
+    assert 20 < first.mean() < 235 and first.std() > 5
+
+
+def test_an_old_scene_is_mended(run, tmp_path):
+    source = tmp_path / "clones" / "hchoi405+dppm-scenes" / "scenes" / "torus"
+    source.mkdir(parents=True)
+    (source / "scene.xml").write_text(OLD)
+    told = run(app, "fetch", tmp_path, "torus")
+    for change in ("phong becomes roughplastic", "exponent", "lost.obj is missing", "lost.exr is"):
+        assert change in told
+    scene = mi.load_file(str(tmp_path / "torus" / "scene.xml"))
+    assert len(scene.shapes()) == 1 and scene.environment() is not None
+
+
+@pytest.mark.parametrize("name", BUILT)
+def test_each_scene_has_a_camera_and_a_lamp(name):
+    measured = open_scene(name)
+    assert measured.aspect == pytest.approx(4 / 3) and measured.scene.emitters()
+    assert measured.training_views == [measured.own]
