@@ -130,7 +130,8 @@ def render(
 ) -> None:
     """Render views of a scene from a field. Existing pictures of the same kind are kept."""
     from gpf.commands.cameras import CameraChoice
-    from gpf.commands.render import PictureOptions, render_pictures
+    from gpf.commands.picture_options import PictureOptions
+    from gpf.commands.render import render_pictures
 
     choice = CameraChoice(tuple(view or ()), views, frames, orbit)
     pictures = PictureOptions(
