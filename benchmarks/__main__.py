@@ -10,7 +10,8 @@ from __future__ import annotations
 from benchmarks.energy import energy_row
 from benchmarks.glass_sphere import PHOTONS, measure
 from benchmarks.training import training_row
-from gpf.core.runtime import choose_variant, device_description
+from gpf.core.machine import device_description
+from gpf.core.runtime import choose_variant
 
 SIZES, RADII = (256, 512), (0.02, 0.05)
 

@@ -20,7 +20,8 @@ from benchmarks.glass_sphere import PHOTONS, measure
 from benchmarks.placement import open_scene
 from gpf.core.errors import UserError
 from gpf.core.images import write_png
-from gpf.core.runtime import VARIANTS, choose_variant, device_description
+from gpf.core.machine import device_description
+from gpf.core.runtime import VARIANTS, choose_variant
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.folders import load_views

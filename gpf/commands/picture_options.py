@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from gpf.core.errors import UserError
 from gpf.core.films import find_encoder
-from gpf.core.runtime import require_memory
+from gpf.core.machine import require_memory
 from gpf.rendering.aovs import parse_aovs
 from gpf.rendering.denoiser import PACKAGE
 from gpf.rendering.denoiser import available as has_denoiser
