@@ -195,7 +195,6 @@ def render_denoised(room: Room, seconds: float, state: Path) -> np.ndarray:
         room.size,
         room.exposure,
         training=(),
-        targets=state,
         rr_depth=5,
         seed=0,
         state=state,
