@@ -28,17 +28,18 @@ class FewSamples:
         ------
         CannotServe: the denoiser's package is missing.
         """
-        options = self.options
-        assert task.field is not None
+        options, file = self.options, task.field.file
+        assert file is not None
         if options.denoise and not available():
             raise CannotServe(
                 f"scene {task.name}",
                 "the package pyoidn is missing",
                 f"Run `pip install {PACKAGE}`.",
             )
-        settings = task.render.model_copy(update={"spp": options.spp, "denoise": options.denoise})
-        renderer = FieldRenderer.make(task.scene, load_field(task.field), settings)
-        return PreparedFewSamples(task, renderer, task.field.stat().st_size)
+        changed = {"spp": options.spp, "denoise": options.denoise}
+        settings = task.field.render.model_copy(update=changed)
+        renderer = FieldRenderer.make(task.scene, load_field(file), settings)
+        return PreparedFewSamples(task, renderer, file.stat().st_size)
 
 
 @dataclass(frozen=True)

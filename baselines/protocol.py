@@ -57,6 +57,23 @@ class TrainingView:
 
 
 @dataclass(frozen=True)
+class SharedField:
+    """What the field shares with other systems.
+
+    Attributes
+    ----------
+    targets: file of its targets (:mod:`gpf.training.targets`), for systems that learn from them.
+    train, render: its settings, for systems that spend the same effort.
+    file: the trained field, for systems that render it.
+    """
+
+    targets: Path | None = None
+    train: TrainingSettings = TrainingSettings()
+    render: RenderSettings = RenderSettings()
+    file: Path | None = None
+
+
+@dataclass(frozen=True)
 class Task:
     """A scene that a system is to render.
 
@@ -68,14 +85,11 @@ class Task:
     size: width and height of all images, pixels.
     exposure: factor for linear images before they are shown or compared.
     training: views with their references, as many as the system asks for.
-    targets: file of the field's targets (:mod:`gpf.training.targets`), for systems that learn from
-        the same targets.
     rr_depth: interactions before Russian roulette, for systems that trace paths.
     seed: random seed of the preparation.
     state: an existing folder for checkpoints of the preparation. It is emptied after the views are
         rendered, unless the system learns something that further views need.
-    train, render: the field's settings, for systems that share them.
-    field: file of the trained field, for systems that render it.
+    field: what the field shares with the system.
     seconds_per_view: the field's time per view, for systems with ``equal_time``.
     report: called as ``report(done, total)`` during the preparation.
     """
@@ -86,13 +100,10 @@ class Task:
     size: tuple[int, int]
     exposure: float
     training: tuple[TrainingView, ...]
-    targets: Path
     rr_depth: int
     seed: int
     state: Path
-    train: TrainingSettings = TrainingSettings()
-    render: RenderSettings = RenderSettings()
-    field: Path | None = None
+    field: SharedField = SharedField()
     seconds_per_view: float | None = None
     report: Callable[[int, int], None] = lambda done, total: None
 

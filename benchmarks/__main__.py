@@ -16,7 +16,7 @@ from benchmarks.energy import energy_row
 from benchmarks.glass_sphere import PHOTONS, measure
 from benchmarks.timing import Row
 from benchmarks.training import training_row
-from gpf.core.runtime import device_description
+from gpf.core.machine import device_description
 
 SIZES, RADII = (256, 512), (0.02, 0.05)
 

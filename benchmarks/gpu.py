@@ -21,7 +21,8 @@ from benchmarks import cli
 from benchmarks.measured_scenes import open_scene
 from gpf.cli import run_app
 from gpf.core.images import write_png
-from gpf.core.runtime import VARIANTS, choose_variant, device_description
+from gpf.core.machine import device_description
+from gpf.core.runtime import VARIANTS, choose_variant
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from metrics.image import psnr

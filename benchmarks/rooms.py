@@ -118,7 +118,6 @@ def render_denoised(room: Room, seconds: float, state: Path) -> np.ndarray:
         room.measured.size(room.rows),
         room.truth.exposure,
         training=(),
-        targets=state,
         rr_depth=5,
         seed=0,
         state=state,

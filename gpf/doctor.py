@@ -24,15 +24,8 @@ from rich.console import Console
 from rich.text import Text
 
 from gpf.core.checkout import CHECKOUT
-from gpf.core.runtime import (
-    LLVM_INSTALL,
-    LLVM_MINIMUM,
-    LLVM_VARIABLE,
-    count_cores,
-    count_memory,
-    read_cpu_model,
-    read_version,
-)
+from gpf.core.machine import count_cores, count_memory, read_cpu_model, read_version
+from gpf.core.runtime import LLVM_INSTALL, LLVM_MINIMUM, LLVM_VARIABLE
 from gpf.core.subprocesses import PROBE_SUM, last_line, run_probe, run_python
 
 PYTHONS = ((3, 11), (3, 12), (3, 13))
@@ -165,29 +158,31 @@ def read_lock(path: Path | None = None) -> dict[str, str]:
 
 def check_libllvm(probe: dict[str, Any]) -> Check:
     """A libLLVM that is new enough and compiled a kernel; required unless CUDA works."""
-    missing = None if probe.get("cuda_sum") == PROBE_SUM else False
-    path = os.environ.get(LLVM_VARIABLE) or "found on the system"
-    version = probe.get("llvm")
+    version, path = probe.get("llvm"), os.environ.get(LLVM_VARIABLE)
+    remedy = f"unset {LLVM_VARIABLE}; {LLVM_INSTALL}"
     if version is None:
         detail = f"the subprocess died before it could check: {probe.get('died')}"
-        return Check("libLLVM", missing, detail, install_command("drjit"))
-    remedy = f"unset {LLVM_VARIABLE}; {LLVM_INSTALL}"
-    if version[0] < 0:
-        detail = f"none that Dr.Jit can use ({LLVM_VARIABLE}={os.environ.get(LLVM_VARIABLE, '')})"
-        return Check("libLLVM", missing, detail, remedy)
-    detail = f"{'.'.join(map(str, version))}, {path}"
-    if version[0] < LLVM_MINIMUM:
-        detail += f": older than {LLVM_MINIMUM}, so it would crash the renderer"
-        return Check("libLLVM", missing, detail, remedy)
-    if probe.get("llvm_sum") != PROBE_SUM:
-        detail += f": a small kernel failed ({probe.get('died', 'wrong result')})"
-        return Check("libLLVM", missing, detail, remedy)
-    return Check("libLLVM", True, detail)
+        remedy = install_command("drjit")
+    elif version[0] < 0:
+        detail = f"none that Dr.Jit can use ({LLVM_VARIABLE}={path or ''})"
+    else:
+        detail = f"{'.'.join(map(str, version))}, {path or 'found on the system'}"
+        if version[0] < LLVM_MINIMUM:
+            detail += f": older than {LLVM_MINIMUM}, so it would crash the renderer"
+        elif probe.get("llvm_sum") != PROBE_SUM:
+            detail += f": a small kernel failed ({probe.get('died', 'wrong result')})"
+        else:
+            return Check("libLLVM", True, detail)
+    return Check("libLLVM", None if _has_cuda(probe) else False, detail, remedy)
+
+
+def _has_cuda(probe: dict[str, Any]) -> bool:
+    return probe.get("cuda_sum") == PROBE_SUM
 
 
 def check_cuda(probe: dict[str, Any]) -> Check:
     """A CUDA device that ran a kernel; without one, kernels run on the CPU."""
-    if probe.get("cuda_sum") == PROBE_SUM:
+    if _has_cuda(probe):
         return Check("CUDA", True, "a device that runs kernels: runtime.variant auto uses it")
     if "cuda" not in probe:
         return Check(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from baselines.options import BaselineOptions
-from baselines.protocol import CannotServe, Prepared, Task, TrainingView
+from baselines.protocol import CannotServe, Prepared, SharedField, Task, TrainingView
 from baselines.registry import make_baseline
 from gpf.core.errors import UserError
 from gpf.core.files import read_json, write_json
@@ -142,6 +142,11 @@ def make_task(
     work: Workspace, options: BaselineOptions, state: Path, report: Callable[[int, int], None]
 ) -> Task:
     """Everything that the system is given."""
+    shared = SharedField(
+        targets=work.targets,
+        **effort(work, options),
+        file=work.field if options.renders_field else None,
+    )
     return Task(
         name=work.scene,
         scene=work.load_scene(),
@@ -149,12 +154,10 @@ def make_task(
         size=work.film_size,
         exposure=work.views.exposure,
         training=training_views(work, options.training_views),
-        targets=work.targets,
         rr_depth=work.params.render.rr_depth,
         seed=work.params.render.seed,
         state=state,
-        **effort(work, options),
-        field=work.field if options.renders_field else None,
+        field=shared,
         seconds_per_view=seconds_per_view(work) if options.waits_for_field else None,
         report=report,
     )

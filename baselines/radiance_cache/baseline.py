@@ -54,7 +54,8 @@ class RadianceCache:
     def prepare(self, task: Task) -> PreparedCache:
         """Fit the network to the field's targets."""
         train, render = effort_of(self.options, task)
-        targets = Targets.load(task.targets)
+        assert task.field.targets is not None
+        targets = Targets.load(task.field.targets)
         points = targets.supervised_points(train.points, "irradiance")
         unit = float(np.mean(targets.irradiance)) or 1.0
         cube = Cube.around(bounding_box(task.scene), MARGIN)
@@ -76,7 +77,8 @@ def effort_of(options: RadianceCacheOptions, task: Task) -> tuple[TrainingSettin
     """The field's training and render settings, with the values that the options set."""
     train = {k: v for k in ("steps", "batch") if (v := getattr(options, k)) is not None}
     render = {} if options.spp is None else {"spp": options.spp}
-    return task.train.model_copy(update=train), task.render.model_copy(update=render)
+    shared = task.field
+    return shared.train.model_copy(update=train), shared.render.model_copy(update=render)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 import mitsuba as mi
 
 from gpf.core.errors import UserError
-from gpf.importing.placement import place_orbit
+from gpf.importing.loops import place_orbit
 from gpf.scene.sensors import film_aspect, scene_cameras, views_of_sensors
 from gpf.scene.transforms import read_cameras
 from gpf.scene.views import SceneViews, View, ViewSets

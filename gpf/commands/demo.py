@@ -6,7 +6,8 @@ from pathlib import Path
 
 from gpf.commands.cameras import CameraChoice
 from gpf.commands.fit import fit_scene_file
-from gpf.commands.render import PictureOptions, render_pictures
+from gpf.commands.picture_options import PictureOptions
+from gpf.commands.render import render_pictures
 from gpf.core.errors import UserError
 from gpf.core.progress import say
 from gpf.core.runtime import choose_variant

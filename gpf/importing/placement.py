@@ -12,23 +12,29 @@ from collections import Counter
 from collections.abc import Sequence
 from itertools import count
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.images import propose_exposure
-from gpf.core.structs import from_numpy
+from gpf.importing.loops import place_path
 from gpf.importing.orbit import Orbit, unit_vector
 from gpf.importing.report import PHOTONS
-from gpf.importing.view_checks import COVERED_WITHIN, ViewReport, covered, report_views, spacing
+from gpf.importing.view_checks import (
+    COVERED_WITHIN,
+    ViewReport,
+    covered,
+    enough_light,
+    report_views,
+    spacing,
+)
 from gpf.photons.tracing import PathSettings
 from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
-from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, ViewSets
+from gpf.scene.views import SceneViews, View, ViewSets
 from gpf.sppm.passes import PassSettings, propose_radius
 from gpf.sppm.reference import ReferenceRenderer
 
-TRAINING, NOVEL, FRAMES = 3, 5, 24
+TRAINING, NOVEL = 3, 5
 LEAST_NOVEL = 4
 
 # Rows of the films of :func:`place_sensors`.
@@ -45,17 +51,6 @@ _ASIDE = 0.15
 # changes of distance are multiplied by these factors.
 _SPREADS = (1, 0.6, 0.35, 0.2)
 
-# At least this share of a candidate's pixels must show light, or nearly as large a share as in the
-# best of the own views, if that shows less. Around an open room, many cameras would see the dark
-# backs of its walls.
-_SHOWS_LIGHT, _NEARLY = 0.82, 0.95
-
-# Cameras that are examined together; each report takes half a megabyte.
-_BLOCK = 64
-
-# Least number of cameras at which an orbit is examined.
-_LEAST_CIRCLE = 24
-
 # The share of a novel view's points that training views see should be between these two.
 _COVERED = (0.6, 0.97)
 
@@ -68,12 +63,7 @@ def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneVie
         aspect=round(aspect, 6),
         fov_axis="x",
         views=cameras,
-        path=_place_path(
-            scene,
-            Orbit.around(scene, own[0], aspect),
-            aspect,
-            report_views(scene, own[:1], aspect)[0],
-        ),
+        path=place_path(scene, own[0], aspect),
     )
 
 
@@ -157,71 +147,12 @@ def _candidates(scene: mi.Scene, orbit: Orbit, spread: float) -> list[View]:
 def _fit(reports: Sequence[ViewReport], own: int) -> list[int]:
     """Indices of the own views without faults, and of candidates that also show enough light."""
     home = reports[0].inside
-    enough = _enough_light(reports[:own])
+    enough = enough_light(reports[:own])
     return [
         k
         for k, report in enumerate(reports)
         if not report.faults(home) and (k < own or report.light_share >= enough)
     ]
-
-
-def _enough_light(own: Sequence[ViewReport]) -> float:
-    """The share of a view's pixels that must show light."""
-    return min(_SHOWS_LIGHT, _NEARLY * max(report.light_share for report in own))
-
-
-def place_orbit(scene: mi.Scene, own: View, aspect: float, count: int) -> tuple[View, ...]:
-    """``count`` views on a circle around what the view ``own`` looks at, at equal angles.
-
-    If surfaces are in the way, or some of the views are unusable, they are on the widest closed
-    loop through the own camera instead.
-
-    Raises
-    ------
-    UserError: the view sees no diffuse surface, or there is no room for a loop, either.
-    """
-    orbit, home = Orbit.around(scene, own, aspect), report_views(scene, [own], aspect)[0]
-    fine = orbit.circle(max(count, _LEAST_CIRCLE))
-    enough = _enough_light([home])
-    if _is_free(scene, fine) and _are_of_use(scene, fine, aspect, home, enough):
-        found = orbit.circle(count)
-    else:
-        path = _place_path(scene, orbit, aspect, home)
-        if path is None:
-            raise UserError(
-                f"view {own.name!r}",
-                "has no free space around it for an orbit",
-                "Give cameras with --views, or move the scene's sensor.",
-            )
-        longer = path.model_copy(update={"frames": max(count, 2)})
-        found = list(SceneViews(aspect=aspect, path=longer).frames())[:count]
-    return tuple(view.model_copy(update={"name": f"orbit_{k:03d}"}) for k, view in enumerate(found))
-
-
-def _is_free(scene: mi.Scene, circle: Sequence[View]) -> bool:
-    """Whether no surface lies between neighbours on a circle of cameras."""
-    start = np.array([view.origin for view in circle])
-    way = np.roll(start, -1, axis=0) - start
-    ray = mi.Ray3f(
-        from_numpy(mi.Point3f, start),
-        from_numpy(mi.Vector3f, way),
-        maxt=mi.Float(1),
-        time=mi.Float(0),
-        wavelengths=mi.Color0f(),
-    )
-    return not bool(dr.any(scene.ray_test(ray)))
-
-
-def _are_of_use(
-    scene: mi.Scene, views: Sequence[View], aspect: float, home: ViewReport, enough: float
-) -> bool:
-    """Whether all views are without faults and show enough light."""
-    blocks = (views[k : k + _BLOCK] for k in range(0, len(views), _BLOCK))
-    return all(
-        not report.faults(home.inside) and report.light_share >= enough
-        for block in blocks
-        for report in report_views(scene, block, aspect)
-    )
 
 
 def measure_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8) -> float:
@@ -283,31 +214,3 @@ def _choose_novel(
 def _pose(view: View, unit: float) -> np.ndarray:
     forward = unit_vector(np.subtract(view.target, view.origin))
     return np.concatenate([np.array(view.origin) / unit, forward])
-
-
-def _place_path(
-    scene: mi.Scene, orbit: Orbit, aspect: float, home: ViewReport
-) -> CameraPath | None:
-    """The widest closed loop through the own camera whose frames are usable, or None.
-
-    ``home``: the report of the own camera.
-    """
-    enough = _enough_light([home])
-    turns = np.radians([0, 60, 120, 180, 240, 300])
-    for width in (20, 14, 10, 7, 5, 3):
-        poses = [
-            (width * np.sin(t), 0.4 * width * (1 - np.cos(t)), 1 - 0.1 * (1 - np.cos(t)))
-            for t in turns
-        ]
-        path = CameraPath(
-            frames=FRAMES,
-            closed=True,
-            keyframes=tuple(
-                Keyframe(**key.model_dump(exclude={"name", "fov_axis"}))
-                for key in orbit.views(scene, poses)
-            ),
-        )
-        frames = SceneViews(aspect=aspect, path=path).frames()
-        if _are_of_use(scene, frames, aspect, home, enough):
-            return path
-    return None

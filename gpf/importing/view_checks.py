@@ -26,6 +26,11 @@ LEAST_LIT = 0.1
 # Least distance of the camera from all surfaces, in units of the views' median distance.
 LEAST_CLEARANCE = 1e-3
 
+# At least this share of a candidate's pixels must show light, or nearly as large a share as in the
+# best of the own views, if that shows less. Around an open room, many cameras would see the dark
+# backs of its walls.
+SHOWS_LIGHT, NEARLY = 0.82, 0.95
+
 # A view covers another's point if one of its own points is within this many spacings.
 COVERED_WITHIN = 2.5
 
@@ -127,6 +132,11 @@ def report_views(
         )
         for k, view in enumerate(views)
     ]
+
+
+def enough_light(own: Sequence[ViewReport]) -> float:
+    """The share of a view's pixels that must show light."""
+    return min(SHOWS_LIGHT, NEARLY * max(report.light_share for report in own))
 
 
 @dr.syntax

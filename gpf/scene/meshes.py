@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from gpf.core.errors import UserError
-from gpf.core.runtime import require_memory
+from gpf.core.machine import require_memory
 
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},

@@ -21,7 +21,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.runtime import count_cores
+from gpf.core.machine import count_cores
 from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.by_detail import field_by_detail
 from gpf.field.detail import Detail

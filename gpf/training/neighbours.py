@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.runtime import count_cores
+from gpf.core.machine import count_cores
 from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.field import GaussianPhotonField, supplement_support
 from gpf.field.gaussians import Gaussians

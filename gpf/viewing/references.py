@@ -2,38 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from gpf.core.images import read_exr, tone_map
+from gpf.importing.orbit import unit_vector
 from gpf.scene.views import Keyframe, View
-from gpf.viewing.shown import same_place
 
 
 class References:
-    """References by the names of their cameras.
+    """References of some cameras; ``files``: each camera with the EXR file of its reference."""
 
-    Parameters
-    ----------
-    cameras: the scene's cameras; the list may grow.
-    files: EXR files by the names of their cameras.
-    """
-
-    def __init__(self, cameras: Sequence[View], files: Mapping[str, Path]) -> None:
-        self._cameras = cameras
-        self._images = {name: read_exr(file)[0]["radiance"] for name, file in files.items()}
+    def __init__(self, files: Iterable[tuple[View, Path]] = ()) -> None:
+        self._images = [(camera, read_exr(file)[0]["radiance"]) for camera, file in files]
 
     @property
     def rows(self) -> int:
         """Height of the references, pixels; 0 without any."""
-        return max((len(image) for image in self._images.values()), default=0)
+        return max((len(image) for _, image in self._images), default=0)
 
     def of(self, camera: Keyframe) -> np.ndarray | None:
         """The reference of a camera, (H, W, 3), if there is one."""
-        names = (known.name for known in self._cameras if same_place(known, camera))
-        return next((self._images[name] for name in names if name in self._images), None)
+        return next((image for known, image in self._images if same_place(known, camera)), None)
 
     def psnr(self, camera: Keyframe, image: np.ndarray, exposure: float) -> float | None:
         """The PSNR of a camera's image (H, W, C), dB; None without a reference of its size."""
@@ -42,3 +34,14 @@ class References:
             return None
         shown = (tone_map(i, exposure) for i in (reference, image[..., :3]))
         return float(-10 * np.log10(max(np.mean(np.square(np.subtract(*shown))), 1e-10)))
+
+
+def same_place(one: Keyframe, other: Keyframe) -> bool:
+    """Whether two cameras make the same picture."""
+    ahead = [np.subtract(camera.target, camera.origin) for camera in (one, other)]
+    first, second = (unit_vector(way) for way in ahead)
+    return (
+        np.allclose(one.origin, other.origin, atol=1e-5)
+        and np.allclose(first, second, atol=1e-5)
+        and abs(one.fov - other.fov) < 1e-3
+    )

@@ -65,11 +65,13 @@ class Accumulated:
 
     total: np.ndarray | None = None
     frames: int = 0
+    seconds: float = 0.0
 
-    def add(self, frame: np.ndarray) -> None:
-        """Add a frame, (H, W, C)."""
+    def add(self, frame: np.ndarray, seconds: float = 0.0) -> None:
+        """Add a frame, (H, W, C), and the time that it took."""
         self.total = frame.copy() if self.total is None else self.total + frame
         self.frames += 1
+        self.seconds += seconds
 
     def mean(self) -> np.ndarray:
         """The mean of the frames, (H, W, C)."""

@@ -14,7 +14,7 @@ import drjit as dr
 
 from gpf.core.errors import FileError
 from gpf.core.files import read_json, write_json
-from gpf.core.runtime import device_description
+from gpf.core.machine import device_description
 from metrics.files import CostFile
 
 KINDS = ("wall_seconds", "cpu_seconds", "compile_seconds")

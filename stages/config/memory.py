@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gpf.core.runtime import require_memory
+from gpf.core.machine import require_memory
 from stages.config.params import Params
 
 BYTES = {

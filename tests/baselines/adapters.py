@@ -27,7 +27,6 @@ def make_task(
         size=size,
         exposure=0.5,
         training=training,
-        targets=state / "targets.safetensors",
         rr_depth=5,
         seed=1,
         state=state,

@@ -32,7 +32,6 @@ def task_for(scene: Scene, size: tuple[int, int] = SIZE, **more: Any) -> Task:
         "size": size,
         "exposure": 1.0,
         "training": (),
-        "targets": Path("targets.safetensors"),
         "rr_depth": 5,
         "seed": 3,
         "state": Path("state"),

@@ -32,7 +32,6 @@ def task(scene: Scene, folder: Path, size: tuple[int, int] = (8, 6), **more: Any
         size=size,
         exposure=1,
         training=(),
-        targets=folder / "targets.safetensors",
         rr_depth=5,
         seed=3,
         state=folder,

@@ -10,7 +10,7 @@ import pytest
 
 from baselines.few_samples import FewSamples
 from baselines.options import FewSamplesOptions
-from baselines.protocol import CannotServe, Task
+from baselines.protocol import CannotServe, SharedField, Task
 from gpf.field.io import save_field
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
@@ -28,7 +28,9 @@ SIZE = (40, 40)
 def task(tmp_path_factory) -> Task:
     scene, folder = load_scene_file(SOURCE), tmp_path_factory.mktemp("few")
     save_field(box_field(scene), folder / "field.safetensors")
-    return replace(make_task(folder, scene, SIZE), field=folder / "field.safetensors")
+    return replace(
+        make_task(folder, scene, SIZE), field=SharedField(file=folder / "field.safetensors")
+    )
 
 
 def images(task: Task, options: FewSamplesOptions, count: int = 4) -> np.ndarray:

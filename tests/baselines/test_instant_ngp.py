@@ -68,7 +68,6 @@ def task(tmp_path: Path, pictures: tuple[TrainingView, ...]) -> Task:
         size=(WIDTH, HEIGHT),
         exposure=0.9,
         training=pictures,
-        targets=tmp_path / "targets.safetensors",
         rr_depth=5,
         seed=3,
         state=tmp_path,

@@ -10,7 +10,7 @@ import pytest
 from baselines.neural import fitting
 from baselines.neural.hash_encoding import GridShape
 from baselines.options import RadianceCacheOptions
-from baselines.protocol import Task
+from baselines.protocol import SharedField, Task
 from baselines.radiance_cache import baseline
 from baselines.radiance_cache.baseline import PreparedCache, RadianceCache
 from baselines.radiance_cache.cached_irradiance import CacheShape
@@ -69,10 +69,10 @@ def task(tmp_path: Path) -> Task:
         size=(WIDTH, HEIGHT),
         exposure=1.0,
         training=(),
-        targets=tmp_path / "targets.safetensors",
         rr_depth=5,
         seed=3,
         state=tmp_path / "state",
+        field=SharedField(targets=tmp_path / "targets.safetensors"),
     )
 
 
@@ -132,6 +132,6 @@ def test_a_killed_training_goes_on(task: Task):
     # All of it is there now; other targets are another matter.
     prepare(task, lambda done, total: seen.append(-done))
     assert seen[-1] == -STEPS
-    make_targets(7000).save(task.targets)
+    make_targets(7000).save(task.field.targets)
     prepare(task, lambda done, total: seen.append(done))
     assert seen[-STEPS - 1 :] == list(range(STEPS + 1))

@@ -44,7 +44,7 @@ def test_the_field_of_this_scene_is_shown(shown, capsys):
     assert view() == 0
     said = capsys.readouterr().err
     assert "field.safetensors: a field of this scene; to fit a new one, choose another" in said
-    assert shown[0].field is not None and shown[0].fit is None and shown[0].exposure == 1.5
+    assert shown[0].field is not None and shown[0].fit is None and shown[0].subject.exposure == 1.5
     assert Path("field.safetensors").read_bytes() == before
     assert not Path("field.fit").exists()
 

@@ -6,9 +6,9 @@ import resource
 
 import pytest
 
-from gpf.core import runtime
+from gpf.core import machine
 from gpf.core.errors import UserError
-from gpf.core.runtime import count_memory, require_memory
+from gpf.core.machine import count_memory, require_memory
 from stages.config.memory import BYTES, refuse_too_large
 from stages.config.params import Params
 
@@ -16,13 +16,13 @@ MUCH = 2**31 - 1
 
 
 def test_the_defaults_need_little(monkeypatch):
-    monkeypatch.setattr(runtime, "count_memory", lambda: 2**27)
+    monkeypatch.setattr(machine, "count_memory", lambda: 2**27)
     refuse_too_large(Params(scenes=("a",)))
 
 
 @pytest.mark.parametrize("key", BYTES)
 def test_what_needs_too_much_says_how_much(monkeypatch, key):
-    monkeypatch.setattr(runtime, "count_memory", lambda: 2**34)
+    monkeypatch.setattr(machine, "count_memory", lambda: 2**34)
     params = Params(scenes=("a",)).vary({key: MUCH})
     gigabytes = MUCH * BYTES[key] / 2**30
     words = rf"params\.yaml: {key}: is 2,147,483,647, which needs at least {gigabytes:.1f} GiB"
@@ -31,7 +31,7 @@ def test_what_needs_too_much_says_how_much(monkeypatch, key):
 
 
 def test_rows_of_baselines_are_checked(monkeypatch):
-    monkeypatch.setattr(runtime, "count_memory", lambda: 2**34)
+    monkeypatch.setattr(machine, "count_memory", lambda: 2**34)
     rows = {"many": {"system": "sppm", "photons_per_pass": MUCH}}
     with pytest.raises(UserError, match=r"baselines\.many\.photons_per_pass: is 2,147,483,647"):
         refuse_too_large(Params(scenes=("a",), baselines=rows))

@@ -16,11 +16,12 @@ from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import views_of_sensors
 from gpf.scene.views import Keyframe, read_views
-from gpf.viewing import screens
+from gpf.viewing import rendering, screens
 from gpf.viewing import viewer as module
 from gpf.viewing.messages import Camera, GetFile, GetFilm, Look, SaveView
 from gpf.viewing.pace import HEIGHTS, Pace
 from gpf.viewing.screen import Screen, to_display
+from gpf.viewing.subject import Subject
 from gpf.viewing.viewer import Viewer
 from tests.commands.box import box_field
 
@@ -57,9 +58,12 @@ def box(scene):
 def viewer(scene, box, tmp_path, monkeypatch):
     monkeypatch.setattr(screens, "has_denoiser", lambda: False)
     monkeypatch.setattr(module, "_REST_SECONDS", 0.0)
-    monkeypatch.setattr(module, "_PICTURE_SECONDS", 0.0)
-    cameras = views_of_sensors(scene)
-    return Viewer(scene, "box", cameras, 1.0, 1.0, box, None, tmp_path / "views.yaml")
+    monkeypatch.setattr(rendering, "_PICTURE_SECONDS", 0.0)
+    return Viewer(subject(scene, tmp_path, exposure=1.0), box)
+
+
+def subject(scene, folder, exposure):
+    return Subject(scene, "box", views_of_sensors(scene), 1.0, exposure, folder / "views.yaml")
 
 
 @pytest.fixture
@@ -86,7 +90,7 @@ def test_a_page_is_told_what_there_is(viewer, page):
 
 
 def test_a_camera_at_rest_gets_the_picture_of_the_field(viewer, page, scene, box, monkeypatch):
-    monkeypatch.setattr(module, "_FRAMES", 24)
+    monkeypatch.setattr(rendering, "_FRAMES", 24)
     rest(viewer)
     header, pixels = page.pictures[-1]
     assert header["frames"] == 24 and header["number"] == 1 and pixels.shape == (64, 64, 3)
@@ -131,7 +135,7 @@ def test_nothing_is_rendered_for_a_page_that_is_not_ready(viewer, page):
     "layer", ["irradiance", "albedo", "normal", "depth", "coverage", "gaussians", "photons"]
 )
 def test_every_layer_has_a_picture(viewer, page, layer, monkeypatch):
-    monkeypatch.setattr(module, "_FRAMES", 2)
+    monkeypatch.setattr(rendering, "_FRAMES", 2)
     viewer.received(page, Look(number=1, rows=64, layer=layer))
     rest(viewer)
     pixels = page.pictures[-1][1].astype(float)
@@ -144,7 +148,7 @@ def test_every_layer_has_a_picture(viewer, page, layer, monkeypatch):
 
 
 def test_beside_the_path_tracer(viewer, page, monkeypatch):
-    monkeypatch.setattr(module, "_FRAMES", 4)
+    monkeypatch.setattr(rendering, "_FRAMES", 4)
     viewer.received(page, Look(number=1, rows=64, compare="path"))
     rest(viewer)
     roles = [header["role"] for header, _ in page.pictures]
@@ -152,10 +156,11 @@ def test_beside_the_path_tracer(viewer, page, monkeypatch):
 
 
 def test_beside_the_reference_of_its_camera_alone(viewer, page, monkeypatch):
-    monkeypatch.setattr(module, "_FRAMES", 2)
+    monkeypatch.setattr(rendering, "_FRAMES", 2)
     reference = np.random.default_rng(1).uniform(0, 1, (64, 64, 3)).astype(np.float32)
-    viewer.references._images = {viewer.cameras[0].name: reference}
-    own = Keyframe(**viewer.cameras[0].model_dump(exclude={"name", "fov_axis"}))
+    camera = viewer.subject.cameras[0]
+    viewer.subject.references._images = [(camera, reference)]
+    own = Keyframe(**camera.model_dump(exclude={"name", "fov_axis"}))
     viewer.received(page, Look(number=1, rows=64, compare="reference"))
     for camera, shows in ((own, True), (LEFT, False)):
         page.pictures.clear()
@@ -164,12 +169,12 @@ def test_beside_the_reference_of_its_camera_alone(viewer, page, monkeypatch):
         beside = [pixels for header, pixels in page.pictures if header["role"] == "compare"]
         assert bool(beside) == shows
         if shows:
-            expected = to_display(reference, viewer.exposure).astype(float)
+            expected = to_display(reference, viewer.subject.exposure).astype(float)
             assert np.abs(beside[-1] - expected).mean() < 12  # a JPEG of noise
 
 
 def test_the_expected_error_is_shown_where_it_is_known(viewer, page, box, monkeypatch):
-    monkeypatch.setattr(module, "_FRAMES", 2)
+    monkeypatch.setattr(rendering, "_FRAMES", 2)
     viewer.received(page, Look(number=1, rows=64, layer="error"))
     rest(viewer)
     plain = page.pictures[-1][1].astype(float)  # the picture: there is no error to show
@@ -187,10 +192,9 @@ def test_the_expected_error_is_shown_where_it_is_known(viewer, page, box, monkey
 
 
 def test_without_a_field_photons_are_mapped(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_PASSES", 3)
+    monkeypatch.setattr(rendering, "_PASSES", 3)
     monkeypatch.setattr(module, "_REST_SECONDS", 0.0)
-    cameras = views_of_sensors(scene)
-    viewer = Viewer(scene, "box", cameras, 1.0, None, None, None, tmp_path / "views.yaml")
+    viewer = Viewer(subject(scene, tmp_path, exposure=None), None)
     page = Screenless()
     viewer.opened(page)
     viewer.received(page, Look(number=1, rows=64))
@@ -200,7 +204,7 @@ def test_without_a_field_photons_are_mapped(scene, tmp_path, monkeypatch):
 
 
 def test_files_for_the_page(viewer, page, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_FRAMES", 2)
+    monkeypatch.setattr(rendering, "_FRAMES", 2)
     rest(viewer)
     viewer.received(page, GetFile())
     viewer.received(page, SaveView(name="My corner"))
@@ -214,8 +218,9 @@ def test_files_for_the_page(viewer, page, tmp_path, monkeypatch):
     saved = read_views(tmp_path / "views.yaml").train
     assert [view.name for view in saved] == ["my_corner"] and saved[0].origin == FRONT.origin
     assert saved[0].fov_axis == "x"
-    for taken in (viewer.cameras, viewer.cameras[:1]):  # as after another start
-        viewer.cameras = list(taken)
+    cameras = viewer.subject.cameras
+    for taken in (cameras, cameras[:1]):  # as after another start
+        viewer.subject.cameras = list(taken)
         viewer.received(page, SaveView(name="My corner"))
         rest(viewer)
     assert [v.name for v in read_views(tmp_path / "views.yaml").novel] == [

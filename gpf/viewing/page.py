@@ -1,4 +1,4 @@
-"""What an open page looks at, and its picture so far."""
+"""What an open page looks at, its picture so far, and the files that it waits for."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gpf.importing.orbit import unit_vector
+from gpf.core.errors import UserError
 from gpf.scene.views import Keyframe
 from gpf.viewing.messages import Look
 from gpf.viewing.screen import Accumulated
@@ -16,8 +16,19 @@ from gpf.viewing.server import Client
 
 
 @dataclass
-class Shown:
-    """An open page: what it looks at, and its picture so far."""
+class Page:
+    """An open page.
+
+    Attributes
+    ----------
+    number: of the newest message that changes the picture.
+    moved: when the camera moved last, by ``time.perf_counter``.
+    moving: whether the page asks for another picture.
+    compared: the picture by path tracing, beside that of the field.
+    sent: when the last picture was sent.
+    tasks: files to be made; each step of an iterator is one frame at most, so that cameras keep
+        moving.
+    """
 
     client: Client
     camera: Keyframe
@@ -27,8 +38,6 @@ class Shown:
     moving: bool = True
     picture: Accumulated = field(default_factory=Accumulated)
     compared: Accumulated = field(default_factory=Accumulated)
-    seconds: float = 0.0
-    compared_seconds: float = 0.0
     sent: float = 0.0
     denoised: np.ndarray | None = None
     tasks: deque[Iterator[None]] = field(default_factory=deque)
@@ -40,16 +49,17 @@ class Shown:
     def start_anew(self) -> None:
         """Forget the picture."""
         self.picture, self.compared = Accumulated(), Accumulated()
-        self.seconds = self.compared_seconds = 0.0
         self.denoised = None
 
-
-def same_place(one: Keyframe, other: Keyframe) -> bool:
-    """Whether two cameras make the same picture."""
-    ahead = [np.subtract(camera.target, camera.origin) for camera in (one, other)]
-    first, second = (unit_vector(way) for way in ahead)
-    return (
-        np.allclose(one.origin, other.origin, atol=1e-5)
-        and np.allclose(first, second, atol=1e-5)
-        and abs(one.fov - other.fov) < 1e-3
-    )
+    def do_task(self) -> bool:
+        """Take one step of the first task; return whether there was one."""
+        if not self.tasks:
+            return False
+        try:
+            next(self.tasks[0])
+        except StopIteration:
+            self.tasks.popleft()
+        except UserError as error:
+            self.tasks.popleft()
+            self.client.tell({"type": "error", "text": str(error)})
+        return True

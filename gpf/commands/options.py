@@ -1,0 +1,182 @@
+"""The arguments and options of the command `gpf`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from typer import Argument, Option
+
+# What several commands have.
+
+Scene = Annotated[
+    str,
+    Argument(
+        metavar="SCENE", help="A scene file, a folder with one, or the name of a scene in results/."
+    ),
+]
+Field = Annotated[
+    str, Argument(metavar="FIELD", help="A field's file, or the name of a trained scene.")
+]
+Groups = Annotated[
+    str,
+    Option(
+        metavar="auto|FILE",
+        help="Keep the light of emitters apart, to dim and colour it later: of each one, or of "
+        "the groups in a YAML file such as `window: [sky]`.",
+    ),
+]
+ChangedScene = Annotated[
+    bool, Option("--changed-scene", help="Render even if the scene changed since the fit.")
+]
+Seed = Annotated[int, Option(min=0, help="Random seed.")]
+
+# `gpf demo` and `gpf export`.
+
+NewFolder = Annotated[Path, Argument(help="A new folder.")]
+Splats = Annotated[
+    Path | None, Option(metavar="OUT.ply", help="Write splats, for viewers of 3D Gaussian splats.")
+]
+CompactField = Annotated[
+    Path | None, Option(metavar="OUT.safetensors", help="Write a field of a third of the size.")
+]
+SplatExposure = Annotated[
+    float | None, Option(help="Exposure of --ply. [default: from views.yaml or the field]")
+]
+
+# `gpf fit`.
+
+NewField = Annotated[
+    Path | None,
+    Option(
+        "--output",
+        "-o",
+        metavar="OUT.safetensors",
+        help="The field's file. [default: field.safetensors]",
+    ),
+]
+FitSeconds = Annotated[float | None, Option(help="Time limit of the fit.")]
+TargetPsnr = Annotated[
+    float | None, Option(metavar="DB", help="Stop at this estimated PSNR of the images.")
+]
+Passes = Annotated[int | None, Option(help="Photon passes. [default without other goals: 300]")]
+FitViews = Annotated[
+    Path | None,
+    Option(
+        metavar="FILE",
+        help="Cameras that the field is for: views.yaml or transforms.json. [default: "
+        "views.yaml beside the scene; without it, cameras are placed in the scene]",
+    ),
+]
+FinishedField = Annotated[
+    Path | None,
+    Option(
+        "--continue",
+        metavar="FIELD.safetensors",
+        help="Continue a finished fit with more photons; replaces the field.",
+    ),
+]
+
+# `gpf render`.
+
+FieldFile = Annotated[
+    Path | None, Option(metavar="FILE", help="The field. [default: field.safetensors]")
+]
+ViewNames = Annotated[
+    list[str] | None, Option(metavar="NAME", help="A camera by name. Repeat it for several.")
+]
+Views = Annotated[
+    Path | None,
+    Option(
+        metavar="FILE",
+        help="Cameras: views.yaml or transforms.json. [default: views.yaml beside the scene]",
+    ),
+]
+Frames = Annotated[
+    str | None,
+    Option(
+        metavar="all|FIRST:LAST",
+        help="Frames of the camera path in views.yaml: all, or FIRST to LAST-1, from 0.",
+    ),
+]
+Orbit = Annotated[
+    int,
+    Option(metavar="N", min=0, max=100_000, help="N cameras around what the scene's camera sees."),
+]
+PictureFolder = Annotated[
+    Path | None, Option("--output", "-o", metavar="FOLDER", help="[default: pictures]")
+]
+Size = Annotated[
+    str | None, Option(metavar="WxH", help="Such as 512x512, or the rows alone. [default: 256]")
+]
+Spp = Annotated[
+    int | None, Option(min=1, max=1_000_000, help="Camera samples per pixel. [default: 64]")
+]
+PictureSeconds = Annotated[float | None, Option(help="Time for each picture, instead of --spp.")]
+Aovs = Annotated[
+    str,
+    Option(
+        metavar="LIST",
+        help="More layers, separated by commas: depth, position, normal, albedo, "
+        "visible_normal, irradiance, coverage, error.",
+    ),
+]
+Exposure = Annotated[float | None, Option(help="Exposure of the PNG files.")]
+Denoise = Annotated[
+    bool | None,
+    Option(
+        "--denoise/--no-denoise",
+        help="Use Open Image Denoise where noise is visible. [default: if pyoidn is installed]",
+    ),
+]
+Film = Annotated[bool, Option("--mp4", help="Also write all pictures as a film.")]
+Executor = Annotated[
+    Literal["local", "ray"], Option(help="ray: spread the pictures over the machines of a cluster.")
+]
+Cluster = Annotated[
+    str, Option(metavar="HOST:PORT", help="A Ray cluster. [default: start one on this machine]")
+]
+Levels = Annotated[
+    str,
+    Option(
+        metavar="LEVELS",
+        help="Brightness of a field's groups of lights: `window=0.2,lamp=1.5,#ffd0a0`.",
+    ),
+]
+
+# `gpf view`.
+
+ShownField = Annotated[
+    Path | None,
+    Option(
+        metavar="FILE",
+        help="The field. [default: --output if it exists; else one is fitted meanwhile]",
+    ),
+]
+FittedField = Annotated[
+    Path, Option("--output", "-o", metavar="OUT.safetensors", help="Where to save that field.")
+]
+JumpViews = Annotated[
+    Path | None,
+    Option(
+        metavar="FILE", help="Cameras to jump to; new ones are saved there. [default: views.yaml]"
+    ),
+]
+Host = Annotated[str, Option(help="Address to serve on; only this machine can reach the default.")]
+Port = Annotated[int, Option(min=0, max=65535, help="Port to serve on; 0: any free one.")]
+Opens = Annotated[bool, Option("--open/--no-open", help="Open the page in a browser.")]
+
+# `gpf mitsuba`.
+
+ImageFile = Annotated[
+    Path | None, Option("--output", "-o", metavar="FILE", help="[default: the scene's name, .exr]")
+]
+Define = Annotated[
+    list[str] | None,
+    Option("--define", "-D", metavar="NAME=VALUE", help="A parameter of the scene."),
+]
+Sensor = Annotated[int, Option("--sensor", "-s", help="Index of the sensor.")]
+SceneSpp = Annotated[
+    int, Option(min=0, max=1_000_000, help="Samples per pixel; 0: as in the scene.")
+]
+MitsubaSeed = Annotated[int, Option(min=0, max=2**32 - 1, help="Random seed.")]

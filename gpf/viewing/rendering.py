@@ -1,0 +1,148 @@
+"""The pictures of a page: of a moving camera, and ever better ones of a camera at rest."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from gpf.core.images import propose_exposure
+from gpf.field.field import GaussianPhotonField
+from gpf.scene.views import Keyframe
+from gpf.viewing.layers import display
+from gpf.viewing.messages import Layer, Look
+from gpf.viewing.pace import Pace
+from gpf.viewing.page import Page
+from gpf.viewing.screen import encode
+from gpf.viewing.screens import Screens
+from gpf.viewing.subject import Subject
+
+# Frames of a camera at rest, one sample per pixel each; without a field, passes of photons.
+_FRAMES, _PASSES = 64, 200
+
+# A picture at rest is denoised when it has this many frames; the result is shown until there are
+# this many.
+_DENOISED_AT, _DENOISED_UNTIL = 8, 32
+
+# Time between pictures of a camera at rest.
+_PICTURE_SECONDS = 0.1
+
+# Rows of pictures while there is no field.
+_PREVIEW_ROWS = 192
+
+
+def as_picture(look: Look) -> Look:
+    """The same look at the picture itself."""
+    return look.model_copy(update={"layer": "image"})
+
+
+class PageRenderer:
+    """Renders the pictures of all pages.
+
+    Parameters
+    ----------
+    field: None while there is none yet.
+    """
+
+    def __init__(self, subject: Subject, field: GaussianPhotonField | None) -> None:
+        self.subject = subject
+        self.screens = Screens(subject.scene, subject.aspect, field)
+        self._paces: dict[Layer, Pace] = {}
+
+    def show_moving(self, page: Page, look: Look, camera: Keyframe, number: int) -> None:
+        """Show one picture of a moving camera; ``number`` is that of the message that asks."""
+        layer = self.screens.layer(look.layer)
+        page.start_anew()
+        if layer == "photons":
+            self._send(page, self.screens.photons(camera, look.rows), number, 1, 90)
+            return
+        pace = self._paces.setdefault(layer, Pace())
+        start = time.perf_counter()
+        rows = self._rows(pace.height(self.subject.aspect, look.rows))
+        screen = self.screens.screen(layer, rows, moving=True)
+        image = screen.frame(camera)
+        self._send(page, self.display(look, image), number, 1, 80)
+        if screen.frames > 3:  # the first ones record
+            pace.note(time.perf_counter() - start, screen.size[0] * screen.size[1])
+
+    def refine(self, page: Page) -> bool:
+        """Render one more frame of a camera at rest; return whether there was one to render."""
+        look, picture = page.look, page.picture
+        if look.layer == "photons" or not page.client.waits:
+            return False
+        most = _PASSES if self.screens.field is None else _FRAMES
+        compares = look.compare == "path" and page.compared.seconds < picture.seconds
+        if picture.frames >= most and not compares:
+            return False
+        number, start = page.number, time.perf_counter()
+        if page.has_moved():
+            return True
+        if compares:
+            screen, total = self.screens.path_screen(self._rows(look.rows)), page.compared
+        else:
+            layer = self.screens.layer(look.layer)
+            screen = self.screens.screen(layer, self._rows(look.rows), moving=False)
+            total = picture
+        frame = screen.frame(page.camera)
+        total.add(frame, time.perf_counter() - start)
+        if page.has_moved():
+            return True  # the camera has moved in the meantime
+        due = time.perf_counter() - page.sent > _PICTURE_SECONDS
+        if picture.frames and (picture.frames >= most or compares or due):
+            self._show_resting(page, number)
+        return True
+
+    def display(self, look: Look, image: np.ndarray) -> np.ndarray:
+        """Display values (H, W, 3) uint8 of an image (H, W, C)."""
+        if self.subject.exposure is None:
+            self.subject.exposure = propose_exposure(image[..., :3])
+        exposure = self.subject.exposure * 2.0**look.stops
+        return display(self.screens.layer(look.layer), image, exposure, look.curve)
+
+    def _rows(self, wanted: int) -> int:
+        return _PREVIEW_ROWS if self.screens.field is None else wanted
+
+    def _show_resting(self, page: Page, number: int) -> None:
+        """Show the mean of all frames so far, denoised if there are few of them."""
+        look, frames = page.look, page.picture.frames
+        image = page.picture.mean()
+        if look.layer == "image" and not look.compare:
+            if frames >= _DENOISED_AT and page.denoised is None:
+                page.denoised = self.screens.denoised(image)
+            if page.denoised is not None and frames < _DENOISED_UNTIL:
+                image = page.denoised
+        pixels, psnr = self.display(look, image), None
+        exposure, references = self.subject.exposure, self.subject.references
+        if look.layer == "image" and exposure is not None and not self.screens.dimmed:
+            psnr = references.psnr(page.camera, image, exposure)
+        self._send(page, pixels, number, frames, 92, psnr=psnr)
+        beside = None
+        if look.compare == "reference" and not self.screens.dimmed:
+            beside = references.of(page.camera)
+        if look.compare == "path" and page.compared.frames:
+            beside = page.compared.mean()
+        if beside is not None:
+            other = self.display(as_picture(look), beside)
+            self._send(page, other, number, page.compared.frames, 92, role="compare")
+
+    def _send(
+        self,
+        page: Page,
+        pixels: np.ndarray,
+        number: int,
+        frames: int,
+        quality: int,
+        role: str = "picture",
+        psnr: float | None = None,
+    ) -> None:
+        header = {
+            "number": number,
+            "frames": frames,
+            "width": pixels.shape[1],
+            "height": pixels.shape[0],
+            "role": role,
+            "psnr": psnr,
+            "passes": self.screens.field is None,
+        }
+        page.client.show(header, encode(pixels, quality))
+        page.sent = time.perf_counter()

@@ -1,0 +1,60 @@
+"""The files that pages wait for; each step is one frame at most."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pydantic import ValidationError
+
+from gpf.core.errors import UserError
+from gpf.scene.views import CameraPath, Keyframe, SceneViews
+from gpf.viewing.downloads import Film, add_view, exr_file
+from gpf.viewing.messages import GetFilm, SaveView
+from gpf.viewing.page import Page
+from gpf.viewing.rendering import PageRenderer, as_picture
+from gpf.viewing.screen import Accumulated
+from gpf.viewing.subject import Subject
+
+
+def save_view(subject: Subject, page: Page, camera: Keyframe, message: SaveView) -> Iterator[None]:
+    """Add a camera to the file of views."""
+    taken = [known.name for known in subject.cameras]
+    new = SceneViews(aspect=subject.aspect, exposure=subject.exposure or 1.0)
+    view = add_view(subject.views_file, camera, message.name or "saved", taken, new)
+    subject.cameras.append(view)
+    page.client.tell({"type": "saved", "camera": view.model_dump()})
+    yield
+
+
+def send_exr(title: str, page: Page, picture: Accumulated) -> Iterator[None]:
+    """Send a picture as an EXR."""
+    if picture.frames == 0:
+        raise UserError("EXR", "there is no picture of this camera yet", "Wait a moment.")
+    data = exr_file(picture.mean()[..., :3], picture.frames)
+    page.client.tell({"type": "file", "name": f"{title}.exr"}, data)
+    yield
+
+
+def send_film(renderer: PageRenderer, page: Page, message: GetFilm) -> Iterator[None]:
+    """Render a film and send it."""
+    subject, screens, look = renderer.subject, renderer.screens, page.look
+    path = CameraPath(keyframes=message.keyframes, frames=message.frames, closed=message.closed)
+    try:
+        views = SceneViews(aspect=subject.aspect, path=path, fov_axis="x").frames()
+    except ValidationError as error:
+        raise UserError(
+            "film", error.errors()[0]["msg"], "Add keyframes between those that are far apart."
+        ) from error
+    with Film() as film:
+        for k, view in enumerate(views):
+            total = Accumulated()
+            for _ in range(message.spp):
+                total.add(screens.screen("image", look.rows, moving=False).frame(view))
+                yield
+            image = total.mean()
+            if message.spp <= 16:
+                denoised = screens.denoised(image)
+                image = image if denoised is None else denoised
+            film.add(renderer.display(as_picture(look), image[..., :3]))
+            page.client.tell({"type": "film", "done": k + 1, "all": len(views)})
+        page.client.tell({"type": "file", "name": f"{subject.title}.mp4"}, film.encode())
