@@ -11,14 +11,15 @@ each with cells four times as large as the last, so that every search visits onl
 
 from __future__ import annotations
 
-import copy
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
+
+from gpf.core.recordable import Recordable
 
 
 class Record(NamedTuple):
@@ -36,9 +37,6 @@ Body = Callable[[Any, "mi.UInt32", Record, "mi.Float", "mi.Bool"], Any]
 Accept = Callable[["mi.UInt32", Record, "mi.Bool"], "mi.Bool"]
 
 NOT_FOUND = 0xFFFFFFFF
-
-# The attributes that queries read.
-_QUERIED = ["_lower", "_slack", "_cell", "_first", "_levels", "_last_level", "_starts", "records"]
 
 # Ratio of the edge lengths of the cells of two consecutive levels.
 _LEVEL_RATIO = 4
@@ -58,7 +56,7 @@ class _Grid:
     first_bucket: mi.UInt32
 
 
-class SpatialHash:
+class SpatialHash(Recordable):
     """Sorted points with exact radius and k-nearest queries.
 
     Parameters
@@ -80,6 +78,8 @@ class SpatialHash:
         colours, (4 or 8 levels N,).
     extent: the larger of the diagonal of the bounds and ``cell``, world units.
     """
+
+    READ = ("_lower", "_slack", "_cell", "_first", "_levels", "_last_level", "_starts", "records")
 
     def __init__(
         self,
@@ -126,16 +126,6 @@ class SpatialHash:
         self._columns = len(columns)
         self.records = dr.ravel(mi.ArrayXf(columns))
         dr.eval(self._starts, self.order, self.records)
-
-    def arrays(self) -> dict[str, Any]:
-        """The arrays that queries read, as a PyTree; see :meth:`with_arrays`."""
-        return {name: getattr(self, name) for name in _QUERIED}
-
-    def with_arrays(self, arrays: Mapping[str, Any]) -> SpatialHash:
-        """A copy that reads these arrays, e.g. arguments of a recorded function."""
-        other = copy.copy(self)
-        vars(other).update(arrays)
-        return other
 
     def record(self, index: mi.UInt32, active: mi.Bool) -> Record:
         """The records at positions in the sorted order, (N,)."""
