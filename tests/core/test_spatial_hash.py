@@ -156,7 +156,7 @@ def test_a_wrapped_table_gives_the_same(bounds):
     points = cloud("clustered", 3000)
     x = queries(points, 1000)
     grid = SpatialHash(to_points(points), cell=1 / 8, bounds=bounds, far=True)
-    assert grid._wraps
+    assert grid.levels.wraps
     tree = cKDTree(points)
     for radius in (RADIUS, 11 * RADIUS):
         expected = summarise(tree.query_ball_point(x, radius))
