@@ -23,9 +23,9 @@ from gpf.camera.film import sample_film
 from gpf.core.runtime import choose_variant
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import Photons
+from gpf.photons.density import PhotonDensity
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
-from gpf.sppm.density import PhotonDensity
 
 SIZE, RADIUS, PARTS = 512, 0.05, (1, 4, 16, 64)
 

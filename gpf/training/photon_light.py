@@ -10,15 +10,15 @@ import numpy as np
 
 from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import Photons, VisiblePoints, from_numpy, take, to_numpy
+from gpf.photons.density import PhotonDensity
 from gpf.photons.emission import Source
 from gpf.photons.photon_cells import PhotonCells
 from gpf.photons.photon_grid import PhotonSums
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.light_groups import LightGroups
-from gpf.sppm.density import PhotonDensity, radius_at
 from gpf.sppm.edge_correction import covered_share, near_edges
 from gpf.sppm.fixed_points import FixedPoints
-from gpf.sppm.passes import PassSettings
+from gpf.sppm.passes import PassSettings, radius_at
 from gpf.training.kernel_width import WIDTHS
 
 # Edge of the cells in which photons are added up, in units of the widest kernel's radius after

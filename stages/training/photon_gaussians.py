@@ -11,7 +11,7 @@ import numpy as np
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import OrientedPoints, Photons, concatenate, from_numpy, take
 from gpf.field.gaussians import Gaussians
-from gpf.sppm.density import PhotonDensity
+from gpf.photons.density import PhotonDensity
 from stages.config.training import InitialFieldSettings
 
 
