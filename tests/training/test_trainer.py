@@ -11,7 +11,6 @@ from gpf.core.structs import from_numpy, take, to_numpy
 from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
 from gpf.training.kernels import parameters
-from gpf.training.neighbours import local_targets
 from gpf.training.settings import LearningRates
 from gpf.training.trainer import Trainer
 from tests.plain_field import LOWER, ask, random_gaussians, surface_points
@@ -191,29 +190,6 @@ def test_gaussians_in_the_dark_can_become_bright():
     assert 0 < rates.min() < 0.02 * rates.max()
 
 
-def test_the_other_side_of_a_thin_wall_is_another_surface():
-    """Targets of 1 on top of a sheet, 1000 below it, nearer to each other than to their like."""
-    trainer = make_trainer()
-    g = trainer.gaussians
-    below = replace(g, normals=-g.normals)
-    x = on_the_plane(np.random.default_rng(4), 4000)
-    side = np.arange(4000) % 2 == 0
-    normals = np.where(side[:, None], UP, -np.array(UP))
-    points = surface_points(x, normals, np.where(side, 1.0, 1000.0)[:, None] * np.ones(3))
-    np.testing.assert_allclose(local_targets(g, points, radius=0.3), 1, rtol=1e-5)
-    np.testing.assert_allclose(local_targets(below, points, radius=0.3), 1000, rtol=1e-5)
-
-
-def test_few_points_below_a_sheet_do_not_bring_its_upper_side_in():
-    """Of the eight nearest points, most are on the other side."""
-    g = replace(make_trainer().gaussians, normals=-make_trainer().gaussians.normals)
-    x = on_the_plane(np.random.default_rng(4), 4000)
-    above = np.arange(4000) >= 60
-    normals = np.where(above[:, None], UP, -np.array(UP))
-    points = surface_points(x, normals, np.where(above, 1000.0, 1.0)[:, None] * np.ones(3))
-    np.testing.assert_allclose(local_targets(g, points, radius=0.3), 1, rtol=1e-5)
-
-
 def test_a_start_from_targets_is_near_the_end():
     settings = settings_with(steps=0, held_out=0.2)
     errors = [make_trainer(settings, from_targets=whether).evaluate() for whether in (False, True)]
@@ -246,8 +222,7 @@ def test_rates_fall_on_a_cosine():
     trainer = make_trainer(settings_with(rates=rates, final_rate=0.25, steps=100))
     full = np.array([1e-3 * 0.3] * 3 + [2e-3] * 3 + [3e-3] * 4 + [4e-3] * 3)
     for step, share in ((0, 1), (50, 0.625), (100, 0.25)):
-        trainer.step_count = step
-        found = np.array([float(rate[0]) for rate in trainer.descent.rates(trainer.step_count)])
+        found = np.array([float(rate[0]) for rate in trainer.descent.rates(step)])
         found[10:] /= float(trainer.descent.level[0])
         np.testing.assert_allclose(found, share * full, rtol=1e-5)
 
@@ -255,22 +230,17 @@ def test_rates_fall_on_a_cosine():
 def test_batches_take_one_point_of_each_stratum():
     trainer = make_trainer(settings_with(batch=100))
     count = dr.width(trainer.descent.points.p)
-    first = np.array(trainer.descent.batch(trainer.step_count))
+    first, second = (np.array(trainer.descent.batch(done)) for done in (0, 1))
     starts = np.arange(100) * count / 100
     assert (first > starts - 1).all() and (first < starts + count / 100).all()
-    trainer.step_count = 1
-    second = np.array(trainer.descent.batch(trainer.step_count))
     assert np.count_nonzero(first != second) > 70
     offsets = np.concatenate([first, second]) % (count / 100) / (count / 100)
     assert offsets.min() < 0.1 and offsets.max() > 0.85
 
 
 def test_a_batch_larger_than_the_points_is_all_of_them():
-    trainer = make_trainer(settings_with(batch=100_000))
-    np.testing.assert_array_equal(
-        np.array(trainer.descent.batch(trainer.step_count)),
-        np.arange(dr.width(trainer.descent.points.p)),
-    )
+    descent = make_trainer(settings_with(batch=100_000)).descent
+    np.testing.assert_array_equal(np.array(descent.batch(0)), np.arange(dr.width(descent.points.p)))
 
 
 def test_lists_are_rebuilt_on_schedule(monkeypatch):
@@ -320,15 +290,3 @@ def test_any_number_of_threads_gives_the_same_bits():
     for arrays, reports in found[1:]:
         np.testing.assert_array_equal(arrays, found[0][0])
         assert reports == found[0][1]
-
-
-def test_a_surface_close_above_is_another_surface():
-    """Many bright points a little over the Gaussians' plane face the same way."""
-    g = make_trainer().gaussians
-    x = on_the_plane(np.random.default_rng(4), 4000)
-    above = np.arange(4000) >= 1000
-    x[above, 2] += 0.05
-    points = surface_points(
-        x, np.tile(UP, (4000, 1)), np.where(above, 1000.0, 1.0)[:, None] * np.ones(3)
-    )
-    np.testing.assert_allclose(local_targets(g, points, radius=0.3), 1, rtol=1e-5)
