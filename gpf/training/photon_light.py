@@ -148,9 +148,7 @@ class PhotonLight:
         return correction
 
     def _part(self, chosen: np.ndarray) -> VisiblePoints:
-        lanes = from_numpy(mi.UInt32, np.flatnonzero(chosen))
-        part: VisiblePoints = take(self.points.points, lanes)
-        return part
+        return take(self.points.points, from_numpy(mi.UInt32, np.flatnonzero(chosen)))
 
     def tensors(self) -> dict[str, np.ndarray]:
         """The photons so far, for a file."""

@@ -126,17 +126,12 @@ class PhotonStream:
         """Radius of the narrowest kernel with which photons are gathered, world units."""
         return WIDTHS[-1] * self.photons.radius
 
-    @property
-    def _diffused(self) -> bool:
-        """Whether photons bring the light of diffuse surfaces."""
-        return self.gathered is None
-
     def advance(self, count: int, tick: Callable[[int], None] = lambda done: None) -> None:
         """Add passes until there are ``count``; ``tick(done)`` is called after each."""
         while self.count < count:
             with uninterrupted():
                 # Groups of lights still need to know whose light the diffuse surfaces send.
-                self.photons.add_pass(self._diffused or self._groups is not None)
+                self.photons.add_pass(self.gathered is None or self._groups is not None)
             if self.count in BALANCED and (self._direct.lamps or self.gathered):
                 self._balance()
             if self._direct.per_pass > 0 or self.gathered:
@@ -178,10 +173,8 @@ class PhotonStream:
         """Choose how many samples to take per pass."""
         self.sample()
         rows = some_runs(len(self._source))
-        asked = self._asked(rows)
-        first, second = (
-            self.photons.uncorrected(half, asked, self._diffused)[rows] for half in range(2)
-        )
+        which = self._asked(rows), self.gathered is None
+        first, second = (self.photons.uncorrected(half, *which)[rows] for half in range(2))
         dr.flush_malloc_cache()
         sampled = [self._direct] if self._direct.lamps else []
         kinds = [*sampled, self.gathered] if self.gathered else sampled
@@ -236,8 +229,8 @@ class PhotonStream:
         self.sample()
         position, normal = (to_numpy(v)[self._rows] for v in (points.p, points.n))
         coarse = self.photons.coarse[self._rows]
-        asked = self._asked(self._rows)
-        halves = [self.photons.gather(half, asked, self._diffused) for half in range(2)]
+        which = self._asked(self._rows), self.gathered is None
+        halves = [self.photons.gather(half, *which) for half in range(2)]
         gathered = [(a[self._rows], b[self._rows]) for a, b in zip(*halves, strict=True)]
         kernel = choose_kernels(position, normal, gathered, self.photons.radius)
         kernel = np.where(coarse, 0, kernel)
