@@ -102,7 +102,7 @@ def test_visit_finds_what_ckdtree_finds(kind, cell):
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_visit_far_from_the_origin(scale):
+def test_visit_is_exact_far_from_the_origin(scale):
     """A box at 1000 times its own size: single precision has few digits left for the cells."""
     rng = np.random.default_rng(3)
     corner = np.array([1000.0, -1000, 500]) * scale
@@ -164,7 +164,7 @@ def test_records_carry_the_tag():
     np.testing.assert_array_equal(records[:, 3], tag[order])
 
 
-def test_records_with_colours():
+def test_records_carry_the_colour():
     points = cloud("uniform", 3000)
     colour = np.random.default_rng(1).uniform(size=(3000, 3)).astype(np.float32)
     grid = hash_of(points, cell=0.1, colour=from_numpy(mi.Color3f, colour))
@@ -226,7 +226,7 @@ def test_nearest_finds_what_ckdtree_finds(kind, k):
 
 
 @pytest.mark.parametrize("start", [STEP / 2, RADIUS, 3.0])
-def test_nearest_from_any_first_radius(start):
+def test_nearest_is_the_same_from_any_first_radius(start):
     points = cloud("clustered", 20_000)
     grid = hash_of(points, far=True)
     check_nearest(grid, points, queries(points, 500), 4, limit=16.0, start=start)

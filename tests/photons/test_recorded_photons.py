@@ -101,7 +101,7 @@ def test_the_walk_alone_finds_what_the_recorder_keeps():
     assert sums.numpy()[1] == dr.width(photons.p)
 
 
-def test_more_photons_than_there_was_room_for():
+def test_no_photon_is_lost_for_lack_of_room():
     """They are traced once more: none is missing, whatever the first guess was."""
     expected = record(closed_room(0.5), paths=1000)
     for capacity in (10, dr.width(expected.p) - 1):
@@ -133,5 +133,5 @@ def test_the_recorder_may_be_full_to_the_brim():
     ],
     ids=["no surface", "no emitter", "no diffuse surface", "no power"],
 )
-def test_scenes_without_photons(scene):
+def test_scenes_without_light_or_diffuse_surfaces_have_no_photons(scene):
     assert dr.width(record(scene, paths=1000).p) == 0

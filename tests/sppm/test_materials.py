@@ -100,7 +100,7 @@ SHEETS = {
 @TIERS
 @pytest.mark.parametrize("direct", ["photons", pytest.param("emitters", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", FLOORS)
-def test_floors_of_every_material(tier, kind, direct):
+def test_floors_of_every_material_look_as_by_path(tier, kind, direct):
     # What a normal map reflects onwards is a matter of its own, see below.
     truth = PATH | {"max_depth": 2} if kind in ("normal map", "bump map") else PATH
     # One direction per sample: noise of its own.
@@ -134,14 +134,14 @@ def test_shading_normals_keep_all_the_light():
 
 @TIERS
 @pytest.mark.xfail(reason="Mitsuba samples normal maps without their adjoint, in `ptracer` as well")
-def test_light_that_a_normal_map_reflects_onwards(tier):
+def test_light_that_a_normal_map_reflects_onwards_is_that_of_path(tier):
     compare(tier, studio(FLOORS["normal map"]), radius=0.05)
 
 
 @TIERS
 @pytest.mark.parametrize("direct", [pytest.param("photons", marks=pytest.mark.slow), "emitters"])
 @pytest.mark.parametrize("kind", SHEETS)
-def test_sheets_that_let_light_through(tier, kind, direct):
+def test_sheets_that_let_light_through_look_as_by_path(tier, kind, direct):
     """A sheet over half of the floor: seen through it, lit through it, in its shadow.
 
     For masks, Mitsuba's ``path`` (3.9) counts the opacity twice, ``prb`` once.

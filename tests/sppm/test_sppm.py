@@ -67,7 +67,7 @@ LIGHTS = {
 @TIERS
 @DIRECT
 @pytest.mark.parametrize("kind", LIGHTS)
-def test_a_wall_lit_by_each_kind_of_emitter(tier, kind, direct):
+def test_a_floor_lit_by_each_kind_of_emitter_is_that_of_path(tier, kind, direct):
     light = LIGHTS[kind]
     if kind == "envmap":
         light = light | {"bitmap": mi.Bitmap(SKY)}
@@ -89,7 +89,7 @@ def lit_floor(light: Scene, size: tuple[int, int] = (12, 8)) -> Scene:
     }
 
 
-def test_a_floor_under_a_directional_area_light():
+def test_a_floor_under_a_directional_area_light_is_evenly_lit():
     """Nothing for `path` to find, but known: L = ρ/π E, the same all over the beam."""
     light = rectangle((0, 0, 1.7), (0, 0, 0), 3, 3, diffuse(0))
     light["emitter"] = {"type": "directionalarea", "radiance": rgb(3, 2, 1)}
@@ -101,7 +101,7 @@ def test_a_floor_under_a_directional_area_light():
 
 @TIERS
 @DIRECT
-def test_several_emitters_of_different_powers(tier, direct):
+def test_several_emitters_count_by_their_powers(tier, direct):
     """A choice among them that is not made up for would show in the colours."""
     kinds = ("area", "point", "spot", "constant")
     colours = [rgb(1, 0.2, 0.2), rgb(0.1, 3, 0.1), rgb(0.3, 0.3, 9), rgb(0.2, 0.1, 0.1)]

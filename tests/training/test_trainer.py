@@ -28,7 +28,7 @@ from tests.training.plane import (
 )
 
 
-def test_the_error_falls():
+def test_training_lowers_the_error_everywhere():
     trainer = make_trainer(settings_with(steps=200, rebuild_every=50, evaluate_every=50))
     before = error_of(run(make_trainer(settings_with(steps=0)))[0])
     field, reports = run(trainer)
