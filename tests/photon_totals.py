@@ -7,10 +7,14 @@ import numpy as np
 
 from gpf.core.structs import Photons, to_numpy
 from gpf.photons.tracing import PathSettings, record_photons
-from tests.furnace import Scene, diffuse, room
+from tests.furnace import Scene, diffuse, point_light, room
 
 L = np.array([1.0, 2.0, 3.0])
 BLACK_ROOM = {"room": room(diffuse(0))}
+
+
+def closed_room(*albedo: float) -> Scene:
+    return {"room": room(diffuse(*albedo)), "light": point_light((0.3, -0.2, 0.1), *L)}
 
 
 def record(scene: Scene, paths: int = 100_000, seed: int = 1, **options: object) -> Photons:

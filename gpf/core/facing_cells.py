@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Mapping
 from itertools import product
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+
+from gpf.core.recordable import Recordable
 
 # Largest number of cells in the table; in larger grids, several cells share an entry.
 LARGEST_TABLE = 1 << 20
@@ -20,7 +20,7 @@ LARGEST_TABLE = 1 << 20
 _COMPATIBLE = 0.147
 
 
-class FacingCells:
+class FacingCells(Recordable):
     """For each cell of a grid, the directions of the normals in the cell or its neighbours.
 
     A search for oriented points within ``reach`` can be skipped where :meth:`may_contain` is
@@ -32,6 +32,8 @@ class FacingCells:
     reach: edge length of a cell, world units.
     bounds: two opposite corners of a box around the points.
     """
+
+    READ = ("_lower", "_inverse", "_last", "_stride", "_mask", "_directions")
 
     def __init__(self, p: mi.Point3f, n: mi.Normal3f, reach: float, bounds: tuple[Any, Any]):
         lower = [float(bounds[0][i]) for i in range(3)]
@@ -48,16 +50,6 @@ class FacingCells:
         self._directions = dr.zeros(mi.UInt32, table)
         self._add(p, _directions_near(n))
         dr.eval(self._directions)
-
-    def arrays(self) -> dict[str, Any]:
-        """The arrays that queries read, as a PyTree; see :meth:`with_arrays`."""
-        return dict(vars(self))
-
-    def with_arrays(self, arrays: Mapping[str, Any]) -> FacingCells:
-        """A copy that reads these arrays, e.g. arguments of a recorded function."""
-        other = copy.copy(self)
-        vars(other).update(arrays)
-        return other
 
     def may_contain(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Bool:
         """False where no point within ``reach`` of ``x`` has a normal within 45° of ``n``, (N,)."""

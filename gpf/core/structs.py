@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike
+
+Struct = TypeVar("Struct")
 
 # Bytes in the widest packet of any processor; also more than the number of values in one.
 _PACKET = 64
@@ -114,11 +116,11 @@ class SurfacePoints:
     target: mi.Color3f
 
 
-def take(points: Any, lanes: mi.UInt32) -> Any:
+def take(points: Struct, lanes: mi.UInt32) -> Struct:
     """The given lanes of a structure; attributes with a single lane stay as they are."""
     dr.eval(points)  # all at once: one by one, each would run the whole loop that it comes from
     width, taken = dr.width(points), {}
-    for f in fields(points):
+    for f in fields(points):  # type: ignore[arg-type]
         value = getattr(points, f.name)
         whole = dr.width(value) == width
         taken[f.name] = dr.gather(type(value), value, lanes) if whole else value

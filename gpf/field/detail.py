@@ -12,9 +12,7 @@ scaled by 2^l and moved into a box of its own, beside those of the other levels:
 
 from __future__ import annotations
 
-import copy
 import itertools
-from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -22,6 +20,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.recordable import Recordable
 from gpf.core.structs import from_numpy
 
 # A query takes the level of a nearby point, at most this far away on each axis, in cells. Over this
@@ -32,7 +31,7 @@ FADE = 0.25
 _GAP = 8.0
 
 
-class Detail:
+class Detail(Recordable):
     """The level of each cell of a grid, and the unfolded space.
 
     Parameters
@@ -42,6 +41,8 @@ class Detail:
     corner: the lowest corner of the grid, world units, (3,).
     radius: search radius at level 0, world units.
     """
+
+    READ = ("_arrays",)
 
     def __init__(self, table: np.ndarray, width: float, corner: np.ndarray, radius: float) -> None:
         self.table, self.width = table, width
@@ -69,16 +70,6 @@ class Detail:
         }
         dr.make_opaque(found)
         return found
-
-    def arrays(self) -> dict[str, Any]:
-        """The arrays that queries read, as a PyTree; see :meth:`with_arrays`."""
-        return self._arrays
-
-    def with_arrays(self, arrays: Mapping[str, Any]) -> Detail:
-        """A copy that reads these arrays, e.g. arguments of a recorded function."""
-        other = copy.copy(self)
-        vars(other)["_arrays"] = arrays
-        return other
 
     def unfold(self, x: mi.Point3f) -> mi.Point3f:
         """Points in the unfolded space, at the levels of queries at ``x``, (N, 3)."""

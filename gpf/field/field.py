@@ -11,14 +11,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.facing_cells import FacingCells
-from gpf.core.spatial_hash import NOT_FOUND, Record, SpatialHash
+from gpf.core.recordable import Recordable
 from gpf.core.structs import VisiblePoints, from_numpy
-from gpf.core.surface_tags import SAME_SURFACE_HEIGHT, pack_tag, same_orientation
 from gpf.field.detail import Detail
 from gpf.field.gaussians import Gaussians, whitening_rows
 from gpf.field.lights import FieldLights
-from gpf.field.limits import SURFACE_HEIGHT
+from gpf.field.neighbour_search import NeighbourSearch
 from gpf.field.settings import FieldSettings
 
 # Keeps the sum of weights above zero: if all Gaussians of a neighbourhood are too narrow to reach
@@ -31,15 +29,6 @@ WEIGHT_FLOOR = 1e-6
 # SUPPLEMENT_REACH times the farthest distance.
 SUPPLEMENT_SLACK = 1.0002
 SUPPLEMENT_REACH = 1.5
-
-# Radii of the supplement's first and largest search, in search radii: the first has twice the area
-# of the ball. Where no Gaussian is within the largest, the field is black. Gaps that cameras see
-# are filled before training (gpf.field.initialization.find_gaps).
-FIRST_REACH = 1.4
-LARGEST_REACH = 4.0
-
-# Turns a missing plane into one that no point is beyond.
-_BEYOND_ALL = np.array([0, 0, 0, 1e30], np.float32)
 
 
 def blend_weight(
@@ -77,7 +66,7 @@ def supplement_support(distance2: list[mi.Float]) -> tuple[mi.Float, mi.Float]:
     return farthest2, support2 + dr.epsilon(mi.Float)
 
 
-class GaussianPhotonField:
+class GaussianPhotonField(Recordable):
     """Gaussians, and the query that blends them.
 
     The value at a point x on a surface is
@@ -103,6 +92,8 @@ class GaussianPhotonField:
         (:mod:`gpf.field.limits`); None if nothing is near the surfaces.
     """
 
+    READ = ("detail", "search", "_packets", "_error_packets")
+
     def __init__(
         self,
         gaussians: Gaussians,
@@ -126,27 +117,8 @@ class GaussianPhotonField:
         """Take new Gaussians, and their expected errors, and rebuild the neighbour search."""
         self.gaussians, self.error = gaussians, error
         bounds = self.bounds if self.detail is None else self.detail.bounds
-        self.hash = SpatialHash(
-            gaussians.means,
-            # Smaller cells than for photons: a candidate costs more here than a row of cells.
-            cell=0.7 * self.settings.search_radius,
-            bounds=bounds,
-            tag=pack_tag(gaussians.normals),
-            far=True,
-        )
-        reach = LARGEST_REACH * self.settings.search_radius
-        self.facing = FacingCells(gaussians.means, gaussians.normals, reach, bounds)
-        self._limits: tuple[mi.Float, ...] | None = None
-        if self.limits is not None:
-            free = ~np.any(self.limits[:, :, :3], axis=2, keepdims=True)
-            ends = self.limits + free * _BEYOND_ALL
-            self._limits = tuple(
-                dr.ravel(dr.gather(mi.Vector4f, from_numpy(mi.Vector4f, v), self.hash.order))
-                for v in ends.swapaxes(0, 1)
-            )
-            dr.eval(self._limits)
+        self.search = NeighbourSearch(gaussians, self.settings, bounds, self.limits)
         self._pack()
-        self._radius = dr.opaque(mi.Float, self.settings.search_radius)
 
     def recolour(self, irradiance: np.ndarray) -> None:
         """Give the same Gaussians new colours, (N, 3); fast enough for sliders."""
@@ -156,7 +128,7 @@ class GaussianPhotonField:
 
     def _pack(self) -> None:
         """Put rows and colours next to each other, in the order of the search."""
-        gaussians, order = self.gaussians, self.hash.order
+        gaussians, order = self.gaussians, self.search.hash.order
         rows = whitening_rows(gaussians.log_scales, gaussians.quats)
         ordered = [dr.gather(mi.Vector3f, row, order) for row in rows]
 
@@ -175,63 +147,9 @@ class GaussianPhotonField:
         self.error = error
         self._pack()
 
-    def arrays(self) -> dict[str, Any]:
-        """The arrays that queries read, as a PyTree; see :meth:`with_arrays`."""
-        return {
-            "hash": self.hash.arrays(),
-            "packets": self._packets,
-            "error": self._error_packets,
-            "limits": self._limits,
-            "facing": self.facing.arrays(),
-            "radius": self._radius,
-            "detail": None if self.detail is None else self.detail.arrays(),
-        }
-
-    def with_arrays(self, arrays: Mapping[str, Any]) -> GaussianPhotonField:
-        """A copy whose queries read these arrays, so that a recorded function can take them as
-        arguments."""
-        other = copy.copy(self)
-        other.hash = self.hash.with_arrays(arrays["hash"])
-        other.facing = self.facing.with_arrays(arrays["facing"])
-        other._packets, other._radius = arrays["packets"], arrays["radius"]
-        other._error_packets, other._limits = arrays["error"], arrays["limits"]
-        if self.detail is not None:
-            other.detail = self.detail.with_arrays(arrays["detail"])
-        return other
-
     def unfold(self, x: mi.Point3f) -> mi.Point3f:
         """Where queries at points look for Gaussians, (N, 3): see :mod:`gpf.field.detail`."""
         return x if self.detail is None else self.detail.unfold(x)
-
-    def reaches(self, index: mi.UInt32, p: mi.Point3f, active: mi.Bool) -> mi.Bool:
-        """Whether the Gaussians at ``index``, in the order of the search, do not end before ``p``;
-        false where inactive."""
-        if self._limits is None:
-            return active
-        before = mi.Bool(active)
-        for planes in self._limits:
-            plane = dr.gather(mi.Vector4f, planes, index, active)
-            before &= dr.dot(mi.Vector3f(plane.x, plane.y, plane.z), p) < plane.w
-        return before
-
-    def _within(self, n: mi.Normal3f) -> mi.Vector3f | None:
-        """Half the size of a box around the Gaussians in the ball that :meth:`accepts` may admit,
-        (N, 3), which lie in a flat disc."""
-        if not self.settings.normal_test:
-            return None
-        along = dr.minimum(dr.abs(mi.Vector3f(n)), 1)
-        return self._radius * (dr.sqrt(1 - along * along) + SURFACE_HEIGHT * along)
-
-    def accepts(self, record: Record, p: mi.Point3f, n: mi.Normal3f) -> mi.Bool:
-        """Whether the Gaussian of a record belongs to the surface with normal ``n`` at ``p``."""
-        if not self.settings.normal_test:
-            return mi.Bool(True)
-        d = record.p - p
-        radius2 = dr.square(self._radius)
-        beyond2 = dr.maximum(dr.squared_norm(d) - radius2, 0)
-        limit2 = SURFACE_HEIGHT**2 * radius2 + SAME_SURFACE_HEIGHT**2 * beyond2
-        flat = dr.square(dr.dot(n, d)) <= limit2
-        return flat & same_orientation(record, n)
 
     def _term(
         self, x: mi.Point3f, mean: mi.Point3f, index: mi.UInt32, support2: mi.Float, active: mi.Bool
@@ -246,44 +164,15 @@ class GaussianPhotonField:
     def _add(self, state, x, n, index, record, inside):  # type: ignore[no-untyped-def]
         """Add a candidate to the neighbour count and the sums of weights and weighted colours."""
         count, total, colour = state
-        inside &= self.accepts(record, x, n)
+        inside &= self.search.accepts(record, x, n)
         # Most candidates are too far away for all lanes of a packet, which then skips this.
         if inside:
-            inside = self.reaches(index, x, inside)
-            weight, weighted = self._term(x, record.p, index, dr.square(self._radius), inside)
+            inside = self.search.reaches(index, x, inside)
+            weight, weighted = self._term(x, record.p, index, dr.square(self.search.radius), inside)
             count += dr.select(inside, 1, 0)
             total += weight
             colour += weighted
         return count, total, colour
-
-    @dr.syntax
-    def supplement(self, x, n, active):  # type: ignore[no-untyped-def]
-        """The k + 1 nearest Gaussians, as :meth:`SpatialHash.nearest` returns them; none is
-        farther than :data:`LARGEST_REACH`. Where all of them end before a point, as in a niche
-        without any of its own, they are used anyway."""
-        if dr.hint(self.settings.normal_test, mode="scalar"):
-            active = self.facing.may_contain(x, n, active)
-        radii = FIRST_REACH * self._radius, LARGEST_REACH * self._radius
-        count = self.settings.k + 1
-
-        def search(active, everyone):  # type: ignore[no-untyped-def]
-            def accept(index, record, inside):  # type: ignore[no-untyped-def]
-                inside = inside & self.accepts(record, x, n)
-                return inside & (everyone | self.reaches(index, x, inside))
-
-            return self.hash.nearest(x, count, *radii, accept, active)
-
-        if dr.hint(self._limits is None, mode="scalar"):
-            return search(active, mi.Bool(True))
-        index = [mi.UInt32(NOT_FOUND)] * count
-        distance2 = [mi.Float(dr.inf)] * count
-        everyone = mi.Bool(False)
-        searching = mi.Bool(active)
-        while dr.hint(searching, exclude=[x, n, active]):
-            index, distance2 = search(searching, everyone)
-            searching &= (distance2[0] == dr.inf) & ~everyone
-            everyone = mi.Bool(True)
-        return index, distance2
 
     @dr.syntax
     def query(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> tuple[mi.Color3f, mi.Float]:
@@ -302,7 +191,7 @@ class GaussianPhotonField:
         """
         settings = self.settings
         x = self.unfold(x)
-        radius2 = self._radius * self._radius
+        radius2 = self.search.radius * self.search.radius
         count = mi.UInt32(0)
         total = mi.Float(0)
         colour = mi.Color3f(0)
@@ -311,20 +200,18 @@ class GaussianPhotonField:
             return self._add(state, x, n, index, record, inside)
 
         if dr.hint(settings.neighbours != "knn", mode="scalar"):
-            count, total, colour = self.hash.visit(
-                x, self._radius, add, (count, total, colour), active, within=self._within(n)
-            )
+            count, total, colour = self.search.visit(x, n, add, (count, total, colour), active)
         reach = mi.Float(1)
 
         if dr.hint(settings.neighbours != "radius", mode="scalar"):
             sparse = active & (count <= settings.k)
-            index, distance2 = self.supplement(x, n, sparse)
+            index, distance2 = self.search.nearest(x, n, sparse)
             farthest2, support2 = supplement_support(distance2)
             total = dr.select(sparse, 0, total)
             colour = dr.select(sparse, 0, colour)
             for j in range(settings.k):
                 found = sparse & (distance2[j] < dr.inf)
-                mean = self.hash.record(index[j], found).p
+                mean = self.search.hash.record(index[j], found).p
                 weight, weighted = self._term(x, mean, index[j], support2, found)
                 total += weight
                 colour += weighted

@@ -38,7 +38,7 @@ def propose_search_radius(
     sample = at[rng.integers(0, len(at), min(len(at), 4096))]
     x = from_numpy(mi.Point3f, sample)
     k = min(neighbours, dr.width(means))
-    _, distance2 = grid.nearest(x, k, mi.Float(5e-3 * diagonal), mi.Float(grid.extent))
+    _, distance2 = grid.nearest(x, k, mi.Float(5e-3 * diagonal), mi.Float(grid.levels.extent))
     return float(np.sqrt(np.median(distance2[k - 1].numpy())))
 
 

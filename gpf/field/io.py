@@ -1,29 +1,13 @@
-"""Field files: ``field.safetensors``, exact or at a third of the size.
+"""Field files: ``field.safetensors``, exact or at a third of the size (:mod:`gpf.field.compact`).
 
 Both precisions have the same tensors, one row per Gaussian, and the same metadata: settings,
-bounds, record, precision. The precision ``compact`` stores each tensor as follows, with these
-largest errors:
-
-============  ==========================================================  ====================
-means         uint16 steps between minimum and maximum, per axis          1/131,000 of the range
-log_scales    uint8 steps likewise, limited to :data:`SCALES` radii       2% of a scale
-quats         int8 steps of 1/127 of the longest component; unit length   half a degree
-irradiance    float16 in a unit that makes the maximum at least 2^14      0.05%, over 8 orders
-lights        as irradiance                                               0.05%, over 8 orders
-normals       as quats                                                    half a degree
-error         float16                                                     0.05%
-limits        as quats; distances float16                                 half a degree, 0.05%
-============  ==========================================================  ====================
-
-A Gaussian takes 22 bytes instead of 64; 37 instead of 112 in a field with limits. A field
-read from a compact file gives the same bytes when written again.
+bounds, record, precision.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -32,15 +16,11 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import FileError, UserError
-from gpf.core.files import (
-    name_not_finite,
-    read_tensors,
-    require_finite,
-    write_tensors,
-)
+from gpf.core.files import name_not_finite, read_tensors, require_finite, write_tensors
 from gpf.core.structs import from_numpy, to_numpy
 from gpf.field import limits
 from gpf.field.checks import FieldFacts, check_stored, check_values
+from gpf.field.compact import pack, unpack
 from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
@@ -49,11 +29,6 @@ from gpf.field.settings import FieldSettings
 from gpf.scene.light_groups import LightGroups
 
 Precision = Literal["float32", "compact"]
-
-# Range of standard deviations in a compact file, in search radii of their level. A query uses
-# distances up to about one radius; on that scale, smaller Gaussians are points and larger ones
-# constant.
-SCALES = (0.0025, 50.0)
 
 _NAMES = ("means", "log_scales", "quats", "irradiance", "normals")
 
@@ -188,7 +163,7 @@ def write_field(stored: StoredField, path: Path, precision: Precision = "float32
     tensors = stored.tensors
     encoding: dict[str, Any] = {}
     if precision == "compact":
-        tensors, encoding = _pack(stored.tensors, stored.settings.search_radius)
+        tensors, encoding = pack(stored.tensors, stored.settings.search_radius)
     metadata = {
         "precision": precision,
         "encoding": encoding,
@@ -220,7 +195,7 @@ def read_field(path: Path | str) -> StoredField:
         )
     check_stored(path, tensors, metadata, precision)
     if precision == "compact":
-        tensors = _unpack(tensors, metadata["encoding"])
+        tensors = unpack(tensors, metadata["encoding"])
     require_finite(path, tensors)
     check_values(path, tensors, metadata)
     settings = FieldSettings(**metadata["settings"])
@@ -232,99 +207,3 @@ def read_field(path: Path | str) -> StoredField:
         metadata.get("grid", {}),
         metadata.get("lights", {}),
     )
-
-
-# --- the compact precision --------------------------------------------------------------------
-
-
-def _pack(
-    tensors: Mapping[str, np.ndarray], radius: float
-) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """The tensors of a compact file, and the ranges and units needed to read them."""
-    exact = {name: tensors[name] for name in ("levels", "detail") if name in tensors}
-    finest = int(exact["levels"].max()) if exact else 0
-    least, most = SCALES
-    sizes = np.log([least * radius / 2**finest, most * radius]).astype(np.float32)
-    means, of_means = _to_steps(tensors["means"], np.uint16)
-    scales, of_scales = _to_steps(np.clip(tensors["log_scales"], *sizes), np.uint8)
-    irradiance, unit = _to_halves(tensors["irradiance"])
-    packed = {
-        "means": means,
-        "log_scales": scales,
-        "quats": _to_bytes(tensors["quats"]),
-        "irradiance": irradiance,
-        "normals": _to_bytes(tensors["normals"]),
-        **exact,
-    }
-    encoding = {"means": of_means, "log_scales": of_scales, "irradiance": unit}
-    if "lights" in tensors:
-        packed["lights"], encoding["lights"] = _to_halves(tensors["lights"])
-    if "error" in tensors:
-        packed["error"] = tensors["error"].astype(np.float16)
-    if "limits" in tensors:
-        packed["limits"] = _to_bytes(tensors["limits"])
-        packed["limit_distances"] = tensors["limit_distances"].astype(np.float16)
-    return packed, encoding
-
-
-def _unpack(
-    tensors: Mapping[str, np.ndarray], encoding: Mapping[str, Any]
-) -> dict[str, np.ndarray]:
-    more = {}
-    if "lights" in tensors:
-        more["lights"] = (tensors["lights"] * np.float64(encoding["lights"])).astype("f4")
-    if "error" in tensors:
-        more["error"] = tensors["error"].astype(np.float32)
-    if "limits" in tensors:
-        more["limits"] = _from_bytes(tensors["limits"])
-        more["limit_distances"] = tensors["limit_distances"].astype(np.float32)
-    return {
-        **more,
-        "means": _from_steps(tensors["means"], encoding["means"]),
-        "log_scales": _from_steps(tensors["log_scales"], encoding["log_scales"]),
-        "quats": _from_bytes(tensors["quats"]),
-        "irradiance": (tensors["irradiance"] * np.float64(encoding["irradiance"])).astype("f4"),
-        "normals": _from_bytes(tensors["normals"]),
-        **{name: tensors[name] for name in ("levels", "detail") if name in tensors},
-    }
-
-
-def _to_steps(values: np.ndarray, kind: type[np.unsignedinteger]) -> tuple[np.ndarray, Any]:
-    """Columns (N, D) as integer steps of their ranges, and the ranges."""
-    least, greatest = values.min(axis=0).astype(float), values.max(axis=0).astype(float)
-    width = np.where(greatest > least, greatest - least, 1)
-    steps = np.rint((values - least) / width * np.iinfo(kind).max).astype(kind)
-    return steps, [least.tolist(), greatest.tolist()]
-
-
-def _from_steps(steps: np.ndarray, ranges: Any) -> np.ndarray:
-    """Values from steps. The ends of a range are exact, so that packing again gives the same
-    range."""
-    least, greatest = np.asarray(ranges)
-    share = steps / np.iinfo(steps.dtype).max
-    return (least * (1 - share) + greatest * share).astype(np.float32)
-
-
-def _to_bytes(vectors: np.ndarray) -> np.ndarray:
-    """Directions (..., D) of any length as int8; zero stays zero."""
-    longest = np.abs(vectors).max(axis=-1, keepdims=True).astype(float)
-    return np.rint(127 * (vectors / np.where(longest > 0, longest, 1))).astype(np.int8)
-
-
-def _from_bytes(codes: np.ndarray) -> np.ndarray:
-    """Directions of unit length."""
-    vectors = codes.astype(float)
-    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return (vectors / np.where(length > 0, length, 1)).astype(np.float32)
-
-
-def _to_halves(values: np.ndarray) -> tuple[np.ndarray, float]:
-    """Values in a unit as float16, and the unit: a power of two, which changes no digit.
-
-    The maximum becomes 2^14 to 2^15. Half precision has all digits down to 2^-14 and some digits
-    down to 2^-24: eight and eleven orders of magnitude below the maximum.
-    """
-    mantissa, exponent = np.frexp(float(np.abs(values).max()))
-    # If rounding gives the next power of two, use its unit, so that packing again uses it too.
-    unit = 2.0 ** (int(exponent) + int(np.float16(mantissa) == 1) - 15)
-    return (values / unit).astype(np.float16), unit

@@ -54,14 +54,6 @@ TRAINING = TrainingSettings(evaluate_every=STEPS_PER_EVALUATION)
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class _Supervision:
-    """Points with targets from all photons, and from two independent halves of them."""
-
-    points: SurfacePoints
-    halves: tuple[SurfacePoints, SurfacePoints]
-
-
 @dataclass
 class FieldSeries:
     """Complete fields from more and more passes of the same stream.
@@ -143,13 +135,13 @@ class FieldSeries:
         """Fit a field to the passes so far, judge it, and measure what it costs."""
         self.reporter.note(all_passes=plan.passes, all_steps=plan.steps)
         begin = self.time.work
-        supervision = self.supervise(plan.stride)
-        trainer = self.start_training(supervision, plan.steps)
+        points, halves = self.supervise(plan.stride)
+        trainer = self.start_training(points, halves, plan.steps)
         start = self.time.work
         step, evaluation = self.train(trainer)
         trained = self.time.work
         field = trainer.finish()
-        fitted = HalfColours.fit(field, supervision.halves)
+        fitted = HalfColours.fit(field, halves)
         field.recolour(keep_shared_detail(field, fitted))
         cleaned = self.time.work
         # A first field is soon replaced, but a PSNR that is compared with a target must be certain.
@@ -158,28 +150,30 @@ class FieldSeries:
         self.quality.psnr(field)
         # The first estimate has prepared what later ones reuse.
         begin_judgement = self.time.work
-        self.judge(field, fitted, supervision.points)
+        self.judge(field, fitted, points)
         # Not earlier: an interrupted field has to be fitted again.
         self.last = dataclasses.replace(plan, passes=self.stream.count)
         self.tell(self.best.field)
         judgement = self.time.work - begin_judgement
-        points = start - begin + cleaned - trained
-        self.cost = FieldCost.of_all(
-            plan.stride, points, evaluation, step, judgement, cleaned - trained + judgement
-        )
+        of_points, ending = start - begin + cleaned - trained, cleaned - trained + judgement
+        all_points = plan.stride * of_points, plan.stride * evaluation
+        self.cost = FieldCost(*all_points, step, judgement, ending)
 
-    def supervise(self, stride: int) -> _Supervision:
-        """What the next field learns from: every ``stride``-th point."""
-        halves = self.stream.halves(stride)
-        mean = self.stream.mean(halves).supervised_points()
-        return _Supervision(mean, (halves[0].supervised_points(), halves[1].supervised_points()))
+    def supervise(self, stride: int) -> tuple[SurfacePoints, tuple[SurfacePoints, SurfacePoints]]:
+        """What the next field learns from: every ``stride``-th point, with targets from all photons
+        and from two independent halves of them."""
+        even, odd = self.stream.halves(stride)
+        mean = self.stream.mean((even, odd)).supervised_points()
+        return mean, (even.supervised_points(), odd.supervised_points())
 
-    def start_training(self, supervision: _Supervision, steps: int) -> Trainer:
-        """The trainer of a new field."""
-        stream, points = self.stream, supervision.points
+    def start_training(
+        self, points: SurfacePoints, halves: tuple[SurfacePoints, SurfacePoints], steps: int
+    ) -> Trainer:
+        """The trainer of a new field; arguments as from :meth:`supervise`."""
+        stream = self.stream
         settings = TRAINING.model_copy(update={"seed": stream.seed, "steps": steps})
         place = stream.narrowest, stream.scene, self.query, stream.seed
-        return Trainer(field_by_place(points, supervision.halves, *place), points, settings)
+        return Trainer(field_by_place(points, halves, *place), points, settings)
 
     def train(self, trainer: Trainer) -> tuple[float, float]:
         """Train to the end, or while there is time; returns the seconds of a step and of an

@@ -144,7 +144,7 @@ def _open(
 
 def _identity(run: FieldSeries, cameras: Sequence[mi.Sensor]) -> dict[str, Any]:
     """What saved photons belong to."""
-    parts = REGION, STREAM, run.stream.settings, run.query(1.0)
+    parts = REGION, STREAM, run.stream.photons.settings, run.query(1.0)
     settings = {"settings": [part.model_dump() for part in parts], "seed": run.stream.seed}
     if run.groups is not None:
         settings["groups"] = [run.groups.names, run.groups.members]

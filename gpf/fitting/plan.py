@@ -11,7 +11,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-FIRST_PASSES, GROWTH = 6, 3
+from gpf.training.streaming import BALANCED
+
+FIRST_PASSES, GROWTH = BALANCED[0], 3
 """Passes until the first complete field, and the factor by which their number then grows."""
 
 DRAFT_PASSES, DRAFT_STRIDE, DRAFT_STEPS = 9, 4, 32
@@ -74,19 +76,6 @@ class FieldCost:
     step: float = 0.0
     judgement: float = 0.0
     ending: float = 0.0
-
-    @classmethod
-    def of_all(
-        cls,
-        stride: int,
-        points: float,
-        evaluation: float,
-        step: float,
-        judgement: float,
-        ending: float,
-    ) -> FieldCost:
-        """The cost for all points, from that of a field from every ``stride``-th point."""
-        return cls(stride * points, stride * evaluation, step, judgement, ending)
 
     def seconds(self, steps: int, stride: int = 1) -> float:
         """Seconds for the next field with this many steps, from every ``stride``-th point."""

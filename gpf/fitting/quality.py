@@ -10,19 +10,15 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.camera.rays import sample_rays_at
-from gpf.camera.visible_points import find_visible_points
 from gpf.core.errors import uninterrupted
-from gpf.core.images import check_finite, propose_exposure, tone_map, tone_secant
+from gpf.core.images import propose_exposure, tone_secant
 from gpf.core.random import Stream, pass_seed, random_start
-from gpf.core.structs import VisiblePoints, concatenate, from_numpy, take, to_numpy
+from gpf.core.structs import to_numpy
 from gpf.field.field import GaussianPhotonField
+from gpf.fitting.camera_samples import SAMPLES, CameraSamples
+from gpf.fitting.image_noise import measure_image_noise
 from gpf.photons.emission import Source, emit_light
-from gpf.rendering.adaptive import sample_adaptively
-from gpf.rendering.field_renderer import FieldRenderer
-from gpf.rendering.settings import RenderSettings
 from gpf.scene.lamps import Lamps
-from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, PhotonPasses
 
 REFERENCE_PASSES = 1000
@@ -37,20 +33,8 @@ SURE = 0.3
 # Largest factor for the error that a field predicts.
 MOST_SCALE = 3.0
 
-# Camera samples of each pixel.
-SAMPLES = 4
-
 # Pixels in all, and the most views that share them: with few pixels, the PSNR of a view is biased.
 PIXELS, MOST_VIEWS = 8192, 16
-
-# The noise of the field's images is measured in square patches of the views: pixels along a side of
-# a patch, and in all patches together.
-PATCH, PATCH_PIXELS = 16, 8192
-IMAGE = RenderSettings()
-
-# Samples of each lamp whose direct light is not stored in the field, and of all lamps for the
-# variance of a single sample.
-DIRECT_SAMPLES = 16
 
 
 class QualityEstimate:
@@ -97,24 +81,13 @@ class QualityEstimate:
         self._scene, self._sensors = scene, [sensors[k] for k in chosen]
         self._noise: np.ndarray | None = None
         self._photons = PhotonPasses(scene, settings, seed, source)
-        self._pixels = max(1, pixels // len(chosen)) * len(chosen)
-        points = self._find_points()
-        self._emission = to_numpy(points.emission)
-        check_finite(self._emission, "light that reaches the cameras")
-        valid = dr.compress(points.valid)
-        self._lanes = np.asarray(valid.numpy())
-        points = take(points, valid)
-        self._share = to_numpy(points.throughput * points.reflectance) / np.pi
-        self._points = FixedPoints(scene, points)
+        self._samples = CameraSamples(scene, self._sensors, pixels, sampled, seed)
         self._stored = sampled.others()
-        self._sampled = self._points.mean_direct(
-            sampled, DIRECT_SAMPLES, pass_seed(seed, 3, Stream.QUALITY_DIRECT)
-        )
+        count = len(self._samples)
         self._starts = [
-            random_start(pass_seed(seed, half, Stream.QUALITY_DIRECT), len(self._lanes))
-            for half in range(2)
+            random_start(pass_seed(seed, half, Stream.QUALITY_DIRECT), count) for half in range(2)
         ]
-        self._sums = np.zeros((2, len(self._lanes), 3))
+        self._sums = np.zeros((2, count, 3))
 
     def tensors(self) -> dict[str, np.ndarray]:
         """The passes so far, for a file."""
@@ -143,7 +116,7 @@ class QualityEstimate:
             number, pass_seed(self.seed, self.passes, Stream.QUALITY_PHOTONS)
         )
         start = self._starts[half]
-        irradiance, _ = traced.all_irradiance(self._points, start, pair + 1, self._stored)
+        irradiance, _ = traced.all_irradiance(self._samples.points, start, pair + 1, self._stored)
         found = to_numpy(irradiance)
         with uninterrupted():
             self._sums[half] += found
@@ -182,11 +155,9 @@ class QualityEstimate:
         the power of m² / (m² + e²): 1 if these passes cannot tell.
         """
         error, _, slope2 = self._compare(field)
-        points = self._points.points
-        every = dr.full(mi.Bool, True, len(self._lanes))
-        wrong = np.zeros(self._emission.shape)
-        wrong[self._lanes] = self._share * to_numpy(field.query_error(points.p, points.n, every))
-        wrong = wrong.reshape(-1, SAMPLES, 3).mean(axis=1)
+        points = self._samples.points.points
+        wrong = to_numpy(field.query_error(points.p, points.n, self._every))
+        wrong = self._samples.mean(self._samples.share * wrong)
         predicted = float((slope2 * wrong**2).mean())
         measured = max(float(error.mean()), 1e-12)
         certain = measured**2 / (measured**2 + standard_error(error) ** 2)
@@ -197,7 +168,9 @@ class QualityEstimate:
         """The mean of the views' PSNR, and its standard error, dB."""
         error, reference, _ = self._compare(field)
         if self._noise is None:
-            self._noise = self._measure_noise(field)
+            assert self.exposure is not None
+            own = self._scene, self._sensors
+            self._noise = measure_image_noise(*own, field, self.exposure, self.seed)
         views = len(self._sensors)
         error = error.reshape(views, -1)
         least = reference.reshape(views, -1).mean(axis=1) / REFERENCE_PASSES + self._noise
@@ -212,12 +185,12 @@ class QualityEstimate:
         square of the slope, (P, 3)."""
         assert self.passes >= LEAST_PASSES
         counts = (self.passes + 1) // 2, self.passes // 2
-        a, b = (self._samples(s / n) for s, n in zip(self._sums, counts, strict=True))
+        a, b = (self._samples.radiance(s / n) for s, n in zip(self._sums, counts, strict=True))
         if self.exposure is None:
             self.exposure = propose_exposure((a + b).mean(axis=1) / 2)
-        points = self._points.points
-        value, _ = field.query(points.p, points.n, dr.full(mi.Bool, True, len(self._lanes)))
-        f = self._samples(np.maximum(to_numpy(value), 0))
+        points = self._samples.points.points
+        value, _ = field.query(points.p, points.n, self._every)
+        f = self._samples.radiance(np.maximum(to_numpy(value), 0))
         slope2 = tone_secant(f.mean(axis=1), (a + b).mean(axis=1) / 2, self.exposure) ** 2
         of_a, of_b = f - a, f - b
         crossed = of_a.sum(axis=1) * of_b.sum(axis=1) - (of_a * of_b).sum(axis=1)
@@ -228,88 +201,13 @@ class QualityEstimate:
 
     @cached_property
     def _lamp_noise(self) -> np.ndarray:
-        """Variance of the radiance from a single sample of the lamps, mean over each pixel's camera
-        samples, (P, 3)."""
-        variance = np.zeros(self._emission.shape)
-        if self._photons.settings.direct == "emitters":
-            start = random_start(pass_seed(self.seed, 2, Stream.QUALITY_DIRECT), len(self._lanes))
-            total, squares = (
-                to_numpy(sums) for sums in self._points.direct_sums(start, 1, DIRECT_SAMPLES)
-            )
-            found = (squares - total**2 / DIRECT_SAMPLES) / (DIRECT_SAMPLES - 1)
-            variance[self._lanes] = self._share**2 * np.maximum(found, 0)
-        return variance.reshape(-1, SAMPLES, 3).mean(axis=1)
+        """Variance from the reference's single samples of the lamps, (P, 3), or 0."""
+        samples = self._photons.settings.direct == "emitters"
+        return self._samples.lamp_noise(self.seed) if samples else np.zeros(3)
 
-    def _samples(self, irradiance: np.ndarray) -> np.ndarray:
-        """Radiance of all camera samples, (P, SAMPLES, 3), from the irradiance at the points."""
-        radiance = self._emission.copy()
-        radiance[self._lanes] += self._share * (irradiance + self._sampled)
-        return radiance.reshape(-1, SAMPLES, 3)
-
-    def _find_points(self) -> VisiblePoints:
-        """Visible points of :data:`SAMPLES` camera rays for each pixel, (SAMPLES P,)."""
-        sampler = mi.load_dict({"type": "independent", "sample_count": SAMPLES})
-        return find_visible_points(self._scene, sampler, self._rays(sampler))
-
-    def _measure_noise(self, field: GaussianPhotonField) -> np.ndarray:
-        """Mean squared error of the field's images from their camera samples alone, (V,).
-
-        Patches of the views are sampled like an image: adaptively, and with little weight for
-        fireflies, which would otherwise dominate the result.
-        """
-        renderer = FieldRenderer.make(self._scene, field, IMAGE)
-        films = [[int(n) for n in sensor.film().crop_size()] for sensor in self._sensors]
-        side = min(PATCH, *(n for film in films for n in film))
-        each = max(1, PATCH_PIXELS // (side * side * len(films)))
-        rng = np.random.default_rng(pass_seed(self.seed, 1, Stream.QUALITY_PIXELS))
-        corners = np.concatenate(
-            [rng.integers(0, [n - side + 1 for n in film], (each, 2)) for film in films]
-        )
-        corner = from_numpy(mi.Point2f, corners)
-
-        def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
-            number, row = pixel.y // side, pixel.y % side
-            inside = mi.Point2f(mi.Float(pixel.x), mi.Float(row)) + sampler.next_2d()
-            place = dr.gather(mi.Point2f, corner, number) + inside
-            ray = dr.zeros(mi.Ray3f)
-            for k, sensor in enumerate(self._sensors):
-                through = mi.Ray3f(sample_rays_at(sensor, sampler, place)[0])
-                ray = dr.select(number // each == k, through, ray)
-            mode = dr.ADMode.Primal
-            return [*renderer.integrator.sample(mode, self._scene, sampler, ray)[0]]
-
-        sampler = mi.load_dict({"type": IMAGE.sampler, "sample_count": IMAGE.spp})
-        size = side, side * len(corners)
-        images = [
-            np.array(
-                sample_adaptively(
-                    sample,
-                    sampler,
-                    size,
-                    IMAGE.spp,
-                    pass_seed(self.seed, half, Stream.QUALITY_CAMERA),
-                    IMAGE.suppress_fireflies,
-                )
-            )
-            for half in (1, 2)
-        ]
-        assert self.exposure is not None
-        shown = [tone_map(image, self.exposure) for image in images]
-        square: np.ndarray = (shown[0] - shown[1]) ** 2 / 2
-        return square.reshape(len(films), -1).mean(axis=1)
-
-    def _rays(self, sampler: mi.Sampler) -> mi.Ray3f:
-        """Camera rays through random pixels, :data:`SAMPLES` each; afterwards the sampler is ready
-        for their walks."""
-        rng = np.random.default_rng(pass_seed(self.seed, 0, Stream.QUALITY_PIXELS))
-        each, rays = self._pixels // len(self._sensors), []
-        for k, sensor in enumerate(self._sensors):
-            pixels = rng.integers(0, [int(n) for n in sensor.film().crop_size()], (each, 2))
-            place = from_numpy(mi.Point2f, np.repeat(pixels, SAMPLES, axis=0))
-            sampler.seed(pass_seed(self.seed, 0, Stream.QUALITY_CAMERA, k), SAMPLES * each)
-            rays.append(mi.Ray3f(sample_rays_at(sensor, sampler, place + sampler.next_2d())[0]))
-        sampler.seed(pass_seed(self.seed, 0, Stream.QUALITY_CAMERA), SAMPLES * self._pixels)
-        return mi.Ray3f(concatenate([r.o for r in rays]), concatenate([r.d for r in rays]))
+    @property
+    def _every(self) -> mi.Bool:
+        return dr.full(mi.Bool, True, len(self._samples))
 
 
 def standard_error(values: np.ndarray) -> float:

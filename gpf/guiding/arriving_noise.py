@@ -19,9 +19,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from gpf.core.random import Stream, pass_seed
-from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
-from gpf.core.surface_tags import pack_tag, same_surface
+from gpf.photons.density import PhotonDensity
 from gpf.photons.emission import Source
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
@@ -60,21 +59,11 @@ def least_noisy(
     half = replace(settings, paths=settings.paths // 2)
 
     def light(source: Source, number: int) -> np.ndarray:
-        """The power that lands around each point, W, (POINTS,)."""
+        """The irradiance of each point, (POINTS,)."""
         part = replace(half, source=source)
         photons = record_photons(scene, part, pass_seed(seed, number, Stream.NOISE_PHOTONS))
-        if dr.width(photons.p) == 0:
-            return np.zeros(POINTS)
-        tag, reach = pack_tag(photons.n), dr.opaque(mi.Float, radius)
-        grid = SpatialHash(
-            photons.p, cell=1.01 * radius, bounds=bounds, tag=tag, colour=photons.power
-        )
-
-        def add(total, index, record, distance2, inside):  # type: ignore[no-untyped-def]
-            counts = inside & same_surface(record, at, facing, reach * reach)
-            return total + dr.select(counts, record.colour, 0)
-
-        return to_numpy(grid.visit(at, reach, add, mi.Color3f(0), mi.Bool(True))).mean(axis=1)
+        irradiance = PhotonDensity(photons, radius, bounds).irradiance(at, facing)
+        return to_numpy(irradiance).mean(axis=1)
 
     found = np.array([[light(each, k) for k in range(2)] for each in sources])
     level = found.mean(axis=(0, 1))

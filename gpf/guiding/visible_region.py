@@ -110,5 +110,5 @@ def _reach(p: mi.Point3f, bounds: tuple[mi.Point3f, mi.Point3f]) -> float:
     rng = np.random.default_rng(0)
     chosen = from_numpy(mi.UInt32, rng.integers(0, dr.width(p), 16384))
     x = dr.gather(mi.Point3f, p, chosen)
-    _, distance2 = grid.nearest(x, 4, mi.Float(2e-3 * diagonal), mi.Float(grid.extent))
+    _, distance2 = grid.nearest(x, 4, mi.Float(2e-3 * diagonal), mi.Float(grid.levels.extent))
     return float(np.sqrt(np.percentile(distance2[3].numpy(), 99.9)))

@@ -10,8 +10,7 @@ them.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 
 import drjit as dr
@@ -19,6 +18,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.structs import Photons, from_numpy
+from gpf.photons.cell_table import CellTable
 from gpf.photons.emission import Emitted
 from gpf.photons.photon_cells import LEVEL_BITS, PhotonCells
 from gpf.photons.tracing import PathSettings, record_photons, trace_photons
@@ -42,15 +42,9 @@ _POWER_STEPS = 2.0**24
 # Paths that measure the typical power of a photon and the number of photons per path.
 PILOT = 1024
 
-# Number of 64-bit integers for a cell's sums. A key is never zero, because no unit normal is
-# -3, -3, -3 thirds.
-_LINE = 8
-
-# Columns of a cell's numbers: power of each half; x and y; z and the number of photons.
+# Columns of a cell's sums: three of power for each half; x and y as two sums of 32 bits in one
+# number of 64 bits; z and the number of photons in another.
 _POWER, _XY, _ZN = (0, 5), 3, 4
-
-# The table grows before it is more than _FULL used, to _SPARE times the size needed.
-_FULL, _SPARE = 0.7, 1.5
 
 
 class PhotonSums:
@@ -63,11 +57,12 @@ class PhotonSums:
     ----------
     cells: the cubes.
     settings: the photon paths of each pass.
-    capacity: initial number of slots in the table of cells; the table grows.
+    capacity: initial number of slots in the table.
     groups: table that keeps the light of groups of emitters apart; see :meth:`LightGroups.table`.
 
     Attributes
     ----------
+    table: the cells.
     paths: number of photon paths in each half so far.
     """
 
@@ -82,19 +77,8 @@ class PhotonSums:
         self._unit, self._landings = 0.0, 0.0
         self._settings, self._groups = settings, groups
         self._group, self._column, self._every = mi.UInt32(0), mi.UInt32(0), mi.Bool(True)
-        self._lost = dr.zeros(mi.UInt32, 1)
         self.paths = [0, 0]
-        self._make_room(capacity)
-
-    def _make_room(self, capacity: int) -> None:
-        self.capacity = capacity
-        self._last = dr.opaque(mi.UInt32, capacity - 1)
-        self._cells = dr.zeros(mi.UInt32, 1)
-        self._keys = dr.zeros(mi.UInt64, capacity)
-        # The sums of a cell fill one cache line: three of power for each half; x and y as two sums
-        # of 32 bits in one number of 64 bits; z and the number of photons in another.
-        self._sums = dr.zeros(mi.UInt64, _LINE * capacity)
-        dr.eval(self._keys, self._sums)
+        self.table = CellTable(capacity)
 
     def trace(self, scene: mi.Scene, seed: int, half: int, diffused: bool = True) -> None:
         """Add the photons of one more pass to half 0 or 1. ``diffused``: whether to include those
@@ -107,19 +91,14 @@ class PhotonSums:
             self._unit = float(sizes.mean() or 1) * PILOT / _POWER_STEPS
             self._landings = (dr.width(few.p) + 1) / PILOT
         # Each photon may need a new cell.
-        wanted = (int(self._cells[0]) + 1.5 * self._landings * paths) / _FULL
-        if wanted > self.capacity:
-            self._grow(math.ceil(_SPARE * wanted))
-            dr.flush_malloc_cache()  # Dr.Jit would keep the old table for later
+        self.table.reserve(1.5 * self._landings * paths)
         # Photons have the power of one of `paths` paths; the sums are for a single path.
         self._scale = dr.opaque(mi.Float, paths / self._unit)
         self._column = dr.opaque(mi.UInt32, _POWER[half])
         self._every = dr.opaque(mi.Bool, diffused)
         trace_photons(scene, self._add, replace(self._settings, source=self._emit), seed)
-        dr.eval(self._cells, self._lost, self._keys, self._sums)
+        self.table.evaluate()
         self.paths[half] += paths
-        if int(self._lost[0]) > 0:
-            raise RuntimeError(f"{self._lost[0]} photons did not fit into {self.capacity} cells")
 
     def _emit(self, scene: mi.Scene, sampler: mi.Sampler) -> Emitted:
         """The first rays; notes the group of each path."""
@@ -136,36 +115,13 @@ class PhotonSums:
         if self._groups is not None:
             key |= mi.UInt64(self._group) << _GROUP_SHIFT
         key |= dr.select(diffused, mi.UInt64(_DIFFUSED), mi.UInt64(0))
-        line = _LINE * self._find(key, active)
         inside = mi.Vector3u(dr.clip(place * _PLACES, 0, _PLACES - 1))
         power = photons.power * self._scale
         # In two's complement: some skies have negative colours.
         sums = [(self._column + k, mi.UInt64(mi.Int64(power[k]))) for k in range(3)]
         sums.append((mi.UInt32(_XY), mi.UInt64(inside.x) | (mi.UInt64(inside.y) << 32)))
         sums.append((mi.UInt32(_ZN), mi.UInt64(inside.z) | (mi.UInt64(1) << 32)))
-        for column, value in sums:
-            dr.scatter_add(self._sums, value, line + column, active, dr.ReduceMode.Direct)
-
-    @dr.syntax
-    def _find(self, key: mi.UInt64, active: mi.Bool):  # type: ignore[no-untyped-def]
-        """The slot of a cell in the table (open addressing), a new one if it has none."""
-        low, high = mi.sample_tea_32(mi.UInt32(key), mi.UInt32(key >> 32), 4)
-        slot = mi.UInt32((mi.UInt64(low ^ high) * mi.UInt64(self._last + 1)) >> 32)
-        looking, probes = mi.Bool(active), mi.UInt32(0)
-        while looking:
-            there = dr.gather(mi.UInt64, self._keys, slot, looking)
-            if there == 0:
-                old, won = dr.scatter_cas(self._keys, mi.UInt64(0), key, slot, looking)
-                dr.scatter_add(self._cells, mi.UInt32(1), 0, won)
-                there = dr.select(won, key, old)
-            looking &= there != key
-            further = dr.select(slot == self._last, 0, slot + 1)
-            slot = dr.select(looking, further, slot)
-            probes += 1
-            if probes > self._last:  # the table is full
-                dr.scatter_add(self._lost, mi.UInt32(1), 0, looking)
-                looking = mi.Bool(False)
-        return slot
+        self.table.add(key, sums, active)
 
     def photons(self, half: int, group: int | None = None, diffused: bool = True) -> Photons:
         """One photon for each cell that has light in this half, sorted by cell; powers are divided
@@ -174,24 +130,23 @@ class PhotonSums:
         ``group``: only the photons of this group of emitters; all by default. ``diffused``: whether
         to include those from diffuse surfaces.
         """
-        wanted = self._keys != 0
+        keys = self.table.keys
+        wanted = keys != 0
         if group is not None:
-            wanted &= ((self._keys >> _GROUP_SHIFT) & ((1 << _GROUP_BITS) - 1)) == group
+            wanted &= ((keys >> _GROUP_SHIFT) & ((1 << _GROUP_BITS) - 1)) == group
         if not diffused:
-            wanted &= (self._keys & _DIFFUSED) == 0
-        line, power = _LINE * dr.arange(mi.UInt32, self.capacity), mi.UInt64(0)
+            wanted &= (keys & _DIFFUSED) == 0
+        every, power = dr.arange(mi.UInt32, self.table.capacity), mi.UInt64(0)
         for k in range(3):
-            power |= dr.gather(mi.UInt64, self._sums, line + (_POWER[half] + k), wanted)
+            power |= self.table.sums(every, _POWER[half] + k, wanted)
         taken = dr.compress(wanted & (power != 0))
         if dr.width(taken) == 0:
             return dr.zeros(Photons, 0)
-        found = np.asarray(dr.gather(mi.UInt64, self._keys, taken).numpy())
+        found = np.asarray(dr.gather(mi.UInt64, keys, taken).numpy())
         slot = dr.gather(mi.UInt32, taken, from_numpy(mi.UInt32, np.argsort(found)))
-        key = dr.gather(mi.UInt64, self._keys, slot)
+        key = dr.gather(mi.UInt64, keys, slot)
         columns = (*(_POWER[half] + k for k in range(3)), _XY, _ZN)
-        red, green, blue, xy, zn = (
-            dr.gather(mi.UInt64, self._sums, _LINE * slot + k) for k in columns
-        )
+        red, green, blue, xy, zn = (self.table.sums(slot, k) for k in columns)
         corner = mi.Vector3u(*(mi.UInt32((key >> (16 * k)) & 0xFFFF) for k in range(3)))
         level = mi.UInt32(key >> _LEVEL_SHIFT) & ((1 << LEVEL_BITS) - 1)
         thirds = mi.Vector3f(*(mi.Float((key >> (48 + 3 * k)) & 7) for k in range(3)))
@@ -208,47 +163,15 @@ class PhotonSums:
         return photons
 
     def tensors(self) -> dict[str, np.ndarray]:
-        """The sums, for a file: ``keys`` of the cells, (C,), and their ``sums``, (C, 8)."""
+        """The sums, for a file."""
         units = np.array([self._unit, self._landings, *self.paths])
-        taken = dr.compress(self._keys != 0)
-        if dr.width(taken) == 0:
-            empty = np.zeros((0, _LINE), np.uint64)
-            return {"keys": empty[:, 0], "sums": empty, "units": units}
-        lines = _LINE * dr.repeat(taken, _LINE) + dr.tile(dr.arange(mi.UInt32, _LINE), len(taken))
-        sums = dr.gather(mi.UInt64, self._sums, lines).numpy().reshape(-1, _LINE)
-        return {
-            "keys": dr.gather(mi.UInt64, self._keys, taken).numpy(),
-            "sums": sums,
-            "units": units,
-        }
+        return self.table.tensors() | {"units": units}
 
     def restore(self, tensors: Mapping[str, np.ndarray]) -> None:
         """Restore the sums from :meth:`tensors`; there must be none yet."""
-        keys = from_numpy(mi.UInt64, tensors["keys"])
         self._unit, self._landings = (float(v) for v in tensors["units"][:2])
         self.paths = [int(n) for n in tensors["units"][2:]]
-        self._make_room(max(self.capacity, math.ceil(_SPARE * dr.width(keys) / _FULL)))
-        if len(tensors["keys"]) == 0:
-            return
-        self._insert(keys, lambda k: from_numpy(mi.UInt64, tensors["sums"][:, k]))
-
-    def _grow(self, capacity: int) -> None:
-        """Move all cells into a larger table."""
-        keys, sums = self._keys, self._sums
-        taken = dr.compress(keys != 0)
-        self._make_room(capacity)
-        if dr.width(taken) == 0:
-            return
-        known = dr.gather(mi.UInt64, keys, taken)
-        self._insert(known, lambda k: dr.gather(mi.UInt64, sums, _LINE * taken + k))
-
-    def _insert(self, keys: mi.UInt64, column: Callable[[int], mi.UInt64]) -> None:
-        """Put cells into an empty table; ``column(k)``: integer k of _LINE of each cell, (C,)."""
-        slot = self._find(keys, mi.Bool(True))
-        dr.eval(slot, self._keys, self._cells, self._lost)
-        for k in range(_LINE):
-            dr.scatter(self._sums, column(k), _LINE * slot + k)
-        dr.eval(self._sums)
+        self.table.restore(tensors)
 
 
 def rounded_normal(n: mi.Normal3f) -> mi.Normal3f:
@@ -261,7 +184,10 @@ def _thirds(n: mi.Normal3f) -> mi.Normal3f:
 
 
 def _pack(corner: mi.Vector3u, thirds: mi.Vector3u) -> mi.UInt64:
-    """The key of a cell: 16 bits per coordinate of its corner, 3 per coordinate of its normal."""
+    """The key of a cell: 16 bits per coordinate of its corner, 3 per coordinate of its normal.
+
+    It is never 0, because no unit normal is -3, -3, -3 thirds.
+    """
     key = mi.UInt64(0)
     for k in range(3):
         key |= (mi.UInt64(corner[k]) << (16 * k)) | (mi.UInt64(thirds[k]) << (48 + 3 * k))

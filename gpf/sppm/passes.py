@@ -21,12 +21,12 @@ from gpf.core.settings import Count, Positive, Settings
 from gpf.core.spatial_hash import Record, SpatialHash
 from gpf.core.structs import VisiblePoints, from_numpy
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface
+from gpf.photons.density import PhotonDensity
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import has_gloss
-from gpf.sppm.density import PhotonDensity, radius_at
 from gpf.sppm.edge_correction import area_correction
 from gpf.sppm.fixed_points import FixedPoints
 
@@ -38,7 +38,7 @@ class PassSettings(Settings):
     ----------
     photons_per_pass: emitted photon paths.
     initial_radius: kernel radius of the first pass, world units.
-    alpha: radius reduction, in (0, 1); see :func:`gpf.sppm.density.radius_at`.
+    alpha: radius reduction, in (0, 1); see :func:`radius_at`.
     max_depth: longest path in edges, as in Mitsuba's ``path``; -1: no limit.
     rr_depth: interactions before Russian roulette.
     direct: source of direct light at visible and fixed points: ``photons``, like all other light,
@@ -75,6 +75,20 @@ def suit_scene(settings: PassSettings, scene: mi.Scene) -> PassSettings:
     walks = settings.glossy_walks if has_gloss(scene) else 1
     direct = settings.direct if samples_every_emitter(scene) else "photons"
     return settings.model_copy(update={"glossy_walks": walks, "direct": direct})
+
+
+def radius_at(t: int, initial_radius: float, alpha: float) -> float:
+    """Radius of pass ``t`` (counted from 1), in the unit of ``initial_radius``.
+
+    The recurrence r_{t+1} = r_t √((t + α) / (t + 1)) (Knaus and Zwicker 2011) in closed form, so
+    that a pass does not depend on earlier ones:
+
+        r_t² = r_1² Γ(t + α) / (Γ(1 + α) Γ(t + 1))
+    """
+    from scipy.special import gammaln
+
+    log_ratio = gammaln(t + alpha) - gammaln(1 + alpha) - gammaln(t + 1)
+    return float(initial_radius * np.exp(0.5 * log_ratio))
 
 
 class PhotonPasses:

@@ -14,12 +14,16 @@ from gpf.core.structs import to_numpy
 from gpf.field.settings import Direct
 from gpf.guiding.lamp_guide import LampGuide, count_bins, find_cells
 from gpf.scene.lamps import Lamps, small_lamps
+from gpf.scene.light_groups import LightGroups
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, suit_scene
 from gpf.training.sampled_light import SampledLight
 
 PILOT = 8
 """Samples per point from which a guide learns."""
+
+GROUP_SAMPLES = 16
+"""Samples per point of each group of emitters."""
 
 WORTH = 0.95
 """Samples are guided if that reduces their variance to less than this fraction."""
@@ -71,6 +75,18 @@ class DirectLight(SampledLight):
         start = random_start(seed, dr.width(self.points.points.p))
         warp = self._guide.warp if self._guide else None
         return self.sign * self.points.direct_sums(start, first, count, self.lamps, warp)[0]
+
+    def by_group(self, groups: LightGroups) -> np.ndarray:
+        """The light of each group of emitters, from samples of its own, W/m², (G, N, 3)."""
+        found, sampled = [], self.lamps.indices
+        for number, members in enumerate(groups.members):
+            kept = members
+            if sampled is not None:
+                kept = tuple(k for k in members if k in sampled)
+            seed = pass_seed(self.seed, number, Stream.GROUP_EMITTERS)
+            lamps = Lamps(self.points.scene, kept)
+            found.append(self.sign * self.points.mean_direct(lamps, GROUP_SAMPLES, seed))
+        return np.stack(found)
 
     @cached_property
     def _guide(self) -> LampGuide | None:

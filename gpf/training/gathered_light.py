@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from gpf.camera.next_event import direct_light
 from gpf.core.loops import loops_traced_once
@@ -37,13 +38,24 @@ class GatheredLight(SampledLight):
     Parameters
     ----------
     field: gives the irradiance of the surfaces that the rays meet.
+    since: photon passes before the first that has samples.
     """
 
     LEAST, MOST_PER_PASS, COST = 4, 1.0, 0.6
 
-    def __init__(self, points: FixedPoints, field: GaussianPhotonField, seed: int) -> None:
+    def __init__(
+        self, points: FixedPoints, field: GaussianPhotonField, seed: int, since: int = 0
+    ) -> None:
         super().__init__(points, seed)
-        self.field = field
+        self.field, self.since = field, since
+
+    def sample(self, passes: int) -> None:
+        """Add the samples that go with this many passes."""
+        super().sample(passes - self.since)
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """The samples so far, and the passes before them, for a file."""
+        return super().tensors() | {"lit": np.array([self.since])}
 
     def _light(self, half: int, first: int, count: int) -> mi.Color3f:
         seed = pass_seed(self.seed, half, Stream.GATHER_RAYS)

@@ -53,7 +53,7 @@ def _list_neighbours(field, points, fill, indices, offset, dense):  # type: igno
     radius = dr.opaque(mi.Float, settings.search_radius)
     listed = dr.opaque(mi.Float, settings.search_radius * LIST_MARGIN)
     radius2 = radius * radius
-    order = field.hash.order
+    order = field.search.hash.order
 
     def write(index, slot, active):  # type: ignore[no-untyped-def]
         if fill:
@@ -62,8 +62,8 @@ def _list_neighbours(field, points, fill, indices, offset, dense):  # type: igno
 
     def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
         within, count = state
-        inside &= field.accepts(record, points.p, points.n)
-        inside = field.reaches(index, points.p, inside)
+        inside &= field.search.accepts(record, points.p, points.n)
+        inside = field.search.reaches(index, points.p, inside)
         write(index, offset + count, inside)
         near = inside & (distance2 <= radius2)
         return within + dr.select(near, 1, 0), count + dr.select(inside, 1, 0)
@@ -72,12 +72,12 @@ def _list_neighbours(field, points, fill, indices, offset, dense):  # type: igno
     count = mi.UInt32(0)
     active = dr.full(mi.Bool, True, dr.width(points.p)) & dense
     if dr.hint(settings.neighbours != "knn", mode="scalar"):
-        within, count = field.hash.visit(points.p, listed, add, (within, count), active)
+        within, count = field.search.hash.visit(points.p, listed, add, (within, count), active)
     support2 = dr.full(mi.Float, 1, dr.width(points.p)) * radius2
     sparse = mi.Bool(False)
     if dr.hint(settings.neighbours != "radius", mode="scalar"):
         sparse = within <= settings.k
-        index, distance2 = field.supplement(points.p, points.n, sparse)
+        index, distance2 = field.search.nearest(points.p, points.n, sparse)
         _, reach2 = supplement_support(distance2)
         found = mi.UInt32(0)
         for j in range(settings.k):

@@ -28,13 +28,12 @@ def save_trainer(
     states = {
         "parameters": parameters(trainer.gaussians),
         "best": parameters(trainer.best),
-        "first": trainer.adam.first,
-        "second": trainer.adam.second,
+        "first": trainer.descent.adam.first,
+        "second": trainer.descent.adam.second,
     }
     tensors = {name: np.stack([v.numpy() for v in values]) for name, values in states.items()}
     metadata = {
         "step": trainer.step_count,
-        "best_error": trainer.best_error,
         "history": [asdict(progress) for progress in trainer.history],
         "note": note,
         "fingerprint": dict(fingerprint),
@@ -55,8 +54,8 @@ def restore_trainer(trainer: Trainer, path: Path, fingerprint: Mapping[str, Any]
     arrays = {name: [from_numpy(mi.Float, row) for row in value] for name, value in tensors.items()}
     trainer.gaussians = with_parameters(trainer.gaussians, arrays["parameters"])
     trainer.best = with_parameters(trainer.gaussians, arrays["best"])
-    trainer.adam = Adam(arrays["first"], arrays["second"])
-    trainer.step_count, trainer.best_error = metadata["step"], metadata["best_error"]
+    trainer.descent.adam = Adam(arrays["first"], arrays["second"])
+    trainer.step_count = metadata["step"]
     trainer.history = [Progress(**progress) for progress in metadata["history"]]
     trainer.rebuild()
     return metadata["note"]

@@ -11,7 +11,7 @@ import numpy as np
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import OrientedPoints, Photons, concatenate, from_numpy, take
 from gpf.field.gaussians import Gaussians
-from gpf.sppm.density import PhotonDensity
+from gpf.photons.density import PhotonDensity
 from stages.config.training import InitialFieldSettings
 
 
@@ -50,7 +50,7 @@ def initialize_gaussians(
         means = from_numpy(mi.Point3f, rng.uniform(lower, upper, (count, 3)))
         cell = 1e-2 * float(np.linalg.norm(upper - lower))
         grid = SpatialHash(photons.p, cell=cell, bounds=bounds, far=True)
-        nearest, _ = grid.nearest(means, 1, mi.Float(cell), mi.Float(2 * grid.extent))
+        nearest, _ = grid.nearest(means, 1, mi.Float(cell), mi.Float(2 * grid.levels.extent))
         photon = dr.gather(mi.UInt32, grid.order, nearest[0])
         normals = dr.gather(mi.Normal3f, photons.n, photon)
     if settings.initial_colour == "density":

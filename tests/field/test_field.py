@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import VisiblePoints, from_numpy
-from gpf.field.field import LARGEST_REACH, blend_weight
+from gpf.field.field import blend_weight
+from gpf.field.neighbour_search import LARGEST_REACH
 from gpf.field.settings import FieldSettings
 from tests.plain_field import (
     LOWER,

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -13,41 +10,18 @@ import gpf
 from gpf.commands.fit import describe_fit
 from gpf.core.errors import UserError
 from gpf.core.images import tone_map
-from gpf.field.io import read_field
 from gpf.fitting import plan
 from gpf.fitting.field_series import FieldSeries
-from gpf.fitting.progress import FitProgress
 from gpf.fitting.quality import QualityEstimate
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import make_sensor
-from gpf.scene.views import View, read_views
+from gpf.scene.views import View
 from gpf.training.streaming import PhotonStream
 from tests.furnace import diffuse, floor, lamp, point_light
-from tests.small_fit import make_small
+from tests.small_fit import VIEWS, sensors
 
-VIEWS = [
-    View(name="front", origin=(0, 0, 3.9), target=(0, 0, 0), fov=39.3),
-    View(name="left", origin=(-0.5, 0.2, 2.5), target=(0.1, -0.3, 0), fov=45),
-]
-
-
-SOURCE = Path(__file__).parents[2] / "scenes" / "cornell_box" / "scene.xml"
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return mi.load_dict(mi.cornell_box(), optimize=False)
-
-
-@pytest.fixture(autouse=True)
-def small(monkeypatch):
-    """A fit of a second."""
-    make_small(monkeypatch, passes=30, steps=60, paths=5_000)
-
-
-def sensors(rows: int = 32):
-    return [make_sensor(view, rows, rows) for view in VIEWS]
+pytestmark = pytest.mark.usefixtures("small")
 
 
 def test_a_fit_says_how_far_it_is_and_what_it_made(scene, monkeypatch):
@@ -67,11 +41,6 @@ def test_a_fit_says_how_far_it_is_and_what_it_made(scene, monkeypatch):
     assert told == f"20 passes, estimated PSNR {last[1]:.1f} dB (after 12: {before:.1f} dB)"
 
 
-def test_what_gathered_light_was_worth_is_told():
-    told = describe_fit({"fields": [(24, 30.0), (24, 34.04)]})
-    assert told == "24 passes, estimated PSNR 34.0 dB (from photons alone: 30.0 dB)"
-
-
 @pytest.mark.slow
 def test_with_a_psnr_as_the_goal_there_are_as_many_passes_as_it_needs(scene):
     asked = gpf.fit(scene, sensors(), passes=30, seed=1).record["estimated_psnr"] + 2
@@ -86,32 +55,6 @@ def test_what_is_out_of_reach_ends_with_a_warning(scene, monkeypatch, caplog):
     # The first field, and two more that gain nothing.
     assert field.record["passes"] == plan.FIRST_PASSES * plan.GROWTH**2
     assert "will not raise the estimated PSNR" in caplog.text
-
-
-class Clock:
-    """Seconds that only passes and steps let go by."""
-
-    def __init__(self) -> None:
-        self.now, self.before = 0.0, (0, 0)
-
-    def perf_counter(self) -> float:
-        return self.now
-
-    def count(self, progress: FitProgress) -> None:
-        """A pass takes .2 s, a step of the optimiser .02 s."""
-        passes, steps = self.before
-        self.now += 0.2 * (progress.passes > passes) + 0.02 * (progress.steps != steps)
-        self.before = progress.passes, progress.steps
-
-
-@pytest.fixture
-def clock(monkeypatch) -> Clock:
-    """The only clock of a fit that has it as its callback, ``clock.count``."""
-    clock = Clock()
-    monkeypatch.setattr("gpf.fitting.state.time", clock)
-    monkeypatch.setattr("gpf.fitting.goals.time", clock)
-    monkeypatch.setattr("gpf.fitting.goals._seconds_of_compiling", lambda: 0.0)
-    return clock
 
 
 def test_time_ends_a_fit(scene, clock):
@@ -159,25 +102,6 @@ def test_a_fit_that_failed_says_so(scene, monkeypatch, caplog):
     monkeypatch.undo()
 
 
-def test_interrupted_the_best_field_so_far_is_returned(scene, monkeypatch):
-    monkeypatch.setattr(plan, "FIRST_PASSES", 12)
-
-    def stop(progress):
-        if progress.psnr is not None:
-            raise KeyboardInterrupt
-
-    field = gpf.fit(scene, sensors(), target_psnr=90, callback=stop)
-    assert field.record["estimated_psnr"] > 20 and dr.width(field.gaussians.means) > 0
-
-
-def test_before_the_first_field_an_interrupt_ends_the_fit(scene):
-    def stop(progress):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        gpf.fit(scene, sensors(), passes=30, callback=stop)
-
-
 def test_the_time_of_a_field_does_not_count_as_that_of_a_pass(scene, monkeypatch, clock):
     """A field takes 30 s, a pass .2 s: after the first field there is time for all passes."""
     monkeypatch.setattr(plan, "FIRST_PASSES", 12)
@@ -190,76 +114,6 @@ def test_the_time_of_a_field_does_not_count_as_that_of_a_pass(scene, monkeypatch
     monkeypatch.setattr(FieldSeries, "judge", slowly)
     record = gpf.fit(scene, sensors(), seconds=85, callback=clock.count).record
     assert record["passes"] > 20
-
-
-def test_unused_photons_of_a_state_are_used(scene, monkeypatch, clock, tmp_path):
-    """Interrupted in the second field, with photons for it, and time for a few more."""
-    monkeypatch.setattr(plan, "FIRST_PASSES", 12)
-
-    def stop(progress):
-        clock.count(progress)
-        if progress.passes == 36 and progress.steps == 5:
-            raise KeyboardInterrupt
-
-    state = tmp_path / "box.fit"
-    field = gpf.fit(scene, sensors(), passes=36, callback=stop, state=state)
-    assert field.record["passes"] == 12
-    field = gpf.fit(scene, sensors(), seconds=2, state=state, callback=clock.count)
-    assert 36 <= field.record["passes"] < 1.25 * 36
-    whole = gpf.fit(scene, sensors(), passes=field.record["passes"])
-    for name, values in vars(whole.gaussians).items():
-        np.testing.assert_array_equal(vars(field.gaussians)[name].numpy(), values.numpy())
-
-
-def test_a_fit_that_was_interrupted_before_light_was_gathered_gathers_it(
-    scene, monkeypatch, tmp_path
-):
-    def interrupt(stream, *arguments):
-        raise KeyboardInterrupt
-
-    state = tmp_path / "box.fit"
-    with monkeypatch.context() as once:
-        once.setattr(PhotonStream, "light_by", interrupt)
-        first = gpf.fit(scene, sensors(), passes=12, state=state)
-    field = gpf.fit(scene, sensors(), passes=12, state=state)
-    whole = gpf.fit(scene, sensors(), passes=12)
-    # The first is by photons alone, which show less detail.
-    assert dr.width(first.gaussians.means) < dr.width(whole.gaussians.means)
-    for name, values in vars(whole.gaussians).items():
-        np.testing.assert_array_equal(vars(field.gaussians)[name].numpy(), values.numpy())
-
-
-def test_a_field_whose_judgement_was_interrupted_is_fitted_again(scene, monkeypatch, tmp_path):
-    monkeypatch.setattr(plan, "FIRST_PASSES", 12)
-    add_error = FieldSeries.add_error
-
-    def interrupt(self, field, fitted):
-        if self.stream.count > 12:
-            raise KeyboardInterrupt
-        add_error(self, field, fitted)
-
-    state = tmp_path / "box.fit"
-    with monkeypatch.context() as once:
-        once.setattr(FieldSeries, "add_error", interrupt)
-        assert gpf.fit(scene, sensors(), passes=30, state=state).record["passes"] == 12
-    assert gpf.fit(scene, sensors(), passes=30, state=state).record["passes"] == 30
-
-
-def test_a_first_field_whose_judgement_was_interrupted_at_its_end_is_kept(
-    scene, monkeypatch, tmp_path
-):
-    judge = FieldSeries.judge
-
-    def interrupt(self, *arguments):
-        judge(self, *arguments)
-        raise KeyboardInterrupt
-
-    state = tmp_path / "box.fit"
-    with monkeypatch.context() as once:
-        once.setattr(FieldSeries, "judge", interrupt)
-        assert gpf.fit(scene, sensors(), passes=12, state=state).record["passes"] == 12
-    field = gpf.fit(scene, sensors(), passes=18, state=state)
-    assert field.record["passes"] == 18
 
 
 def test_light_that_the_renderer_samples_leaves_a_black_field():
@@ -319,44 +173,6 @@ def test_a_scene_without_a_camera_needs_sensors():
 
 
 @pytest.mark.slow
-def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch, capsys):
-    from gpf.cli import main
-
-    for name in ("PREVIEW_ROWS", "ROWS"):
-        monkeypatch.setattr(f"gpf.commands.fit.{name}", 32)
-    with pytest.raises(SystemExit) as ended:
-        main(["fit", str(SOURCE), "-o", str(tmp_path / "box.safetensors"), "--passes", "24"])
-    assert not ended.value.code
-    assert f"cameras: from {SOURCE.parent / 'views.yaml'}" in capsys.readouterr().err
-    stored = read_field(tmp_path / "box.safetensors")
-    assert stored.record["passes"] == 24
-    assert stored.record["exposure"] == read_views(SOURCE.parent / "views.yaml").exposure
-    assert stored.tensors["error"].shape == (len(stored.tensors["means"]),)
-    assert tuple(mi.Bitmap(str(tmp_path / "box.png")).size()) == (32, 32)
-
-
-@pytest.mark.parametrize("command", ["fit", "view"])
-@pytest.mark.parametrize("name", ["box.exr", "box.fit", "box", "."])
-def test_a_field_has_a_name_of_its_own(tmp_path, monkeypatch, capsys, command, name):
-    from gpf.cli import main
-
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as ended:
-        main([command, str(SOURCE), "-o", name])
-    assert ended.value.code == 2 and not list(tmp_path.iterdir())
-    assert "ends in .safetensors" in capsys.readouterr().err
-
-
-def test_a_fit_that_goes_on_has_its_place(capsys):
-    from gpf.cli import main
-
-    with pytest.raises(SystemExit) as ended:
-        main(["fit", str(SOURCE), "--continue", "a.safetensors", "-o", "b.safetensors"])
-    assert ended.value.code == 2
-    assert "--continue and --output: are mutually exclusive" in capsys.readouterr().err
-
-
-@pytest.mark.slow
 def test_lamps_without_a_size_have_sharp_shadows():
     """The renderer samples their direct light; the field holds that of the others."""
     room = mi.cornell_box()
@@ -374,32 +190,3 @@ def test_lamps_without_a_size_have_sharp_shadows():
     error = tone_map(renderer.render(view, size, seed=5)["radiance"], 0.5) - tone_map(truth, 0.5)
     psnr = -10 * np.log10(np.mean(np.square(error)))
     assert psnr > 42  # 39 with all light in the field
-
-
-@pytest.mark.slow
-def test_a_killed_fit_goes_on_and_gives_the_same_bits(scene, tmp_path, monkeypatch):
-    monkeypatch.setattr("gpf.fitting.state.SAVE_SECONDS", 0)  # after each pass
-    whole = gpf.fit(scene, sensors(), passes=75, seed=3)
-
-    def stop(progress):
-        if progress.passes == 50:
-            raise RuntimeError("killed")
-
-    with pytest.raises(RuntimeError, match="killed"):
-        gpf.fit(scene, sensors(), passes=75, seed=3, callback=stop, state=tmp_path / "box.fit")
-    told = []
-    field = gpf.fit(
-        scene, sensors(), passes=75, seed=3, callback=told.append, state=tmp_path / "box.fit"
-    )
-    assert 24 < told[0].passes <= 51 and told[0].psnr is not None
-    for name, values in vars(whole.gaussians).items():
-        np.testing.assert_array_equal(vars(field.gaussians)[name].numpy(), values.numpy())
-    assert field.record["estimated_psnr"] == whole.record["estimated_psnr"]
-    more = gpf.fit(scene, sensors(), passes=100, seed=3, state=tmp_path / "box.fit")
-    assert more.record["passes"] == 100
-    brighter = gpf.fit(
-        scene, sensors(), passes=100, seed=3, state=tmp_path / "box.fit", exposure=3.0
-    )
-    assert brighter.record["exposure"] == 3 and brighter.record["passes"] == 100
-    other = gpf.fit(scene, sensors(), passes=24, seed=4, state=tmp_path / "box.fit")
-    assert other.record["passes"] == 24  # photons of another seed are not used

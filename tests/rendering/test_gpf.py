@@ -1,100 +1,31 @@
-"""The plugin `gpf`: loaded as Mitsuba loads plugins, and right where the answer is known."""
-
-import subprocess
-import sys
-from pathlib import Path
+"""Images of a field where the answer is known."""
 
 import mitsuba as mi
 import numpy as np
 import pytest
 
-import gpf  # noqa: F401  # registers the plugins
 from gpf.field.field import GaussianPhotonField
-from gpf.field.io import save_field
 from gpf.field.settings import FieldSettings
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from tests.furnace import diffuse, floor
-from tests.plain_field import flat_gaussians, to_device
-
-PROJECT = Path(__file__).parents[2]
-WIDTH, HEIGHT = 8, 6
-E = np.array([2.0, 3.0, 5.0])
-LAMP = np.array([0.5, 0.25, 4.0])
-TEXELS = np.random.default_rng(4).uniform(0.05, 0.95, (HEIGHT, WIDTH, 3)).astype(np.float32)
-
-
-def constant_field(stores: str = "irradiance") -> GaussianPhotonField:
-    """E everywhere on the floor, but for its far left end, where no Gaussian is near."""
-    grid = np.stack(np.meshgrid(np.linspace(-2, 4, 13), np.linspace(-3, 3, 13)), -1).reshape(-1, 2)
-    means = np.column_stack([grid, np.zeros(len(grid))])
-    g = flat_gaussians(means, np.tile(E, (len(means), 1)), size=0.3)
-    corners = mi.ScalarPoint3f(-4, -3, 0), mi.ScalarPoint3f(4, 3, 0.5)
-    return GaussianPhotonField(
-        to_device(g), FieldSettings(search_radius=0.8, stores=stores), corners
-    )
-
-
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("field") / "field.safetensors"
-    save_field(constant_field(), path)
-    return path
-
-
-def make_scene(pixels: str = "rgb") -> mi.Scene:
-    """A floor with one texel per pixel; one of the pixels looks at a lamp's black front."""
-    t = mi.ScalarTransform4f
-    return mi.load_dict(
-        {
-            "type": "scene",
-            "sensor": {
-                "type": "orthographic",
-                "to_world": t().look_at([0, 0, 5], [0, 0, 0], [0, 1, 0]).scale([4, 4, 1]),
-                "sampler": {"type": "independent"},
-                "film": {
-                    "type": "hdrfilm",
-                    "width": WIDTH,
-                    "height": HEIGHT,
-                    "rfilter": {"type": "box"},
-                    "pixel_format": pixels,
-                    "component_format": "float32",
-                },
-            },
-            "floor": {
-                "type": "rectangle",
-                "to_world": t().scale([4, 3, 1]),
-                "bsdf": {
-                    "type": "diffuse",
-                    "reflectance": {
-                        "type": "bitmap",
-                        "bitmap": mi.Bitmap(TEXELS),
-                        "raw": True,
-                        "filter_type": "nearest",
-                    },
-                },
-            },
-            "lamp": {
-                "type": "rectangle",
-                "to_world": t().translate([2.5, 1.5, 0.5]).scale(0.5),
-                "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.5}},
-                "emitter": {"type": "area", "radiance": {"type": "rgb", "value": LAMP.tolist()}},
-            },
-        }
-    )
+from tests.rendering.textured_floor import (
+    HEIGHT,
+    LAMP,
+    TEXELS,
+    WIDTH,
+    E,
+    constant_field,
+    integrator_with,
+    make_scene,
+)
 
 
 def reflectance_seen(scene: mi.Scene) -> np.ndarray:
     """What Mitsuba's own integrator says about the albedo in each pixel."""
     albedo = mi.load_dict({"type": "aov", "aovs": "albedo:albedo"})
     return np.array(mi.render(scene, integrator=albedo, spp=4))[..., -3:]
-
-
-def integrator_with(field: GaussianPhotonField, **more) -> mi.Integrator:
-    integrator = mi.load_dict({"type": "gpf", **more})
-    integrator.field = field
-    return integrator
 
 
 @pytest.mark.parametrize("stores", ["irradiance", "radiance"])
@@ -175,18 +106,6 @@ def test_where_the_field_knows_nothing_coverage_does_not_look_like_support():
     assert (unknown[:, 3] > 4).all()
 
 
-def test_the_plugin_loads_its_field_from_the_path_in_the_scene(saved):
-    integrator = mi.load_string(
-        f'<integrator version="3.0.0" type="gpf"><string name="field" value="{saved}"/>'
-        '<integer name="max_depth" value="6"/><string name="aovs" value="coverage"/></integrator>'
-    )
-    text = str(integrator)
-    assert "169 Gaussians" in text and "max_depth=6" in text and "search_radius=0.8" in text
-    assert integrator.aov_names() == ["coverage"]
-    image = np.array(mi.render(make_scene(), integrator=integrator, spp=2))
-    assert image.shape == (HEIGHT, WIDTH, 4) and np.isfinite(image).all()
-
-
 def test_max_depth_is_that_of_path():
     scene = make_scene()
     field = constant_field()
@@ -239,78 +158,6 @@ def test_both_ways_from_a_surface_make_the_same_picture_with_less_noise(
     np.testing.assert_allclose(means[0], means[1], rtol=0.01, atol=1e-4)
     if not adaptive:
         assert noise[0] < least * noise[1]
-
-
-def test_a_missing_field_file_is_said_in_words(tmp_path):
-    with pytest.raises(Exception, match=r"gone\.safetensors: is missing\. Check the path"):
-        mi.load_dict({"type": "gpf", "field": str(tmp_path / "gone.safetensors")})
-
-
-def test_no_field_at_all_is_said_in_words():
-    with pytest.raises(RuntimeError) as caught:
-        mi.render(make_scene(), integrator=mi.load_dict({"type": "gpf"}), spp=1)
-    error: BaseException | None = caught.value
-    words = []
-    while error is not None:  # Dr.Jit wraps what happens inside a rendering
-        words.append(str(error))
-        error = error.__cause__
-    assert 'has no field: set its "field" property to the path of a field.safetensors' in words[-1]
-
-
-def test_an_unknown_property_is_refused():
-    with pytest.raises(RuntimeError, match="filed"):
-        mi.load_dict({"type": "gpf", "filed": "x"})
-
-
-PROGRAM = """
-import sys
-import numpy as np
-{first}
-{second}
-scene = mi.load_string('''
-<scene version="3.0.0">
-    <integrator type="gpf"><string name="field" value="{field}"/></integrator>
-    <sensor type="perspective">
-        <transform name="to_world">
-            <lookat origin="1, 0, 4" target="1, 0, 0" up="0, 1, 0"/>
-        </transform>
-        <film type="hdrfilm">
-            <integer name="width" value="8"/><integer name="height" value="6"/>
-            <string name="pixel_format" value="rgb"/>
-        </film>
-    </sensor>
-    <shape type="rectangle">
-        <transform name="to_world"><scale x="4" y="3"/></transform>
-        <bsdf type="diffuse"><rgb name="reflectance" value="0.5, 0.25, 0.125"/></bsdf>
-    </shape>
-    <shape type="sphere">
-        <point name="center" x="0" y="0" z="9"/>
-        <emitter type="area"><rgb name="radiance" value="1"/></emitter>
-    </shape>
-</scene>''')
-image = np.array(mi.render(scene, spp=1))
-assert image.shape == (6, 8, 3), image.shape
-print(*image.reshape(-1, 3).min(0), *image.reshape(-1, 3).max(0))
-"""
-
-
-@pytest.mark.parametrize("order", ["before", "after", "changed"])
-def test_loaded_from_xml_around_set_variant(saved, order):
-    # This process has told Dr.Jit where libLLVM is; its children inherit that.
-    imports, variant = "import mitsuba as mi", f"mi.set_variant('{mi.variant()}')"
-    first, second = {
-        "before": (f"{imports}\nimport gpf", variant),
-        "after": (f"{imports}\n{variant}", "import gpf"),
-        "changed": (f"{imports}\nimport gpf\nmi.set_variant('scalar_rgb')", variant),
-    }[order]
-    program = PROGRAM.format(first=first, second=second, field=saved)
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, cwd=PROJECT, timeout=120
-    )
-    assert done.returncode == 0, done.stderr
-    found = np.array(done.stdout.split(), dtype=float).reshape(2, 3)
-    expected = np.array([0.5, 0.25, 0.125]) / np.pi * E
-    np.testing.assert_allclose(found, [expected, expected], rtol=1e-4)
 
 
 def test_recorded_frames_are_those_of_a_new_integrator():

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import Photons, from_numpy
+from gpf.photons.density import PhotonDensity
 from gpf.photons.photon_cells import PhotonCells
 from gpf.photons.photon_grid import PhotonSums
 from gpf.photons.tracing import PathSettings
 from gpf.scene.bounds import scene_bounds
-from gpf.sppm.density import PhotonDensity
 from gpf.sppm.edge_correction import area_correction, covered_share, near_edges
 from tests.furnace import camera, diffuse, floor, point_light, rectangle, render, room, sppm
 from tests.tiers import tiers

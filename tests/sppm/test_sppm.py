@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from typing import Any
-
 import mitsuba as mi
 import numpy as np
 import pytest
@@ -12,75 +9,28 @@ import pytest
 from tests.furnace import (
     Scene,
     bitmap,
-    block_means,
     camera,
     cornell_box,
     diffuse,
     facing,
     floor,
     furnace,
-    interior,
     lamp,
     point_light,
     rectangle,
     render,
     rgb,
-    smooth_floor,
     sppm,
     studio,
     two_sided,
-    z_scores,
 )
-from tests.tiers import Tier, tiers
-
-PATH = {"type": "path", "max_depth": -1}
-
-
-TIERS = tiers(quick=1 / 10)
-
-
-def compare(
-    tier: Tier,
-    scene: Scene,
-    passes: int = 12,
-    spp: int = 1024,
-    mean: float = 5e-3,
-    block: int = 4,
-    bias: float = 0.01,
-    truth: Scene = PATH,
-    **options: Any,
-) -> None:
-    """Compare away from edges, where the kernel is biased by design: it finds less than a disc.
-
-    The mean over all such pixels has to agree within ``mean``, blocks of pixels within noise; of
-    ``bias``, relative, we take no notice there, for the kernel blurs shadows.
-
-    ``passes``, ``spp`` and ``mean`` are those of the precise tier. The standard error of the ratio
-    of means is at most 0.6 ``mean``, a quarter to a half of it in most tests.
-    """
-    depth = {"max_depth": truth["max_depth"]}
-    ours = render(scene, sppm(**options) | depth, tier.samples(passes), 8)
-    theirs = render(scene, truth, tier.samples(spp), 8, first=100)
-    mask = interior(scene)
-    a, b = ours[:, mask].mean(1), theirs[:, mask].mean(1)
-    error = np.sqrt((a.var(0, ddof=1) + b.var(0, ddof=1)) / 8) / b.mean(0)
-    ratio = a.mean(0) / b.mean(0)
-    # `pytest -s tests/sppm/test_sppm.py` prints them all.
-    name = os.environ["PYTEST_CURRENT_TEST"].partition("::")[2].removesuffix(" (call)")
-    print(f"\n{name}: {ratio.round(4)} ± {error.round(4)}", end=" ")
-    z = z_scores(block_means(ours, block, mask), block_means(theirs, block, mask), bias)
-    mean = tier.noise(mean)
-    assert (error < 0.6 * mean).all(), f"too noisy to tell: {error}"
-    np.testing.assert_allclose(ratio, 1, atol=mean)
-    assert np.sqrt(np.mean(z**2)) < 1.4 and z.max() < 6
-
-
-# --- against path -----------------------------------------------------------------------------
+from tests.sppm.against_path import DIRECT, TIERS, WHITE, compare
+from tests.tiers import Tier
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("glass", [False, True], ids=["diffuse", "glass sphere"])
-def test_cornell_box(glass):
+def test_the_cornell_box_is_that_of_path(glass):
     scene = cornell_box((48, 40), glass)
     compare(Tier(1), scene, passes=10, spp=256, block=8, photons=250_000, radius=0.02)
 
@@ -114,13 +64,10 @@ LIGHTS = {
 }
 
 
-DIRECT = pytest.mark.parametrize("direct", ["photons", "emitters"])
-
-
 @TIERS
 @DIRECT
 @pytest.mark.parametrize("kind", LIGHTS)
-def test_a_wall_lit_by_each_kind_of_emitter(tier, kind, direct):
+def test_a_floor_lit_by_each_kind_of_emitter_is_that_of_path(tier, kind, direct):
     light = LIGHTS[kind]
     if kind == "envmap":
         light = light | {"bitmap": mi.Bitmap(SKY)}
@@ -142,7 +89,7 @@ def lit_floor(light: Scene, size: tuple[int, int] = (12, 8)) -> Scene:
     }
 
 
-def test_a_floor_under_a_directional_area_light():
+def test_a_floor_under_a_directional_area_light_is_evenly_lit():
     """Nothing for `path` to find, but known: L = ρ/π E, the same all over the beam."""
     light = rectangle((0, 0, 1.7), (0, 0, 0), 3, 3, diffuse(0))
     light["emitter"] = {"type": "directionalarea", "radiance": rgb(3, 2, 1)}
@@ -152,107 +99,9 @@ def test_a_floor_under_a_directional_area_light():
     np.testing.assert_allclose(image, np.broadcast_to(expected, image.shape), rtol=0.2)
 
 
-TEXTURE = bitmap(np.random.default_rng(1).uniform(0.1, 0.9, (8, 9, 3)), filter_type="nearest")
-TILTED = np.array([0.35, -0.2, 0.9]) / np.linalg.norm([0.35, -0.2, 0.9])
-WHITE = diffuse(0.6, 0.5, 0.4)
-
-FLOORS = {
-    "plastic": {"type": "plastic", "diffuse_reflectance": rgb(0.6, 0.5, 0.4), "int_ior": 1.7},
-    "roughplastic": {
-        "type": "roughplastic",
-        "diffuse_reflectance": rgb(0.6, 0.5, 0.4),
-        "alpha": 0.25,
-        "nonlinear": True,
-    },
-    "bitmap texture": {"type": "diffuse", "reflectance": TEXTURE},
-    "rough conductor": {"type": "roughconductor", "material": "Al", "alpha": 0.3},
-    "blend": {
-        "type": "blendbsdf",
-        "weight": 0.4,
-        "a": WHITE,
-        "b": {"type": "roughconductor", "material": "Al", "alpha": 0.3},
-    },
-    "normal map": {
-        "type": "normalmap",
-        "material": WHITE,
-        "normalmap": bitmap(np.broadcast_to((TILTED + 1) / 2, (2, 2, 3))),
-    },
-    "bump map": {
-        "type": "bumpmap",
-        "material": WHITE,
-        "relief": bitmap(np.random.default_rng(2).uniform(0, 0.4, (8, 9, 1))),
-    },
-    "two-sided": two_sided(0.6, 0.5, 0.4),
-    "principled": {
-        "type": "separable_principled",
-        "base_color": TEXTURE,
-        "roughness": bitmap(np.linspace(0.2, 0.9, 16).reshape(4, 4, 1)),
-        "sheen": 0.5,
-        "flatness": 0.4,
-    },
-    "principled metal and lacquer": {
-        "type": "separable_principled",
-        "base_color": rgb(0.6, 0.5, 0.4),
-        "metallic": 0.4,
-        "roughness": 0.4,
-        "clearcoat": 1.0,
-    },
-}
-
-SHEETS = {
-    "rough dielectric": {"type": "roughdielectric", "alpha": 0.2, "int_ior": 1.3},
-    "thin dielectric": {"type": "thindielectric", "int_ior": 1.8},
-    "mask": {"type": "mask", "opacity": 0.6, "material": two_sided(0.6, 0.5, 0.4)},
-    "principled glass": {
-        "type": "separable_principled",
-        "base_color": rgb(0.9, 0.8, 0.7),
-        "spec_trans": 0.7,
-        "roughness": 0.4,
-        "eta": 1.3,
-    },
-    "principled paper": {
-        "type": "separable_principledthin",
-        "base_color": rgb(0.9, 0.8, 0.7),
-        "diff_trans": 1.0,
-        "roughness": 0.6,
-        "flatness": 0.3,
-    },
-    "thin principled glass": {
-        "type": "separable_principledthin",
-        "base_color": rgb(0.9, 0.8, 0.7),
-        "diff_trans": 0.4,
-        "spec_trans": 0.5,
-        "roughness": 0.4,
-        "eta": 1.3,
-    },
-}
-
-
-@TIERS
-@pytest.mark.parametrize("direct", ["photons", pytest.param("emitters", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("kind", FLOORS)
-def test_floors_of_every_material(tier, kind, direct):
-    # What a normal map reflects onwards is a matter of its own, see below.
-    truth = PATH | {"max_depth": 2} if kind in ("normal map", "bump map") else PATH
-    # One direction per sample: noise of its own.
-    glossy = kind in ("rough conductor", "blend") or "principled" in kind
-    passes, photons = (12, 100_000) if direct == "photons" else (48, 25_000)
-    mean = 0.01 if glossy else 5e-3
-    compare(
-        tier,
-        studio(FLOORS[kind]),
-        passes,
-        radius=0.05,
-        mean=mean,
-        truth=truth,
-        photons=photons,
-        direct=direct,
-    )
-
-
 @TIERS
 @DIRECT
-def test_several_emitters_of_different_powers(tier, direct):
+def test_several_emitters_count_by_their_powers(tier, direct):
     """A choice among them that is not made up for would show in the colours."""
     kinds = ("area", "point", "spot", "constant")
     colours = [rgb(1, 0.2, 0.2), rgb(0.1, 3, 0.1), rgb(0.3, 0.3, 9), rgb(0.2, 0.1, 0.1)]
@@ -271,7 +120,7 @@ def test_several_emitters_of_different_powers(tier, direct):
 
 
 @TIERS
-def test_instances(tier):
+def test_photons_and_rays_meet_instances(tier):
     """Two turned copies of a heap: photons and camera rays land on shapes of a group."""
     turn = mi.ScalarTransform4f
     heap = {
@@ -292,47 +141,6 @@ def test_instances(tier):
         for k, (x, angle) in enumerate([(-0.6, 20), (0.6, -35)])
     }
     compare(tier, studio(WHITE, heap=heap, **copies), 48, spp=2048, radius=0.03, bias=0.02)
-
-
-NORMALS = np.array([[0.3, 0, 1], [-0.2, 0.4, 1], [0, -0.3, 1], [0.4, 0.2, 1]])
-"""At the corners of a flat floor, up to 25° beside it."""
-
-
-def test_shading_normals():
-    """Flux arrives at the geometric surface, the BSDF sees the shading frame.
-
-    Without the adjoint of the normals, 1.5 % of the light is missing: a quick tier would not see
-    it.
-    """
-    compare(Tier(1), studio(WHITE, floor=smooth_floor(WHITE, NORMALS)), radius=0.05)
-
-
-@TIERS
-@pytest.mark.xfail(reason="Mitsuba samples normal maps without their adjoint, in `ptracer` as well")
-def test_light_that_a_normal_map_reflects_onwards(tier):
-    compare(tier, studio(FLOORS["normal map"]), radius=0.05)
-
-
-@TIERS
-@pytest.mark.parametrize("direct", [pytest.param("photons", marks=pytest.mark.slow), "emitters"])
-@pytest.mark.parametrize("kind", SHEETS)
-def test_sheets_that_let_light_through(tier, kind, direct):
-    """A sheet over half of the floor: seen through it, lit through it, in its shadow.
-
-    For masks, Mitsuba's ``path`` (3.9) counts the opacity twice, ``prb`` once.
-    """
-    sheet = rectangle((0.4, 0.2, 0.4), (0.4, 0.2, 0), 1.0, 1.2, SHEETS[kind])
-    truth = PATH | {"type": "prb"} if kind == "mask" else PATH
-    passes = 40 if direct == "photons" else 64
-    compare(tier, studio(WHITE, sheet=sheet), passes, radius=0.05, truth=truth, direct=direct)
-
-
-def test_principled_as_mitsuba_has_it_is_refused():
-    """Its diffuse part cannot be told from the rest: an image with both twice would be wrong."""
-    scene = studio({"type": "principled", "base_color": rgb(0.6, 0.5, 0.4), "roughness": 0.4})
-    with pytest.raises((RuntimeError, ValueError)) as refused:
-        render(scene, sppm(radius=0.05), 8, 1)
-    assert "principled" in f"{refused.value} {refused.value.__cause__}"
 
 
 # --- path lengths -----------------------------------------------------------------------------

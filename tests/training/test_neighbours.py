@@ -1,5 +1,6 @@
-"""Neighbour lists hold what a query visits: no more, no less, and each in its own row."""
+"""Neighbour lists hold what a query visits, each in its own row; the targets around Gaussians."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import drjit as dr
@@ -10,7 +11,7 @@ import pytest
 from gpf.core.structs import from_numpy
 from gpf.field.settings import FieldSettings
 from gpf.training.kernels import blend_neighbours, pack
-from gpf.training.neighbours import LIST_MARGIN, NeighbourLists, list_neighbours
+from gpf.training.neighbours import LIST_MARGIN, NeighbourLists, list_neighbours, local_targets
 from tests.plain_field import (
     LOWER,
     UPPER,
@@ -22,8 +23,7 @@ from tests.plain_field import (
     random_normals,
     surface_points,
 )
-
-UP = np.array([0.0, 0.0, 1.0])
+from tests.training.plane import UP, make_trainer, on_the_plane
 
 
 def rows_of(lists: NeighbourLists, count: int) -> list[list[int]]:
@@ -111,7 +111,7 @@ def test_a_point_without_neighbours_has_an_empty_row():
     assert [sorted(row) for row in rows_of(lists, 3)] == [[0, 1], [], [0, 1]]
 
 
-def test_no_neighbours_at_all():
+def test_without_any_gaussian_nearby_all_rows_are_empty():
     g = flat_gaussians([[0, 0.5, 0]], np.ones((1, 3)))
     field = make_field(g, FieldSettings(search_radius=0.3, neighbours="radius"))
     points = surface_points(np.array([[1.5, 1.5, 0], [1.6, 1.5, 0]]), np.tile(UP, (2, 1)))
@@ -120,3 +120,21 @@ def test_no_neighbours_at_all():
     every = dr.arange(mi.UInt32, 2)
     value, inverse = blend_neighbours(points, lists, every, pack(field.gaussians), True)
     assert (np.array(value) == 0).all() and (np.array(inverse) == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("side", "own", "others", "height"),
+    [(1, 2000, -1, 0), (-1, 2000, 1, 0), (-1, 60, 1, 0), (1, 1000, 1, 0.05)],
+    ids=["above a thin wall", "below it", "few points below it", "under a surface close above"],
+)
+def test_targets_on_other_surfaces_do_not_count(side, own, others, height):
+    """They are 1 on the Gaussians' own surface, 1000 on another, whose points are nearer or more:
+    of the eight nearest to a Gaussian, most may be of the other."""
+    g = make_trainer().gaussians
+    x = on_the_plane(np.random.default_rng(4), 4000)
+    is_own = np.arange(4000) < own
+    x[~is_own, 2] += height
+    normals = np.where(is_own, side, others)[:, None] * UP
+    points = surface_points(x, normals, np.where(is_own, 1.0, 1000.0)[:, None] * np.ones(3))
+    found = local_targets(replace(g, normals=side * g.normals), points, radius=0.3)
+    np.testing.assert_allclose(found, 1, rtol=1e-5)

@@ -165,6 +165,6 @@ def test_the_narrow_kernel_is_not_for_places_with_large_cubes():
     expected = even.irradiance.mean()
     assert np.abs(even.irradiance / expected - 1).max() < 0.15
     assert not stream.blur.any()
-    stream._coarse[:] = False  # what it would be without the rule
+    stream.photons.coarse[:] = False  # what it would be without the rule
     stream.halves()
     assert stream.blur.mean() > 1e-3 * expected**2

@@ -11,7 +11,6 @@ from gpf.core.structs import from_numpy, take, to_numpy
 from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
 from gpf.training.kernels import parameters
-from gpf.training.neighbours import local_targets
 from gpf.training.settings import LearningRates
 from gpf.training.trainer import Trainer
 from tests.plain_field import LOWER, ask, random_gaussians, surface_points
@@ -29,7 +28,7 @@ from tests.training.plane import (
 )
 
 
-def test_the_error_falls():
+def test_training_lowers_the_error_everywhere():
     trainer = make_trainer(settings_with(steps=200, rebuild_every=50, evaluate_every=50))
     before = error_of(run(make_trainer(settings_with(steps=0)))[0])
     field, reports = run(trainer)
@@ -46,7 +45,7 @@ def test_the_error_falls():
 def test_the_training_error_is_that_of_the_batch_before_its_step():
     trainer = make_trainer(settings_with(steps=3, rebuild_every=1, evaluate_every=3))
     trainer.advance(2)
-    batch = take(trainer.training, trainer.batch())
+    batch = take(trainer.descent.points, trainer.descent.batch(trainer.step_count))
     value, _ = ask(trainer.current_field(), to_numpy(batch.p), to_numpy(batch.n))
     expected = np.sqrt(np.mean((value / trainer.unit - to_numpy(batch.target)) ** 2))
     _, reports = run(trainer)
@@ -67,7 +66,7 @@ def test_every_kind_of_parameter_is_trained():
 
 def test_the_held_out_error_is_that_of_the_query():
     trainer = make_trainer()
-    held_out = trainer.held_out
+    held_out = trainer.held_out.points
     value, _ = ask(trainer.field, np.array(held_out.p).T, np.array(held_out.n).T)
     difference = value - np.array(held_out.target).T
     square = (difference**2).mean(axis=1)
@@ -131,7 +130,7 @@ def test_the_best_state_is_kept(monkeypatch):
     np.testing.assert_allclose(arrays_of(field), expected, rtol=1e-6)
     assert np.abs(states[-1] - expected).max() > 0.01
     # The neighbour search is that of the state, too.
-    x = np.array(trainer.held_out.p).T[:20]
+    x = np.array(trainer.held_out.points.p).T[:20]
     fresh = GaussianPhotonField(field.gaussians, field.settings, field.bounds)
     values = [ask(f, x, np.tile(UP, (20, 1)))[0] for f in (field, fresh)]
     np.testing.assert_array_equal(*values)
@@ -177,8 +176,8 @@ def test_dark_gaussians_take_small_steps():
     points.target = dr.select(dark, 1e-2, 1) * mi.Color3f(1)
     trainer = make_trainer(points=points)
     x = np.array(trainer.gaussians.means.x)
-    level = np.array(trainer.level)
-    mean = float(np.mean(np.where(np.array(trainer.training.p.x) < 0, 1e-2, 1)))
+    level = np.array(trainer.descent.level)
+    mean = float(np.mean(np.where(np.array(trainer.descent.points.p.x) < 0, 1e-2, 1)))
     np.testing.assert_allclose(level[x < -0.3], 1e-2 / mean, rtol=1e-4)
     np.testing.assert_allclose(level[x > 0.3], 1 / mean, rtol=1e-4)
 
@@ -187,31 +186,8 @@ def test_gaussians_in_the_dark_can_become_bright():
     """Around them all targets are black, but what blends them with others may need their light."""
     points = make_points()
     points.target = dr.select(points.p.x < 0, mi.Color3f(0), 1)
-    rates = make_trainer(points=points).rates()[-1].numpy()
+    rates = make_trainer(points=points).descent.rates(0)[-1].numpy()
     assert 0 < rates.min() < 0.02 * rates.max()
-
-
-def test_the_other_side_of_a_thin_wall_is_another_surface():
-    """Targets of 1 on top of a sheet, 1000 below it, nearer to each other than to their like."""
-    trainer = make_trainer()
-    g = trainer.gaussians
-    below = replace(g, normals=-g.normals)
-    x = on_the_plane(np.random.default_rng(4), 4000)
-    side = np.arange(4000) % 2 == 0
-    normals = np.where(side[:, None], UP, -np.array(UP))
-    points = surface_points(x, normals, np.where(side, 1.0, 1000.0)[:, None] * np.ones(3))
-    np.testing.assert_allclose(local_targets(g, points, radius=0.3), 1, rtol=1e-5)
-    np.testing.assert_allclose(local_targets(below, points, radius=0.3), 1000, rtol=1e-5)
-
-
-def test_few_points_below_a_sheet_do_not_bring_its_upper_side_in():
-    """Of the eight nearest points, most are on the other side."""
-    g = replace(make_trainer().gaussians, normals=-make_trainer().gaussians.normals)
-    x = on_the_plane(np.random.default_rng(4), 4000)
-    above = np.arange(4000) >= 60
-    normals = np.where(above[:, None], UP, -np.array(UP))
-    points = surface_points(x, normals, np.where(above, 1000.0, 1.0)[:, None] * np.ones(3))
-    np.testing.assert_allclose(local_targets(g, points, radius=0.3), 1, rtol=1e-5)
 
 
 def test_a_start_from_targets_is_near_the_end():
@@ -229,7 +205,7 @@ def test_no_steps_leave_the_field_as_it_was():
 
 def test_without_held_out_points_the_last_state_is_kept():
     trainer = make_trainer(settings_with(held_out=0.0))
-    assert dr.width(trainer.training.p) == 2000
+    assert dr.width(trainer.descent.points.p) == 2000
     field, _ = run(trainer)
     last = arrays_of(field)
     np.testing.assert_allclose(
@@ -246,30 +222,25 @@ def test_rates_fall_on_a_cosine():
     trainer = make_trainer(settings_with(rates=rates, final_rate=0.25, steps=100))
     full = np.array([1e-3 * 0.3] * 3 + [2e-3] * 3 + [3e-3] * 4 + [4e-3] * 3)
     for step, share in ((0, 1), (50, 0.625), (100, 0.25)):
-        trainer.step_count = step
-        found = np.array([float(rate[0]) for rate in trainer.rates()])
-        found[10:] /= float(trainer.level[0])
+        found = np.array([float(rate[0]) for rate in trainer.descent.rates(step)])
+        found[10:] /= float(trainer.descent.level[0])
         np.testing.assert_allclose(found, share * full, rtol=1e-5)
 
 
 def test_batches_take_one_point_of_each_stratum():
     trainer = make_trainer(settings_with(batch=100))
-    count = dr.width(trainer.training.p)
-    first = np.array(trainer.batch())
+    count = dr.width(trainer.descent.points.p)
+    first, second = (np.array(trainer.descent.batch(done)) for done in (0, 1))
     starts = np.arange(100) * count / 100
     assert (first > starts - 1).all() and (first < starts + count / 100).all()
-    trainer.step_count = 1
-    second = np.array(trainer.batch())
     assert np.count_nonzero(first != second) > 70
     offsets = np.concatenate([first, second]) % (count / 100) / (count / 100)
     assert offsets.min() < 0.1 and offsets.max() > 0.85
 
 
 def test_a_batch_larger_than_the_points_is_all_of_them():
-    trainer = make_trainer(settings_with(batch=100_000))
-    np.testing.assert_array_equal(
-        np.array(trainer.batch()), np.arange(dr.width(trainer.training.p))
-    )
+    descent = make_trainer(settings_with(batch=100_000)).descent
+    np.testing.assert_array_equal(np.array(descent.batch(0)), np.arange(dr.width(descent.points.p)))
 
 
 def test_lists_are_rebuilt_on_schedule(monkeypatch):
@@ -284,7 +255,7 @@ def test_lists_are_rebuilt_on_schedule(monkeypatch):
 
 def test_points_are_split_once_and_completely():
     trainer = make_trainer()
-    parts = [np.array(part.p).T for part in (trainer.training, trainer.held_out)]
+    parts = [np.array(part.p).T for part in (trainer.descent.points, trainer.held_out.points)]
     assert 0.15 < len(parts[1]) / 2000 < 0.25
     rows = [tuple(row) for part in parts for row in part.tolist()]
     assert len(rows) == 2000 and set(rows) == {
@@ -319,15 +290,3 @@ def test_any_number_of_threads_gives_the_same_bits():
     for arrays, reports in found[1:]:
         np.testing.assert_array_equal(arrays, found[0][0])
         assert reports == found[0][1]
-
-
-def test_a_surface_close_above_is_another_surface():
-    """Many bright points a little over the Gaussians' plane face the same way."""
-    g = make_trainer().gaussians
-    x = on_the_plane(np.random.default_rng(4), 4000)
-    above = np.arange(4000) >= 1000
-    x[above, 2] += 0.05
-    points = surface_points(
-        x, np.tile(UP, (4000, 1)), np.where(above, 1000.0, 1.0)[:, None] * np.ones(3)
-    )
-    np.testing.assert_allclose(local_targets(g, points, radius=0.3), 1, rtol=1e-5)

@@ -1,4 +1,4 @@
-"""The radius schedule, and the kernel density estimate of irradiance from photons."""
+"""The kernel density estimate of irradiance from photons."""
 
 from __future__ import annotations
 
@@ -7,25 +7,10 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import OrientedPoints, Photons
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface, unpack_depth
-
-
-def radius_at(t: int, initial_radius: float, alpha: float) -> float:
-    """Radius of pass ``t`` (counted from 1), in the unit of ``initial_radius``.
-
-    The recurrence r_{t+1} = r_t √((t + α) / (t + 1)) (Knaus and Zwicker 2011) in closed form, so
-    that a pass does not depend on earlier ones:
-
-        r_t² = r_1² Γ(t + α) / (Γ(1 + α) Γ(t + 1))
-    """
-    from scipy.special import gammaln
-
-    log_ratio = gammaln(t + alpha) - gammaln(1 + alpha) - gammaln(t + 1)
-    return float(initial_radius * np.exp(0.5 * log_ratio))
 
 
 class PhotonDensity:
