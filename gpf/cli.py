@@ -72,11 +72,12 @@ def export(
     ply: options.Splats = None,
     compact: options.CompactField = None,
     exposure: options.SplatExposure = None,
+    overwrite: options.Overwrite = False,
 ) -> None:
     """Write a field as 3D Gaussian splats, or in a third of its size."""
     from gpf.commands.export import export_field
 
-    export_field(field, ply, compact, exposure)
+    export_field(field, ply, compact, exposure, overwrite)
 
 
 @app.command()
@@ -90,20 +91,23 @@ def fit(
     seed: options.Seed = 0,
     go_on: options.FinishedField = None,
     groups: options.Groups = "",
+    overwrite: options.Overwrite = False,
 ) -> None:
     """Fit a field to a scene.
 
     Stops when the first of --seconds, --target-psnr and --passes is reached. OUT.png shows the
     progress. If the fit was killed, the same command resumes it.
     """
-    from gpf.commands.fit import fit_scene_file
+    from gpf.commands.fit import Existing, fit_scene_file
 
-    if go_on is not None and output is not None:
+    if go_on is not None and (output is not None or overwrite):
+        other = "--output" if output is not None else "--overwrite"
         raise UserError(
-            "--continue and --output", "are mutually exclusive", "Copy the field first."
+            f"--continue and {other}", "are mutually exclusive", "Copy the field first."
         )
     out = go_on or output or Path("field.safetensors")
-    fit_scene_file(scene, out, seconds, target_psnr, passes, views, seed, go_on is not None, groups)
+    existing: Existing = "continue" if go_on else "overwrite" if overwrite else "refuse"
+    fit_scene_file(scene, out, seconds, target_psnr, passes, views, seed, existing, groups)
 
 
 @app.command()
@@ -127,6 +131,7 @@ def render(
     executor: options.Executor = "local",
     cluster: options.Cluster = "",
     lights: options.Levels = "",
+    overwrite: options.Overwrite = False,
 ) -> None:
     """Render views of a scene from a field. Existing pictures of the same kind are kept."""
     from gpf.commands.cameras import CameraChoice
@@ -147,6 +152,7 @@ def render(
         executor=executor,
         cluster=cluster,
         lights=lights,
+        overwrite=overwrite,
     )
     render_pictures(scene, field, choice, output, pictures)
 
@@ -186,6 +192,7 @@ def mitsuba(
     sensor: options.Sensor = 0,
     spp: options.SceneSpp = 0,
     seed: options.MitsubaSeed = 0,
+    overwrite: options.Overwrite = False,
 ) -> None:
     """Render a scene with its own integrator, which may be sppm or gpf.
 
@@ -193,7 +200,7 @@ def mitsuba(
     """
     from gpf.commands.mitsuba import render_scene
 
-    render_scene(scene, output, define or [], sensor, spp, seed)
+    render_scene(scene, output, define or [], sensor, spp, seed, overwrite)
 
 
 @app.command()

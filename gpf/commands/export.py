@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from gpf.commands.overwriting import require_new
 from gpf.commands.scenes import find_field
 from gpf.core.errors import UserError
 from gpf.core.progress import say
@@ -14,7 +15,11 @@ from gpf.scene.views import read_views
 
 
 def export_field(
-    field: str, ply: Path | None, compact: Path | None, exposure: float | None
+    field: str,
+    ply: Path | None,
+    compact: Path | None,
+    exposure: float | None,
+    overwrite: bool = False,
 ) -> None:
     """Write a field as splats, as a compact field, or both.
 
@@ -24,6 +29,7 @@ def export_field(
     ply, compact: the files to write.
     exposure: exposure of the splats; by default that of ``views.yaml`` beside the field or, without
         that file, one that suits the field.
+    overwrite: whether to replace files that exist.
 
     Raises
     ------
@@ -34,6 +40,8 @@ def export_field(
     for target in (ply, compact):
         if target is not None and target.resolve() == source.resolve():
             raise UserError(str(target), "is the field itself", "Choose another name.")
+        if target is not None:
+            require_new(target, overwrite)
     stored = read(source)
     if ply is not None:
         if exposure is None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import filecmp
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import mitsuba as mi
 import numpy as np
 
 from gpf.commands.cameras import file_beside
+from gpf.commands.overwriting import require_new
 from gpf.commands.scenes import find_scene
 from gpf.core.errors import UserError
 from gpf.core.images import propose_exposure, write_png
@@ -29,6 +30,10 @@ from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_
 from gpf.scene.transforms import read_sensors
 from gpf.scene.untraceable import telling_untraceable
 
+Existing = Literal["refuse", "continue", "overwrite"]
+"""What to do with a field that exists: refuse to replace it, add photons to its fit, or replace it
+by a new one."""
+
 PREVIEW_ROWS, PREVIEW_SPP = 256, 16
 
 
@@ -40,7 +45,7 @@ def fit_scene_file(
     passes: int | None,
     views: Path | None,
     seed: int,
-    go_on: bool = False,
+    existing: Existing = "refuse",
     groups: str = "",
 ) -> None:
     """Fit a field to the scene and write it to ``out``, with a preview picture beside it.
@@ -51,10 +56,12 @@ def fit_scene_file(
     seconds, target_psnr, passes, seed: as for :func:`gpf.fitting.fit.fit`.
     views: a ``views.yaml`` or ``transforms.json`` with the views that the field is for; by default
         the ``views.yaml`` beside the scene; without one, cameras are placed around the scene's own.
-    go_on: continue the finished fit of ``out`` with more photons.
+    existing: what to do if ``out`` exists.
     groups: groups of emitters whose light is kept apart (:meth:`LightGroups.parse`).
     """
     require_field_name(out)
+    if existing != "continue":
+        require_new(out, existing == "overwrite", "add photons with --continue")
     choose_variant("auto")
     path, trained = find_scene(scene_name)
     scene = load_scene_file(path)
@@ -83,7 +90,7 @@ def fit_scene_file(
             state=state,
             groups=light_groups,
             exposure=exposure,
-            resume="always" if go_on else resume,
+            resume="always" if existing == "continue" else resume,
         )
         save_field(field, out)
     record = field.record

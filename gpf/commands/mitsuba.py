@@ -9,6 +9,7 @@ from typing import Any
 
 import mitsuba as mi
 
+from gpf.commands.overwriting import require_new
 from gpf.commands.scenes import find_scene
 from gpf.core.errors import UserError, is_interrupt
 from gpf.core.files import write_atomically
@@ -32,6 +33,7 @@ def render_scene(
     sensor: int,
     spp: int,
     seed: int,
+    overwrite: bool = False,
 ) -> None:
     """Render a scene to an image file; the suffix chooses the format.
 
@@ -42,6 +44,7 @@ def render_scene(
     define: parameters of the scene, each as ``name=value``.
     sensor: index of the sensor.
     spp: samples per pixel; 0 for the scene's own number.
+    overwrite: whether to replace an image that exists.
 
     Raises
     ------
@@ -66,6 +69,7 @@ def render_scene(
         )
     if target.is_dir():
         raise UserError(str(target), "is a folder", "Name a file.")
+    require_new(target, overwrite)
     check_files(scene, values)
     loaded = load_with_parameters(scene, values)
     check_meshes(loaded, str(scene))

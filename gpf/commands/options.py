@@ -30,6 +30,7 @@ ChangedScene = Annotated[
     bool, Option("--changed-scene", help="Render even if the scene changed since the fit.")
 ]
 Seed = Annotated[int, Option(min=0, help="Random seed.")]
+Overwrite = Annotated[bool, Option("--overwrite", help="Replace what exists.")]
 
 # `gpf demo` and `gpf export`.
 

@@ -36,6 +36,7 @@ class PictureOptions:
     executor: ``local``, or ``ray`` to spread the pictures over a cluster.
     cluster: address of the cluster; empty to start one on this machine.
     lights: levels of groups of emitters (:func:`gpf.scene.light_groups.parse_levels`).
+    overwrite: whether to replace pictures that were made in another way.
     """
 
     size: str | None = None
@@ -50,6 +51,7 @@ class PictureOptions:
     executor: str = "local"
     cluster: str = ""
     lights: str = ""
+    overwrite: bool = False
 
     def check(self) -> None:
         """Raise a :class:`UserError` for what is wrong whatever the scene and the field are."""

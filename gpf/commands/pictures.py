@@ -85,6 +85,11 @@ class Pictures:
         found = read_record(self.exr(view)) if self.png(view).exists() else None
         return found is not None and {**found, **self.record(view)} == found
 
+    def is_another(self, view: View) -> bool:
+        """Whether a file with the name of a view exists that was made in another way."""
+        found = read_record(self.exr(view)) if self.exr(view).exists() else self.record(view)
+        return found is None or {**found, **self.record(view)} != found
+
     def remarks(self) -> Iterator[str]:
         """Say how wrong the light of the pictures may be, and where it is missing."""
         records = {view.name: read_record(self.exr(view)) or {} for view in self.views}

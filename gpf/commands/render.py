@@ -11,6 +11,7 @@ from pathlib import Path
 
 from gpf.commands.cameras import CameraChoice, Cameras, choose_cameras
 from gpf.commands.data_set import write_data_set
+from gpf.commands.overwriting import require_new
 from gpf.commands.picture_options import PictureOptions
 from gpf.commands.pictures import Pictures, Rendering
 from gpf.commands.scenes import find_field, find_scene, require_same_scene
@@ -39,7 +40,8 @@ def render_pictures(
 ) -> None:
     """Render views as ``NAME.exr`` and ``NAME.png``, and write ``transforms.json``.
 
-    Pictures that exist and were made in the same way are kept.
+    Pictures that exist and were made in the same way are kept; others are replaced only with
+    ``options.overwrite``.
 
     Parameters
     ----------
@@ -92,6 +94,9 @@ def render_pictures(
     render = partial(_render, renderer, size, options, scene_file, field_file)
     with sole_run(folder, inside=True), telling_untraceable(str(scene_file)):
         remove_leftovers(folder)
+        for view in cameras.views:
+            if pictures.is_another(view):
+                require_new(pictures.exr(view), options.overwrite, "give another folder")
         made = pictures.render(render)
         if options.film:
             pictures.write_film()

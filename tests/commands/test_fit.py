@@ -47,6 +47,16 @@ def test_a_field_has_a_name_of_its_own(tmp_path, monkeypatch, capsys, command, n
     assert "ends in .safetensors" in capsys.readouterr().err
 
 
+def test_a_field_that_exists_is_not_replaced(tmp_path, capsys):
+    out = tmp_path / "box.safetensors"
+    out.write_text("mine")
+    with pytest.raises(SystemExit) as ended:
+        main(["fit", str(SOURCE), "-o", str(out)])
+    assert ended.value.code == 2 and out.read_text() == "mine"
+    said = " ".join(capsys.readouterr().err.split())
+    assert "already exists. Add --overwrite to replace it, or add photons with --continue" in said
+
+
 def test_a_fit_that_goes_on_has_its_place(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["fit", str(SOURCE), "--continue", "a.safetensors", "-o", "b.safetensors"])

@@ -71,6 +71,13 @@ def run(*words: str) -> int:
     return outcome.value.code
 
 
+def test_an_image_that_exists_is_not_replaced(room, capfd):
+    Path("room.exr").write_text("mine")
+    assert "room.exr: already exists. Add --overwrite" in refused(capfd)
+    assert run("--overwrite", "--spp", "1") == 0
+    assert mi.Bitmap("room.exr").channel_count() >= 3
+
+
 def refused(capfd, *words: str) -> str:
     """What is said; no file is new."""
     before = {path: path.read_bytes() for path in Path().iterdir() if path.is_file()}
@@ -159,7 +166,7 @@ def test_a_full_disk_leaves_the_old_image(room, capfd):
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (600, limit[1]))
     try:
-        assert "error: a.exr: could not be written" in refused(capfd, "-o", "a.exr")
+        assert "error: a.exr: could not be written" in refused(capfd, "-o", "a.exr", "--overwrite")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
 
@@ -169,7 +176,7 @@ def test_an_error_of_the_file_system_is_explained(room, capfd, monkeypatch):
         raise PermissionError(13, "Permission denied", "a.exr")
 
     monkeypatch.setattr(command, "remove_leftovers", fail)
-    assert "error: a.exr: could not be written" in refused(capfd, "-o", "a.exr")
+    assert "error: a.exr: could not be written" in refused(capfd, "-o", "a.exr", "--overwrite")
 
 
 def test_an_interrupt_in_a_loop_of_drjit(room, capfd):

@@ -92,8 +92,8 @@ def test_places_that_the_field_does_not_know_are_said(box, capsys):
     layers, record = read_exr(box / "b" / "sensor.exr")
     assert "coverage" not in layers and 0.03 < record["weakly_covered"] < 0.5
     assert f"{record['weakly_covered']:.2%} of the pixels are weakly" in capsys.readouterr().err
-    render("--field", "without_floor.safetensors", "-o", "b", "--aovs", "coverage")
-    layers, again = read_exr(box / "b" / "sensor.exr")
+    render("--field", "without_floor.safetensors", "-o", "c", "--aovs", "coverage")
+    layers, again = read_exr(box / "c" / "sensor.exr")
     assert (layers["coverage"] > 1.5).mean() == again["weakly_covered"]
 
 
@@ -109,18 +109,22 @@ def test_pictures_that_exist_are_kept(box, capsys):
     assert (box / "a" / "orbit_000.exr").stat().st_mtime_ns == files[box / "a" / "orbit_000.exr"]
 
 
-def test_pictures_made_in_another_way_are_replaced(box, capsys):
+def test_pictures_made_in_another_way_are_replaced_if_asked(box, capsys):
     render("-o", "a")
+    before = (box / "a" / "sensor.exr").read_bytes()
     for changed in (("--seed", "1"), ("--exposure", "2"), ("--aovs", "depth"), ("--spp", "2")):
-        capsys.readouterr()
-        render("-o", "a", *changed)
+        said = refused(capsys, "-o", "a", *changed)
+        assert "a/sensor.exr: already exists. Add --overwrite" in said, changed
+        assert (box / "a" / "sensor.exr").read_bytes() == before
+        render("-o", "a", "--overwrite", *changed)
         assert "1 picture, " in capsys.readouterr().err, changed
+        before = (box / "a" / "sensor.exr").read_bytes()
 
 
 def test_depth_and_normals_of_another_size_are_made_anew(box):
-    both = ("--aovs", "depth,normal", "-o", "a")
+    both = ("--aovs", "depth,normal", "-o", "a", "--overwrite")
     render(*both)
-    assert run("--size", "8x6", "--spp", "4", "-o", "a") == 0
+    assert run("--size", "8x6", "--spp", "4", "-o", "a", "--overwrite") == 0
     assert run("--size", "8x6", "--spp", "4", *both) == 0
     assert np.load(box / "a" / "sensor_depth.npy").shape == (6, 8)
     with Image.open(box / "a" / "sensor_normal.png") as normal:

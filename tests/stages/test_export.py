@@ -55,6 +55,14 @@ def test_splats_with_the_scenes_exposure(trained, field):
     assert trained.snapshot() == before
 
 
+def test_a_file_that_exists_is_not_replaced(trained):
+    (trained.folder / "splats.ply").write_text("mine")
+    outcome = trained.gpf("export", FIELD, "--ply", "splats.ply")
+    assert outcome.code == 2 and "splats.ply: already exists. Add --overwrite" in outcome.text
+    assert trained.gpf("export", FIELD, "--ply", "splats.ply", "--overwrite").code == 0
+    assert (trained.folder / "splats.ply").read_bytes().startswith(b"ply")
+
+
 def test_splats_of_a_field_without_views(trained):
     (trained.results / "views.yaml").unlink()
     outcome = trained.gpf("export", FIELD, "--ply", "splats.ply")
