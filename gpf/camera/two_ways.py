@@ -75,7 +75,16 @@ class RandomWay:
 
 
 class GivenWay(RandomWay):
-    """Walks that go back from the first surface where ``back``, and forward elsewhere, (N,)."""
+    """Walks that go back from their first surface where ``back``, and forward elsewhere, (N,).
+
+    If it is smooth glass with Fresnel reflectance F, rays that go back are reflected, with weight
+    F; the others pass through, with weight 1 - F. If it has a diffuse and other components, rays
+    that go back leave by the other components; the others end at the diffuse one. At any other
+    first surface, and with total reflection, rays that go forward have weight 1, and those that go
+    back find nothing. The sum of both ways has the same mean as one way at random.
+
+    Only for scenes for which :func:`gpf.scene.inventory.divides_walks` is true.
+    """
 
     def __init__(self, back: mi.Bool | bool) -> None:
         self.back = mi.Bool(back)

@@ -78,14 +78,8 @@ def follow(
     rr_depth: number of bounces after which Russian roulette may end a ray.
     active: lanes to follow.
     lamps: emitters whose direct light at the visible points is also included in the emission.
-    back: which of two ways rays take at their first surface, (N,). If it is smooth glass with
-        Fresnel reflectance F, rays that go back are reflected, with weight F; the others pass
-        through, with weight 1 - F. If it has a diffuse and other components, rays that go back
-        leave by the other components; the rest end at the diffuse one. None: one of the ways at
-        random. Allowed only in scenes for which :func:`gpf.scene.inventory.divides_walks` is true.
-        The sum of both ways has the same mean as one way at random. At any other first surface, and
-        with total reflection, rays that do not go back have weight 1, and those that do find
-        nothing.
+    back: which way rays take at their first surface (:class:`gpf.camera.two_ways.GivenWay`), (N,);
+        None: one at random.
     """
     context = specular_context()
     deepest = dr.opaque(mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF)
