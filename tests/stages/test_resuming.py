@@ -17,7 +17,7 @@ from gpf.core.files import read_tensors
 from gpf.core.images import read_exr
 from gpf.field.io import load_field
 from gpf.sppm.reference import ReferenceRenderer
-from gpf.training.trainer import Trainer
+from gpf.training.descent import GaussianDescent
 from tests.stages.results import NOVEL, TRAIN, assert_whole, files_below
 
 
@@ -219,13 +219,13 @@ def test_an_interrupted_training_goes_on_from_its_checkpoint(finished, monkeypat
     finished.edit("params.yaml", progress__checkpoint_seconds=1e-6)
     (finished.results / "field.safetensors").unlink()
     with monkeypatch.context() as patch:
-        interrupt_after(patch, Trainer, "step", 12)
+        interrupt_after(patch, GaussianDescent, "step", 12)
         outcome = finished.stage("train")
     assert outcome.code == 130 and "stopped; run it again" in outcome.text
     assert_whole(finished.folder / "results")
     assert not (finished.results / "field.safetensors").exists()
     with monkeypatch.context() as patch:
-        steps = interrupt_after(patch, Trainer, "step", 1000)
+        steps = interrupt_after(patch, GaussianDescent, "step", 1000)
         assert finished.stage("train").code == 0
     assert len(steps) == 20 - 10  # checkpoints are made where the neighbour lists are
     assert load_field(finished.results / "field.safetensors").record["steps"] == 20
