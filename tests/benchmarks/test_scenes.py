@@ -48,7 +48,7 @@ def test_an_old_scene_is_mended(run, tmp_path):
 
 
 @pytest.mark.parametrize("name", BUILT)
-def test_each_scene_has_a_camera_and_a_lamp(name):
+def test_each_scene_has_a_camera_and_a_lamp(name, two_threads):
     measured = open_scene(name)
     assert measured.aspect == pytest.approx(4 / 3) and measured.scene.emitters()
     assert measured.training_views == [measured.own]
