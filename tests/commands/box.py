@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
@@ -12,6 +13,8 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.settings import FieldSettings
 from gpf.scene.bounds import scene_bounds
 from tests.plain_field import flat_gaussians, to_device
+
+SOURCE = Path(__file__).parents[2] / "scenes" / "cornell_box"
 
 
 def box_field(scene: mi.Scene, count: int = 3000) -> GaussianPhotonField:

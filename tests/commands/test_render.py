@@ -1,10 +1,9 @@
-"""`gpf render`: pictures, what is kept, cameras, data sets, and fields of other scenes."""
+"""`gpf render`: pictures, what is kept, cameras, and fields of other scenes."""
 
 from __future__ import annotations
 
 import gc
 import io
-import json
 import shutil
 import subprocess
 import sys
@@ -18,55 +17,15 @@ import pytest
 from imageio_ffmpeg import get_ffmpeg_exe
 from PIL import Image
 
-from gpf.cli import main
 from gpf.commands.cluster import pack_scene
 from gpf.core.images import read_exr
 from gpf.core.structs import from_numpy
 from gpf.field.gaussians import Gaussians
 from gpf.field.io import load_field, save_field
 from gpf.rendering.aovs import expected_psnr
-from gpf.scene.fingerprint import fingerprint
-from gpf.scene.load import load_scene_file
 from gpf.scene.transforms import read_transforms
-from tests.commands.box import box_field
-
-SOURCE = Path(__file__).parents[2] / "scenes" / "cornell_box"
-CHEAP = ("--size", "20x16", "--spp", "4")
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
-    """A folder with the Cornell Box, and a field that has E = 1 on all of its surfaces."""
-    folder = tmp_path_factory.mktemp("box")
-    shutil.copyfile(SOURCE / "scene.xml", folder / "box.xml")
-    scene = load_scene_file(folder / "box.xml")
-    field = box_field(scene)
-    field.record = {"fingerprint": fingerprint(scene), "exposure": 1.5}
-    save_field(field, folder / "field.safetensors")
-    return folder
-
-
-@pytest.fixture
-def box(made, tmp_path, monkeypatch) -> Path:
-    folder = tmp_path / "box"
-    shutil.copytree(made, folder)
-    monkeypatch.chdir(folder)
-    return folder
-
-
-def render(*words: str) -> None:
-    assert run(*CHEAP, *words) == 0
-
-
-def run(*words: str) -> int:
-    with pytest.raises(SystemExit) as outcome:
-        main(["render", "box.xml", *words])
-    return outcome.value.code
-
-
-def refused(capsys, *words: str) -> str:
-    assert run(*CHEAP, *words) == 2
-    return " ".join(capsys.readouterr().err.split())
+from tests.commands.box import SOURCE
+from tests.commands.rendering import CHEAP, refused, render, run
 
 
 def test_without_options_the_scenes_own_camera(box, capsys):
@@ -121,18 +80,6 @@ def test_pictures_made_in_another_way_are_replaced_if_asked(box, capsys):
         before = (box / "a" / "sensor.exr").read_bytes()
 
 
-def test_depth_and_normals_of_another_size_are_made_anew(box):
-    both = ("--aovs", "depth,normal", "-o", "a", "--overwrite")
-    render(*both)
-    assert run("--size", "8x6", "--spp", "4", "-o", "a", "--overwrite") == 0
-    assert run("--size", "8x6", "--spp", "4", *both) == 0
-    assert np.load(box / "a" / "sensor_depth.npy").shape == (6, 8)
-    with Image.open(box / "a" / "sensor_normal.png") as normal:
-        assert normal.size == (8, 6)
-    assert run("--size", "12x8", "--spp", "4", *both) == 0
-    assert np.load(box / "a" / "sensor_depth.npy").shape == (8, 12)
-
-
 def test_a_picture_does_not_depend_on_those_beside_it(box):
     render("--orbit", "4", "-o", "four")
     render("--views", "four/transforms.json", "--view", "orbit_002", "-o", "one")
@@ -165,48 +112,6 @@ def test_a_time_in_place_of_a_number_of_samples(box):
     assert run("--size", "20x16", "--seconds", "0.3") == 0
     layers, record = read_exr(box / "pictures" / "sensor.exr")
     assert record["seconds"] == 0.3 and np.isfinite(layers["radiance"]).all()
-
-
-def test_a_data_set_with_depth_normals_and_points(box):
-    """Read as its readers do: the points of one view, seen by another, lie where it says."""
-    render("--orbit", "3", "--aovs", "depth,normal", "-o", "a")
-    data = json.loads((box / "a" / "transforms.json").read_text())
-    width, height, focal = data["w"], data["h"], data["fl_x"]
-    assert (width, height) == (20, 16) and data["camera_model"] == "OPENCV"
-    assert len(data["frames"]) == 3
-    scene = load_scene_file(box / "box.xml")
-    for frame in data["frames"]:
-        with Image.open(box / "a" / frame["file_path"]) as picture:
-            assert picture.size == (width, height)
-        depth = np.load(box / "a" / frame["depth_file_path"]) * 1e-3
-        with Image.open(box / "a" / frame["normal_file_path"]) as picture:
-            normal = np.asarray(picture) / 127.5 - 1
-        # OpenGL's camera: x to the right, y up, looking along -z.
-        y, x = np.indices((height, width)) + 0.5
-        camera = np.stack(
-            [(x - data["cx"]) / focal, -(y - data["cy"]) / focal, -np.ones((height, width))], -1
-        )
-        pose = np.array(frame["transform_matrix"])
-        way = (camera @ pose[:3, :3].T).reshape(-1, 3)
-        ray = mi.Ray3f(mi.Point3f(pose[:3, 3]), from_numpy(mi.Vector3f, way))
-        si = scene.ray_intersect(ray)
-        hit = np.array(si.is_valid())
-        np.testing.assert_allclose(np.array(si.t)[hit], depth.ravel()[hit], rtol=1e-4)
-        assert (depth.ravel()[~hit] == 0).all()
-        # Rays through an edge may take either side of it.
-        other = np.abs(np.array(si.sh_frame.n).T[hit] - normal.reshape(-1, 3)[hit]).max(-1) > 0.01
-        assert other.mean() < 0.02
-    lines = (box / "a" / data["ply_file_path"]).read_bytes()
-    head, _, body = lines.partition(b"end_header\n")
-    count = int(head.split(b"element vertex ")[1].split()[0])
-    kinds = [(c, "<f4") for c in "xyz"] + [(c, "u1") for c in ("red", "green", "blue")]
-    rows = np.frombuffer(body, dtype=kinds)
-    assert len(rows) == count > 500
-    points = np.stack([rows[c] for c in "xyz"], axis=1)
-    bounds = scene.bbox()
-    assert (points > np.array(bounds.min) - 1e-3).all()
-    assert (points < np.array(bounds.max) + 1e-3).all()
-    assert np.stack([rows[c] for c in ("red", "green", "blue")]).max() > 100
 
 
 @pytest.mark.parametrize("part", ["materials", "lights", "geometry"])
@@ -258,6 +163,8 @@ def test_fields_that_do_not_know_their_scene_are_taken(box):
         (("--orbit", "3", "--view", "sensor"), "--orbit and --view: are mutually"),
         (("--field", "none.safetensors"), "none.safetensors: is missing"),
         (("--views", "none.json"), "none.json: does not exist"),
+        (("--orbit", "1000000000"), "less than or equal to"),
+        (("--spp", "10000000000"), "less than or equal to"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_is_written(box, capsys, words, says):
@@ -314,11 +221,6 @@ def test_a_cluster_gives_the_bits_of_one_machine(box, capsys):
     for file in sorted((box / "here").glob("*.exr")):
         here, there = (read_exr(box / f / file.name)[0]["radiance"] for f in ("here", "there"))
         np.testing.assert_array_equal(here, there)
-
-
-@pytest.mark.parametrize("words", [("--orbit", "1000000000"), ("--spp", "10000000000")])
-def test_numbers_that_no_time_and_no_memory_suffice_for_are_refused(box, capsys, words):
-    assert "less than or equal to" in refused(capsys, *words)
 
 
 def test_a_material_that_cannot_be_traced_is_told(box, capsys):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from pathlib import Path
 
 import pytest
@@ -11,23 +10,12 @@ import pytest
 from gpf.cli import main
 from gpf.core.files import write_tensors
 from gpf.field.io import load_field, save_field
-from gpf.scene.fingerprint import fingerprint
-from gpf.scene.load import load_scene_file
 from gpf.viewing.viewer import Viewer
-from tests.commands.box import box_field
-
-SOURCE = Path(__file__).parents[2] / "scenes" / "cornell_box"
 
 
 @pytest.fixture
-def shown(tmp_path, monkeypatch) -> list[Viewer]:
-    """In a folder with a scene and its field; the viewers that ran until Ctrl-C."""
-    monkeypatch.chdir(tmp_path)
-    shutil.copyfile(SOURCE / "scene.xml", "box.xml")
-    scene = load_scene_file(Path("box.xml"))
-    field = box_field(scene)
-    field.record = {"fingerprint": fingerprint(scene), "exposure": 1.5}
-    save_field(field, Path("field.safetensors"))
+def shown(box, monkeypatch) -> list[Viewer]:
+    """The viewers that ran until Ctrl-C, in the folder of the box."""
     viewers: list[Viewer] = []
     monkeypatch.setattr(Viewer, "run", lambda viewer: viewers.append(viewer))
     return viewers

@@ -86,85 +86,60 @@ def test_params_do_not_change(tmp_path):
     ("old", "new", "words"),
     [
         (
-            "  passes: 4",
-            "  pases: 4",
-            r"params\.yaml: reference\.pases: is an unknown key\. Did you mean 'passes'\? Known "
-            r"keys are alpha, direct",
+            "passes:",
+            "pases:",
+            r"reference\.pases: .* mean 'passes'\? Known keys are alpha, direct",
         ),
-        ("film:", "films:", r"params\.yaml: films: is an unknown key\. Did you mean 'film'"),
-        (
-            "    means: 0.002",
-            "    mean: 1",
-            r"train\.rates\.mean: is an unknown key\. Did you mean",
-        ),
-        (
-            "  passes: 4",
-            "  passes: 3",
-            r"reference\.passes: is 3\. Input should be greater than or",
-        ),
-        ("  passes: 4", "  passes: -4", r"reference\.passes: is -4\. Input should be greater than"),
-        ("  passes: 4", "  passes: many", r"reference\.passes: is 'many'\. .* valid integer"),
-        ("  passes: 4", "  passes: 4.5", r"reference\.passes: is 4\.5\. .* valid integer"),
-        ("  passes: 4", "  passes:", r"reference\.passes: is None\. .* valid integer"),
-        (
-            "  passes: 4",
-            "  passes: yes",
-            r"reference\.passes: is '?(yes|True)'?\. .* valid integer",
-        ),
-        ("  height: 16", "  height: 3", r"film\.height: is 3\. .*greater than or equal to 4"),
-        ("    means: 0.002", "    means: -1", r"train\.rates\.means: is -1\. .*greater than or eq"),
-        ("    means: 0.002", "    means: .nan", r"train\.rates\.means: is nan\. Input should be"),
-        ("[cornell_box]", "[]", r"params\.yaml: scenes: is \[\]\. .*at least 1 item"),
-        ("[cornell_box]", "cornell_box", r"params\.yaml: scenes: is 'cornell_box'\. "),
-        ("scenes: [cornell_box]\n", "", r"params\.yaml: scenes: is missing\. Add it"),
-        ("film:\n  height: 16", "film: 16", r"params\.yaml: film: is 16\. .* valid dictionary"),
+        ("film:", "films:", r"films: is an unknown key\. Did you mean 'film'"),
+        ("means: 0.002", "mean: 1", r"train\.rates\.mean: is an unknown key\. Did you mean"),
+        ("means: 0.002", "means: -1", r"train\.rates\.means: is -1\. .*greater than or eq"),
+        ("means: 0.002", "means: .nan", r"train\.rates\.means: is nan\. Input should be"),
+        ("[cornell_box]", "[]", r"scenes: is \[\]\. .*at least 1 item"),
+        ("[cornell_box]", "cornell_box", r"scenes: is 'cornell_box'\. "),
+        ("scenes: [cornell_box]\n", "", r"scenes: is missing\. Add it"),
+        ("film:\n  height: 16", "film: 16", r"film: is 16\. .* valid dictionary"),
         ("  height: 16", "  height: 16\n  height: 8", r"is not YAML: .*duplicate key .*height"),
-        ("film:", "film", r"params\.yaml: is not YAML"),
+        ("film:", "film", "is not YAML"),
     ],
 )
-def test_a_bad_value_is_said_in_words(tmp_path, old, new, words):
+def test_a_bad_key_or_section_is_said_in_words(tmp_path, old, new, words):
     assert old in GOOD
-    with pytest.raises(UserError, match=words):
+    with pytest.raises(UserError, match=rf"params\.yaml: {words}"):
         read(tmp_path, GOOD.replace(old, new))
 
 
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        (
-            "field.search_radius",
-            "-1",
-            r"field\.search_radius: is -1\. .* number greater than 0, or auto",
-        ),
-        (
-            "field.search_radius",
-            "wide",
-            r"field\.search_radius: is 'wide'\. .* greater than 0, or auto",
-        ),
-        (
-            "field.initial_scale",
-            ".inf",
-            r"field\.initial_scale: is inf\. .* greater than 0, or auto",
-        ),
-        ("field.initial_scale", "true", r"field\.initial_scale: is True\. .* 0, or auto"),
-        ("field.neighbours", "all", r"field\.neighbours: is 'all'\. .*'both', 'radius' or 'knn'"),
-        ("field.k", "0", r"field\.k: is 0\. .*greater than or equal to 1"),
-        ("field.normal_test", "7", r"field\.normal_test: is 7\. .*valid boolean"),
-        ("field.precision", "half", r"field\.precision: is 'half'\. .*'float32' or 'compact'"),
-        ("reference.alpha", "1.0", r"reference\.alpha: is 1\.0\. .*less than 1"),
-        ("train.held_out", "1", r"train\.held_out: is 1\. .*less than 1"),
-        ("train.final_rate", "0", r"train\.final_rate: is 0\. .*greater than 0"),
-        ("train.loss", "l1", r"train\.loss: is 'l1'\. .*'squared' or 'relative'"),
-        ("runtime.variant", "scalar_rgb", r"runtime\.variant: is 'scalar_rgb'\. .*'llvm_ad_rgb'"),
-        ("amortize.views", "1", r"amortize\.views: is 1\. .*greater than or equal to 2"),
-        ("photons.seed", "-1", r"photons\.seed: is -1\. .*greater than or equal to 0"),
-        ("render.spp", "0", r"render\.spp: is 0\. .*greater than or equal to 1"),
-        ("metrics.relmse_epsilon", "0", r"metrics\.relmse_epsilon: is 0\. .*greater than 0"),
+        ("film.height", "3", r"is 3\. .*greater than or equal to 4"),
+        ("reference.passes", "3", r"is 3\. Input should be greater than or"),
+        ("reference.passes", "-4", r"is -4\. Input should be greater than"),
+        ("reference.passes", "many", r"is 'many'\. .* valid integer"),
+        ("reference.passes", "4.5", r"is 4\.5\. .* valid integer"),
+        ("reference.passes", "", r"is None\. .* valid integer"),
+        ("reference.passes", "yes", r"is '?(yes|True)'?\. .* valid integer"),
+        ("field.search_radius", "-1", r"is -1\. .* number greater than 0, or auto"),
+        ("field.search_radius", "wide", r"is 'wide'\. .* greater than 0, or auto"),
+        ("field.initial_scale", ".inf", r"is inf\. .* greater than 0, or auto"),
+        ("field.initial_scale", "true", r"is True\. .* 0, or auto"),
+        ("field.neighbours", "all", r"is 'all'\. .*'both', 'radius' or 'knn'"),
+        ("field.k", "0", r"is 0\. .*greater than or equal to 1"),
+        ("field.normal_test", "7", r"is 7\. .*valid boolean"),
+        ("field.precision", "half", r"is 'half'\. .*'float32' or 'compact'"),
+        ("reference.alpha", "1.0", r"is 1\.0\. .*less than 1"),
+        ("train.held_out", "1", r"is 1\. .*less than 1"),
+        ("train.final_rate", "0", r"is 0\. .*greater than 0"),
+        ("train.loss", "l1", r"is 'l1'\. .*'squared' or 'relative'"),
+        ("runtime.variant", "scalar_rgb", r"is 'scalar_rgb'\. .*'llvm_ad_rgb'"),
+        ("amortize.views", "1", r"is 1\. .*greater than or equal to 2"),
+        ("photons.seed", "-1", r"is -1\. .*greater than or equal to 0"),
+        ("render.spp", "0", r"is 0\. .*greater than or equal to 1"),
+        ("metrics.relmse_epsilon", "0", r"is 0\. .*greater than 0"),
     ],
 )
-def test_a_value_out_of_range_names_its_key(tmp_path, key, value, words):
+def test_a_bad_value_is_said_with_its_key(tmp_path, key, value, words):
     section, leaf = key.split(".")
-    with pytest.raises(UserError, match=rf"params\.yaml: {words}"):
+    with pytest.raises(UserError, match=rf"params\.yaml: {re.escape(key)}: {words}"):
         read(tmp_path, f"scenes: [a]\n{section}:\n  {leaf}: {value}\n")
 
 
@@ -217,53 +192,29 @@ def test_variants_change_what_they_name_and_nothing_else(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        (
-            "field.k: 5",
-            "field.kk: 5",
-            r"params\.yaml: ablations\.variants\.k_5\.set: field\.kk: is an unknown key\. Did you",
-        ),
+        ("field.k: 5", "field.kk: 5", r"variants\.k_5\.set: field\.kk: is an unknown key\. Did y"),
         ("field.k: 5", "field.k: 0", r"k_5\.set: field\.k: is 0\. Input should be greater than or"),
         ("field.k: 5", "field.k: [5]", r"k_5\.set: field\.k: is \[5\]\. .* valid integer"),
         ("field.k: 5", "field.k.x: 5", r"k_5\.set: field\.k: is \{'x': 5\}\. .* valid integer"),
-        (
-            "field.k: 5",
-            "field: 5",
-            r"k_5\.set: a variant cannot set field\. Keys must begin with one of",
-        ),
-        (
-            "field.k: 5",
-            "film.height: 5",
-            r"a variant cannot set film\.height\. .*: field\., train\.",
-        ),
+        ("field.k: 5", "field: 5", r"k_5\.set: a variant cannot set field\. Keys must begin with"),
+        ("field.k: 5", "film.height: 5", r"cannot set film\.height\. .*: field\., train\."),
         ("rates.means: 0", "rate.means: 0", r"fast\.set: train\.rate: is an unknown key\. Did you"),
         (
             "title:",
             "titel:",
-            r"ablations\.variants\.k_5\.titel: is an unknown key\. Did you mean 'ti",
+            r"ablations\.variants\.k_5\.titel: is an unknown key\. Did you",
         ),
         ("group: k,", "", r"ablations\.variants\.k_5\.group: is missing"),
-        (
-            "run: [k_5]",
-            "run: [k_6]",
-            r"ablations\.run: k_6 is not among the variants\. Did you mean 'k",
-        ),
+        ("run: [k_5]", "run: [k_6]", r"run: k_6 is not among the variants\. Did you mean 'k"),
         ("run: [k_5]", "run: [k_5, k_5]", r"ablations\.run: lists k_5 more than once"),
-        (
-            "scenes: [a]",
-            "scenes: [c]",
-            r"ablations\.scenes: c is not among the scenes\. .*are a, b",
-        ),
+        ("scenes: [a]", "scenes: [c]", r"ablations\.scenes: c is not among .*scenes are a, b"),
         ("scenes: [b]", "scenes: [c]", r"animation\.scenes: c is not among the scenes"),
         ("sppm_3]", "sppm_4]", r"animation\.methods: sppm_4 is not a method\. Did you mean 'sppm"),
-        (
-            "methods: [gpf",
-            "fps: 0\n  methods: [gpf",
-            r"animation\.fps: is 0\. .*than or equal to 1",
-        ),
+        ("methods:", "fps: 0\n  methods:", r"animation\.fps: is 0\. .*than or equal to 1"),
         (
             "field.k: 5",
             "field.direct: emitters",
-            r"k_5\.set: field\.direct is emitters, but reference\.direct is photons",
+            r"direct is emitters, but reference\.direct is p",
         ),
     ],
 )

@@ -65,6 +65,12 @@ class Reader(HTMLParser):
         return [attributes for name, attributes in self.elements if name == tag]
 
 
+def written(path, results, tables=(), figures=(), limit=ENOUGH) -> Reader:
+    """The page, written and read."""
+    write_page(results, tables, figures, path, limit)
+    return Reader(path.read_text(encoding="utf-8"))
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """Results, and the page that was written from them."""
@@ -75,8 +81,7 @@ def made(tmp_path_factory):
     figures[1] = replace(figures[1], scene=BOX)
     figures.append(Figure("training", "Training", reason="no curves"))
     path = root / "report.html"
-    write_page(results, make_tables(results), figures, path)
-    return results, path, Reader(path.read_text(encoding="utf-8"))
+    return results, path, written(path, results, make_tables(results), figures)
 
 
 def test_the_page_loads_nothing(made):
@@ -116,15 +121,8 @@ def test_every_picture_and_control_has_a_text(made):
     assert len(names) == len(set(names))
     targets = {a["href"] for a in page.all("a")}
     assert targets <= {f"#{name}" for name in names}
-    assert {
-        "#summary",
-        "#scenes",
-        f"#scene-{BOX}",
-        "#methods",
-        "#cost",
-        "#tables",
-        "#origin",
-    } <= targets
+    parts = ("summary", "scenes", f"scene-{BOX}", "methods", "cost", "tables", "origin")
+    assert {f"#{part}" for part in parts} <= targets
 
 
 def test_tables_figures_reasons_and_origin_are_there(made):
@@ -187,20 +185,18 @@ def test_views_that_do_not_fit_are_left_out(made, tmp_path):
 
 def test_large_images_are_shrunk_until_the_page_fits(tmp_path):
     results = make_pictured(tmp_path / "results", 64, 48)
-    write_page(results, [], [], tmp_path / "large.html", ENOUGH)
+    whole = written(tmp_path / "large.html", results)
     large = (tmp_path / "large.html").stat().st_size
     # Room for one view of each scene, but not for the texts.
     limit = sum(book.views[0].size for book in make_books(results, ENOUGH).books)
-    write_page(results, [], [], tmp_path / "small.html", limit)
+    page = written(tmp_path / "small.html", results, limit=limit)
     assert (tmp_path / "small.html").stat().st_size <= limit < large
-    page = Reader((tmp_path / "small.html").read_text(encoding="utf-8"))
     content = json.loads(page.scripts["content"])
     sizes = {
         p["width"] for b in content["books"] for v in b["views"] for p in v["pictures"].values()
     }
     assert sizes == {32}
-    assert "2 × 2 pixels became one" in page.text
-    assert "pixels became one" not in Reader((tmp_path / "large.html").read_text()).text
+    assert "2 × 2 pixels became one" in page.text and "pixels became one" not in whole.text
 
 
 def test_figures_larger_than_the_page_are_an_error(tmp_path):
@@ -219,8 +215,7 @@ def test_large_figures_are_compressed(tmp_path):
     figure = make_figure(tmp_path / "figures", "teaser", 400)
     figure.svg.write_text("<svg>" + " " * 300_000 + "</svg>", encoding="utf-8")
     assert figure.png.stat().st_size > 400_000
-    write_page(results, [], [figure], tmp_path / "report.html", 600_000)
-    page = Reader((tmp_path / "report.html").read_text(encoding="utf-8"))
+    page = written(tmp_path / "report.html", results, figures=[figure], limit=600_000)
     (image,) = page.all("img")
     assert image["src"].startswith("data:image/webp;base64,") and len(image["src"]) < 300_000
     assert (image["width"], image["height"]) == ("403", "400")
@@ -228,13 +223,12 @@ def test_large_figures_are_compressed(tmp_path):
 
 def test_without_images_the_page_still_has_its_numbers(tmp_path):
     results = make_results(tmp_path / "results")
-    write_page(results, make_tables(results), [], tmp_path / "report.html")
-    page = Reader((tmp_path / "report.html").read_text(encoding="utf-8"))
+    page = written(tmp_path / "report.html", results, make_tables(results))
     assert page.text.count("No flip-book") == 2 and not page.all("canvas")
     assert "Table 1" in page.text
 
 
-def test_main_numbers(made):
+def test_the_main_numbers_are_means_over_the_scenes(made):
     results, _, _ = made
     frame = results.quality.set_index(["scene", "method"])["psnr"]
     quality, equivalent, speed, even = main_numbers(results)
@@ -264,9 +258,8 @@ def test_metrics_in_which_others_are_better(tmp_path):
     (metric,) = find_worse_metrics(results, BOX)
     assert (metric.number, metric.field) == ("LPIPS", "0.500")
     assert metric.better == [("Path tracer, 50 spp", "0.400")]
-    write_page(results, [], [], tmp_path / "report.html")
-    text = Reader((tmp_path / "report.html").read_text(encoding="utf-8")).text
-    assert "Cornell Box. LPIPS 0.500 (better: Path tracer, 50 spp 0.400)." in text
+    page = written(tmp_path / "report.html", results)
+    assert "Cornell Box. LPIPS 0.500 (better: Path tracer, 50 spp 0.400)." in page.text
 
 
 def test_only_compared_metrics_are_called_best(tmp_path):
@@ -300,7 +293,6 @@ def test_the_same_results_give_the_same_page(made, tmp_path):
 
 
 def test_without_any_scene_the_page_says_so(tmp_path):
-    write_page(Results(made_up_params(), tmp_path), [], [], tmp_path / "report.html")
-    page = Reader((tmp_path / "report.html").read_text(encoding="utf-8"))
+    page = written(tmp_path / "report.html", Results(made_up_params(), tmp_path))
     assert "No scene has been measured yet: make repro" in page.text
     assert "Not measured yet: Cornell Box, Water Caustic and Veach Ajar." in page.text

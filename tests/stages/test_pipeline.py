@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import mitsuba as mi
 import numpy as np
 import pandas as pd
 import pytest
 
-from gpf.core.files import read_tensors
+from gpf.core.files import read_json, read_tensors
 from gpf.core.images import read_exr, write_png
 from gpf.field.io import load_field
 from gpf.scene.views import read_views
@@ -26,22 +24,24 @@ from tests.stages.results import (
 
 HEIGHT, WIDTH = 16, 20
 WITHOUT_COSTS = ("baseline", "ablation", "animate", "amortize", "report")
-# `all` is the field as it is: nothing is made for it.
-ABLATIONS = {
-    *(f"ablations/{name}.json" for name in ("init_radius", "all")),
-    *(f"costs/ablations/{name}.json" for name in ("init_radius", "all")),
-    *(
-        f"ablations/init_radius/renders/gpf/{view}.{kind}"
-        for view in NOVEL
-        for kind in ("exr", "png")
-    ),
-    *(f"ablations/init_radius/{name}" for name in ("field.safetensors", "training/metrics.json")),
-    *(
-        f"ablations/init_radius/training/plots/metrics/{name}_error.tsv"
-        for name in ("training", "held_out")
-    ),
-    *(f"ablations/init_radius/costs/{stage}.json" for stage in ("train", "render")),
+OF_A_FIELD = {
+    "field.safetensors",
+    "training/metrics.json",
+    *(f"training/plots/metrics/{name}_error.tsv" for name in ("training", "held_out")),
+    *(f"renders/gpf/{view}.{kind}" for view in NOVEL for kind in ("exr", "png")),
+    *(f"costs/{stage}.json" for stage in ("train", "render")),
 }
+# `all` is the field as it is: nothing is made for it.
+OF_ABLATIONS = {
+    *(f"{place}/init_radius.json" for place in ("ablations", "costs/ablations")),
+    *(f"{place}/all.json" for place in ("ablations", "costs/ablations")),
+    *(f"ablations/init_radius/{name}" for name in OF_A_FIELD),
+}
+
+
+def layers_of(project, kind: str, view: str) -> dict[str, np.ndarray]:
+    """The layers of a view's image."""
+    return read_exr(project.results / kind / f"{view}.exr")[0]
 
 
 # --- what it leaves ---------------------------------------------------------------------------
@@ -55,18 +55,14 @@ def test_everything_that_should_exist_exists(built):
         "reference/surfaces.safetensors",
         "targets.safetensors",
         "photons.safetensors",
-        "field.safetensors",
         "amortize.json",
-        "training/metrics.json",
-        "training/plots/metrics/training_error.tsv",
-        "training/plots/metrics/held_out_error.tsv",
+        *OF_A_FIELD,
         *(f"reference/{view}.exr" for view in TRAIN + NOVEL),
         *(f"second_reference/{view}.exr" for view in NOVEL),
-        *(f"renders/gpf/{view}.{kind}" for view in NOVEL for kind in ("exr", "png")),
         *(f"renders/path_10/{view}.{kind}" for view in NOVEL for kind in ("exr", "png")),
         *(f"costs/{stage}.json" for stage in STAGES if stage not in WITHOUT_COSTS),
         "costs/baselines/path_10.json",
-        *ABLATIONS,
+        *OF_ABLATIONS,
         "quality.csv",
         "cost.csv",
         *(f"metrics/{name}.json" for name in ("gpf", "path_10", "second_reference")),
@@ -75,9 +71,8 @@ def test_everything_that_should_exist_exists(built):
     }
     assert files_below(built.results) == expected
     shared = files_below(built.folder / "results") - {f"cornell_box/{e}" for e in expected}
-    places = {name.split("/")[0] for name in shared}
     assert "costs/cornell_box.csv" in shared
-    assert places == {"costs", "tables", "figures", "report.html"}
+    assert {name.split("/")[0] for name in shared} == {"costs", "tables", "figures", "report.html"}
     assert_whole(built.folder / "results")
 
 
@@ -93,10 +88,9 @@ def test_images_are_lit_finite_and_of_the_right_size(built):
             assert np.isfinite(layers[name]).all()
         assert layers["radiance"].mean() > 0.01
     for view in NOVEL:
-        second, _ = read_exr(built.results / "second_reference" / f"{view}.exr")
+        second = layers_of(built, "second_reference", view)
         assert second.keys() == {"sppm_1", "sppm_3", "sppm_4"}
-        layers, _ = read_exr(built.results / "renders" / "gpf" / f"{view}.exr")
-        assert layers["radiance"].shape == (HEIGHT, WIDTH, 3)
+        assert layers_of(built, "renders/gpf", view)["radiance"].shape == (HEIGHT, WIDTH, 3)
 
 
 def test_images_of_the_field_are_as_near_to_the_references_as_other_references(built):
@@ -104,11 +98,10 @@ def test_images_of_the_field_are_as_near_to_the_references_as_other_references(b
     with a fifth more light it would be at 1.1 to 1.3."""
     found = []
     for view in NOVEL:
-        reference, _ = read_exr(built.results / "reference" / f"{view}.exr")
-        second, _ = read_exr(built.results / "second_reference" / f"{view}.exr")
-        layers, _ = read_exr(built.results / "renders" / "gpf" / f"{view}.exr")
-        images = layers["radiance"], second["sppm_4"]
-        found.append([np.abs(image - reference["radiance"]).mean() for image in images])
+        reference = layers_of(built, "reference", view)["radiance"]
+        second = layers_of(built, "second_reference", view)["sppm_4"]
+        images = layers_of(built, "renders/gpf", view)["radiance"], second
+        found.append([np.abs(image - reference).mean() for image in images])
     ours, theirs = np.sum(found, axis=0)
     assert ours < 1.1 * theirs
     assert share_of_light(built.results) == pytest.approx(1, abs=0.12)
@@ -116,23 +109,19 @@ def test_images_of_the_field_are_as_near_to_the_references_as_other_references(b
 
 def test_the_second_reference_is_independent_of_the_reference(built):
     for view in NOVEL:
-        reference, _ = read_exr(built.results / "reference" / f"{view}.exr")
-        second, _ = read_exr(built.results / "second_reference" / f"{view}.exr")
-        noise = reference["radiance"] - second["sppm_4"]
+        reference = layers_of(built, "reference", view)["radiance"]
+        noise = reference - layers_of(built, "second_reference", view)["sppm_4"]
         assert np.mean(noise != 0) > 0.5
-        assert abs(noise.mean()) < 0.1 * reference["radiance"].mean()
+        assert abs(noise.mean()) < 0.1 * reference.mean()
 
 
 def test_targets_are_those_of_the_training_views_and_surfaces(built):
     tensors, _ = read_tensors(built.results / "targets.safetensors", "targets")
-    counts = {
-        int(s): int(n)
-        for s, n in zip(*np.unique(tensors["source"], return_counts=True), strict=True)
-    }
+    sources, found = np.unique(tensors["source"], return_counts=True)
+    counts = dict(zip(sources.tolist(), found.tolist(), strict=True))
     assert counts.keys() == {-1, 0, 1, 2} and counts[-1] == 500
     for k, view in enumerate(TRAIN):
-        layers, _ = read_exr(built.results / "reference" / f"{view}.exr")
-        assert counts[k] == layers["valid"].sum()
+        assert counts[k] == layers_of(built, "reference", view)["valid"].sum()
     assert all(np.isfinite(value).all() for value in tensors.values())
 
 
@@ -146,17 +135,17 @@ def test_the_field_is_fitted(built):
 
 
 def test_numbers_are_finite_and_tell_the_methods_apart(built):
-    summary = json.loads((built.results / "summary.json").read_text())
+    summary = read_json(built.results / "summary.json")
     assert summary.keys() == {"gpf", "path_10", "second_reference"}
     for numbers in summary.values():
         assert np.isfinite([v for v in numbers.values() if v is not None]).all()
         assert numbers["psnr"] > 20 and 0 < numbers["ssim"] <= 1
     assert summary["gpf"]["psnr"] > LEAST_PSNR
     assert summary["second_reference"]["psnr"] > summary["path_10"]["psnr"]
-    reasons = json.loads((built.results / "metrics" / "gpf.json").read_text())["reasons"]
+    reasons = read_json(built.results / "metrics" / "gpf.json")["reasons"]
     missing = {key for key, value in summary["gpf"].items() if value is None}
     assert missing == set(reasons)
-    convergence = json.loads((built.results / "convergence.json").read_text())
+    convergence = read_json(built.results / "convergence.json")
     assert [row["passes"] for row in convergence] == [1, 3, 4]
     assert sorted(row["psnr"] for row in convergence) == [row["psnr"] for row in convergence]
 
@@ -174,7 +163,7 @@ def test_costs_are_counted_once_for_each_part(built):
         "train": {"initialization", "training"},
         "render": {"render"},
     }.items():
-        cost = json.loads((built.results / "costs" / f"{stage}.json").read_text())
+        cost = read_json(built.results / "costs" / f"{stage}.json")
         assert cost["parts"].keys() == parts
         for part in cost["parts"].values():
             assert part.keys() == {"wall_seconds", "cpu_seconds", "compile_seconds"}
@@ -184,7 +173,7 @@ def test_costs_are_counted_once_for_each_part(built):
     table = table.pivot(index="views", columns="system", values="seconds")
     assert len(table) == 100 and np.isfinite(table.to_numpy()).all()
     assert (table.diff().dropna() > 0).all(axis=None)
-    amortize = json.loads((built.results / "amortize.json").read_text())
+    amortize = read_json(built.results / "amortize.json")
     names = {"SPPM", "SPPM at equal quality", "SPPM, views together"}
     assert amortize["break_even_views"].keys() == names
     assert amortize["seconds_per_view"].keys() == {"GPF", *names}
@@ -194,7 +183,7 @@ def test_costs_are_counted_once_for_each_part(built):
     ("every", "snapshots"),
     [(5, {1, 3, 5}), pytest.param(CHECK_EVERY, {1, 3, 10, 25}, marks=pytest.mark.slow)],
 )
-def test_enough_is_enough(fresh, no_probe, monkeypatch, every, snapshots):
+def test_references_end_at_their_target_psnr(fresh, no_probe, monkeypatch, every, snapshots):
     """With a modest target for the noise, few passes do: as many as are between two checks."""
     monkeypatch.setattr("stages.references.group_passes.CHECK_EVERY", every)
     monkeypatch.setattr("stages.report.draw_figures", lambda *_: [])  # of no use here
@@ -203,12 +192,12 @@ def test_enough_is_enough(fresh, no_probe, monkeypatch, every, snapshots):
     for view in NOVEL:
         record = read_exr(fresh.results / f"reference/{view}.exr")[1]
         assert record["passes_done"] == every and record["expected_psnr"] >= 3
-        layers, _ = read_exr(fresh.results / f"second_reference/{view}.exr")
+        layers = layers_of(fresh, "second_reference", view)
         assert layers.keys() == {f"sppm_{passes}" for passes in snapshots}
     fresh.run("photons", "train", "render", "baseline", "metrics", "amortize", "report")
-    amortize = json.loads((fresh.results / "amortize.json").read_text())
+    amortize = read_json(fresh.results / "amortize.json")
     assert amortize["passes"]["SPPM"] == every
-    facts = json.loads((fresh.results / "costs/reference.json").read_text())["facts"]
+    facts = read_json(fresh.results / "costs/reference.json")["facts"]
     expected = every * facts["seconds_per_single_view_pass"]
     assert amortize["seconds_per_view"]["SPPM"] == pytest.approx(expected)
     table = (fresh.results.parent / "tables/table_1.md").read_text()
@@ -217,8 +206,7 @@ def test_enough_is_enough(fresh, no_probe, monkeypatch, every, snapshots):
 
 def test_pictures_of_what_is_being_rendered(fresh, no_probe):
     fresh.edit("params.yaml", progress__preview_seconds=1e-6)
-    assert fresh.stage("scene").code == 0
-    assert fresh.stage("reference").code == 0
+    fresh.run("scene", "reference")
     pictures = {p.name for p in (fresh.results / "preview").iterdir()}
     assert pictures == {
         *(f"train-{view}.png" for view in TRAIN),
@@ -238,10 +226,8 @@ def test_pictures_of_groups_that_take_no_time(fresh, no_probe, tmp_path):
     assert pictures == {f"{g}-{v}.png" for g in ("novel", "second_reference") for v in NOVEL}
     first = f"cornell_box: first picture: results/cornell_box/preview/novel-{NOVEL[0]}.png"
     assert first in outcome.text and outcome.text.count("first picture") == 1
-    layers, _ = read_exr(fresh.results / f"reference/{NOVEL[0]}.exr")
-    write_png(
-        tmp_path / "a.png", layers["radiance"], read_views(fresh.results / "views.yaml").exposure
-    )
+    radiance = layers_of(fresh, "reference", NOVEL[0])["radiance"]
+    write_png(tmp_path / "a.png", radiance, read_views(fresh.results / "views.yaml").exposure)
     names = (tmp_path / "a.png", fresh.results / f"preview/novel-{NOVEL[0]}.png")
     expected, shown = (np.array(mi.Bitmap(str(name)), dtype=int) for name in names)
     assert np.abs(expected - shown).max() <= 1  # float32 in the file, float64 in the preview
@@ -252,25 +238,27 @@ def test_pictures_of_groups_that_take_no_time(fresh, no_probe, tmp_path):
 # --- what it redoes ---------------------------------------------------------------------------
 
 
+PREFIX = "results/cornell_box/"
+
+
 def changed(before: dict, after: dict) -> set[str]:
     """Files that were written again or are new, below results/cornell_box."""
-    prefix = "results/cornell_box/"
-    return {name.removeprefix(prefix) for name in after if after[name] != before.get(name)}
+    return {name.removeprefix(PREFIX) for name in after if after[name] != before.get(name)}
+
+
+def same_targets(before: dict, after: dict) -> bool:
+    """Whether they were written again, but the same: nothing that depends on them runs again."""
+    return after[f"{PREFIX}targets.safetensors"][0] == before[f"{PREFIX}targets.safetensors"][0]
 
 
 def test_a_second_run_renders_no_reference_again(finished):
     before = finished.snapshot()
-    outcome = finished.stage("reference")
-    assert outcome.code == 0
+    assert finished.stage("reference").code == 0
     after = finished.snapshot()
     assert changed(before, after) == {"targets.safetensors", "costs/reference.json"}
-    # Written again, but the same: nothing that depends on it runs again.
-    assert (
-        after["results/cornell_box/targets.safetensors"][0]
-        == before["results/cornell_box/targets.safetensors"][0]
-    )
-    costs = [json.loads((finished.results / "costs/reference.json").read_text())]
-    assert len(costs[0]["parts"]) == 15
+    assert same_targets(before, after)
+    costs = read_json(finished.results / "costs/reference.json")
+    assert len(costs["parts"]) == 15
 
 
 def test_an_added_view_is_rendered_and_no_other(finished, no_probe):
@@ -288,12 +276,9 @@ def test_an_added_view_is_rendered_and_no_other(finished, no_probe):
         "targets.safetensors",
         "costs/reference.json",
     }
-    assert (
-        after["results/cornell_box/targets.safetensors"][0]
-        == before["results/cornell_box/targets.safetensors"][0]
-    )
-    layers, _ = read_exr(finished.results / "reference/extra.exr")
-    assert np.isfinite(layers["radiance"]).all() and layers["radiance"].mean() > 0.01
+    assert same_targets(before, after)
+    radiance = layers_of(finished, "reference", "extra")["radiance"]
+    assert np.isfinite(radiance).all() and radiance.mean() > 0.01
 
 
 def test_a_view_does_not_depend_on_which_others_are_rendered_with_it(finished, built, no_probe):
@@ -301,9 +286,8 @@ def test_a_view_does_not_depend_on_which_others_are_rendered_with_it(finished, b
     (finished.results / "reference/left.exr").unlink()
     assert finished.stage("reference").code == 0
     for view in ("floor", "left"):
-        alone, _ = read_exr(finished.results / f"reference/{view}.exr")
-        among, _ = read_exr(built.results / f"reference/{view}.exr")
-        for name, value in among.items():
+        alone = layers_of(finished, "reference", view)
+        for name, value in layers_of(built, "reference", view).items():
             np.testing.assert_allclose(alone[name], value, rtol=1e-4, atol=1e-5, err_msg=name)
 
 
