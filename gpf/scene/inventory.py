@@ -127,16 +127,20 @@ def scene_info(scene: mi.Scene) -> dict[str, Any]:
 def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:
     """The materials of all surfaces that a ray can hit, by id, or else by class and shape."""
     found: dict[str, mi.BSDF] = {}
+    known = set()
+    numbers: Counter[str] = Counter()
     for shape in all_shapes(scene):
         # The material of an instance is not used: the shapes of its group have their own.
         bsdf = shape.bsdf()
         if bsdf is None or shape.class_name() in ("Instance", "ShapeGroupPlugin"):
             continue
-        name = bsdf.id() or f"{bsdf.class_name()} of {shape.id() or shape.class_name()}"
-        number, plain = 1, name
-        while found.get(name, bsdf) is not bsdf:
-            number += 1
-            name = f"{plain} ({number})"
+        name = plain = bsdf.id() or f"{bsdf.class_name()} of {shape.id() or shape.class_name()}"
+        if (plain, bsdf) in known:
+            continue
+        known.add((plain, bsdf))
+        while name in found:
+            numbers[plain] += 1
+            name = f"{plain} ({numbers[plain] + 1})"
         found[name] = bsdf
     return found
 

@@ -10,7 +10,7 @@ import pytest
 
 from gpf.cli import main
 from gpf.viewing.viewer import Viewer
-from tests.fuzz.texts import SCENE
+from tests.fuzz.good import SCENE
 from tests.readme import blocks, commands
 from tests.small_fit import make_small
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import random
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
+
+Files = Mapping[str, bytes | Path | None]
+"""By their paths in the folder: what is in them; of a link, where it leads; None for a folder."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A command line.
+    """A command line and its files.
 
     Attributes
     ----------
@@ -22,12 +25,8 @@ class Case:
     words: tuple[str, ...]
     writes: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
+    files: Files = field(default_factory=dict)
 
-
-Maker = Callable[[random.Random, Path, Path], Case]
-"""(random numbers, the folder to fill, folder of good files) -> the case."""
-
-
-def random_of(seed: int, kind: str, number: int) -> random.Random:
-    """The random numbers of a case: the same in all processes."""
-    return random.Random(f"{seed} {kind} {number}")
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        """Hypothesis prints this; the files lie in a folder."""
+        printer.text(f"gpf {' '.join(self.words)[:300]}")

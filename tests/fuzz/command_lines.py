@@ -2,149 +2,100 @@
 
 from __future__ import annotations
 
-import random
-from pathlib import Path
+import json
+
+from hypothesis import strategies as st
 
 from tests.fuzz import odd
-from tests.fuzz.case import Case
-from tests.fuzz.scenes import make_first_scene
-from tests.fuzz.settings import good_text
+from tests.fuzz.case import Case, Files
+from tests.fuzz.good import FIRST, SCENE, TRANSFORMS, VIEWS, good_fields
+from tests.fuzz.pipeline import params
 
-NUMBERS = ("0", "-1", "1", "3", "0.5", "nan", "inf", "-inf", "1e-9", "1e30", "1e400", "2147483648")
-NUMBERS += ("18446744073709551616", "9" * 40, "9" * 5000, "x", "", "1_000", "٣", "0x10", "1e3")
-
-# Command -> its arguments, and options with words that may follow them.
-FILES = ("scene.xml", "field.safetensors", "views.yaml", "transforms.json", ".", "missing", "bytes")
-FILES += ("/dev/null", "folder", "folder/x.safetensors", "scene.xml/x", "")
-COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
-    "render": (
-        ("scene.xml",),
-        {
-            "--field": ("field.safetensors", *FILES),
-            "--view": ("eye", "", "x"),
-            "--views": ("views.yaml", "transforms.json", *FILES),
-            "--frames": ("all", "0:1", ":", "1:0", "x"),
-            "--orbit": ("2", "0", "-1", "x", "1000000000", "9" * 40),
-            "--output": ("out", *FILES),
-            "--size": ("5x4", "4", "0x0", "x", "5x4x3", "-4", "1e3", "99999x9", "16384x16384"),
-            "--spp": ("1", *NUMBERS),
-            "--seconds": ("0.1", "nan", "-1", "0", "1e-9"),
-            "--aovs": ("depth", "depth,depth", "error,coverage", ",", "x", "Depth"),
-            "--exposure": ("1", *NUMBERS),
-            "--no-denoise": (),
-            "--mp4": (),
-            "--seed": ("1", *NUMBERS),
-            "--changed-scene": (),
-            "--executor": ("local", "x"),
-            "--cluster": ("", "x"),
-            "--lights": ("lamp=0.5", "lamp=nan", "lamp", "=", "sky=1,#ffd0a0", "#zz", "sky=1e400"),
-        },
-    ),
-    "fit": (
-        ("scene.xml",),
-        {
-            "--output": ("out.safetensors", *FILES),
-            "--seconds": ("1", "nan", "-1", "0", "1e-9"),
-            "--target-psnr": ("1", "nan", "-1", "0", "-inf"),
-            "--views": ("views.yaml", "transforms.json", *FILES),
-            "--seed": ("1", *NUMBERS),
-            "--continue": ("field.safetensors", *FILES),
-            "--groups": ("auto", *FILES),
-        },
-    ),
-    "view": (
-        ("scene.xml", "--no-open", "--field", "field.safetensors"),
-        {
-            "--output": FILES,
-            "--views": ("views.yaml", *FILES),
-            "--host": ("127.0.0.1", "localhost", "", "x", "999.9.9.9", "1.2.3.4", "::1", "a" * 300),
-            "--port": ("0", "80", "-1", "65535", "99999", "x"),
-            "--groups": ("auto", "x"),
-            "--changed-scene": (),
-        },
-    ),
-    "mitsuba": (
-        ("scene.xml",),
-        {
-            "--output": ("out.exr", "out.PNG", "out.jpg", "out.xyz", *FILES),
-            "--define": ("spp=2", "x", "=", "filename=x", "config=1"),
-            "--sensor": ("0", *NUMBERS),
-            "--spp": ("1", *NUMBERS),
-            "--seed": ("1", *NUMBERS),
-        },
-    ),
-    "export": (
-        ("field.safetensors",),
-        {
-            "--ply": ("out.ply", "out.PLY", *FILES),
-            "--compact": ("out.safetensors", *FILES),
-            "--exposure": ("1", *NUMBERS),
-        },
-    ),
-    "lights": (("field.safetensors",), {}),
-    "demo": (("scenes",), {}),
-    "profile": (("smoke",), {}),
-    "scene list": ((), {}),
-    "scene import": (("scenes/first",), {"--name": ("room", "first", "..", "true", "x" * 300)}),
-    "scene preview": (("second",), {"--name": ("first",)}),
-    "stage scene": ((), {"--scene": ("first", "second", "", "../first", ".")}),
-    "stage reference": (
-        ("--scene", "first"),
-        {"--passes": ("0:1", "x", "1:0", ":", "9" * 5000 + ":1", "-1:2")},
-    ),
-    "stage baseline": (("--scene", "first"), {"--method": ("path_10", "x"), "--go-on": ()}),
-    "stage ablation": (("--scene", "first"), {"--variant": ("all", "x"), "--go-on": ()}),
-}  # fmt: skip
+# Words, by what they may stand for.
+NUMBERS = "1 0 -1 3 0.5 nan inf -inf 1e-9 1e30 1e400 2147483648 18446744073709551616 x 1_000 ٣ "
+NUMBERS += f"0x10 1e3 {'9' * 40} {'9' * 5000}"
+FILES = "scene.xml field.safetensors views.yaml transforms.json . missing bytes /dev/null folder"
+FILES += " folder/x.safetensors scene.xml/x"
+OUTPUTS = "out out.exr out.PNG out.jpg out.xyz out.ply out.PLY out.safetensors"
+VALUES = {
+    **dict.fromkeys(["--field", "--continue"], f"field.safetensors {FILES}"),
+    **dict.fromkeys(["--output", "--ply", "--compact"], f"{OUTPUTS} {FILES}"),
+    **dict.fromkeys(["--spp", "--seed", "--exposure", "--sensor"], NUMBERS),
+    **dict.fromkeys(["--seconds", "--target-psnr"], "1 0.1 nan -1 0 1e-9 -inf"),
+    **dict.fromkeys(["--executor", "--cluster", "--method", "--variant"], "local x all path_10"),
+    **dict.fromkeys(["--no-denoise", "--mp4", "--changed-scene", "--go-on"], ""),
+    "--views": f"views.yaml transforms.json {FILES}",
+    "--view": "eye x",
+    "--frames": "all 0:1 : 1:0 x",
+    "--passes": f"0:1 x 1:0 : -1:2 {'9' * 5000}:1",
+    "--orbit": f"2 0 -1 x 1000000000 {'9' * 40}",
+    "--size": "5x4 4 0x0 x 5x4x3 -4 1e3 99999x9 16384x16384",
+    "--aovs": "depth depth,depth error,coverage , x Depth",
+    "--lights": "lamp=0.5 lamp=nan lamp = sky=1,#ffd0a0 #zz sky=1e400",
+    "--groups": f"auto {FILES}",
+    "--host": f"127.0.0.1 localhost x 999.9.9.9 1.2.3.4 ::1 {'a' * 300}",
+    "--port": "0 80 -1 65535 99999 x",
+    "--define": "spp=2 x = filename=x config=1",
+    "--name": f"room first .. true {'x' * 300}",
+    "--scene": "first second ../first .",
+}
+# Command lines that work, and options that may follow them.
+COMMANDS = {
+    "render scene.xml --size 5x4 --spp 1": "--field --view --views --frames --orbit --output --size"
+    " --spp --seconds --aovs --exposure --no-denoise --mp4 --seed --changed-scene --executor"
+    " --cluster --lights",
+    "fit scene.xml --passes 2": "--output --seconds --target-psnr --views --seed --continue"
+    " --groups",
+    "view scene.xml --no-open --field field.safetensors": "--output --views --host --port --groups"
+    " --changed-scene",
+    "mitsuba scene.xml --spp 1": "--output --define --sensor --spp --seed",
+    "export field.safetensors": "--ply --compact --exposure",
+    "lights field.safetensors": "",
+    "demo scenes": "",
+    "profile smoke": "",
+    "scene list": "",
+    "scene import scenes/first": "--name",
+    "scene preview second": "--name",
+    "stage scene": "--scene",
+    "stage reference --scene first": "--passes",
+    "stage baseline --scene first": "--method --go-on",
+    "stage ablation --scene first": "--variant --go-on",
+}
 WRITTEN = (
-    "out/*",
-    "gpf-demo/*",
-    "out.*",
-    "scene.exr",
-    "pictures/*",
-    "scenes/room/*",
-    "results/*",
-    "params.yaml",
-    "folder/*",
+    "out out/* out.* gpf-demo/* scene.exr pictures/* scenes/room/* results/* params.yaml folder/*"
 )
-WRITTEN += ("field.safetensors", "field.png", "field.fit/*", "missing/*", "bytes/*", "scene.xml")
+WRITTEN += " missing missing/* bytes/* scene.xml field.safetensors field.png field.fit/*"
 
 
-def words_of(rng: random.Random) -> list[str]:
+def words_of(draw: st.DrawFn) -> list[str]:
     """A command line; some of its words may be wrong."""
-    command = rng.choice(
-        [*COMMANDS, *["render"] * 3, *["mitsuba"] * 2, "fit", "export", "stage scene"]
-    )
-    arguments, options = COMMANDS[command]
-    words = [*command.split(), *arguments]
-    cheap = {"render": ["--size", "5x4", "--spp", "1"], "fit": ["--passes", "2"]}
-    cheap["mitsuba"] = ["--spp", "1"]
-    words += cheap.get(command, [])
-    for option in rng.sample(list(options), min(len(options), rng.choice([0, 1, 1, 2, 3]))):
+    command = draw(st.sampled_from([*COMMANDS, *[*COMMANDS][:5], *[*COMMANDS][:2]]))
+    options = COMMANDS[command].split()
+    words = command.split()
+    for _ in range(draw(st.integers(0, 3)) if options else 0):
+        option = draw(st.sampled_from(options))
         words.append(option)
-        if options[option]:
-            few = rng.random() < 0.1
-            words.append(odd.text(rng) if few else rng.choice(options[option]))
-    if rng.random() < 0.15:
-        at = rng.randrange(len(words))
-        way = rng.choice(["drop", "double", "change", "option"])
-        if way == "drop":
-            del words[at]
-        elif way == "double":
-            words.insert(at, words[at])
-        else:
-            words[at] = odd.text(rng) if way == "change" else "--" + odd.text(rng)
+        if VALUES[option]:
+            values = odd.TEXTS if odd.rarely(draw, 10) else st.sampled_from(VALUES[option].split())
+            words.append(draw(values))
+    if odd.rarely(draw, 7):
+        at = draw(st.integers(0, len(words) - 1))
+        odd_word = draw(st.sampled_from(["", "--"])) + draw(odd.TEXTS)
+        words[at : at + 1] = draw(st.sampled_from([[], [words[at]] * 2, [odd_word]]))
     return words
 
 
-def make_case(rng: random.Random, folder: Path, good: Path) -> Case:
+@st.composite
+def cases(draw: st.DrawFn) -> Case:
     """A command line in a folder of good files."""
-    make_first_scene(folder, good)
-    (folder / "params.yaml").write_text(good_text())
-    (folder / "folder").mkdir()
-    (folder / "bytes").write_bytes(rng.randbytes(100))
-    for name in ("scene.xml", "field.safetensors", "transforms.json", "views.yaml"):
-        (folder / name).write_bytes((good / name).read_bytes())
-    words = words_of(rng)
+    scene = SCENE.replace("<sensor", '<integrator type="path"/><sensor', 1)
+    texts = {"scene.xml": scene, "views.yaml": VIEWS, "params.yaml": params()}
+    texts["transforms.json"] = json.dumps(TRANSFORMS)
+    files: Files = {**FIRST, **{name: text.encode() for name, text in texts.items()}}
+    files |= {"folder": None, "bytes": bytes(100), "field.safetensors": good_fields()["plain"]}
+    words = words_of(draw)
     # Errors of the library name an option as it is called there.
     names = [word.strip("-").replace("-", "_") for word in words if len(word) > 1]
-    return Case(tuple(words), WRITTEN, (*names, "params.yaml", "view '", "name '", "lights: "))
+    names += [f"error: {word.strip()}: " for word in words]
+    names += ["params.yaml", "view '", "name '", "lights: "]
+    return Case(tuple(words), tuple(WRITTEN.split()), tuple(names), files)

@@ -2,72 +2,77 @@
 
 from __future__ import annotations
 
-import random
 import struct
 import zlib
 
+import numpy as np
+from hypothesis import strategies as st
+
 from tests.fuzz import odd
 
-OBJ = "v -1 0 0\nv 1 0 0\nv 0 1 -0.5\nv 0 0 1\nvt 0 0\nvt 1 0\nvn 0 0 1\n"
+OBJ = """\
+v -1 0 0
+v 1 0 0
+v 0 1 -0.5
+v 0 0 1
+vt 0 0
+vt 1 0
+vn 0 0 1
+f 1 2 3
+f 2 3 4
+f 1/1 2/2 3/1
+f 1//1 2//1 4//1
+"""
+PLY = """\
+ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element face 2
+property list uchar int vertex_indices
+end_header
+"""
+PLY_ROWS = "-1 0 0\n1 0 0\n0 1 -0.5\n0 0 1\n3 0 1 2\n3 3 1 0\n"
+PLY_BYTES = np.array([[-1, 0, 0], [1, 0, 0], [0, 1, -0.5], [0, 0, 1]], "<f4").tobytes()
+PLY_BYTES += struct.pack("<B3iB3i", 3, 0, 1, 2, 3, 3, 1, 0)
+SIZES = ((0, 0), (0, 3), (2**31 - 1, 2**31 - 1), (60000, 60000), (5, 5))
 
 
-def _coordinate(rng: random.Random, wild: float) -> str:
-    return str(odd.number(rng)) if rng.random() < wild else f"{rng.uniform(-1, 1):.3g}"
+def changed_lines(draw: st.DrawFn, text: str) -> bytes:
+    """A text of words and numbers of which a few lines or words are others."""
+    lines = odd.changed_tree(draw, [line.split() for line in text.splitlines()])
+    rows = [row if isinstance(row, list) else [row] for row in lines]
+    return "".join(" ".join(map(str, row)) + "\n" for row in rows).encode()
 
 
-def ply(rng: random.Random, wild: float) -> bytes:
-    """A PLY file of a few triangles, in text or binary."""
-    vertices, faces = rng.choice([0, 1, 3, 4, 4, 4]), rng.choice([0, 1, 2, 2, 2])
-    points = [[_coordinate(rng, wild) for _ in range(3)] for _ in range(vertices)]
-    most = rng.choice([vertices - 1] * 5 + [vertices, 2**31 - 1, -1])
-    corners = [[rng.randint(min(0, most), max(0, most)) for _ in range(3)] for _ in range(faces)]
-    told = [vertices, faces]
-    if rng.random() < wild:
-        told[rng.randrange(2)] = rng.choice([0, 1, 7, 10**6, 2**31, 2**40, -1])
-    binary = rng.random() < 0.4
-    head = (
-        f"ply\nformat {'binary_little_endian' if binary else 'ascii'} 1.0\n"
-        f"element vertex {told[0]}\nproperty float x\nproperty float y\nproperty float z\n"
-        f"element face {told[1]}\nproperty list uchar int vertex_indices\nend_header\n"
-    ).encode()
-    if binary:
-        body = b"".join(struct.pack("<3f", *map(_single, point)) for point in points)
-        body += b"".join(struct.pack("<B3i", 3, *c) for c in corners)
+def png(draw: st.DrawFn, faulty: bool) -> bytes:
+    """A PNG file; a faulty one has no size, or one that its pixels do not have."""
+    width, height = draw(st.sampled_from([(1, 1), (2, 3), (4, 2)]))
+    told = draw(st.sampled_from(SIZES)) if faulty else (width, height)
+    chunks = {
+        b"IHDR": struct.pack(">2I5B", *told, 8, 2, 0, 0, 0),
+        b"IDAT": zlib.compress((b"\0" + b"\x40\xc0\x80" * width) * height),
+        b"IEND": b"",
+    }
+    data = b"\x89PNG\r\n\x1a\n"
+    for kind, content in chunks.items():
+        check = struct.pack(">I", zlib.crc32(kind + content))
+        data += struct.pack(">I", len(content)) + kind + content + check
+    return data
+
+
+@st.composite
+def files(draw: st.DrawFn, form: str) -> bytes:
+    """A file of this format, "ply", "obj" or "png"; some have faults."""
+    faulty = odd.rarely(draw, 6)
+    if form == "png":
+        data = png(draw, faulty)
     else:
-        rows = [" ".join(point) for point in points]
-        rows += [f"3 {' '.join(map(str, c))}" for c in corners]
-        body = ("\n".join(rows) + "\n").encode()
-    return odd.change_bytes(rng, head + body) if rng.random() < wild else head + body
-
-
-def _single(text: str) -> float:
-    value = float(text)
-    return value if abs(value) < 3e38 or value != value else float("inf")
-
-
-def obj(rng: random.Random, wild: float) -> bytes:
-    """A Wavefront OBJ file of a few triangles."""
-    faces = ["f 1 2 3", "f 1/1 2/2 3/1", "f 2 3 4", "f 1//1 2//1 4//1"]
-    bad = ["f 1 2", "f 9 9 9", "f 0 1 2", "f -1 -2 -3", "f a b c", "v nan nan nan", "vt inf 0"]
-    bad += ["v 1e39 0 0", "f 1/9/9 2/9/9 3/9/9", "mtllib ../../x", "f 99999999999 1 2"]
-    lines = rng.sample(faces, rng.randint(0, 3))
-    lines += rng.sample(bad, 1 if rng.random() < wild else 0)
-    data = (OBJ + "\n".join(lines) + "\n").encode()
-    return odd.change_bytes(rng, data) if rng.random() < wild else data
-
-
-def _chunk(kind: bytes, data: bytes) -> bytes:
-    whole = kind + data
-    return struct.pack(">I", len(data)) + whole + struct.pack(">I", zlib.crc32(whole))
-
-
-def png(rng: random.Random, wild: float) -> bytes:
-    """A PNG file, perhaps of no size, or of one that it does not have."""
-    width, height = rng.choice([(1, 1), (2, 3), (4, 2)])
-    told = (width, height)
-    if rng.random() < wild:
-        told = rng.choice([(0, 0), (0, 3), (2**31 - 1, 2**31 - 1), (60000, 60000), (5, 5)])
-    rows = b"".join(b"\0" + rng.randbytes(3 * width) for _ in range(height))
-    data = b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", struct.pack(">2I5B", *told, 8, 2, 0, 0, 0))
-    data += _chunk(b"IDAT", zlib.compress(rows)) + _chunk(b"IEND", b"")
-    return odd.change_bytes(rng, data) if rng.random() < wild else data
+        binary = form == "ply" and draw(st.booleans())
+        head = PLY.replace("ascii", "binary_little_endian") if binary else PLY + PLY_ROWS
+        text = OBJ if form == "obj" else head
+        data = changed_lines(draw, text) if faulty else text.encode()
+        data += PLY_BYTES if binary else b""
+    return odd.changed_bytes(draw, data) if odd.rarely(draw, 12) else data

@@ -1,157 +1,68 @@
-"""Runs cases in workers: one that dies or hangs is noticed, named and replaced."""
+"""Runs cases in a worker process: one that dies or hangs is noticed and replaced."""
 
 from __future__ import annotations
 
-import json
+import multiprocessing
 import os
-import select
+import shutil
 import signal
-import subprocess
-import sys
-import time
-from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
-PROJECT = Path(__file__).resolve().parents[2]
-
-PATIENCE = 60.0
-"""Seconds after which a case counts as a hang; most take less than half a second."""
-
-WORKER = ("-m", "tests.fuzz.worker")
-
-GOOD = ("worked", "refused")
-BAD = ("traceback", "exit code", "unnamed", "hang", "crash", "outside")
+from tests.fuzz.case import Case
+from tests.fuzz.worker import GOOD, Outcome, begin, run_case
 
 
-@dataclass(frozen=True)
-class Ending:
-    """How a case ended: one of :data:`GOOD` or :data:`BAD`, and what was said or found."""
-
-    kind: str
-    seed: int
-    number: int
-    outcome: str
-    words: tuple[str, ...] = ()
-    what: str = ""
-
-    def __str__(self) -> str:
-        again = f"python -m tests.fuzz --kind {self.kind} --seed {self.seed} --only {self.number}"
-        return f"{self.outcome}: {again}\n  gpf {' '.join(self.words)[:300]}\n  {self.what}"
-
-
-@dataclass
-class Tally:
-    """All endings."""
-
-    endings: list[Ending] = field(default_factory=list)
-
-    @property
-    def faults(self) -> list[Ending]:
-        """Those that may not be."""
-        return [ending for ending in self.endings if ending.outcome not in GOOD]
-
-    def table(self) -> str:
-        """The number of cases by kind and outcome, as text."""
-        counts = Counter((ending.kind, ending.outcome) for ending in self.endings)
-        kinds = list(dict.fromkeys(ending.kind for ending in self.endings))
-        rows = [["kind", "cases", *GOOD, *BAD]]
-        for kind in [*kinds, "all"]:
-            numbers = [
-                sum(n for (k, o), n in counts.items() if kind in (k, "all") and o == outcome)
-                for outcome in (*GOOD, *BAD)
-            ]
-            rows.append([kind, str(sum(numbers)), *(str(n) for n in numbers)])
-        widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-        return "\n".join(
-            "  ".join(w.rjust(n) for w, n in zip(r, widths, strict=True)) for r in rows
-        )
-
-
-def run_cases(shares: Mapping[str, int], seed: int, root: Path, first: int = 0) -> Tally:
-    """Run so many cases of each kind.
+class Runner:
+    """Runs one case after the other; the files of the last one stay in `root / "case"`.
 
     Parameters
     ----------
-    root: a folder for the files of the cases.
-    first: number of the first case.
+    run: what the worker does with a case.
+    patience: seconds after which a case counts as a hang; most take less than half a second.
     """
-    tally = Tally()
-    for kind, count in shares.items():
-        todo = range(first, first + count)
-        while todo:
-            done = list(run_worker(kind, seed, todo, root))
-            tally.endings += done
-            todo = range(todo.start + len(done), todo.stop)
-    return tally
 
+    def __init__(
+        self,
+        root: Path,
+        run: Callable[[Case, Path], Outcome] = run_case,
+        patience: float = 60,
+    ) -> None:
+        self.folder, self.log = root.resolve() / "case", root / "worker.log"
+        self.run, self.patience = run, patience
+        self.pool: ProcessPoolExecutor | None = None
 
-def run_worker(kind: str, seed: int, todo: range, root: Path) -> Iterator[Ending]:
-    """The endings of cases until all are done, or until one ends the worker or hangs."""
-    reading, writing = os.pipe()
-    log = root / "worker.log"
-    command = [sys.executable, *WORKER, kind, str(seed)]
-    command += [str(todo.start), str(todo.stop), str(root), str(writing)]
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(PROJECT),
-        "PYTHONDONTWRITEBYTECODE": "1",
-        "COLUMNS": "500",  # messages in one line
-        "GPF_SCENES": "",
-    }
-    with log.open("wb") as stream:
-        process = subprocess.Popen(
-            command,
-            cwd=PROJECT,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            stdout=stream,
-            stderr=stream,
-            pass_fds=(writing,),
-        )
-    os.close(writing)
-    words: tuple[str, ...] = ()
-    number = todo.start
-    begun = False
-    try:
-        for line in _lines(reading):
-            if line is None:
-                yield Ending(kind, seed, number, "hang", words, f"after {PATIENCE:g} s")
-                return
-            begun = True
-            if "words" in line:
-                number, words = line["number"], tuple(line["words"])
-            if "outcome" in line:
-                yield Ending(kind, seed, number, line["outcome"], words, line["what"])
-                number, words = number + 1, ()
-        said = log.read_text(errors="replace")
-        said = said[max(0, said.rfind("Fatal Python error")) :].partition("Extension modules")[0]
-        if not begun:
-            raise RuntimeError(f"No worker starts: {said[-2000:]}")
-        if number < todo.stop:
-            code = process.wait(10)
-            name = signal.Signals(-code).name if code < 0 else f"code {code}"
-            yield Ending(kind, seed, number, "crash", words, f"{name}: {said[:3000]}")
-    finally:
-        process.kill()
-        process.wait()
-        os.close(reading)
+    def start(self) -> ProcessPoolExecutor:
+        """Start a worker."""
+        spawn = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(1, spawn, initializer=begin, initargs=(self.log,))
+        self.process = pool.submit(os.getpid).result()
+        self.pool = pool
+        return pool
 
+    def stop(self) -> None:
+        """End the worker, if there is one."""
+        if self.pool:
+            with suppress(ProcessLookupError):
+                os.kill(self.process, signal.SIGKILL)
+            self.pool.shutdown()
+            self.pool = None
 
-def _lines(reading: int) -> Iterator[dict[str, Any] | None]:
-    """What comes through the pipe; None if nothing comes for too long."""
-    rest = b""
-    begin = time.monotonic()
-    while True:
-        ready, _, _ = select.select([reading], [], [], max(0, begin + PATIENCE - time.monotonic()))
-        if not ready:
-            yield None
-            return
-        data = os.read(reading, 65536)
-        if not data:
-            return
-        begin = time.monotonic()
-        *lines, rest = (rest + data).split(b"\n")
-        yield from map(json.loads, lines)
+    def outcome(self, case: Case) -> Outcome:
+        """Run a case."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        try:
+            pool = self.pool or self.start()
+            ending = pool.submit(self.run, case, self.folder).result(self.patience)
+        except TimeoutError:
+            ending = "hang", f"after {self.patience:g} s"
+        except BrokenProcessPool:
+            said = self.log.read_text(errors="replace")
+            said = said[max(0, said.rfind("Fatal Python error")) :]
+            ending = "crash", said.partition("Extension modules")[0]
+        if ending[0] not in GOOD:
+            self.stop()
+        return ending

@@ -1,359 +1,231 @@
-"""Scene files, made by a grammar that knows what Mitsuba reads and is wrong now and then."""
+"""Scene files, made by a grammar of what Mitsuba reads; then parts of them are changed."""
 
 from __future__ import annotations
 
-import random
-import shutil
-from collections.abc import Sequence
+import re
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
+from typing import Any
+from xml.etree import ElementTree
+from xml.sax.saxutils import escape, quoteattr
+
+from hypothesis import strategies as st
 
 from tests.fuzz import meshes, odd
-from tests.fuzz.case import Case
+from tests.fuzz.case import Case, Files
+from tests.fuzz.good import FIRST, good_fields
 
 IMPORTED = ("scenes/room/*",)
 """Patterns of what an import writes."""
 
-_TYPES = ("float", "integer", "boolean", "string", "rgb", "spectrum", "point", "vector")
+# Symbol -> what may stand for it. `{1..0}` is a number between, `{png}` the name of a file of that
+# format, and `{symbol a b}` puts a in the place of NAME and b in that of WORD.
+GRAMMAR: dict[str, list[str]] = {
+    "scene": [
+        '<scene version="{version}">{sensor}{emitter}{lamp}{floor}<bsdf type="diffuse" id="white"/>'
+        "{shapes}{strange}</scene>"
+    ],
+    "version": ["3.0.0"] * 40 + ["2.0", "0.6.0", "x", ""],
+    "sensor": [
+        '<sensor type="perspective" {id}>{fov}{eye}{film}</sensor>',
+        '<sensor type="perspective" {id}>{fov}{eye}{film}</sensor>{sensor}',
+        '<sensor type="thinlens" {id}>{float aperture_radius}{fov}{eye}{film}</sensor>',
+        '<sensor type="orthographic" {id}>{eye}{film}</sensor>',
+    ],
+    "fov": ['<float name="fov" value="{60..30}"/>'],
+    "eye": [
+        '<transform name="to_world"><lookat origin="{0.5..-0.5}, {0.5..-0.5}, {5..3}" '
+        'target="0, 0, 0" up="0, 1, 0"/></transform>'
+    ],
+    "film": ["{size 8 6}", "{size 1 1}{sampler}"],
+    "sampler": ['<sampler type="multijitter">{integer sample_count 4}</sampler>'],
+    "size": ['<film type="hdrfilm">{integer width NAME}{integer height WORD}</film>'],
+    "integer": ['<integer name="NAME" value="WORD"/>'],
+    "id": ["", 'id="thing_{100..0}"'],
+    "floor": [
+        '<shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" angle="-90"/>'
+        '<scale value="3"/></transform></shape>'
+    ],
+    "shapes": ["{shape}", "", "{shape}{shapes}", "{shape}{bsdf}{shapes}"],
+    "shape": [
+        '<shape type="{round}" {id}>{place}{float radius}{surface}</shape>',
+        '<shape type="sphere"><point name="center" {xyz}/>{surface}</shape>',
+        '<shape type="sphere"><point name="center" value="{three}"/>{surface}</shape>',
+        '<shape type="{flat}" {id}>{place}{surface}</shape>',
+        '<shape type="ply" {id}>{file ply}{place}{surface}</shape>',
+        '<shape type="obj">{file obj}<boolean name="face_normals" value="true"/>{surface}</shape>',
+        '<shape type="shapegroup" id="group"><shape type="cube"/></shape>'
+        '<shape type="instance">{place}<ref id="group"/></shape>',
+    ],
+    "round": ["sphere", "cylinder"],
+    "flat": ["rectangle", "cube", "disk"],
+    "surface": ['<ref id="white"/>', "{bsdf}", "{bsdf}", "{bsdf}{glow}"],
+    "glow": ['<emitter type="area">{rgb radiance}</emitter>'],
+    "place": ["", '<transform name="to_world">{step}{steps}</transform>'],
+    "steps": ["", "{step}"],
+    "step": [
+        "<translate {xyz}/>",
+        '<rotate {xyz} angle="{90..-90}"/>',
+        "<scale {xyz}/>",
+        '<scale value="{2..0.5}"/>',
+        '<matrix value="{2..1} {three} {1..-1} {2..1} {three} {1..-1} {2..1} {1..-1} 0 0 0 1"/>',
+        '<lookat origin="{three}" target="{three}" up="0, 1, 0"/>',
+    ],
+    "xyz": ['x="{1..-1}" y="{1..-1}" z="{1..-1}"'],
+    "three": ["{1..-1}, {1..-1}, {1..-1}"],
+    "float": ['<float name="NAME" value="{0.6..0.05}"/>'],
+    "rgb": ['<rgb name="NAME" value="{1..0}, {1..0}, {1..0}"/>'],
+    "file": ['<string name="filename" value={NAME}/>'],
+    "picture": ['<texture type="bitmap" name="NAME">{file png}</texture>'],
+    "texture": ["{rgb NAME}", "{rgb NAME}", "{picture NAME}", "{checkerboard NAME}"],
+    "checkerboard": [
+        '<texture type="checkerboard" name="NAME"><transform name="to_uv">'
+        '<scale x="{9..1}" y="3"/></transform></texture>'
+    ],
+    "bsdf": [
+        *['<bsdf type="diffuse" {id}>{texture reflectance}</bsdf>'] * 3,
+        '<bsdf type="{plain}"/>',
+        '<bsdf type="{plastic}">{texture diffuse_reflectance}{ior}</bsdf>',
+        '<bsdf type="principled">{texture base_color}{float roughness}</bsdf>',
+        '<bsdf type="roughconductor">{float alpha}</bsdf>',
+        '<bsdf type="twosided" {id}>{bsdf}</bsdf>',
+        '<bsdf type="mask">{bsdf}{float opacity}</bsdf>',
+        '<bsdf type="blendbsdf">{bsdf}{bsdf}{float weight}</bsdf>',
+        '<bsdf type="bumpmap">{bsdf}{picture arbitrary}</bsdf>',
+        '<bsdf type="normalmap">{bsdf}{picture normalmap}</bsdf>',
+    ],
+    "ior": ['<float name="int_ior" value="{2..1.2}"/>'],
+    "plain": ["dielectric", "conductor", "thindielectric", "null"],
+    "plastic": ["plastic", "roughplastic"],
+    "lamp": ["", "", "{emitter}"],
+    "emitter": [
+        '<emitter type="constant" {id}>{rgb radiance}</emitter>',
+        '<emitter type="point" {id}><point name="position" value="{1..-1}, {3..1}, 2"/>'
+        "{rgb intensity}</emitter>",
+        '<emitter type="spot" {id}>{place}{rgb intensity}</emitter>',
+        '<emitter type="directional"><vector name="direction" {xyz}/>{rgb irradiance}</emitter>',
+        '<emitter type="envmap">{file png}{float scale}</emitter>',
+        '<emitter type="sunsky"><float name="turbidity" value="{9..2}"/></emitter>',
+    ],
+    "strange": [""] * 120 + [
+        *('<include filename="scene.xml"/>', '<include filename="part.xml"/>'),
+        *('<include filename="missing.xml"/>', f'<include filename="{"a" * 300}.xml"/>'),
+        '<default name="x" value="$x"/><default name="y" value="$y$y$y$y"/>',
+        *('<path value="nowhere"/>', f'<path value="{"a" * 300}.xml"/>', '<path value="."/>'),
+        *('<alias id="floor" as="floor"/>', '<alias id="nobody" as="somebody"/>'),
+        *('<ref id="nobody"/>', "<unknown/>", '<integrator type="path"/>'),
+        '<medium type="homogeneous"><float name="albedo" value="0.5"/></medium>',
+        '<shape type="shapegroup" id="g"><shape type="instance"><ref id="g"/></shape></shape>',
+        '<bsdf type="twosided" id="s"><ref id="s"/></bsdf>',
+        '<texture type="bitmap" name="data"/>',
+        '<spectrum name="reflectance" value="400:0.1, 300:nan"/>',
+        '<spectrum name="reflectance" filename="missing.spd"/>',
+        '<transform name="to_world"><matrix value="1 2 3"/></transform>',
+    ],
+}  # fmt: skip
+SLOT = re.compile(r"\{([^{}]+)\}")
+
+ENTITIES = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 9}">' for k in range(1, 12))
+# What no grammar makes: a text and what takes its place.
+FAULTS = (
+    ("<scene", "<!DOCTYPE scene><scene"),
+    ("<scene", '<!DOCTYPE scene SYSTEM "scene.dtd"><scene'),
+    ("<scene", f'<!DOCTYPE s [<!ENTITY e0 "ha">{ENTITIES}]><scene id="&e11;"'),
+    ("<scene", '<!DOCTYPE s [<!ENTITY f SYSTEM "part.xml">]><scene'),
+    *[("utf-8", coding) for coding in ("none", "utf-16", "cp1252", "punycode", "hex")],
+    ('type="', 'type="type="'),
+    ('type="', ""),
+    ('type="', 'x="1" x="'),
+    ("</scene>", "<shape>" * 20000 + "</shape>" * 20000 + "</scene>"),
+    ("</scene>", '<bsdf type="twosided">' * 200 + "</bsdf>" * 200 + "</scene>"),
+    ("</scene>", f"<!-- {'-' * 5000} --></scene>"),
+    ("</scene>", '<shape type="sphere"/>' * 20000 + "</scene>"),
+)
+CODINGS = ("utf-16", "latin-1", "utf-32", "ascii", "utf-8-sig")
+AWAY = ("missing.ply", "", ".", "/etc/hostname", "/dev/zero", "../x.ply", "scene.xml", "a" * 3000)
+STEMS = ("名前", "é", "a b", "a&b", "a\nb", "a:b", "%s", "$x", "-rf", "\u202e", "a" * 200)
+LINKS = tuple(map(Path, ("/etc/hostname", "..", "scene.xml", "missing", "/dev/zero")))
 
 
-class SceneGrammar:
-    """Makes the text of scene files.
-
-    Parameters
-    ----------
-    wild: share of the values and of the parts that are not as they should be.
-    home: the folder of the scene.
-    """
-
-    def __init__(self, rng: random.Random, wild: float, home: Path) -> None:
-        self.rng, self.wild, self.home = rng, wild, home
-        self.ids: list[str] = []
-        self.files: dict[str, bytes] = {}
-
-    def odd(self) -> bool:
-        """Whether the next thing is wrong."""
-        return self.rng.random() < self.wild
-
-    def number(self, least: float = -1, most: float = 1) -> str:
-        """A number, mostly of this range."""
-        if self.odd():
-            few = self.rng.random() < 0.15
-            return odd.text(self.rng) if few else str(odd.number(self.rng))
-        return f"{self.rng.uniform(least, most):.4g}"
-
-    def value(self, kind: str, name: str, *numbers: str) -> str:
-        """A tag for a value."""
-        if self.odd():
-            kind = self.rng.choice(_TYPES)
-        text = ", ".join(numbers)
-        if kind in ("point", "vector") and len(numbers) == 3 and self.rng.random() < 0.5:
-            x, y, z = map(quoteattr, numbers)
-            return f'<{kind} name="{name}" x={x} y={y} z={z}/>'
-        return f'<{kind} name="{name}" value={quoteattr(text)}/>'
-
-    def triple(self, kind: str, name: str, least: float = -1, most: float = 1) -> str:
-        """A tag for three numbers."""
-        return self.value(kind, name, *(self.number(least, most) for _ in range(3)))
-
-    def new_id(self) -> str:
-        """An attribute with an id, perhaps one that is there already or is no name at all."""
-        if self.rng.random() < 0.4:
-            return ""
-        name = f"thing_{len(self.ids)}"
-        if self.odd():
-            name = self.rng.choice([odd.text(self.rng), *self.ids, "a b", "$x"])
-        self.ids.append(name)
-        return f" id={quoteattr(name)}"
-
-    def transform(self) -> str:
-        """A transform of a few steps."""
-        steps = []
-        for _ in range(self.rng.randint(1, 2)):
-            way = self.rng.choice(["translate", "rotate", "scale", "scale_all", "matrix", "lookat"])
-            x, y, z = (quoteattr(self.number()) for _ in range(3))
-            if way == "rotate":
-                angle = quoteattr(self.number(-90, 90))
-                steps.append(f"<rotate x={x} y={y} z={z} angle={angle}/>")
-            elif way == "scale_all":
-                steps.append(f"<scale value={quoteattr(self.number(0.5, 2))}/>")
-            elif way == "matrix":
-                numbers = [self.number() if k % 5 else self.number(1, 2) for k in range(12)]
-                numbers += ["0", "0", "0", "1"]
-                numbers = numbers[: 15 if self.odd() else 16]
-                steps.append(f"<matrix value={quoteattr(' '.join(numbers))}/>")
-            elif way == "lookat" and self.rng.random() < 0.3:
-                three = [", ".join(self.number() for _ in range(3)) for _ in range(2)]
-                o, t = map(quoteattr, three)
-                steps.append(f'<lookat origin={o} target={t} up="0, 1, 0"/>')
-            else:
-                name = "translate" if way == "translate" else "scale"
-                steps.append(f"<{name} x={x} y={y} z={z}/>")
-        return f'<transform name="to_world">{"".join(steps)}</transform>'
-
-    def texture(self, name: str) -> str:
-        """A texture or a plain colour."""
-        way = self.rng.random()
-        if way < 0.5:
-            return self.triple("rgb", name, 0, 1)
-        if way < 0.65:
-            return f'<texture type="checkerboard" name="{name}">{self.transform_uv()}</texture>'
-        return self.picture(name)
-
-    def picture(self, name: str) -> str:
-        """A texture from a file."""
-        file = f"picture_{len(self.files)}.png"
-        self.files[file] = meshes.png(self.rng, self.wild)
-        kind = "bitmap" if not self.odd() else odd.text(self.rng)
-        text = f'<string name="filename" value={quoteattr(self.file(file))}/>'
-        return f'<texture type={quoteattr(kind)} name="{name}">{text}</texture>'
-
-    def transform_uv(self) -> str:
-        """The transform of a texture."""
-        scale = quoteattr(self.number(1, 9))
-        return f'<transform name="to_uv"><scale x={scale} y="3"/></transform>'
-
-    def file(self, name: str) -> str:
-        """The name of a file, perhaps of one that is not there, or by a way around."""
-        if self.rng.random() < 0.1:
-            return way_around(self.rng, self.home, name)
-        away = ["missing.ply", ".", "/etc/hostname", "../x.ply", "scene.xml", odd.text(self.rng)]
-        return self.rng.choice(away) if self.odd() else name
-
-    def bsdf(self, depth: int = 0) -> str:
-        """A material."""
-        kinds = [
-            "diffuse",
-            "diffuse",
-            "diffuse",
-            "dielectric",
-            "conductor",
-            "plastic",
-            "principled",
-        ]
-        kinds += ["roughplastic", "roughconductor", "twosided", "mask", "blendbsdf", "bumpmap"]
-        kinds += ["normalmap", "thindielectric", "null"]
-        kind = self.rng.choice(kinds)
-        inner = ""
-        if kind in ("twosided", "mask", "blendbsdf", "bumpmap", "normalmap") and depth < 3:
-            count = 2 if kind == "blendbsdf" else 1
-            inner = "".join(self.bsdf(depth + 1) for _ in range(count if not self.odd() else 3))
-            if kind == "mask":
-                inner += self.value("float", "opacity", self.number(0, 1))
-            elif kind == "blendbsdf":
-                inner += self.value("float", "weight", self.number(0, 1))
-            elif kind in ("bumpmap", "normalmap"):
-                inner += self.picture("normalmap" if kind == "normalmap" else "arbitrary")
-        elif kind == "diffuse":
-            inner = self.texture("reflectance")
-        elif kind in ("plastic", "roughplastic"):
-            inner = self.texture("diffuse_reflectance") + self.value(
-                "float", "int_ior", self.number(1.2, 2)
-            )
-        elif kind == "dielectric":
-            inner = self.value("float", "int_ior", self.number(1.2, 2))
-        elif kind == "principled":
-            inner = self.texture("base_color") + self.value("float", "roughness", self.number(0, 1))
-        elif kind == "roughconductor":
-            inner = self.value("float", "alpha", self.number(0.01, 0.5))
-        if self.odd():
-            kind = odd.text(self.rng)
-        return f"<bsdf type={quoteattr(kind)}{self.new_id()}>{inner}</bsdf>"
-
-    def shape(self) -> str:
-        """A shape with its material."""
-        kind = self.rng.choice(
-            ["rectangle", "sphere", "cube", "disk", "cylinder", "ply", "obj", "instance", "sphere"]
-        )
-        inner = self.transform() if self.rng.random() < 0.7 else ""
-        if kind == "sphere":
-            inner += self.triple("point", "center")
-            inner += self.value("float", "radius", self.number(0.05, 0.6))
-        elif kind == "cylinder":
-            inner += self.value("float", "radius", self.number(0.05, 0.6))
-        elif kind in ("ply", "obj"):
-            name = f"mesh_{len(self.files)}.{kind}"
-            self.files[name] = getattr(meshes, kind)(self.rng, self.wild)
-            inner += f'<string name="filename" value={quoteattr(self.file(name))}/>'
-            if self.rng.random() < 0.2:
-                inner += '<boolean name="face_normals" value="true"/>'
-        elif kind == "instance":
-            group = f"group_{self.rng.randrange(10**6)}"
-            part = f'<shape type="shapegroup" id="{group}"><shape type="cube"/></shape>'
-            return f'{part}<shape type="instance">{inner}<ref id="{group}"/></shape>'
-        if self.ids and self.rng.random() < 0.3:
-            name = odd.text(self.rng) if self.odd() else self.rng.choice(self.ids)
-            inner += f"<ref id={quoteattr(name)}/>"
-        else:
-            inner += self.bsdf()
-        if self.rng.random() < 0.15:
-            radiance = self.triple("rgb", "radiance", 0, 5)
-            inner += f'<emitter type="area">{radiance}</emitter>'
-        if self.odd():
-            inner += self.rng.choice([self.shape, self.bsdf, self.emitter, self.transform])()
-        if self.odd():
-            kind = odd.text(self.rng)
-        return f"<shape type={quoteattr(kind)}{self.new_id()}>{inner}</shape>"
-
-    def emitter(self) -> str:
-        """A lamp."""
-        kind = self.rng.choice(["point", "constant", "spot", "directional", "envmap", "sunsky"])
-        inner = ""
-        if kind in ("point", "spot"):
-            where = self.triple("point", "position", 1, 3) if kind == "point" else self.transform()
-            inner = where + self.triple("rgb", "intensity", 1, 9)
-        elif kind == "constant":
-            inner = self.triple("rgb", "radiance", 0, 2)
-        elif kind == "directional":
-            inner = self.triple("vector", "direction") + self.triple("rgb", "irradiance", 0, 2)
-        elif kind == "envmap":
-            name = f"sky_{len(self.files)}.png"
-            self.files[name] = meshes.png(self.rng, self.wild)
-            inner = f'<string name="filename" value={quoteattr(self.file(name))}/>'
-            inner += self.value("float", "scale", self.number(0.1, 2))
-        elif kind == "sunsky":
-            inner = self.value("float", "turbidity", self.number(2, 9))
-        return f'<emitter type="{kind}"{self.new_id()}>{inner}</emitter>'
-
-    def sensor(self) -> str:
-        """A camera."""
-        eye = ", ".join(self.number(-0.5, 0.5) if k < 2 else self.number(3, 5) for k in range(3))
-        film = self.value("integer", "width", str(self.rng.choice([1, 8, 9]))) + self.value(
-            "integer", "height", str(self.rng.choice([1, 6, 8]))
-        )
-        if self.odd():
-            size = self.rng.choice(["0", "-1", "2147483647", "100000", "x", "1e9"])
-            film += f'<integer name="{self.rng.choice(["width", "height"])}" value="{size}"/>'
-            film = film.partition("/>")[2]
-        kind = self.rng.choice(["perspective"] * 12 + ["thinlens", "orthographic"])
-        lens = '<float name="aperture_radius" value="0.1"/>' if kind == "thinlens" else ""
-        look = f'<lookat origin={quoteattr(eye)} target="0, 0, 0" up="0, 1, 0"/>'
-        place = self.transform() if self.odd() else f'<transform name="to_world">{look}</transform>'
-        fov = "" if kind == "orthographic" else self.value("float", "fov", self.number(30, 60))
-        inner = f'{fov}{lens}{place}<film type="hdrfilm">{film}</film>'
-        return f'<sensor type="{kind}"{self.new_id()}>{inner}</sensor>'
-
-    def scene(self) -> str:
-        """A whole scene."""
-        floor = '<shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" '
-        floor += 'angle="-90"/><scale value="3"/></transform></shape>'
-        parts = [self.sensor(), *(self.emitter() for _ in range(self.rng.choice([1, 1, 2])))]
-        parts += [] if self.odd() else [floor]
-        parts += [self.bsdf() for _ in range(self.rng.randint(0, 2))]
-        parts += [self.shape() for _ in range(self.rng.randint(0, 4))]
-        parts += [self.strange()] if self.odd() else []
-        if self.rng.random() < 0.3:
-            self.rng.shuffle(parts)
-        head = '<?xml version="1.0" encoding="utf-8"?>\n'
-        version = self.rng.choice(["2.0", "x", "0.6.0", ""]) if self.odd() else "3.0.0"
-        return f'{head}<scene version="{version}">\n' + "\n".join(parts) + "\n</scene>\n"
-
-    def strange(self) -> str:
-        """A part that belongs into hardly any scene."""
-        deep = self.rng.choice([5, 200, 20000])
-        parts = (
-            '<include filename="scene.xml"/>',
-            '<include filename="part.xml"/>',
-            '<include filename="missing.xml"/>',
-            f'<include filename="{"a" * 300}.xml"/>',
-            '<default name="x" value="$x"/><default name="y" value="$y$y$y$y"/>',
-            '<path value="nowhere"/>',
-            f'<path value="{"a" * 300}"/>',
-            '<path value="."/>',
-            '<alias id="floor" as="floor"/>',
-            '<alias id="nobody" as="somebody"/>',
-            "<ref id='nobody'/>",
-            "<unknown/>",
-            '<medium type="homogeneous"><float name="albedo" value="0.5"/></medium>',
-            '<integrator type="path"/>',
-            '<shape type="shapegroup" id="g"><shape type="instance"><ref id="g"/></shape></shape>',
-            '<bsdf type="twosided" id="s"><ref id="s"/></bsdf>',
-            "<shape>" * deep + "</shape>" * deep,
-            '<bsdf type="twosided">' * deep + "</bsdf>" * deep,
-            '<texture type="bitmap" name="data"/>',
-            '<spectrum name="reflectance" value="400:0.1, 300:nan"/>',
-            '<spectrum name="reflectance" filename="missing.spd"/>',
-            "text between tags",
-            "<!-- " + "-" * 5000 + " -->",
-        )
-        return self.rng.choice(parts)
-
-
-def way_around(rng: random.Random, home: Path, name: str) -> str:
+def way_around(draw: st.DrawFn, home: str, name: str) -> str:
     """A file of the folder ``home`` by a way that leads out of it, or into another folder of it,
     and back in: from another place, the same way may lead anywhere."""
-    levels = rng.randint(0, 4)
+    levels = draw(st.integers(0, 1 + home.count("/")))
     if levels == 0:
-        return f"{rng.choice(['.', 'nothing'])}/../{name}"
-    return "/".join([*[".."] * levels, *home.parts[-levels:], name])
+        return f"{draw(st.sampled_from(['.', 'nothing']))}/../{name}"
+    return "/".join([*[".."] * levels, *home.split("/")[-levels:], name])
 
 
-def change_text(rng: random.Random, text: str) -> bytes:
-    """The bytes of a scene file with a fault that no grammar makes."""
-    way = rng.choice(["doctype", "entities", "bytes", "coding", "name", "attribute", "cut", "file"])
-    root = "<scene"
-    if way == "doctype":
-        kind = rng.choice(["<!DOCTYPE scene>", '<!DOCTYPE scene SYSTEM "scene.dtd">'])
-        return text.replace(root, f"{kind}{root}", 1).encode()
-    if way == "entities":
-        rows = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 9}">' for k in range(1, 12))
-        text = text.replace(root, f'<!DOCTYPE s [<!ENTITY e0 "ha">{rows}]>{root}', 1)
-        return text.replace('id="floor"', 'id="&e11;"', 1).encode()
-    if way == "file":
-        text = text.replace(root, f'<!DOCTYPE s [<!ENTITY f SYSTEM "scene.xml">]>{root}', 1)
-        return text.replace("</scene>", "&f;</scene>").encode()
-    if way == "coding":
-        code = rng.choice(["utf-16", "latin-1", "utf-32", "ascii", "utf-8-sig"])
-        told = rng.choice(["utf-8", "utf-16", "latin-1", "none", "cp1252", "hex", "punycode"])
-        return text.replace("utf-8", told, 1).replace("floor", "é").encode(code, "ignore")
-    if way == "name":
-        return text.encode().replace(b'"floor"', b'"fl\xff\xfe\x00oor"', 1)
-    if way == "attribute":
-        return text.replace(
-            'type="', rng.choice(['type="type="', "", "type=", 'x="1" x="']), 1
-        ).encode()
-    if way == "cut":
-        return text[: rng.randrange(len(text))].encode()
-    return odd.change_bytes(rng, text.encode(), rng.randint(1, 6))
+def to_tree(element: ElementTree.Element) -> list[Any]:
+    """XML as nested data: tag, attributes, text, elements."""
+    return [element.tag, dict(element.attrib), element.text or "", *map(to_tree, element)]
 
 
-def write_scene(rng: random.Random, folder: Path) -> None:
-    """A scene and its files."""
-    folder.mkdir(exist_ok=True)
-    (folder / "nothing").mkdir()
-    grammar = SceneGrammar(rng, rng.choice([0.003, 0.01, 0.03, 0.1]), folder)
-    text = grammar.scene()
+def to_xml(tree: Any) -> str:
+    """Nested data as XML, also where it has changed."""
+    match tree:
+        case [str(tag), dict(attributes), *inner]:
+            values = "".join(f" {k}={quoteattr(str(v))}" for k, v in attributes.items())
+            return f"<{tag}{values}>{''.join(map(to_xml, inner))}</{tag}>"
+    return escape(str(tree))
+
+
+def scene_files(draw: st.DrawFn, home: str) -> Files:
+    """A scene and its files, by their names in its folder."""
+    files: dict[str, bytes | Path | None] = {"nothing": None}
+
+    def fill(slot: re.Match[str]) -> str:
+        symbol, name, word = [*slot[1].split(), "", ""][:3]
+        if ".." in symbol:
+            begin, end = map(float, symbol.split(".."))
+            return f"{begin + (end - begin) * draw(st.integers(0, 100)) / 100:.4g}"
+        if symbol not in GRAMMAR:
+            return file(symbol)
+        text = draw(st.sampled_from(GRAMMAR[symbol]))
+        return SLOT.sub(fill, text.replace("NAME", name).replace("WORD", word))
+
+    def file(form: str) -> str:
+        stem = draw(st.sampled_from(STEMS)) if odd.rarely(draw, 20) else "file"
+        name = f"{stem}_{len(files)}.{form}"
+        files[name] = draw(meshes.files(form))
+        if odd.rarely(draw, 40):
+            files[name] = draw(st.sampled_from([*LINKS, Path(name)]))
+        if odd.rarely(draw, 12):
+            name = way_around(draw, home, name)
+        if odd.rarely(draw, 12):
+            name = draw(st.sampled_from(AWAY))
+        return quoteattr(name)
+
+    tree = to_tree(ElementTree.fromstring(SLOT.sub(fill, "{scene}")))
+    if odd.rarely(draw, 4):
+        tree[3:] = draw(st.permutations(tree[3:]))
+    if not odd.rarely(draw, 4):
+        tree = odd.changed_tree(draw, tree, 3)
+    text = f'<?xml version="1.0" encoding="utf-8"?>\n{to_xml(tree)}\n'
+    if odd.rarely(draw, 10):
+        text = text.replace(*draw(st.sampled_from(FAULTS)), 1)
     data = text.encode()
-    if rng.random() < 0.15:
-        data = change_text(rng, text)
-    (folder / "scene.xml").write_bytes(data)
-    part = rng.choice(['<include filename="scene.xml"/>', grammar.shape(), "", "<scene>"])
-    (folder / "part.xml").write_text(f'<scene version="3.0.0">{part}</scene>')
-    for name, content in grammar.files.items():
-        (folder / name).write_bytes(content)
+    if odd.rarely(draw, 20):
+        data = text.replace("floor", "é").encode(draw(st.sampled_from(CODINGS)), "ignore")
+    if odd.rarely(draw, 20):
+        data = odd.changed_bytes(draw, data)
+    part = draw(st.sampled_from(["", '<include filename="scene.xml"/>', "{shape}", "<scene>"]))
+    part = f'<scene version="3.0.0">{SLOT.sub(fill, part)}</scene>'
+    return {**files, "scene.xml": data, "part.xml": part.encode()}
 
 
-def make_first_scene(folder: Path, good: Path) -> None:
-    """A folder of scenes with one scene in it."""
-    first = folder / "scenes" / "first"
-    first.mkdir(parents=True)
-    for name in ("scene.xml", "views.yaml"):
-        shutil.copyfile(good / name, first / name)
-
-
-def make_import(rng: random.Random, folder: Path, good: Path) -> Case:
+@st.composite
+def imports(draw: st.DrawFn) -> Case:
     """`gpf scene import` of a scene in a folder."""
-    write_scene(rng, folder / "theirs")
-    make_first_scene(folder, good)
-    words: Sequence[str] = ("scene", "import", "theirs", "--name", "room")
-    return Case(tuple(words), IMPORTED, ("theirs/", "scenes/room", "view '", "sensor '"))
+    inner = scene_files(draw, "case/target/theirs")
+    files = {**FIRST, **{f"theirs/{name}": data for name, data in inner.items()}}
+    words = ("scene", "import", "theirs", "--name", "room")
+    return Case(words, IMPORTED, ("theirs/", "scenes/room", "view '", "sensor '"), files)
 
 
-def make_picture(rng: random.Random, folder: Path, good: Path) -> Case:
+@st.composite
+def pictures(draw: st.DrawFn) -> Case:
     """`gpf render` of a scene, with the field of another."""
-    write_scene(rng, folder)
-    (folder / "field.safetensors").symlink_to(good / "field.safetensors")
-    words = ("render", "scene.xml", "--changed-scene", "--size", "5x4", "--spp", "1")
-    return Case(
-        (*words, "--no-denoise"), ("pictures/*",), ("scene.xml", "part.xml", "view '", "sensor '")
-    )
+    files = {**scene_files(draw, "case/target"), "field.safetensors": good_fields()["plain"]}
+    words = "render scene.xml --changed-scene --size 5x4 --spp 1 --no-denoise"
+    names = (".xml", "aaaa", "view '", "sensor '")
+    return Case(tuple(words.split()), ("pictures/*",), names, files)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
 
 from tests.fuzz.case import Case
-from tests.fuzz.worker import Watch, judge
+from tests.fuzz.runner import Runner
+from tests.fuzz.worker import Outcome, judge, the_watch
 
 CASE = Case(("render", "scene.xml", "--spp", "1"), ("pictures/*",), ("view '",))
 
@@ -35,20 +38,38 @@ def test_outcomes(code, text, changed, outcome):
 def test_what_is_written_outside_of_a_folder_is_heard(tmp_path):
     inside, outside = tmp_path / "inside", tmp_path / "outside"
     inside.mkdir()
-    watch = Watch()
-    watch.folder = inside
-    try:
+    with the_watch().over(inside) as heard:
         (inside / "a").write_text("fine")
         (inside / "a").read_text()
         Path("/dev/null").write_text("fine")
-        assert watch.outside == []
+        assert heard == []
         outside.mkdir()
         (outside / "b").write_text("not fine")
         (inside / "a").rename(outside / "a")
         tempfile.mkstemp(dir=outside, prefix="c")
         (inside / ".." / "d").write_text("not fine")
         (outside / "a").read_text()
-    finally:
-        watch.folder = None
-    events = [event.partition(" ")[0] for event in watch.outside]
-    assert events == ["os.mkdir", "open", "os.rename", "open", "open"]
+    (outside / "e").write_text("nobody listens")
+    assert [event.partition(" ")[0] for event in heard] == [
+        "os.mkdir",
+        "open",
+        "os.rename",
+        "open",
+        "open",
+    ]
+
+
+def misbehave(case: Case, folder: Path) -> Outcome:
+    if case.words == ("end",):
+        os.abort()
+    if case.words == ("wait",):
+        time.sleep(1000)
+    return "worked", ""
+
+
+def test_a_case_that_ends_or_stops_its_worker_is_noticed(tmp_path):
+    runner = Runner(tmp_path, misbehave, patience=5)
+    endings = [runner.outcome(Case((word,))) for word in ("go", "end", "go", "wait", "go")]
+    runner.stop()
+    assert [outcome for outcome, _ in endings] == ["worked", "crash", "worked", "hang", "worked"]
+    assert endings[1][1].startswith("Fatal Python error: Aborted")

@@ -1,7 +1,4 @@
-"""A process that runs cases one after the other, with limits, and says how each of them ends.
-
-Run as `python -m tests.fuzz.worker KIND SEED FIRST LAST FOLDER PIPE`; the runner starts it.
-"""
+"""What a worker process does: it runs a case, within limits, and says how it ends."""
 
 from __future__ import annotations
 
@@ -9,35 +6,55 @@ import contextlib
 import faulthandler
 import gc
 import io
-import json
 import os
 import resource
-import shutil
 import sys
 import tempfile
 import traceback
+import webbrowser
 from collections.abc import Iterator
 from fnmatch import fnmatch
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from tests.fuzz.case import Case, random_of
+import pytest
 
-MEMORY, CPU_SECONDS = 6 * 2**30, 3600
-"""Limits of a worker: addresses in bytes, and time of all cores."""
+from tests.fuzz.case import Case
 
+GOOD = ("worked", "refused")
+"""How a case may end, beside "traceback", "exit code", "unnamed", "outside", "hang" and "crash"."""
+
+Outcome = tuple[str, str]
+"""How a case ended, and what was said or found."""
+
+LIMITS = {
+    resource.RLIMIT_AS: 6 * 2**30,  # bytes of addresses
+    resource.RLIMIT_FSIZE: 2**30,  # bytes of a file
+    resource.RLIMIT_CPU: 3600,  # seconds of all cores
+    resource.RLIMIT_CORE: 0,
+}
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _CHANGES = {"os.mkdir": 1, "os.rename": 2, "os.remove": 1, "os.rmdir": 1, "os.symlink": 2}
 _CHANGES |= {"os.link": 2, "os.truncate": 1, "os.chmod": 1, "os.utime": 1, "shutil.rmtree": 1}
 
 
 class Watch:
-    """Notes what Python code changes outside of a folder."""
+    """Notes what Python code changes outside of a folder, while it has one."""
 
     def __init__(self) -> None:
         self.folder: Path | None = None
         self.outside: list[str] = []
         sys.addaudithook(self._hear)
+
+    @contextlib.contextmanager
+    def over(self, folder: Path) -> Iterator[list[str]]:
+        """What is changed outside of this folder."""
+        self.folder, self.outside = folder, []
+        try:
+            yield self.outside
+        finally:
+            self.folder = None
 
     def _hear(self, event: str, arguments: tuple[Any, ...]) -> None:
         if self.folder is None:
@@ -56,6 +73,25 @@ class Watch:
                     self.outside.append(f"{event} {place}")
 
 
+@cache
+def the_watch() -> Watch:
+    """The only one of this process: it hears for ever."""
+    return Watch()
+
+
+def write_files(case: Case, folder: Path) -> None:
+    """Write a case's files."""
+    for name, content in case.files.items():
+        place = folder / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if content is None:
+            place.mkdir()
+        elif isinstance(content, Path):
+            place.symlink_to(content)
+        else:
+            place.write_bytes(content)
+
+
 def files_of(folder: Path) -> dict[str, tuple[int, int]]:
     """Size and time of change of all files below a folder."""
     found = {}
@@ -66,8 +102,8 @@ def files_of(folder: Path) -> dict[str, tuple[int, int]]:
     return found
 
 
-def judge(case: Case, code: object, text: str, changed: set[str]) -> tuple[str, str]:
-    """The outcome of a case, and what was said or found."""
+def judge(case: Case, code: object, text: str, changed: set[str]) -> Outcome:
+    """The outcome of a case."""
     stray = [name for name in sorted(changed) if not any(fnmatch(name, p) for p in case.writes)]
     if stray:
         return "outside", ", ".join(stray)
@@ -86,83 +122,64 @@ def judge(case: Case, code: object, text: str, changed: set[str]) -> tuple[str, 
     return "refused", message
 
 
-def run_case(case: Case, folder: Path, watch: Watch) -> tuple[str, str]:
-    """Run a command line in the folder of its files."""
+def run_case(case: Case, folder: Path) -> Outcome:
+    """Run a command line in the new folder of its files."""
     from gpf.cli import main
 
     target, text = folder / "target", io.StringIO()
+    target.mkdir(parents=True)
+    (folder / "temporary").mkdir()
+    tempfile.tempdir = str(folder / "temporary")
+    write_files(case, target)
     before, code = files_of(target), 0
-    watch.outside, watch.folder = [], folder
+    gc.collect()  # what is left of the last scene would be traced with this one
     try:
         with (
             contextlib.chdir(target),
             contextlib.redirect_stdout(text),
             contextlib.redirect_stderr(text),
+            the_watch().over(folder) as outside,
         ):
             main(case.words)
     except SystemExit as error:
         code = error.code or 0  # type: ignore[assignment]
     except BaseException:  # no error at all may leave the command line
         return "traceback", traceback.format_exc(limit=-7)
-    finally:
-        watch.folder = None
     after = files_of(target)
     changed = {name for name in after.keys() | before.keys() if after.get(name) != before.get(name)}
-    if watch.outside:
-        return "outside", ", ".join(watch.outside)
+    if outside:
+        return "outside", ", ".join(outside)
     return judge(case, code, " ".join(text.getvalue().split()), changed)
 
 
-@contextlib.contextmanager
-def place_of(number: int, root: Path) -> Iterator[Path]:
-    """The folder of a case, with its own folder for temporary files; removed afterwards."""
-    folder = root / str(number)
-    shutil.rmtree(folder, ignore_errors=True)
-    (folder / "target").mkdir(parents=True)
-    (folder / "temporary").mkdir()
-    tempfile.tempdir = str(folder / "temporary")
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+def take_shortcuts() -> None:
+    """Make sizes and waiting shorter, so that a case takes a part of a second."""
+    from gpf.importing import importer
+    from gpf.viewing import viewer
+    from stages.commands import scene_import
+    from tests.importing.foreign_scene import place_two
+    from tests.small_fit import make_small
+
+    few = partial(importer.import_scene, photons=500)
+    scene_import.import_scene = few  # type: ignore[assignment]
+    scene_import.place_views = place_two
+    # A page that is served until Ctrl-C: it starts, and that is all.
+    viewer.Viewer.run = lambda viewer: None  # type: ignore[method-assign]
+    webbrowser.open = lambda *_, **__: True  # type: ignore[assignment]
+    make_small(pytest.MonkeyPatch(), passes=2, steps=4, paths=2000)
 
 
-def work(kind: str, seed: int, numbers: range, root: Path, pipe: int) -> None:
-    """Run cases; a line of JSON goes into the pipe before and after each."""
-    from tests.fuzz import shortcuts
-    from tests.fuzz.kinds import KINDS
-
-    shortcuts.take()
-    watch, good = Watch(), root / "good"
-
-    def tell(**facts: Any) -> None:
-        os.write(pipe, json.dumps(facts).encode() + b"\n")
-
-    tell(ready=True)
-    for number in numbers:
-        with place_of(number, root) as folder:
-            case = KINDS[kind](random_of(seed, kind, number), folder / "target", good)
-            tell(number=number, words=case.words)
-            outcome, what = run_case(case, folder.resolve(), watch)
-            gc.collect()  # what is left of a scene would be traced with the next
-        tell(number=number, outcome=outcome, what=what[-3000:])
-
-
-def main() -> None:
-    """Read the arguments, set the limits, make the good files, and work."""
-    kind, seed, first, last, root, pipe = sys.argv[1:]
+def begin(log: Path) -> None:
+    """Set the limits of this process, and send what it prints to a file."""
+    with log.open("wb") as stream:
+        os.dup2(stream.fileno(), 1)
+        os.dup2(stream.fileno(), 2)
     faulthandler.enable()
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    sys.dont_write_bytecode = True
+    os.environ |= {"COLUMNS": "500", "GPF_SCENES": ""}  # messages in one line
+    for limit, most in LIMITS.items():
+        resource.setrlimit(limit, (most, most))
     from gpf.core.runtime import choose_variant
-    from tests.fuzz.good import make_good_files
 
     choose_variant("auto")
-    if not (Path(root) / "good").exists():
-        make_good_files(Path(root) / "good")
-    work(kind, int(seed), range(int(first), int(last)), Path(root).resolve(), int(pipe))
-
-
-if __name__ == "__main__":
-    main()
+    take_shortcuts()

@@ -16,7 +16,7 @@ import pytest
 from gpf.core.errors import UserError
 from gpf.photons.emission import emit_light
 from gpf.scene.folders import list_scenes, load_views, scene_files, scenes_root
-from gpf.scene.inventory import check_scene, scene_info
+from gpf.scene.inventory import check_scene, scene_info, scene_materials
 from gpf.scene.load import load_scene, load_scene_file
 from gpf.scene.snapshot import build_scene
 
@@ -96,6 +96,35 @@ def test_scene_info_counts_and_classifies(tmp_path):
     assert info["shapes"][1]["bsdf"] == "gloss"
     assert (info["bsdfs"]["grey"]["queried"], info["bsdfs"]["grey"]["traced"]) == (True, False)
     assert (info["bsdfs"]["gloss"]["queried"], info["bsdfs"]["gloss"]["traced"]) == (True, True)
+
+
+def test_materials_of_the_same_name_get_numbers():
+    one, two = mi.load_dict({"type": "diffuse"}), mi.load_dict({"type": "diffuse"})
+    shapes = [mi.load_dict({"type": "cube", "bsdf": bsdf}) for bsdf in (one, two, one)]
+    scene = mi.load_dict({"type": "scene", **{f"{k}": shape for k, shape in enumerate(shapes)}})
+    assert list(scene_materials(scene)) == ["bsdf", "bsdf (2)"]
+
+
+def test_naming_twice_as_many_materials_takes_twice_as_many_steps():
+    def steps(count: int) -> int:
+        shapes = '<shape type="sphere"/>' * count
+        scene, lines = mi.load_string(f'<scene version="3.9.0">{shapes}</scene>'), []
+
+        def trace(frame, event, argument):
+            if frame.f_code is scene_materials.__code__:
+                lines.append(event)
+                return trace
+            return None
+
+        before = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            assert len(scene_materials(scene)) == count
+        finally:
+            sys.settrace(before)
+        return len(lines)
+
+    assert steps(80) < 2.2 * steps(40)
 
 
 def test_water_is_traced_through(root):
