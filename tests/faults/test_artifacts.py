@@ -104,7 +104,7 @@ CASES_OF_DAMAGE = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("stage", "name", "damage"), in_turn(CASES_OF_DAMAGE))
-def test_damage(ready, runner, tmp_path, stage, name, damage):
+def test_a_damaged_file_is_refused_or_made_again(ready, runner, tmp_path, stage, name, damage):
     """Nothing else has changed since the stage has run."""
     project = ready.copy(tmp_path / "project")
     path = project.folder / "results" / SCENE / name

@@ -99,7 +99,7 @@ def check(folder: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(MOMENTS))
 @commands
-def test_a_kill(box, tmp_path, command, number):
+def test_a_killed_command_leaves_whole_files_and_goes_on(box, tmp_path, command, number):
     folder = box.copy(tmp_path / "box")
     fault = moment(command, number, box.well[command][0])
     ending = box.run(folder, command, fault)
@@ -110,7 +110,7 @@ def test_a_kill(box, tmp_path, command, number):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SIGNALS)
 @commands
-def test_a_signal(box, tmp_path, command, name):
+def test_a_signal_ends_a_command_in_words_and_it_goes_on(box, tmp_path, command, name):
     folder, whole = box.copy(tmp_path / "box"), box.well[command][0]
     after = random.Random(f"{SEED} {command} {name}").uniform(0.3, whole.seconds)
     fault = Fault(signals=SIGNALS[name], after=after)

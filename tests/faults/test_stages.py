@@ -18,7 +18,7 @@ from tests.faults.runner import MOMENTS, SEED, SIGNALS, Fault, moment
 
 @pytest.mark.slow
 @stages(*range(MOMENTS))
-def test_a_kill(trials, tmp_path, stage, other):
+def test_a_killed_stage_leaves_whole_files_and_goes_on(trials, tmp_path, stage, other):
     trial = trials(stage)
     fault = moment(stage, other, trial.well[0])
     trial.survives(tmp_path / "project", fault, lambda end: end.code in (0, -signal.SIGKILL))
@@ -26,7 +26,7 @@ def test_a_kill(trials, tmp_path, stage, other):
 
 @pytest.mark.slow
 @stages(*SIGNALS)
-def test_a_signal(trials, tmp_path, stage, other):
+def test_a_signal_ends_a_stage_in_words_and_it_goes_on(trials, tmp_path, stage, other):
     trial, signals = trials(stage), SIGNALS[other]
     chance = random.Random(f"{SEED} {stage} {other}")
     fault = Fault(signals=signals, after=chance.uniform(0.2, trial.well[0].seconds))
