@@ -127,7 +127,7 @@ def test_the_unit_of_length_changes_the_image(tmp_path):
     assert plane_in_halves == pytest.approx(plane, rel=0.02)
 
 
-def test_a_furnace(tmp_path):
+def test_in_a_furnace_the_radiance_is_one(tmp_path):
     """Radiance 1 everywhere. A sphere is nearly a plane to narrow Gaussians."""
     reports: list[tuple[int, int]] = []
     job = task(furnace("point"), tmp_path, report=lambda *at: reports.append(at))

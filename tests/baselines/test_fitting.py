@@ -48,7 +48,7 @@ def test_what_does_not_belong_to_the_fit_is_left_alone(tmp_path: Path, what: str
     assert fit.step == 0 and contents(fit) == contents(make_fit())
 
 
-def test_decay():
+def test_the_rate_decays_like_a_cosine():
     assert cosine_decay(0, 0.1) == 1
     assert cosine_decay(0.5, 0.1) == pytest.approx(0.55)
     assert cosine_decay(1, 0.1) == pytest.approx(0.1) == cosine_decay(1.5, 0.1)

@@ -89,7 +89,7 @@ def refused(capfd, *words: str) -> str:
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.hdr", "a.pfm", "a.png", "a.JPG", "new/a.jpeg"])
-def test_formats(room, name):
+def test_the_ending_chooses_the_format(room, name):
     assert run("-o", name) == 0
     assert [*mi.Bitmap(str(room / name)).size()] == [8, 6]
     assert not [*room.rglob(".*")]
@@ -150,7 +150,7 @@ def test_an_error_in_a_loop_of_drjit(room, capfd):
         ("-o room.xml/a.exr", "could not be written"),
     ],
 )
-def test_options(room, capfd, words, told):
+def test_a_wrong_option_is_told_in_words(room, capfd, words, told):
     (room / "folder.exr").mkdir()
     assert told in refused(capfd, *words.split())
 

@@ -204,7 +204,7 @@ def test_what_travels_to_a_cluster_is_the_scene_and_its_files(tmp_path):
     assert zipfile.ZipFile(io.BytesIO(data)).namelist() == ["a/scene.xml", "b/mesh.ply"]
 
 
-def test_without_ray(box, capsys, monkeypatch):
+def test_without_ray_the_executor_is_refused(box, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     assert "--executor: is ray, but the ray package is not installed" in refused(
         capsys, "--executor", "ray"

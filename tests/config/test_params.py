@@ -227,7 +227,7 @@ def test_what_variants_may_not_say(tmp_path, old, new, words):
         read(tmp_path, text)
 
 
-def test_no_params_at_all(tmp_path):
+def test_missing_params_are_told(tmp_path):
     with pytest.raises(UserError, match=r"params\.yaml: cannot be read\. Run `gpf` in the project"):
         read_params(tmp_path / "params.yaml")
 

@@ -153,7 +153,7 @@ def test_a_whole_image_passes():
         (-0.5, 0),
     ],
 )
-def test_srgb(linear, shown):
+def test_linear_values_become_srgb_and_are_clamped(linear, shown):
     assert tone_map(np.array(linear), 1.0) == pytest.approx(shown, abs=2e-6)
 
 

@@ -85,7 +85,7 @@ def test_a_listed_file_that_is_gone_is_not_found(packaged: Path) -> None:
         ("libLLVM.py", False),
     ],
 )
-def test_names_of_libraries(name: str, is_library: bool) -> None:
+def test_libraries_are_known_by_their_names(name: str, is_library: bool) -> None:
     assert bool(runtime._LIBRARY_NAME.fullmatch(name)) is is_library
 
 

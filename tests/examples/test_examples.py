@@ -97,7 +97,7 @@ def test_own_integrator(tmp_path, small):
     assert ours.mean() == pytest.approx(path.mean(), rel=0.01)
 
 
-def test_animation(tmp_path, even):
+def test_an_animation_is_a_film_and_a_sheet_of_frames(tmp_path, even):
     animation.main(tmp_path, seconds=1, size=20, frames=6)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["animation.mp4", "animation.png"]
     count, seconds = count_frames_and_secs(str(tmp_path / "animation.mp4"))

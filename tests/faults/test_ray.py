@@ -69,7 +69,7 @@ def check_words(process: subprocess.Popen[str], output: str, what: str) -> None:
 
 
 @pytest.mark.parametrize("what", ["a node", pytest.param("the head", marks=pytest.mark.long)])
-def test_passes(tmp_path, what):
+def test_passes_go_on_after_a_machine_is_lost(tmp_path, what):
     project = new_project(tmp_path / "project")
     project.edit("params.yaml", reference__passes=40, reference__photons_per_pass=50_000)
     assert project.stage("scene").code == 0
@@ -89,7 +89,7 @@ def test_passes(tmp_path, what):
 
 
 @pytest.mark.parametrize("what", [pytest.param("a node", marks=pytest.mark.long), "the head"])
-def test_pictures(tmp_path, what):
+def test_pictures_go_on_after_a_machine_is_lost(tmp_path, what):
     shutil.copy(PROJECT / "scenes" / SCENE / "scene.xml", tmp_path / "box.xml")
     scene = load_scene_file(tmp_path / "box.xml")
     field = box_field(scene)

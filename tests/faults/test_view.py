@@ -127,7 +127,7 @@ FAULTS = {
         for name in FAULTS
     ],
 )
-def test_a_signal(folder, environment, name):
+def test_a_signal_keeps_the_field_and_the_next_start_goes_on(folder, environment, name):
     chance = random.Random(f"{SEED} view {name}")
     with viewing(folder, environment) as process:
         before, fit = wait_for_more(folder, process), fit_of(process.pid)

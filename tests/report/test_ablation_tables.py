@@ -27,7 +27,7 @@ def mean(results, *parts):
     return read_json(results.root.joinpath(WATER, *parts))["mean"]
 
 
-def test_components(results):
+def test_components_are_beside_those_of_the_paper(results):
     frame = frames(results)["table_3"].loc["Water Caustic"]
     assert list(frame.index[:2]) == ["radius only", "all (default)"] and len(frame) == 6
     radius, field = frame.loc["radius only"], frame.loc["all (default)"]

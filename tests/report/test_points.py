@@ -110,7 +110,7 @@ def points(*pairs):
         (points((1, 20), (10, 20.5)), None),
     ],
 )
-def test_extrapolation(known, seconds):
+def test_times_are_extrapolated_up_to_a_limit(known, seconds):
     """To 35 dB: log(seconds) is linear in dB between two points, up to a limit."""
     found = extrapolate(known, 35)
     assert found == (None if seconds is None else pytest.approx(seconds))

@@ -53,7 +53,7 @@ def test_csv_has_measured_numbers_the_papers_and_ranks():
     assert rows[4]["speed"] == "" and rows[4]["reason"] == "no <time> for 5%"
 
 
-def test_markdown():
+def test_markdown_is_aligned_and_marks_the_best_and_second():
     lines = to_markdown(TABLE).splitlines()
     table = [line for line in lines if line.startswith("|")]
     assert len({len(line) for line in table}) == 1
@@ -128,7 +128,7 @@ class Page(HTMLParser):
             self.cells[-1][2] += data
 
 
-def test_html():
+def test_html_marks_the_best_and_what_is_missing():
     text = to_html(TABLE)
     page = Page(text)
     assert not page.open and text.startswith('<figure class="table" id="made_up">')
