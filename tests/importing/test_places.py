@@ -39,12 +39,12 @@ def assert_refused(path: Path, root: Path) -> None:
 @pytest.mark.parametrize("levels", [1, 2, 3, 4])
 def test_a_way_back_in_by_the_folders_own_name_is_refused(original, root, tmp_path, levels):
     """From where the copy stands, the same way leads to other files."""
-    theirs = tmp_path / "baselines/denoised"
+    theirs = tmp_path / "gpf/baselines/denoised"
     shutil.copytree(original, theirs)
     names = ["gpf", "baselines", "denoised", "wedge.ply"]
     way = "/".join([*[".."] * levels, *([tmp_path.name, *names][-1 - levels :])])
     shutil.move(theirs / "models/wedge.ply", theirs / "wedge.ply")
-    for place in ("baselines/denoised", "scenes/denoised", "scenes/baselines/denoised"):
+    for place in ("gpf/baselines/denoised", "scenes/denoised", "scenes/baselines/denoised"):
         (root.parent / place).mkdir(parents=True)
         (root.parent / place / "wedge.ply").write_text("ours")
     (theirs / "scene.xml").write_text(SCENE.replace("$mesh.ply", way))
