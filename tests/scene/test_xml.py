@@ -257,7 +257,7 @@ def test_encodings_that_mitsuba_does_not_know_are_refused(tmp_path):
     text = '<?xml version="1.0" encoding="latin-1"?><scene version="3.0.0"><bsdf id="é"/></scene>'
     file.write_bytes(text.encode("latin-1"))
     with pytest.raises(
-        UserError, match=r"scene\.xml: does not parse: unknown encoding latin-1\. Save it in UTF"
+        UserError, match=r"scene\.xml: does not parse: unknown encoding latin-1\. Save it as UTF"
     ):
         read_scene_xml(file)
 
