@@ -6,14 +6,15 @@ from pydantic import ConfigDict, Field, with_config
 from typing_extensions import TypedDict  # pydantic cannot read that of Python 3.11
 
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class Part(TypedDict):
     """Seconds of a part of a stage."""
 
-    wall_seconds: _Finite
-    cpu_seconds: _Finite
-    compile_seconds: _Finite
+    wall_seconds: _Seconds
+    cpu_seconds: _Finite  # negative if others kept the machine busy while kernels were compiled
+    compile_seconds: _Seconds
 
 
 @with_config(ConfigDict(extra="allow"))
@@ -21,14 +22,14 @@ class Facts(TypedDict, total=False):
     """Numbers that a stage records beside its parts; other keys are allowed."""
 
     views: Annotated[int, Field(ge=1)]
-    seconds_per_single_view_pass: _Finite
-    seconds_per_shared_view_pass: _Finite
-    seconds_per_target_pass: _Finite
+    seconds_per_single_view_pass: _Seconds
+    seconds_per_shared_view_pass: _Seconds
+    seconds_per_target_pass: _Seconds
     passes_done: dict[str, int]
     field_megabytes: _Finite
     storage_megabytes: _Finite
     peak_memory_megabytes: _Finite
-    path_seconds: _Finite
+    path_seconds: _Seconds
 
 
 class CostFile(TypedDict):

@@ -84,11 +84,14 @@ def fit(
 
     Raises
     ------
-    UserError: a goal is not above 0; the scene has no emitter or no diffuse surface, or a material
-        that is not supported; there is no camera, or the cameras see no diffuse surface, or no
-        light reaches those that they see; the light is not finite; or the fit cannot resume.
+    UserError: a goal is not above 0; the seed is not from 0 to 2³¹ - 1; the scene has no emitter or
+        no diffuse surface, or a material that is not supported; there is no camera, or the cameras
+        see no diffuse surface, or no light reaches those that they see; the light is not finite; or
+        the fit cannot resume.
     """
     goals, time = Goals.asked(seconds, target_psnr, passes), TimeBudget(seconds)
+    if not 0 <= seed < 2**31:
+        raise UserError("seed", f"is {seed}", "Give a number from 0 to 2147483647.")
     if resume == "always" and state is None:
         raise UserError("resume", "needs a state folder", "Give the folder with the photons.")
     check_scene(scene)

@@ -102,7 +102,7 @@ def load_with_parameters(
     """
     try:
         scene = _load(file, parameters, integrator)
-    except RuntimeError as error:
+    except (RuntimeError, UnicodeDecodeError) as error:
         what = describe_plugin_error(error)
         raise UserError(str(file), f"does not load: {what}", _advise(file)) from error
     if not isinstance(scene, mi.Scene):
@@ -122,8 +122,11 @@ def describe_plugin_error(error: BaseException) -> str:
     """The message of an error from Mitsuba or a plugin, in one line for users."""
     while error.__cause__ and "(see above)" in str(error):  # Dr.Jit wraps errors in its loops
         error = error.__cause__
+    said = str(error)
+    if isinstance(error, UnicodeDecodeError):  # Mitsuba's message quotes bytes of a damaged file
+        said = error.object.decode(errors="replace")
     # Plugins in Python, such as this project's, add a traceback to the message.
-    what = re.sub(r"Traceback \(most.*:\s*\n([ \t]+.*\n)*([\w.]+: )?", "", str(error))
+    what = re.sub(r"Traceback \(most.*:\s*\n([ \t]+.*\n)*([\w.]+: )?", "", said)
     # Mitsuba's messages contain line numbers of its own source code.
     return re.sub(r"\[[\w.]+:\d+\] ", "", " ".join(what.split())).rstrip(".")
 

@@ -59,7 +59,8 @@ class CostMeter:
         now = time.perf_counter(), time.process_time()
         compiled = _compile_seconds()
         entry = dict(self.parts.get(part, dict.fromkeys(KINDS, 0.0)))
-        entry["wall_seconds"] += now[0] - self._started[0] - compiled
+        # Threads compile side by side, so their time may be longer than that of the clock.
+        entry["wall_seconds"] += max(now[0] - self._started[0] - compiled, 0)
         entry["cpu_seconds"] += now[1] - self._started[1] - compiled
         entry["compile_seconds"] += compiled
         self._started = now

@@ -145,6 +145,12 @@ def test_goals_are_above_zero(scene, goal):
         gpf.fit(scene, sensors(), **goal)
 
 
+@pytest.mark.parametrize("seed", [-1, 2**31])
+def test_seeds_have_31_bits(scene, seed):
+    with pytest.raises(UserError, match=rf"seed: is {seed}\. Give a number from 0 to 2147483647"):
+        gpf.fit(scene, sensors(), passes=2, seed=seed)
+
+
 def test_what_cannot_be_fitted_is_said_before_the_first_photon(caplog):
     dark = mi.cornell_box()
     del dark["light"]

@@ -62,9 +62,10 @@ COMMANDS = {
     "stage ablation --scene first": "--variant --go-on",
 }
 WRITTEN = (
-    "out out/* out.* gpf-demo/* scene.exr pictures/* scenes/room/* results/* params.yaml folder/*"
+    "out out/* out.* gpf-demo/* pictures/* scenes/room/* results/* folder/* missing missing/* "
 )
-WRITTEN += " missing missing/* bytes/* scene.xml field.safetensors field.png field.fit/*"
+WRITTEN += "bytes/* params.yaml scene.exr scene.xml field.safetensors field.png field.fit/* "
+WRITTEN += "right.* orbit* transforms.json"  # with `--output .`
 
 
 def words_of(draw: st.DrawFn) -> list[str]:
@@ -96,6 +97,6 @@ def cases(draw: st.DrawFn) -> Case:
     words = words_of(draw)
     # Errors of the library name an option as it is called there.
     names = [word.strip("-").replace("-", "_") for word in words if len(word) > 1]
-    names += [f"error: {word.strip()}: " for word in words]
-    names += ["params.yaml", "view '", "name '", "lights: "]
+    names += [f"error: {word.strip() or '.'}: " for word in words]
+    names += ["-D ", "params.yaml", "view '", "name '", "lights: "]
     return Case(tuple(words), tuple(WRITTEN.split()), tuple(names), files)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
@@ -40,11 +41,16 @@ PLY_BYTES += struct.pack("<B3iB3i", 3, 0, 1, 2, 3, 3, 1, 0)
 SIZES = ((0, 0), (0, 3), (2**31 - 1, 2**31 - 1), (60000, 60000), (5, 5))
 
 
+def list_of(value: Any) -> list[Any]:
+    """A list, or one of only this."""
+    return value if isinstance(value, list) else [value]
+
+
 def changed_lines(draw: st.DrawFn, text: str) -> bytes:
     """A text of words and numbers of which a few lines or words are others."""
-    lines = odd.changed_tree(draw, [line.split() for line in text.splitlines()])
-    rows = [row if isinstance(row, list) else [row] for row in lines]
-    return "".join(" ".join(map(str, row)) + "\n" for row in rows).encode()
+    words = odd.changed_tree(draw, [line.split() for line in text.splitlines()])
+    lines = map(list_of, list_of(words))
+    return "".join(" ".join(map(str, line)) + "\n" for line in lines).encode()
 
 
 def png(draw: st.DrawFn, faulty: bool) -> bytes:

@@ -33,3 +33,11 @@ def test_numbers_are_finite(tmp_path, shape, make, place, value):
     path.write_text(json.dumps(make(value)))
     with pytest.raises(FileError, match=rf"has the wrong structure \({place}: .* finite number"):
         read_json(path, shape)
+
+
+@pytest.mark.parametrize("name", ["wall_seconds", "compile_seconds"])
+def test_times_are_not_negative(tmp_path, name):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps({"parts": {"a": part(2.5) | {name: -1.0}}, "facts": {}}))
+    with pytest.raises(FileError, match=rf"parts\.a\.{name}: .* greater than or equal to 0"):
+        read_json(path, CostFile)

@@ -82,6 +82,16 @@ def test_scenes_are_checked_before_they_are_loaded(tmp_path):
         load_scene_file(tmp_path / "scene.xml")
 
 
+def test_bytes_that_are_no_text_are_told_of(tmp_path):
+    """Mitsuba's message has them, too."""
+    mesh = write(tmp_path, "0 1 2")
+    mesh.write_bytes(mesh.read_bytes().replace(b"list uchar int", b"list uchar \xf8t"))
+    shape = '<shape type="ply"><string name="filename" value="mesh.ply"/></shape>'
+    (tmp_path / "scene.xml").write_text(f'<scene version="3.0.0">{shape}</scene>')
+    with pytest.raises(UserError, match=r"scene\.xml: does not load: .*mesh\.ply.*\ufffdt"):
+        load_scene_file(tmp_path / "scene.xml")
+
+
 def serialized(path, meshes, version=4, flags=0x1000, faces=1):
     """Write meshes of Mitsuba's own format, each the corners of a triangle of four vertices."""
     data, places, real = b"", [], "d" if flags & 0x2000 else "f"
