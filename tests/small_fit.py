@@ -31,7 +31,7 @@ def make_small(monkeypatch: pytest.MonkeyPatch, passes: int, steps: int, paths: 
     """
     small = {
         "REGION": VisibleRegionSettings(rays=20_000, pilot_paths=20_000),
-        "STREAM": StreamSettings(view_points=1000, surface_points=4000),
+        "STREAM": StreamSettings(view_points=2000, surface_points=10_000),
     }
     for name, value in small.items():
         monkeypatch.setattr(fitting, name, value)
