@@ -186,7 +186,10 @@ def test_from_the_command_line(tmp_path, monkeypatch, capsys):
     images = []
     for lights in ("", "panel=0", "panel=0,bulb=0.5"):
         words = ["--lights", lights] if lights else []
-        assert run("render", "scene.xml", "--view", "front", "--size", "24", *words) == 0
+        assert (
+            run("render", "scene.xml", "--overwrite", "--view", "front", "--size", "24", *words)
+            == 0
+        )
         images.append(read_exr(Path("pictures/front.exr"))[0]["radiance"])
     assert images[1].mean() < 0.9 * images[0].mean()
     np.testing.assert_allclose(images[2].mean(), 0.5 * images[1].mean(), rtol=0.02)
