@@ -61,10 +61,10 @@ COMMANDS = {
     "stage baseline --scene first": "--method --go-on",
     "stage ablation --scene first": "--variant --go-on",
 }
-WRITTEN = (
-    "out out/* out.* gpf-demo/* pictures/* scenes/room/* results/* folder/* missing missing/* "
+WRITTEN = "out out/* out.* gpf-demo/* pictures/* scenes/room/* results/* folder/* missing "
+WRITTEN += (
+    "missing/* bytes/* params.yaml scene.exr scene.xml field.safetensors field.png field.fit/* "
 )
-WRITTEN += "bytes/* params.yaml scene.exr scene.xml field.safetensors field.png field.fit/* "
 WRITTEN += "right.* orbit* transforms.json"  # with `--output .`
 
 

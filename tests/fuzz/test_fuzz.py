@@ -1,6 +1,6 @@
 """Whatever is fed in, the commands work or say in words what is wrong.
 
-Each run tries the same cases; `pytest tests/fuzz -m long --hypothesis-profile=default` others.
+Each run tries the same cases; `pytest tests/fuzz --hypothesis-profile=default` others.
 """
 
 from __future__ import annotations
