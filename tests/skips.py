@@ -9,11 +9,11 @@ import pytest
 
 # File of tests -> words of the reason for which tests there may be skipped.
 ALLOWED = {
-    "tests/baselines/test_renderformer.py": "the published network is a repository of its own",
-    "tests/importing/test_importer.py": "the authors' own scenes are no part of this repository",
-    "tests/scenes/test_originals.py": "the authors' own scenes are no part of this repository",
-    "tests/faults/test_commands.py": "only root can mount a disk",
-    "tests/faults/test_disks.py": "only root can mount a disk",
+    "tests/baselines/test_renderformer.py": "needs the published network, a repository of its own",
+    "tests/importing/test_importer.py": "needs the original scenes, no part of this repository",
+    "tests/scenes/test_originals.py": "needs the original scenes, no part of this repository",
+    "tests/faults/test_commands.py": "only root can mount a file system with a size limit",
+    "tests/faults/test_disks.py": "only root can mount a file system with a size limit",
     "tests/baselines/test_hash_encoding.py": "half precision on CUDA",
 }
 

@@ -189,7 +189,7 @@ def test_the_published_network_takes_the_files_and_its_images_come_back(
     try:
         folder = CODE.find()
     except CannotServe as missing:
-        pytest.skip(f"the published network is a repository of its own, in no package: {missing}")
+        pytest.skip(f"needs the published network, a repository of its own: {missing}")
     weights = tmp_path / "weights"
     done = subprocess.run(
         [str(CODE.find_interpreter()), "-c", TINY, str(weights)],

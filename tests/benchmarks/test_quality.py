@@ -42,7 +42,7 @@ def test_frame(run, tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not available(), reason="pyoidn is not installed")
+@pytest.mark.skipif(not available(), reason="needs the optional package pyoidn")
 def test_rooms(run, tmp_path):
     sizes = ("--rows", 16, "--views", 3, "--judged", 2, "--samples", 5)
     told = run(app, "rooms", FILE, "--passes", 2, *sizes, "--kept", tmp_path)

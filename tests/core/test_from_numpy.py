@@ -67,7 +67,7 @@ def test_other_layouts_and_nothing_at_all():
     assert dr.width(from_numpy(mi.Point3f, np.zeros((0, 3)))) == 0
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the numbers of mmap are those of Linux")
+@pytest.mark.skipif(sys.platform != "linux", reason="calls mmap with the constants of Linux")
 @pytest.mark.parametrize("kind", ["Float", "Point2f"])
 def test_nothing_is_read_behind_the_values(kind):
     def run(way):

@@ -32,7 +32,7 @@ def small_disk(folder: Path, room: int) -> Iterator[None]:
     options = f"size={sum(sizes) + room // PAGE * PAGE}"
     command = ["mount", "-t", "tmpfs", "-o", options, "none", str(folder)]
     if os.geteuid() or subprocess.run(command, check=False, capture_output=True).returncode:
-        pytest.skip("only root can mount a disk")
+        pytest.skip("only root can mount a file system with a size limit")
     try:
         shutil.copytree(away, folder, dirs_exist_ok=True)
         yield

@@ -274,7 +274,7 @@ def test_share_of_paths_that_land():
 
 @pytest.mark.skipif(
     not ORIGINALS.is_dir(),
-    reason="the authors' own scenes are no part of this repository, and not beside it",
+    reason="needs the original scenes, no part of this repository",
 )
 @pytest.mark.parametrize(("folder", "diagonal"), [("veach-ajar", 19.32), ("veach-bidir", 13.91)])
 def test_originals_are_imported_without_a_hand_edit(root, folder, diagonal):

@@ -28,7 +28,7 @@ def block_means(scene, sensor, settings: PassSettings, passes: int, seed: int) -
 @pytest.mark.long
 @pytest.mark.skipif(
     not ORIGINALS.is_dir(),
-    reason="the authors' own scenes are no part of this repository, and not beside it",
+    reason="needs the original scenes, no part of this repository",
 )
 @pytest.mark.parametrize(
     ("name", "size", "paths", "radius"),
