@@ -132,9 +132,9 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
             self._guides = tuple(missing) if self.denoise else ()
             try:
                 image, variance = self._sample_image(scene, sensor, seed, spp, evaluate)
+                return self._denoise(image, variance) if self.denoise else image
             finally:
                 self._guides = ()
-        return self._denoise(image, variance) if self.denoise else image
 
     def _sample_image(
         self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, evaluate: bool
@@ -203,14 +203,12 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         if self._denoiser is None or self._denoiser.size != size:
             cuda = "cuda" in str(mi.variant())
             self._denoiser = ImageDenoiser(size, prefilter=True, cuda=cuda, quality="balanced")
-        ours = len(channel_names(self.aovs))
-        every = (*self.aovs, *(name for name in GUIDES if name not in self.aovs))
-        first = image.shape[2] - len(channel_names(every))
+        first = image.shape[2] - len(self.aov_names())
         together = np.concatenate([image[..., :3], image[..., first:]], axis=2)
-        layers = split_layers(together, every)
+        layers = split_layers(together, (*self.aovs, *self._guides))
         guides = layers[GUIDES[0]], layers[GUIDES[1]]
         image[..., :3] = denoise(layers["radiance"], guides, variance, self._denoiser)
-        return from_numpy(mi.TensorXf, image[..., : first + ours])
+        return from_numpy(mi.TensorXf, image[..., : first + len(channel_names(self.aovs))])
 
     def sample(  # type: ignore[no-untyped-def]
         self, mode, scene, sampler, ray, depth=None, active=True, **kwargs
