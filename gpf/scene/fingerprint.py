@@ -90,7 +90,10 @@ def _moments(shape: mi.Shape) -> np.ndarray:
     else:
         box = shape.bbox()
         centre, extent = np.array(box.center()), np.array(box.extents())
-        area = float(np.array(shape.surface_area()).ravel()[0])
+        try:
+            area = float(np.array(shape.surface_area()).ravel()[0])
+        except RuntimeError:  # curves, ellipsoids and instances do not know their area
+            area = 2 * float(extent @ np.roll(extent, 1))
         square = np.outer(centre, centre) + np.diag(extent**2) / 12
         return area * np.array([1, *centre, *np.diag(square), *square[[1, 2, 0], [2, 0, 1]]])
     sides = corners[:, 1:] - corners[:, :1]

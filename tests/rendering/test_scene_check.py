@@ -132,3 +132,25 @@ def test_the_integrator_warns_once_for_each_scene_and_goes_on(record):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         dr.eval(mi.render(other, integrator=integrator, spp=2))
+
+
+def test_hair_and_instances_are_compared(tmp_path):
+    """Mitsuba does not know the area of either."""
+    strand = tmp_path / "strand.txt"
+
+    def known(*, x: float) -> dict[str, object]:
+        strand.write_text(f"0 0 0 .1\n1 0 0 .1\n2 0 0 .1\n{x} 1 0 .1\n")
+        return fingerprint(
+            mi.load_dict(
+                {
+                    "type": "scene",
+                    "hair": {"type": "bsplinecurve", "filename": str(strand)},
+                    "group": {"type": "shapegroup", "ball": {"type": "sphere"}},
+                    "copy": {"type": "instance", "group": {"type": "ref", "id": "group"}},
+                }
+            )
+        )
+
+    first = known(x=3)
+    assert changed_parts(first, known(x=3)) == []
+    assert "geometry" in changed_parts(first, known(x=6))
