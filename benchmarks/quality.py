@@ -6,9 +6,10 @@ from benchmarks import cli
 from benchmarks.energy import energy
 from benchmarks.error import error
 from benchmarks.fit import fit, frame
+from benchmarks.noise import noise
 from benchmarks.rooms import rooms
 
-app = cli.make_app(fit, frame, error, energy, rooms)
+app = cli.make_app(fit, frame, error, energy, rooms, noise)
 
 if __name__ == "__main__":
     cli.run(app)
