@@ -18,10 +18,12 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks import cli
-from benchmarks.measured_scenes import open_scene
+from benchmarks.measured_scenes import MeasuredScene, open_scene
 from benchmarks.truth import Truth, decibels
+from gpf.field.field import GaussianPhotonField
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
+from gpf.scene.views import View
 
 MECHANISMS = ("adaptive", "grouped", "fireflies", "denoiser")
 
@@ -42,25 +44,34 @@ def noise(
     """
     for name in scenes or ["cornell_box", "veach_ajar"]:
         measured = open_scene(name)
-        view, size = measured.judged_views[0], measured.size(rows)
+        view = measured.judged_views[0] if measured.views else measured.own
         field = measured.fit([view], rows, seconds=seconds)
-
-        def render(settings: RenderSettings, seed: int) -> np.ndarray:
-            renderer = FieldRenderer.make(measured.scene, field, settings)
-            return renderer.render(view, size, seed)["radiance"][None]
-
+        render = partial(_render, measured, field, view, rows)
         many = RenderSettings(spp=samples, adaptive=False, suppress_fireflies=False)
         halves = np.stack([render(many, seed) for seed in range(2)], axis=1)
         truth = Truth(halves, measured.exposure)
         for number in spp or [16, 64]:
             table = Table(*MECHANISMS, "PSNR", "energy", "1 in 1000", "s")
-            table.title = f"{name}, {number} samples per pixel"
+            table.title = f"{measured.name}, {number} samples per pixel"
             for chosen in product((False, True), repeat=len(MECHANISMS)):
                 with switched(*chosen, spp=number) as settings:
                     images, spent = _timed(partial(render, settings, 2))
                 marks = ("x" if used else "" for used in chosen)
                 table.add_row(*marks, *judge(truth, images), f"{spent:.2f}")
             Console(width=100).print(table)
+
+
+def _render(
+    measured: MeasuredScene,
+    field: GaussianPhotonField,
+    view: View,
+    rows: int,
+    settings: RenderSettings,
+    seed: int,
+) -> np.ndarray:
+    """An image, (1, H, W, 3)."""
+    renderer = FieldRenderer.make(measured.scene, field, settings)
+    return renderer.render(view, measured.size(rows), seed)["radiance"][None]
 
 
 @contextmanager

@@ -5,6 +5,7 @@ A test that needs another one, or none, starts a process of its own.
 
 import os
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -48,3 +49,12 @@ def asked_to_suppress(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
 
     monkeypatch.setattr("gpf.rendering.gpf.sample_adaptively", sample)
     return asked
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Headless Chromium for the pages of a module."""
+    from tests.browser import start_browser
+
+    with start_browser() as started:
+        yield started

@@ -49,3 +49,11 @@ def test_rooms(run, tmp_path):
     for method in ("field", "path + OIDN", "SPPM"):
         assert len(numbers(cells(told, method))) == 4
     assert re.search(r"2 passes in \d+ s, .*ratio \d", told, re.DOTALL)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not available(), reason="needs the optional package pyoidn")
+def test_noise(run):
+    told = run(app, "noise", BOX, "--seconds", 1, "--rows", 16, "--spp", 16, "--samples", 16)
+    lines = [line for line in told.splitlines() if re.search(r"\d\.\d{4}", line)]
+    assert len(lines) == 16 and all(len(re.findall(r"[\d.]+", line)) == 4 for line in lines)

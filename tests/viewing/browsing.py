@@ -11,13 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.browser import find_browser
+from tests.browser import look, needs_browser
 
-PROGRAM = find_browser()
-MARKS = [
-    pytest.mark.slow,
-    pytest.mark.skipif(PROGRAM is None, reason="no Chromium on the path"),
-]
+MARKS = [pytest.mark.slow, needs_browser]
 
 BOX = Path(__file__).parents[2] / "scenes" / "cornell_box" / "scene.xml"
 
@@ -43,12 +39,13 @@ def viewing(folder, *words, scene=BOX):
 
 def picture(page) -> np.ndarray:
     """The middle of the window, (H, W, 3)."""
-    return page.look(400, 200, 500, 500).astype(float)
+    return look(page, 400, 200, 500, 500).astype(float)
 
 
 def drag(page, way=120, button="left"):
-    page.point(650, 450, "mousePressed", button=button, buttons=1, clickCount=1)
+    page.mouse.move(650, 450)
+    page.mouse.down(button=button)
     for k in range(12):
-        page.point(650 + way * k / 11, 450, "mouseMoved", button=button, buttons=1)
+        page.mouse.move(650 + way * k / 11, 450)
         time.sleep(0.02)
-    page.point(650 + way, 450, "mouseReleased", button=button)
+    page.mouse.up(button=button)
