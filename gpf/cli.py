@@ -204,6 +204,29 @@ def mitsuba(
 
 
 @app.command()
+def convert(
+    file: options.ForeignFile,
+    output: options.SceneFolder = None,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Write the scene of a .blend, .glb, .gltf, .usd, .fbx or .obj file as a Mitsuba scene.
+
+    Blender reads the file. Other commands take such files, too, and convert them first.
+    """
+    from gpf.commands.convert import convert_file
+
+    convert_file(file, output, overwrite)
+
+
+@app.command()
+def blender_install() -> None:
+    """Install Blender's Python package, which reads files of other programs (400 MB)."""
+    from gpf.commands.convert import install_blender
+
+    install_blender()
+
+
+@app.command()
 def doctor() -> None:
     """Check this machine, and explain how to repair what is missing."""
     from gpf.doctor import diagnose, print_report

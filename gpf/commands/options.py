@@ -12,7 +12,9 @@ from typer import Argument, Option
 Scene = Annotated[
     str,
     Argument(
-        metavar="SCENE", help="A scene file, a folder with one, or the name of a scene in results/."
+        metavar="SCENE",
+        help="A scene file (.xml, .blend, .glb, .usd, .fbx, .obj), a folder with one, or the name of "
+        "a scene in results/.",
     ),
 ]
 Field = Annotated[
@@ -31,6 +33,16 @@ ChangedScene = Annotated[
 ]
 Seed = Annotated[int, Option(min=0, help="Random seed.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace what exists.")]
+
+# `gpf convert`.
+
+ForeignFile = Annotated[Path, Argument(metavar="FILE", help="A file that Blender reads.")]
+SceneFolder = Annotated[
+    Path | None,
+    Option(
+        "--output", "-o", metavar="FOLDER", help="A new folder. [default: FILE without suffix]"
+    ),
+]
 
 # `gpf demo` and `gpf export`.
 

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import mitsuba as mi
 
+from gpf.blender.conversion import is_foreign
+from gpf.commands.convert import scene_of
 from gpf.core.errors import UserError
 from gpf.core.yaml import suggest
 from gpf.field.field import GaussianPhotonField
@@ -21,13 +23,17 @@ def find_scene(name: str) -> tuple[Path, Path | None]:
 
     Parameters
     ----------
-    name: a scene file, a folder with one, or the name of a scene of the pipeline.
+    name: a scene file, a file that Blender reads, a folder with a scene file, or the name of a
+        scene of the pipeline.
 
     Raises
     ------
-    UserError: the folder has no scene file or several, or there is no scene with that name.
+    UserError: the folder has no scene file or several, there is no scene with that name, or
+        Blender cannot read the file.
     """
     path = Path(name)
+    if is_foreign(path):
+        return scene_of(path), None
     if path.is_dir():
         return find_scene_file(path, path), None
     if not _is_name(path):

@@ -11,8 +11,10 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+from gpf.blender.conversion import converted, is_foreign
 from gpf.core.errors import UserError
 from gpf.core.places import make_place
+from gpf.core.progress import say
 
 MOST_FILES = 10_000
 MOST_BYTES = 4 * 2**30
@@ -58,10 +60,13 @@ def open_source(path: Path, unpacked: Path) -> Source:
         return Source(origin, find_scene_file(unpacked, path), unpacked, archive=path)
     if path.suffix.lower() == ".xml":
         return Source(origin, path, path.parent)
+    if is_foreign(path):
+        xml = converted(path, say).xml
+        return Source(origin, xml, xml.parent)
     raise UserError(
         str(path),
-        "is not a folder, an XML file or a zip archive",
-        "Unpack other archives first; convert scenes in other formats to Mitsuba's format.",
+        "is not a folder, an XML file, a zip archive, or a file that Blender reads",
+        "Unpack other archives first.",
     )
 
 

@@ -1,0 +1,200 @@
+"""Convert files that Blender reads into folders with a Mitsuba scene."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import platformdirs
+
+from gpf.blender.process import PROGRAM, read_with_blender
+from gpf.blender.scene_dict import Translation, translate_scene
+from gpf.core.errors import UserError
+from gpf.core.files import read_json, write_json, write_text
+from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers, replace_folder
+from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, ViewSets, name_view
+from gpf.scene.views_file import write_views
+
+SUFFIXES = (
+    *(".blend", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".usdz", ".fbx", ".obj"),
+)
+"""What Blender reads."""
+
+ALONE = (".blend", ".glb", ".usdz", ".fbx")
+"""Formats whose files hold everything, or name what they use in a way that Blender reports."""
+
+RECORD = "converted.json"
+"""What a converted scene was made from."""
+
+
+@dataclass(frozen=True)
+class Converted:
+    """A converted scene.
+
+    Attributes
+    ----------
+    xml: the scene file.
+    how: for each material, "exact", "baked", or what is approximated.
+    notes: what is left out or approximated elsewhere.
+    """
+
+    xml: Path
+    how: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+def is_foreign(file: Path) -> bool:
+    """Whether a file must be converted before Mitsuba can load it."""
+    return file.suffix.lower() in SUFFIXES
+
+
+def converted(file: Path, tell: Callable[[str], None]) -> Converted:
+    """The scene of a file in the user's cache, converted if the file is new or has changed."""
+    require_file(file)
+    key = hashlib.sha256(str(file.resolve()).encode()).hexdigest()[:12]
+    folder = platformdirs.user_cache_path("gpf") / "scenes" / f"{file.stem}-{key}"
+    digest = _digest(file)
+    record = folder / RECORD
+    if record.is_file():
+        known = read_json(record)
+        if known.get("digest") == digest and all(map(_is_unchanged, known["files"])):
+            return Converted(folder / "scene.xml", known["how"], tuple(known["notes"]))
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    return convert(file, folder, tell, overwrite=True)
+
+
+def convert(
+    file: Path, folder: Path, tell: Callable[[str], None], overwrite: bool = False
+) -> Converted:
+    """Write a folder with the scene of a file: ``scene.xml``, meshes and textures, ``views.yaml``
+    if there are several cameras or one that moves, and a list of what became of each material.
+
+    The folder appears when it is complete.
+
+    Raises
+    ------
+    UserError: the folder exists and is not to be replaced, the file does not exist or is in an
+        unknown format, or Blender is missing or cannot read it.
+    """
+    require_file(file)
+    if folder.exists() and not overwrite:
+        raise UserError(str(folder), "exists already", "Choose another, or add --overwrite.")
+    remove_leftovers(folder.parent)
+    with tempfile.TemporaryDirectory() as name, partial_folder(folder) as new:
+        work = Path(name)
+        read_with_blender(file, work, tell)
+        found = read_json(work / "scene.json")
+        tell("writing the scene")
+        result = translate_scene(found, work, new)
+        if (work / "meshes").is_dir():
+            shutil.move(work / "meshes", new / "meshes")
+        _write_scene(result, new / "scene.xml")
+        _write_views(found, new / "views.yaml")
+        write_text(new / "converted.md", describe(file.name, found["blender"], result))
+        record = {"digest": _digest(file), "files": _stamps(found["files"])}
+        write_json(new / RECORD, record | {"how": result.how, "notes": result.notes})
+        grant_as_usual(new)
+        replace_folder(new, folder)
+    return Converted(folder / "scene.xml", result.how, tuple(result.notes))
+
+
+def require_file(file: Path) -> None:
+    """Raise a :class:`UserError` unless a file is there and Blender can read its format."""
+    if not is_foreign(file):
+        raise UserError(
+            str(file), "is in an unknown format", f"Give one of {', '.join(SUFFIXES)}."
+        )
+    if not file.is_file():
+        raise UserError(str(file), "does not exist", "Check the path.")
+
+
+def describe(name: str, blender: str, result: Translation) -> str:
+    """The list of materials, and of what is left out, as Markdown."""
+    lines = [f"# {name}", "", f"Read by Blender {blender}.", ""]
+    lines += ["| material | how |", "|---|---|"]
+    lines += [f"| {material} | {how} |" for material, how in sorted(result.how.items())]
+    if result.notes:
+        lines += ["", "Left out or approximated elsewhere:", ""]
+        lines += [f"- {note}" for note in result.notes]
+    return "\n".join([*lines, ""])
+
+
+def _write_scene(result: Translation, path: Path) -> None:
+    config = mi.parser.ParserConfig(mi.variant())
+    state = mi.parser.parse_dict(config, result.scene)
+    mi.parser.write_file(state, str(path), add_section_headers=False)
+
+
+def _write_views(found: Mapping[str, Any], path: Path) -> None:
+    """Write the cameras if one moves, or if pictures have an exposure of their own."""
+    cameras = [c for c in found["cameras"] if c["type"] == "PERSP"]
+    moving = next((c for c in cameras if "frames" in c), None)
+    if moving is None:
+        return
+    names: list[str] = []
+    views = []
+    for camera in cameras:
+        names.append(name_view(camera["name"], names, "camera"))
+        views.append(View(name=names[-1], fov_axis=camera["fov_axis"], **_pose(camera)))
+    frames = moving["frames"]
+    for frame in frames[:: max(len(frames) // 6, 1)]:
+        names.append(name_view("moving", names, "camera"))
+        views.append(View(name=names[-1], fov_axis=moving["fov_axis"], **_pose(frame)))
+    path_of = CameraPath(
+        keyframes=tuple(Keyframe(**_pose(frame)) for frame in frames), frames=len(frames)
+    )
+    scene = SceneViews(
+        views=ViewSets(train=tuple(views)),
+        path=path_of,
+        exposure=found["exposure"],
+        aspect=found["size"][0] / found["size"][1],
+        fov_axis=moving["fov_axis"],
+    )
+    write_views(path, scene, "Cameras of the converted scene.")
+
+
+def _pose(camera: Mapping[str, Any]) -> dict[str, Any]:
+    matrix = np.array(camera["matrix"])
+    origin, backward, up = matrix[:3, 3], matrix[:3, 2], matrix[:3, 1]
+    target = origin - backward / np.linalg.norm(backward)
+    up = up / np.linalg.norm(up)
+    return {
+        "origin": tuple(origin.tolist()),
+        "target": tuple(target.tolist()),
+        "up": tuple(up.tolist()),
+        "fov": camera["fov"],
+    }
+
+
+def _digest(file: Path) -> str:
+    """A digest of a file, of the files beside it that it may use, and of the program."""
+    digest = hashlib.sha256()
+    own = sorted([*PROGRAM.parent.glob("*.py"), *PROGRAM.parents[1].glob("*.py")])
+    for each in (file, *own):
+        with each.open("rb") as data:
+            digest.update(hashlib.file_digest(data, "sha256").digest())
+    if file.suffix.lower() not in ALONE:
+        beside = sorted(path for path in file.resolve().parent.rglob("*") if path.is_file())
+        digest.update(repr(_stamps(map(str, beside[:10_000]))).encode())
+    return digest.hexdigest()
+
+
+def _stamps(files: Any) -> list[list[Any]]:
+    """Size and time of each file; 0 for files that are missing."""
+    stamps = []
+    for name in files:
+        path = Path(name)
+        facts = path.stat() if path.is_file() else None
+        stamps.append([name, facts.st_size if facts else 0, facts.st_mtime_ns if facts else 0])
+    return stamps
+
+
+def _is_unchanged(stamp: list[Any]) -> bool:
+    return _stamps([stamp[0]]) == [stamp]

@@ -1,0 +1,176 @@
+"""Node trees that Cycles turns into images, one object after another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from nodes import Closure, Socket, values
+
+UV = "gpf_bake"
+SAMPLES = 16
+FLAT = 1 / 512
+"""An image whose values differ by less becomes a single value."""
+
+
+@dataclass
+class Baking:
+    """Bakes the materials of objects.
+
+    Attributes
+    ----------
+    folder: where arrays are written.
+    extent: length of the scene's diagonal, for the size of images.
+    tell: is told what is being baked.
+    """
+
+    folder: Path
+    extent: float
+    tell: Callable[[str], None]
+    _count: int = field(default=0)
+
+    def bake(self, thing: Any, closures: dict[int, Closure]) -> None:
+        """Replace everything to bake in an object's closures, by slot, with arrays.
+
+        Inputs that are images become part of the new ones, which have UVs of their own.
+        """
+        self.tell(f"baking {thing.name}")
+        self._prepare(thing)
+        size = self._size(thing)
+        wanted = {slot: values(closure) for slot, closure in closures.items()}
+        emitted = {
+            slot: [(owner, key) for owner, key in found if key != "normal"]
+            for slot, found in wanted.items()
+        }
+        bent = [
+            (owner, key) for found in wanted.values() for owner, key in found if key == "normal"
+        ]
+        displaced = [closure for closure in closures.values() if closure.pop("displaced", False)]
+        if bent or displaced:
+            pixels = self._pass(thing, size, "NORMAL", {})
+            file = self._write(pixels)
+            for owner, key in bent:
+                owner[key] = {"array": file, "channel": None, "strength": 1.0}
+            for closure in displaced:
+                closure["normal"] = {"array": file, "channel": None, "strength": 1.0}
+        for number in range(max(map(len, emitted.values()), default=0)):
+            now = {slot: found[number] for slot, found in emitted.items() if number < len(found)}
+            sockets = {slot: _socket(owner[key]) for slot, (owner, key) in now.items()}
+            pixels = self._pass(thing, size, "EMIT", sockets)
+            for owner, key in now.values():
+                owner[key] = {"array": self._write(pixels), "channel": None}
+
+    def _prepare(self, thing: Any) -> None:
+        """Give an object its final mesh, and UVs without overlaps."""
+        for other in list(bpy.context.view_layer.objects):
+            other.select_set(False)
+        if thing.name not in bpy.context.view_layer.objects:
+            bpy.context.scene.collection.objects.link(thing)
+        thing.hide_viewport = thing.hide_select = False
+        thing.hide_set(False)
+        thing.select_set(True)
+        bpy.context.view_layer.objects.active = thing
+        if thing.type != "MESH" or len(thing.modifiers) or thing.data.shape_keys:
+            graph = bpy.context.evaluated_depsgraph_get()
+            mesh = bpy.data.meshes.new_from_object(
+                thing.evaluated_get(graph), preserve_all_data_layers=True, depsgraph=graph
+            )
+            if thing.type == "MESH":
+                mesh.use_auto_texspace = False
+                mesh.texspace_location = thing.data.texspace_location
+                mesh.texspace_size = thing.data.texspace_size
+            thing.modifiers.clear()
+            thing.data = mesh
+        elif thing.data.users > 1:
+            thing.data = thing.data.copy()
+        layer = thing.data.uv_layers.new(name=UV)
+        thing.data.uv_layers.active = layer
+        bpy.ops.object.mode_set(mode="EDIT")
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.uv.smart_project(island_margin=0.003)
+        bpy.ops.object.mode_set(mode="OBJECT")
+
+    def _size(self, thing: Any) -> int:
+        corners = np.array([thing.matrix_world @ v.co for v in thing.data.vertices[:100_000]])
+        own = np.linalg.norm(np.ptp(corners, axis=0)) if len(corners) else 0.0
+        share = own / max(self.extent, 1e-30)
+        return int(2 ** np.clip(np.round(np.log2(max(4096 * share, 1))), 8, 11))
+
+    def _pass(self, thing: Any, size: int, kind: str, sockets: dict[int, Socket]) -> np.ndarray:
+        """Bake once: pixels, (size, size, 3), from the bottom."""
+        image = bpy.data.images.new("gpf bake", size, size, float_buffer=True)
+        image.colorspace_settings.name = "Non-Color"
+        undo = []
+        try:
+            for slot in range(len(thing.material_slots)):
+                material = thing.material_slots[slot].material
+                if material is None or material.node_tree is None:
+                    continue
+                target = material.node_tree.nodes.new("ShaderNodeTexImage")
+                target.image = image
+                material.node_tree.nodes.active = target
+                undo.append((material.node_tree, target))
+            wired = [_emit(thing.material_slots[slot].material, s) for slot, s in sockets.items()]
+            scene = bpy.context.scene
+            scene.render.engine = "CYCLES"
+            scene.cycles.samples, scene.cycles.use_denoising = SAMPLES, False
+            scene.render.bake.use_selected_to_active = False
+            bpy.ops.object.bake(type=kind, margin=8, use_clear=True, normal_space="TANGENT")
+            for restore in wired:
+                restore()
+            pixels = np.empty(size * size * 4, np.float32)
+            image.pixels.foreach_get(pixels)
+        finally:
+            for tree, node in undo:
+                tree.nodes.remove(node)
+            bpy.data.images.remove(image)
+        return pixels.reshape(size, size, 4)[..., :3]
+
+    def _write(self, pixels: np.ndarray) -> str:
+        self._count += 1
+        name = f"baked_{self._count}.npy"
+        np.save(self.folder / name, pixels)
+        return name
+
+
+def _socket(value: dict[str, Any]) -> Socket:
+    """The output to bake for an input."""
+    if "otherwise" in value:
+        value = value["otherwise"]
+    socket: Socket = value["bake"] if "bake" in value else value["origin"]
+    return socket
+
+
+def _emit(material: Any, found: Socket) -> Callable[[], None]:
+    """Make a material emit the value of an output; the function that is returned undoes it."""
+    source = found.socket
+    for number in range(len(found.groups), 0, -1):  # out of each group, the innermost first
+        group = found.groups[number - 1]
+        source = _lead_out(group, source)
+    tree = material.node_tree
+    output = tree.get_output_node("CYCLES")
+    surface = output.inputs["Surface"]
+    before = surface.links[0].from_socket if surface.is_linked else None
+    emission = tree.nodes.new("ShaderNodeEmission")
+    tree.links.new(source, emission.inputs["Color"])
+    tree.links.new(emission.outputs[0], surface)
+
+    def restore() -> None:
+        tree.nodes.remove(emission)
+        if before is not None:
+            tree.links.new(before, surface)
+
+    return restore
+
+
+def _lead_out(group: Any, source: Any) -> Any:
+    """A new output of a group node, with the value of an output in the group."""
+    tree = group.node_tree
+    new = tree.interface.new_socket("gpf", in_out="OUTPUT", socket_type="NodeSocketColor")
+    end = next(n for n in tree.nodes if n.type == "GROUP_OUTPUT" and n.is_active_output)
+    tree.links.new(source, next(s for s in end.inputs if s.identifier == new.identifier))
+    return next(s for s in group.outputs if s.identifier == new.identifier)

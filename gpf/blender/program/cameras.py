@@ -1,0 +1,54 @@
+"""Cameras, and where they are in each frame."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+
+def read_cameras(scene: Any) -> list[dict[str, Any]]:
+    """The scene's own camera, then the others, by name; see :func:`read_camera`."""
+    cameras = sorted((o for o in scene.objects if o.type == "CAMERA"), key=lambda o: o.name)
+    own = [scene.camera] if scene.camera is not None and scene.camera.type == "CAMERA" else []
+    return [read_camera(scene, each) for each in [*own, *(c for c in cameras if c not in own)]]
+
+
+def read_camera(scene: Any, camera: Any) -> dict[str, Any]:
+    """A camera in plain values.
+
+    ``matrix`` is 4×4; the camera looks along its -z, and +y is up. ``frames`` has the matrices and
+    angles of all frames, if the camera moves or zooms.
+    """
+    data = camera.data
+    axis = {"AUTO": "larger", "HORIZONTAL": "x", "VERTICAL": "y"}[data.sensor_fit]
+    found = {
+        "name": camera.name,
+        "type": data.type,
+        "fov_axis": axis,
+        "shift": [float(data.shift_x), float(data.shift_y)],
+        "clip": [float(data.clip_start), float(data.clip_end)],
+        **_pose(camera),
+    }
+    if frames := _frames(scene, camera):
+        found["frames"] = frames
+    return found
+
+
+def _pose(camera: Any) -> dict[str, Any]:
+    data = camera.data
+    sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
+    fov = math.degrees(2 * math.atan(sensor / (2 * data.lens)))
+    return {"matrix": np.array(camera.matrix_world).tolist(), "fov": fov}
+
+
+def _frames(scene: Any, camera: Any) -> list[dict[str, Any]]:
+    now = scene.frame_current
+    poses = []
+    for frame in range(scene.frame_start, scene.frame_end + 1, max(scene.frame_step, 1)):
+        scene.frame_set(frame)
+        poses.append(_pose(camera))
+    scene.frame_set(now)
+    moves = any(pose != poses[0] for pose in poses[1:])
+    return poses if moves else []

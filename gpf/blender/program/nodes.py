@@ -1,0 +1,285 @@
+"""Material node trees as plain values: closures with inputs.
+
+A closure is a dictionary with its name, such as ``{"closure": "glass", "color": [1, 1, 1], …}``. An
+input is a number, a list of three numbers, or one of the following:
+
+- ``{"image": name of bpy.data.images, "channel": None, "r", "g", "b" or "a", "to_uv": 2×3 matrix,
+  "extension": "REPEAT", …, "closest": whether pixels are squares, "origin": its Socket}``
+- ``{"attribute": name of a colour attribute}``
+- ``{"bake": a Socket}``: anything else, which Cycles can turn into an image.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+Closure = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Socket:
+    """An output of a node, and the group nodes around it, the outermost first."""
+
+    socket: Any
+    groups: tuple[Any, ...] = ()
+
+    @property
+    def node(self) -> Any:
+        """The node that has it."""
+        return self.socket.node
+
+
+@dataclass(frozen=True)
+class Input:
+    """An input of a node, and the group nodes around it."""
+
+    socket: Any
+    groups: tuple[Any, ...] = ()
+
+    def origin(self) -> Socket | None:
+        """The output that it gets its value from: through reroutes, groups and muted nodes."""
+        if not self.socket.is_linked:
+            return None
+        link = self.socket.links[0]
+        return None if link.is_muted else _origin(Socket(link.from_socket, self.groups))
+
+
+def _origin(found: Socket) -> Socket | None:
+    node, groups = found.node, found.groups
+    if node.type == "REROUTE":
+        return Input(node.inputs[0], groups).origin()
+    if node.type == "GROUP" and node.node_tree is not None:
+        ends = [n for n in node.node_tree.nodes if n.type == "GROUP_OUTPUT"]
+        end = next((n for n in ends if n.is_active_output), None)
+        if end is None:
+            return None
+        same = next(s for s in end.inputs if s.identifier == found.socket.identifier)
+        return Input(same, (*groups, node)).origin() or Socket(same, (*groups, node))
+    if node.type == "GROUP_INPUT":
+        outside = groups[-1]
+        same = next(s for s in outside.inputs if s.identifier == found.socket.identifier)
+        return Input(same, groups[:-1]).origin() or Socket(same, groups[:-1])
+    if node.mute:
+        for inside in node.internal_links:
+            if inside.to_socket == found.socket:
+                start = Input(inside.from_socket, groups)
+                return start.origin() or Socket(inside.from_socket, groups)
+        return None
+    return found
+
+
+def read_material(material: Any) -> Closure:
+    """The closure of a material's surface, with ``displaced`` if its displacement is not empty."""
+    if material is None:
+        return {"closure": "diffuse", "color": [0.8, 0.8, 0.8]}
+    if material.node_tree is None or not getattr(material, "use_nodes", True):
+        colour = list(material.diffuse_color)[:3]
+        return {"closure": "diffuse", "color": colour}
+    output = material.node_tree.get_output_node("CYCLES")
+    if output is None:
+        return {"closure": "none"}
+    found = read_closure(Input(output.inputs["Surface"]))
+    if Input(output.inputs["Volume"]).origin() is not None:
+        found["volume"] = True
+    if Input(output.inputs["Displacement"]).origin() is not None:
+        found["displaced"] = True
+    return found
+
+
+# Blender's type of a node -> the closure, and its inputs that matter.
+SHADERS = {
+    "BSDF_DIFFUSE": ("diffuse", ("Color", "Roughness", "Normal")),
+    "BSDF_GLOSSY": ("glossy", ("Color", "Roughness", "Anisotropy", "Normal")),
+    "BSDF_METALLIC": ("metallic", ("Base Color", "Edge Tint", "Roughness", "Normal")),
+    "BSDF_GLASS": ("glass", ("Color", "Roughness", "IOR", "Normal")),
+    "BSDF_REFRACTION": ("refraction", ("Color", "Roughness", "IOR", "Normal")),
+    "BSDF_TRANSLUCENT": ("translucent", ("Color", "Normal")),
+    "BSDF_TRANSPARENT": ("transparent", ("Color",)),
+    "BSDF_SHEEN": ("sheen", ("Color", "Roughness", "Normal")),
+    "BSDF_TOON": ("toon", ("Color", "Normal")),
+    "SUBSURFACE_SCATTERING": ("subsurface", ("Color", "Normal")),
+    "EMISSION": ("emission", ("Color", "Strength")),
+    "BACKGROUND": ("emission", ("Color", "Strength")),
+    "BSDF_PRINCIPLED": (
+        "principled",
+        (
+            *("Base Color", "Metallic", "Roughness", "IOR", "Alpha", "Normal"),
+            *("Diffuse Roughness", "Subsurface Weight", "Specular IOR Level", "Specular Tint"),
+            *("Anisotropic", "Transmission Weight", "Coat Weight", "Coat Roughness", "Coat IOR"),
+            *("Sheen Weight", "Sheen Roughness", "Sheen Tint"),
+            *("Emission Color", "Emission Strength"),
+        ),
+    ),
+}
+
+
+def read_closure(place: Input) -> Closure:
+    """The closure at an input."""
+    found = place.origin()
+    if found is None:
+        return {"closure": "none"}
+    node, groups = found.node, found.groups
+    if node.type == "MIX_SHADER":
+        inputs = [Input(socket, groups) for socket in node.inputs]
+        factor = read_value(inputs[0])
+        first, second = (read_closure(each) for each in inputs[1:])
+        return {"closure": "mix", "factor": factor, "first": first, "second": second}
+    if node.type == "ADD_SHADER":
+        first, second = (read_closure(Input(socket, groups)) for socket in node.inputs)
+        return {"closure": "add", "first": first, "second": second}
+    if node.type in SHADERS:
+        name, inputs = SHADERS[node.type]
+        closure: Closure = {"closure": name}
+        for label in inputs:
+            if label in node.inputs:
+                key = label.lower().replace(" ", "_")
+                read = read_normal if label == "Normal" else read_value
+                closure[key] = read(Input(node.inputs[label], groups))
+        if closure.get("normal") is None:
+            closure.pop("normal", None)
+        return closure
+    return {"closure": "other", "node": node.bl_label, **_colour_of(node, groups)}
+
+
+def _colour_of(node: Any, groups: tuple[Any, ...]) -> Closure:
+    colour = node.inputs.get("Color")
+    return {} if colour is None else {"color": read_value(Input(colour, groups))}
+
+
+def read_value(place: Input) -> Any:
+    """The value of an input that is a number or a colour."""
+    found = place.origin()
+    if found is None:
+        return plain(place.socket)
+    return read_output(found, colour=place.socket.type in ("RGBA", "VECTOR"))
+
+
+def plain(socket: Any) -> Any:
+    """The value that an input has by itself."""
+    value = getattr(socket, "default_value", None)
+    if value is None:
+        return 0.0
+    return [float(v) for v in value][:3] if hasattr(value, "__len__") else float(value)
+
+
+def read_output(found: Socket, colour: bool) -> Any:
+    """The value of an output."""
+    node, groups = found.node, found.groups
+    if found.socket in list(node.inputs):  # an input of a group, or of a muted node
+        return _as(plain(found.socket), colour)
+    if node.type in ("VALUE", "RGB"):
+        return _as(plain(node.outputs[0]), colour)
+    if node.type == "LIGHT_PATH":
+        # As light from a lamp that a camera sees on a surface: what materials do for other rays is
+        # there to save time, such as glass without caustics.
+        return 1.0 if found.socket.name == "Is Camera Ray" else 0.0
+    if node.type == "TEX_IMAGE":
+        return _image(found) or {"bake": found}
+    if node.type in ("SEPARATE_COLOR", "SEPRGB") and getattr(node, "mode", "RGB") == "RGB":
+        inner = read_value(Input(node.inputs[0], groups))
+        if isinstance(inner, list):
+            return inner["RGB".index(found.socket.name[0])]
+        if isinstance(inner, dict) and "image" in inner and inner["channel"] is None:
+            return inner | {"channel": found.socket.name[0].lower()}
+    if node.type == "VERTEX_COLOR" or (node.type == "ATTRIBUTE" and node.attribute_type == "GEOMETRY"):
+        name = node.layer_name if node.type == "VERTEX_COLOR" else node.attribute_name
+        if found.socket.name == "Color" and colour:
+            return {"attribute": name, "otherwise": {"bake": found}}
+    return {"bake": found}
+
+
+def _as(value: Any, colour: bool) -> Any:
+    if colour and not isinstance(value, list):
+        return [value] * 3
+    if not colour and isinstance(value, list):
+        return 0.2126 * value[0] + 0.7152 * value[1] + 0.0722 * value[2]
+    return value
+
+
+def _image(found: Socket) -> Closure | None:
+    """An image that is laid over a surface by its UVs, or None."""
+    node = found.node
+    image = node.image
+    if image is None or image.source not in ("FILE", "GENERATED") or node.projection != "FLAT":
+        return None
+    to_uv = _to_uv(Input(node.inputs["Vector"], found.groups))
+    if to_uv is None or node.interpolation not in ("Linear", "Closest", "Cubic", "Smart"):
+        return None
+    return {
+        "image": image.name,
+        "channel": "a" if found.socket.name == "Alpha" else None,
+        "to_uv": to_uv,
+        "extension": node.extension,
+        "closest": node.interpolation == "Closest",
+        "origin": found,
+    }
+
+
+def _to_uv(place: Input) -> list[list[float]] | None:
+    """The 2×3 matrix from the mesh's first UVs to the place in an image; None: something else."""
+    found = place.origin()
+    if found is None:
+        return [[1, 0, 0], [0, 1, 0]]
+    node, groups = found.node, found.groups
+    if node.type == "UVMAP" and node.uv_map == "":
+        return [[1, 0, 0], [0, 1, 0]]
+    if node.type == "TEX_COORD" and found.socket.name == "UV" and not node.from_instancer:
+        return [[1, 0, 0], [0, 1, 0]]
+    if node.type == "MAPPING" and node.vector_type in ("POINT", "TEXTURE"):
+        names = ("Location", "Rotation", "Scale")
+        if any(Input(node.inputs[n], groups).origin() is not None for n in names if n in node.inputs):
+            return None
+        inner = _to_uv(Input(node.inputs["Vector"], groups))
+        location, rotation, scale = (plain(node.inputs[name]) for name in names)
+        if inner is None or rotation[0] or rotation[1]:
+            return None
+        c, s = math.cos(rotation[2]), math.sin(rotation[2])
+        own = [[c * scale[0], -s * scale[1], location[0]], [s * scale[0], c * scale[1], location[1]]]
+        if node.vector_type == "TEXTURE":
+            own = _inverse(own)
+        return None if own is None else _product(own, inner)
+    return None
+
+
+def _product(a: list[list[float]], b: list[list[float]]) -> list[list[float]]:
+    full = [*b, [0, 0, 1]]
+    return [[sum(row[k] * full[k][j] for k in range(3)) for j in range(3)] for row in a]
+
+
+def _inverse(m: list[list[float]]) -> list[list[float]] | None:
+    (a, b, x), (c, d, y) = m
+    det = a * d - b * c
+    if det == 0:
+        return None
+    a, b, c, d = d / det, -b / det, -c / det, a / det
+    return [[a, b, -a * x - b * y], [c, d, -c * x - d * y]]
+
+
+def read_normal(place: Input) -> Any:
+    """An image of normals with its strength, something to bake, or None."""
+    found = place.origin()
+    if found is None:
+        return None
+    node = found.node
+    if node.type == "NORMAL_MAP" and node.space == "TANGENT" and node.uv_map == "":
+        strength = read_value(Input(node.inputs["Strength"], found.groups))
+        image = read_value(Input(node.inputs["Color"], found.groups))
+        if isinstance(image, dict) and "image" in image and isinstance(strength, float):
+            return image | {"strength": strength}
+        if isinstance(image, list):
+            return None
+    return {"bake": None}
+
+
+def values(closure: Closure) -> list[tuple[Closure, str]]:
+    """The inputs of a closure and of those in it that are not plain: (dictionary, key)."""
+    found = []
+    for key, value in closure.items():
+        if isinstance(value, dict) and "closure" in value:
+            found += values(value)
+        elif isinstance(value, dict):
+            found.append((closure, key))
+    return found
+
