@@ -22,9 +22,7 @@ from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers, r
 from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, ViewSets, name_view
 from gpf.scene.views_file import write_views
 
-SUFFIXES = (
-    *(".blend", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".usdz", ".fbx", ".obj"),
-)
+SUFFIXES = (*(".blend", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".usdz", ".fbx", ".obj"),)
 """What Blender reads."""
 
 ALONE = (".blend", ".glb", ".usdz", ".fbx")
@@ -108,9 +106,7 @@ def convert(
 def require_file(file: Path) -> None:
     """Raise a :class:`UserError` unless a file is there and Blender can read its format."""
     if not is_foreign(file):
-        raise UserError(
-            str(file), "is in an unknown format", f"Give one of {', '.join(SUFFIXES)}."
-        )
+        raise UserError(str(file), "is in an unknown format", f"Give one of {', '.join(SUFFIXES)}.")
     if not file.is_file():
         raise UserError(str(file), "does not exist", "Check the path.")
 

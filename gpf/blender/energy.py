@@ -13,7 +13,7 @@ E is the albedo of Mitsuba's surface if it is white.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import drjit as dr
@@ -40,7 +40,12 @@ def layer_factor(roughness: float, specular: float) -> float:
     return (1 - a) / (_albedo("principled", rough, level, 1.0) - a)
 
 
-@lru_cache(maxsize=None)
+def layer_share(roughness: float, specular: float) -> float:
+    """a: what a dielectric layer reflects, as in Mitsuba's `principled`."""
+    return _albedo("principled", round(roughness, 2), round(specular, 2), 0.0)
+
+
+@cache
 def _albedo(kind: str, roughness: float, ior: float = 1.5, base: float = 1.0) -> float:
     """Mean reflectance, and transmittance, for directions in proportion to their cosine."""
     bsdf: dict[str, Any] = {"type": kind}
@@ -49,7 +54,9 @@ def _albedo(kind: str, roughness: float, ior: float = 1.5, base: float = 1.0) ->
         bsdf |= {"roughness": roughness, "specular": ior, "base_color": colour}
     else:
         bsdf |= {"distribution": "ggx", "alpha": max(roughness**2, 1e-3)}
-        bsdf |= {"material": "none"} if kind == "roughconductor" else {"int_ior": ior, "ext_ior": 1.0}
+        bsdf |= (
+            {"material": "none"} if kind == "roughconductor" else {"int_ior": ior, "ext_ior": 1.0}
+        )
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(1, SAMPLES)
     si = dr.zeros(mi.SurfaceInteraction3f, SAMPLES)
@@ -58,7 +65,5 @@ def _albedo(kind: str, roughness: float, ior: float = 1.5, base: float = 1.0) ->
     si.sh_frame = mi.Frame3f(si.n)
     # Not radiance, which changes where light enters glass.
     context = mi.BSDFContext(mi.TransportMode.Importance)
-    found, weight = mi.load_dict(bsdf).sample(
-        context, si, sampler.next_1d(), sampler.next_2d()
-    )
+    found, weight = mi.load_dict(bsdf).sample(context, si, sampler.next_1d(), sampler.next_2d())
     return float(dr.mean(dr.select(found.pdf > 0, weight.y, 0))[0])

@@ -4,9 +4,9 @@ A lamp of Φ watts gives the following; its colour c is a factor of each channel
 
 =====  ===================================  ===========================
 point  I = Φ / 4π                           or a sphere, L = Φ / 4π²r²
-spot   I = Φ / 4π on its axis               
-area   L = Φ / πA                           
-sun    E = its strength                     
+spot   I = Φ / 4π on its axis
+area   L = Φ / πA
+sun    E = its strength
 =====  ===================================  ===========================
 """
 
@@ -66,7 +66,11 @@ def _emitter(lamp: Lamp, notes: list[str]) -> Dict:
         }
     radius = lamp["radius"] * np.cbrt(abs(np.linalg.det(matrix[:3, :3])))
     if radius == 0:
-        return {"type": "point", "position": place.tolist(), "intensity": _rgb(power / (4 * math.pi))}
+        return {
+            "type": "point",
+            "position": place.tolist(),
+            "intensity": _rgb(power / (4 * math.pi)),
+        }
     radiance = power / (4 * math.pi**2 * radius**2)
     return {
         "type": "sphere",
@@ -82,7 +86,9 @@ _BLACK: Dict = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.0,
 
 def _area(lamp: Lamp, matrix: np.ndarray, power: np.ndarray, notes: list[str]) -> Dict:
     if lamp["spread"] < math.pi - 1e-3:
-        notes.append(f"{lamp['name']}: shines in all directions of its side, not in a narrower cone")
+        notes.append(
+            f"{lamp['name']}: shines in all directions of its side, not in a narrower cone"
+        )
     half = np.diag([*(0.5 * np.array(lamp["size"])), 1.0, 1.0])
     turned = np.diag([1.0, -1.0, -1.0, 1.0])  # Blender's lamps shine along -z
     to_world = matrix @ turned @ half
@@ -110,15 +116,15 @@ def sky(world: Mapping[str, Any] | None, lamps: Sequence[Lamp], work: Path, fold
         pixels = _add_sun(pixels, sun)
     (folder / "textures").mkdir(parents=True, exist_ok=True)
     mi.Bitmap(pixels).write(str(folder / "textures" / "sky.exr"))
-    # Mitsuba's maps have +y up; their middle is at -z, and Blender's at +x.
-    turn = mi.ScalarTransform4f().rotate([1, 0, 0], 90).rotate([0, 1, 0], -90)
+    # Mitsuba's maps have +y up; what is written here has +x in the middle.
+    turn = mi.ScalarTransform4f().rotate([1, 0, 0], 90).rotate([0, 1, 0], 90)
     return {"sky": {"type": "envmap", "filename": "textures/sky.exr", "to_world": turn}}
 
 
 def _background(world: Mapping[str, Any] | None, work: Path) -> np.ndarray:
     if world is not None and "file" in world:
         pixels = np.array(mi.Bitmap(str(work / world["file"])), dtype=np.float32)[..., :3]
-        return np.nan_to_num(pixels, posinf=0.0)
+        return np.maximum(np.nan_to_num(pixels, posinf=0.0), 0)
     colour = [0.0, 0.0, 0.0] if world is None else world["radiance"]
     return np.tile(np.array(colour, np.float32), (SUN_ROWS, 2 * SUN_ROWS, 1))
 

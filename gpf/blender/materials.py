@@ -10,13 +10,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from gpf.blender.energy import glass_factor, layer_factor, metal_colour
+from gpf.blender.energy import glass_factor, layer_factor, layer_share, metal_colour
 
 Closure = Mapping[str, Any]
 Dict = dict[str, Any]
 
 SMOOTH = 0.02
 """Blender's roughness below which a surface is a mirror or clear glass."""
+
+DULL = 0.75
+"""Roughness from which the reflection of a dielectric layer is as good as diffuse."""
 
 Texture = Callable[[Any, str], Any]
 """Maps an input and its role, "color", "value" or "normal", to a value of a Mitsuba dictionary."""
@@ -94,23 +97,36 @@ def _alpha(roughness: Any, notes: list[str]) -> float:
 
 
 def _glossy(closure: Closure, texture: Texture) -> Material:
-    colour = texture(closure.get("color", closure.get("base_color")), "color")
-    roughness = closure["roughness"]
-    if is_number(roughness) and roughness < SMOOTH:
-        return Material({"type": "conductor", "material": "none", "specular_reflectance": colour})
+    colour, roughness = closure["color"], closure["roughness"]
     if not is_number(roughness):
         return _metal(closure, texture)
-    colour = _metallic_colour(closure.get("color", closure.get("base_color")), roughness, texture)
-    bsdf = {"type": "roughconductor", "material": "none", "distribution": "ggx"}
-    bsdf |= {"alpha": _alpha(roughness, []), "specular_reflectance": colour}
-    return Material(bsdf)
+    if roughness < SMOOTH:
+        mirror: Dict = {"type": "conductor", "material": "none"}
+        return Material(mirror | {"specular_reflectance": texture(colour, "color")})
+    notes: list[str] = []
+    colour = _metallic_colour(colour, roughness, texture, notes)
+    bsdf: Dict = {"type": "roughconductor", "material": "none", "distribution": "ggx"}
+    bsdf["alpha"], bsdf["specular_reflectance"] = _alpha(roughness, notes), colour
+    return Material(bsdf, notes=notes)
 
 
-def _metallic_colour(colour: Any, roughness: Any, texture: Texture) -> Any:
-    """The corrected colour of rough metal; that of an image has the factor of its brightness."""
+def _metal(closure: Closure, texture: Texture) -> Material:
+    notes: list[str] = []
+    colour = closure.get("base_color", closure.get("color"))
+    colour = _metallic_colour(colour, closure["roughness"], texture, notes)
+    bsdf = {"type": "principled", "base_color": colour, "metallic": 1.0}
+    bsdf["roughness"] = texture(closure["roughness"], "value")
+    return Material(bsdf, notes=notes)
+
+
+def _metallic_colour(colour: Any, roughness: Any, texture: Texture, notes: list[str]) -> Any:
+    """The corrected colour of rough metal; for images, with one factor for all of it."""
     rough = roughness if is_number(roughness) else 0.5
     if isinstance(colour, list):
-        return texture([metal_colour(c, rough) for c in colour], "color")
+        corrected = [metal_colour(c, rough) for c in colour]
+        if max(corrected) > 1.02:
+            notes.append("darker: light that bounces within rough metal is lost")
+        return texture(corrected, "color")
     return texture(_scaled(colour, metal_colour(0.7, rough) / 0.7), "color")
 
 
@@ -123,30 +139,26 @@ def _scaled(value: Any, factor: float) -> Any:
     return dict(value) | {"scale": factor}
 
 
-def _metal(closure: Closure, texture: Texture) -> Material:
-    colour = closure.get("base_color", closure.get("color"))
-    colour = _metallic_colour(colour, closure["roughness"], texture)
-    bsdf = {"type": "principled", "base_color": colour, "metallic": 1.0}
-    return Material(bsdf | {"roughness": texture(closure["roughness"], "value")})
-
-
 def _glass(closure: Closure, texture: Texture) -> Material:
+    """Glass: Blender's node tints both ways, Principled only what passes."""
     notes: list[str] = []
     ior = closure["ior"] if is_number(closure["ior"]) else 1.45
-    tint = texture(closure["color"], "color")
-    bsdf: Dict = {"int_ior": float(ior), "ext_ior": 1.0, "specular_transmittance": tint}
+    bsdf: Dict = {"int_ior": float(ior), "ext_ior": 1.0}
+    roughness, colour, factor = closure["roughness"], closure["color"], 1.0
+    if is_number(roughness) and roughness < SMOOTH:
+        bsdf["type"] = "dielectric"
+    else:
+        bsdf |= {"type": "roughdielectric", "distribution": "ggx"}
+        bsdf["alpha"] = _alpha(roughness, notes)
+        factor = glass_factor(roughness if is_number(roughness) else 0.5, float(ior))
+        if isinstance(colour, list) and factor * max(colour) > 1.02:
+            notes.append("darker: light that bounces within rough glass is lost")
+    bsdf["specular_transmittance"] = texture(_scaled(colour, factor), "color")
     if closure["closure"] == "refraction":
         bsdf["specular_reflectance"] = _rgb([0, 0, 0])
         notes.append("refraction without reflection as glass that absorbs what it reflects")
     elif closure["closure"] == "glass":
-        bsdf["specular_reflectance"] = tint
-    roughness = closure["roughness"]
-    if is_number(roughness) and roughness < SMOOTH:
-        return Material({"type": "dielectric"} | bsdf, two_sided=False, notes=notes)
-    bsdf |= {"type": "roughdielectric", "distribution": "ggx", "alpha": _alpha(roughness, notes)}
-    factor = glass_factor(roughness if is_number(roughness) else 0.5, float(ior))
-    tint = texture(_scaled(closure["color"], factor), "color")
-    bsdf |= {"specular_transmittance": tint, "specular_reflectance": tint}
+        bsdf["specular_reflectance"] = bsdf["specular_transmittance"]
     return Material(bsdf, two_sided=False, notes=notes)
 
 
@@ -161,9 +173,7 @@ def _transparent(closure: Closure, texture: Texture) -> Material:
     if isinstance(colour, list) and min(colour) >= 1:
         return Material({"type": "null"}, two_sided=False)
     bsdf = {"type": "thindielectric", "int_ior": 1.0001, "ext_ior": 1.0}
-    return Material(
-        bsdf | {"specular_transmittance": texture(colour, "color")}, two_sided=False
-    )
+    return Material(bsdf | {"specular_transmittance": texture(colour, "color")}, two_sided=False)
 
 
 def _emission(closure: Closure, texture: Texture) -> Material:
@@ -196,14 +206,17 @@ def _principled(closure: Closure, texture: Texture) -> Material:
         notes.append("rough diffuse surface as a smooth one")
     if through == 1 and metallic == 0:
         tint = [c**0.5 for c in colour] if isinstance(colour, list) else colour
-        found = _glass({"closure": "principled", "color": tint, "roughness": roughness, "ior": ior}, texture)
-        notes += found.notes
+        clear = {"closure": "principled", "color": tint, "roughness": roughness, "ior": ior}
+        found = _glass(clear, texture)
     elif through == 0 and metallic == 0 and _is_smooth(closure):
         found = _plastic(closure, texture, ior)
+    elif through == 0 and metallic == 0 and _is_dull(closure):
+        found = _dull(closure, texture, ior, notes)
     elif through == 0 and metallic == 1:
         found = _metal(closure, texture)
     else:
         found = _disney(closure, texture, ior, notes)
+    notes += [note for note in found.notes if note not in notes]
     found.notes = notes
     strength = get("emission_strength", 0.0)
     found.emission = _radiance(get("emission_color", [1, 1, 1]), strength, texture, notes)
@@ -214,9 +227,29 @@ def _principled(closure: Closure, texture: Texture) -> Material:
 
 def _is_smooth(closure: Closure) -> bool:
     """Whether there is a smooth layer and nothing above it, or no layer at all."""
-    coat = closure.get("coat_weight", 0.0) != 0 or closure.get("sheen_weight", 0.0) != 0
     smooth = is_number(closure["roughness"]) and closure["roughness"] < SMOOTH
-    return not coat and (smooth or closure.get("specular_ior_level", 0.5) == 0)
+    return not _has_coat(closure) and (smooth or closure.get("specular_ior_level", 0.5) == 0)
+
+
+def _has_coat(closure: Closure) -> bool:
+    return closure.get("coat_weight", 0.0) != 0 or closure.get("sheen_weight", 0.0) != 0
+
+
+def _is_dull(closure: Closure) -> bool:
+    roughness = closure["roughness"]
+    return not _has_coat(closure) and is_number(roughness) and roughness >= DULL
+
+
+def _dull(closure: Closure, texture: Texture, ior: float, notes: list[str]) -> Material:
+    """A diffuse surface that reflects as much as one below a rough layer, a + c (1 - a)."""
+    f0 = _reflectance(ior, closure.get("specular_ior_level", 0.5), notes)
+    a = layer_share(closure["roughness"], min(f0 / 0.08, 1.0))
+    colour = closure["base_color"]
+    if isinstance(colour, list):
+        colour = [a + c * (1 - a) for c in colour]
+    elif "attribute" not in colour:
+        colour = dict(colour) | {"scale": 1 - a, "offset": a}
+    return Material({"type": "diffuse", "reflectance": texture(colour, "color")})
 
 
 def _reflectance(ior: float, level: Any, notes: list[str]) -> float:
@@ -284,7 +317,9 @@ def _mix(closure: Closure, texture: Texture) -> Material:
     if a.bsdf["type"] == "null":
         return _seen_through(b, texture(factor, "value"))
     bsdf = {"type": "blendbsdf", "weight": texture(factor, "value")}
-    found = Material(bsdf | {"a": a.whole(), "b": b.whole()}, two_sided=False, notes=a.notes + b.notes)
+    found = Material(
+        bsdf | {"a": a.whole(), "b": b.whole()}, two_sided=False, notes=a.notes + b.notes
+    )
     found.emission = _mixed_emission(a.emission, b.emission, factor, found.notes)
     return found
 

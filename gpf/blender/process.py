@@ -86,16 +86,19 @@ def read_with_blender(file: Path, folder: Path, tell: Callable[[str], None]) -> 
     command = find_blender()
     separator = ["--"] if "--python" in command else []
     words = [*command, str(PROGRAM), *separator, str(file.resolve()), str(folder.resolve())]
-    with tempfile.TemporaryDirectory() as home, subprocess.Popen(
-        words,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        stdin=subprocess.DEVNULL,
-        text=True,
-        errors="replace",
-        env=_environment(home),
-        preexec_fn=_limit_memory,
-    ) as process:
+    with (
+        tempfile.TemporaryDirectory() as home,
+        subprocess.Popen(
+            words,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            errors="replace",
+            env=_environment(home),
+            preexec_fn=_limit_memory,
+        ) as process,
+    ):
         late = threading.Timer(LIMIT, process.kill)
         late.start()
         said: deque[str] = deque(maxlen=12)

@@ -48,12 +48,11 @@ def translate_scene(found: Mapping[str, Any], work: Path, folder: Path) -> Trans
     result.scene |= cameras(found, result.notes)
     materials = _Materials(found, textures, result)
     for number, shape in enumerate(found["shapes"]):
-        for key, made in _shape(shape, materials).items():
-            result.scene[f"shape_{number:04}{key}"] = made
+        result.scene[f"shape_{number:04}"] = _shape(shape, materials)
     for number, (key, shapes) in enumerate(found["groups"].items()):
         group: Dict = {"type": "shapegroup", "id": f"group_{number}"}
         for k, shape in enumerate(shapes):
-            group[f"shape_{k}"] = _shape(shape, materials, instanced=True)[""]
+            group[f"shape_{k}"] = _shape(shape, materials)
         result.scene[f"group_{number}"] = group
         for k, instance in enumerate(i for i in found["instances"] if i["group"] == key):
             result.scene[f"group_{number}_copy_{k}"] = {
@@ -96,17 +95,13 @@ class _Materials:
         return self._made[key]
 
 
-def _shape(shape: Mapping[str, Any], materials: _Materials, instanced: bool = False) -> Dict:
-    """The shapes of a mesh, by suffix: its other side too, if it shines on both."""
+def _shape(shape: Mapping[str, Any], materials: _Materials) -> Dict:
+    """The shape of a mesh."""
     material, label = materials.find(shape)
     made: Dict = {"type": "ply", "filename": shape["file"], "bsdf": {"type": "ref", "id": label}}
-    if material.emission is None:
-        return {"": made}
-    if instanced:
-        materials.result.notes.append(f"{shape['name']}: copies that shine are dark")
-        return {"": made}
-    made["emitter"] = {"type": "area", "radiance": material.emission}
-    return {"": made}
+    if material.emission is not None:
+        made["emitter"] = {"type": "area", "radiance": material.emission}
+    return made
 
 
 def cameras(found: Mapping[str, Any], notes: list[str]) -> Dict:
@@ -137,8 +132,8 @@ def cameras(found: Mapping[str, Any], notes: list[str]) -> Dict:
             "sampler": {"type": "multijitter"},
         }
         if shift.any():
-            sensor["principal_point_offset_x"] = float(-shift[0])
-            sensor["principal_point_offset_y"] = float(shift[1])
+            sensor["principal_point_offset_x"] = float(shift[0])
+            sensor["principal_point_offset_y"] = float(-shift[1])
         sensors[f"camera_{number}"] = sensor
     return sensors
 

@@ -46,8 +46,8 @@ class Textures:
             return {"type": "mesh_attribute", "name": "vertex_color"}
         if "minus" in value:
             return self._inverse(value["minus"])
-        key = (value.get("image"), value.get("array"), value.get("channel"), role)
-        key += (value.get("strength"), value.get("scale"))
+        names = ("image", "array", "channel", "strength", "scale", "offset")
+        key = (role, *map(value.get, names))
         if key not in self._made:
             self._made[key] = self._make(value, role, f"{len(self._made):03}")
         made = self._made[key]
@@ -78,7 +78,7 @@ class Textures:
             pixels = _grey(pixels)
         if role == "normal":
             pixels = _bent(pixels, value.get("strength", 1.0))
-        pixels = pixels * value.get("scale", 1.0)
+        pixels = pixels * value.get("scale", 1.0) + value.get("offset", 0.0)
         if np.ptp(pixels.reshape(-1, pixels.shape[2]), axis=0).max() < FLAT and role != "normal":
             mean = pixels.mean(axis=(0, 1))
             return float(mean[0]) if role == "value" else _rgb(mean.tolist(), role)
@@ -135,7 +135,8 @@ def _placed(bitmap: Dict, value: Mapping[str, Any]) -> Dict:
         found["filter_type"] = "nearest"
     to_uv = value.get("to_uv", [[1, 0, 0], [0, 1, 0]])
     if to_uv != [[1, 0, 0], [0, 1, 0]]:
-        found["to_uv"] = mi.ScalarTransform3f(np.array([*to_uv, [0, 0, 1]], dtype=float))
+        flip = np.array([[1, 0, 0], [0, -1, 1], [0, 0, 1]])  # meshes and images begin at the top
+        found["to_uv"] = mi.ScalarTransform3f(flip @ np.array([*to_uv, [0, 0, 1.0]]) @ flip)
     return found
 
 

@@ -13,8 +13,8 @@ Scene = Annotated[
     str,
     Argument(
         metavar="SCENE",
-        help="A scene file (.xml, .blend, .glb, .usd, .fbx, .obj), a folder with one, or the name of "
-        "a scene in results/.",
+        help="A scene file (.xml, .blend, .glb, .usd, .fbx, .obj), a folder with one, or the name "
+        "of a scene in results/.",
     ),
 ]
 Field = Annotated[
@@ -39,9 +39,7 @@ Overwrite = Annotated[bool, Option("--overwrite", help="Replace what exists.")]
 ForeignFile = Annotated[Path, Argument(metavar="FILE", help="A file that Blender reads.")]
 SceneFolder = Annotated[
     Path | None,
-    Option(
-        "--output", "-o", metavar="FOLDER", help="A new folder. [default: FILE without suffix]"
-    ),
+    Option("--output", "-o", metavar="FOLDER", help="A new folder. [default: FILE without suffix]"),
 ]
 
 # `gpf demo` and `gpf export`.

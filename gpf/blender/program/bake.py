@@ -13,8 +13,6 @@ from nodes import Closure, Socket, values
 
 UV = "gpf_bake"
 SAMPLES = 16
-FLAT = 1 / 512
-"""An image whose values differ by less becomes a single value."""
 
 
 @dataclass

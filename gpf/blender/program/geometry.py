@@ -105,6 +105,26 @@ def transformed(part: Part, matrix: np.ndarray) -> Part:
     return Part(part.slot, columns, faces)
 
 
+def is_open(part: Part) -> bool:
+    """Whether a part has an edge of a single face; vertices in one place are the same."""
+    place = np.ascontiguousarray(np.stack([part.columns[c] for c in "xyz"], axis=1))
+    keys = place.view(np.dtype((np.void, place.dtype.itemsize * 3))).ravel()
+    _, same = np.unique(keys, return_inverse=True)
+    faces = same.reshape(-1)[part.faces]
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    _, uses = np.unique(edges, axis=0, return_counts=True)
+    return bool((uses == 1).any())
+
+
+def other_side(part: Part, distance: float) -> Part:
+    """The part seen from behind, a little further back."""
+    columns = dict(part.columns)
+    for c in "xyz":
+        columns[c] = columns[c] - np.float32(distance) * columns[f"n{c}"]
+        columns[f"n{c}"] = -columns[f"n{c}"]
+    return Part(part.slot, columns, part.faces[:, ::-1])
+
+
 def is_finite(part: Part) -> bool:
     """Whether all coordinates are numbers."""
     return all(np.isfinite(column).all() for column in part.columns.values())

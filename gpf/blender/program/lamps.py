@@ -16,8 +16,8 @@ WIDTH = 2048
 def read_lamp(name: str, lamp: Any, matrix: np.ndarray) -> dict[str, Any] | None:
     """A lamp in plain values, or None if it is dark.
 
-    ``color`` times ``energy`` is in W for lamps with a place and in W/m² for the sun; the lamp looks
-    along -z of its matrix.
+    ``color`` times ``energy`` is in W for lamps with a place and in W/m² for the sun; the lamp
+    looks along -z of its matrix.
     """
     colour = np.array(lamp.color) * _tint(lamp)
     if getattr(lamp, "use_temperature", False):
@@ -98,7 +98,11 @@ def _render_world(world: Any, path: Path) -> None:
     scene.camera = eye
     settings = scene.render
     settings.engine = "CYCLES"
-    settings.resolution_x, settings.resolution_y, settings.resolution_percentage = WIDTH, WIDTH // 2, 100
+    settings.resolution_x, settings.resolution_y, settings.resolution_percentage = (
+        WIDTH,
+        WIDTH // 2,
+        100,
+    )
     scene.cycles.samples, scene.cycles.use_denoising = 16, False
     scene.cycles.use_adaptive_sampling = False
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", 1.0

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 Closure = dict[str, Any]
+Matrix = list[list[float]]
 
 
 @dataclass(frozen=True)
@@ -130,9 +131,9 @@ def read_closure(place: Input) -> Closure:
         first, second = (read_closure(Input(socket, groups)) for socket in node.inputs)
         return {"closure": "add", "first": first, "second": second}
     if node.type in SHADERS:
-        name, inputs = SHADERS[node.type]
+        name, labels = SHADERS[node.type]
         closure: Closure = {"closure": name}
-        for label in inputs:
+        for label in labels:
             if label in node.inputs:
                 key = label.lower().replace(" ", "_")
                 read = read_normal if label == "Normal" else read_value
@@ -183,7 +184,9 @@ def read_output(found: Socket, colour: bool) -> Any:
             return inner["RGB".index(found.socket.name[0])]
         if isinstance(inner, dict) and "image" in inner and inner["channel"] is None:
             return inner | {"channel": found.socket.name[0].lower()}
-    if node.type == "VERTEX_COLOR" or (node.type == "ATTRIBUTE" and node.attribute_type == "GEOMETRY"):
+    if node.type == "VERTEX_COLOR" or (
+        node.type == "ATTRIBUTE" and node.attribute_type == "GEOMETRY"
+    ):
         name = node.layer_name if node.type == "VERTEX_COLOR" else node.attribute_name
         if found.socket.name == "Color" and colour:
             return {"attribute": name, "otherwise": {"bake": found}}
@@ -229,22 +232,26 @@ def _to_uv(place: Input) -> list[list[float]] | None:
         return [[1, 0, 0], [0, 1, 0]]
     if node.type == "MAPPING" and node.vector_type in ("POINT", "TEXTURE"):
         names = ("Location", "Rotation", "Scale")
-        if any(Input(node.inputs[n], groups).origin() is not None for n in names if n in node.inputs):
+        if any(
+            Input(node.inputs[n], groups).origin() is not None for n in names if n in node.inputs
+        ):
             return None
         inner = _to_uv(Input(node.inputs["Vector"], groups))
         location, rotation, scale = (plain(node.inputs[name]) for name in names)
         if inner is None or rotation[0] or rotation[1]:
             return None
         c, s = math.cos(rotation[2]), math.sin(rotation[2])
-        own = [[c * scale[0], -s * scale[1], location[0]], [s * scale[0], c * scale[1], location[1]]]
-        if node.vector_type == "TEXTURE":
-            own = _inverse(own)
-        return None if own is None else _product(own, inner)
+        own: Matrix = [
+            [c * scale[0], -s * scale[1], location[0]],
+            [s * scale[0], c * scale[1], location[1]],
+        ]
+        turned = _inverse(own) if node.vector_type == "TEXTURE" else own
+        return None if turned is None else _product(turned, inner)
     return None
 
 
 def _product(a: list[list[float]], b: list[list[float]]) -> list[list[float]]:
-    full = [*b, [0, 0, 1]]
+    full: Matrix = [*b, [0, 0, 1]]
     return [[sum(row[k] * full[k][j] for k in range(3)) for j in range(3)] for row in a]
 
 
@@ -282,4 +289,3 @@ def values(closure: Closure) -> list[tuple[Closure, str]]:
         elif isinstance(value, dict):
             found.append((closure, key))
     return found
-

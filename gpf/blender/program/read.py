@@ -32,6 +32,10 @@ MOST_COPIED = 100_000
 """Triangles of a mesh's copies, together; with more, the copies are instances."""
 
 
+THIN = 1e-5
+"""Distance between the two sides of a sheet that shines, in diagonals of the scene."""
+
+
 class Unreadable(Exception):
     """What is wrong with the file."""
 
@@ -69,7 +73,11 @@ def open_file(file: Path) -> None:
 
 def make_local() -> list[str]:
     """Make what comes from linked libraries editable; names of those that are missing."""
-    missing = [lib.filepath for lib in bpy.data.libraries if not Path(bpy.path.abspath(lib.filepath)).is_file()]
+    missing = [
+        lib.filepath
+        for lib in bpy.data.libraries
+        if not Path(bpy.path.abspath(lib.filepath)).is_file()
+    ]
     if bpy.data.libraries:
         bpy.ops.object.make_local(type="ALL")
     return missing
@@ -78,15 +86,14 @@ def make_local() -> list[str]:
 class Writer:
     """Writes the meshes of a scene while Blender renders it, as Blender renders them."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, extent: float) -> None:
+        self.folder, self.extent = folder, extent
         self.closures: dict[tuple[str, int], Closure] = {}
         self.shapes: list[dict[str, Any]] = []
         self.groups: dict[str, list[dict[str, Any]]] = {}
         self.instances: list[dict[str, Any]] = []
         self.lamps: list[dict[str, Any]] = []
         self.notes: list[str] = []
-        self._parts: dict[tuple[str, str], list[geometry.Part]] = {}
 
     def write(self, graph: Any) -> None:
         """Write everything that a dependency graph renders."""
@@ -99,7 +106,12 @@ class Writer:
                     mesh = instance.object.data
                     mesh.calc_loop_triangles()
                     sizes[key] = len(mesh.loop_triangles)
-        copied = {key for key, n in uses.items() if n > 1 and n * sizes[key] > MOST_COPIED}
+        shining = {name for (name, _), closure in self.closures.items() if _shines(closure)}
+        copied = {
+            key
+            for key, n in uses.items()
+            if n > 1 and n * sizes[key] > MOST_COPIED and key.partition("/")[0] not in shining
+        }
         total, done = sum(uses.values()), 0
         for instance in graph.object_instances:
             matrix = np.array(instance.matrix_world, dtype=np.float64)
@@ -113,7 +125,9 @@ class Writer:
                 if found is not None:
                     self.lamps.append(found)
             elif instance.object.type in ("VOLUME", "POINTCLOUD", "CURVES"):
-                self.notes.append(f"{instance.object.name}: {instance.object.type.lower()} left out")
+                self.notes.append(
+                    f"{instance.object.name}: {instance.object.type.lower()} left out"
+                )
 
     def _is_mesh(self, instance: Any) -> bool:
         return instance.show_self and isinstance(instance.object.data, bpy.types.Mesh)
@@ -132,7 +146,7 @@ class Writer:
         baked = UV if UV in mesh.uv_layers else None
         named = {v["attribute"] for c in self._own(name) for v in _inputs(c) if "attribute" in v}
         parts = geometry.read_parts(mesh, baked, next(iter(named), None))
-        shapes = []
+        shapes: list[dict[str, Any]] = []
         for part in parts:
             if not geometry.is_finite(part):
                 self.notes.append(f"{name}: coordinates that are no numbers; left out")
@@ -142,21 +156,36 @@ class Writer:
                 continue
             if not copied:
                 part = geometry.transformed(part, matrix)
-            number = len(self.shapes) + sum(map(len, self.groups.values())) + len(shapes)
-            file = f"meshes/{number:04}.ply"
-            geometry.write_ply(self.folder / file, part)
             slot = min(part.slot, max(len(thing.material_slots) - 1, 0))
-            shapes.append(
-                {"name": name, "file": file, "slot": slot, "material": _material(thing, slot)}
-            )
+            sides = [part]
+            if _shines(self.closures.get((name, slot))) and geometry.is_open(part):
+                sides.append(geometry.other_side(part, THIN * self.extent))
+            for side in sides:
+                shapes.append(self._save(thing, side, slot, len(shapes)))
         if copied:
             self.groups[key] = shapes
             self.instances.append({"group": key, "matrix": matrix.tolist()})
         else:
             self.shapes += shapes
 
+    def _save(self, thing: Any, part: geometry.Part, slot: int, before: int) -> dict[str, Any]:
+        number = len(self.shapes) + sum(map(len, self.groups.values())) + before
+        file = f"meshes/{number:04}.ply"
+        geometry.write_ply(self.folder / file, part)
+        material = _material(thing, slot)
+        return {"name": thing.original.name, "file": file, "slot": slot, "material": material}
+
     def _own(self, name: str) -> list[Closure]:
         return [closure for (thing, _), closure in self.closures.items() if thing == name]
+
+
+def _shines(closure: Closure | None) -> bool:
+    """Whether a closure has emission."""
+    if closure is None:
+        return False
+    inner = [v for v in closure.values() if isinstance(v, dict) and "closure" in v]
+    own = closure.get("strength", closure.get("emission_strength", 0.0))
+    return own != 0 or any(map(_shines, inner))
 
 
 def _material(thing: Any, slot: int) -> str | None:
@@ -170,7 +199,7 @@ def _inputs(closure: Closure) -> list[dict[str, Any]]:
 
 def read_closures(baking: Baking) -> dict[tuple[str, int], Closure]:
     """The closure of each slot of each object; what is no plain value or image is baked."""
-    found = {}
+    found: dict[tuple[str, int], Closure] = {}
     for thing in list(bpy.data.objects):
         if thing.type not in ("MESH", "CURVE", "FONT", "SURFACE", "META") or thing.hide_render:
             continue
@@ -215,7 +244,14 @@ def write_images(closures: dict[tuple[str, int], Closure], folder: Path) -> dict
             if data is None:
                 images[name]["missing"] = str(image.filepath)
                 continue
-        kinds = {"PNG": "png", "JPEG": "jpg", "OPEN_EXR": "exr", "HDR": "hdr", "TARGA": "tga", "BMP": "bmp"}
+        kinds = {
+            "PNG": "png",
+            "JPEG": "jpg",
+            "OPEN_EXR": "exr",
+            "HDR": "hdr",
+            "TARGA": "tga",
+            "BMP": "bmp",
+        }
         if data is not None and image.file_format in kinds and space in ("sRGB", "Non-Color"):
             file = f"{stem}.{kinds[image.file_format]}"
             (folder / file).write_bytes(data)
@@ -274,8 +310,8 @@ def read(file: Path, folder: Path) -> None:
     size = [scene.render.resolution_x, scene.render.resolution_y]
     tell("world")
     world = read_world(scene, folder)
-    baking = Baking(folder, scene_extent(), tell)
-    writer = Writer(folder)
+    extent = scene_extent()
+    writer, baking = Writer(folder, extent), Baking(folder, extent, tell)
     writer.closures = read_closures(baking)
     tell("geometry")
     render_into(writer, scene)
