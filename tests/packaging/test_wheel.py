@@ -129,6 +129,7 @@ def test_the_wheel_has_the_library_and_nothing_else(wheel):
     code = {path.relative_to(PROJECT).as_posix() for path in PROJECT.glob("gpf/**/*.py")}
     demo = {f"gpf/commands/demo_scene/{file}" for file in ("scene.xml", "views.yaml", "build.py")}
     assert {name for name in names if name.startswith("gpf/")} == code | demo | {
+        "gpf/__init__.pyi",
         "gpf/py.typed",
         "gpf/viewing/page.html",
     }
