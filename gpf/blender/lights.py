@@ -136,15 +136,18 @@ def _add_sun(pixels: np.ndarray, sun: Lamp) -> np.ndarray:
     times = max(rows // pixels.shape[0], 1)
     pixels = pixels.repeat(times, axis=0).repeat(times, axis=1)
     height, width = pixels.shape[:2]
-    up = math.pi * (0.5 - (np.arange(height) + 0.5) / height)
+    # Mitsuba interpolates between rows, the first and the last of which are at the poles.
+    step = math.pi / (height - 1)
+    polar = step * np.arange(height)
+    weight = np.sin(polar) * 2 * (1 - math.cos(step)) / step
+    weight[[0, -1]] = 1 - math.sin(step) / step
     around = math.pi - 2 * math.pi * (np.arange(width) + 0.5) / width  # the middle is +x
     matrix = np.array(sun["matrix"])
     to = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
-    cosine = np.cos(up)[:, None] * (np.cos(around) * to[0] + np.sin(around) * to[1])
-    cosine = cosine + np.sin(up)[:, None] * to[2]
-    half = max(sun["angle"] / 2, math.pi / height)
-    inside = cosine > math.cos(half)
-    solid = (np.cos(up)[:, None] * inside).sum() * (math.pi / height) * (2 * math.pi / width)
+    cosine = np.sin(polar)[:, None] * (np.cos(around) * to[0] + np.sin(around) * to[1])
+    cosine = cosine + np.cos(polar)[:, None] * to[2]
+    inside = cosine > math.cos(max(sun["angle"] / 2, step))
+    solid = (weight[:, None] * inside).sum() * 2 * math.pi / width
     irradiance = np.array(sun["color"]) * sun["energy"]
     pixels = pixels.copy()
     pixels[inside] += (irradiance / solid).astype(np.float32)

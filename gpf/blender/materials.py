@@ -1,6 +1,6 @@
 """Blender's closures as Mitsuba's BSDFs.
 
-:mod:`gpf.blender.program.nodes` describes closures and their inputs. What Mitsuba cannot express is
+``program/nodes.py`` describes closures and their inputs. What Mitsuba cannot express is
 approximated, and a note says how.
 """
 

@@ -39,7 +39,7 @@ def translate_scene(found: Mapping[str, Any], work: Path, folder: Path) -> Trans
 
     Parameters
     ----------
-    found: `scene.json` of :mod:`gpf.blender.program.read`.
+    found: ``scene.json`` of ``program/read.py``.
     work: the folder with it.
     """
     textures = Textures(work, folder, found["images"])

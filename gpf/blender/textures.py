@@ -65,7 +65,10 @@ class Textures:
         image = self.images.get(value.get("image", ""), {})
         if "missing" in image:
             self.missing.add(f"{image['name']} ({image['missing']})")
-            return 1.0 if role == "value" else _rgb([1.0, 0.0, 1.0])
+            pink = [1.0, 0.0, 1.0]  # as Blender shows it
+            if role == "value":
+                return 1.0 if value.get("channel") == "a" else _luminance(pink)
+            return _rgb(pink)
         file = image.get("file")
         whole = value.get("channel") is None and role != "normal" and "scale" not in value
         if file and not file.endswith(".npy") and whole:

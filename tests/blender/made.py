@@ -248,7 +248,7 @@ def cutouts() -> None:
 def copies() -> None:
     """Instances, a mirrored one, text, a curve, and two materials on a mesh."""
     studio()
-    gold = principled("gold", Base_Color=(1, 0.77, 0.34, 1), Metallic=1, Roughness=0.3)
+    gold = principled("gold", Base_Color=(0.9, 0.7, 0.3, 1), Metallic=1, Roughness=0.3)
     source = add("monkey", gold, True, size=0.7, location=(0, 0, 50))
     source.modifiers.new("smooth", "SUBSURF").render_levels = 3
     group = bpy.data.collections.new("heads")

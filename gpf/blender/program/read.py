@@ -64,8 +64,10 @@ def open_file(file: Path) -> None:
     try:
         openers[kind](str(file))
     except RuntimeError as error:
-        words = str(error).removeprefix("Error:").strip().splitlines()
-        raise Unreadable(words[0] if words else "cannot be opened") from None
+        lines = (line.strip() for line in str(error).splitlines())
+        words = [line for line in lines if line and not line.startswith("Location:")]
+        first = words[0].removeprefix("Error:").strip() if words else "cannot be opened"
+        raise Unreadable(words[-1] if "Traceback" in first else first) from None
     version = tuple(bpy.data.version)[:2]
     if kind == ".blend" and version > bpy.app.version[:2]:
         tell(f"note: the file is of Blender {version[0]}.{version[1]}, newer than this one")
@@ -236,6 +238,9 @@ def write_images(closures: dict[tuple[str, int], Closure], folder: Path) -> dict
         stem = f"textures/image_{number}"
         images[name] = {"srgb": space == "sRGB", "file": None, "name": name}
         data = None
+        if not min(image.size):  # no image at all, or none that Blender can read
+            images[name]["missing"] = str(image.filepath)
+            continue
         if image.packed_file is not None:
             data = bytes(image.packed_file.data)
         elif image.source == "FILE":
