@@ -24,6 +24,7 @@ from rich.console import Console
 from rich.text import Text
 
 from gpf.core.checkout import CHECKOUT
+from gpf.core.errors import UserError
 from gpf.core.machine import count_cores, count_memory, read_cpu_model, read_version
 from gpf.core.runtime import LLVM_INSTALL, LLVM_MINIMUM, LLVM_VARIABLE
 from gpf.core.subprocesses import PROBE_SUM, last_line, run_probe, run_python
@@ -58,6 +59,7 @@ def diagnose() -> list[Check]:
         check_cuda(probe),
         check_libllvm(probe),
         check_importable("OpenEXR", "OpenEXR"),
+        check_blender(),
         Check("processor", True, f"{read_cpu_model()}, {count_cores()} cores for this process"),
     ]
     return library if CHECKOUT is None else [*library, *diagnose_pipeline(CHECKOUT)]
@@ -258,6 +260,19 @@ def check_baselines() -> list[Check]:
         Check(part.name, part.there or None, part.detail, part.remedy)
         for part in available.list_parts()
     ]
+
+
+def check_blender() -> Check:
+    """Blender is there, to read files of other programs."""
+    try:
+        from gpf.blender.process import find_blender
+
+        command = find_blender()
+    except UserError as error:
+        return Check("Blender", None, f"{error.where} {error.what}", "gpf blender-install")
+    except ImportError as error:
+        return Check("Blender", None, f"cannot be checked: {error}", "pip install platformdirs")
+    return Check("Blender", True, command[0])
 
 
 def check_disk() -> Check:

@@ -69,7 +69,7 @@ def mitsuba(made: Converted, samples: int, seed: int) -> np.ndarray:
         ("eye", 64, 40),
         ("skylight", 64, 40),
         ("pool", 256, 33),
-        ("room", 256, 35),
+        ("room", 96, 35),
     ],
 )
 def test_a_scene_looks_as_in_cycles(tmp_path, two_threads, name, samples, decibels):

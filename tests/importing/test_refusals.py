@@ -149,7 +149,7 @@ def test_several_files_are_listed_and_none_is_told(original, root, tmp_path):
     )
     assert_refused(original / "models", root, r"models: has no XML file\. Give a folder with")
     assert_refused(tmp_path / "nowhere", root, r"nowhere: does not exist\. Check the path")
-    assert_refused(original / "green.spd", root, r"green\.spd: is not a folder, an XML file or")
+    assert_refused(original / "green.spd", root, r"green\.spd: is not a folder, an XML file")
     bring(original / "a.xml", root)
 
 
@@ -212,7 +212,7 @@ def test_damaged_archives_are_told(original, root, tmp_path):
     archive.write_bytes(data.replace(b"Do as you", b"Pay for it"[:9]))
     assert_refused(archive, root, r"room\.zip: cannot be unpacked: Bad CRC-32.*Pack it again")
     archive.write_bytes(data[: len(data) // 2])
-    assert_refused(archive, root, r"room\.zip: is not a folder, an XML file or a zip")
+    assert_refused(archive, root, r"room\.zip: is not a folder, an XML file, a zip")
 
 
 def test_damaged_bzip2_is_told(original, root, tmp_path):

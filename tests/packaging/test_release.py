@@ -30,7 +30,7 @@ def test_workflows_call_targets_of_the_makefile():
     commands = [step.get("run", "") for name in WORKFLOWS for step in steps(name)]
     commands += [line for line in read(".ci/run").splitlines() if not line.startswith("#")]
     called = {target for command in commands for target in MAKE.findall(command)}
-    assert called == {"lint", "docs", "test", "test-all", "repro"} and called <= targets
+    assert called == {"lint", "docs", "venv", "test", "test-all", "repro"} and called <= targets
 
 
 def test_each_test_is_in_one_shard():
