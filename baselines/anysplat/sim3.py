@@ -36,7 +36,11 @@ class Similarity:
     def apply_camera(self, camera: Pinhole) -> Pinhole:
         """The camera that sees the transformed scene as ``camera`` sees the scene."""
         return Pinhole(
-            self.apply(camera.origin), self.rotation @ camera.rotation, camera.focal, camera.size
+            self.apply(camera.origin),
+            self.rotation @ camera.rotation,
+            camera.focal,
+            camera.size,
+            camera.centre,
         )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import platformdirs
 
 from gpf.blender.process import PROGRAM, read_with_blender
-from gpf.blender.scene_dict import Translation, translate_scene
+from gpf.blender.scene_dict import Translation, principal_point, translate_scene
 from gpf.core.errors import UserError
 from gpf.core.files import read_json, write_json, write_text
 from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers, replace_folder
@@ -138,13 +138,17 @@ def _write_views(found: Mapping[str, Any], path: Path) -> None:
     views = []
     for camera in cameras:
         names.append(name_view(camera["name"], names, "camera"))
-        views.append(View(name=names[-1], fov_axis=camera["fov_axis"], **_pose(camera)))
-    frames = moving["frames"]
+        shift = principal_point(camera, found["size"])
+        views.append(
+            View(name=names[-1], fov_axis=camera["fov_axis"], shift=shift, **_pose(camera))
+        )
+    frames, shift = moving["frames"], principal_point(moving, found["size"])
     for frame in frames[:: max(len(frames) // 6, 1)]:
         names.append(name_view("moving", names, "camera"))
-        views.append(View(name=names[-1], fov_axis=moving["fov_axis"], **_pose(frame)))
+        views.append(View(name=names[-1], fov_axis=moving["fov_axis"], shift=shift, **_pose(frame)))
     path_of = CameraPath(
-        keyframes=tuple(Keyframe(**_pose(frame)) for frame in frames), frames=len(frames)
+        keyframes=tuple(Keyframe(shift=shift, **_pose(frame)) for frame in frames),
+        frames=len(frames),
     )
     scene = SceneViews(
         views=ViewSets(train=tuple(views)),

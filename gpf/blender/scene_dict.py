@@ -112,9 +112,7 @@ def cameras(found: Mapping[str, Any], notes: list[str]) -> Dict:
         if camera["type"] != "PERSP":
             notes.append(f"camera {camera['name']}: {camera['type'].lower()} camera left out")
             continue
-        larger = max(width, height) if camera["fov_axis"] == "larger" else width
-        larger = height if camera["fov_axis"] == "y" else larger
-        shift = np.array(camera["shift"]) * larger / (width, height)
+        shift = principal_point(camera, found["size"])
         turned = np.diag([-1.0, 1.0, -1.0, 1.0])  # Mitsuba's cameras look along +z, and +x is left
         sensor: Dict = {
             "type": "perspective",
@@ -131,11 +129,19 @@ def cameras(found: Mapping[str, Any], notes: list[str]) -> Dict:
             },
             "sampler": {"type": "multijitter"},
         }
-        if shift.any():
-            sensor["principal_point_offset_x"] = float(shift[0])
-            sensor["principal_point_offset_y"] = float(-shift[1])
+        if any(shift):
+            sensor["principal_point_offset_x"], sensor["principal_point_offset_y"] = shift
         sensors[f"camera_{number}"] = sensor
     return sensors
+
+
+def principal_point(camera: Mapping[str, Any], size: tuple[int, int]) -> tuple[float, float]:
+    """Mitsuba's offset of the principal point. Blender's shift is in units of the extent across
+    which its angle is measured."""
+    extents = {"x": size[0], "y": size[1], "larger": max(size)}
+    extent = extents[camera["fov_axis"]]
+    x, y = camera["shift"]
+    return x * extent / size[0], -y * extent / size[1] + 0.0
 
 
 def _rigid(matrix: np.ndarray) -> np.ndarray:

@@ -120,8 +120,8 @@ def _collect_points(
         camera = make_pinhole(view, size)
         ahead = np.stack(
             [
-                (columns + 0.5 - size[0] / 2) / camera.focal,
-                (rows + 0.5 - size[1] / 2) / camera.focal,
+                (columns + 0.5 - camera.centre[0]) / camera.focal,
+                (rows + 0.5 - camera.centre[1]) / camera.focal,
                 np.ones(len(rows)),
             ],
             axis=1,

@@ -112,6 +112,7 @@ class Orbit:
             up=_rounded(self.up),
             fov=self.start.fov,
             fov_axis=self.start.fov_axis,
+            shift=self.start.shift,
         )
 
 

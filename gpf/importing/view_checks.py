@@ -158,7 +158,7 @@ def _camera_rays(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Origins and directions (3, N) of rays through a random place in each pixel, row by row."""
     camera = make_pinhole(view, size)
-    x, y = np.meshgrid(*(np.arange(n) - n / 2 for n in size))
+    x, y = np.meshgrid(*(np.arange(n) - c for n, c in zip(size, camera.centre, strict=True)))
     place = np.stack([x.ravel(), y.ravel()]) + rng.random((2, x.size))
     across = np.vstack([place, np.full(x.size, camera.focal)])
     directions = camera.rotation @ (across / np.linalg.norm(across, axis=0))

@@ -12,7 +12,7 @@ from gpf.scene.views import View
 
 @dataclass(frozen=True)
 class Pinhole:
-    """A camera with square pixels whose axis passes through the middle of the image.
+    """A camera with square pixels.
 
     Attributes
     ----------
@@ -20,12 +20,14 @@ class Pinhole:
     rotation: camera to world, (3, 3); its columns point right, down and forward.
     focal: focal length, pixels.
     size: width and height of the image, pixels.
+    centre: where the axis passes through the image, pixels from its upper left corner.
     """
 
     origin: np.ndarray
     rotation: np.ndarray
     focal: float
     size: tuple[int, int]
+    centre: tuple[float, float]
 
     @property
     def pose(self) -> np.ndarray:
@@ -43,7 +45,7 @@ class Pinhole:
         x, y, z = ((points - self.origin) @ self.rotation).T
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels = np.stack([self.focal * x / z, self.focal * y / z], axis=1)
-        return pixels + np.array(self.size) / 2, z
+        return pixels + np.array(self.centre), z
 
 
 def make_pinhole(view: View, size: tuple[int, int]) -> Pinhole:
@@ -52,7 +54,8 @@ def make_pinhole(view: View, size: tuple[int, int]) -> Pinhole:
     ahead = _unit(np.array(view.target) - origin)
     right = _unit(np.cross(ahead, view.up))
     rotation = np.stack([right, np.cross(ahead, right), ahead], axis=1)
-    return Pinhole(origin, rotation, find_focal(view, size), size)
+    x, y = (n * (0.5 - shift) for n, shift in zip(size, view.shift, strict=True))
+    return Pinhole(origin, rotation, find_focal(view, size), size, (x, y))
 
 
 def find_focal(view: View, size: tuple[int, int]) -> float:

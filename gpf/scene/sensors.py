@@ -37,6 +37,8 @@ def make_sensor(
             "fov_axis": view.fov_axis,
             "near_clip": 1e-3,
             "far_clip": 1e5,
+            "principal_point_offset_x": view.shift[0],
+            "principal_point_offset_y": view.shift[1],
             "to_world": look_at,
             "sampler": {"type": sampler, "sample_count": spp},
             "film": {
@@ -64,9 +66,8 @@ def views_of_sensors(scene: mi.Scene) -> list[View]:
     """One view per sensor from :func:`scene_cameras`.
 
     ``target`` is one unit in front of ``origin``, and ``fov`` is the angle across x. Names come
-    from the ids of the sensors; without an id, the name is ``camera``. A view is a pinhole camera
-    with its axis through the centre of the image: it has no aperture, shifted principal point,
-    film crop or mirrored image (:func:`differs_from_view` reports these).
+    from the ids of the sensors; without an id, the name is ``camera``. A view is a pinhole camera:
+    it has no aperture, film crop or mirrored image (:func:`differs_from_view` reports these).
 
     Raises
     ------
@@ -86,6 +87,7 @@ def views_of_sensors(scene: mi.Scene) -> list[View]:
                 up=_vector(_unit(matrix[:3, 1]).round(6) + 0.0),
                 fov=_shortest(_scalar(mi.traverse(sensor)["x_fov"])),
                 fov_axis="x",
+                shift=tuple(_shortest(_principal_point(sensor, axis)) for axis in "xy"),
             )
         except ValidationError as error:
             told = explain(f"sensor {sensor.id()!r}", View, error)
@@ -109,9 +111,6 @@ def differs_from_view(sensor: mi.Sensor, view: View) -> list[str]:
         found.append("shows a mirror image: views are not mirrored")
     if list(sensor.film().crop_size()) != list(sensor.film().size()):
         found.append("shows a crop of its film: views show the whole film")
-    shift = [_principal_point(sensor, axis) for axis in "xy"]
-    if any(shift):
-        found.append("has its principal point off centre: views have it at the centre")
     width, height = (int(n) for n in sensor.film().size())
     if not found and not _same_rays(sensor, make_sensor(view, width, height)):
         found.append("generates different rays from a pinhole camera")

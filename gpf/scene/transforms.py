@@ -21,7 +21,7 @@ from pydantic import ValidationError
 from gpf.core.errors import UserError
 from gpf.core.files import write_text
 from gpf.core.yaml import explain
-from gpf.scene.pinhole import make_pinhole
+from gpf.scene.pinhole import Pinhole, make_pinhole
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import SceneViews, View, ViewSets, name_view, read_views
 
@@ -48,17 +48,14 @@ def write_transforms(
     """
     width, height = size
     cameras = [make_pinhole(view, size) for view in views]
-    if len({camera.focal for camera in cameras}) == 1:
-        shared = _focal(cameras[0].focal)
-        own: list[dict[str, float]] = [{} for _ in cameras]
-    else:
-        shared, own = {}, [_focal(camera.focal) for camera in cameras]
+    lenses = [_lens(camera) for camera in cameras]
+    shared: dict[str, float] = {}
+    if all(lens == lenses[0] for lens in lenses):
+        shared, lenses = lenses[0], [{} for _ in cameras]
     content = {
         "camera_model": "OPENCV",
         "w": width,
         "h": height,
-        "cx": width / 2,
-        "cy": height / 2,
         **shared,
         **(more or {}),
         "frames": [
@@ -68,14 +65,16 @@ def write_transforms(
                 **extra,
                 "transform_matrix": (camera.pose @ _FLIP).tolist(),
             }
-            for view, camera, extra in zip(views, cameras, own, strict=True)
+            for view, camera, extra in zip(views, cameras, lenses, strict=True)
         ],
     }
     write_text(path, json.dumps(content, indent=2) + "\n")
 
 
-def _focal(length: float) -> dict[str, float]:
-    return {"fl_x": length, "fl_y": length}
+def _lens(camera: Pinhole) -> dict[str, float]:
+    """Focal lengths and principal point, pixels."""
+    x, y = camera.centre
+    return {"fl_x": camera.focal, "fl_y": camera.focal, "cx": x, "cy": y}
 
 
 def read_transforms(path: Path) -> SceneViews:
@@ -156,12 +155,7 @@ def _read_frame(
     if not (width > 0 and height > 0):
         raise UserError(where, "has no image size", "Give `w` and `h` in pixels.")
     centre = float(frame.get("cx", width / 2)), float(frame.get("cy", height / 2))
-    if abs(centre[0] - width / 2) > 1 or abs(centre[1] - height / 2) > 1:
-        raise UserError(
-            where,
-            f"has its principal point at {centre[0]:g}, {centre[1]:g}, not at the centre",
-            "Crop the images so that it is at the centre.",
-        )
+    shift = (round(0.5 - centre[0] / width, 9), round(0.5 - centre[1] / height, 9))
     if "fl_x" in frame:
         focal = float(frame["fl_x"])
         if abs(float(frame.get("fl_y", focal)) / focal - 1) > 1e-3:
@@ -180,6 +174,7 @@ def _read_frame(
             target=tuple((origin - back).tolist()),
             up=tuple(up.tolist()),
             fov=math.degrees(fov),
+            shift=shift,
         )
     except ValidationError as error:
         raise UserError(where, error.errors()[0]["msg"], "Correct the frame.") from error

@@ -17,7 +17,8 @@ The format, with every key::
         - {origin: [0, 0, 3.9], target: [0, 0, 0], fov: 39.3}
         - {origin: [1, 0, 3.9], target: [0, 0, 0], fov: 39.3}
 
-Lengths are in scene units, ``fov`` is in degrees, ``up`` is +y by default. Other keys are errors.
+Lengths are in scene units, ``fov`` is in degrees, ``up`` is +y by default. A camera whose axis does
+not pass through the middle of the image has a ``shift``: ``[0.1, 0]``. Other keys are errors.
 """
 
 from __future__ import annotations
@@ -37,18 +38,24 @@ from gpf.core.yaml import read_yaml, suggest
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Aspect = Annotated[float, Field(ge=1e-3, le=1e3, allow_inf_nan=False)]
+Shift = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(gt=0, lt=180)]
 Vector = tuple[Finite, Finite, Finite]
 FovAxis = Literal["x", "y", "diagonal", "smaller", "larger"]
 
 
 class Keyframe(Settings):
-    """A camera of the path: its position, the point that it looks at, and its angle of view."""
+    """A camera of the path: its position, the point that it looks at, and its angle of view.
+
+    ``shift`` is the principal point's distance from the middle of the image, in widths to the left
+    and heights upwards, as Mitsuba's ``principal_point_offset``.
+    """
 
     origin: Vector
     target: Vector
     fov: Degrees
     up: Vector = (0.0, 1.0, 0.0)
+    shift: tuple[Shift, Shift] = (0.0, 0.0)
 
     @model_validator(mode="after")
     def _check_direction(self) -> Keyframe:
@@ -181,18 +188,25 @@ class SceneViews(Settings):
     def frames(self) -> tuple[View, ...]:
         """The frames of the path as views ``frame_000``, ``frame_001``, …; none without a path.
 
-        Origin, target, up and fov follow uniform Catmull-Rom splines through the keyframes, at
+        Origin, target, up, fov and shift follow uniform Catmull-Rom splines through the keyframes, at
         equal steps of the parameter. An open path ends at its last keyframe. A closed path ends one
         step before its first keyframe, so that it loops without a pause.
         """
         if self.path is None:
             return ()
-        keys = np.array([(*k.origin, *k.target, *k.up, k.fov) for k in self.path.keyframes])
+        keys = np.array(
+            [(*k.origin, *k.target, *k.up, k.fov, *k.shift) for k in self.path.keyframes]
+        )
         rows = interpolate(keys, self.path.frames, self.path.closed)
         return tuple(
-            View(name="0", origin=row[0:3], target=row[3:6], up=row[6:9], fov=row[9]).model_copy(
-                update={"name": f"frame_{i:03d}", "fov_axis": self.fov_axis}
-            )
+            View(
+                name="0",
+                origin=row[0:3],
+                target=row[3:6],
+                up=row[6:9],
+                fov=row[9],
+                shift=row[10:12],
+            ).model_copy(update={"name": f"frame_{i:03d}", "fov_axis": self.fov_axis})
             for i, row in enumerate(rows.tolist())
         )
 

@@ -44,6 +44,8 @@ def _camera(camera: Keyframe, axis: str) -> str:
     if camera.up != (0, 1, 0):
         parts.append(f"up: {_vector(camera.up)}")
     parts.append(f"fov: {camera.fov:.9g}")
+    if any(camera.shift):
+        parts.append(f"shift: {_vector(camera.shift)}")
     if isinstance(camera, View) and "fov_axis" in camera.model_fields_set:
         parts += [f"fov_axis: {camera.fov_axis}"] if camera.fov_axis != axis else []
     return f"{{{', '.join(parts)}}}"

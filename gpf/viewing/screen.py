@@ -19,6 +19,10 @@ from gpf.scene.views import Keyframe, View
 _ENTRIES = 1 << 14
 
 
+PLACED = ("to_world", "x_fov", "principal_point_offset_x", "principal_point_offset_y")
+"""The parameters of a sensor that a camera sets."""
+
+
 class Screen:
     """A film of one size, and an integrator that fills it; the camera moves freely.
 
@@ -45,8 +49,10 @@ class Screen:
         )
         self._parameters["to_world"] = mi.Transform4f(place)
         self._parameters["x_fov"] = mi.Float(camera.fov)
+        for axis, shift in zip("xy", camera.shift, strict=True):
+            self._parameters[f"principal_point_offset_{axis}"] = mi.Float(shift)
         # Plain values would be baked into the recorded kernels.
-        dr.make_opaque(self._parameters["to_world"], self._parameters["x_fov"])
+        dr.make_opaque(*(self._parameters[key] for key in PLACED))
         self._parameters.update()
         image = mi.render(
             self.scene,

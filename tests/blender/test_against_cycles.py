@@ -92,6 +92,7 @@ def test_a_camera_that_moves_is_a_path(tmp_path):
     made = convert(tmp_path / "eye.blend", tmp_path / "out", lambda what: None)
     views = read_views(made.xml.parent / "views.yaml")
     frames = views.frames()
+    np.testing.assert_allclose(frames[5].shift, (0.1 * 192 / 128, 0.15), rtol=1e-6)
     assert len(frames) == 24 and views.aspect == pytest.approx(128 / 192)
     assert frames[0].origin[0] == pytest.approx(0, abs=1e-5)
     assert frames[-1].origin[0] == pytest.approx(3, abs=1e-5)
