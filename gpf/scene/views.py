@@ -189,8 +189,8 @@ class SceneViews(Settings):
         """The frames of the path as views ``frame_000``, ``frame_001``, …; none without a path.
 
         Origin, target, up, fov and shift follow uniform Catmull-Rom splines through the keyframes,
-        at equal steps of the parameter. An open path ends at its last keyframe. A closed path ends one
-        step before its first keyframe, so that it loops without a pause.
+        at equal steps of the parameter. An open path ends at its last keyframe. A closed path ends
+        one step before its first keyframe, so that it loops without a pause.
         """
         if self.path is None:
             return ()
