@@ -227,6 +227,14 @@ def blender_install() -> None:
 
 
 @app.command()
+def blender_addon(output: options.AddOn, overwrite: options.Overwrite = False) -> None:
+    """Write an add-on for Blender: the render engine Photon Field."""
+    from gpf.commands.addon import write_addon
+
+    write_addon(output, overwrite)
+
+
+@app.command()
 def doctor() -> None:
     """Check this machine, and explain how to repair what is missing."""
     from gpf.doctor import diagnose, print_report

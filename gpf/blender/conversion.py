@@ -64,7 +64,6 @@ def converted(file: Path, tell: Callable[[str], None]) -> Converted:
         known = read_json(record)
         if known.get("digest") == digest and all(map(_is_unchanged, known["files"])):
             return Converted(folder / "scene.xml", known["how"], tuple(known["notes"]))
-    folder.parent.mkdir(parents=True, exist_ok=True)
     return convert(file, folder, tell, overwrite=True)
 
 
@@ -84,6 +83,7 @@ def convert(
     require_file(file)
     if folder.exists() and not overwrite:
         raise UserError(str(folder), "exists already", "Choose another, or add --overwrite.")
+    folder.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(folder.parent)
     with tempfile.TemporaryDirectory() as name, partial_folder(folder) as new:
         work = Path(name)

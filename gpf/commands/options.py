@@ -42,6 +42,10 @@ SceneFolder = Annotated[
     Option("--output", "-o", metavar="FOLDER", help="A new folder. [default: FILE without suffix]"),
 ]
 
+# `gpf blender-addon`.
+
+AddOn = Annotated[Path, Option("--output", "-o", metavar="FOLDER", help="A new folder.")]
+
 # `gpf demo` and `gpf export`.
 
 NewFolder = Annotated[Path, Argument(help="A new folder.")]

@@ -85,11 +85,11 @@ def test_what_is_said_is_passed_on(blender, scene_file, tmp_path):
     write_json(tmp_path / "found.json", EMPTY)
     blender(f'echo gpf: geometry; echo noise; cp {tmp_path}/found.json "$2/scene.json"')
     said: list[str] = []
-    made = convert(scene_file, tmp_path / "out", said.append)
+    made = convert(scene_file, tmp_path / "new" / "out", said.append)
     assert said == ["geometry", "writing the scene"] and made.notes == ("hair: left out",)
-    assert made.xml.is_file() and "hair" in (tmp_path / "out" / "converted.md").read_text()
+    assert made.xml.is_file() and "hair" in (tmp_path / "new" / "out" / "converted.md").read_text()
     with pytest.raises(UserError, match="exists already"):
-        convert(scene_file, tmp_path / "out", print)
+        convert(scene_file, tmp_path / "new" / "out", print)
 
 
 def test_a_file_is_converted_again_when_it_or_what_it_uses_changes(

@@ -1,0 +1,36 @@
+"""`gpf blender-addon`: the add-on for Blender, to install from disk."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+from gpf.core.errors import UserError
+from gpf.core.files import write_json
+from gpf.core.partial import grant_as_usual, partial_folder, replace_folder
+from gpf.core.progress import say
+
+SOURCE = Path(__file__).parents[1] / "blender" / "addon"
+FILES = ("__init__.py", "blender_manifest.toml")
+
+
+def write_addon(output: Path, overwrite: bool) -> None:
+    """Write a folder with the add-on, which starts the `gpf` that wrote it.
+
+    Raises
+    ------
+    UserError: the folder exists and is not to be replaced.
+    """
+    if output.exists() and not overwrite:
+        raise UserError(str(output), "exists already", "Choose another, or add --overwrite.")
+    output.parent.mkdir(parents=True, exist_ok=True)
+    with partial_folder(output) as new:
+        for name in FILES:
+            shutil.copyfile(SOURCE / name, new / name)
+        command = [sys.executable, "-m", "gpf.commands.blender_engine"]
+        write_json(new / "command.json", {"command": command})
+        grant_as_usual(new)
+        replace_folder(new, output)
+    say(f"{output}: in Blender, Preferences, Add-ons, Install from Disk; or copy it to the folder")
+    say("of your extensions. Then choose the render engine Photon Field, and press F12.")
