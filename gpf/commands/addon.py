@@ -12,7 +12,8 @@ from gpf.core.partial import grant_as_usual, partial_folder, replace_folder
 from gpf.core.progress import say
 
 SOURCE = Path(__file__).parents[1] / "blender" / "addon"
-FILES = ("__init__.py", "blender_manifest.toml")
+FILES = {"photon_field.py": "__init__.py", "blender_manifest.toml": "blender_manifest.toml"}
+"""The files of the add-on, and what they are called in it."""
 
 
 def write_addon(output: Path, overwrite: bool) -> None:
@@ -26,8 +27,8 @@ def write_addon(output: Path, overwrite: bool) -> None:
         raise UserError(str(output), "exists already", "Choose another, or add --overwrite.")
     output.parent.mkdir(parents=True, exist_ok=True)
     with partial_folder(output) as new:
-        for name in FILES:
-            shutil.copyfile(SOURCE / name, new / name)
+        for source, name in FILES.items():
+            shutil.copyfile(SOURCE / source, new / name)
         command = [sys.executable, "-m", "gpf.commands.blender_engine"]
         write_json(new / "command.json", {"command": command})
         grant_as_usual(new)

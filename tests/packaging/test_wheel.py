@@ -130,6 +130,7 @@ def test_the_wheel_has_the_library_and_nothing_else(wheel):
     demo = {f"gpf/commands/demo_scene/{file}" for file in ("scene.xml", "views.yaml", "build.py")}
     assert {name for name in names if name.startswith("gpf/")} == code | demo | {
         "gpf/__init__.pyi",
+        "gpf/blender/addon/blender_manifest.toml",
         "gpf/py.typed",
         "gpf/viewing/page.html",
     }
