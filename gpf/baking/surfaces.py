@@ -1,0 +1,141 @@
+"""The surfaces of a scene that light can be baked on, as triangles.
+
+Light is baked on one side of each surface: the side that its normals point to, which Mitsuba calls
+the front. A two-sided surface has the light of its front only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.structs import from_numpy, to_numpy
+from gpf.scene.inventory import all_shapes
+
+# Steps in u and v into which Mitsuba's analytic shapes are divided.
+STEPS = {"Sphere": (48, 24), "Cylinder": (48, 1), "Disk": (1, 48)}
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The triangles of a shape, counter-clockwise as seen from the front.
+
+    Attributes
+    ----------
+    name: the shape's id or, without one, its class; unique in the scene.
+    points: world units, (N, 3) float32.
+    faces: indices of points, (M, 3) uint32.
+    normals: unit vectors of a smooth shape, (N, 3) float32; None for a faceted one.
+    uv: the scene's own texture coordinates, (N, 2) float32, or None.
+    round: whether the shape is not made of triangles: its points are where Mitsuba's
+        parameterisation has ``uv``, and triangles lie beneath it.
+    """
+
+    name: str
+    shape: mi.Shape
+    points: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray | None
+    uv: np.ndarray | None
+    round: bool = False
+
+    @property
+    def corners(self) -> np.ndarray:
+        """The corners of the triangles, world units, (M, 3, 3) float32."""
+        return np.asarray(self.points[self.faces])
+
+    @property
+    def face_normals(self) -> np.ndarray:
+        """Unit normals of the triangles, (M, 3) float32; 0 for those without area."""
+        a, b, c = self.corners.transpose(1, 0, 2).astype(np.float64)
+        normal = np.cross(b - a, c - a)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        return np.asarray(normal / np.where(length > 0, length, 1), np.float32)
+
+    def at(self, faces: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and geometric normals of points on triangles, (P, 3) float32 each.
+
+        Parameters
+        ----------
+        faces: the triangle of each point, (P,).
+        weights: its barycentric coordinates, (P, 3).
+        """
+        if self.round and self.uv is not None:
+            uv = np.einsum("pk,pki->pi", weights, self.uv[self.faces[faces]])
+            return _on_shape(self.shape, uv)
+        p = np.einsum("pk,pki->pi", weights, self.corners[faces])
+        return p.astype(np.float32), self.face_normals[faces]
+
+
+def read_surfaces(scene: mi.Scene) -> tuple[list[Surface], dict[str, str]]:
+    """The surfaces that light can be baked on, and why others are left out, by their names."""
+    surfaces: list[Surface] = []
+    left_out: dict[str, str] = {}
+    for shape in all_shapes(scene):
+        plain = shape.id() or shape.class_name()
+        name, number = plain, 1
+        while name in left_out or any(surface.name == name for surface in surfaces):
+            number += 1
+            name = f"{plain}_{number}"
+        bsdf, kind = shape.bsdf(), shape.class_name()
+        if kind == "ShapeGroupPlugin":
+            continue
+        if bsdf is None or not mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse):
+            left_out[name] = "has no diffuse component"
+        elif shape not in scene.shapes() or not (isinstance(shape, mi.Mesh) or kind in STEPS):
+            left_out[name] = f"is {kind}, which has no triangles of its own"
+        else:
+            surfaces.append(_read(name, shape))
+    return surfaces, left_out
+
+
+def _read(name: str, shape: mi.Shape) -> Surface:
+    if not isinstance(shape, mi.Mesh):
+        surface = _divide(name, shape, *STEPS[shape.class_name()])
+        return replace(surface, faces=_along_normals(surface))
+
+    def rows(buffer: mi.Float, width: int) -> np.ndarray:
+        return np.array(buffer, dtype=np.float32).reshape(-1, width)
+
+    points = rows(shape.vertex_positions_buffer(), 3)
+    faces = np.array(shape.faces_buffer(), dtype=np.uint32).reshape(-1, 3)
+    smooth = shape.has_vertex_normals() and not shape.has_face_normals()
+    normals = rows(shape.vertex_normals_buffer(), 3) if smooth else None
+    uv = rows(shape.vertex_texcoords_buffer(), 2) if shape.has_vertex_texcoords() else None
+    surface = Surface(name, shape, points, faces, normals, uv)
+    surface = replace(surface, faces=_along_normals(surface))
+    if not shape.has_flipped_normals():
+        return surface
+    normals = None if normals is None else -normals
+    return replace(surface, faces=surface.faces[:, ::-1], normals=normals)
+
+
+def _divide(name: str, shape: mi.Shape, across: int, along: int) -> Surface:
+    """A grid of triangles over the parameters of an analytic shape."""
+    grid = np.mgrid[0 : 1 : 1j * (across + 1), 0 : 1 : 1j * (along + 1)]
+    uv = grid.reshape(2, -1).T.astype(np.float32)
+    corner = ((along + 1) * np.arange(across)[:, None] + np.arange(along)).ravel()
+    a, b, c, d = corner, corner + along + 1, corner + along + 2, corner + 1
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.uint32)
+    points, normals = _on_shape(shape, uv)
+    p = points[faces].astype(np.float64)
+    # At poles and in the middle of a disk, half of the triangles have no area.
+    size = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+    return Surface(name, shape, points, faces[size > 1e-5 * size.max()], normals, uv, round=True)
+
+
+def _on_shape(shape: mi.Shape, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and normals where an analytic shape has these parameters, (P, 3) each."""
+    si = shape.eval_parameterization(from_numpy(mi.Point2f, uv))
+    normal = np.broadcast_to(to_numpy(mi.Vector3f(si.n)), (len(uv), 3))
+    return to_numpy(si.p), np.ascontiguousarray(normal)
+
+
+def _along_normals(surface: Surface) -> np.ndarray:
+    """The triangles, turned to the side of the normals: a reflection turns them over."""
+    if surface.normals is None:
+        return surface.faces
+    along = surface.face_normals * surface.normals[surface.faces].sum(axis=1)
+    return np.where(along.sum(axis=1)[:, None] < 0, surface.faces[:, ::-1], surface.faces)
