@@ -11,11 +11,8 @@ from dataclasses import dataclass, replace
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.structs import from_numpy, to_numpy
+from gpf.baking.curved import STEPS, Curved
 from gpf.scene.inventory import all_shapes
-
-# Steps in u and v into which Mitsuba's analytic shapes are divided.
-STEPS = {"Sphere": (48, 24), "Cylinder": (48, 1), "Disk": (1, 48)}
 
 
 @dataclass(frozen=True)
@@ -29,8 +26,7 @@ class Surface:
     faces: indices of points, (M, 3) uint32.
     normals: unit vectors of a smooth shape, (N, 3) float32; None for a faceted one.
     uv: the scene's own texture coordinates, (N, 2) float32, or None.
-    round: whether the shape is not made of triangles: its points are where Mitsuba's
-        parameterisation has ``uv``, and triangles lie beneath it.
+    curved: what the triangles approximate; None for a mesh.
     """
 
     name: str
@@ -39,7 +35,7 @@ class Surface:
     faces: np.ndarray
     normals: np.ndarray | None
     uv: np.ndarray | None
-    round: bool = False
+    curved: Curved | None = None
 
     @property
     def corners(self) -> np.ndarray:
@@ -54,6 +50,11 @@ class Surface:
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         return np.asarray(normal / np.where(length > 0, length, 1), np.float32)
 
+    @property
+    def two_sided(self) -> bool:
+        """Whether the back has a diffuse component as well, whose light is not baked."""
+        return bool(mi.has_flag(self.shape.bsdf().flags(), mi.BSDFFlags.BackSide))
+
     def at(self, faces: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions and geometric normals of points on triangles, (P, 3) float32 each.
 
@@ -62,10 +63,9 @@ class Surface:
         faces: the triangle of each point, (P,).
         weights: its barycentric coordinates, (P, 3).
         """
-        if self.round and self.uv is not None:
-            uv = np.einsum("pk,pki->pi", weights, self.uv[self.faces[faces]])
-            return _on_shape(self.shape, uv)
         p = np.einsum("pk,pki->pi", weights, self.corners[faces])
+        if self.curved is not None:
+            return self.curved.nearest(p)
         return p.astype(np.float32), self.face_normals[faces]
 
 
@@ -119,18 +119,13 @@ def _divide(name: str, shape: mi.Shape, across: int, along: int) -> Surface:
     corner = ((along + 1) * np.arange(across)[:, None] + np.arange(along)).ravel()
     a, b, c, d = corner, corner + along + 1, corner + along + 2, corner + 1
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.uint32)
-    points, normals = _on_shape(shape, uv)
+    curved = Curved.read(shape)
+    points, normals = curved.nearest(curved.place(uv))
     p = points[faces].astype(np.float64)
     # At poles and in the middle of a disk, half of the triangles have no area.
     size = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
-    return Surface(name, shape, points, faces[size > 1e-5 * size.max()], normals, uv, round=True)
-
-
-def _on_shape(shape: mi.Shape, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and normals where an analytic shape has these parameters, (P, 3) each."""
-    si = shape.eval_parameterization(from_numpy(mi.Point2f, uv))
-    normal = np.broadcast_to(to_numpy(mi.Vector3f(si.n)), (len(uv), 3))
-    return to_numpy(si.p), np.ascontiguousarray(normal)
+    faces = faces[size > 1e-5 * size.max()]
+    return Surface(name, shape, points, faces, normals, uv, curved)
 
 
 def _along_normals(surface: Surface) -> np.ndarray:

@@ -16,8 +16,8 @@ from scipy.ndimage import distance_transform_edt
 # Largest distance of a texel's centre from its triangle, texels.
 REACH = 2**0.5
 
-# Points keep this far from the edges of their triangles, texels: at a wall's foot, rays towards
-# lamps would otherwise start inside the wall.
+# Points that are nearer than this to the edge of their triangle move inwards as far, texels: at the
+# foot of a wall, rays towards lamps would otherwise start inside the wall.
 INSET = 0.1
 
 # Pairs of a triangle and a texel that are compared at once.
@@ -107,12 +107,15 @@ def nearest_points(corners: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _keep_inside(weights: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Barycentric coordinates of points at least :data:`INSET` away from the edges, if possible."""
+    """Barycentric coordinates, with points near an edge moved by at most :data:`INSET` towards the
+    middle of their triangle."""
     sides = np.linalg.norm(np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1), axis=2)
     heights = np.abs(_doubled_areas(corners))[:, None] / np.maximum(sides, 1e-30)
-    least = np.minimum(INSET / np.maximum(heights, 1e-30), 1 / 3)
-    kept = np.maximum(weights, least)
-    return np.asarray(kept / kept.sum(axis=1, keepdims=True))
+    near = (weights * heights).min(axis=1) < INSET
+    inwards = 1 / 3 - weights
+    away = np.linalg.norm(np.einsum("pk,pki->pi", inwards, corners), axis=1)
+    step = np.where(near, np.minimum(INSET / np.maximum(away, 1e-30), 1), 0)
+    return np.asarray(weights + step[:, None] * inwards)
 
 
 def _doubled_areas(corners: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from gpf.baking.atlas import unwrap
 from gpf.baking.bake import bake_maps, bake_vertices, surfaces_to_bake
-from gpf.baking.light import SAMPLES, list_sources
+from gpf.baking.light import SAMPLES
 from gpf.baking.surfaces import Surface
 from gpf.baking.writing import write_maps, write_vertices
 from gpf.commands.overwriting import require_new
@@ -106,10 +106,11 @@ def bake_light(
     field = load_field(field_file)
     scene = load_scene_file(scene_file)
     require_same_scene(scene, scene_file, field, field_file, options.changed_scene)
-    list_sources(scene, field)
     surfaces, left_out = surfaces_to_bake(scene)
     for name, why in left_out.items():
         say(f"left out: {name}, which {why}")
+    if backs := sum(surface.two_sided for surface in surfaces):
+        say(f"two-sided: {backs} of {len(surfaces)} shapes, baked on the side of their normals")
     exposure = options.exposure or _known_exposure(trained or scene_file.parent, field)
     start = time.perf_counter()
     with sole_run(folder, inside=True), telling_untraceable(str(scene_file)):
