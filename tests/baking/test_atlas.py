@@ -7,9 +7,9 @@ import sys
 import numpy as np
 import pytest
 
-from gpf.baking.atlas import PADDING, unwrap
+from gpf.baking.atlas import unwrap
 from gpf.baking.surfaces import read_surfaces
-from gpf.baking.texels import nearest_points
+from gpf.baking.texels import REACH, nearest_points
 from gpf.core.errors import UserError
 from tests.baking.known_light import solid_scene
 
@@ -54,7 +54,7 @@ def test_charts_are_apart(scene):
     for point, own in zip(q, owner, strict=True):
         _, distance = nearest_points(triangles, np.tile(point, (len(triangles), 1)))
         assert distance[np.arange(len(triangles)) != own].min() > 0
-        assert distance[label != label[own]].min() > PADDING - 1
+        assert distance[label != label[own]].min() > 2 * REACH
 
 
 def parts(triangles: np.ndarray) -> np.ndarray:
