@@ -21,6 +21,9 @@ PADDING = 4
 LARGEST = 16384
 """Largest width and height of a page, texels."""
 
+# Twice xatlas's own: a third of the charts on a teapot's lid, and no more distortion.
+MAX_COST = 4.0
+
 # How often charts are packed more tightly until they fit on a page.
 TRIES = 20
 
@@ -97,7 +100,7 @@ def unwrap(
     side = max(sum(_area(surface) for surface in surfaces), 1e-30) ** 0.5
     density = texels_per_unit or (size or LARGEST) / side
     if density * side > LARGEST:
-        raise _too_fine(density, round(density * side))
+        raise _too_fine(density, density * side)
     package = _xatlas()
     atlas = package.Atlas()
     for surface in surfaces:
@@ -121,10 +124,10 @@ def unwrap(
     )
 
 
-def _too_fine(density: float, side: int) -> UserError:
+def _too_fine(density: float, side: float) -> UserError:
     return UserError(
         f"--texels-per-unit {density:g}",
-        f"needs a map of about {side}x{side} texels",
+        f"needs a map of about {side:g}x{side:g} texels",
         f"Give a smaller number: the largest map has {LARGEST}x{LARGEST}.",
     )
 
@@ -159,9 +162,10 @@ class _Packed:
     @classmethod
     def make(cls, atlas: Any, package: Any, density: float) -> _Packed:
         """Cut what was added to an atlas, and pack it at a density, texels per unit."""
-        packing = package.PackOptions()
+        cutting, packing = package.ChartOptions(), package.PackOptions()
+        cutting.max_cost = MAX_COST
         packing.padding, packing.texels_per_unit = PADDING, density
-        atlas.generate(package.ChartOptions(), packing)
+        atlas.generate(cutting, packing)
         meshes = [atlas.get_mesh(k) for k in range(atlas.mesh_count)]
         vertices, faces, uv = (list(parts) for parts in zip(*meshes, strict=True))
         return cls(atlas, vertices, faces, [part * [atlas.width, atlas.height] for part in uv])

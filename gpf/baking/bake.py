@@ -13,6 +13,7 @@ from gpf.baking.light import SAMPLES, BakedLight, bake_light
 from gpf.baking.surfaces import Surface, read_surfaces
 from gpf.baking.texels import fill_page, find_texels
 from gpf.core.errors import UserError
+from gpf.core.machine import require_memory
 from gpf.field.field import GaussianPhotonField
 
 Report = Callable[[int, int], object]
@@ -54,6 +55,9 @@ class LitVertices:
     light: dict[str, np.ndarray]
 
 
+# Bytes of memory for each texel, at least.
+PER_TEXEL = 100
+
 # Vertices take the light of points this much farther inside their triangles: exactly in a corner of
 # a room, rays towards lamps would start inside the walls.
 INSIDE = 0.02
@@ -90,8 +94,10 @@ def bake_maps(
 
     Raises
     ------
-    UserError: as :func:`gpf.baking.light.bake_light`.
+    UserError: as :func:`gpf.baking.light.bake_light`, or there is too little memory.
     """
+    width, height = atlas.size
+    require_memory("The light map", f"{width}x{height}", PER_TEXEL * width * height)
     texels = find_texels(atlas.triangles, atlas.size)
     p, n = atlas.at(texels.triangle, texels.weights)
     light = bake_light(scene, field, p, n, samples, seed, lambda done: report(done, len(p)))

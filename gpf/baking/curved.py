@@ -49,6 +49,8 @@ class Curved:
         else:
             up = np.cos(np.pi * v)[:, None] * [0, 0, 1]
             local = np.sin(np.pi * v)[:, None] * _circle(u) + up
+        # Points of a pole or a seam are exactly the same: xatlas would cut between others.
+        local = np.round(local, 6)
         return np.asarray(local @ self.to_world[:3, :3].T + self.to_world[:3, 3])
 
     def nearest(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 
+import mitsuba as mi
 import numpy as np
 import pytest
 
@@ -11,7 +12,7 @@ from gpf.baking.atlas import unwrap
 from gpf.baking.surfaces import read_surfaces
 from gpf.baking.texels import REACH, nearest_points
 from gpf.core.errors import UserError
-from tests.baking.known_light import solid_scene
+from tests.baking.known_light import DIFFUSE, solid_scene
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +68,12 @@ def parts(triangles: np.ndarray) -> np.ndarray:
     shape = (len(triangles), corner.max() + 1)
     touches = coo_array((np.ones(len(owner)), (owner, corner)), shape).tocsr()
     return connected_components(touches @ touches.T)[1]
+
+
+def test_a_ball_is_not_cut_at_its_poles():
+    ball = {"type": "sphere", "radius": 0.4, "bsdf": DIFFUSE}
+    surfaces, _ = read_surfaces(mi.load_dict({"type": "scene", "ball": ball}))
+    assert parts(unwrap(surfaces, 256).triangles).max() + 1 < 15
 
 
 def test_a_page_that_is_too_small_or_too_large(scene):

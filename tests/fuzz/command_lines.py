@@ -53,7 +53,7 @@ COMMANDS = {
     "mitsuba scene.xml --spp 1": "--output --define --sensor --spp --seed",
     "export field.safetensors": "--ply --compact --exposure",
     "lights field.safetensors": "",
-    "bake scene.xml --size 32 --spp 1": "--field --output --size --texels-per-unit"
+    "bake scene.xml --size 128 --spp 1": "--field --output --size --texels-per-unit"
     " --vertex-colours --spp --exposure --seed --changed-scene",
     "demo scenes": "",
     "profile smoke": "",
