@@ -97,15 +97,16 @@ def unwrap(
     UserError: xatlas is missing, or the charts do not fit on the page, or it would be larger than
         :data:`LARGEST`.
     """
-    side = max(sum(_area(surface) for surface in surfaces), 1e-30) ** 0.5
+    side = sum(surface.area for surface in surfaces) ** 0.5
     density = texels_per_unit or (size or LARGEST) / side
     if density * side > LARGEST:
         raise _too_fine(density, density * side)
     package = _xatlas()
     atlas = package.Atlas()
     for surface in surfaces:
-        atlas.add_mesh(surface.points, surface.faces)
-    packed = first = _Packed.make(atlas, package, density)
+        # In texels: xatlas ignores triangles of an area below 1e-7.
+        atlas.add_mesh((density * surface.points).astype(np.float32), surface.faces)
+    packed = first = _Packed.make(atlas, package, 1)
     if size is None:
         if max(packed.extent) > LARGEST:
             raise _too_fine(density, max(packed.extent))
@@ -161,7 +162,7 @@ class _Packed:
 
     @classmethod
     def make(cls, atlas: Any, package: Any, density: float) -> _Packed:
-        """Cut what was added to an atlas, and pack it at a density, texels per unit."""
+        """Cut what was added to an atlas, and pack it at a density, texels per unit of length."""
         cutting, packing = package.ChartOptions(), package.PackOptions()
         cutting.max_cost = MAX_COST
         packing.padding, packing.texels_per_unit = PADDING, density
@@ -190,8 +191,3 @@ class _Packed:
         """The charts on a page of a size, texels."""
         parts = zip(surfaces, self.vertices, self.faces, self.uv, strict=True)
         return [Chart(s, v, f, (uv / size).astype(np.float32)) for s, v, f, uv in parts]
-
-
-def _area(surface: Surface) -> float:
-    a, b, c = surface.corners.transpose(1, 0, 2).astype(np.float64)
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)

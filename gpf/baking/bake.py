@@ -145,9 +145,8 @@ def _join_corners(surface: Surface, corners: dict[str, np.ndarray]) -> LitVertic
     if surface.normals is None:
         own = np.arange(len(owner), dtype=np.uint32)
         return LitVertices(surface, owner, own.reshape(-1, 3), corners)
-    a, b, c = surface.corners.transpose(1, 0, 2).astype(np.float64)
-    area = np.repeat(np.linalg.norm(np.cross(b - a, c - a), axis=1), 3) + 1e-30
-    count = len(surface.points)
+    area, count = np.repeat(surface.areas, 3), len(surface.points)
+    area = np.maximum(area, 1e-9 * area.max())  # a vertex may have triangles without area only
     whole = np.maximum(np.bincount(owner, area, count), 1e-30)[:, None]
     light = {
         name: np.stack([np.bincount(owner, area * v, count) for v in values.T], axis=1) / whole

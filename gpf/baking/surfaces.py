@@ -6,13 +6,13 @@ the front. A two-sided surface has the light of its front only.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 
 import mitsuba as mi
 import numpy as np
 
 from gpf.baking.curved import STEPS, Curved
-from gpf.scene.inventory import all_shapes
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,25 @@ class Surface:
         return np.asarray(self.points[self.faces])
 
     @property
+    def areas(self) -> np.ndarray:
+        """The areas of the triangles, (M,) float64."""
+        return np.asarray(np.linalg.norm(self._crossed, axis=1) / 2)
+
+    @property
+    def area(self) -> float:
+        """The area of all triangles."""
+        return float(self.areas.sum())
+
+    @property
     def face_normals(self) -> np.ndarray:
         """Unit normals of the triangles, (M, 3) float32; 0 for those without area."""
+        length = 2 * self.areas[:, None]
+        return np.asarray(self._crossed / np.where(length > 0, length, 1), np.float32)
+
+    @property
+    def _crossed(self) -> np.ndarray:
         a, b, c = self.corners.transpose(1, 0, 2).astype(np.float64)
-        normal = np.cross(b - a, c - a)
-        length = np.linalg.norm(normal, axis=1, keepdims=True)
-        return np.asarray(normal / np.where(length > 0, length, 1), np.float32)
+        return np.cross(b - a, c - a)
 
     @property
     def two_sided(self) -> bool:
@@ -73,21 +86,20 @@ def read_surfaces(scene: mi.Scene) -> tuple[list[Surface], dict[str, str]]:
     """The surfaces that light can be baked on, and why others are left out, by their names."""
     surfaces: list[Surface] = []
     left_out: dict[str, str] = {}
-    for shape in all_shapes(scene):
-        plain = shape.id() or shape.class_name()
-        name, number = plain, 1
-        while name in left_out or any(surface.name == name for surface in surfaces):
-            number += 1
-            name = f"{plain}_{number}"
+    taken: Counter[str] = Counter()
+    for shape in scene.shapes():
         bsdf, kind = shape.bsdf(), shape.class_name()
-        if kind == "ShapeGroupPlugin":
-            continue
-        if bsdf is None or not mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse):
-            left_out[name] = "has no diffuse component"
-        elif shape not in scene.shapes() or not (isinstance(shape, mi.Mesh) or kind in STEPS):
-            left_out[name] = f"is {kind}, which has no triangles of its own"
+        plain = shape.id() or kind
+        taken[plain] += 1
+        name = plain if taken[plain] == 1 else f"{plain} ({taken[plain]})"
+        if not (isinstance(shape, mi.Mesh) or kind in STEPS):
+            left_out[name] = f"shapes of type {kind} are not supported"
+        elif bsdf is None or not mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse):
+            left_out[name] = "it has no diffuse component"
+        elif (surface := _read(name, shape)).area > 0:
+            surfaces.append(surface)
         else:
-            surfaces.append(_read(name, shape))
+            left_out[name] = "it has no area"
     return surfaces, left_out
 
 
@@ -121,11 +133,10 @@ def _divide(name: str, shape: mi.Shape, across: int, along: int) -> Surface:
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.uint32)
     curved = Curved.read(shape)
     points, normals = curved.nearest(curved.place(uv))
-    p = points[faces].astype(np.float64)
+    surface = Surface(name, shape, points, faces, normals, uv, curved)
     # At poles and in the middle of a disk, half of the triangles have no area.
-    size = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
-    faces = faces[size > 1e-5 * size.max()]
-    return Surface(name, shape, points, faces, normals, uv, curved)
+    areas = surface.areas
+    return replace(surface, faces=faces[areas > 1e-5 * areas.max()])
 
 
 def _along_normals(surface: Surface) -> np.ndarray:

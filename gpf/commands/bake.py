@@ -108,7 +108,7 @@ def bake_light(
     require_same_scene(scene, scene_file, field, field_file, options.changed_scene)
     surfaces, left_out = surfaces_to_bake(scene)
     for name, why in left_out.items():
-        say(f"left out: {name}, which {why}")
+        say(f"left out: {name}: {why}")
     if backs := sum(surface.two_sided for surface in surfaces):
         say(f"two-sided: {backs} of {len(surfaces)} shapes, baked on the side of their normals")
     exposure = options.exposure or _known_exposure(trained or scene_file.parent, field)

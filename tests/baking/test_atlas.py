@@ -70,6 +70,32 @@ def parts(triangles: np.ndarray) -> np.ndarray:
     return connected_components(touches @ touches.T)[1]
 
 
+@pytest.mark.parametrize("scale", [1e-5, 1e5])
+def test_units_do_not_matter(scale):
+    parts = []
+    for size in (1, scale):
+        ball = {"type": "sphere", "radius": size, "bsdf": DIFFUSE}
+        surfaces, _ = read_surfaces(mi.load_dict({"type": "scene", "ball": ball}))
+        parts.append(unwrap(surfaces, 256))
+    usual, other = parts
+    assert other.texels_per_unit * scale == pytest.approx(usual.texels_per_unit, rel=0.1)
+    ratio = areas(other.triangles) / areas(usual.triangles)
+    assert ratio.min() > 0.5 and ratio.max() < 2
+
+
+def test_triangles_without_area_stay(tmp_path):
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 0.5 0 0\n"
+    (tmp_path / "a.obj").write_text(f"{corners}f 1 2 3\nf 1 5 2\nf 2 2 4\nf 2 4 3\n")
+    shape = {"type": "obj", "filename": str(tmp_path / "a.obj"), "bsdf": DIFFUSE}
+    surfaces, _ = read_surfaces(mi.load_dict({"type": "scene", "shape": shape}))
+    atlas = unwrap(surfaces, 64)
+    (chart,) = atlas.charts
+    np.testing.assert_array_equal(
+        chart.surface.points[chart.vertices][chart.faces], chart.surface.corners
+    )
+    assert (areas(atlas.triangles) > 1).tolist() == [True, False, False, True]
+
+
 def test_a_ball_is_not_cut_at_its_poles():
     ball = {"type": "sphere", "radius": 0.4, "bsdf": DIFFUSE}
     surfaces, _ = read_surfaces(mi.load_dict({"type": "scene", "ball": ball}))

@@ -37,7 +37,8 @@ def test_points_lie_on_the_shape_and_normals_are_those_of_its_lit_side(kind, fli
         assert (surface.normals[surface.faces[:, 0]] * middle).sum(axis=1).min() > 0.9
 
 
-def test_what_has_no_diffuse_light_or_no_triangles_is_left_out():
+def test_what_has_no_diffuse_light_or_no_triangles_is_left_out(tmp_path):
+    (tmp_path / "line.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
     inner = {"type": "shapegroup", "inner": {"type": "cube", "bsdf": DIFFUSE}}
     scene = mi.load_dict(
         {
@@ -46,17 +47,21 @@ def test_what_has_no_diffuse_light_or_no_triangles_is_left_out():
             "group": inner,
             "copy": {"type": "instance", "group": {"type": "ref", "id": "group"}},
             "wall": {"type": "rectangle", "bsdf": {"type": "twosided", "bsdf": DIFFUSE}},
+            "line": {"type": "obj", "filename": f"{tmp_path}/line.obj", "bsdf": DIFFUSE},
             "plastic": {"type": "sphere", "bsdf": {"type": "plastic"}},
         }
     )
     surfaces, left_out = read_surfaces(scene)
     assert {s.name: s.two_sided for s in surfaces} == {"wall": True, "plastic": False}
-    assert left_out["pane"] == "has no diffuse component"
-    assert sorted(left_out) == ["copy", "inner", "pane"]
+    assert left_out == {
+        "copy": "shapes of type Instance are not supported",
+        "line": "it has no area",
+        "pane": "it has no diffuse component",
+    }
 
 
 def test_names_are_unique():
     scene = mi.load_dict({"type": "scene", "a": {"type": "sphere"}, "b": {"type": "sphere"}})
     for shape in scene.shapes():
         shape.set_id("ball")
-    assert [surface.name for surface in read_surfaces(scene)[0]] == ["ball", "ball_2"]
+    assert [surface.name for surface in read_surfaces(scene)[0]] == ["ball", "ball (2)"]
