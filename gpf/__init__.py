@@ -16,6 +16,7 @@ The packages, each of which imports only from those above it:
 :mod:`gpf.field`        photons -> initial Gaussians; Gaussians and points -> irradiance
 :mod:`gpf.training`     Gaussians and target irradiance -> fitted Gaussians
 :mod:`gpf.rendering`    the integrators ``sppm`` and ``gpf``
+:mod:`gpf.baking`       a field and the surfaces of a scene -> light maps, light at vertices
 :mod:`gpf.blender`      files that Blender reads -> scenes of Mitsuba
 :mod:`gpf.importing`    other people's Mitsuba scenes -> scenes with views
 :mod:`gpf.fitting`      a scene and cameras -> a field and an estimate of its quality

@@ -59,6 +59,39 @@ def set_up(
 
 
 @app.command()
+def bake(
+    scene: options.Scene,
+    field: options.FieldFile = None,
+    output: options.BakeFolder = Path("baked"),
+    size: options.MapSize = None,
+    texels_per_unit: options.TexelsPerUnit = None,
+    vertex_colours: options.VertexColours = False,
+    spp: options.BakeSpp = 16,
+    exposure: options.MapExposure = None,
+    seed: options.Seed = 0,
+    changed_scene: options.ChangedScene = False,
+    overwrite: options.Overwrite = False,
+) -> None:
+    """Bake the light of a field into maps or vertex colours, for engines and pages.
+
+    Writes light maps (EXR, PNG), a mesh per shape with light-map coordinates (PLY), and index.json.
+    """
+    from gpf.commands.bake import BakeOptions, bake_light
+
+    asked = BakeOptions(
+        size=size,
+        texels_per_unit=texels_per_unit,
+        vertex_colours=vertex_colours,
+        spp=spp,
+        exposure=exposure,
+        seed=seed,
+        changed_scene=changed_scene,
+        overwrite=overwrite,
+    )
+    bake_light(scene, field, output, asked)
+
+
+@app.command()
 def demo(folder: options.NewFolder = Path("gpf-demo")) -> None:
     """Fit a field to a pool of water in some 20 seconds, and render pictures from it."""
     from gpf.commands.demo import run_demo

@@ -59,6 +59,32 @@ SplatExposure = Annotated[
     float | None, Option(help="Exposure of --ply. [default: from views.yaml or the field]")
 ]
 
+# `gpf bake`.
+
+BakeFolder = Annotated[Path, Option("--output", "-o", metavar="FOLDER", help="A folder.")]
+MapSize = Annotated[
+    int | None,
+    Option(metavar="N", min=16, max=16384, help="Maps of NxN texels. [default: 1024]"),
+]
+TexelsPerUnit = Annotated[
+    float | None, Option(metavar="N", help="Texels per unit of length, instead of --size.")
+]
+VertexColours = Annotated[
+    bool, Option("--vertex-colours", help="Light at the vertices of meshes instead of maps.")
+]
+BakeSpp = Annotated[
+    int,
+    Option(
+        min=1,
+        max=1_000_000,
+        help="Samples per texel of the lamps whose direct light the field leaves out.",
+    ),
+]
+MapExposure = Annotated[
+    float | None,
+    Option(help="Exposure of PNG files and colours. [default: from views.yaml or the field]"),
+]
+
 # `gpf fit`.
 
 NewField = Annotated[

@@ -20,10 +20,12 @@ OUTPUTS = "out out.exr out.PNG out.jpg out.xyz out.ply out.PLY out.safetensors"
 VALUES = {
     **dict.fromkeys(["--field", "--continue"], f"field.safetensors {FILES}"),
     **dict.fromkeys(["--output", "--ply", "--compact"], f"{OUTPUTS} {FILES}"),
-    **dict.fromkeys(["--spp", "--seed", "--exposure", "--sensor"], NUMBERS),
+    **dict.fromkeys(["--spp", "--seed", "--exposure", "--sensor", "--texels-per-unit"], NUMBERS),
     **dict.fromkeys(["--seconds", "--target-psnr"], "1 0.1 nan -1 0 1e-9 -inf"),
     **dict.fromkeys(["--executor", "--cluster", "--method", "--variant"], "local x all path_10"),
-    **dict.fromkeys(["--no-denoise", "--mp4", "--changed-scene", "--go-on"], ""),
+    **dict.fromkeys(
+        ["--no-denoise", "--mp4", "--changed-scene", "--go-on", "--vertex-colours"], ""
+    ),
     "--views": f"views.yaml transforms.json {FILES}",
     "--view": "eye x",
     "--frames": "all 0:1 : 1:0 x",
@@ -51,6 +53,8 @@ COMMANDS = {
     "mitsuba scene.xml --spp 1": "--output --define --sensor --spp --seed",
     "export field.safetensors": "--ply --compact --exposure",
     "lights field.safetensors": "",
+    "bake scene.xml --size 128 --spp 1": "--field --output --size --texels-per-unit"
+    " --vertex-colours --spp --exposure --seed --changed-scene",
     "demo scenes": "",
     "profile smoke": "",
     "scene list": "",
@@ -61,7 +65,9 @@ COMMANDS = {
     "stage baseline --scene first": "--method --go-on",
     "stage ablation --scene first": "--variant --go-on",
 }
-WRITTEN = "out out/* out.* gpf-demo/* pictures/* scenes/room/* results/* folder/* missing "
+WRITTEN = (
+    "out out/* out.* baked baked/* gpf-demo/* pictures/* scenes/room/* results/* folder/* missing "
+)
 WRITTEN += (
     "missing/* bytes/* params.yaml scene.exr scene.xml field.safetensors field.png field.fit/* "
 )

@@ -146,6 +146,7 @@ def test_it_requires_nothing_that_only_the_benchmark_needs(installed):
         "h5py",
         "pyoidn",
         "ray",
+        "xatlas",
         "baselines",
         "stages",
         "metrics",

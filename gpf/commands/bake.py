@@ -1,0 +1,171 @@
+"""`gpf bake`: the light of a field as light maps or vertex colours, for engines and pages."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.baking.atlas import unwrap
+from gpf.baking.bake import bake_maps, bake_vertices, surfaces_to_bake
+from gpf.baking.light import SAMPLES
+from gpf.baking.surfaces import Surface
+from gpf.baking.writing import write_maps, write_vertices
+from gpf.commands.overwriting import require_new
+from gpf.commands.scenes import find_field, find_scene, require_same_scene
+from gpf.core.errors import UserError
+from gpf.core.files import write_json
+from gpf.core.images import propose_exposure
+from gpf.core.locks import sole_run
+from gpf.core.partial import remove_leftovers
+from gpf.core.progress import progress_bar, say
+from gpf.core.runtime import choose_variant
+from gpf.field.field import GaussianPhotonField
+from gpf.field.io import load_field
+from gpf.scene.load import load_scene_file
+from gpf.scene.untraceable import telling_untraceable
+from gpf.scene.views import read_views
+
+SIZE = 1024
+"""Width and height of the maps, if nothing is asked for."""
+
+INDEX = "index.json"
+
+
+@dataclass(frozen=True)
+class BakeOptions:
+    """What is baked.
+
+    Attributes
+    ----------
+    size: width and height of the maps, texels; None for :data:`SIZE`.
+    texels_per_unit: their density instead.
+    vertex_colours: whether to bake light at vertices instead of maps.
+    spp: samples of the lamps that the field leaves out, per texel or vertex.
+    exposure: exposure of the PNG files and of vertex colours; None for that of the scene's views or
+        of the field, or else a measured one.
+    seed: random seed.
+    changed_scene: whether to accept a field of another scene.
+    overwrite: whether to replace what was baked before.
+    """
+
+    size: int | None = None
+    texels_per_unit: float | None = None
+    vertex_colours: bool = False
+    spp: int = SAMPLES
+    exposure: float | None = None
+    seed: int = 0
+    changed_scene: bool = False
+    overwrite: bool = False
+
+    def check(self) -> None:
+        """Raise a :class:`UserError` for what is wrong whatever the scene and the field are."""
+        given = {
+            "--size": self.size is not None,
+            "--texels-per-unit": self.texels_per_unit is not None,
+            "--vertex-colours": self.vertex_colours,
+        }
+        if sum(given.values()) > 1:
+            names = " and ".join(name for name, is_given in given.items() if is_given)
+            raise UserError(names, "are mutually exclusive", "Give one of them.")
+        for option, value in (
+            ("--texels-per-unit", self.texels_per_unit),
+            ("--exposure", self.exposure),
+        ):
+            if value is not None and not 0 < value < math.inf:
+                raise UserError(f"{option} {value}", "is out of range", "Give a number above 0.")
+
+
+def bake_light(
+    scene_name: str, field_file: Path | None, folder: Path, options: BakeOptions
+) -> None:
+    """Bake the light of a field, and write the files of :mod:`gpf.baking.writing` and an index,
+    ``index.json``.
+
+    Parameters
+    ----------
+    scene_name: as for :func:`gpf.commands.scenes.find_scene`.
+    field_file: by default ``field.safetensors``, or that of the trained scene.
+
+    Raises
+    ------
+    UserError: a file or an option is wrong, the field is for another scene, there is nothing to
+        bake, or xatlas is missing.
+    """
+    options.check()
+    require_new(folder / INDEX, options.overwrite, "give another folder")
+    scene_file, trained = find_scene(scene_name)
+    if field_file is None:
+        field_file = find_field(scene_name) if trained else Path("field.safetensors")
+    choose_variant("auto")
+    field = load_field(field_file)
+    scene = load_scene_file(scene_file)
+    require_same_scene(scene, scene_file, field, field_file, options.changed_scene)
+    surfaces, left_out = surfaces_to_bake(scene)
+    for name, why in left_out.items():
+        say(f"left out: {name}: {why}")
+    if backs := sum(surface.two_sided for surface in surfaces):
+        say(f"two-sided: {backs} of {len(surfaces)} shapes, baked on the side of their normals")
+    exposure = options.exposure or _known_exposure(trained or scene_file.parent, field)
+    start = time.perf_counter()
+    with sole_run(folder, inside=True), telling_untraceable(str(scene_file)):
+        remove_leftovers(folder)
+        make = _bake_vertices if options.vertex_colours else _bake_maps
+        index = make(folder, scene, field, surfaces, options, exposure)
+        write_json(folder / INDEX, {**index, "left_out": left_out})
+    say(f"{folder}: {len(surfaces)} meshes, {time.perf_counter() - start:.1f} s")
+
+
+def _known_exposure(folder: Path, field: GaussianPhotonField) -> float | None:
+    """The exposure of the scene's views or of the field; None if neither has one."""
+    views = folder / "views.yaml"
+    known = read_views(views).given_exposure if views.is_file() else None
+    return known or field.record.get("exposure")
+
+
+def _bake_maps(
+    folder: Path,
+    scene: mi.Scene,
+    field: GaussianPhotonField,
+    surfaces: list[Surface],
+    options: BakeOptions,
+    exposure: float | None,
+) -> dict[str, Any]:
+    """Bake and write light maps; what the index says about them."""
+    say(f"unwrapping {sum(len(surface.faces) for surface in surfaces)} triangles")
+    size = options.size or (None if options.texels_per_unit else SIZE)
+    atlas = unwrap(surfaces, size, options.texels_per_unit)
+    start = time.perf_counter()
+    with progress_bar("light at texels", 1) as bar:
+        baked = bake_maps(scene, field, atlas, options.spp, options.seed, bar)
+    width, height = atlas.size
+    speed = baked.texels / (time.perf_counter() - start)
+    say(f"{width}x{height}, {baked.texels} texels on surfaces, {speed:.0f} texels per second")
+    exposure = exposure or _measured_exposure(baked.maps[""])
+    index = write_maps(folder, baked, exposure)
+    return {**index, "exposure": exposure, "texels_per_unit": atlas.texels_per_unit}
+
+
+def _bake_vertices(
+    folder: Path,
+    scene: mi.Scene,
+    field: GaussianPhotonField,
+    surfaces: list[Surface],
+    options: BakeOptions,
+    exposure: float | None,
+) -> dict[str, Any]:
+    """Bake and write light at vertices; what the index says about it."""
+    with progress_bar("light at vertices", 1) as bar:
+        lit = bake_vertices(scene, field, surfaces, options.spp, options.seed, bar)
+    exposure = exposure or _measured_exposure(np.concatenate([part.light[""] for part in lit]))
+    return {**write_vertices(folder, lit, exposure), "exposure": exposure}
+
+
+def _measured_exposure(irradiance: np.ndarray) -> float:
+    """An exposure for white surfaces in this light."""
+    return float(f"{propose_exposure(irradiance / np.pi):.3g}")
