@@ -69,7 +69,7 @@ def test_a_camera_that_moves_needs_no_other_field(blender):
     # The left wall is red, and the floor faces upwards.
     left = {c: channels[f"Albedo.{c}"][20:40, 2].mean() for c in "RGB"}
     assert left["R"] > 3 * left["G"]
-    assert channels["Normal.Z"][-3:].mean() > 0.9
+    assert np.median(channels["Normal.Z"][-3:]) > 0.95
 
 
 @pytest.mark.slow
