@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from gpf.commands.scenes import find_scene
-from gpf.core.errors import UserError
+from gpf.core.errors import UserError, is_interrupt, no_lost_interrupts
 from gpf.core.files import read_json
 from gpf.core.runtime import choose_variant
 from gpf.field.field import GaussianPhotonField
@@ -50,10 +50,9 @@ class _Interrupt:
         raise KeyboardInterrupt
 
 
-def render_request(request: Path) -> int:
+def render_request(request: Path, interrupt: _Interrupt) -> int:
     """Answer a request; the exit code: 0, or 130 if the user stopped it."""
     wanted: dict[str, Any] = read_json(request)
-    interrupt = _Interrupt()
     choose_variant("auto")
     tell(0, "reading the scene")
     scene = load_scene_file(find_scene(wanted["scene"])[0])
@@ -97,11 +96,20 @@ def _known_field(path: Path, scene: Any) -> GaussianPhotonField | None:
     return None if known and changed_parts(known, fingerprint(scene)) else field
 
 
+def main(request: Path) -> int:
+    """The program; its exit code."""
+    interrupt = _Interrupt()
+    with no_lost_interrupts():
+        try:
+            return render_request(request, interrupt)
+        except UserError as error:
+            print(error, file=sys.stderr)
+            return error.exit_code
+        except BaseException as error:
+            if interrupt.asked or is_interrupt(error):
+                return 130
+            raise
+
+
 if __name__ == "__main__":
-    try:
-        sys.exit(render_request(Path(sys.argv[1])))
-    except UserError as error:
-        print(error, file=sys.stderr)
-        sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        sys.exit(130)
+    sys.exit(main(Path(sys.argv[1])))

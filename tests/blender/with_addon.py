@@ -34,11 +34,11 @@ def main(folder: str, file: str, out: str, what: str) -> None:
         scene.photon_field.seconds = 600
         passes = addon.folder_of(scene) / "field.fit"
         ready = lambda self: passes.is_dir() and any(passes.iterdir())  # noqa: E731
-        addon.Engine.test_break = ready
+        asks, addon.Engine.is_stopped = addon.Engine.is_stopped, ready
         bpy.ops.render.render(write_still=True)
         told["seconds"] = time.monotonic() - started
         told["picture"] = Path(out).exists()
-        del addon.Engine.test_break
+        addon.Engine.is_stopped = asks
         scene.photon_field.seconds = 2
         bpy.ops.render.render(write_still=True)
     if what == "fail":

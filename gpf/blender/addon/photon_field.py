@@ -118,6 +118,10 @@ class Engine(bpy.types.RenderEngine):
             if self._run(request):
                 self._show(Path(work), size, depsgraph.view_layer.name)
 
+    def is_stopped(self) -> bool:
+        """Whether the user has pressed Esc."""
+        return self.test_break()
+
     def _run(self, request: Path) -> bool:
         """Run `gpf`; whether it made the picture."""
         environment = dict(os.environ)
@@ -138,7 +142,7 @@ class Engine(bpy.types.RenderEngine):
         threading.Thread(target=lambda: [lines.put(s) for s in process.stdout], daemon=True).start()
         try:
             while process.poll() is None:
-                if self.test_break():
+                if self.is_stopped():
                     return False
                 self._tell(lines)
                 time.sleep(0.05)
