@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
@@ -125,7 +126,10 @@ def describe(name: str, blender: str, result: Translation) -> str:
 def _write_scene(result: Translation, path: Path) -> None:
     config = mi.parser.ParserConfig(mi.variant())
     state = mi.parser.parse_dict(config, result.scene)
-    mi.parser.write_file(state, str(path), add_section_headers=False)
+    text = mi.parser.write_string(state)
+    # Mitsuba writes the names of parts, but reads only ids.
+    named = re.sub(r'<(shape|sensor) type="(\w+)" name="(\w+)"', r'<\1 type="\2" id="\3"', text)
+    write_text(path, named)
 
 
 def _write_views(found: Mapping[str, Any], path: Path) -> None:

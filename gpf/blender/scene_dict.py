@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,6 +32,19 @@ class Translation:
     scene: Dict
     how: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    _taken: dict[str, int] = field(default_factory=lambda: {"type": 1, "integrator": 1})
+
+    def label(self, name: str) -> str:
+        """A name for a part of the scene, different from all before."""
+        plain = re.sub(r"\W", "_", name, flags=re.ASCII)
+        plain = plain if plain[:1].isalpha() else f"part_{plain}"
+        name, number = plain, self._taken.get(plain.lower(), 0)
+        while name.lower() in self._taken:
+            number += 1
+            name = f"{plain}_{number}"
+        self._taken[plain.lower()] = number
+        self._taken[name.lower()] = 1
+        return name
 
 
 def translate_scene(found: Mapping[str, Any], work: Path, folder: Path) -> Translation:
@@ -45,23 +58,27 @@ def translate_scene(found: Mapping[str, Any], work: Path, folder: Path) -> Trans
     textures = Textures(work, folder, found["images"])
     result = Translation({"type": "scene", "integrator": {"type": "path", "max_depth": 32}})
     result.notes += found["notes"]
-    result.scene |= cameras(found, result.notes)
+    for name, sensor in cameras(found, result.notes).items():
+        result.scene[result.label(name)] = sensor
     materials = _Materials(found, textures, result)
-    for number, shape in enumerate(found["shapes"]):
-        result.scene[f"shape_{number:04}"] = _shape(shape, materials)
-    for number, (key, shapes) in enumerate(found["groups"].items()):
-        group: Dict = {"type": "shapegroup", "id": f"group_{number}"}
-        for k, shape in enumerate(shapes):
-            group[f"shape_{k}"] = _shape(shape, materials)
-        result.scene[f"group_{number}"] = group
-        for k, instance in enumerate(i for i in found["instances"] if i["group"] == key):
-            result.scene[f"group_{number}_copy_{k}"] = {
+    for shape in found["shapes"]:
+        result.scene[result.label(shape["name"])] = _shape(shape, materials)
+    for key, shapes in found["groups"].items():
+        name = result.label("group")
+        group: Dict = {"type": "shapegroup", "id": name}
+        for shape in shapes:
+            group[result.label(shape["name"])] = _shape(shape, materials)
+        result.scene[name] = group
+        for instance in (i for i in found["instances"] if i["group"] == key):
+            result.scene[result.label(f"{name}_copy")] = {
                 "type": "instance",
                 "to_world": mi.ScalarTransform4f(np.array(instance["matrix"])),
-                "group": {"type": "ref", "id": f"group_{number}"},
+                "group": {"type": "ref", "id": name},
             }
-    result.scene |= emitters(found["lamps"], result.notes)
-    result.scene |= sky(found["world"], found["lamps"], work, folder)
+    for name, made in emitters(found["lamps"], result.notes).items():
+        result.scene[result.label(name)] = made
+    for name, made in sky(found["world"], found["lamps"], work, folder).items():
+        result.scene[result.label(name)] = made
     result.notes += [f"image missing: {name}" for name in sorted(textures.missing)]
     result.notes += [f"library missing: {name}" for name in found["missing_libraries"]]
     return result
@@ -74,7 +91,6 @@ class _Materials:
         self.textures, self.result = textures, result
         self._closures = {(c["object"], c["slot"]): c["closure"] for c in found["closures"]}
         self._made: dict[str, tuple[Material, str]] = {}
-        self._names: dict[str, int] = defaultdict(int)
 
     def find(self, shape: Mapping[str, Any]) -> tuple[Material, str]:
         """The material of a shape, and the id of its BSDF in the scene."""
@@ -83,10 +99,7 @@ class _Materials:
         key = f"{shape['material']} {closure}"
         if key not in self._made:
             name = shape["material"] or "no material"
-            self._names[name] += 1
-            number = self._names[name]
-            label = "".join(c if c.isalnum() else "_" for c in name)
-            label = f"material_{label}" + (f"_{number}" if number > 1 else "")
+            label = self.result.label(f"material_{name}")
             made = translate(closure, self.textures)
             self.result.scene[label] = made.whole() | {"id": label}
             baked = "baked" if "'array'" in str(closure) else "exact"
@@ -105,10 +118,10 @@ def _shape(shape: Mapping[str, Any], materials: _Materials) -> Dict:
 
 
 def cameras(found: Mapping[str, Any], notes: list[str]) -> Dict:
-    """Sensors, the scene's own first; other kinds than perspective ones are left out."""
+    """Sensors by name, the scene's own first; other kinds than perspective ones are left out."""
     sensors = {}
     width, height = found["size"]
-    for number, camera in enumerate(found["cameras"]):
+    for camera in found["cameras"]:
         if camera["type"] != "PERSP":
             notes.append(f"camera {camera['name']}: {camera['type'].lower()} camera left out")
             continue
@@ -131,7 +144,7 @@ def cameras(found: Mapping[str, Any], notes: list[str]) -> Dict:
         }
         if any(shift):
             sensor["principal_point_offset_x"], sensor["principal_point_offset_y"] = shift
-        sensors[f"camera_{number}"] = sensor
+        sensors[camera["name"]] = sensor
     return sensors
 
 

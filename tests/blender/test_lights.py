@@ -76,8 +76,8 @@ def test_cameras_look_where_blenders_do():
     ortho = camera | {"type": "ORTHO", "name": "plan"}
     notes: list[str] = []
     made = cameras({"size": [200, 100], "cameras": [camera, ortho]}, notes)
-    assert list(made) == ["camera_0"] and notes == ["camera plan: ortho camera left out"]
-    sensor = mi.load_dict(made["camera_0"])
+    assert list(made) == ["eye"] and notes == ["camera plan: ortho camera left out"]
+    sensor = mi.load_dict(made["eye"])
     ray, _ = sensor.sample_ray(0, 0, [0.5, 0.5], 0)
     # Blender's shift of a quarter of the width: what was in the middle is a quarter further left.
     np.testing.assert_allclose(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gpf.blender.materials import translate
+from gpf.blender.scene_dict import Translation
 from gpf.blender.textures import Textures
 
 PLAIN = Textures(work=None, folder=None, images={})  # type: ignore[arg-type]
@@ -126,3 +127,22 @@ def test_mitsuba_takes_it_and_no_light_is_gained(found):
     whole = translate(found, PLAIN).whole()
     value = albedo(whole)
     assert np.isfinite(value).all() and value.max() < 1.06
+
+
+def test_parts_of_a_scene_have_different_names():
+    names = Translation({})
+    made = [
+        names.label(name) for name in ("Cube", "cube", "Cube.001", "Cube", "3D", "type", "Ä", "Ö")
+    ]
+    assert made == [
+        "Cube",
+        "cube_2",
+        "Cube_001",
+        "Cube_3",
+        "part_3D",
+        "type_2",
+        "part__",
+        "part___2",
+    ]
+    many = [names.label("leaf") for _ in range(20_000)]
+    assert len({*many}) == 20_000
