@@ -20,6 +20,7 @@ from gpf.blender.scene_dict import Translation, principal_point, translate_scene
 from gpf.core.errors import UserError
 from gpf.core.files import read_json, write_json, write_text
 from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers, replace_folder
+from gpf.core.runtime import two_threads
 from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, ViewSets, name_view
 from gpf.scene.views_file import write_views
 
@@ -91,7 +92,8 @@ def convert(
         read_with_blender(file, work, tell)
         found = read_json(work / "scene.json")
         tell("writing the scene")
-        result = translate_scene(found, work, new)
+        with two_threads():  # with one, Mitsuba never ends reading or writing an EXR file
+            result = translate_scene(found, work, new)
         if (work / "meshes").is_dir():
             shutil.move(work / "meshes", new / "meshes")
         _write_scene(result, new / "scene.xml")

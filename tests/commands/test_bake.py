@@ -84,7 +84,7 @@ def sensor() -> mi.Sensor:
     return make_sensor(VIEW, *SIZE, sampler="multijitter")
 
 
-def test_light_maps_show_what_the_renderer_shows(box, capsys):
+def test_light_maps_show_what_the_renderer_shows(box, capsys, two_threads):
     assert bake("--size", "512", "-o", "a") == 0
     said = capsys.readouterr().err
     assert "512x512, " in said and "texels per second" in said and "a: 8 meshes, " in said
