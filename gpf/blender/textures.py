@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 from PIL import Image
 
-from gpf.core.images import tone_map
+from gpf.core.images import tone_map, undo_tone_map
 
 Dict = dict[str, Any]
 
@@ -57,7 +57,7 @@ class Textures:
         """1 - value."""
         if isinstance(value, (int, float)):
             return 1.0 - value
-        pixels, _ = self._pixels(value)
+        pixels = self._pixels(value)
         return _placed(self._write(1 - _grey(pixels), f"{len(self._made):03}i", "value"), value)
 
     def _make(self, value: Mapping[str, Any], role: str, name: str) -> Any:
@@ -76,7 +76,7 @@ class Textures:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(self.work / file, target)
             return {"type": "bitmap", "filename": file, "raw": not image["srgb"]}
-        pixels, _ = self._pixels(value)
+        pixels = self._pixels(value)
         if role == "value":
             pixels = _grey(pixels)
         if role == "normal":
@@ -87,7 +87,7 @@ class Textures:
             return float(mean[0]) if role == "value" else _rgb(mean.tolist(), role)
         return self._write(pixels, name, role)
 
-    def _pixels(self, value: Mapping[str, Any]) -> tuple[np.ndarray, bool]:
+    def _pixels(self, value: Mapping[str, Any]) -> np.ndarray:
         """Linear values from the top, (H, W, C)."""
         image = self.images.get(value.get("image", ""), {})
         file = self.work / (value["array"] if "array" in value else image["file"])
@@ -104,10 +104,10 @@ class Textures:
             at = min("rgba".index(channel), pixels.shape[2] - 1)
             pixels = pixels[..., at : at + 1]
         if image.get("srgb") and channel != "a":
-            pixels = _linear(pixels)
+            pixels = undo_tone_map(pixels).astype(np.float32)
         if pixels.shape[2] > 3:
             pixels = pixels[..., :3]
-        return pixels, bool(image.get("srgb"))
+        return pixels
 
     def _write(self, pixels: np.ndarray, name: str, role: str) -> Dict:
         folder = self.folder / "textures"
@@ -168,10 +168,3 @@ def _bent(pixels: np.ndarray, strength: float) -> np.ndarray:
     normal /= np.linalg.norm(normal, axis=2, keepdims=True)
     bent: np.ndarray = 0.5 * normal + 0.5
     return bent
-
-
-def _linear(srgb: np.ndarray) -> np.ndarray:
-    linear: np.ndarray = np.where(
-        srgb <= 0.04045, srgb / 12.92, ((np.maximum(srgb, 0) + 0.055) / 1.055) ** 2.4
-    )
-    return linear.astype(np.float32)

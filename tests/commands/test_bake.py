@@ -59,14 +59,6 @@ def made(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.fixture
-def box(made, tmp_path, monkeypatch) -> Path:
-    folder = tmp_path / "box"
-    shutil.copytree(made, folder)
-    monkeypatch.chdir(folder)
-    return folder
-
-
 def seen(index: dict, folder: Path) -> np.ndarray:
     """The light maps on the meshes, rendered by Mitsuba alone."""
     scene: dict = {"type": "scene", "integrator": {"type": "path", "max_depth": 1}}
