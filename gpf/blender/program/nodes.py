@@ -289,3 +289,8 @@ def values(closure: Closure) -> list[tuple[Closure, str]]:
         elif isinstance(value, dict):
             found.append((closure, key))
     return found
+
+
+def plain_inputs(closure: Closure) -> list[dict[str, Any]]:
+    """The inputs that :func:`values` finds."""
+    return [owner[key] for owner, key in values(closure)]

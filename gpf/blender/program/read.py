@@ -15,25 +15,18 @@ import json
 import os
 import signal
 import sys
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
 import bpy
-import geometry
 import numpy as np
-from bake import UV, Baking
+from bake import Baking
 from cameras import read_cameras
-from lamps import read_lamp, read_world
-from nodes import Closure, read_material, values
-
-MOST_COPIED = 100_000
-"""Triangles of a mesh's copies, together; with more, the copies are instances."""
-
-
-THIN = 1e-5
-"""Distance between the two sides of a sheet that shines, in diagonals of the scene."""
+from images import used_files, write_images
+from lamps import read_world
+from nodes import Closure, plain_inputs, read_material
+from writer import Writer
 
 
 class Unreadable(Exception):
@@ -85,120 +78,6 @@ def make_local() -> list[str]:
     return missing
 
 
-class Writer:
-    """Writes the meshes of a scene while Blender renders it, as Blender renders them."""
-
-    def __init__(self, folder: Path, extent: float) -> None:
-        self.folder, self.extent = folder, extent
-        self.closures: dict[tuple[str, int], Closure] = {}
-        self.shapes: list[dict[str, Any]] = []
-        self.groups: dict[str, list[dict[str, Any]]] = {}
-        self.instances: list[dict[str, Any]] = []
-        self.lamps: list[dict[str, Any]] = []
-        self.notes: list[str] = []
-
-    def write(self, graph: Any) -> None:
-        """Write everything that a dependency graph renders."""
-        uses, sizes = Counter[str](), dict[str, int]()
-        for instance in graph.object_instances:
-            if self._is_mesh(instance):
-                key = self._key(instance)
-                uses[key] += 1
-                if key not in sizes:
-                    mesh = instance.object.data
-                    mesh.calc_loop_triangles()
-                    sizes[key] = len(mesh.loop_triangles)
-        shining = {name for (name, _), closure in self.closures.items() if _shines(closure)}
-        copied = {
-            key
-            for key, n in uses.items()
-            if n > 1 and n * sizes[key] > MOST_COPIED and key.partition("/")[0] not in shining
-        }
-        total, done = sum(uses.values()), 0
-        for instance in graph.object_instances:
-            matrix = np.array(instance.matrix_world, dtype=np.float64)
-            if self._is_mesh(instance):
-                done += 1
-                if done % 100 == 1:
-                    tell(f"geometry {done} of {total}")
-                self._write_mesh(instance, matrix, self._key(instance) in copied)
-            elif instance.object.type == "LIGHT" and instance.show_self:
-                found = read_lamp(instance.object.name, instance.object.data, matrix)
-                if found is not None:
-                    self.lamps.append(found)
-            elif instance.object.type in ("VOLUME", "POINTCLOUD", "CURVES"):
-                self.notes.append(
-                    f"{instance.object.name}: {instance.object.type.lower()} left out"
-                )
-
-    def _is_mesh(self, instance: Any) -> bool:
-        return instance.show_self and isinstance(instance.object.data, bpy.types.Mesh)
-
-    def _key(self, instance: Any) -> str:
-        thing = instance.object
-        return f"{thing.original.name}/{thing.data.name}"
-
-    def _write_mesh(self, instance: Any, matrix: np.ndarray, copied: bool) -> None:
-        thing, key = instance.object, self._key(instance)
-        name = thing.original.name
-        if copied and key in self.groups:
-            self.instances.append({"group": key, "matrix": matrix.tolist()})
-            return
-        mesh = thing.data
-        baked = UV if UV in mesh.uv_layers else None
-        named = {v["attribute"] for c in self._own(name) for v in _inputs(c) if "attribute" in v}
-        parts = geometry.read_parts(mesh, baked, next(iter(named), None))
-        shapes: list[dict[str, Any]] = []
-        for part in parts:
-            if not geometry.is_finite(part):
-                self.notes.append(f"{name}: coordinates that are no numbers; left out")
-                continue
-            if geometry.area(part) == 0:
-                self.notes.append(f"{name}: triangles without area; left out")
-                continue
-            if not copied:
-                part = geometry.transformed(part, matrix)
-            slot = min(part.slot, max(len(thing.material_slots) - 1, 0))
-            sides = [part]
-            if _shines(self.closures.get((name, slot))) and geometry.is_open(part):
-                sides.append(geometry.other_side(part, THIN * self.extent))
-            for side in sides:
-                shapes.append(self._save(thing, side, slot, len(shapes)))
-        if copied:
-            self.groups[key] = shapes
-            self.instances.append({"group": key, "matrix": matrix.tolist()})
-        else:
-            self.shapes += shapes
-
-    def _save(self, thing: Any, part: geometry.Part, slot: int, before: int) -> dict[str, Any]:
-        number = len(self.shapes) + sum(map(len, self.groups.values())) + before
-        file = f"meshes/{number:04}.ply"
-        geometry.write_ply(self.folder / file, part)
-        material = _material(thing, slot)
-        return {"name": thing.original.name, "file": file, "slot": slot, "material": material}
-
-    def _own(self, name: str) -> list[Closure]:
-        return [closure for (thing, _), closure in self.closures.items() if thing == name]
-
-
-def _shines(closure: Closure | None) -> bool:
-    """Whether a closure has emission."""
-    if closure is None:
-        return False
-    inner = [v for v in closure.values() if isinstance(v, dict) and "closure" in v]
-    own = closure.get("strength", closure.get("emission_strength", 0.0))
-    return own != 0 or any(map(_shines, inner))
-
-
-def _material(thing: Any, slot: int) -> str | None:
-    slots = thing.material_slots
-    return slots[slot].material.name if slots and slots[slot].material else None
-
-
-def _inputs(closure: Closure) -> list[dict[str, Any]]:
-    return [owner[key] for owner, key in values(closure)]
-
-
 def read_closures(baking: Baking) -> dict[tuple[str, int], Closure]:
     """The closure of each slot of each object; what is no plain value or image is baked."""
     found: dict[tuple[str, int], Closure] = {}
@@ -218,7 +97,7 @@ def read_closures(baking: Baking) -> dict[tuple[str, int], Closure]:
 
 
 def _needs_baking(closure: Closure, colours: set[str]) -> bool:
-    inputs = _inputs(closure)
+    inputs = plain_inputs(closure)
     named = {v["attribute"] for v in inputs if "attribute" in v}
     return (
         closure.get("displaced", False)
@@ -226,57 +105,6 @@ def _needs_baking(closure: Closure, colours: set[str]) -> bool:
         or not named <= colours
         or len(named) > 1
     )
-
-
-def write_images(closures: dict[tuple[str, int], Closure], folder: Path) -> dict[str, Any]:
-    """Write the images that closures use; for each, its file and whether it is sRGB."""
-    names = {v["image"] for c in closures.values() for v in _inputs(c) if "image" in v}
-    images = {}
-    for number, name in enumerate(sorted(names)):
-        image = bpy.data.images[name]
-        space = image.colorspace_settings.name
-        stem = f"textures/image_{number}"
-        images[name] = {"srgb": space == "sRGB", "file": None, "name": name}
-        data = None
-        if not min(image.size):  # no image at all, or none that Blender can read
-            images[name]["missing"] = str(image.filepath)
-            continue
-        if image.packed_file is not None:
-            data = bytes(image.packed_file.data)
-        elif image.source == "FILE":
-            path = Path(bpy.path.abspath(image.filepath, library=image.library))
-            data = path.read_bytes() if path.is_file() else None
-            if data is None:
-                images[name]["missing"] = str(image.filepath)
-                continue
-        kinds = {
-            "PNG": "png",
-            "JPEG": "jpg",
-            "OPEN_EXR": "exr",
-            "HDR": "hdr",
-            "TARGA": "tga",
-            "BMP": "bmp",
-        }
-        if data is not None and image.file_format in kinds and space in ("sRGB", "Non-Color"):
-            file = f"{stem}.{kinds[image.file_format]}"
-            (folder / file).write_bytes(data)
-        else:
-            pixels = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
-            image.pixels.foreach_get(pixels)
-            file = f"{stem}.npy"
-            np.save(folder / file, pixels.reshape(image.size[1], image.size[0], -1))
-            images[name]["srgb"] = space == "sRGB" and not image.is_float
-        images[name]["file"] = file
-    return images
-
-
-def used_files() -> list[str]:
-    """The files that the scene uses beside its own."""
-    paths = [bpy.path.abspath(lib.filepath) for lib in bpy.data.libraries]
-    for image in bpy.data.images:
-        if image.source == "FILE" and image.packed_file is None and image.filepath:
-            paths.append(bpy.path.abspath(image.filepath, library=image.library))
-    return sorted({str(Path(path).resolve()) for path in paths})
 
 
 def scene_extent() -> float:
@@ -316,7 +144,7 @@ def read(file: Path, folder: Path) -> None:
     tell("world")
     world = read_world(scene, folder)
     extent = scene_extent()
-    writer, baking = Writer(folder, extent), Baking(folder, extent, tell)
+    writer, baking = Writer(folder, extent, tell), Baking(folder, extent, tell)
     writer.closures = read_closures(baking)
     tell("geometry")
     render_into(writer, scene)
