@@ -66,25 +66,21 @@ def converted(file: Path, tell: Callable[[str], None]) -> Converted:
         known = read_json(record)
         if known.get("digest") == digest and all(map(_is_unchanged, known["files"])):
             return Converted(folder / "scene.xml", known["how"], tuple(known["notes"]))
-    return convert(file, folder, tell, overwrite=True)
+    return convert(file, folder, tell)
 
 
-def convert(
-    file: Path, folder: Path, tell: Callable[[str], None], overwrite: bool = False
-) -> Converted:
+def convert(file: Path, folder: Path, tell: Callable[[str], None]) -> Converted:
     """Write a folder with the scene of a file: ``scene.xml``, meshes and textures, ``views.yaml``
     if there are several cameras or one that moves, and a list of what became of each material.
 
-    The folder appears when it is complete.
+    The folder appears when it is complete; one that exists is replaced.
 
     Raises
     ------
-    UserError: the folder exists and is not to be replaced, the file does not exist or is in an
-        unknown format, or Blender is missing or cannot read it.
+    UserError: the file does not exist or is in an unknown format, or Blender is missing or cannot
+        read it.
     """
     require_file(file)
-    if folder.exists() and not overwrite:
-        raise UserError(str(folder), "exists already", "Choose another, or add --overwrite.")
     folder.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(folder.parent)
     with tempfile.TemporaryDirectory() as name, partial_folder(folder) as new:

@@ -11,8 +11,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from gpf.blender.closures import Material
 from gpf.blender.lights import emitters, sky
-from gpf.blender.materials import Material, translate
+from gpf.blender.materials import translate
 from gpf.blender.textures import Textures
 
 Dict = dict[str, Any]

@@ -6,7 +6,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from gpf.core.errors import UserError
+from gpf.commands.overwriting import require_new, require_own
 from gpf.core.files import write_json
 from gpf.core.partial import grant_as_usual, partial_folder, replace_folder
 from gpf.core.progress import say
@@ -21,10 +21,10 @@ def write_addon(output: Path, overwrite: bool) -> None:
 
     Raises
     ------
-    UserError: the folder exists and is not to be replaced.
+    UserError: the folder exists and is not to be replaced, or holds something else.
     """
-    if output.exists() and not overwrite:
-        raise UserError(str(output), "exists already", "Choose another, or add --overwrite.")
+    require_new(output, overwrite)
+    require_own(output, "blender_manifest.toml")
     output.parent.mkdir(parents=True, exist_ok=True)
     with partial_folder(output) as new:
         for source, name in FILES.items():

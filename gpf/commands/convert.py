@@ -6,8 +6,10 @@ from pathlib import Path
 
 from rich.table import Table
 
-from gpf.blender.conversion import Converted, convert, converted
+from gpf.blender.conversion import RECORD, Converted, convert, converted, require_file
 from gpf.blender.process import install
+from gpf.commands.overwriting import require_new, require_own
+from gpf.core.errors import UserError
 from gpf.core.progress import console, say
 from gpf.core.runtime import choose_variant
 
@@ -22,16 +24,16 @@ def convert_file(file: Path, output: Path | None, overwrite: bool) -> None:
 
     Raises
     ------
-    UserError: as :func:`gpf.blender.conversion.convert`.
+    UserError: the folder exists and is not to be replaced, or holds something else; or as
+        :func:`gpf.blender.conversion.convert`.
     """
+    require_file(file)
+    folder = output or file.with_suffix("")
+    require_new(folder, overwrite)
+    require_own(folder, RECORD)
     choose_variant("auto")
     with console.status(f"{file.name}: Blender") as status:
-        found = convert(
-            file,
-            output or file.with_suffix(""),
-            lambda what: status.update(f"{file.name}: {what}"),
-            overwrite,
-        )
+        found = convert(file, folder, lambda what: status.update(f"{file.name}: {what}"))
     table = Table("material", "how")
     for name, how in sorted(found.how.items()):
         table.add_row(name, how)
@@ -41,11 +43,19 @@ def convert_file(file: Path, output: Path | None, overwrite: bool) -> None:
 
 
 def scene_of(file: Path) -> Path:
-    """The scene file of a file of another program, from the cache if it has not changed."""
+    """The scene file of a file of another program, from the cache if it has not changed.
+
+    Raises
+    ------
+    UserError: nothing in it emits light; or as :func:`gpf.blender.conversion.convert`.
+    """
     choose_variant("auto")
     with console.status(f"{file.name}: Blender") as status:
         found = converted(file, lambda what: status.update(f"{file.name}: {what}"))
     report(found)
+    if "<emitter" not in found.xml.read_text(encoding="utf-8"):
+        what = "has no lamp, no surface that emits, and a black world: there is no light"
+        raise UserError(str(file), what, "Add a lamp.")
     return found.xml
 
 

@@ -21,7 +21,7 @@ PROJECT = Path(__file__).parents[2]
 def test_the_folder_is_not_replaced(tmp_path):
     write_addon(tmp_path / "new" / "photon_field", overwrite=False)
     assert len(list((tmp_path / "new" / "photon_field").iterdir())) == 3
-    with pytest.raises(UserError, match="exists already"):
+    with pytest.raises(UserError, match="already exists"):
         write_addon(tmp_path / "new" / "photon_field", overwrite=False)
     write_addon(tmp_path / "new" / "photon_field", overwrite=True)
 

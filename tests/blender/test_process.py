@@ -10,6 +10,7 @@ import pytest
 
 from gpf.blender import process
 from gpf.blender.conversion import RECORD, convert, converted
+from gpf.commands.convert import convert_file
 from gpf.commands.scenes import find_scene
 from gpf.core.errors import UserError
 from gpf.core.files import write_json
@@ -39,6 +40,15 @@ EMPTY = {
     **{"blender": "1.2", "size": [4, 3], "exposure": 1.0, "cameras": [], "world": None},
     **{"lamps": [], "shapes": [], "groups": {}, "instances": [], "closures": [], "images": {}},
     **{"missing_libraries": [], "files": [], "notes": ["hair: left out"]},
+}
+SUN = {
+    **{
+        "name": "sun",
+        "type": "SUN",
+        "angle": 0,
+        "matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]],
+    },
+    **{"color": [1, 1, 1], "energy": 3.0},
 }
 
 
@@ -88,15 +98,40 @@ def test_what_is_said_is_passed_on(blender, scene_file, tmp_path):
     made = convert(scene_file, tmp_path / "new" / "out", said.append)
     assert said == ["geometry", "writing the scene"] and made.notes == ("hair: left out",)
     assert made.xml.is_file() and "hair" in (tmp_path / "new" / "out" / "converted.md").read_text()
-    with pytest.raises(UserError, match="exists already"):
-        convert(scene_file, tmp_path / "new" / "out", print)
+
+
+def test_a_folder_of_something_else_is_not_replaced(blender, scene_file, tmp_path):
+    write_json(tmp_path / "found.json", EMPTY)
+    blender(f'cp {tmp_path}/found.json "$2/scene.json"')
+    mine = tmp_path / "scene" / "mine.txt"
+    convert_file(scene_file, None, overwrite=False)
+    mine.write_text("notes")
+    with pytest.raises(UserError, match="already exists"):
+        convert_file(scene_file, None, overwrite=False)
+    assert mine.is_file()
+    convert_file(scene_file, None, overwrite=True)
+    assert not mine.is_file() and (mine.parent / RECORD).is_file()
+    (mine.parent / RECORD).unlink()
+    with pytest.raises(UserError, match=f"has no {RECORD}"):
+        convert_file(scene_file, None, overwrite=True)
+    assert (mine.parent / "scene.xml").is_file()
+
+
+def test_without_light_the_message_names_the_file(blender, scene_file, tmp_path, monkeypatch):
+    write_json(tmp_path / "found.json", EMPTY)
+    blender(f'cp {tmp_path}/found.json "$2/scene.json"')
+    monkeypatch.setattr(
+        "gpf.blender.conversion.platformdirs.user_cache_path", lambda _: tmp_path / "cache"
+    )
+    with pytest.raises(UserError, match=r"scene\.blend: has no lamp"):
+        find_scene(str(scene_file))
 
 
 def test_a_file_is_converted_again_when_it_or_what_it_uses_changes(
     blender, scene_file, tmp_path, monkeypatch
 ):
     image = tmp_path / "image.png"
-    write_json(tmp_path / "found.json", EMPTY | {"files": [str(image)]})
+    write_json(tmp_path / "found.json", EMPTY | {"files": [str(image)], "lamps": [SUN]})
     blender(f'echo once >> {tmp_path}/runs; cp {tmp_path}/found.json "$2/scene.json"')
     monkeypatch.setattr(
         "gpf.blender.conversion.platformdirs.user_cache_path", lambda _: tmp_path / "cache"
