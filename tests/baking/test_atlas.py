@@ -8,6 +8,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.baking import atlas
 from gpf.baking.atlas import unwrap
 from gpf.baking.surfaces import read_surfaces
 from gpf.baking.texels import REACH, nearest_points
@@ -20,20 +21,27 @@ def scene():
     return solid_scene()
 
 
+@pytest.fixture(params=[atlas.AT_ONCE, 300])
+def in_pieces(request, monkeypatch):
+    """Surfaces in one piece, and in several."""
+    monkeypatch.setattr(atlas, "AT_ONCE", request.param)
+
+
+@pytest.mark.usefixtures("in_pieces")
 @pytest.mark.parametrize(("size", "density"), [(256, None), (None, 41.5)])
 def test_the_triangles_are_those_of_the_surfaces(scene, size, density):
     surfaces, _ = read_surfaces(scene)
-    atlas = unwrap(surfaces, size, density)
+    page = unwrap(surfaces, size, density)
     if size:
-        assert atlas.size == (size, size)
-    for chart in atlas.charts:
+        assert page.size == (size, size)
+    for chart in page.charts:
         surface = chart.surface
         corners = surface.points[chart.vertices][chart.faces]
         np.testing.assert_array_equal(corners, surface.corners)
         assert chart.uv.min() >= 0 and chart.uv.max() <= 1
         # Charts are stretched to whole texels.
-        texels = chart.uv[chart.faces] * atlas.size
-        ratio = areas(texels).sum() / areas(corners).sum() / atlas.texels_per_unit**2
+        texels = chart.uv[chart.faces] * page.size
+        ratio = areas(texels).sum() / areas(corners).sum() / page.texels_per_unit**2
         assert ratio == pytest.approx(1, abs=0.15)
 
 
@@ -42,11 +50,12 @@ def areas(corners: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
 
 
+@pytest.mark.usefixtures("in_pieces")
 def test_charts_are_apart(scene):
     """Points on a triangle are not on another, nor near one of another chart."""
     surfaces, _ = read_surfaces(scene)
-    atlas = unwrap(surfaces, 192)
-    triangles = atlas.triangles
+    page = unwrap(surfaces, 192)
+    triangles = page.triangles
     rng = np.random.default_rng(0)
     owner = rng.integers(0, len(triangles), 300)
     inside = 0.9 * rng.dirichlet([1, 1, 1], 300) + 0.1 / 3
@@ -88,12 +97,12 @@ def test_triangles_without_area_stay(tmp_path):
     (tmp_path / "a.obj").write_text(f"{corners}f 1 2 3\nf 1 5 2\nf 2 2 4\nf 2 4 3\n")
     shape = {"type": "obj", "filename": str(tmp_path / "a.obj"), "bsdf": DIFFUSE}
     surfaces, _ = read_surfaces(mi.load_dict({"type": "scene", "shape": shape}))
-    atlas = unwrap(surfaces, 64)
-    (chart,) = atlas.charts
+    page = unwrap(surfaces, 64)
+    (chart,) = page.charts
     np.testing.assert_array_equal(
         chart.surface.points[chart.vertices][chart.faces], chart.surface.corners
     )
-    assert (areas(atlas.triangles) > 1).tolist() == [True, False, False, True]
+    assert (areas(page.triangles) > 1).tolist() == [True, False, False, True]
 
 
 def test_a_ball_is_not_cut_at_its_poles():
