@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -74,10 +75,29 @@ def test_a_camera_that_moves_needs_no_other_field(blender):
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_a_fit_that_is_stopped_is_kept(blender):
+def test_a_fit_that_is_stopped_is_kept_and_shows_what_gpf_render_shows(blender, tmp_path):
     told, channels = blender("stop")
     assert told["seconds"] < 300
-    assert told["field"] and "Combined.R" in channels
+    words = ["render", tmp_path / "room.blend", "--field", told["field"], "--size", "96x64"]
+    words += ["--spp", 16, "--aovs", "depth,albedo", "-o", tmp_path / "pictures"]
+    done = subprocess.run(
+        [sys.executable, "-m", "gpf", *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env=os.environ
+        | {"PYTHONPATH": str(PROJECT), "XDG_CACHE_HOME": str(tmp_path / "c")}
+        | {"GPF_BLENDER": str(PYTHON)},
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    (file,) = (tmp_path / "pictures").glob("*.exr")
+    ours = OpenEXR.File(str(file), separate_channels=True).channels()
+    pairs = {c: f"Combined.{c}" for c in "RGB"} | {f"albedo.{c}": f"Albedo.{c}" for c in "RGB"}
+    for name, theirs in (pairs | {"depth.Z": "Depth.Z"}).items():
+        a, b = ours[name].pixels, channels[theirs]
+        # Other random numbers; the noise is 1 %.
+        assert np.abs(a - b).mean() < 0.02 * a.mean(), name
+        assert b.mean() == pytest.approx(a.mean(), rel=0.003), name
 
 
 @pytest.mark.slow
