@@ -93,7 +93,7 @@ def test_a_fit_that_is_stopped_is_kept_and_shows_what_gpf_render_shows(blender, 
     (file,) = (tmp_path / "pictures").glob("*.exr")
     ours = OpenEXR.File(str(file), separate_channels=True).channels()
     pairs = {c: f"Combined.{c}" for c in "RGB"} | {f"albedo.{c}": f"Albedo.{c}" for c in "RGB"}
-    for name, theirs in (pairs | {"depth.Z": "Depth.Z"}).items():
+    for name, theirs in (pairs | {"depth.V": "Depth.Z"}).items():
         a, b = ours[name].pixels, channels[theirs]
         # Other random numbers; the noise is 1 %.
         assert np.abs(a - b).mean() < 0.02 * a.mean(), name
