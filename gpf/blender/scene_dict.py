@@ -80,7 +80,7 @@ def translate_scene(found: Mapping[str, Any], work: Path, folder: Path) -> Trans
         result.scene[result.label(name)] = made
     for name, made in sky(found["world"], found["lamps"], work, folder).items():
         result.scene[result.label(name)] = made
-    result.notes += [f"image missing: {name}" for name in sorted(textures.missing)]
+    result.notes += [f"image missing: {name}" for name in found["missing_images"]]
     result.notes += [f"library missing: {name}" for name in found["missing_libraries"]]
     return result
 

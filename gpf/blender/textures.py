@@ -33,7 +33,6 @@ class Textures:
 
     def __init__(self, work: Path, folder: Path, images: Mapping[str, Mapping[str, Any]]) -> None:
         self.work, self.folder, self.images = work, folder, images
-        self.missing: set[str] = set()
         self._made: dict[tuple[Any, ...], Any] = {}
 
     def __call__(self, value: Any, role: str) -> Any:
@@ -63,8 +62,7 @@ class Textures:
     def _make(self, value: Mapping[str, Any], role: str, name: str) -> Any:
         """A bitmap, or a plain value if the image is flat or missing."""
         image = self.images.get(value.get("image", ""), {})
-        if "missing" in image:
-            self.missing.add(f"{image['name']} ({image['missing']})")
+        if image.get("file", "") is None:  # missing
             pink = [1.0, 0.0, 1.0]  # as Blender shows it
             if role == "value":
                 return 1.0 if value.get("channel") == "a" else _luminance(pink)

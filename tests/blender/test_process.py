@@ -39,7 +39,12 @@ def blender(tmp_path, monkeypatch):
 EMPTY = {
     **{"blender": "1.2", "size": [4, 3], "exposure": 1.0, "cameras": [], "world": None},
     **{"lamps": [], "shapes": [], "groups": {}, "instances": [], "closures": [], "images": {}},
-    **{"missing_libraries": [], "files": [], "notes": ["hair: left out"]},
+    **{
+        "missing_images": ["wood (//wood.png)"],
+        "missing_libraries": [],
+        "files": [],
+        "notes": ["hair: left out"],
+    },
 }
 SUN = {
     **{
@@ -96,7 +101,10 @@ def test_what_is_said_is_passed_on(blender, scene_file, tmp_path):
     blender(f'echo gpf: geometry; echo noise; cp {tmp_path}/found.json "$2/scene.json"')
     said: list[str] = []
     made = convert(scene_file, tmp_path / "new" / "out", said.append)
-    assert said == ["geometry", "writing the scene"] and made.notes == ("hair: left out",)
+    assert said == ["geometry", "writing the scene"] and made.notes == (
+        "hair: left out",
+        "image missing: wood (//wood.png)",
+    )
     assert made.xml.is_file() and "hair" in (tmp_path / "new" / "out" / "converted.md").read_text()
 
 

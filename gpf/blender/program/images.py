@@ -19,6 +19,15 @@ def used_files() -> list[str]:
     return sorted({str(Path(path).resolve()) for path in paths})
 
 
+def missing_images() -> list[str]:
+    """Images that are used, also by the world, but are not there or cannot be read."""
+    return sorted(
+        f"{image.name} ({image.filepath})"
+        for image in bpy.data.images
+        if image.source == "FILE" and image.users and not min(image.size)
+    )
+
+
 def write_images(closures: dict[tuple[str, int], Closure], folder: Path) -> dict[str, Any]:
     """Write the images that closures use; for each, its file and whether it is sRGB."""
     names = {v["image"] for c in closures.values() for v in plain_inputs(c) if "image" in v}
@@ -29,8 +38,7 @@ def write_images(closures: dict[tuple[str, int], Closure], folder: Path) -> dict
         stem = f"textures/image_{number}"
         images[name] = {"srgb": space == "sRGB", "file": None, "name": name}
         data = None
-        if not min(image.size):  # no image at all, or none that Blender can read
-            images[name]["missing"] = str(image.filepath)
+        if not min(image.size):  # missing
             continue
         if image.packed_file is not None:
             data = bytes(image.packed_file.data)
@@ -38,7 +46,6 @@ def write_images(closures: dict[tuple[str, int], Closure], folder: Path) -> dict
             path = Path(bpy.path.abspath(image.filepath, library=image.library))
             data = path.read_bytes() if path.is_file() else None
             if data is None:
-                images[name]["missing"] = str(image.filepath)
                 continue
         kinds = {
             "PNG": "png",

@@ -103,7 +103,7 @@ def _render_world(world: Any, path: Path) -> None:
         WIDTH // 2,
         100,
     )
-    scene.cycles.samples, scene.cycles.use_denoising = 16, False
+    scene.cycles.samples, scene.cycles.use_denoising = 4, False
     scene.cycles.use_adaptive_sampling = False
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", 1.0
     scene.view_settings.view_transform = "Raw"

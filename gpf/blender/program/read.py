@@ -23,7 +23,7 @@ import bpy
 import numpy as np
 from bake import Baking
 from cameras import read_cameras
-from images import used_files, write_images
+from images import missing_images, used_files, write_images
 from lamps import read_world
 from nodes import Closure, plain_inputs, read_material
 from writer import Writer
@@ -164,6 +164,7 @@ def read(file: Path, folder: Path) -> None:
         "instances": writer.instances,
         "closures": closures,
         "images": write_images(writer.closures, folder),
+        "missing_images": missing_images(),
         "missing_libraries": missing,
         "files": used_files(),
         "notes": writer.notes,
