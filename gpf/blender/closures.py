@@ -106,7 +106,7 @@ def scaled(value: Any, factor: float) -> Any:
         return [factor * v for v in value]
     if abs(factor - 1) < 0.01 or "attribute" in value:
         return value
-    return dict(value) | {"scale": factor}
+    return dict(value) | {"scale": [factor * v for v in value.get("scale", [1.0, 1.0, 1.0])]}
 
 
 def make_glass(closure: Closure, texture: Texture) -> Material:
@@ -172,7 +172,7 @@ def radiance(colour: Any, strength: Any, texture: Texture, notes: list[str]) -> 
         return None
     if isinstance(colour, list):
         return {"type": "rgb", "value": [float(c * strength) for c in colour]}
-    return texture(dict(colour) | {"scale": strength}, "radiance")
+    return texture(scaled(colour, strength), "radiance")
 
 
 def _rgb(value: Any) -> Dict:

@@ -77,7 +77,7 @@ def _dull(closure: Closure, texture: Texture, ior: float, notes: list[str]) -> M
     if isinstance(colour, list):
         colour = [a + c * (1 - a) for c in colour]
     elif "attribute" not in colour:
-        colour = dict(colour) | {"scale": 1 - a, "offset": a}
+        colour = scaled(colour, 1 - a) | {"offset": a}
     return Material({"type": "diffuse", "reflectance": texture(colour, "color")})
 
 

@@ -46,7 +46,7 @@ class Textures:
         if "minus" in value:
             return self._inverse(value["minus"])
         names = ("image", "array", "channel", "strength", "scale", "offset")
-        key = (role, *map(value.get, names))
+        key = (role, *(str(value.get(name)) for name in names))
         if key not in self._made:
             self._made[key] = self._make(value, role, f"{len(self._made):03}")
         made = self._made[key]
@@ -75,11 +75,11 @@ class Textures:
             shutil.copyfile(self.work / file, target)
             return {"type": "bitmap", "filename": file, "raw": not image["srgb"]}
         pixels = self._pixels(value)
-        if role == "value":
-            pixels = _grey(pixels)
         if role == "normal":
             pixels = _bent(pixels, value.get("strength", 1.0))
-        pixels = pixels * value.get("scale", 1.0) + value.get("offset", 0.0)
+        if role == "value":
+            pixels = _grey(pixels)
+        pixels = pixels + value.get("offset", 0.0)
         if np.ptp(pixels.reshape(-1, pixels.shape[2]), axis=0).max() < FLAT and role != "normal":
             mean = pixels.mean(axis=(0, 1))
             return float(mean[0]) if role == "value" else _rgb(mean.tolist(), role)
@@ -103,9 +103,8 @@ class Textures:
             pixels = pixels[..., at : at + 1]
         if image.get("srgb") and channel != "a":
             pixels = undo_tone_map(pixels).astype(np.float32)
-        if pixels.shape[2] > 3:
-            pixels = pixels[..., :3]
-        return pixels
+        pixels = pixels[..., :3]
+        return pixels * np.array(value["scale"], np.float32) if "scale" in value else pixels
 
     def _write(self, pixels: np.ndarray, name: str, role: str) -> Dict:
         folder = self.folder / "textures"

@@ -101,6 +101,19 @@ def textured(material: Any, made: Any, socket: str = "Base Color") -> Any:
     return node
 
 
+def tint(material: Any, made: Any, colour: tuple[float, ...]) -> None:
+    """Multiply an image by a colour, as Blender reads the factors of glTF."""
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    mix = nodes.new("ShaderNodeMix")
+    mix.data_type, mix.blend_type = "RGBA", "MULTIPLY"
+    mix.inputs["Factor"].default_value = 1
+    first, second = (s for s in mix.inputs if s.type == "RGBA")
+    links.new(made.outputs[0], first)
+    second.default_value = colour
+    result = next(s for s in mix.outputs if s.type == "RGBA")
+    links.new(result, nodes["Principled BSDF"].inputs["Base Color"])
+
+
 def grey() -> Any:
     return shader("grey", "ShaderNodeBsdfDiffuse", Color=(0.6, 0.6, 0.6, 1))
 
@@ -151,7 +164,8 @@ def textures() -> None:
     studio()
     red = lambda x, y: (0.9 * x, 0.8 * y, 0.1)  # noqa: E731
     plain = principled("image", Roughness=1, Specular_IOR_Level=0)
-    textured(plain, image("ramp", red))
+    node = textured(plain, image("ramp", red))
+    tint(plain, node, (0.9, 0.6, 1, 1))
     add("cube", plain, size=1.4, location=(-2.5, 0, 0.7))
     turned = principled("mapped", Roughness=1, Specular_IOR_Level=0)
     node = textured(turned, image("ramp2", red))

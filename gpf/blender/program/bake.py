@@ -9,10 +9,14 @@ from typing import Any
 
 import bpy
 import numpy as np
-from nodes import Closure, Socket, values
+from nodes import Closure, values
+from sockets import Socket, is_constant
 
 UV = "gpf_bake"
-SAMPLES = 16
+SAMPLES = 4
+
+FLAT_SIZE = 32
+"""Width of images that have the same value everywhere."""
 
 
 @dataclass
@@ -58,7 +62,8 @@ class Baking:
         for number in range(max(map(len, emitted.values()), default=0)):
             now = {slot: found[number] for slot, found in emitted.items() if number < len(found)}
             sockets = {slot: _socket(owner[key]) for slot, (owner, key) in now.items()}
-            pixels = self._pass(thing, size, "EMIT", sockets)
+            flat = all(is_constant(socket) for socket in sockets.values())
+            pixels = self._pass(thing, FLAT_SIZE if flat else size, "EMIT", sockets)
             for owner, key in now.values():
                 owner[key] = {"array": self._write(pixels), "channel": None}
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import bpy
 import numpy as np
-from nodes import Input, read_closure, values
+from nodes import read_closure, values
+from sockets import Input
 
 WIDTH = 2048
 """Width of the environment map, pixels."""

@@ -4,7 +4,8 @@ A closure is a dictionary with its name, such as ``{"closure": "glass", "color":
 input is a number, a list of three numbers, or one of the following:
 
 - ``{"image": name of bpy.data.images, "channel": None, "r", "g", "b" or "a", "to_uv": 2×3 matrix,
-  "extension": "REPEAT", …, "closest": whether pixels are squares, "origin": its Socket}``
+  "extension": "REPEAT", …, "closest": whether pixels are squares, "origin": its Socket}``,
+  perhaps with ``"scale"``, a factor for each channel
 - ``{"attribute": name of a colour attribute}``
 - ``{"bake": a Socket}``: anything else, which Cycles can turn into an image.
 """
@@ -12,63 +13,12 @@ input is a number, a list of three numbers, or one of the following:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
+
+from sockets import Input, Socket, plain
 
 Closure = dict[str, Any]
 Matrix = list[list[float]]
-
-
-@dataclass(frozen=True)
-class Socket:
-    """An output of a node, and the group nodes around it, the outermost first."""
-
-    socket: Any
-    groups: tuple[Any, ...] = ()
-
-    @property
-    def node(self) -> Any:
-        """The node that has it."""
-        return self.socket.node
-
-
-@dataclass(frozen=True)
-class Input:
-    """An input of a node, and the group nodes around it."""
-
-    socket: Any
-    groups: tuple[Any, ...] = ()
-
-    def origin(self) -> Socket | None:
-        """The output that it gets its value from: through reroutes, groups and muted nodes."""
-        if not self.socket.is_linked:
-            return None
-        link = self.socket.links[0]
-        return None if link.is_muted else _origin(Socket(link.from_socket, self.groups))
-
-
-def _origin(found: Socket) -> Socket | None:
-    node, groups = found.node, found.groups
-    if node.type == "REROUTE":
-        return Input(node.inputs[0], groups).origin()
-    if node.type == "GROUP" and node.node_tree is not None:
-        ends = [n for n in node.node_tree.nodes if n.type == "GROUP_OUTPUT"]
-        end = next((n for n in ends if n.is_active_output), None)
-        if end is None:
-            return None
-        same = next(s for s in end.inputs if s.identifier == found.socket.identifier)
-        return Input(same, (*groups, node)).origin() or Socket(same, (*groups, node))
-    if node.type == "GROUP_INPUT":
-        outside = groups[-1]
-        same = next(s for s in outside.inputs if s.identifier == found.socket.identifier)
-        return Input(same, groups[:-1]).origin() or Socket(same, groups[:-1])
-    if node.mute:
-        for inside in node.internal_links:
-            if inside.to_socket == found.socket:
-                start = Input(inside.from_socket, groups)
-                return start.origin() or Socket(inside.from_socket, groups)
-        return None
-    return found
 
 
 def read_material(material: Any) -> Closure:
@@ -157,14 +107,6 @@ def read_value(place: Input) -> Any:
     return read_output(found, colour=place.socket.type in ("RGBA", "VECTOR"))
 
 
-def plain(socket: Any) -> Any:
-    """The value that an input has by itself."""
-    value = getattr(socket, "default_value", None)
-    if value is None:
-        return 0.0
-    return [float(v) for v in value][:3] if hasattr(value, "__len__") else float(value)
-
-
 def read_output(found: Socket, colour: bool) -> Any:
     """The value of an output."""
     node, groups = found.node, found.groups
@@ -183,7 +125,11 @@ def read_output(found: Socket, colour: bool) -> Any:
         if isinstance(inner, list):
             return inner["RGB".index(found.socket.name[0])]
         if isinstance(inner, dict) and "image" in inner and inner["channel"] is None:
-            return inner | {"channel": found.socket.name[0].lower()}
+            at = "RGB".index(found.socket.name[0])
+            scale = {"scale": [inner["scale"][at]] * 3} if "scale" in inner else {}
+            return inner | {"channel": "rgb"[at]} | scale
+    if (product := _product_with_image(node, groups)) is not None:
+        return product
     if node.type == "VERTEX_COLOR" or (
         node.type == "ATTRIBUTE" and node.attribute_type == "GEOMETRY"
     ):
@@ -191,6 +137,25 @@ def read_output(found: Socket, colour: bool) -> Any:
         if found.socket.name == "Color" and colour:
             return {"attribute": name, "otherwise": {"bake": found}}
     return {"bake": found}
+
+
+def _product_with_image(node: Any, groups: tuple[Any, ...]) -> Closure | None:
+    """The value of a node that multiplies an image by a constant, as glTF's factors are read."""
+    if node.type == "MATH" and node.operation == "MULTIPLY" and not node.use_clamp:
+        factors = node.inputs[:2]
+    elif node.type == "MIX" and node.data_type == "RGBA" and node.blend_type == "MULTIPLY":
+        whole = read_value(Input(node.inputs[0], groups)) == 1.0
+        factors = [s for s in node.inputs if s.type == "RGBA"] if whole else []
+        factors = [] if node.clamp_result else factors
+    else:
+        return None
+    found = [read_value(Input(socket, groups)) for socket in factors]
+    images = [value for value in found if isinstance(value, dict) and "image" in value]
+    plain_ones = [_as(value, colour=True) for value in found if not isinstance(value, dict)]
+    if len(images) != 1 or len(plain_ones) != 1:
+        return None
+    before = images[0].get("scale", [1.0, 1.0, 1.0])
+    return images[0] | {"scale": [a * b for a, b in zip(before, plain_ones[0], strict=True)]}
 
 
 def _as(value: Any, colour: bool) -> Any:
