@@ -10,9 +10,10 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.rays import sample_rays_at
-from gpf.camera.visible_points import find_visible_points
-from gpf.core.structs import VisiblePoints, concatenate
+from gpf.camera.visible_points import see
+from gpf.core.structs import Haze, VisiblePoints, concatenate
 from gpf.scene.lamps import Lamps
+from gpf.scene.media import Media
 from gpf.scene.materials import is_only_glossy
 
 
@@ -33,6 +34,7 @@ class FilmSamples:
     """
 
     points: VisiblePoints
+    haze: Haze
     weight: mi.Color3f
     position: mi.Point2f
     split: mi.UInt32
@@ -71,6 +73,7 @@ def sample_film(
     lamps: Lamps | None = None,
     walks: int = 1,
     rows: range | None = None,
+    media: Media | None = None,
 ) -> FilmSamples:
     """Follow one camera ray per pixel to its visible point.
 
@@ -89,9 +92,9 @@ def sample_film(
     position = mi.Point2f(_pixels(sensor.film(), rows)) + sampler.next_2d()
     ray, weight = sample_rays_at(sensor, sampler, position - offset)
     ray = mi.Ray3f(ray)
-    options: dict[str, Any] = {"max_depth": max_depth, "rr_depth": rr_depth, "lamps": lamps}
-    points = find_visible_points(scene, sampler, ray, **options)
-    samples = FilmSamples(points, weight, position, mi.UInt32(), 1)
+    options: dict[str, Any] = {"max_depth": max_depth, "rr_depth": rr_depth, "lamps": lamps, "media": media}
+    points, haze = see(scene, sampler, ray, **options)
+    samples = FilmSamples(points, haze, weight, position, mi.UInt32(), 1)
     if walks > 1:
         dr.eval(samples, ray)
         samples.split = dr.compress(meets_gloss(scene, ray, mi.Bool(True)))
@@ -102,8 +105,9 @@ def sample_film(
             again = dr.gather(mi.Ray3f, ray, dr.gather(mi.UInt32, samples.split, lane))
             # Different from the seed of the first walks.
             sampler.seed((seed + 1) % 2**32, extra)
-            further = find_visible_points(scene, sampler, again, **options)
-            samples.points = concatenate([points, further])
+            further = see(scene, sampler, again, **options)
+            samples.points = concatenate([points, further[0]])
+            samples.haze = concatenate([haze, further[1]])
     return samples
 
 

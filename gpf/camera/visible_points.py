@@ -5,11 +5,13 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from gpf.camera.haze import View, look_through, nothing_seen, start_view
 from gpf.camera.next_event import direct_light, share_of_bsdf
 from gpf.camera.two_ways import GivenWay, RandomWay
 from gpf.core.random import next_1d, next_2d
-from gpf.core.structs import VisiblePoints, Way
+from gpf.core.structs import Haze, VisiblePoints, Way
 from gpf.scene.lamps import Lamps
+from gpf.scene.media import Media
 from gpf.scene.materials import (
     diffuse_context,
     diffuse_reflectance,
@@ -27,8 +29,24 @@ def find_visible_points(
     rr_depth: int = 5,
     active: mi.Bool | bool = True,
     lamps: Lamps | None = None,
+    media: Media | None = None,
 ) -> VisiblePoints:
-    """Follow rays through glossy and specular bounces to their first diffuse hit, (N,).
+    """Follow rays through glossy and specular bounces to their first diffuse hit, (N,): the points
+    of :func:`see`."""
+    return see(scene, sampler, ray, max_depth, rr_depth, active, lamps, media)[0]
+
+
+def see(
+    scene: mi.Scene,
+    sampler: mi.Sampler,
+    ray: mi.Ray3f,
+    max_depth: int = -1,
+    rr_depth: int = 5,
+    active: mi.Bool | bool = True,
+    lamps: Lamps | None = None,
+    media: Media | None = None,
+) -> tuple[VisiblePoints, Haze]:
+    """What rays see.
 
     This is :func:`follow` with all choices made at random and the result evaluated. The rays are
     evaluated first, so that one kernel serves all cameras: for a room with many materials, it takes
@@ -39,9 +57,10 @@ def find_visible_points(
     ray.time, ray.maxt = none + ray.time, none + ray.maxt
     sampler.schedule_state()
     dr.make_opaque(ray)
-    points, _ = follow(scene, sampler, ray, max_depth, rr_depth, active, lamps)
-    dr.eval(points)
-    return points
+    depths = max_depth, rr_depth
+    points, _, haze = follow(scene, sampler, ray, *depths, active, lamps, media=media)
+    dr.eval(points, haze)
+    return points, haze
 
 
 COHERENT = 4
@@ -60,9 +79,10 @@ def follow(
     active: mi.Bool | bool = True,
     lamps: Lamps | None = None,
     back: mi.Bool | bool | None = None,
-) -> tuple[VisiblePoints, Way]:
+    media: Media | None = None,
+) -> tuple[VisiblePoints, Way, Haze]:
     """Follow rays through glossy and specular bounces to their first diffuse hit, (N,), along one
-    of two ways.
+    of two ways; on the way through media, choose a place in them.
 
     If a BSDF has a diffuse and other components, one of the two parts is chosen at random, with
     probabilities in proportion to their reflectances, and the throughput is divided by the
@@ -80,6 +100,7 @@ def follow(
     lamps: emitters whose direct light at the visible points is also included in the emission.
     back: which way rays take at their first surface (:class:`gpf.camera.two_ways.GivenWay`), (N,);
         None: one at random.
+    media: the scene's media; None if it has none.
     """
     context = specular_context()
     deepest = dr.opaque(mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF)
@@ -95,9 +116,18 @@ def follow(
     origin, density, lit = mi.Point3f(0), mi.Float(0), mi.Bool(False)
     way = ways.start()
     active = mi.Bool(active) & (deepest > 0)
+    view = View(dr.zeros(mi.MediumPtr), nothing_seen(), mi.Float(0))
+    if dr.hint(media is not None, mode="scalar"):
+        view = start_view(media, ray, active)
 
     while active:
         si = scene.ray_intersect(ray, mi.RayFlags.All, depth < COHERENT, active=active)
+        if dr.hint(media is not None, mode="scalar"):
+            seen = ways.sees_light(depth)
+            view, through = look_through(
+                view, media, ray, si.t, throughput, depth, seen, sampler, active
+            )
+            throughput *= through
         emitted = throughput * si.emitter(scene).eval(si, active)
         if lit:
             emitted *= share_of_bsdf(scene, si, origin, density, lit & active)
@@ -138,6 +168,9 @@ def follow(
             origin = mi.Point3f(si.p)
             eta *= sample.eta
             ray = si.spawn_ray(si.to_world(sample.wo))
+            if dr.hint(media is not None, mode="scalar"):
+                crossing = si.is_medium_transition()
+                view.medium = dr.select(crossing, si.target_medium(ray.d), view.medium)
             depth += 1
 
         survival = dr.minimum(dr.max(throughput) * dr.square(eta), 0.95)
@@ -146,7 +179,8 @@ def follow(
         throughput[roulette] = throughput / survival
         active &= lives & (dr.max(throughput) > 0)
 
-    return VisiblePoints(p, n, reflectance, throughput, emission, depth, valid), way
+    view.haze.weight *= view.chances
+    return VisiblePoints(p, n, reflectance, throughput, emission, depth, valid), way, view.haze
 
 
 def _share_of_diffuse(diffuse: mi.Bool, reflectance: mi.Color3f, weight: mi.Color3f) -> mi.Float:

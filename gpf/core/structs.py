@@ -22,16 +22,18 @@ _PACKET = 64
 
 @dataclass
 class Photons:
-    """Photons where they hit surfaces with a diffuse component.
+    """Photons where they hit surfaces with a diffuse component, or where they fly in a medium.
 
     Attributes
     ----------
     p: position, world units, (N, 3).
-    n: unit geometric normal on the side that the photon came from, (N, 3).
+    n: unit geometric normal on the side that the photon came from, or, in a medium, the direction
+        of its flight, (N, 3).
     power: flux Φ in watts, already divided by the number of traced paths, (N, 3). It includes the
         factor g of the diffuse lobe for the direction of incidence
         (:func:`gpf.scene.materials.diffuse_transfer`): the powers on an area, divided by the area,
-        are the irradiance E for which the reflected radiance is ``f_d(n, wo) E``.
+        are the irradiance E for which the reflected radiance is ``f_d(n, wo) E``. In a medium it is
+        in W m: the powers in a volume, divided by the volume, are the fluence, W/m².
     depth: number of surface interactions before this one, (N,); 0 is direct light.
     """
 
@@ -83,6 +85,33 @@ class VisiblePoints:
         """L = L_e + β ρ/π E, W/(m² sr), (N, 3), for the irradiance E at the points, W/m²."""
         reflected = self.throughput * self.reflectance * irradiance * dr.inv_pi
         return self.emission + dr.select(self.valid, reflected, 0)
+
+
+@dataclass
+class Haze:
+    """Places in media, one for each camera ray, from which scattered light comes.
+
+    Attributes
+    ----------
+    p: position, world units, (N, 3).
+    d: unit direction of the ray, (N, 3); the light goes in the opposite one.
+    medium: the medium there, (N,).
+    weight: of the light scattered there, ∫ f(ω, ω') L(ω') dω', in the radiance of the ray, m/m,
+        (N, 3).
+    depth: number of bounces before, (N,).
+    valid: whether there is such a place, (N,).
+    """
+
+    p: mi.Point3f
+    d: mi.Vector3f
+    medium: mi.MediumPtr
+    weight: mi.Color3f
+    depth: mi.UInt32
+    valid: mi.Bool
+
+    def radiance(self, scattered: mi.Color3f) -> mi.Color3f:
+        """The part of the ray's radiance, W/(m² sr), (N, 3), given the light scattered there."""
+        return dr.select(self.valid, self.weight * scattered, 0)
 
 
 @dataclass

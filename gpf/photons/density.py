@@ -9,8 +9,9 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.core.spatial_hash import SpatialHash
-from gpf.core.structs import OrientedPoints, Photons
-from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface, unpack_depth
+from gpf.core.structs import Haze, OrientedPoints, Photons
+from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface, unpack_depth, unpack_normal
+from gpf.scene.media import Place
 
 
 class PhotonDensity:
@@ -77,4 +78,46 @@ class PhotonDensity:
             return total + power
 
         total = self._grid.visit(p, self._radius, add, mi.Color3f(0), mi.Bool(active))
+        return total * self._scale
+
+
+class PhotonCloud:
+    """Photons in media in a grid, and the estimate of scattered light from their density:
+
+        ∫ f(ω, ω') L(x, ω') dω' = 3 / (4 π r³) Σ f(ω, ω_i) Φ_i    over photons within r.
+
+    Parameters
+    ----------
+    photons: (M,).
+    radius: kernel radius r, world units.
+    bounds: corners of the scene's bounding box.
+    """
+
+    def __init__(self, photons: Photons, radius: float, bounds: Any) -> None:
+        self._empty = dr.width(photons.p) == 0
+        if self._empty:
+            return
+        tag, cell = pack_tag(photons.n, photons.depth), 1.01 * radius
+        self._grid = SpatialHash(photons.p, cell=cell, bounds=bounds, tag=tag, colour=photons.power)
+        self._radius = dr.opaque(mi.Float, radius)
+        self._scale = dr.opaque(mi.Float, 3 / (4 * math.pi * radius**3))
+
+    def scattered(self, haze: Haze, budget: mi.UInt32 | int = UNLIMITED) -> mi.Color3f:
+        """The light scattered towards the camera, W/(m² sr), (N, 3); 0 at invalid places.
+
+        ``budget``: the greatest photon depth that each place accepts, (N,).
+        """
+        if self._empty:
+            return dr.zeros(mi.Color3f, dr.width(haze.p))
+        limit = mi.UInt32(budget)
+        context = mi.PhaseFunctionContext()
+        phase = haze.medium.phase_function()
+
+        def add(total, index, record, distance2, inside):  # type: ignore[no-untyped-def]
+            counts = inside & (unpack_depth(record.tag) <= limit)
+            place = Place(haze.p, mi.Vector3f(dr.normalize(unpack_normal(record.tag))), haze.medium)
+            share, _ = phase.eval_pdf(context, place.interaction(), -haze.d, counts)
+            return total + dr.select(counts, share * record.colour, 0)
+
+        total = self._grid.visit(haze.p, self._radius, add, mi.Color3f(0), haze.valid)
         return total * self._scale

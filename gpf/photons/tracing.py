@@ -14,6 +14,7 @@ import mitsuba as mi
 from gpf.core.loops import loops_traced_once
 from gpf.core.structs import Photons
 from gpf.photons.emission import Source, emit_light
+from gpf.scene.media import Media, Place, Visit
 from gpf.scene.materials import diffuse_transfer, has_diffuse, has_null
 
 # Upper limit of a photon's power, relative to its initial power. The adjoint of shading normals
@@ -21,6 +22,10 @@ from gpf.scene.materials import diffuse_transfer, has_diffuse, has_null
 # times as bright as the others and leaves a bright disc. The limit removes 0.3 % of the light where
 # shading and geometric normals differ by 25°.
 _MAX_GAIN = 16
+
+# Largest probability of surviving Russian roulette after a collision in a medium: in milk, photons
+# have hundreds of them.
+_LIVES_IN_MEDIA = 0.99
 
 Deposit = Callable[[Photons, "mi.Bool", "mi.Bool"], None]
 
@@ -57,8 +62,15 @@ class PathSettings:
 
 @loops_traced_once
 @dr.syntax
-def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, seed: int) -> None:
-    """Trace photon paths from the emitters and deposit photons on diffuse surfaces.
+def trace_photons(
+    scene: mi.Scene,
+    deposit: Deposit,
+    settings: PathSettings,
+    seed: int,
+    media: Media | None = None,
+    float_by: Deposit | None = None,
+) -> None:
+    """Trace photon paths from the emitters and deposit photons on diffuse surfaces and in media.
 
     The expected sum of the powers at depth 0 is the part of the emitters' power that hits a diffuse
     surface first, W. A power may have negative channels: skies have colours that no display can
@@ -70,6 +82,8 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
         interaction; it has side effects, masked with ``active``. ``diffused``: whether a photon
         comes from a diffuse surface, directly or through something that does not change its
         direction.
+    media: the scene's media; None if it has none.
+    float_by: called like ``deposit``, with photons in media (:class:`gpf.core.structs.Photons`).
     """
     paths, max_depth = settings.paths, settings.max_depth
     sampler = mi.load_dict({"type": "independent"})
@@ -84,19 +98,32 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
     brightest = _size(power)
     depth, direct, diffused = mi.UInt32(0), mi.Bool(True), mi.Bool(False)
     active = (brightest > 0) & (deepest > 0)
+    foggy = media is not None
+    medium, ratio = dr.zeros(mi.MediumPtr), mi.Color3f(1)
+    channel, phase = mi.UInt32(0), mi.PhaseFunctionContext(sampler, mi.TransportMode.Importance)
+    if dr.hint(foggy, mode="scalar"):
+        medium = media.around(ray, active)
+        channel = mi.UInt32(3 * sampler.next_1d())
 
-    while dr.hint(active, exclude=[brightest, deepest, roulette_from, stores_direct]):
+    while dr.hint(active, exclude=[brightest, deepest, roulette_from, stores_direct, channel]):
         si = scene.ray_intersect(ray, active=active)
-        active &= si.is_valid()
+        scatters = mi.Bool(False)
+        if dr.hint(foggy, mode="scalar"):
+            stored = active & (stores_direct | ~direct)
+            visit = _floating(float_by, power, depth, stored)
+            flight = media.fly(medium, ray, si.t, channel, ratio, sampler, active, visit)
+            power *= flight.weight
+            ratio, scatters = flight.ratio, flight.scatters
+        surface = active & si.is_valid() & ~scatters
         bsdf = si.bsdf(ray)
 
         # Adjoint of shading normals as in Mitsuba (Veach 1997, 5.3): flux arrives at the geometric
         # surface, but the BSDF uses the shading frame.
         wi = si.to_world(si.wi)
         wi_dot_ng = dr.dot(si.n, wi)
-        active &= wi_dot_ng * si.wi.z > 0
+        surface &= wi_dot_ng * si.wi.z > 0
 
-        stored = active & has_diffuse(bsdf, si) & (stores_direct | ~direct)
+        stored = surface & has_diffuse(bsdf, si) & (stores_direct | ~direct)
         slant = dr.abs(si.wi.z / wi_dot_ng)
         landing = power * slant * diffuse_transfer(bsdf, si, stored)
         photons = Photons(
@@ -108,12 +135,12 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
         deposit(photons, diffused, stored & dr.all(dr.isfinite(photons.power)))
 
         sample, weight = bsdf.sample(
-            context, si, sampler.next_1d(active), sampler.next_2d(active), active
+            context, si, sampler.next_1d(surface), sampler.next_2d(surface), surface
         )
         straight = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null)
         if dr.hint(asks_null, mode="scalar"):
             # Some wrappers, such as bumpmap, let photons through, but not the samples of lamps.
-            straight &= dr.any(bsdf.eval_null_transmission(si, active & straight) > 0)
+            straight &= dr.any(bsdf.eval_null_transmission(si, surface & straight) > 0)
         scattered = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Diffuse)
         diffused = dr.select(straight, diffused, scattered)
         direct &= straight
@@ -121,17 +148,42 @@ def trace_photons(scene: mi.Scene, deposit: Deposit, settings: PathSettings, see
         wo_dot_ng = dr.dot(si.n, wo)
         leaks = wo_dot_ng * sample.wo.z <= 0
         correction = dr.abs((si.wi.z * wo_dot_ng) / (sample.wo.z * wi_dot_ng))
-        power *= dr.select(leaks, 0, weight * correction)
-        power = _limited(power, _MAX_GAIN * brightest)
+        factor = dr.select(leaks, 0, weight * correction)
         ray = si.spawn_ray(wo)
+        lives = mi.Float(0.95)
+        if dr.hint(foggy, mode="scalar"):
+            here = flight.place.interaction()
+            medium = dr.select(surface & si.is_medium_transition(), si.target_medium(wo), medium)
+            numbers = sampler.next_1d(scatters), sampler.next_2d(scatters)
+            turned, turning = medium.phase_function().sample(phase, here, *numbers, scatters)[:2]
+            factor = dr.select(scatters, turning, factor)
+            further = here.spawn_ray(turned)
+            ray.o, ray.d = dr.select(scatters, further.o, ray.o), dr.select(scatters, further.d, ray.d)
+            direct &= ~scatters
+            diffused &= ~scatters
+            lives = dr.select(scatters, _LIVES_IN_MEDIA, lives)
+        power = _limited(power * factor, _MAX_GAIN * brightest)
+        active &= surface | scatters
         depth += 1
 
         # Russian roulette keeps the surviving photons' power near its initial value.
-        survival = dr.minimum(_size(power) / brightest, 0.95)
+        survival = dr.minimum(_size(power) / brightest, lives)
         roulette = depth >= roulette_from
-        lives = ~roulette | (sampler.next_1d(active) < survival)
+        survives = ~roulette | (sampler.next_1d(active) < survival)
         power[roulette] = power / survival
-        active &= lives & dr.all(dr.isfinite(power)) & (_size(power) > 0) & (depth < deepest)
+        active &= survives & dr.all(dr.isfinite(power)) & (_size(power) > 0) & (depth < deepest)
+
+
+def _floating(deposit: Deposit | None, power: mi.Color3f, depth: mi.UInt32, stored: mi.Bool) -> Visit:
+    """Deposits photons at the places of a flight: w Φ at each, for which Σ w Φ / V is the fluence
+    in a volume V."""
+
+    def visit(place: Place, weight: mi.Color3f, active: mi.Bool) -> None:
+        if deposit is not None:
+            photons = Photons(p=place.p, n=mi.Normal3f(place.d), power=power * weight, depth=depth)
+            deposit(photons, mi.Bool(False), active & stored & dr.all(dr.isfinite(photons.power)))
+
+    return visit
 
 
 def _size(power: mi.Color3f) -> mi.Float:

@@ -132,7 +132,7 @@ def _follow(
     kind: tuple[str, int],
 ) -> tuple[VisiblePoints, Way]:
     lamps = Lamps(scene, indices).with_arrays(arrays)
-    found = follow(scene, sampler, ray, *depths, active, lamps, back)
+    found = follow(scene, sampler, ray, *depths, active, lamps, back)[:2]
     sampler.schedule_state()
     dr.eval(found)
     return found

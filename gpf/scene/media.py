@@ -1,0 +1,164 @@
+"""Participating media: which one rays are in, and flights through it.
+
+A medium lies between surfaces that name it as their interior or exterior, with or without
+refraction there. Its coefficients come from Mitsuba's plugins, for any place and each channel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from gpf.core.loops import loops_traced_once
+from gpf.scene.bounds import scene_bounds
+
+CROSSING = 4.0
+"""Least number of places per crossing of the scene at which a flight asks what is there. In thin
+fog, photons collide rarely; these places show where they pass."""
+
+# Most surfaces behind which a boundary between media is looked for.
+_MOST_SURFACES = 32
+
+# Called at a place to which a flight came, in a recorded loop: visit(place, weight, active).
+Visit = Callable[["Place", "mi.Color3f", "mi.Bool"], Any]
+
+
+@dataclass
+class Place:
+    """A place in a medium, (N,).
+
+    Attributes
+    ----------
+    p: position, world units, (N, 3).
+    d: unit direction in which the light or the view ray goes there, (N, 3).
+    medium: the medium.
+    """
+
+    p: mi.Point3f
+    d: mi.Vector3f
+    medium: mi.MediumPtr
+
+    def interaction(self) -> mi.MediumInteraction3f:
+        """The place as Mitsuba's plugins take it."""
+        found = dr.zeros(mi.MediumInteraction3f, dr.width(self.p))
+        found.p, found.wi = self.p, -self.d
+        found.sh_frame = mi.Frame3f(found.wi)
+        return found
+
+
+@dataclass
+class Flight:
+    """Where a flight ended, (N,).
+
+    Attributes
+    ----------
+    place: the last place.
+    weight: by which the flight's power is multiplied, (N, 3).
+    ratio: the density of the flight so far for each channel, divided by the mean of the three,
+        (N, 3).
+    scatters: whether it ended with a collision in the medium, not at its end.
+    """
+
+    place: Place
+    weight: mi.Color3f
+    ratio: mi.Color3f
+    scatters: mi.Bool
+
+
+class Media:
+    """The media of a scene.
+
+    Attributes
+    ----------
+    there: whether there are any. If not, nothing of this may be recorded.
+    """
+
+    def __init__(self, scene: mi.Scene) -> None:
+        self.scene = scene
+        parts = mi.traverse(scene).hierarchy
+        self.members = [part for part in parts if isinstance(part, mi.Medium)]
+        self.there = bool(self.members)
+        if not self.there:
+            return
+        # A medium without a boundary is named by the cameras and lamps in it.
+        owners = [*scene.sensors(), *scene.emitters()]
+        named = [medium for owner in owners if (medium := owner.get_medium()) is not None]
+        self._everywhere = mi.MediumPtr(named[0]) if named else dr.zeros(mi.MediumPtr)
+        lower, upper = scene_bounds(scene)
+        self._least = dr.opaque(mi.Float, CROSSING / float(dr.norm(upper - lower)))
+
+    @loops_traced_once
+    @dr.syntax
+    def around(self, ray: mi.Ray3f, active: mi.Bool) -> mi.MediumPtr:
+        """The medium at the origins of rays, (N,).
+
+        It is the one on the near side of the first boundary between media, behind any other
+        surfaces.
+        """
+        found = dr.select(active, self._everywhere, dr.zeros(mi.MediumPtr))
+        onwards = mi.Ray3f(ray)
+        onwards.maxt = dr.largest(mi.Float)
+        surfaces, looking = mi.UInt32(0), mi.Bool(active)
+        while dr.hint(looking, exclude=[]):
+            si = self.scene.ray_intersect(onwards, mi.RayFlags.Minimal, False, looking)
+            looking &= si.is_valid()
+            boundary = looking & si.is_medium_transition()
+            found = dr.select(boundary, si.target_medium(-onwards.d), found)
+            onwards = si.spawn_ray(onwards.d)
+            surfaces += 1
+            looking &= ~boundary & (surfaces < _MOST_SURFACES)
+        return found
+
+    @dr.syntax
+    def fly(  # type: ignore[no-untyped-def]
+        self, medium, ray, distance, channel, ratio, sampler, active, visit: Visit
+    ) -> Flight:
+        """Fly through a medium until a collision, or as far as ``distance``, by null collisions.
+
+        The weights combine the three channels' densities by the balance heuristic: where their
+        extinctions differ, that of a single channel would make some weights unbounded.
+
+        Parameters
+        ----------
+        medium: the medium at the origins, (N,); none: the flight has no effect.
+        channel: the channel whose extinction determines the distances, 0 to 2, at random once per
+            path, (N,).
+        ratio: as in :class:`Flight`; 1 at first.
+        visit: called as ``visit(place, w, active)`` wherever a flight asks what is there. The
+            expected sum of w f(place) over these places is the integral of f along the ray,
+            weighted by the transmittance, (N, 3).
+        """
+        place = Place(mi.Point3f(ray.o), mi.Vector3f(ray.d), mi.MediumPtr(medium))
+        weight, ratio = mi.Color3f(1), mi.Color3f(ratio)
+        scatters = mi.Bool(False)
+        flying = active & (medium != dr.zeros(mi.MediumPtr))
+        inside, near, far = medium.intersect_aabb(ray)
+        t, far = dr.maximum(near, 0), dr.minimum(far, distance)
+        flying &= inside & (t < far)
+        rate = dr.maximum(medium.get_majorant(place.interaction(), flying), self._least)
+        own = dr.select(channel == 0, rate.x, dr.select(channel == 1, rate.y, rate.z))
+        while dr.hint(flying, exclude=[far, rate, own]):
+            step = -dr.log(1 - sampler.next_1d(flying)) / own
+            stays = flying & (t + step < far)
+            length = dr.minimum(step, far - t)
+            t += length
+            through = dr.exp(-rate * length)
+            density = ratio * through * dr.select(stays, rate, 1)
+            mean = dr.mean(density)
+            weight *= through / mean
+            ratio = density / mean
+            place.p = dr.select(stays, ray(t), place.p)
+            visit(place, weight, stays)
+            scattering, _, extinction = medium.get_scattering_coefficients(
+                place.interaction(), stays
+            )
+            chance = dr.mean(extinction / rate)
+            scatters = stays & (sampler.next_1d(stays) < chance)
+            factor = dr.select(scatters, scattering / chance, (rate - extinction) / (1 - chance))
+            weight *= dr.select(stays, factor, 1)
+            flying &= stays & ~scatters
+        return Flight(place, weight, ratio, scatters)
