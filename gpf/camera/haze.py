@@ -12,8 +12,10 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from gpf.core.random import next_2d
 from gpf.core.structs import Haze
-from gpf.scene.media import Media, Place
+from gpf.scene.lamps import Lamps
+from gpf.scene.media import Media, Place, of_channel
 
 
 # Rays that leave the scene in a medium without a boundary go so far.
@@ -60,7 +62,7 @@ def look_through(  # type: ignore[no-untyped-def]
     if view.medium.is_homogeneous() & active:
         extinction = view.medium.get_majorant(place.interaction(), active)
         scattering = view.medium.get_scattering_coefficients(place.interaction(), active)[0]
-        t, share = _choose_distance(extinction, distance, sampler, active)
+        t, share = _choose_distance(media, ray, extinction, distance, sampler, active)
         through = dr.exp(-extinction * distance)
         at, weight = ray(t), share * scattering
     chance = dr.select(active & counts, dr.max(dr.abs(throughput) * (1 - through)), 0)
@@ -80,18 +82,50 @@ def look_through(  # type: ignore[no-untyped-def]
 
 
 def _choose_distance(
-    extinction: mi.Color3f, distance: mi.Float, sampler: mi.Sampler, active: mi.Bool
+    media: Media,
+    ray: mi.Ray3f,
+    extinction: mi.Color3f,
+    distance: mi.Float,
+    sampler: mi.Sampler,
+    active: mi.Bool,
 ) -> tuple[mi.Float, mi.Color3f]:
-    """A distance at random, about in proportion to the transmittance, and the transmittance divided
-    by its density, m, (N, 3)."""
+    """A distance at random, and the transmittance divided by its density, m, (N, 3).
+
+    Half of the distances are distributed in proportion to the transmittance of a random channel.
+    Near a lamp, the light grows with the inverse square of the distance from it; the other half is
+    distributed like this along the ray, about one of the lamps (Kulla and Fajardo 2012).
+    """
     channel = mi.UInt32(3 * sampler.next_1d(active))
-    own = dr.select(channel == 0, extinction.x, dr.select(channel == 1, extinction.y, extinction.z))
+    own = of_channel(extinction, channel)
     u = sampler.next_1d(active)
     lost = 1 - dr.exp(-own * distance)
     t = dr.select(own * distance < 1e-3, u * distance, -dr.log(1 - u * lost) / own)
-    t = dr.minimum(t, distance)
-    thin = extinction * distance < 1e-3
+    near = mi.Float(0)
+    if media.lamps:
+        number = dr.minimum(mi.UInt32(sampler.next_1d(active) * media.lamps), media.lamps - 1)
+        towards = dr.gather(mi.Point3f, media.places, number, active) - ray.o
+        middle = dr.dot(towards, ray.d)
+        apart = dr.maximum(dr.norm(towards - middle * ray.d), 1e-6 * dr.abs(middle))
+        first, last = dr.atan(-middle / apart), dr.atan((distance - middle) / apart)
+        about = middle + apart * dr.tan(dr.lerp(first, last, u))
+        t = dr.select(sampler.next_1d(active) < 0.5, about, t)
+    t = dr.clip(t, 0, distance)
     through = dr.exp(-extinction * t)
     exact = extinction * through / (1 - dr.exp(-extinction * distance))
-    density = dr.mean(dr.select(thin, 1 / distance, exact))
+    density = dr.mean(dr.select(extinction * distance < 1e-3, 1 / distance, exact))
+    if media.lamps:
+        near = apart / ((last - first) * (dr.square(apart) + dr.square(t - middle)))
+        density = 0.5 * (density + near)
     return t, through / density
+
+
+def lit_by(lamps: Lamps, haze: Haze, sampler: mi.Sampler) -> mi.Color3f:
+    """The direct light of lamps that is scattered towards the camera, W/(m² sr), (N, 3)."""
+    context, total = mi.PhaseFunctionContext(sampler), mi.Color3f(0)
+    place = Place(haze.p, haze.d, haze.medium).interaction()
+    phase = haze.medium.phase_function()
+    for group in lamps.groups():
+        light, weight = group.sample(place, next_2d(sampler, haze.valid), haze.valid)
+        share, _ = phase.eval_pdf(context, place, light.d, haze.valid & (light.pdf > 0))
+        total += dr.select(light.pdf > 0, share * weight, 0)
+    return total

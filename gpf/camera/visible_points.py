@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from gpf.camera.haze import View, look_through, nothing_seen, start_view
+from gpf.camera.haze import View, lit_by, look_through, nothing_seen, start_view
 from gpf.camera.next_event import direct_light, share_of_bsdf
 from gpf.camera.two_ways import GivenWay, RandomWay
 from gpf.core.random import next_1d, next_2d
@@ -180,6 +180,8 @@ def follow(
         active &= lives & (dr.max(throughput) > 0)
 
     view.haze.weight *= view.chances
+    if dr.hint(media is not None and bool(lamps), mode="scalar"):
+        emission += view.haze.radiance(lit_by(lamps, view.haze, sampler))
     return VisiblePoints(p, n, reflectance, throughput, emission, depth, valid), way, view.haze
 
 

@@ -13,6 +13,7 @@ import mitsuba as mi
 from gpf.core.errors import UserError
 from gpf.core.loops import loops_traced_once
 from gpf.scene.materials import has_null
+from gpf.scene.media import Media
 
 # A sample of direct light uses at most this many emitters, picked at random if there are more.
 MOST_AT_ONCE = 4
@@ -61,7 +62,7 @@ class Lamps:
         light, weight = self._choose(origin, sample, active)
         seen = active & (light.pdf > 0)
         if self._asks_null:
-            share = _arriving_share(self.scene, origin, light.p, seen)
+            share = _arriving_share(self.scene, self._media, origin, light.p, seen)
             weight *= share
             seen &= dr.any(share > 0)
         else:
@@ -71,7 +72,11 @@ class Lamps:
 
     @cached_property
     def _asks_null(self) -> bool:
-        return self._through_null and has_null(self.scene)
+        return self._media.there or (self._through_null and has_null(self.scene))
+
+    @cached_property
+    def _media(self) -> Media:
+        return Media(self.scene)
 
     def _choose(
         self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
@@ -133,14 +138,21 @@ class Lamps:
 @loops_traced_once
 @dr.syntax
 def _arriving_share(
-    scene: mi.Scene, origin: mi.Interaction3f, target: mi.Point3f, active: mi.Bool
+    scene: mi.Scene, media: Media, origin: mi.Interaction3f, target: mi.Point3f, active: mi.Bool
 ) -> mi.Color3f:
     """The fraction of light from one point that goes straight to another, (N, 3)."""
     share = dr.select(active, mi.Color3f(1), 0)
     ray = origin.spawn_ray_to(target)
+    medium = dr.zeros(mi.MediumPtr)
+    if dr.hint(media.there, mode="scalar"):
+        medium = media.around(ray, active)
     walking = mi.Bool(active)
     while dr.hint(walking, exclude=[target]):
         si = scene.ray_intersect(ray, active=walking)
+        if dr.hint(media.there, mode="scalar"):
+            share *= media.transmittance(medium, ray, dr.minimum(si.t, ray.maxt), walking)
+            crossing = walking & si.is_medium_transition()
+            medium = dr.select(crossing, si.target_medium(ray.d), medium)
         walking &= si.is_valid()
         through = si.bsdf(ray).eval_null_transmission(si, walking)
         share *= dr.select(walking, through, 1)

@@ -12,8 +12,10 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from gpf.core.loops import loops_traced_once
+from gpf.core.structs import from_numpy
 from gpf.scene.bounds import scene_bounds
 
 CROSSING = 4.0
@@ -22,6 +24,9 @@ fog, photons collide rarely; these places show where they pass."""
 
 # Most surfaces behind which a boundary between media is looked for.
 _MOST_SURFACES = 32
+
+# A segment that leaves the scene, in a medium without a boundary, is so long.
+_FAR = 1e8
 
 # Called at a place to which a flight came, in a recorded loop: visit(place, weight, active).
 Visit = Callable[["Place", "mi.Color3f", "mi.Bool"], Any]
@@ -75,6 +80,7 @@ class Media:
     Attributes
     ----------
     there: whether there are any. If not, nothing of this may be recorded.
+    lamps, places: number of lamps that have a place, and their places, (L, 3).
     """
 
     def __init__(self, scene: mi.Scene) -> None:
@@ -84,10 +90,12 @@ class Media:
         self.there = bool(self.members)
         if not self.there:
             return
-        # A medium without a boundary is named by the cameras and lamps in it.
-        owners = [*scene.sensors(), *scene.emitters()]
-        named = [medium for owner in owners if (medium := owner.get_medium()) is not None]
+        # A medium without a boundary is named only by the cameras and lamps in it.
+        owners, shapes = [*scene.sensors(), *scene.emitters()], scene.shapes()
+        bounded = [m for s in shapes for m in (s.interior_medium(), s.exterior_medium())]
+        named = [m for owner in owners if (m := owner.get_medium()) and m not in bounded]
         self._everywhere = mi.MediumPtr(named[0]) if named else dr.zeros(mi.MediumPtr)
+        self.lamps, self.places = _lamp_places(scene)
         lower, upper = scene_bounds(scene)
         self._least = dr.opaque(mi.Float, CROSSING / float(dr.norm(upper - lower)))
 
@@ -112,6 +120,15 @@ class Media:
             surfaces += 1
             looking &= ~boundary & (surfaces < _MOST_SURFACES)
         return found
+
+    def transmittance(
+        self, medium: mi.MediumPtr, ray: mi.Ray3f, distance: mi.Float, active: mi.Bool
+    ) -> mi.Color3f:
+        """The share of light that passes a distance without a collision, (N, 3)."""
+        active = active & (medium != dr.zeros(mi.MediumPtr))
+        place = Place(ray.o, ray.d, medium)
+        extinction = medium.get_majorant(place.interaction(), active)
+        return dr.select(active, dr.exp(-extinction * dr.minimum(distance, _FAR)), 1)
 
     @dr.syntax
     def fly(  # type: ignore[no-untyped-def]
@@ -140,25 +157,51 @@ class Media:
         t, far = dr.maximum(near, 0), dr.minimum(far, distance)
         flying &= inside & (t < far)
         rate = dr.maximum(medium.get_majorant(place.interaction(), flying), self._least)
-        own = dr.select(channel == 0, rate.x, dr.select(channel == 1, rate.y, rate.z))
+        own = of_channel(rate, channel)
         while dr.hint(flying, exclude=[far, rate, own]):
             step = -dr.log(1 - sampler.next_1d(flying)) / own
             stays = flying & (t + step < far)
             length = dr.minimum(step, far - t)
             t += length
             through = dr.exp(-rate * length)
-            density = ratio * through * dr.select(stays, rate, 1)
-            mean = dr.mean(density)
-            weight *= through / mean
-            ratio = density / mean
+            weight, ratio = _go_on(weight, ratio, through, through * dr.select(stays, rate, 1))
             place.p = dr.select(stays, ray(t), place.p)
             visit(place, weight, stays)
             scattering, _, extinction = medium.get_scattering_coefficients(
                 place.interaction(), stays
             )
-            chance = dr.mean(extinction / rate)
-            scatters = stays & (sampler.next_1d(stays) < chance)
-            factor = dr.select(scatters, scattering / chance, (rate - extinction) / (1 - chance))
-            weight *= dr.select(stays, factor, 1)
+            chance = extinction / rate
+            scatters = stays & (sampler.next_1d(stays) < of_channel(chance, channel))
+            factor = dr.select(scatters, scattering, rate - extinction)
+            chance = dr.select(scatters, chance, 1 - chance)
+            weight, ratio = _go_on(
+                weight, ratio, dr.select(stays, factor, 1), dr.select(stays, chance, 1)
+            )
             flying &= stays & ~scatters
         return Flight(place, weight, ratio, scatters)
+
+
+def _lamp_places(scene: mi.Scene) -> tuple[int, mi.Point3f]:
+    found = []
+    for emitter in scene.emitters():
+        if emitter.is_environment() or mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite):
+            continue
+        box = emitter.bbox() if emitter.get_shape() is None else emitter.get_shape().bbox()
+        if box.valid():
+            found.append(np.array(box.center()).ravel())
+    return len(found), from_numpy(mi.Point3f, np.array(found).reshape(-1, 3))
+
+
+def of_channel(value: mi.Color3f, channel: mi.UInt32) -> mi.Float:
+    """One channel of a colour, (N,)."""
+    return dr.select(channel == 0, value.x, dr.select(channel == 1, value.y, value.z))
+
+
+def _go_on(
+    weight: mi.Color3f, ratio: mi.Color3f, value: mi.Color3f, density: mi.Color3f
+) -> tuple[mi.Color3f, mi.Color3f]:
+    """The weight and the ratio of a flight after a random event with a value, and a density for
+    each channel."""
+    both = ratio * density
+    mean = dr.mean(both)
+    return weight * value / mean, both / mean
