@@ -13,7 +13,6 @@ from gpf.camera.rays import sample_rays_at
 from gpf.camera.visible_points import see
 from gpf.core.structs import Haze, VisiblePoints, concatenate
 from gpf.scene.lamps import Lamps
-from gpf.scene.media import Media
 from gpf.scene.materials import is_only_glossy
 
 
@@ -73,7 +72,6 @@ def sample_film(
     lamps: Lamps | None = None,
     walks: int = 1,
     rows: range | None = None,
-    media: Media | None = None,
 ) -> FilmSamples:
     """Follow one camera ray per pixel to its visible point.
 
@@ -92,7 +90,7 @@ def sample_film(
     position = mi.Point2f(_pixels(sensor.film(), rows)) + sampler.next_2d()
     ray, weight = sample_rays_at(sensor, sampler, position - offset)
     ray = mi.Ray3f(ray)
-    options: dict[str, Any] = {"max_depth": max_depth, "rr_depth": rr_depth, "lamps": lamps, "media": media}
+    options: dict[str, Any] = {"max_depth": max_depth, "rr_depth": rr_depth, "lamps": lamps}
     points, haze = see(scene, sampler, ray, **options)
     samples = FilmSamples(points, haze, weight, position, mi.UInt32(), 1)
     if walks > 1:

@@ -17,7 +17,6 @@ from gpf.core.structs import Haze
 from gpf.scene.lamps import Lamps
 from gpf.scene.media import Media, Place, of_channel
 
-
 # Rays that leave the scene in a medium without a boundary go so far.
 _FAR = 1e8
 

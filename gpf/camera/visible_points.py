@@ -11,7 +11,6 @@ from gpf.camera.two_ways import GivenWay, RandomWay
 from gpf.core.random import next_1d, next_2d
 from gpf.core.structs import Haze, VisiblePoints, Way
 from gpf.scene.lamps import Lamps
-from gpf.scene.media import Media
 from gpf.scene.materials import (
     diffuse_context,
     diffuse_reflectance,
@@ -19,6 +18,7 @@ from gpf.scene.materials import (
     is_glossy,
     specular_context,
 )
+from gpf.scene.media import Media
 
 
 def find_visible_points(
@@ -29,11 +29,10 @@ def find_visible_points(
     rr_depth: int = 5,
     active: mi.Bool | bool = True,
     lamps: Lamps | None = None,
-    media: Media | None = None,
 ) -> VisiblePoints:
     """Follow rays through glossy and specular bounces to their first diffuse hit, (N,): the points
     of :func:`see`."""
-    return see(scene, sampler, ray, max_depth, rr_depth, active, lamps, media)[0]
+    return see(scene, sampler, ray, max_depth, rr_depth, active, lamps)[0]
 
 
 def see(
@@ -44,7 +43,6 @@ def see(
     rr_depth: int = 5,
     active: mi.Bool | bool = True,
     lamps: Lamps | None = None,
-    media: Media | None = None,
 ) -> tuple[VisiblePoints, Haze]:
     """What rays see.
 
@@ -58,7 +56,7 @@ def see(
     sampler.schedule_state()
     dr.make_opaque(ray)
     depths = max_depth, rr_depth
-    points, _, haze = follow(scene, sampler, ray, *depths, active, lamps, media=media)
+    points, _, haze = follow(scene, sampler, ray, *depths, active, lamps)
     dr.eval(points, haze)
     return points, haze
 
@@ -79,7 +77,6 @@ def follow(
     active: mi.Bool | bool = True,
     lamps: Lamps | None = None,
     back: mi.Bool | bool | None = None,
-    media: Media | None = None,
 ) -> tuple[VisiblePoints, Way, Haze]:
     """Follow rays through glossy and specular bounces to their first diffuse hit, (N,), along one
     of two ways; on the way through media, choose a place in them.
@@ -100,7 +97,6 @@ def follow(
     lamps: emitters whose direct light at the visible points is also included in the emission.
     back: which way rays take at their first surface (:class:`gpf.camera.two_ways.GivenWay`), (N,);
         None: one at random.
-    media: the scene's media; None if it has none.
     """
     context = specular_context()
     deepest = dr.opaque(mi.UInt32, max_depth if max_depth >= 0 else 0xFFFFFFFF)
@@ -116,13 +112,14 @@ def follow(
     origin, density, lit = mi.Point3f(0), mi.Float(0), mi.Bool(False)
     way = ways.start()
     active = mi.Bool(active) & (deepest > 0)
+    media = Media(scene)
     view = View(dr.zeros(mi.MediumPtr), nothing_seen(), mi.Float(0))
-    if dr.hint(media is not None, mode="scalar"):
+    if dr.hint(media.there, mode="scalar"):
         view = start_view(media, ray, active)
 
     while active:
         si = scene.ray_intersect(ray, mi.RayFlags.All, depth < COHERENT, active=active)
-        if dr.hint(media is not None, mode="scalar"):
+        if dr.hint(media.there, mode="scalar"):
             seen = ways.sees_light(depth)
             view, through = look_through(
                 view, media, ray, si.t, throughput, depth, seen, sampler, active
@@ -168,7 +165,7 @@ def follow(
             origin = mi.Point3f(si.p)
             eta *= sample.eta
             ray = si.spawn_ray(si.to_world(sample.wo))
-            if dr.hint(media is not None, mode="scalar"):
+            if dr.hint(media.there, mode="scalar"):
                 crossing = si.is_medium_transition()
                 view.medium = dr.select(crossing, si.target_medium(ray.d), view.medium)
             depth += 1
@@ -180,7 +177,7 @@ def follow(
         active &= lives & (dr.max(throughput) > 0)
 
     view.haze.weight *= view.chances
-    if dr.hint(media is not None and bool(lamps), mode="scalar"):
+    if dr.hint(media.there and bool(lamps), mode="scalar"):
         emission += view.haze.radiance(lit_by(lamps, view.haze, sampler))
     return VisiblePoints(p, n, reflectance, throughput, emission, depth, valid), way, view.haze
 

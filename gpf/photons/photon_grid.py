@@ -21,7 +21,7 @@ from gpf.core.structs import Photons, from_numpy
 from gpf.photons.cell_table import CellTable
 from gpf.photons.emission import Emitted
 from gpf.photons.photon_cells import LEVEL_BITS, PhotonCells
-from gpf.photons.tracing import PathSettings, record_photons, trace_photons
+from gpf.photons.tracing import PathSettings, record_all, trace_photons
 from gpf.scene.light_groups import group_of
 
 # Coordinates of normals are rounded to thirds: this changes a direction by at most 17°.
@@ -80,25 +80,51 @@ class PhotonSums:
         self.paths = [0, 0]
         self.table = CellTable(capacity)
 
-    def trace(self, scene: mi.Scene, seed: int, half: int, diffused: bool = True) -> None:
+    def trace(
+        self,
+        scene: mi.Scene,
+        seed: int,
+        half: int,
+        diffused: bool = True,
+        cloud: PhotonSums | None = None,
+    ) -> None:
         """Add the photons of one more pass to half 0 or 1. ``diffused``: whether to include those
-        from diffuse surfaces; once left out, they are missing for good."""
-        paths = self._settings.paths
+        from diffuse surfaces; once left out, they are missing for good.
+
+        ``cloud``: takes the photons in media.
+        """
         if not self._unit:
             pilot = replace(self._settings, paths=PILOT, indirect=False)
-            few = record_photons(scene, pilot, seed)
-            sizes = np.abs(few.power.numpy()).max(axis=0) if dr.width(few.p) else np.ones(1)
-            self._unit = float(sizes.mean() or 1) * PILOT / _POWER_STEPS
-            self._landings = (dr.width(few.p) + 1) / PILOT
+            few = record_all(scene, pilot, seed)
+            for sums, photons in zip((self, cloud), few, strict=True):
+                if sums is not None:
+                    sums._learn(photons)
+        deposits = []
+        for sums in (self, cloud):
+            if sums is not None:
+                sums._prepare(half, diffused)
+            deposits.append(None if sums is None else sums._add)
+        settings = replace(self._settings, source=self._emit)
+        trace_photons(scene, deposits[0], settings, seed, deposits[1])
+        for sums in (self, cloud):
+            if sums is not None:
+                sums.table.evaluate()
+                sums.paths[half] += self._settings.paths
+
+    def _learn(self, few: Photons) -> None:
+        """Note the typical power and the number of photons, from :data:`PILOT` paths."""
+        sizes = np.abs(few.power.numpy()).max(axis=0) if dr.width(few.p) else np.ones(1)
+        self._unit = float(sizes.mean() or 1) * PILOT / _POWER_STEPS
+        self._landings = (dr.width(few.p) + 1) / PILOT
+
+    def _prepare(self, half: int, diffused: bool) -> None:
+        paths = self._settings.paths
         # Each photon may need a new cell.
         self.table.reserve(1.5 * self._landings * paths)
         # Photons have the power of one of `paths` paths; the sums are for a single path.
         self._scale = dr.opaque(mi.Float, paths / self._unit)
         self._column = dr.opaque(mi.UInt32, _POWER[half])
         self._every = dr.opaque(mi.Bool, diffused)
-        trace_photons(scene, self._add, replace(self._settings, source=self._emit), seed)
-        self.table.evaluate()
-        self.paths[half] += paths
 
     def _emit(self, scene: mi.Scene, sampler: mi.Sampler) -> Emitted:
         """The first rays; notes the group of each path."""

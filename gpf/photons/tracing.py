@@ -14,8 +14,8 @@ import mitsuba as mi
 from gpf.core.loops import loops_traced_once
 from gpf.core.structs import Photons
 from gpf.photons.emission import Source, emit_light
-from gpf.scene.media import Media, Place, Visit
 from gpf.scene.materials import diffuse_transfer, has_diffuse, has_null
+from gpf.scene.media import Media, Place, Visit
 
 # Upper limit of a photon's power, relative to its initial power. The adjoint of shading normals
 # has infinite variance. In a glass teapot it applies at every bounce: of 10^8 photons, one is 1000
@@ -67,7 +67,6 @@ def trace_photons(
     deposit: Deposit,
     settings: PathSettings,
     seed: int,
-    media: Media | None = None,
     float_by: Deposit | None = None,
 ) -> None:
     """Trace photon paths from the emitters and deposit photons on diffuse surfaces and in media.
@@ -82,7 +81,6 @@ def trace_photons(
         interaction; it has side effects, masked with ``active``. ``diffused``: whether a photon
         comes from a diffuse surface, directly or through something that does not change its
         direction.
-    media: the scene's media; None if it has none.
     float_by: called like ``deposit``, with photons in media (:class:`gpf.core.structs.Photons`).
     """
     paths, max_depth = settings.paths, settings.max_depth
@@ -98,17 +96,17 @@ def trace_photons(
     brightest = _size(power)
     depth, direct, diffused = mi.UInt32(0), mi.Bool(True), mi.Bool(False)
     active = (brightest > 0) & (deepest > 0)
-    foggy = media is not None
+    media = Media(scene)
     medium, ratio = dr.zeros(mi.MediumPtr), mi.Color3f(1)
     channel, phase = mi.UInt32(0), mi.PhaseFunctionContext(sampler, mi.TransportMode.Importance)
-    if dr.hint(foggy, mode="scalar"):
+    if dr.hint(media.there, mode="scalar"):
         medium = media.around(ray, active)
         channel = mi.UInt32(3 * sampler.next_1d())
 
     while dr.hint(active, exclude=[brightest, deepest, roulette_from, stores_direct, channel]):
         si = scene.ray_intersect(ray, active=active)
         scatters = mi.Bool(False)
-        if dr.hint(foggy, mode="scalar"):
+        if dr.hint(media.there, mode="scalar"):
             stored = active & (stores_direct | ~direct)
             visit = _floating(float_by, power, depth, stored)
             flight = media.fly(medium, ray, si.t, channel, ratio, sampler, active, visit)
@@ -151,14 +149,17 @@ def trace_photons(
         factor = dr.select(leaks, 0, weight * correction)
         ray = si.spawn_ray(wo)
         lives = mi.Float(0.95)
-        if dr.hint(foggy, mode="scalar"):
+        if dr.hint(media.there, mode="scalar"):
             here = flight.place.interaction()
             medium = dr.select(surface & si.is_medium_transition(), si.target_medium(wo), medium)
             numbers = sampler.next_1d(scatters), sampler.next_2d(scatters)
             turned, turning = medium.phase_function().sample(phase, here, *numbers, scatters)[:2]
             factor = dr.select(scatters, turning, factor)
             further = here.spawn_ray(turned)
-            ray.o, ray.d = dr.select(scatters, further.o, ray.o), dr.select(scatters, further.d, ray.d)
+            ray.o, ray.d = (
+                dr.select(scatters, further.o, ray.o),
+                dr.select(scatters, further.d, ray.d),
+            )
             direct &= ~scatters
             diffused &= ~scatters
             lives = dr.select(scatters, _LIVES_IN_MEDIA, lives)
@@ -174,7 +175,9 @@ def trace_photons(
         active &= survives & dr.all(dr.isfinite(power)) & (_size(power) > 0) & (depth < deepest)
 
 
-def _floating(deposit: Deposit | None, power: mi.Color3f, depth: mi.UInt32, stored: mi.Bool) -> Visit:
+def _floating(
+    deposit: Deposit | None, power: mi.Color3f, depth: mi.UInt32, stored: mi.Bool
+) -> Visit:
     """Deposits photons at the places of a flight: w Φ at each, for which Σ w Φ / V is the fluence
     in a volume V."""
 
@@ -200,22 +203,32 @@ def _limited(power: mi.Color3f, limit: mi.Float) -> mi.Color3f:
 def record_photons(
     scene: mi.Scene, settings: PathSettings, seed: int, capacity: int | None = None
 ) -> Photons:
-    """Trace photons and store all N deposits in the order of paths, (N,).
+    """The photons of :func:`record_all` on surfaces, (N,)."""
+    return record_all(scene, settings, seed, capacity)[0]
+
+
+def record_all(
+    scene: mi.Scene, settings: PathSettings, seed: int, capacity: int | None = None
+) -> tuple[Photons, Photons]:
+    """Trace photons and store all deposits in the order of paths: on surfaces, and in media.
 
     Parameters
     ----------
-    capacity: number of photons to reserve memory for. If there are more, they are traced a
-        second time. The default is :attr:`PathSettings.usual_capacity`.
+    capacity: number of photons to reserve memory for, on surfaces and in media each. If there are
+        more, they are traced a second time. The default is :attr:`PathSettings.usual_capacity`.
     """
-    capacity = capacity or settings.usual_capacity
+    capacity, foggy = capacity or settings.usual_capacity, Media(scene).there
     while True:
-        recorder = _Recorder(capacity, settings.paths)
-        trace_photons(scene, recorder.deposit, settings, seed)
-        count = recorder.landed()
-        if count <= capacity:
-            return recorder.photons(count)
-        del recorder
-        capacity = count
+        surfaces = _Recorder(capacity, settings.paths)
+        cloud = _Recorder(capacity, settings.paths) if foggy else None
+        float_by = None if cloud is None else cloud.deposit
+        trace_photons(scene, surfaces.deposit, settings, seed, float_by)
+        counts = surfaces.landed(), cloud.landed() if cloud else 0
+        if max(counts) <= capacity:
+            floating = cloud.photons(counts[1]) if cloud else dr.zeros(Photons, 0)
+            return surfaces.photons(counts[0]), floating
+        del surfaces, cloud
+        capacity = max(counts)
 
 
 class _Recorder:

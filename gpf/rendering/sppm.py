@@ -163,8 +163,8 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
             walks = passes.settings.glossy_walks
             lamps = Lamps(passes.scene) if passes.settings.direct == "emitters" else None
             samples = self._sample(passes.scene, sensor, seed, rows, walks, lamps)
-            irradiance = photons.irradiance(samples.points)
-            radiance = samples.merge(samples.points.radiance(irradiance)) * samples.weight
+            radiance = photons.radiance(samples.points, samples.haze)
+            radiance = samples.merge(radiance) * samples.weight
             found = dr.select(samples.points.valid, mi.Color3f(1), 0)
             alpha = samples.merge(found).x
             dr.eval(radiance, alpha)

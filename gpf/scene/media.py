@@ -85,16 +85,14 @@ class Media:
 
     def __init__(self, scene: mi.Scene) -> None:
         self.scene = scene
-        parts = mi.traverse(scene).hierarchy
-        self.members = [part for part in parts if isinstance(part, mi.Medium)]
-        self.there = bool(self.members)
+        bounded = [m for s in scene.shapes() for m in (s.interior_medium(), s.exterior_medium())]
+        # A medium without a boundary is named only by the cameras and lamps in it.
+        named = [owner.get_medium() for owner in (*scene.sensors(), *scene.emitters())]
+        endless = [m for m in named if m is not None and m not in bounded]
+        self.there = bool(endless) or any(medium is not None for medium in bounded)
         if not self.there:
             return
-        # A medium without a boundary is named only by the cameras and lamps in it.
-        owners, shapes = [*scene.sensors(), *scene.emitters()], scene.shapes()
-        bounded = [m for s in shapes for m in (s.interior_medium(), s.exterior_medium())]
-        named = [m for owner in owners if (m := owner.get_medium()) and m not in bounded]
-        self._everywhere = mi.MediumPtr(named[0]) if named else dr.zeros(mi.MediumPtr)
+        self._everywhere = mi.MediumPtr(endless[0]) if endless else dr.zeros(mi.MediumPtr)
         self.lamps, self.places = _lamp_places(scene)
         lower, upper = scene_bounds(scene)
         self._least = dr.opaque(mi.Float, CROSSING / float(dr.norm(upper - lower)))

@@ -19,14 +19,15 @@ from gpf.camera.next_event import samples_every_emitter
 from gpf.core.random import Stream, pass_seed
 from gpf.core.settings import Count, Positive, Settings
 from gpf.core.spatial_hash import Record, SpatialHash
-from gpf.core.structs import VisiblePoints, from_numpy
+from gpf.core.structs import Haze, VisiblePoints, from_numpy
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface
-from gpf.photons.density import PhotonDensity
+from gpf.photons.density import PhotonCloud, PhotonDensity
 from gpf.photons.emission import Source, emit_light
-from gpf.photons.tracing import PathSettings, record_photons
+from gpf.photons.tracing import PathSettings, record_all, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import has_gloss
+from gpf.scene.media import Media
 from gpf.sppm.edge_correction import area_correction
 from gpf.sppm.fixed_points import FixedPoints
 
@@ -77,18 +78,19 @@ def suit_scene(settings: PassSettings, scene: mi.Scene) -> PassSettings:
     return settings.model_copy(update={"glossy_walks": walks, "direct": direct})
 
 
-def radius_at(t: int, initial_radius: float, alpha: float) -> float:
+def radius_at(t: int, initial_radius: float, alpha: float, dimensions: int = 2) -> float:
     """Radius of pass ``t`` (counted from 1), in the unit of ``initial_radius``.
 
-    The recurrence r_{t+1} = r_t √((t + α) / (t + 1)) (Knaus and Zwicker 2011) in closed form, so
-    that a pass does not depend on earlier ones:
+    With the d = 2 dimensions of surfaces, or the three of media, the recurrence
+    r_{t+1}^d = r_t^d (t + α) / (t + 1) (Knaus and Zwicker 2011) in closed form, so that a pass does
+    not depend on earlier ones:
 
-        r_t² = r_1² Γ(t + α) / (Γ(1 + α) Γ(t + 1))
+        r_t^d = r_1^d Γ(t + α) / (Γ(1 + α) Γ(t + 1))
     """
     from scipy.special import gammaln
 
     log_ratio = gammaln(t + alpha) - gammaln(1 + alpha) - gammaln(t + 1)
-    return float(initial_radius * np.exp(0.5 * log_ratio))
+    return float(initial_radius * np.exp(log_ratio / dimensions))
 
 
 class PhotonPasses:
@@ -109,6 +111,9 @@ class PhotonPasses:
         self.settings = suit_scene(settings, scene)
         self.paths = self.settings.path_settings(source)
         self.bounds = scene_bounds(scene)
+        self._media_radius = 0.0
+        if Media(scene).there:
+            self._media_radius = propose_media_radius(scene, self.paths, seed, self.bounds)
         # Number of photons that the buffer must hold, judging by the passes so far.
         self._room: int | None = None
 
@@ -117,14 +122,16 @@ class PhotonPasses:
         settings = self.settings
         if photon_seed is None:
             photon_seed = pass_seed(self.seed, t, Stream.PHOTONS)
-        photons = record_photons(self.scene, self.paths, photon_seed, self._room)
-        found = dr.width(photons.p)
+        photons, floating = record_all(self.scene, self.paths, photon_seed, self._room)
+        found = max(dr.width(photons.p), dr.width(floating.p))
         if self._room is None or found > self._room:
             # An eighth in reserve, because later passes may have a few more photons.
             self._room = max(self.paths.usual_capacity, found + found // 8)
         radius = radius_at(t, settings.initial_radius, settings.alpha)
         density = PhotonDensity(photons, radius, self.bounds)
-        return PhotonPass(self.scene, settings, density, radius, self.seed, t)
+        wide = radius_at(t, self._media_radius, settings.alpha, dimensions=3)
+        cloud = PhotonCloud(floating, wide, self.bounds)
+        return PhotonPass(self.scene, settings, density, cloud, radius, self.seed, t)
 
 
 @dataclass(frozen=True)
@@ -134,6 +141,7 @@ class PhotonPass:
     scene: mi.Scene
     settings: PassSettings
     density: PhotonDensity
+    cloud: PhotonCloud
     radius: float
     seed: int
     t: int
@@ -141,16 +149,25 @@ class PhotonPass:
     def irradiance(self, points: VisiblePoints) -> mi.Color3f:
         """Irradiance from photons at ``points``, W/m², (N, 3): all light, or only indirect
         light if direct light is sampled at the emitters."""
-        # A path has depth + 1 edges from the camera and depth + 1 edges from the photon.
-        budget: Any = UNLIMITED
-        if self.settings.max_depth > 0:
-            budget = max(self.settings.max_depth - 2, 0) - points.depth
         p, n, valid = points.p, points.n, points.valid
+        budget = self._budget(points.depth)
         irradiance = self.density.irradiance(p, n, valid, budget)
         if self.settings.edge_correction:
             edge_seed = pass_seed(self.seed, self.t, Stream.EDGES)
             irradiance *= area_correction(self.scene, p, n, valid, self.radius, edge_seed)
         return irradiance
+
+    def radiance(self, points: VisiblePoints, haze: Haze) -> mi.Color3f:
+        """Radiance that cameras see, W/(m² sr), (N, 3)."""
+        seen = points.radiance(self.irradiance(points))
+        return seen + haze.radiance(self.cloud.scattered(haze, self._budget(haze.depth)))
+
+    def _budget(self, depth: mi.UInt32) -> Any:
+        """The greatest depth of photons: a path has depth + 1 edges from the camera and depth + 1
+        edges from the photon."""
+        if self.settings.max_depth <= 0:
+            return UNLIMITED
+        return max(self.settings.max_depth - 2, 0) - depth
 
     def all_irradiance(
         self, fixed: FixedPoints, start: mi.Point2f, number: int, lamps: Lamps | None = None
@@ -209,4 +226,26 @@ def propose_radius(
     _, distance2 = grid.nearest(x, k, start, limit, accept)
     typical2 = float(np.median(distance2[k - 1].numpy()))
     radius = np.sqrt(typical2 * photons_in_disc / k * paths / settings.paths)
+    return float(np.clip(radius, 1e-4 * diagonal, 5e-2 * diagonal))
+
+
+def propose_media_radius(
+    scene: mi.Scene, settings: PathSettings, seed: int, bounds: Any, photons_in_ball: float = 16.0
+) -> float:
+    """A radius, world units, within which a typical photon in a medium has ``photons_in_ball``
+    others per pass: from the distance to the 8th nearest, median over 4096 photons."""
+    k = 8
+    diagonal = float(dr.norm(bounds[1] - bounds[0]))
+    paths = min(settings.paths, 200_000)
+    pilot = replace(settings, paths=paths, indirect=False)
+    _, floating = record_all(scene, pilot, pass_seed(seed, 0, Stream.RADIUS_PHOTONS))
+    count = dr.width(floating.p)
+    if count <= k:
+        return 1e-2 * diagonal
+    rng = np.random.default_rng(pass_seed(seed, 0, Stream.RADIUS_POINTS))
+    x = dr.gather(mi.Point3f, floating.p, from_numpy(mi.UInt32, rng.integers(0, count, 4096)))
+    grid = SpatialHash(floating.p, cell=1e-2 * diagonal, bounds=bounds, far=True)
+    _, distance2 = grid.nearest(x, k + 1, mi.Float(5e-3 * diagonal), mi.Float(diagonal))
+    typical = float(np.sqrt(np.median(distance2[k].numpy())))
+    radius = typical * (photons_in_ball / k * paths / settings.paths) ** (1 / 3)
     return float(np.clip(radius, 1e-4 * diagonal, 5e-2 * diagonal))

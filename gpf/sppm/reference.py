@@ -180,7 +180,7 @@ class ReferenceRenderer:
         for name, sensor in self.sensors.items():
             film = sample_view(self.scene, sensor, name, self.settings, self.seed, t)
             dr.eval(film)
-            radiance = film.points.radiance(photons.irradiance(film.points))
+            radiance = photons.radiance(film.points, film.haze)
             sums.views[name].add(film.merge(radiance), t)
         if self._joined is not None:
             irradiance, direct = photons.all_irradiance(self._joined, self._start, t)
