@@ -118,12 +118,12 @@ def _choose_distance(
     return t, through / density
 
 
-def lit_by(lamps: Lamps, haze: Haze, sampler: mi.Sampler) -> mi.Color3f:
+def lit_by(lamps: Lamps | None, haze: Haze, sampler: mi.Sampler) -> mi.Color3f:
     """The direct light of lamps that is scattered towards the camera, W/(m² sr), (N, 3)."""
     context, total = mi.PhaseFunctionContext(sampler), mi.Color3f(0)
     place = Place(haze.p, haze.d, haze.medium).interaction()
     phase = haze.medium.phase_function()
-    for group in lamps.groups():
+    for group in lamps.groups() if lamps else ():
         light, weight = group.sample(place, next_2d(sampler, haze.valid), haze.valid)
         share, _ = phase.eval_pdf(context, place, light.d, haze.valid & (light.pdf > 0))
         total += dr.select(light.pdf > 0, share * weight, 0)

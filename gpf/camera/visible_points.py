@@ -177,7 +177,7 @@ def follow(
         active &= lives & (dr.max(throughput) > 0)
 
     view.haze.weight *= view.chances
-    if dr.hint(media.there and bool(lamps), mode="scalar"):
+    if dr.hint(media.there, mode="scalar"):
         emission += view.haze.radiance(lit_by(lamps, view.haze, sampler))
     return VisiblePoints(p, n, reflectance, throughput, emission, depth, valid), way, view.haze
 

@@ -90,9 +90,13 @@ class GaussianPhotonField(Recordable):
         (:mod:`gpf.training.field_error`); None if unknown.
     limits: the planes at which the Gaussians end, (N, 3, 4), in the space of their centres
         (:mod:`gpf.field.limits`); None if nothing is near the surfaces.
+
+    Attributes
+    ----------
+    volume: the light in media (:class:`gpf.field.volume.VolumeField`), or None.
     """
 
-    READ = ("detail", "search", "_packets", "_error_packets")
+    READ = ("detail", "search", "volume", "_packets", "_error_packets")
 
     def __init__(
         self,
@@ -106,6 +110,7 @@ class GaussianPhotonField(Recordable):
         limits: np.ndarray | None = None,
     ) -> None:
         self.settings = settings
+        self.volume: Any = None
         self.limits = limits
         self.lights = lights
         self.bounds = bounds

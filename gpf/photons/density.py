@@ -121,3 +121,21 @@ class PhotonCloud:
 
         total = self._grid.visit(haze.p, self._radius, add, mi.Color3f(0), haze.valid)
         return total * self._scale
+
+    def fluence(
+        self, p: mi.Point3f, active: mi.Bool | bool = True
+    ) -> tuple[mi.Color3f, mi.Vector3f]:
+        """Fluence, W/m², and the mean of its channels times the mean direction of flight, (N, 3)
+        each: the first two moments of the radiance at places."""
+        if self._empty:
+            return dr.zeros(mi.Color3f, dr.width(p)), dr.zeros(mi.Vector3f, dr.width(p))
+
+        def add(totals, index, record, distance2, inside):  # type: ignore[no-untyped-def]
+            total, moment = totals
+            power = dr.select(inside, record.colour, 0)
+            d = mi.Vector3f(unpack_normal(record.tag))
+            return total + power, moment + dr.mean(power) * d
+
+        start = mi.Color3f(0), mi.Vector3f(0)
+        total, moment = self._grid.visit(p, self._radius, add, start, mi.Bool(active))
+        return total * self._scale, moment * self._scale

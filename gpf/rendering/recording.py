@@ -19,7 +19,7 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.visible_points import follow
-from gpf.core.structs import VisiblePoints, Way
+from gpf.core.structs import Haze, VisiblePoints, Way
 from gpf.scene.inventory import all_shapes, divides_walks
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import require_separable
@@ -96,8 +96,8 @@ class RecordedWalks:
         active: mi.Bool,
         lamps: Lamps,
         back: mi.Bool | None,
-    ) -> tuple[VisiblePoints, Way]:
-        """The visible points and the ways to them, evaluated.
+    ) -> tuple[VisiblePoints, Way, Haze]:
+        """The visible points, the ways to them, and places in media, evaluated.
 
         Parameters
         ----------
@@ -112,7 +112,7 @@ class RecordedWalks:
         if self._frozen is not None:
             try:
                 with _nothing_collected(first=self._calls == 1):
-                    found: tuple[VisiblePoints, Way] = self._frozen(*arguments)
+                    found: tuple[VisiblePoints, Way, Haze] = self._frozen(*arguments)
                     return found
             except RuntimeError as error:
                 log.info("Camera walks cannot be recorded and are traced each time: %s", error)
@@ -130,9 +130,9 @@ def _follow(
     depths: tuple[int, int],
     indices: tuple[int, ...] | None,
     kind: tuple[str, int],
-) -> tuple[VisiblePoints, Way]:
+) -> tuple[VisiblePoints, Way, Haze]:
     lamps = Lamps(scene, indices).with_arrays(arrays)
-    found = follow(scene, sampler, ray, *depths, active, lamps, back)[:2]
+    found = follow(scene, sampler, ray, *depths, active, lamps, back)
     sampler.schedule_state()
     dr.eval(found)
     return found

@@ -14,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.visible_points import follow
-from gpf.core.structs import VisiblePoints, Way
+from gpf.core.structs import Haze, VisiblePoints, Way
 from gpf.field.field import GaussianPhotonField
 from gpf.field.ordered_query import query_in_order
 from gpf.rendering.aovs import at_visible_point
@@ -55,7 +55,7 @@ class Walks:
         self.scene, self.field, self.aovs = scene, field, aovs
         self.max_depth, self.rr_depth = max_depth, rr_depth
         self.divides = divides
-        self.follow: Callable[..., tuple[VisiblePoints, Way]] = follow
+        self.follow: Callable[..., tuple[VisiblePoints, Way, Haze]] = follow
 
     @dr.syntax
     def look(self, sampler, ray, active):  # type: ignore[no-untyped-def]
@@ -94,7 +94,10 @@ class Walks:
         lamps = self.field.settings.sampled_lamps(self.scene)
         depths = self.max_depth, self.rr_depth
         side = back if self.divides else None
-        return self.follow(self.scene, sampler, ray, *depths, active, lamps, side)
+        points, way, haze = self.follow(self.scene, sampler, ray, *depths, active, lamps, side)
+        if self.field.volume is not None:
+            points.emission += haze.radiance(self.field.volume.scattered(haze))
+        return points, way
 
     def _shown(
         self, points: VisiblePoints, value: mi.Color3f, reach: mi.Float, way: Way

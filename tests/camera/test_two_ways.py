@@ -33,7 +33,7 @@ def test_a_random_number_may_be_one(surface, back):
         {"type": "scene", "floor": floor(surface), "lamp": lamp((0, 0, 3), (0, 0, 0), 1, 1, 1, 1)}
     )
     ray = mi.Ray3f(mi.Point3f(0, -1, dr.full(mi.Float, 1, 4)), mi.Vector3f(0, 0.6, -0.8))
-    points, _ = follow(scene, OnlyOnes(), ray, back=back)
+    points, _, _ = follow(scene, OnlyOnes(), ray, back=back)
     for values in (points.throughput, points.emission):
         assert np.isfinite(values.numpy()).all()
     assert points.valid.numpy().all() or (surface["type"] == "plastic" and back is None)

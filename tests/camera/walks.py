@@ -31,7 +31,7 @@ def walk(
     d = np.subtract(target, origin) / np.linalg.norm(np.subtract(target, origin))
     ray = mi.Ray3f(mi.Point3f(*origin), mi.Vector3f(*d.tolist()))
     ray = dr.gather(mi.Ray3f, ray, dr.zeros(mi.UInt32, count))
-    points, way = follow(loaded, sampler, ray, **options)
+    points, way, _ = follow(loaded, sampler, ray, **options)
     dr.eval(points, way)
     points.share = way.weight
     return points
