@@ -68,6 +68,8 @@ def bake(
     vertex_colours: options.VertexColours = False,
     spp: options.BakeSpp = 16,
     exposure: options.MapExposure = None,
+    glb: options.SceneGlb = None,
+    html: options.ScenePage = None,
     seed: options.Seed = 0,
     changed_scene: options.ChangedScene = False,
     overwrite: options.Overwrite = False,
@@ -87,6 +89,8 @@ def bake(
         seed=seed,
         changed_scene=changed_scene,
         overwrite=overwrite,
+        glb=glb,
+        html=html,
     )
     bake_light(scene, field, output, asked)
 
