@@ -16,6 +16,8 @@ _KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
 _TYPES = {"float32": 5126, "uint32": 5125}
 _VERTICES, _INDICES = 34962, 34963
 
+CLAMP = 33071
+
 JPEG_QUALITY = 95
 
 
@@ -52,16 +54,17 @@ class Glb:
         flat = faces.astype(np.uint32).reshape(-1, 1)
         return self.add("accessors", self._accessor(flat, _INDICES))
 
-    def texture(self, pixels: np.ndarray) -> int:
+    def texture(self, pixels: np.ndarray, wrap: int = CLAMP) -> int:
         """Add an image, (H, W, 3) uint8, as PNG or JPEG, whichever is smaller; return its texture.
 
-        Coordinates beyond its edges have the colour of the edge.
+        Parameters
+        ----------
+        wrap: glTF's number for what is beyond its edges; by default, the colour of the edge.
         """
         data, kind = encode(pixels)
         image = self.add("images", {"bufferView": self._view(data), "mimeType": kind})
-        clamp = {"wrapS": 33071, "wrapT": 33071, "magFilter": 9729, "minFilter": 9987}
-        sampler = 0 if "samplers" in self.content else self.add("samplers", clamp)
-        return self.add("textures", {"source": image, "sampler": sampler})
+        smooth = {"wrapS": wrap, "wrapT": wrap, "magFilter": 9729, "minFilter": 9987}
+        return self.add("textures", {"source": image, "sampler": self.add("samplers", smooth)})
 
     def to_bytes(self) -> bytes:
         """The whole file."""

@@ -9,13 +9,14 @@ viewer has around them.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import mitsuba as mi
 import numpy as np
 
-from gpf.baking.atlas import Atlas
+from gpf.baking.albedo import WRAPS, Albedo
+from gpf.baking.atlas import Atlas, Chart
 from gpf.baking.finish import Finish, look_behind, read_finish, read_gloss, uv_extent
 from gpf.baking.glb import Glb, Json
 from gpf.baking.reflectance import emitted_by, is_black
@@ -48,29 +49,73 @@ class Stage:
     aspect: float
 
 
-def write_stage(stage: Stage, picture: np.ndarray | None, exposure: float) -> bytes:
+def write_glb(stage: Stage, picture: np.ndarray, exposure: float) -> bytes:
     """The bytes of a binary glTF file.
 
     Parameters
     ----------
-    picture: the radiance of the atlas, tone mapped, (H, W, 3) uint8; None for a file whose reader
-        brings it: the materials' ``extras`` say which ones show it.
+    picture: the radiance of the atlas, tone mapped, (H, W, 3) uint8.
     exposure: factor for the emission of surfaces that are not in the atlas.
     """
     glb = Glb(GENERATOR)
-    texture = None if picture is None else glb.texture(picture)
+    texture = glb.texture(picture)
     known: dict[tuple[bool, float | None], int] = {}
-    nodes = []
-    for chart in stage.atlas.charts:
-        surface, gloss = chart.surface, read_gloss(chart.surface)
-        if gloss is not None and is_black(surface):
-            nodes.append(_add_specular(glb, stage, surface, exposure))
-            continue
-        key = surface.two_sided, gloss
+
+    def add(chart: Chart, gloss: float | None) -> int:
+        key = chart.surface.two_sided, gloss
         if key not in known:
             known[key] = glb.add("materials", _lit(texture, *key))
-        uv = {"TEXCOORD_0": glb.vertices(chart.uv)}
-        nodes.append(_add_mesh(glb, surface, chart.vertices, chart.faces, uv, known[key]))
+        return _add_mesh(glb, chart, {"TEXCOORD_0": glb.vertices(chart.uv)}, known[key])
+
+    return _write(glb, stage, add, exposure)
+
+
+def write_unlit_glb(stage: Stage, albedos: Mapping[str, Albedo]) -> bytes:
+    """The bytes of a binary glTF file whose reader brings the light.
+
+    The materials that are to be lit have ``extras``: base colour times light map, on the second
+    coordinates, is π times the radiance. Surfaces without an albedo are white.
+    """
+    glb = Glb(GENERATOR)
+    images: dict[tuple[bytes, str], int] = {}
+
+    def add(chart: Chart, gloss: float | None) -> int:
+        surface = chart.surface
+        light = glb.vertices(chart.uv)
+        coordinates = {"TEXCOORD_0": light, "TEXCOORD_1": light}
+        base: Json = {}
+        if (albedo := albedos.get(surface.name)) is not None:
+            base["baseColorFactor"] = [*albedo.factor.tolist(), 1.0]
+            if albedo.image is not None and albedo.uv is not None:
+                key = albedo.image.tobytes(), albedo.wrap
+                if key not in images:
+                    images[key] = glb.texture(albedo.image, WRAPS[albedo.wrap])
+                base["baseColorTexture"] = {"index": images[key]}
+                coordinates["TEXCOORD_0"] = glb.vertices(albedo.uv[chart.vertices])
+        material: Json = {
+            "name": surface.name,
+            "doubleSided": surface.two_sided,
+            "extras": {"baked": True},
+            "pbrMetallicRoughness": {**base, "metallicFactor": 0, "roughnessFactor": gloss or 1},
+        }
+        if gloss is None:
+            material["extensions"] = {"KHR_materials_unlit": {}}
+        return _add_mesh(glb, chart, coordinates, glb.add("materials", material))
+
+    return _write(glb, stage, add, 1.0)
+
+
+def _write(
+    glb: Glb, stage: Stage, add_lit: Callable[[Chart, float | None], int], exposure: float
+) -> bytes:
+    """The file; ``add_lit`` adds a node for a surface with baked light, and its roughness."""
+    nodes = []
+    for chart in stage.atlas.charts:
+        gloss = read_gloss(chart.surface)
+        if gloss is not None and is_black(chart.surface):
+            nodes.append(_add_specular(glb, stage, chart.surface, exposure))
+        else:
+            nodes.append(add_lit(chart, gloss))
     nodes += [_add_specular(glb, stage, surface, exposure) for surface in stage.specular]
     nodes += [_add_camera(glb, view, stage.aspect) for view in stage.cameras]
     root: Json = {"name": "scene", "children": nodes}
@@ -85,18 +130,28 @@ def is_z_up(cameras: Sequence[View]) -> bool:
     return bool(cameras) and bool(np.argmax(np.abs(cameras[0].up)) == 2)
 
 
-def _lit(texture: int | None, two_sided: bool, gloss: float | None) -> Json:
+def _lit(texture: int, two_sided: bool, gloss: float | None) -> Json:
     """A material that shows the light in the texture; with the viewer's reflections if glossy."""
-    shown = {} if texture is None else {"index": texture}
-    black = [0.0, 0.0, 0.0, 1.0]
-    material: Json = {"name": "baked", "doubleSided": two_sided, "extras": {"baked": True}}
+    shown, black = {"index": texture}, [0.0, 0.0, 0.0, 1.0]
     if gloss is None:
-        plain = {"baseColorTexture": shown} if shown else {}
-        material["pbrMetallicRoughness"] = {**plain, "metallicFactor": 0, "roughnessFactor": 1}
-        return {**material, "extensions": {"KHR_materials_unlit": {}}}
+        return {
+            "name": "baked",
+            "doubleSided": two_sided,
+            "pbrMetallicRoughness": {
+                "baseColorTexture": shown,
+                "metallicFactor": 0,
+                "roughnessFactor": 1,
+            },
+            "extensions": {"KHR_materials_unlit": {}},
+        }
     coat = {"baseColorFactor": black, "metallicFactor": 0, "roughnessFactor": gloss}
-    light = {"emissiveTexture": shown, "emissiveFactor": [1, 1, 1]} if shown else {}
-    return {**material, "name": "baked, glossy", "pbrMetallicRoughness": coat, **light}
+    return {
+        "name": "baked, glossy",
+        "doubleSided": two_sided,
+        "pbrMetallicRoughness": coat,
+        "emissiveTexture": shown,
+        "emissiveFactor": [1, 1, 1],
+    }
 
 
 def _add_specular(glb: Glb, stage: Stage, surface: Surface, exposure: float) -> int:
@@ -133,9 +188,9 @@ def _add_specular(glb: Glb, stage: Stage, surface: Surface, exposure: float) -> 
         extensions["KHR_materials_emissive_strength"] = {"emissiveStrength": strength}
     if extensions:
         material["extensions"] = extensions
-    everything = np.arange(len(surface.points))
-    added = glb.add("materials", material)
-    return _add_mesh(glb, surface, everything, surface.faces, coordinates, added)
+    every = np.arange(len(surface.points))
+    whole = Chart(surface, every, surface.faces, np.zeros((len(every), 2), np.float32))
+    return _add_mesh(glb, whole, coordinates, glb.add("materials", material))
 
 
 def _glass(finish: Finish, scene: mi.Scene, surface: Surface) -> tuple[np.ndarray, Json]:
@@ -151,19 +206,18 @@ def _glass(finish: Finish, scene: mi.Scene, surface: Surface) -> tuple[np.ndarra
     return finish.colour * (ends / finish.ior**2 + 1 - ends), extensions
 
 
-def _add_mesh(
-    glb: Glb,
-    surface: Surface,
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    coordinates: dict[str, int],
-    material: int,
-) -> int:
-    """Add a node with a mesh; ``vertices``: indices of the surface's points, (V,)."""
-    attributes = {"POSITION": glb.vertices(surface.points[vertices], bounds=True), **coordinates}
+def _add_mesh(glb: Glb, chart: Chart, coordinates: dict[str, int], material: int) -> int:
+    """Add a node with a mesh."""
+    surface = chart.surface
+    points = surface.points[chart.vertices]
+    attributes = {"POSITION": glb.vertices(points, bounds=True), **coordinates}
     if surface.normals is not None:
-        attributes["NORMAL"] = glb.vertices(_unit(surface.normals[vertices]))
-    primitive = {"attributes": attributes, "indices": glb.indices(faces), "material": material}
+        attributes["NORMAL"] = glb.vertices(_unit(surface.normals[chart.vertices]))
+    primitive = {
+        "attributes": attributes,
+        "indices": glb.indices(chart.faces),
+        "material": material,
+    }
     mesh = glb.add("meshes", {"name": surface.name, "primitives": [primitive]})
     return glb.add("nodes", {"name": surface.name, "mesh": mesh})
 

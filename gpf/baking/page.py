@@ -14,8 +14,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.baking.gltf import Stage, is_z_up, write_stage
-from gpf.baking.reflectance import group_of_emitter
+from gpf.baking.albedo import Albedo, read_albedo
+from gpf.baking.bake import LightMaps
+from gpf.baking.gltf import Stage, is_z_up, write_unlit_glb
+from gpf.baking.reflectance import bake_radiosity, group_of_emitter
 from gpf.core.structs import from_numpy, to_numpy
 
 PAGE = Path(__file__).with_name("page.html")
@@ -40,7 +42,7 @@ _MANTISSA, _BIAS, _EXPONENTS = 9, 15, (-15, 16)
 
 def write_page(
     stage: Stage,
-    radiance: Mapping[str, np.ndarray],
+    baked: LightMaps,
     exposure: float,
     title: str,
     members: Mapping[str, Sequence[int]],
@@ -49,12 +51,12 @@ def write_page(
 
     Parameters
     ----------
-    radiance: of the atlas, W/(m² sr), by the names of the groups of lights, (H, W, 3) each; under
-        the empty name that of all lamps.
     members: the indices in ``scene.emitters()`` of each group's emitters, by its name.
     """
-    groups = [name for name in radiance if name] or [""]
-    height, width = radiance[groups[0]].shape[:2]
+    groups = [name for name in baked.maps if name] or [""]
+    width, height = baked.atlas.size
+    albedos = _albedos(stage)
+    light = bake_radiosity(stage.scene, baked, members, apart=albedos)
     settings: dict[str, Any] = {
         "exposure": exposure,
         "groups": groups,
@@ -65,8 +67,8 @@ def write_page(
         "cameras": [view.name for view in stage.cameras],
     }
     files = {name: (THREE / name).read_bytes() for name in MODULES}
-    files["scene"] = write_stage(stage, None, 1.0)
-    files["light"] = _differences(np.stack([pack_rgb9e5(radiance[name]) for name in groups]))
+    files["scene"] = write_unlit_glb(stage, albedos)
+    files["light"] = _differences(np.stack([pack_rgb9e5(light[name]) for name in groups]))
     if (sky := stage.scene.environment()) is not None:
         group = group_of_emitter(stage.scene, sky, members)
         settings["sky"] = {"width": SKY[0], "height": SKY[1], "group": group}
@@ -93,6 +95,13 @@ def pack_rgb9e5(colours: np.ndarray) -> np.ndarray:
     scale = 2.0 ** (_MANTISSA - exponent)
     r, g, b = np.moveaxis(np.round(colours * scale[..., None]).astype(np.uint32), -1, 0)
     return r | g << 9 | b << 18 | (exponent + _BIAS).astype(np.uint32) << 27
+
+
+def _albedos(stage: Stage) -> dict[str, Albedo]:
+    """Reflectances that need not be baked, by the surfaces' names."""
+    dark = [chart.surface for chart in stage.atlas.charts if not chart.surface.shape.is_emitter()]
+    found = {surface.name: read_albedo(surface) for surface in dark}
+    return {name: albedo for name, albedo in found.items() if albedo is not None}
 
 
 def _groups_of_lamps(stage: Stage, members: Mapping[str, Sequence[int]]) -> dict[str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import drjit as dr
 import mitsuba as mi
@@ -18,31 +18,34 @@ BLACK = 1e-3
 """Reflectance that is none."""
 
 
-def bake_radiance(
-    scene: mi.Scene, baked: LightMaps, members: Mapping[str, Sequence[int]]
+def bake_radiosity(
+    scene: mi.Scene,
+    baked: LightMaps,
+    members: Mapping[str, Sequence[int]],
+    apart: Collection[str] = (),
 ) -> dict[str, np.ndarray]:
-    """What surfaces in their light maps look like from the front: L = ρ E / π + L_e.
+    """What leaves the fronts of surfaces in their light maps: ρ E + π L_e.
 
     Parameters
     ----------
     members: the indices in ``scene.emitters()`` of each group's emitters, by its name.
+    apart: names of surfaces for which ρ is left out.
 
     Returns
     -------
-    Radiance by the names of ``baked.maps``, W/(m² sr), (H, W, 3) float32 each.
+    W/m² by the names of ``baked.maps``, (H, W, 3) float32 each.
     """
     count = len(baked.places.index)
-    reflectance, emission = (np.zeros((count, 3), np.float32) for _ in range(2))
+    reflectance, emission = np.ones((count, 3), np.float32), np.zeros((count, 3), np.float32)
     group = np.full(count, "", dtype=object)
     first = 0
     for chart in baked.atlas.charts:
-        last = first + len(chart.faces)
+        surface, last = chart.surface, first + len(chart.faces)
         here = (baked.places.triangle >= first) & (baked.places.triangle < last)
         faces, weights = baked.places.triangle[here] - first, baked.places.weights[here]
         first = last
-        if not len(faces):
+        if surface.name in apart or not len(faces):
             continue
-        surface = chart.surface
         si = from_front(surface, faces, weights)
         reflectance[here] = to_numpy(diffuse_reflectance(surface.shape.bsdf(), si, mi.Bool(True)))
         if surface.shape.is_emitter():
@@ -52,12 +55,12 @@ def bake_radiance(
     def page(values: np.ndarray) -> np.ndarray:
         return fill_page(values, np.full(count, True), baked.places, baked.atlas.size)
 
-    albedo = page(reflectance / np.pi)
-    radiance = {}
+    albedo = page(reflectance)
+    radiosity = {}
     for name, light in baked.maps.items():
         own = emission if not name else np.where((group == name)[:, None], emission, 0)
-        radiance[name] = albedo * light + (page(own) if own.any() else 0)
-    return radiance
+        radiosity[name] = albedo * light + (np.pi * page(own) if own.any() else 0)
+    return radiosity
 
 
 def group_of_emitter(

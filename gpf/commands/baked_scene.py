@@ -9,9 +9,9 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.baking.bake import LightMaps
-from gpf.baking.gltf import Stage, write_stage
+from gpf.baking.gltf import Stage, write_glb
 from gpf.baking.page import write_page
-from gpf.baking.reflectance import bake_radiance
+from gpf.baking.reflectance import bake_radiosity
 from gpf.baking.surfaces import read_specular_surfaces
 from gpf.core.files import write_atomically, write_text
 from gpf.core.images import tone_map
@@ -42,17 +42,17 @@ def write_scene(
         return
     groups = field.lights.groups if field.lights else None
     members = dict(zip(groups.names, groups.members, strict=True)) if groups else {}
-    radiance = bake_radiance(scene, baked, members)
     specular = read_specular_surfaces(scene)
     stage = Stage(scene, baked.atlas, specular, *_cameras(scene, views))
     if files.glb is not None:
-        picture = np.round(255 * tone_map(radiance[""], exposure)).astype(np.uint8)
-        data = write_stage(stage, picture, exposure)
+        radiance = bake_radiosity(scene, baked, members)[""] / np.pi
+        picture = np.round(255 * tone_map(radiance, exposure)).astype(np.uint8)
+        data = write_glb(stage, picture, exposure)
         write_atomically(files.glb, lambda p: p.write_bytes(data))
         say(f"{files.glb}: {len(data) / 1e6:.1f} MB")
     if files.html is not None:
         title = files.html.stem.replace("_", " ")
-        text = write_page(stage, radiance, exposure, title, members)
+        text = write_page(stage, baked, exposure, title, members)
         write_text(files.html, text)
         say(f"{files.html}: {len(text) / 1e6:.1f} MB")
 
