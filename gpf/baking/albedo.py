@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mitsuba as mi
 import numpy as np
 
-from gpf.baking.reflectance import at_coordinates, from_front
+from gpf.baking.reflectance import at_coordinates, from_front, rows
 from gpf.baking.surfaces import Surface
 from gpf.core.images import tone_map
 from gpf.core.structs import to_numpy
@@ -74,7 +74,7 @@ def _texels(surface: Surface, texture: mi.Texture, to_uv: np.ndarray) -> np.ndar
     width, height = (int(n) for n in texture.resolution())
     grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2)
     uv = _moved((grid + 0.5) / [width, height], np.linalg.inv(to_uv))
-    return to_numpy(mi.Color3f(texture.eval(at_coordinates(surface, uv)))).reshape(height, width, 3)
+    return rows(texture.eval(at_coordinates(surface, uv)), len(uv)).reshape(height, width, 3)
 
 
 def _look_up(image: np.ndarray, uv: np.ndarray, wrap: str) -> np.ndarray:

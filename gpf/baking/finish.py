@@ -8,10 +8,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.baking.reflectance import at_coordinates, from_front
+from gpf.baking.reflectance import at_coordinates, from_front, rows
 from gpf.baking.surfaces import Surface
 from gpf.core.random import next_1d, next_2d
-from gpf.core.structs import to_numpy
 from gpf.scene.materials import NOT_DIFFUSE, has_diffuse, specular_context
 
 SAMPLES = 64
@@ -128,8 +127,8 @@ def _sampled(surface: Surface, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
     every = mi.Bool(True)
     first, second = next_1d(sampler, every), next_2d(sampler, every)
     found, weight = surface.shape.bsdf().sample(context, si, first, second)
-    passes = np.array(found.wo.z) < 0
-    weight = to_numpy(mi.Color3f(dr.select(found.pdf > 0, weight, 0)))
+    passes = np.broadcast_to(np.array(found.wo.z) < 0, SAMPLES * len(uv))
+    weight = rows(dr.select(found.pdf > 0, weight, 0), len(passes))
     parts = (np.where(side[:, None], weight, 0) for side in (~passes, passes))
     back, through = (part.reshape(len(uv), SAMPLES, 3).mean(axis=1) for part in parts)
     eta = np.broadcast_to(np.array(found.eta), passes.shape)[passes]

@@ -70,11 +70,12 @@ def write_glb(stage: Stage, picture: np.ndarray, exposure: float) -> bytes:
     return _write(glb, stage, add, exposure)
 
 
-def write_unlit_glb(stage: Stage, albedos: Mapping[str, Albedo]) -> bytes:
+def write_unlit_glb(stage: Stage, albedos: Mapping[str, Albedo], exposure: float) -> bytes:
     """The bytes of a binary glTF file whose reader brings the light.
 
     The materials that are to be lit have ``extras``: base colour times light map, on the second
-    coordinates, is π times the radiance. Surfaces without an albedo are white.
+    coordinates, is π times the radiance. Surfaces without an albedo are white. ``exposure``: as for
+    :func:`write_glb`.
     """
     glb = Glb(GENERATOR)
     images: dict[tuple[bytes, str], int] = {}
@@ -102,7 +103,7 @@ def write_unlit_glb(stage: Stage, albedos: Mapping[str, Albedo]) -> bytes:
             material["extensions"] = {"KHR_materials_unlit": {}}
         return _add_mesh(glb, chart, coordinates, glb.add("materials", material))
 
-    return _write(glb, stage, add, 1.0)
+    return _write(glb, stage, add, exposure)
 
 
 def _write(

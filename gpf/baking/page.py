@@ -17,8 +17,8 @@ import numpy as np
 from gpf.baking.albedo import Albedo, read_albedo
 from gpf.baking.bake import LightMaps
 from gpf.baking.gltf import Stage, is_z_up, write_unlit_glb
-from gpf.baking.reflectance import bake_radiosity, group_of_emitter
-from gpf.core.structs import from_numpy, to_numpy
+from gpf.baking.reflectance import bake_radiosity, group_of_emitter, rows
+from gpf.core.structs import from_numpy
 
 PAGE = Path(__file__).with_name("page.html")
 THREE = Path(__file__).with_name("three")
@@ -58,7 +58,6 @@ def write_page(
     albedos = _albedos(stage)
     light = bake_radiosity(stage.scene, baked, members, apart=albedos)
     settings: dict[str, Any] = {
-        "exposure": exposure,
         "groups": groups,
         "width": width,
         "height": height,
@@ -67,12 +66,14 @@ def write_page(
         "cameras": [view.name for view in stage.cameras],
     }
     files = {name: (THREE / name).read_bytes() for name in MODULES}
-    files["scene"] = write_unlit_glb(stage, albedos)
-    files["light"] = _differences(np.stack([pack_rgb9e5(light[name]) for name in groups]))
+    files["scene"] = write_unlit_glb(stage, albedos, exposure)
+    files["light"] = _differences(
+        np.stack([pack_rgb9e5(exposure * light[name]) for name in groups])
+    )
     if (sky := stage.scene.environment()) is not None:
         group = group_of_emitter(stage.scene, sky, members)
         settings["sky"] = {"width": SKY[0], "height": SKY[1], "group": group}
-        files["sky"] = _picture_of_sky(stage).tobytes()
+        files["sky"] = _picture_of_sky(stage, exposure).tobytes()
     # `<` would end the element that holds the text.
     said = json.dumps(settings, allow_nan=False).replace("<", "\\u003c")
     parts = [f'<script type="application/json" id="settings">{said}</script>']
@@ -125,9 +126,9 @@ def _pack(data: bytes) -> str:
     return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode()
 
 
-def _picture_of_sky(stage: Stage) -> np.ndarray:
-    """The radiance from all directions, (H, W, 4) float16: rows upwards from -y, columns from -x
-    over -z."""
+def _picture_of_sky(stage: Stage, exposure: float) -> np.ndarray:
+    """The exposed light from all directions, (H, W, 4) float16: rows upwards from -y, columns from
+    -x over -z."""
     width, height = SKY
     angle = 2 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
     latitude = np.pi * ((np.arange(height)[:, None] + 0.5) / height - 0.5)
@@ -136,6 +137,6 @@ def _picture_of_sky(stage: Stage) -> np.ndarray:
     way = (x, -z, y) if is_z_up(stage.cameras) else (x, y, z)
     si = dr.zeros(mi.SurfaceInteraction3f, width * height)
     si.wi = -from_numpy(mi.Vector3f, np.stack(way, axis=-1).reshape(-1, 3).astype(np.float32))
-    seen = to_numpy(stage.scene.environment().eval(si)).reshape(height, width, 3)
+    seen = rows(stage.scene.environment().eval(si), width * height).reshape(height, width, 3)
     opaque = np.ones((height, width, 1))
-    return np.concatenate([np.clip(seen, 0, 60000), opaque], axis=-1).astype("<f2")
+    return np.concatenate([np.clip(exposure * seen, 0, 60000), opaque], axis=-1).astype("<f2")

@@ -83,7 +83,8 @@ def emitted_by(surface: Surface) -> np.ndarray:
     """The mean radiance of a luminous surface, W/(m² sr), (3,)."""
     faces = np.arange(len(surface.faces))
     si = from_front(surface, faces, np.full((len(faces), 3), 1 / 3))
-    return np.average(to_numpy(surface.shape.emitter().eval(si)), axis=0, weights=surface.areas)
+    light = rows(surface.shape.emitter().eval(si), len(faces))
+    return np.average(light, axis=0, weights=surface.areas)
 
 
 def from_front(surface: Surface, faces: np.ndarray, weights: np.ndarray) -> mi.SurfaceInteraction3f:
@@ -102,6 +103,11 @@ def at_coordinates(surface: Surface, uv: np.ndarray) -> mi.SurfaceInteraction3f:
     return _interactions(
         surface, np.repeat(p, count, 0), np.repeat(n, count, 0), uv, np.zeros(count, int)
     )
+
+
+def rows(colours: mi.Color3f, count: int) -> np.ndarray:
+    """Colours as (N, 3), also if they are the same everywhere and Dr.Jit has them only once."""
+    return np.broadcast_to(to_numpy(mi.Color3f(colours)), (count, 3))
 
 
 def _interactions(
