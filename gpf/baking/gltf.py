@@ -1,9 +1,8 @@
 """A scene with its baked light as glTF.
 
-Ratified glTF has no light maps. So surfaces with a diffuse component have the light that leaves
-them as a picture, and the material says that this is already so: KHR_materials_unlit, or emission
-for those that are glossy as well. Glass and metal are materials of their own, which show what a
-viewer has around them.
+Ratified glTF has no light maps. So surfaces with a diffuse component are black and emit the light
+that leaves them, which every viewer shows, in glass and mirrors too (KHR_materials_unlit is for
+what cameras see: path tracers show nothing there). Glass and metal are materials of their own.
 """
 
 from __future__ import annotations
@@ -132,27 +131,21 @@ def is_z_up(cameras: Sequence[View]) -> bool:
 
 
 def _lit(texture: int, two_sided: bool, gloss: float | None) -> Json:
-    """A material that shows the light in the texture; with the viewer's reflections if glossy."""
-    shown, black = {"index": texture}, [0.0, 0.0, 0.0, 1.0]
-    if gloss is None:
-        return {
-            "name": "baked",
-            "doubleSided": two_sided,
-            "pbrMetallicRoughness": {
-                "baseColorTexture": shown,
-                "metallicFactor": 0,
-                "roughnessFactor": 1,
-            },
-            "extensions": {"KHR_materials_unlit": {}},
-        }
-    coat = {"baseColorFactor": black, "metallicFactor": 0, "roughnessFactor": gloss}
-    return {
-        "name": "baked, glossy",
+    """A black material that emits the light in the texture, and is shiny if ``gloss`` is given."""
+    material: Json = {
+        "name": "baked" if gloss is None else "baked, glossy",
         "doubleSided": two_sided,
-        "pbrMetallicRoughness": coat,
-        "emissiveTexture": shown,
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [0.0, 0.0, 0.0, 1.0],
+            "metallicFactor": 0,
+            "roughnessFactor": 1 if gloss is None else gloss,
+        },
+        "emissiveTexture": {"index": texture},
         "emissiveFactor": [1, 1, 1],
     }
+    if gloss is None:  # glTF's other materials reflect 4 %
+        material["extensions"] = {"KHR_materials_specular": {"specularFactor": 0}}
+    return material
 
 
 def _add_specular(glb: Glb, stage: Stage, surface: Surface, exposure: float) -> int:

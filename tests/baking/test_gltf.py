@@ -102,10 +102,12 @@ def test_matte_surfaces_show_their_light(made):
     """Looked up on the floor: ρ E / π, tone mapped; the picture is as it was."""
     _, baked, _, picture, file = made
     attributes, faces, material = file.part("floor")
-    assert material["extensions"] == {"KHR_materials_unlit": {}}
-    assert file.content["extensionsUsed"].count("KHR_materials_unlit") == 1
+    assert material["emissiveFactor"] == [1, 1, 1]
+    assert material["pbrMetallicRoughness"]["baseColorFactor"] == [0, 0, 0, 1]
+    assert material["extensions"] == {"KHR_materials_specular": {"specularFactor": 0}}
+    assert file.content["extensionsUsed"].count("KHR_materials_specular") == 1
     assert not material["doubleSided"] and file.part("stand")[2]["doubleSided"]
-    shown = file.image(material["pbrMetallicRoughness"]["baseColorTexture"])
+    shown = file.image(material["emissiveTexture"])
     assert shown.shape == picture.shape
     assert np.abs(shown.astype(int) - picture).mean() < 1.5  # a JPEG
     surface = next(c.surface for c in baked.atlas.charts if c.surface.name == "floor")
