@@ -76,7 +76,8 @@ def bake(
 ) -> None:
     """Bake the light of a field into maps or vertex colours, for engines and pages.
 
-    Writes light maps (EXR, PNG), a mesh per shape with light-map coordinates (PLY), and index.json.
+    Writes light maps (EXR, PNG), a mesh per shape with light-map coordinates (PLY), and index.json;
+    on request, the whole scene as glTF or as a web page.
     """
     from gpf.commands.bake import BakeOptions, bake_light
 

@@ -100,14 +100,16 @@ def is_matte(scene: mi.Scene, view: View) -> np.ndarray:
     return seen.reshape(height, 4, width, 4).all(axis=(1, 3))
 
 
-def compare(page, renderer: FieldRenderer, view: View, lights: str = "") -> float:
+def compare(
+    page, renderer: FieldRenderer, view: View, lights: str = "", exposure: float = EXPOSURE
+) -> float:
     """PSNR against the renderer where surfaces are matte."""
     choose(page, view.name)
     renderer.integrator.lights = lights
     radiance = renderer.render(view, SIZE, 0)["radiance"]
     matte = is_matte(renderer.scene, view)
     assert matte.mean() > 0.7
-    error = (picture(page) - tone_map(radiance, EXPOSURE))[matte]
+    error = (picture(page) - tone_map(radiance, exposure))[matte]
     return float(-10 * np.log10(np.mean(error**2)))
 
 
@@ -133,6 +135,29 @@ def test_lamps_can_be_dimmed_and_coloured(page, shown):
         move(page, "level of lamp", "1")
         move(page, "colour of sky", "#ffffff")
     assert compare(page, shown[1], view) > 35
+
+
+@pytest.mark.slow
+@needs_browser
+def test_exposure_counts_stops(page, shown):
+    set_stops = (
+        "stops => { const i = document.getElementById('stops'); i.value = stops; i.oninput(); }"
+    )
+    page.evaluate(set_stops, "-1")
+    assert compare(page, shown[1], VIEWS[1], exposure=EXPOSURE / 2) > 35
+    page.evaluate(set_stops, "0")
+
+
+@pytest.mark.slow
+@needs_browser
+def test_it_turns_by_itself(page):
+    choose(page, "front")
+    before = picture(page)
+    page.evaluate("document.getElementById('turn').checked = true")
+    drawn = page.evaluate("page.drawn")
+    wait_for(page, f"page.drawn > {drawn + 5}")
+    page.evaluate("document.getElementById('turn').checked = false")
+    assert np.abs(picture(page) - before).mean() > 0.003
 
 
 @pytest.mark.slow
