@@ -96,9 +96,10 @@ def write_unlit_glb(stage: Stage, albedos: Mapping[str, Albedo], exposure: float
             "name": surface.name,
             "doubleSided": surface.two_sided,
             "extras": {"baked": True},
-            "pbrMetallicRoughness": {**base, "metallicFactor": 0, "roughnessFactor": gloss or 1},
+            "pbrMetallicRoughness": {**base, "metallicFactor": 0, "roughnessFactor": gloss},
         }
         if gloss is None:
+            material["pbrMetallicRoughness"]["roughnessFactor"] = 1
             material["extensions"] = {"KHR_materials_unlit": {}}
         return _add_mesh(glb, chart, coordinates, glb.add("materials", material))
 
@@ -159,7 +160,7 @@ def _add_specular(glb: Glb, stage: Stage, surface: Surface, exposure: float) -> 
     if colour.ndim == 3:
         low, high = uv_extent(surface)
         assert surface.uv is not None
-        coordinates["TEXCOORD_0"] = glb.vertices((surface.uv - low) / (high - low))
+        coordinates["TEXCOORD_0"] = glb.vertices((surface.uv - low) / np.maximum(high - low, 1e-9))
     base = (
         {"baseColorTexture": {"index": glb.texture(_in_srgb(colour))}}
         if coordinates

@@ -2,75 +2,19 @@
 
 from __future__ import annotations
 
-import io
-import json
-import struct
-
 import mitsuba as mi
 import numpy as np
 import pytest
-from PIL import Image
 
 from gpf.baking.albedo import read_albedo
-from gpf.baking.atlas import unwrap
-from gpf.baking.finish import read_finish, read_gloss
 from gpf.baking.gltf import Stage, write_glb
 from gpf.baking.reflectance import bake_radiosity
-from gpf.baking.surfaces import read_specular_surfaces, read_surfaces
 from gpf.core.images import tone_map, undo_tone_map
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
-from tests.baking.known_light import DIFFUSE, look_up, on_triangles
+from tests.baking.glb_file import Read
+from tests.baking.known_light import look_up, on_triangles
 from tests.baking.showroom import ASPECT, EXPOSURE, VIEWS, bake_showroom, grouped_field, showroom
-
-TYPES = {5125: np.uint32, 5126: np.float32}
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}
-
-
-class Read:
-    """A file, read as the specification says."""
-
-    def __init__(self, data: bytes) -> None:
-        magic, version, length = struct.unpack_from("<4sII", data)
-        assert (magic, version, length) == (b"glTF", 2, len(data))
-        size, kind = struct.unpack_from("<I4s", data, 12)
-        assert kind == b"JSON" and size % 4 == 0
-        self.content = json.loads(data[20 : 20 + size])
-        rest, kind = struct.unpack_from("<I4s", data, 20 + size)
-        assert kind == b"BIN\0" and rest % 4 == 0 and 28 + size + rest == len(data)
-        self.buffer = data[28 + size :]
-        assert 0 <= rest - self.content["buffers"][0]["byteLength"] < 4
-
-    def view(self, index: int) -> bytes:
-        view = self.content["bufferViews"][index]
-        assert view["byteOffset"] % 4 == 0
-        end = view["byteOffset"] + view["byteLength"]
-        assert end <= self.content["buffers"][0]["byteLength"]
-        return self.buffer[view["byteOffset"] : end]
-
-    def values(self, index: int) -> np.ndarray:
-        accessor = self.content["accessors"][index]
-        values = np.frombuffer(self.view(accessor["bufferView"]), TYPES[accessor["componentType"]])
-        values = values.reshape(accessor["count"], WIDTHS[accessor["type"]])
-        for name, bound in (("min", values.min(axis=0)), ("max", values.max(axis=0))):
-            np.testing.assert_array_equal(accessor.get(name, bound), bound)
-        return values
-
-    def image(self, texture: dict) -> np.ndarray:
-        source = self.content["textures"][texture["index"]]["source"]
-        image = self.content["images"][source]
-        with Image.open(io.BytesIO(self.view(image["bufferView"]))) as opened:
-            assert image["mimeType"] == f"image/{opened.format.lower()}"
-            return np.asarray(opened)
-
-    def part(self, name: str) -> tuple[dict[str, np.ndarray], np.ndarray, dict]:
-        """The properties of a mesh's vertices, its triangles and its material."""
-        (node,) = (n for n in self.content["nodes"] if n["name"] == name)
-        (primitive,) = self.content["meshes"][node["mesh"]]["primitives"]
-        attributes = {k: self.values(v) for k, v in primitive["attributes"].items()}
-        faces = self.values(primitive["indices"]).reshape(-1, 3)
-        assert faces.max() < len(attributes["POSITION"])
-        return attributes, faces, self.content["materials"][primitive["material"]]
 
 
 @pytest.fixture(scope="module")
@@ -200,91 +144,3 @@ def test_a_scene_whose_z_axis_points_upwards(made):
         if turned:
             x, _, _, w = root["rotation"]  # turns z to y
             assert (1 - 2 * x * x, -2 * x * w) == pytest.approx((0, 1))
-
-
-def single(**shape) -> mi.Scene:
-    return mi.load_dict({"type": "scene", "it": {"type": "rectangle", **shape}})
-
-
-@pytest.mark.parametrize("wrap", ["repeat", "mirror", "clamp"])
-def test_an_image_keeps_its_own_resolution(wrap):
-    pixels = np.random.default_rng(0).uniform(0, 1, (7, 9, 3)).astype(np.float32)
-    image = {"type": "bitmap", "data": mi.TensorXf(pixels), "raw": True, "wrap_mode": wrap}
-    image["to_uv"] = mi.ScalarTransform4f().rotate([0, 0, 1], 20).scale([3, 2, 1])
-    (surface,), _ = read_surfaces(single(bsdf={"type": "diffuse", "reflectance": image}))
-    albedo = read_albedo(surface)
-    assert albedo.wrap == wrap and albedo.image.shape == pixels.shape
-    np.testing.assert_allclose(albedo.factor, 1, atol=1e-3)
-    assert np.abs(undo_tone_map(albedo.image / 255) - pixels).max() < 0.006
-
-
-def test_what_is_no_single_image_is_baked():
-    squares = {"type": "diffuse", "reflectance": {"type": "checkerboard"}}
-    (surface,), _ = read_surfaces(single(bsdf=squares))
-    assert read_albedo(surface) is None
-    (surface,), _ = read_surfaces(single(bsdf=DIFFUSE))
-    albedo = read_albedo(surface)
-    assert albedo.image is None
-    np.testing.assert_allclose(albedo.factor, [0.5, 0.4, 0.3], rtol=1e-5)
-
-
-def finish(**bsdf):
-    (surface,) = read_specular_surfaces(single(bsdf=bsdf))
-    return read_finish(surface)
-
-
-def test_finishes():
-    mirror = finish(type="conductor", material="none")
-    assert (mirror.colour > 0.99).all() and mirror.roughness == 0 and not mirror.transmits
-    pane = finish(type="thindielectric", int_ior=1.5, ext_ior=1.0)
-    assert pane.transmits and not pane.bends
-    tinted = finish(
-        type="roughdielectric", alpha=0.04, specular_transmittance=0.5, int_ior=1.3, ext_ior=1.0
-    )
-    assert tinted.bends and tinted.roughness == pytest.approx(0.2)
-    np.testing.assert_allclose(tinted.colour, 0.5, atol=0.03)
-    inside = finish(type="dielectric", int_ior=1.0, ext_ior=1.5)
-    assert inside.ior == pytest.approx(1.5, abs=1e-4)
-    squares = {"type": "checkerboard", "color0": 0.2, "color1": 0.9}
-    floor = finish(type="conductor", material="none", specular_reflectance=squares)
-    assert floor.colour.ndim == 3
-    np.testing.assert_allclose(
-        floor.colour[[100, 100, 400], [100, 400, 400], 0], [0.2, 0.9, 0.2], atol=0.01
-    )
-
-
-def test_water_is_darker_than_what_is_in_it():
-    """Radiance falls by the square of the index of refraction where light leaves the water."""
-    over = mi.ScalarTransform4f().translate([0, 0, 0.4])
-    water = {
-        "type": "rectangle",
-        "to_world": over,
-        "bsdf": {"type": "dielectric", "int_ior": 1.5, "ext_ior": 1.0},
-    }
-    scene = mi.load_dict(
-        {"type": "scene", "water": water, "floor": {"type": "rectangle", "bsdf": DIFFUSE}}
-    )
-    baked_floor = read_surfaces(scene)[0]
-    stage = Stage(scene, unwrap(baked_floor, 32), read_specular_surfaces(scene), [], 1)
-    file = Read(write_glb(stage, np.zeros((32, 32, 3), np.uint8), 1))
-    _, _, material = file.part("water")
-    assert material["pbrMetallicRoughness"]["baseColorFactor"][0] == pytest.approx(
-        1 / 2.25, abs=0.01
-    )
-    assert material["extensions"]["KHR_materials_volume"]["thicknessFactor"] == pytest.approx(
-        0.4, abs=1e-3
-    )
-
-
-def test_a_metal_that_is_principled_is_no_black_surface():
-    metal = {"type": "separable_principled", "metallic": 1.0, "roughness": 0.25}
-    metal["base_color"] = {"type": "rgb", "value": [0.9, 0.6, 0.3]}
-    scene = single(bsdf=metal)
-    (surface,), _ = read_surfaces(scene)
-    assert read_gloss(surface) == 0.25
-    stage = Stage(scene, unwrap([surface], 32), [], [], 1)
-    _, _, material = Read(write_glb(stage, np.zeros((32, 32, 3), np.uint8), 1)).part("it")
-    assert material["pbrMetallicRoughness"]["metallicFactor"] == 1
-    np.testing.assert_allclose(
-        material["pbrMetallicRoughness"]["baseColorFactor"][:3], [0.9, 0.6, 0.3], atol=0.1
-    )
