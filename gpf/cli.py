@@ -68,13 +68,16 @@ def bake(
     vertex_colours: options.VertexColours = False,
     spp: options.BakeSpp = 16,
     exposure: options.MapExposure = None,
+    glb: options.SceneGlb = None,
+    html: options.ScenePage = None,
     seed: options.Seed = 0,
     changed_scene: options.ChangedScene = False,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Bake the light of a field into maps or vertex colours, for engines and pages.
 
-    Writes light maps (EXR, PNG), a mesh per shape with light-map coordinates (PLY), and index.json.
+    Writes light maps (EXR, PNG), a mesh per shape with light-map coordinates (PLY), and index.json;
+    on request, the whole scene as glTF or as a web page.
     """
     from gpf.commands.bake import BakeOptions, bake_light
 
@@ -87,6 +90,8 @@ def bake(
         seed=seed,
         changed_scene=changed_scene,
         overwrite=overwrite,
+        glb=glb,
+        html=html,
     )
     bake_light(scene, field, output, asked)
 
