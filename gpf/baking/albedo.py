@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import mitsuba as mi
@@ -36,6 +37,14 @@ class Albedo:
     image: np.ndarray | None = None
     uv: np.ndarray | None = None
     wrap: str = "repeat"
+
+
+def read_albedos(surfaces: Iterable[Surface]) -> dict[str, Albedo]:
+    """The reflectances of surfaces for which :func:`read_albedo` has one, by their names; lamps
+    have none."""
+    dark = [surface for surface in surfaces if not surface.shape.is_emitter()]
+    found = {surface.name: read_albedo(surface) for surface in dark}
+    return {name: albedo for name, albedo in found.items() if albedo is not None}
 
 
 def read_albedo(surface: Surface) -> Albedo | None:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -18,9 +19,10 @@ from gpf.baking.albedo import WRAPS, Albedo
 from gpf.baking.atlas import Atlas, Chart
 from gpf.baking.finish import Finish, look_behind, read_finish, read_gloss, uv_extent
 from gpf.baking.glb import Glb, Json
-from gpf.baking.reflectance import emitted_by, is_black
+from gpf.baking.reflectance import emitted_by, is_black, rows
 from gpf.baking.surfaces import Surface
 from gpf.core.images import tone_map
+from gpf.core.structs import from_numpy
 from gpf.scene.views import View
 
 GENERATOR = "Gaussian Photon Fields"
@@ -72,9 +74,9 @@ def write_glb(stage: Stage, picture: np.ndarray, exposure: float) -> bytes:
 def write_unlit_glb(stage: Stage, albedos: Mapping[str, Albedo], exposure: float) -> bytes:
     """The bytes of a binary glTF file whose reader brings the light.
 
-    The materials that are to be lit have ``extras``: base colour times light map, on the second
-    coordinates, is π times the radiance. Surfaces without an albedo are white. ``exposure``: as for
-    :func:`write_glb`.
+    The materials that are to be lit have ``extras``, with the factor of their base colour, and
+    their roughness or -1: base colour times light map, on the second coordinates, is π times the
+    radiance. Surfaces without an albedo are white. ``exposure``: as for :func:`write_glb`.
     """
     glb = Glb(GENERATOR)
     images: dict[tuple[bytes, str], int] = {}
@@ -84,7 +86,9 @@ def write_unlit_glb(stage: Stage, albedos: Mapping[str, Albedo], exposure: float
         light = glb.vertices(chart.uv)
         coordinates = {"TEXCOORD_0": light, "TEXCOORD_1": light}
         base: Json = {}
+        extras = {"baked": True, "factor": [1.0] * 3, "gloss": -1.0 if gloss is None else gloss}
         if (albedo := albedos.get(surface.name)) is not None:
+            extras["factor"] = albedo.factor.tolist()
             base["baseColorFactor"] = [*albedo.factor.tolist(), 1.0]
             if albedo.image is not None and albedo.uv is not None:
                 key = albedo.image.tobytes(), albedo.wrap
@@ -95,7 +99,7 @@ def write_unlit_glb(stage: Stage, albedos: Mapping[str, Albedo], exposure: float
         material: Json = {
             "name": surface.name,
             "doubleSided": surface.two_sided,
-            "extras": {"baked": True},
+            "extras": extras,
             "pbrMetallicRoughness": {**base, "metallicFactor": 0, "roughnessFactor": gloss},
         }
         if gloss is None:
@@ -124,6 +128,20 @@ def _write(
         root["rotation"] = _UPRIGHT
     glb.content["scene"] = glb.add("scenes", {"nodes": [glb.add("nodes", root)]})
     return glb.to_bytes()
+
+
+def light_from_afar(stage: Stage, angle: np.ndarray, latitude: np.ndarray) -> np.ndarray:
+    """The radiance of the scene's environment, W/(m² sr), in directions of glTF: ``latitude`` above
+    the horizon, ``angle`` from +x towards +z, broadcast to (H, W); (H, W, 3)."""
+    flat = np.cos(latitude)
+    x, y, z = np.broadcast_arrays(
+        flat * np.cos(angle), np.sin(latitude) + 0 * angle, flat * np.sin(angle)
+    )
+    way = (x, -z, y) if is_z_up(stage.cameras) else (x, y, z)
+    si = dr.zeros(mi.SurfaceInteraction3f, x.size)
+    si.wi = -from_numpy(mi.Vector3f, np.stack(way, axis=-1).reshape(-1, 3).astype(np.float32))
+    seen = rows(stage.scene.environment().eval(si), x.size)
+    return np.asarray(seen.reshape(*x.shape, 3))
 
 
 def is_z_up(cameras: Sequence[View]) -> bool:

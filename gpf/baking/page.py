@@ -10,15 +10,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
-from gpf.baking.albedo import Albedo, read_albedo
+from gpf.baking.albedo import read_albedos
 from gpf.baking.bake import LightMaps
-from gpf.baking.gltf import Stage, is_z_up, write_unlit_glb
-from gpf.baking.reflectance import bake_radiosity, group_of_emitter, rows
-from gpf.core.structs import from_numpy
+from gpf.baking.gltf import Stage, light_from_afar, write_unlit_glb
+from gpf.baking.reflectance import bake_radiosity, group_of_emitter
 
 PAGE = Path(__file__).with_name("page.html")
 THREE = Path(__file__).with_name("three")
@@ -55,7 +52,7 @@ def write_page(
     """
     groups = [name for name in baked.maps if name] or [""]
     width, height = baked.atlas.size
-    albedos = _albedos(stage)
+    albedos = read_albedos(chart.surface for chart in stage.atlas.charts)
     light = bake_radiosity(stage.scene, baked, members, apart=albedos)
     settings: dict[str, Any] = {
         "groups": groups,
@@ -98,13 +95,6 @@ def pack_rgb9e5(colours: np.ndarray) -> np.ndarray:
     return r | g << 9 | b << 18 | (exponent + _BIAS).astype(np.uint32) << 27
 
 
-def _albedos(stage: Stage) -> dict[str, Albedo]:
-    """Reflectances that need not be baked, by the surfaces' names."""
-    dark = [chart.surface for chart in stage.atlas.charts if not chart.surface.shape.is_emitter()]
-    found = {surface.name: read_albedo(surface) for surface in dark}
-    return {name: albedo for name, albedo in found.items() if albedo is not None}
-
-
 def _groups_of_lamps(stage: Stage, members: Mapping[str, Sequence[int]]) -> dict[str, str]:
     """The groups of luminous surfaces, by the surfaces' names."""
     everything = [*(chart.surface for chart in stage.atlas.charts), *stage.specular]
@@ -132,11 +122,6 @@ def _picture_of_sky(stage: Stage, exposure: float) -> np.ndarray:
     width, height = SKY
     angle = 2 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
     latitude = np.pi * ((np.arange(height)[:, None] + 0.5) / height - 0.5)
-    flat = np.cos(latitude)
-    x, y, z = flat * np.cos(angle), np.sin(latitude) + 0 * angle, flat * np.sin(angle)
-    way = (x, -z, y) if is_z_up(stage.cameras) else (x, y, z)
-    si = dr.zeros(mi.SurfaceInteraction3f, width * height)
-    si.wi = -from_numpy(mi.Vector3f, np.stack(way, axis=-1).reshape(-1, 3).astype(np.float32))
-    seen = rows(stage.scene.environment().eval(si), width * height).reshape(height, width, 3)
+    seen = light_from_afar(stage, angle, latitude)
     opaque = np.ones((height, width, 1))
     return np.concatenate([np.clip(exposure * seen, 0, 60000), opaque], axis=-1).astype("<f2")

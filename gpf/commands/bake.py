@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -53,8 +53,7 @@ class BakeOptions:
     seed: random seed.
     changed_scene: whether to accept a field of another scene.
     overwrite: whether to replace what was baked before.
-    glb: a binary glTF file to write as well.
-    html: a web page to write as well.
+    files: further files to write.
     """
 
     size: int | None = None
@@ -65,8 +64,7 @@ class BakeOptions:
     seed: int = 0
     changed_scene: bool = False
     overwrite: bool = False
-    glb: Path | None = None
-    html: Path | None = None
+    files: SceneFiles = field(default_factory=SceneFiles)
 
     def check(self) -> None:
         """Raise a :class:`UserError` for what is wrong whatever the scene and the field are."""
@@ -78,8 +76,8 @@ class BakeOptions:
         if sum(given.values()) > 1:
             names = " and ".join(name for name, is_given in given.items() if is_given)
             raise UserError(names, "are mutually exclusive", "Give one of them.")
-        for option, file in (("--glb", self.glb), ("--html", self.html)):
-            if file is not None and self.vertex_colours:
+        for option in self.files.items():
+            if self.vertex_colours:
                 raise UserError(
                     f"{option} and --vertex-colours", "are mutually exclusive", "Bake maps for it."
                 )
@@ -109,7 +107,7 @@ def bake_light(
     """
     options.check()
     require_new(folder / INDEX, options.overwrite, "give another folder")
-    for file in filter(None, (options.glb, options.html)):
+    for file in options.files.items().values():
         require_new(file, options.overwrite, "give another name")
     scene_file, trained = find_scene(scene_name)
     if field_file is None:
@@ -132,8 +130,7 @@ def bake_light(
         else:
             index, baked = _bake_maps(folder, scene, field, surfaces, options, exposure)
             views = (trained or scene_file.parent) / "views.yaml"
-            files = SceneFiles(options.glb, options.html)
-            write_scene(files, scene, field, baked, index["exposure"], views)
+            write_scene(options.files, scene, field, baked, index["exposure"], views)
         write_json(folder / INDEX, {**index, "left_out": left_out})
     say(f"{folder}: {len(surfaces)} meshes, {time.perf_counter() - start:.1f} s")
 

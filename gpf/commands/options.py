@@ -97,6 +97,14 @@ ScenePage = Annotated[
         help="Write a page as well that shows the scene, without network: turn it, dim its lamps.",
     ),
 ]
+SceneBlend = Annotated[
+    Path | None,
+    Option(
+        "--blend",
+        metavar="FILE.blend",
+        help="Write a .blend file as well, with the light as images on the materials.",
+    ),
+]
 
 # `gpf fit`.
 

@@ -31,10 +31,14 @@ def light(p: np.ndarray) -> np.ndarray:
     return 1.5 + np.sin(3 * p[:, [0]] + [0, 1, 2]) * np.cos(2 * p[:, [1]] - p[:, [2]])
 
 
-def showroom(folder: Path) -> mi.Scene:
-    """A floor with an image, a wall with squares, things of plastic, gold and glass, a lamp."""
+def showroom(folder: Path, finer: int = 1) -> mi.Scene:
+    """A floor with an image, a wall with squares, things of plastic, gold and glass, a lamp.
+
+    ``finer``: pixels of the image along each edge of one of its squares.
+    """
     steps = np.mgrid[0:12, 0:16].transpose(1, 2, 0) * [255 / 11, 255 / 15]
     pixels = np.concatenate([steps, 90 + 0 * steps[..., :1]], axis=2).astype(np.uint8)
+    pixels = pixels.repeat(finer, axis=0).repeat(finer, axis=1)
     Image.fromarray(pixels).save(folder / "floor.png")
     place = mi.ScalarTransform4f
     tiles = {

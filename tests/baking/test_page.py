@@ -87,9 +87,9 @@ def move(page, label: str, value: str) -> None:
     )
 
 
-def is_matte(scene: mi.Scene, view: View) -> np.ndarray:
+def is_matte(scene: mi.Scene, view: View, size: tuple[int, int] = SIZE) -> np.ndarray:
     """Pixels that show nothing but purely diffuse surfaces and the sky, (H, W)."""
-    width, height = SIZE
+    width, height = size
     fine = np.mgrid[0 : 4 * height, 0 : 4 * width].reshape(2, -1)[::-1] + 0.5
     place = mi.Point2f(fine / [[4 * width], [4 * height]])
     ray, _ = make_sensor(view, width, height).sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
