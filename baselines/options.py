@@ -95,6 +95,22 @@ class _Sampled(_Options):
         return self.spp == "equal_time"
 
 
+class _Timed(_Options):
+    """A renderer that is given a time per view, in seconds, or ``equal_time``: the field's."""
+
+    seconds: Positive | Literal["equal_time"] = 60.0
+
+    @property
+    def effort(self) -> str:
+        """The time per view, in words for titles."""
+        return "equal time" if self.seconds == "equal_time" else f"{self.seconds:g} s"
+
+    @property
+    def waits_for_field(self) -> bool:
+        """Whether the system needs the field's time per view."""
+        return self.seconds == "equal_time"
+
+
 class PathTracerOptions(_Sampled):
     """Mitsuba's ``path``."""
 
@@ -140,6 +156,33 @@ class DenoisedOptions(_Sampled):
     def title(self) -> str:
         """The method's name in tables and figures."""
         return f"Path tracer + OIDN, {self.samples}"
+
+
+class CyclesOptions(_Timed):
+    """Cycles, the path tracer of Blender.
+
+    ``guiding``: path guiding. ``denoise``: Open Image Denoise. ``shadow_caustics``: light that
+    lamps send through smooth glass into shadows is searched for (manifold next event estimation).
+    """
+
+    system: Literal["cycles"]
+    guiding: bool = True
+    denoise: bool = True
+    shadow_caustics: bool = True
+
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        without = [
+            words
+            for there, words in (
+                (self.guiding, "no guiding"),
+                (self.denoise, "no denoiser"),
+                (self.shadow_caustics, "no shadow caustics"),
+            )
+            if not there
+        ]
+        return ", ".join(["Cycles", self.effort, *without])
 
 
 class FewSamplesOptions(_Options):
@@ -282,6 +325,7 @@ BaselineOptions = Annotated[
     | ParticleTracerOptions
     | SppmOptions
     | DenoisedOptions
+    | CyclesOptions
     | FewSamplesOptions
     | EmGmmOptions
     | InstantNgpOptions
