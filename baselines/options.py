@@ -173,16 +173,34 @@ class CyclesOptions(_Timed):
     @property
     def title(self) -> str:
         """The method's name in tables and figures."""
-        without = [
-            words
-            for there, words in (
-                (self.guiding, "no guiding"),
-                (self.denoise, "no denoiser"),
-                (self.shadow_caustics, "no shadow caustics"),
-            )
-            if not there
-        ]
-        return ", ".join(["Cycles", self.effort, *without])
+        parts = (
+            (self.guiding, "no guiding"),
+            (self.denoise, "no denoiser"),
+            (self.shadow_caustics, "no shadow caustics"),
+        )
+        return ", ".join(["Cycles", self.effort, *(words for there, words in parts if not there)])
+
+
+class LuxcoreOptions(_Timed):
+    """LuxCore, the renderer behind LuxCoreRender.
+
+    ``caches`` of PhotonGI: ``auto`` is ``caustics``, with paths from the lamps beside those from
+    the camera, where there is glass or a mirror, and ``indirect`` elsewhere. ``denoise``: Open
+    Image Denoise. The environment variable ``GPF_LUXCORE`` may name a Python with `pyluxcore`.
+    """
+
+    system: Literal["luxcore"]
+    caches: Literal["auto", "caustics", "indirect", "both", "none"] = "auto"
+    denoise: bool = True
+
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        caches = {"auto": [], "both": ["both caches"], "none": ["no caches"]}
+        more = caches.get(self.caches, [f"{self.caches} cached"])
+        return ", ".join(
+            ["LuxCore", self.effort, *more, *([] if self.denoise else ["no denoiser"])]
+        )
 
 
 class FewSamplesOptions(_Options):
@@ -326,6 +344,7 @@ BaselineOptions = Annotated[
     | SppmOptions
     | DenoisedOptions
     | CyclesOptions
+    | LuxcoreOptions
     | FewSamplesOptions
     | EmGmmOptions
     | InstantNgpOptions

@@ -35,10 +35,10 @@ def read_mesh(shape: mi.Shape, where: str, steps: Mapping[str, tuple[int, int]] 
             "vertex_texcoords" in values and 3 * len(values["vertex_texcoords"]) == 2 * points.size
         )
         uv = np.array(values["vertex_texcoords"], float).reshape(-1, 2) if mapped else None
-        mesh = _face_along_normals(Mesh(points, faces, normals, uv))
+        mesh = face_along_normals(Mesh(points, faces, normals, uv))
     elif kind in steps:
         to_world = np.array(values["to_world"].matrix, dtype=float).reshape(4, 4)
-        mesh = _face_along_normals(_tessellate(kind, *steps[kind]).transformed(to_world))
+        mesh = face_along_normals(tessellate(kind, *steps[kind]).transformed(to_world))
     else:
         raise CannotServe(
             f"{where}: {shape.id()}",
@@ -57,7 +57,7 @@ def facet_normals(mesh: Mesh) -> np.ndarray:
     return normal / np.where(length > 0, length, 1)
 
 
-def _tessellate(kind: str, steps_u: int, steps_v: int) -> Mesh:
+def tessellate(kind: str, steps_u: int, steps_v: int) -> Mesh:
     """A shape in its own coordinates: radius 1 around the origin, the cylinder from z = 0 to 1."""
     u, v = (a.ravel() for a in np.mgrid[0 : 1 : 1j * (steps_u + 1), 0 : 1 : 1j * (steps_v + 1)])
     up = np.stack([0 * u, 0 * u, 0 * u + 1], axis=1)
@@ -85,7 +85,7 @@ def _circle(turns: np.ndarray) -> np.ndarray:
     return np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
 
 
-def _face_along_normals(mesh: Mesh) -> Mesh:
+def face_along_normals(mesh: Mesh) -> Mesh:
     """The mesh with facets turned towards their normals, since a reflection flips them."""
     if mesh.normals is None:
         return mesh

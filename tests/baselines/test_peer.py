@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,7 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from baselines.available import list_parts
 from baselines.cycles import Cycles
+from baselines.luxcore.baseline import VARIABLE as LUXCORE
 from baselines.options import CyclesOptions
 from baselines.peer import PreparedPeer
 from baselines.protocol import CannotServe
@@ -72,6 +75,18 @@ def test_without_blender_the_message_names_the_command(tmp_path, monkeypatch) ->
     system = Cycles(CyclesOptions(system="cycles"))
     with pytest.raises(CannotServe, match="not installed: Blender.*gpf blender-install"):
         system.prepare(task_for(lit_floor(), state=tmp_path))
+
+
+def test_the_doctor_lists_renderers_and_how_to_install_them(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv(process.VARIABLE, str(tmp_path / "nothing"))
+    monkeypatch.setenv(LUXCORE, str(tmp_path / "nothing"))
+    parts = {part.name: part for part in list_parts()}
+    assert not parts["cycles"].there and parts["cycles"].remedy == "gpf blender-install"
+    assert (
+        not parts["luxcore"].there and "pip install --no-deps pyluxcore" in parts["luxcore"].remedy
+    )
+    monkeypatch.setenv(LUXCORE, sys.executable)
+    assert {part.name: part.there for part in list_parts()}["luxcore"]
 
 
 def test_equal_time_needs_the_fields(tmp_path) -> None:
