@@ -57,8 +57,8 @@ class PreparedPeer:
     Attributes
     ----------
     seconds: for a view, all included.
-    choices: further settings of a request, from the best to the fastest. The first that leaves half
-        of the time to the samples is used.
+    choices: further settings of a request, from the best to the fastest. The first that leaves a
+        quarter of the time to the samples is used.
     overhead: what a view takes apart from its samples, such as denoising; measured.
     """
 
@@ -96,7 +96,7 @@ class PreparedPeer:
             while len(taken) < 3 and (not taken or taken[0] < 2 * self.seconds):
                 taken.append(self.ask(view, len(taken), {"samples": 1})["seconds"])
             self.overhead = min(taken)
-            if self.overhead <= self.seconds / 2:
+            if self.overhead <= 0.75 * self.seconds:
                 return
         if self.overhead >= self.seconds:
             raise CannotServe(

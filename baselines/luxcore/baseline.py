@@ -156,13 +156,15 @@ def choices(caches: str) -> tuple[dict[str, Any], ...]:
     """Further properties of a request, from the best to the fastest."""
     prefix = "path.photongi"
     nothing = {f"{prefix}.{kind}.enabled": False for kind in ("indirect", "caustic")}
-    without = {"caches": "none", "config": nothing}
+    raw = {"film.imagepipelines.0.1.type": "NOP"}
+    without: dict[str, Any] = {"caches": "none", "config": nothing}
     if caches == "none":
-        return (without,)
+        return (without, without | {"config": nothing | raw})
     # The first is BlendLuxCore's number.
-    photons = {
-        f"{caches}, {count} million photons": {f"{prefix}.photon.maxcount": count * 1_000_000}
-        for count in (20, 2)
-    }
-    found = [{"caches": words, "config": config} for words, config in photons.items()]
-    return (*found, without)
+    many, few = ({f"{prefix}.photon.maxcount": count * 1_000_000} for count in (20, 2))
+    return (
+        {"caches": f"{caches}, 20 million photons", "config": many},
+        {"caches": f"{caches}, 2 million photons", "config": few},
+        {"caches": f"{caches}, 2 million photons, no denoiser", "config": few | raw},
+        without,
+    )

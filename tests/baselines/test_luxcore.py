@@ -140,6 +140,7 @@ def test_settings_follow_the_caches() -> None:
     assert [choice["caches"] for choice in choices("indirect")] == [
         "indirect, 20 million photons",
         "indirect, 2 million photons",
+        "indirect, 2 million photons, no denoiser",
         "none",
     ]
 

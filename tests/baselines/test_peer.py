@@ -45,7 +45,7 @@ def prepared(state: Path, seconds: float, renderer: Renderer) -> PreparedPeer:
 
 
 @pytest.mark.parametrize(
-    ("seconds", "choice", "left"), [(10, "accurate", 6), (3, "fast", 2), (1.5, "none", 1)]
+    ("seconds", "choice", "left"), [(10, "accurate", 6), (3, "fast", 2), (1.2, "none", 0.7)]
 )
 def test_a_view_takes_its_time_all_included(tmp_path, seconds, choice, left) -> None:
     renderer = Renderer(accurate=4, fast=1, none=0.5)
