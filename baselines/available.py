@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 
 from baselines.anysplat.baseline import CODE as ANYSPLAT
+from baselines.cycles import HOST as CYCLES
+from baselines.luxcore.baseline import HOST as LUXCORE
 from baselines.protocol import CannotServe
 from baselines.renderformer.baseline import CODE as RENDERFORMER
 
@@ -46,4 +48,10 @@ def list_parts() -> list[Part]:
         except CannotServe as missing:
             detail = f"{missing.told}; its rows will say so in the tables"
             parts.append(Part(code.name, False, detail, code.install))
+    for renderer in (CYCLES, LUXCORE):
+        try:
+            parts.append(Part(renderer.name, True, f"run by {renderer.command()[0]}", ""))
+        except CannotServe as missing:
+            detail = f"{missing.told}; its rows will say so in the tables"
+            parts.append(Part(renderer.name, False, detail, renderer.install))
     return parts

@@ -1,9 +1,10 @@
-"""Code published by the authors of a system, run unchanged in a subprocess.
+"""Other people's programs, run unchanged in a subprocess.
 
-Such code needs package versions that conflict with this project's. It has a folder of its own,
-which an environment variable names and which may contain a virtual environment, ``.venv``. The
-scripts in :mod:`baselines.programs` run there. They never use the network: weights must be in a
-folder or in the Hugging Face cache.
+They need package versions that conflict with this project's. Code published by the authors of a
+system has a folder of its own, which an environment variable names and which may contain a virtual
+environment, ``.venv``; other renderers are where their adapters find them. The scripts in
+:mod:`baselines.programs` run there. They never use the network: weights must be in a folder or in
+the Hugging Face cache.
 """
 
 from __future__ import annotations
@@ -16,12 +17,30 @@ import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Protocol
 
 from baselines.protocol import CannotServe
 from gpf.core.subprocesses import last_line
 
 PROGRAMS = Path(__file__).parent / "programs"
+
+
+class Host(Protocol):
+    """What a script needs to run."""
+
+    @property
+    def name(self) -> str:
+        """The system's name."""
+
+    def command(self) -> list[str]:
+        """The command that runs a script, up to the script's path; raises :class:`CannotServe` if
+        it is not installed."""
+
+    def settings(self) -> dict[str, Any]:
+        """What a script must be told about the place of the code."""
+
+    def advice(self) -> str:
+        """What to do if a script ends."""
 
 
 @dataclass(frozen=True)
@@ -77,33 +96,46 @@ class OfficialCode:
         own = self.find() / ".venv" / "bin" / "python"
         return own if own.exists() else Path(sys.executable)
 
+    def command(self) -> list[str]:
+        """The interpreter."""
+        return [str(self.find_interpreter())]
+
+    def settings(self) -> dict[str, Any]:
+        """The folder of the copy."""
+        return {"code": str(self.find())}
+
+    def advice(self) -> str:
+        """What to do if a script ends."""
+        return (
+            f"{self.find_interpreter()} ran it. If a package is missing there: "
+            f"pip install -r {self.find()}/requirements.txt"
+        )
+
 
 class Program:
     """A running script of :mod:`baselines.programs`.
 
     Parameters
     ----------
-    code: the published code that the script needs.
+    host: what the script needs.
     script: the script's file name.
     settings: JSON values of the first request; ``weights`` is a folder or a name on the Hugging
         Face hub.
-    folder: the working directory. ``program.log`` there receives everything that the script and the
-        published code print.
+    folder: the working directory. ``program.log`` there receives everything else that is printed.
 
     Raises
     ------
     CannotServe: as in :meth:`ask`.
     """
 
-    def __init__(
-        self, code: OfficialCode, script: str, settings: Mapping[str, Any], folder: Path
-    ) -> None:
-        self.code, self.log = code, folder / "program.log"
-        settings = {"code": str(code.find()), **settings}
-        weights = Path(settings["weights"]).expanduser()
-        if weights.is_dir():  # the program's working directory differs
-            settings["weights"] = str(weights.absolute())
-        command = [str(code.find_interpreter()), str(PROGRAMS / script)]
+    def __init__(self, host: Host, script: str, settings: Mapping[str, Any], folder: Path) -> None:
+        self.host, self.log = host, folder / "program.log"
+        settings = {**host.settings(), **settings}
+        if "weights" in settings:
+            weights = Path(settings["weights"]).expanduser()
+            if weights.is_dir():  # the program's working directory differs
+                settings["weights"] = str(weights.absolute())
+        command = [*host.command(), str(PROGRAMS / script)]
         with self.log.open("w", encoding="utf-8") as log:
             self.process = subprocess.Popen(
                 command,
@@ -130,14 +162,15 @@ class Program:
         try:
             self.process.stdin.write(json.dumps(request) + "\n")
             self.process.stdin.flush()
-            line = self.process.stdout.readline()
+            # What a host prints before its script runs is no answer.
+            line = next((said for said in self.process.stdout if said.startswith("{")), "")
         except BrokenPipeError:
             line = ""
         if not line:
             raise self._ended()
         answer: dict[str, Any] = json.loads(line)
         if "refused" in answer:
-            raise CannotServe(self.code.name, answer["refused"], answer["todo"])
+            raise CannotServe(self.host.name, answer["refused"], answer["todo"])
         return answer
 
     def _ended(self) -> CannotServe:
@@ -145,10 +178,9 @@ class Program:
         how = f"signal {-status}" if status < 0 else f"status {status}"
         said = last_line(self.log.read_text(encoding="utf-8", errors="replace"))
         return CannotServe(
-            self.code.name,
-            f"the official code ended with {how}: {said.rstrip('.')}",
-            f"Its output is in {self.log}; {self.code.find_interpreter()} ran it. "
-            f"If a package is missing there: pip install -r {self.code.find()}/requirements.txt",
+            self.host.name,
+            f"the program ended with {how}: {said.rstrip('.')}",
+            f"Its output is in {self.log}; {self.host.advice()}",
         )
 
 

@@ -95,6 +95,22 @@ class _Sampled(_Options):
         return self.spp == "equal_time"
 
 
+class _Timed(_Options):
+    """A renderer that is given a time per view, in seconds, or ``equal_time``: the field's."""
+
+    seconds: Positive | Literal["equal_time"] = 60.0
+
+    @property
+    def effort(self) -> str:
+        """The time per view, in words for titles."""
+        return "equal time" if self.seconds == "equal_time" else f"{self.seconds:g} s"
+
+    @property
+    def waits_for_field(self) -> bool:
+        """Whether the system needs the field's time per view."""
+        return self.seconds == "equal_time"
+
+
 class PathTracerOptions(_Sampled):
     """Mitsuba's ``path``."""
 
@@ -140,6 +156,51 @@ class DenoisedOptions(_Sampled):
     def title(self) -> str:
         """The method's name in tables and figures."""
         return f"Path tracer + OIDN, {self.samples}"
+
+
+class CyclesOptions(_Timed):
+    """Cycles, the path tracer of Blender.
+
+    ``guiding``: path guiding. ``denoise``: Open Image Denoise. ``shadow_caustics``: light that
+    lamps send through smooth glass into shadows is searched for (manifold next event estimation).
+    """
+
+    system: Literal["cycles"]
+    guiding: bool = True
+    denoise: bool = True
+    shadow_caustics: bool = True
+
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        parts = (
+            (self.guiding, "no guiding"),
+            (self.denoise, "no denoiser"),
+            (self.shadow_caustics, "no shadow caustics"),
+        )
+        return ", ".join(["Cycles", self.effort, *(words for there, words in parts if not there)])
+
+
+class LuxcoreOptions(_Timed):
+    """LuxCore, the renderer behind LuxCoreRender.
+
+    ``caches`` of PhotonGI: ``auto`` is ``caustics``, with paths from the lamps beside those from
+    the camera, where there is glass or a mirror, and ``indirect`` elsewhere. ``denoise``: Open
+    Image Denoise. The environment variable ``GPF_LUXCORE`` may name a Python with `pyluxcore`.
+    """
+
+    system: Literal["luxcore"]
+    caches: Literal["auto", "caustics", "indirect", "both", "none"] = "auto"
+    denoise: bool = True
+
+    @property
+    def title(self) -> str:
+        """The method's name in tables and figures."""
+        caches = {"auto": [], "both": ["both caches"], "none": ["no caches"]}
+        more = caches.get(self.caches, [f"{self.caches} cached"])
+        return ", ".join(
+            ["LuxCore", self.effort, *more, *([] if self.denoise else ["no denoiser"])]
+        )
 
 
 class FewSamplesOptions(_Options):
@@ -282,6 +343,8 @@ BaselineOptions = Annotated[
     | ParticleTracerOptions
     | SppmOptions
     | DenoisedOptions
+    | CyclesOptions
+    | LuxcoreOptions
     | FewSamplesOptions
     | EmGmmOptions
     | InstantNgpOptions

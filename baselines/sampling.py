@@ -138,7 +138,12 @@ class PreparedSampling:
 
 
 def own_camera(task: Task) -> mi.Sensor:
-    """The scene's first camera, with the size of the task's images.
+    """The scene's first camera, with the size of the task's images; raises as :func:`own_view`."""
+    return make_sensor(own_view(task), *task.size)
+
+
+def own_view(task: Task) -> View:
+    """The view of the scene's first camera.
 
     Raises
     ------
@@ -151,4 +156,4 @@ def own_camera(task: Task) -> mi.Sensor:
             "has no perspective camera of its own, which is needed for measurements",
             "Add a <sensor> to it; it may be the camera of the first training view.",
         )
-    return make_sensor(views[0], *task.size)
+    return views[0]

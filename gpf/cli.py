@@ -68,15 +68,20 @@ def bake(
     vertex_colours: options.VertexColours = False,
     spp: options.BakeSpp = 16,
     exposure: options.MapExposure = None,
+    glb: options.SceneGlb = None,
+    html: options.ScenePage = None,
+    blend: options.SceneBlend = None,
     seed: options.Seed = 0,
     changed_scene: options.ChangedScene = False,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Bake the light of a field into maps or vertex colours, for engines and pages.
 
-    Writes light maps (EXR, PNG), a mesh per shape with light-map coordinates (PLY), and index.json.
+    Writes light maps (EXR, PNG), a mesh per shape with light-map coordinates (PLY), and index.json;
+    on request, the whole scene as glTF, as a web page, or for Blender.
     """
     from gpf.commands.bake import BakeOptions, bake_light
+    from gpf.commands.baked_scene import SceneFiles
 
     asked = BakeOptions(
         size=size,
@@ -87,6 +92,7 @@ def bake(
         seed=seed,
         changed_scene=changed_scene,
         overwrite=overwrite,
+        files=SceneFiles(glb, html, blend),
     )
     bake_light(scene, field, output, asked)
 

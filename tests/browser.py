@@ -17,6 +17,8 @@ from playwright.sync_api import Browser, Page, sync_playwright
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 PROGRAM = next((found for name in NAMES if (found := shutil.which(name))), None)
 
+SOFTWARE_WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
 PATIENCE = 30.0
 """Seconds to wait for something to become true; a busy machine is slow."""
 
@@ -29,7 +31,9 @@ needs_browser = pytest.mark.skipif(
 def start_browser() -> Iterator[Browser]:
     """A browser for any number of pages."""
     with sync_playwright() as playwright:
-        yield playwright.chromium.launch(executable_path=PROGRAM, args=["--disable-dev-shm-usage"])
+        yield playwright.chromium.launch(
+            executable_path=PROGRAM, args=["--disable-dev-shm-usage", *SOFTWARE_WEBGL]
+        )
 
 
 @contextmanager
@@ -40,8 +44,11 @@ def open_page(
     height: int = 900,
     dark: bool = False,
     complains: bool = False,
+    scale: float = 1,
 ) -> Iterator[Page]:
     """Open a file or an address in a window of this size.
+
+    ``scale``: pixels of the screen per pixel of the window, in each direction.
 
     In the end, the page must have asked for nothing but files of its own server, and unless it
     ``complains``, there must be no error and no warning.
@@ -52,6 +59,7 @@ def open_page(
         color_scheme="dark" if dark else "light",
         is_mobile=mobile,
         has_touch=mobile,
+        device_scale_factor=scale,
     )
     page = context.new_page()
     address = place if isinstance(place, str) else place.resolve().as_uri()

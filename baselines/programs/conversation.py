@@ -39,7 +39,7 @@ def converse(start: Callable[[Answer], tuple[Callable[[Answer], Answer], Answer]
         request = json.loads(line)
         try:
             if respond is None:
-                sys.path.insert(0, request["code"])
+                sys.path[:0] = [request["code"]] if "code" in request else []
                 respond, answer = start(request)
             else:
                 answer = respond(request)

@@ -12,7 +12,8 @@ import numpy as np
 
 from baselines.optional import import_optional
 from baselines.protocol import CannotServe
-from baselines.renderformer.triangle_scene import Surface, Triangles, facet_normals
+from baselines.renderformer.triangle_scene import Surface, Triangles
+from baselines.translation.meshes import facet_normals
 from gpf.modelling.meshes import Mesh
 
 # Meshes of at most this many triangles, such as boxes, are not simplified.

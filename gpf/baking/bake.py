@@ -11,7 +11,7 @@ import numpy as np
 from gpf.baking.atlas import Atlas
 from gpf.baking.light import SAMPLES, BakedLight, bake_light
 from gpf.baking.surfaces import Surface, read_surfaces
-from gpf.baking.texels import fill_page, find_texels
+from gpf.baking.texels import Texels, fill_page, find_texels
 from gpf.core.errors import UserError
 from gpf.core.machine import require_memory
 from gpf.field.field import GaussianPhotonField
@@ -28,12 +28,17 @@ class LightMaps:
     ----------
     maps: irradiance by the names of the light groups, W/m², (H, W, 3) float32 each; under the empty
         name, that of all lamps together.
-    texels: number of texels that lie on surfaces.
+    places: where the texels lie on surfaces.
     """
 
     atlas: Atlas
     maps: dict[str, np.ndarray]
-    texels: int
+    places: Texels
+
+    @property
+    def texels(self) -> int:
+        """The number of texels that lie on surfaces."""
+        return len(self.places.index)
 
 
 @dataclass(frozen=True)
@@ -105,7 +110,7 @@ def bake_maps(
         name: fill_page(values, light.known, texels, atlas.size)
         for name, values in _with_total(light).items()
     }
-    return LightMaps(atlas, maps, len(p))
+    return LightMaps(atlas, maps, texels)
 
 
 def bake_vertices(

@@ -7,6 +7,7 @@ the front. A two-sided surface has the light of its front only.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import mitsuba as mi
@@ -86,21 +87,48 @@ def read_surfaces(scene: mi.Scene) -> tuple[list[Surface], dict[str, str]]:
     """The surfaces that light can be baked on, and why others are left out, by their names."""
     surfaces: list[Surface] = []
     left_out: dict[str, str] = {}
-    taken: Counter[str] = Counter()
-    for shape in scene.shapes():
-        bsdf, kind = shape.bsdf(), shape.class_name()
-        plain = shape.id() or kind
-        taken[plain] += 1
-        name = plain if taken[plain] == 1 else f"{plain} ({taken[plain]})"
-        if not (isinstance(shape, mi.Mesh) or kind in STEPS):
-            left_out[name] = f"shapes of type {kind} are not supported"
-        elif bsdf is None or not mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse):
+    for name, shape in _named(scene):
+        if not _is_supported(shape):
+            left_out[name] = f"shapes of type {shape.class_name()} are not supported"
+        elif not _has(shape, mi.BSDFFlags.Diffuse):
             left_out[name] = "it has no diffuse component"
         elif (surface := _read(name, shape)).area > 0:
             surfaces.append(surface)
         else:
             left_out[name] = "it has no area"
     return surfaces, left_out
+
+
+def read_specular_surfaces(scene: mi.Scene) -> list[Surface]:
+    """The surfaces that only reflect and transmit, such as glass and metal."""
+    flags = mi.BSDFFlags
+    visible = flags.DeltaReflection, flags.DeltaTransmission, flags.Glossy
+    found = (
+        _read(name, shape)
+        for name, shape in _named(scene)
+        if _is_supported(shape)
+        and not _has(shape, mi.BSDFFlags.Diffuse)
+        and any(_has(shape, flag) for flag in visible)
+    )
+    return [surface for surface in found if surface.area > 0]
+
+
+def _named(scene: mi.Scene) -> Iterator[tuple[str, mi.Shape]]:
+    """The shapes of a scene with unique names."""
+    taken: Counter[str] = Counter()
+    for shape in scene.shapes():
+        plain = shape.id() or shape.class_name()
+        taken[plain] += 1
+        yield plain if taken[plain] == 1 else f"{plain} ({taken[plain]})", shape
+
+
+def _is_supported(shape: mi.Shape) -> bool:
+    return isinstance(shape, mi.Mesh) or shape.class_name() in STEPS
+
+
+def _has(shape: mi.Shape, flag: mi.BSDFFlags) -> bool:
+    bsdf = shape.bsdf()
+    return bsdf is not None and bool(mi.has_flag(bsdf.flags(), flag))
 
 
 def _read(name: str, shape: mi.Shape) -> Surface:

@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 import platformdirs
 
-from gpf.blender.process import PROGRAM, read_with_blender
+from gpf.blender.process import PROGRAMS, read_with_blender
 from gpf.blender.scene_dict import Translation, principal_point, translate_scene
 from gpf.core.errors import UserError
 from gpf.core.files import read_json, write_json, write_text
@@ -178,7 +178,7 @@ def _pose(camera: Mapping[str, Any]) -> dict[str, Any]:
 def _digest(file: Path) -> str:
     """A digest of a file, of the files beside it that it may use, and of the program."""
     digest = hashlib.sha256()
-    own = sorted([*PROGRAM.parent.glob("*.py"), *PROGRAM.parents[1].glob("*.py")])
+    own = sorted([*PROGRAMS.glob("*.py"), *PROGRAMS.parent.glob("*.py")])
     for each in (file, *own):
         with each.open("rb") as data:
             digest.update(hashlib.file_digest(data, "sha256").digest())

@@ -11,7 +11,7 @@ import sys
 import tempfile
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import platformdirs
@@ -23,7 +23,7 @@ VARIABLE = "GPF_BLENDER"
 LIMIT = 3600.0
 """Seconds that Blender may take for a file."""
 
-PROGRAM = Path(__file__).parent / "program" / "read.py"
+PROGRAMS = Path(__file__).parent / "program"
 
 PACKAGES = {(3, 11): "bpy==5.0.1", (3, 13): "bpy==5.1.2"}
 """Blender as a Python package, by the version of Python that it needs."""
@@ -76,20 +76,40 @@ def _command(program: str) -> list[str]:
 def read_with_blender(file: Path, folder: Path, tell: Callable[[str], None]) -> None:
     """Have Blender read a file and write what is in it into a new folder.
 
-    ``tell`` gets what Blender is doing, one line after another.
+    Raises
+    ------
+    UserError: as :func:`run_in_blender`.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    words = file.resolve(), folder.resolve()
+    run_in_blender("read.py", words, folder / "scene.json", file, tell)
+
+
+def run_in_blender(
+    program: str,
+    words: Sequence[Path],
+    result: Path,
+    subject: Path,
+    tell: Callable[[str], None],
+) -> None:
+    """Run one of the scripts in ``program`` in Blender.
+
+    Parameters
+    ----------
+    result: a file that it must write.
+    subject: the file that messages are about.
+    tell: gets what Blender is doing, one line after another.
 
     Raises
     ------
-    UserError: Blender is missing, cannot read the file, fails, or takes more than :data:`LIMIT`.
+    UserError: Blender is missing, refuses the file, fails, or takes more than :data:`LIMIT`.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     command = find_blender()
     separator = ["--"] if "--python" in command else []
-    words = [*command, str(PROGRAM), *separator, str(file.resolve()), str(folder.resolve())]
     with (
         tempfile.TemporaryDirectory() as home,
         subprocess.Popen(
-            words,
+            [*command, str(PROGRAMS / program), *separator, *map(str, words)],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,
@@ -119,13 +139,13 @@ def read_with_blender(file: Path, folder: Path, tell: Callable[[str], None]) -> 
             late.cancel()
             process.kill()
     if refused:
-        raise UserError(str(file), refused, "Open it in Blender and save it again.")
+        raise UserError(str(subject), refused, "Open it in Blender and save it again.")
     if timed_out:
-        raise UserError(str(file), f"kept Blender busy for {LIMIT:.0f} s", "Simplify the scene.")
-    if code != 0 or not (folder / "scene.json").is_file():
+        raise UserError(str(subject), f"kept Blender busy for {LIMIT:.0f} s", "Simplify the scene.")
+    if code != 0 or not result.is_file():
         last = "\n".join(said)
         raise UserError(
-            str(file),
+            str(subject),
             f"made Blender fail (exit code {code}). Its last words:\n{last}\n",
             "Open it in Blender and save it again.",
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,11 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.baking.atlas import unwrap
-from gpf.baking.bake import bake_maps, bake_vertices, surfaces_to_bake
+from gpf.baking.bake import LightMaps, bake_maps, bake_vertices, surfaces_to_bake
 from gpf.baking.light import SAMPLES
 from gpf.baking.surfaces import Surface
 from gpf.baking.writing import write_maps, write_vertices
+from gpf.commands.baked_scene import SceneFiles, write_scene
 from gpf.commands.overwriting import require_new
 from gpf.commands.scenes import find_field, find_scene, require_same_scene
 from gpf.core.errors import UserError
@@ -52,6 +53,7 @@ class BakeOptions:
     seed: random seed.
     changed_scene: whether to accept a field of another scene.
     overwrite: whether to replace what was baked before.
+    files: further files to write.
     """
 
     size: int | None = None
@@ -62,6 +64,7 @@ class BakeOptions:
     seed: int = 0
     changed_scene: bool = False
     overwrite: bool = False
+    files: SceneFiles = field(default_factory=SceneFiles)
 
     def check(self) -> None:
         """Raise a :class:`UserError` for what is wrong whatever the scene and the field are."""
@@ -73,6 +76,11 @@ class BakeOptions:
         if sum(given.values()) > 1:
             names = " and ".join(name for name, is_given in given.items() if is_given)
             raise UserError(names, "are mutually exclusive", "Give one of them.")
+        for option in self.files.items():
+            if self.vertex_colours:
+                raise UserError(
+                    f"{option} and --vertex-colours", "are mutually exclusive", "Bake maps for it."
+                )
         for option, value in (
             ("--texels-per-unit", self.texels_per_unit),
             ("--exposure", self.exposure),
@@ -99,6 +107,8 @@ def bake_light(
     """
     options.check()
     require_new(folder / INDEX, options.overwrite, "give another folder")
+    for file in options.files.items().values():
+        require_new(file, options.overwrite, "give another name")
     scene_file, trained = find_scene(scene_name)
     if field_file is None:
         field_file = find_field(scene_name) if trained else Path("field.safetensors")
@@ -115,8 +125,12 @@ def bake_light(
     start = time.perf_counter()
     with sole_run(folder, inside=True), telling_untraceable(str(scene_file)):
         remove_leftovers(folder)
-        make = _bake_vertices if options.vertex_colours else _bake_maps
-        index = make(folder, scene, field, surfaces, options, exposure)
+        if options.vertex_colours:
+            index = _bake_vertices(folder, scene, field, surfaces, options, exposure)
+        else:
+            index, baked = _bake_maps(folder, scene, field, surfaces, options, exposure)
+            views = (trained or scene_file.parent) / "views.yaml"
+            write_scene(options.files, scene, field, baked, index["exposure"], views)
         write_json(folder / INDEX, {**index, "left_out": left_out})
     say(f"{folder}: {len(surfaces)} meshes, {time.perf_counter() - start:.1f} s")
 
@@ -135,8 +149,8 @@ def _bake_maps(
     surfaces: list[Surface],
     options: BakeOptions,
     exposure: float | None,
-) -> dict[str, Any]:
-    """Bake and write light maps; what the index says about them."""
+) -> tuple[dict[str, Any], LightMaps]:
+    """Bake and write light maps; what the index says about them, and the maps."""
     say(f"unwrapping {sum(len(surface.faces) for surface in surfaces)} triangles")
     size = options.size or (None if options.texels_per_unit else SIZE)
     atlas = unwrap(surfaces, size, options.texels_per_unit)
@@ -148,7 +162,7 @@ def _bake_maps(
     say(f"{width}x{height}, {baked.texels} texels on surfaces, {speed:.0f} texels per second")
     exposure = exposure or _measured_exposure(baked.maps[""])
     index = write_maps(folder, baked, exposure)
-    return {**index, "exposure": exposure, "texels_per_unit": atlas.texels_per_unit}
+    return {**index, "exposure": exposure, "texels_per_unit": atlas.texels_per_unit}, baked
 
 
 def _bake_vertices(

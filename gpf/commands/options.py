@@ -85,6 +85,27 @@ MapExposure = Annotated[
     Option(help="Exposure of PNG files and colours. [default: from views.yaml or the field]"),
 ]
 
+SceneGlb = Annotated[
+    Path | None,
+    Option("--glb", metavar="FILE.glb", help="Write the scene in this light as glTF as well."),
+]
+ScenePage = Annotated[
+    Path | None,
+    Option(
+        "--html",
+        metavar="FILE.html",
+        help="Write a page as well that shows the scene, without network: turn it, dim its lamps.",
+    ),
+]
+SceneBlend = Annotated[
+    Path | None,
+    Option(
+        "--blend",
+        metavar="FILE.blend",
+        help="Write a .blend file as well, with the light as images on the materials.",
+    ),
+]
+
 # `gpf fit`.
 
 NewField = Annotated[

@@ -62,6 +62,8 @@ _SYSTEMS = {
     "sppm": Mark("o", STRONG),
     "path_tracer": Mark("s", "#d55e00"),
     "denoised": Mark("D", "#8a3a6e", 6),
+    "cycles": Mark("p", "#e87d0d", 7),
+    "luxcore": Mark("H", "#00857d", 7),
     "particle_tracer": Mark("^", "#e6a100", 7),
     "em_gmm": Mark("X", "#7f7f7f", 7.5),
     "radiance_cache": Mark("P", "#009e73", 7.5),

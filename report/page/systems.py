@@ -20,6 +20,8 @@ ABOUT = {
     "sppm": "Stochastic progressive photon mapping with few passes: camera paths collect photons "
     "within a radius that shrinks from pass to pass.",
     "denoised": "The path tracer, denoised by a network (Open Image Denoise).",
+    "cycles": "Blender's path tracer, with path guiding, shadow caustics and Open Image Denoise.",
+    "luxcore": "LuxCoreRender's path tracer, with light tracing, PhotonGI and Open Image Denoise.",
     "em_gmm": "A mixture of Gaussians, fitted to the density of photons by expectation "
     "maximisation (Jakob, Regg and Jarosz 2011).",
     "radiance_cache": "The training targets and the camera walk of the field, with a hash grid and "

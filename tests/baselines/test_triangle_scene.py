@@ -17,11 +17,10 @@ from baselines.renderformer.triangle_materials import read_material
 from baselines.renderformer.triangle_scene import (
     Surface,
     Triangles,
-    facet_normals,
     join_triangles,
-    read_mesh,
     read_surfaces,
 )
+from baselines.translation.meshes import facet_normals, read_mesh
 from gpf.core.structs import from_numpy
 from gpf.modelling.meshes import Mesh
 from tests.furnace import diffuse, floor, lamp, rgb

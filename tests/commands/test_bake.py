@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -135,6 +136,23 @@ def test_vertex_colours(box):
     assert np.abs(colour - 255 * tone_map(found / np.pi, EXPOSURE)).max() <= 1
 
 
+def test_the_scene_as_gltf_and_as_a_page(box, capsys):
+    """Beside the maps; nothing is replaced unasked."""
+    words = ("--size", "64", "-o", "a", "--glb", "box.glb", "--html", "pages/the_box.html")
+    assert bake(*words) == 0
+    said = capsys.readouterr().err
+    assert "box.glb: 0.0 MB" in said and "the_box.html: 0." in said
+    assert Path("box.glb").read_bytes()[:4] == b"glTF" and Path("a/light.exr").is_file()
+    page = Path("pages/the_box.html").read_text()
+    assert "<title>the box</title>" in page and "Permission is hereby granted" in page
+    assert not re.search("{(title|licence|parts)}", page) and len(page) < 700_000
+    assert "http" not in re.sub("Permission.*?-->", "", page, flags=re.S).partition("<script")[2]
+    shutil.rmtree("a")
+    assert "box.glb: already exists" in refused(capsys, *words)
+    assert not Path("a").exists()
+    assert bake(*words, "--overwrite") == 0
+
+
 def test_what_was_baked_before_is_kept(box, capsys):
     assert bake("--size", "64", "-o", "a") == 0
     before = Path("a/light.exr").read_bytes()
@@ -150,6 +168,8 @@ def test_what_was_baked_before_is_kept(box, capsys):
     ("words", "told"),
     [
         ("--size 64 --vertex-colours", "--size and --vertex-colours: are mutually exclusive"),
+        ("--glb a.glb --vertex-colours", "--glb and --vertex-colours: are mutually exclusive"),
+        ("--html a.html --vertex-colours", "--html and --vertex-colours: are mutually exclusive"),
         ("--texels-per-unit 0", "--texels-per-unit 0.0: is out of range"),
         ("--exposure nan", "--exposure nan: is out of range"),
         ("--size 8", "Invalid value for '--size'"),

@@ -104,7 +104,10 @@ def _render_world(world: Any, path: Path) -> None:
         WIDTH // 2,
         100,
     )
-    scene.cycles.samples, scene.cycles.use_denoising = 4, False
+    # The sun of a sky is three pixels wide.
+    trees = [world.node_tree, *(n.node_tree for n in world.node_tree.nodes if n.type == "GROUP")]
+    has_sky = any(node.type == "TEX_SKY" for tree in trees if tree for node in tree.nodes)
+    scene.cycles.samples, scene.cycles.use_denoising = 32 if has_sky else 4, False
     scene.cycles.use_adaptive_sampling = False
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", 1.0
     scene.view_settings.view_transform = "Raw"

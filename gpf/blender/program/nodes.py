@@ -91,6 +91,8 @@ def read_closure(place: Input) -> Closure:
         if closure.get("normal") is None:
             closure.pop("normal", None)
         return closure
+    if "VOLUME" in node.type:  # at a surface, it does nothing
+        return {"closure": "none"}
     return {"closure": "other", "node": node.bl_label, **_colour_of(node, groups)}
 
 

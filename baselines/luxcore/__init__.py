@@ -1,0 +1,1 @@
+"""LuxCore, the renderer behind LuxCoreRender, in a process of its own."""

@@ -1,0 +1,119 @@
+"""`gpf bake --glb`, `--html` and `--blend`: the scene itself in its baked light."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+
+from gpf.baking.albedo import read_albedos
+from gpf.baking.bake import LightMaps
+from gpf.baking.gltf import Stage, light_from_afar, write_glb, write_unlit_glb
+from gpf.baking.page import write_page
+from gpf.baking.reflectance import bake_radiosity
+from gpf.baking.surfaces import read_specular_surfaces
+from gpf.blender.process import run_in_blender
+from gpf.core.files import write_atomically, write_json, write_text
+from gpf.core.images import tone_map, write_exr
+from gpf.core.progress import console, say
+from gpf.field.field import GaussianPhotonField
+from gpf.scene.sensors import film_aspect, scene_cameras, views_of_sensors
+from gpf.scene.views import View, read_views
+
+ROWS = 1080
+"""Rows of the pictures that Blender makes of the scene."""
+
+SKY = (512, 1024)
+"""Height and width of the picture of the environment that Blender gets."""
+
+
+@dataclass(frozen=True)
+class SceneFiles:
+    """A binary glTF file, a web page, and a .blend file; None for those that nobody asked for."""
+
+    glb: Path | None = None
+    html: Path | None = None
+    blend: Path | None = None
+
+    def items(self) -> dict[str, Path]:
+        """The files that are asked for, by their options."""
+        named = {"--glb": self.glb, "--html": self.html, "--blend": self.blend}
+        return {option: file for option, file in named.items() if file is not None}
+
+
+def write_scene(
+    files: SceneFiles,
+    scene: mi.Scene,
+    field: GaussianPhotonField,
+    baked: LightMaps,
+    exposure: float,
+    views: Path,
+) -> None:
+    """Write the scene as glTF and as a page; ``views``: its ``views.yaml``, which may not exist."""
+    if not files.items():
+        return
+    groups = field.lights.groups if field.lights else None
+    members = dict(zip(groups.names, groups.members, strict=True)) if groups else {}
+    specular = read_specular_surfaces(scene)
+    stage = Stage(scene, baked.atlas, specular, *_cameras(scene, views))
+    if files.glb is not None:
+        radiance = bake_radiosity(scene, baked, members)[""] / np.pi
+        picture = np.round(255 * tone_map(radiance, exposure)).astype(np.uint8)
+        data = write_glb(stage, picture, exposure)
+        write_atomically(files.glb, lambda p: p.write_bytes(data))
+        say(f"{files.glb}: {len(data) / 1e6:.1f} MB")
+    if files.html is not None:
+        title = files.html.stem.replace("_", " ")
+        text = write_page(stage, baked, exposure, title, members)
+        write_text(files.html, text)
+        say(f"{files.html}: {len(text) / 1e6:.1f} MB")
+    if files.blend is not None:
+        write_blend(files.blend, stage, baked, exposure, members)
+        say(f"{files.blend}: {files.blend.stat().st_size / 1e6:.1f} MB")
+
+
+def write_blend(
+    file: Path,
+    stage: Stage,
+    baked: LightMaps,
+    exposure: float,
+    members: Mapping[str, Sequence[int]],
+) -> None:
+    """Have Blender write the scene, with its light as images."""
+    albedos = read_albedos(chart.surface for chart in stage.atlas.charts)
+    light = bake_radiosity(stage.scene, baked, members, apart=albedos)
+    lights = {name: f"light_{k}.exr" for k, name in enumerate(n for n in light if n)}
+    lights = lights or {"": "light.exr"}
+    size = [round(ROWS * stage.aspect), ROWS]
+    with tempfile.TemporaryDirectory() as name, console.status(f"{file.name}: Blender") as status:
+        work = Path(name)
+        (work / "scene.glb").write_bytes(write_unlit_glb(stage, albedos, 1.0))
+        for group, image in lights.items():
+            write_exr(work / image, {"radiance": light[group]}, {})
+        facts: dict[str, Any] = {"exposure": exposure, "size": size, "lights": lights, "sky": None}
+        if stage.scene.environment() is not None:
+            height, width = SKY
+            angle = 2 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
+            latitude = np.pi * (0.5 - (np.arange(height)[:, None] + 0.5) / height)
+            write_exr(work / "sky.exr", {"radiance": light_from_afar(stage, angle, latitude)}, {})
+            facts["sky"] = "sky.exr"
+        write_json(work / "light.json", facts)
+        result = work / "lit.blend"
+        words = work, result
+        run_in_blender("light_up.py", words, result, file, lambda what: status.update(what))
+        write_atomically(file, lambda path: shutil.copyfile(result, path))
+
+
+def _cameras(scene: mi.Scene, file: Path) -> tuple[tuple[View, ...], float]:
+    """The cameras of a file, or of the scene, and width divided by height of their pictures."""
+    if file.is_file():
+        known = read_views(file, need_training=False)
+        return (*known.train, *known.novel, *known.more), known.aspect
+    sensors = scene_cameras(scene)
+    return tuple(views_of_sensors(scene)), film_aspect(sensors[0]) if sensors else 1.0
