@@ -63,7 +63,7 @@ def arguments(scene, kind, seed, count, samples, back):
 
 
 def values(found) -> list[np.ndarray]:
-    points, way = found
+    points, way, _ = found
     names = "p", "n", "throughput", "emission", "reflectance"
     return [
         *(to_numpy(getattr(points, n)) for n in names),

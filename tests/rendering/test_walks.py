@@ -162,7 +162,7 @@ def test_single_walks_and_answers_that_are_the_same_for_all(rays):
     scene = mi.load_dict({"type": "scene", "sky": {"type": "constant"}} | parts)
 
     class Constant:
-        settings = FieldSettings(search_radius=1.0)
+        settings, volume = FieldSettings(search_radius=1.0), None
 
         def unfold(self, x):
             return x
