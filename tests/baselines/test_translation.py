@@ -193,7 +193,7 @@ def test_a_sky_keeps_its_light_where_it_is(tmp_path: Path) -> None:
         theta, phi = math.pi * (row + 0.5) / rows, 2 * math.pi * (column + 0.5) / columns
         local = (math.sin(theta) * math.sin(phi), math.cos(theta), -math.sin(theta) * math.cos(phi))
         x, y, z = np.array(found["matrix"])[:3, :3] @ local
-        ray.d = mi.Vector3f(x, y, z)
+        ray.d = mi.Vector3f(float(x), float(y), float(z))
         si = scene.ray_intersect(ray)
         expected = np.array(scene.environment().eval(si)).ravel()
         np.testing.assert_allclose(pixels[row, column], expected, rtol=1e-3)
