@@ -40,7 +40,7 @@ class Scene:
             self._add(shape)
         for lamp in self.found["lamps"]:
             light = add_lamp(lamp, folder, self._images)
-            # With the world among them, Cycles 5.0 loses light of some lamps and doubles that of others.
+            # With the world among them, Cycles 5.0 loses or doubles the light of other lamps.
             if caustics and light is not bpy.context.scene.world:
                 light.cycles.is_caustics_light = True
 
