@@ -40,7 +40,8 @@ class Scene:
             self._add(shape)
         for lamp in self.found["lamps"]:
             light = add_lamp(lamp, folder, self._images)
-            if caustics:
+            # With the world among them, Cycles 5.0 loses or doubles the light of other lamps.
+            if caustics and light is not bpy.context.scene.world:
                 light.cycles.is_caustics_light = True
 
     def _add(self, shape: dict[str, Any]) -> None:

@@ -6,7 +6,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from gpf.commands.overwriting import require_new, require_own
+from gpf.commands.overwriting import require_new_folder
 from gpf.core.files import write_json
 from gpf.core.partial import grant_as_usual, partial_folder, replace_folder
 from gpf.core.progress import say
@@ -23,8 +23,7 @@ def write_addon(output: Path, overwrite: bool) -> None:
     ------
     UserError: the folder exists and is not to be replaced, or holds something else.
     """
-    require_new(output, overwrite)
-    require_own(output, "blender_manifest.toml")
+    require_new_folder(output, "blender_manifest.toml", overwrite)
     output.parent.mkdir(parents=True, exist_ok=True)
     with partial_folder(output) as new:
         for source, name in FILES.items():

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from gpf.blender.conversion import RECORD, Converted, convert, converted, require_file
 from gpf.blender.process import install
-from gpf.commands.overwriting import require_new, require_own
+from gpf.commands.overwriting import require_new_folder
 from gpf.core.errors import UserError
 from gpf.core.progress import console, say
 from gpf.core.runtime import choose_variant
@@ -29,8 +29,7 @@ def convert_file(file: Path, output: Path | None, overwrite: bool) -> None:
     """
     require_file(file)
     folder = output or file.with_suffix("")
-    require_new(folder, overwrite)
-    require_own(folder, RECORD)
+    require_new_folder(folder, RECORD, overwrite)
     choose_variant("auto")
     with console.status(f"{file.name}: Blender") as status:
         found = convert(file, folder, lambda what: status.update(f"{file.name}: {what}"))

@@ -10,6 +10,7 @@ from gpf.baking.albedo import read_albedo
 from gpf.baking.gltf import Stage, write_glb
 from gpf.baking.reflectance import bake_radiosity
 from gpf.core.images import tone_map, undo_tone_map
+from gpf.core.structs import from_numpy
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from tests.baking.glb_file import Read
@@ -125,7 +126,7 @@ def test_cameras_see_what_sensors_see(made, axis, aspect):
     ways = own @ np.array(node["matrix"]).reshape(4, 4)
     height = 200
     sensor = make_sensor(view, round(height * aspect), height)
-    ray, _ = sensor.sample_ray(0.0, 0.5, mi.Point2f(place.T), mi.Point2f(0.5))
+    ray, _ = sensor.sample_ray(0.0, 0.5, from_numpy(mi.Point2f, place), mi.Point2f(0.5))
     expected = np.array(ray.d).T
     found = ways[:, :3] / np.linalg.norm(ways[:, :3], axis=1, keepdims=True)
     np.testing.assert_allclose(found, expected, atol=1e-5)

@@ -14,12 +14,25 @@ from baselines.official import Program
 from baselines.options import CyclesOptions
 from baselines.peer import PreparedPeer
 from baselines.protocol import CannotServe, Task
+from baselines.translation.description import describe
+from baselines.translation.nodes import read_dict
 from gpf.core.files import write_text
 from gpf.core.images import tone_map
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import make_sensor, views_of_sensors
-from tests.baselines.peer_pictures import compare
-from tests.baselines.peer_scenes import LAMPS, MATERIALS, SCENES, shown, stage
+from tests.baselines.peer_pictures import compare, picture_by
+from tests.baselines.peer_scenes import (
+    LAMPS,
+    MATERIALS,
+    SCENES,
+    SIZE,
+    VIEW,
+    at,
+    glass,
+    shown,
+    stage,
+)
+from tests.furnace import diffuse, rectangle
 
 
 def is_there() -> bool:
@@ -127,3 +140,26 @@ def test_shadow_caustics_find_what_paths_miss(tmp_path, two_threads) -> None:
         found.append(Cycles(options).prepare(task).render(view, 1))
     brightest = [np.quantile(image[16:28, 18:30], 0.9) for image in found]
     assert brightest[1] > 3 * brightest[0]
+
+
+def test_shadow_caustics_neither_add_light_nor_lose_it(tmp_path, two_threads) -> None:
+    """A floor under a slab of glass, lit by a point and a sky, as photon mapping has it."""
+    place = at(("scale", (4, 4, 0.2)), ("translate", (0, 0, 0.4)))
+    scene = {
+        "type": "scene",
+        "floor": rectangle((0, 0, 0), (0, 0, 1), 8, 8, diffuse(0.6, 0.5, 0.4)),
+        "slab": {"type": "cube", "to_world": place, "bsdf": glass()},
+        "point": LAMPS["point"](),
+        "sky": LAMPS["envmap"](),
+    }
+    loaded = mi.load_dict(scene, optimize=False)
+    describe(read_dict(scene), loaded, tmp_path / "scene", "scene")
+    settings = {"folder": str(tmp_path / "scene"), "guiding": False, "caustics": True}
+    program = Program(HOST, "render_with_cycles.py", settings, tmp_path)
+    task = Task("slab", loaded, tmp_path / "scene.xml", SIZE, 1.0, (), 5, 1, tmp_path)
+    peer = PreparedPeer(task, program, 1.0, chosen={"denoiser": "none"})
+    sppm = mi.load_dict({"type": "sppm", "passes": 60, "photons_per_pass": 200_000})
+    expected = mi.render(loaded, integrator=sppm, sensor=make_sensor(VIEW, *SIZE), spp=60).numpy()
+    image = picture_by(peer, VIEW, 128, 1)
+    middle = np.s_[16:32, 24:48]
+    assert image[middle].mean() == pytest.approx(expected[middle].mean(), rel=0.05)

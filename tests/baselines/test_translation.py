@@ -15,6 +15,7 @@ from baselines.protocol import CannotServe
 from baselines.translation.description import describe
 from baselines.translation.materials import mean_fresnel
 from baselines.translation.nodes import read_dict, read_file
+from gpf.core.structs import from_numpy
 from gpf.scene.load import load_scene_file
 from tests.baselines.peer_scenes import LAMPS, MATERIALS, at, board, glass, picture
 from tests.furnace import Scene, bitmap, diffuse, rgb
@@ -68,7 +69,8 @@ def test_meshes_are_in_the_world_with_mitsubas_texture_coordinates(tmp_path, kin
     facing /= np.linalg.norm(facing, axis=1, keepdims=True)
     some = np.random.default_rng(1).choice(len(faces), min(len(faces), 50), replace=False)
     middle = corners[some].mean(axis=1)
-    ray = mi.Ray3f(mi.Point3f((middle + 0.1 * facing[some]).T), mi.Vector3f(-facing[some].T))
+    origin = from_numpy(mi.Point3f, middle + 0.1 * facing[some])
+    ray = mi.Ray3f(origin, from_numpy(mi.Vector3f, -facing[some]))
     si = scene.ray_intersect(ray)
     np.testing.assert_allclose(np.array(si.p).T, middle, atol=6e-3)
     assert ((np.array(si.n).T * facing[some]).sum(axis=1) > 0.99).all()
@@ -190,7 +192,8 @@ def test_a_sky_keeps_its_light_where_it_is(tmp_path: Path) -> None:
     for row, column in ((2, 3), (5, 9), (9, 30), (14, 17)):
         theta, phi = math.pi * (row + 0.5) / rows, 2 * math.pi * (column + 0.5) / columns
         local = (math.sin(theta) * math.sin(phi), math.cos(theta), -math.sin(theta) * math.cos(phi))
-        ray.d = mi.Vector3f((np.array(found["matrix"])[:3, :3] @ local).tolist())
+        x, y, z = np.array(found["matrix"])[:3, :3] @ local
+        ray.d = mi.Vector3f(float(x), float(y), float(z))
         si = scene.ray_intersect(ray)
         expected = np.array(scene.environment().eval(si)).ravel()
         np.testing.assert_allclose(pixels[row, column], expected, rtol=1e-3)
