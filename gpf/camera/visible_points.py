@@ -57,6 +57,8 @@ def see(
     dr.make_opaque(ray)
     depths = max_depth, rr_depth
     points, _, haze = follow(scene, sampler, ray, *depths, active, lamps)
+    if Media(scene).there:
+        points.emission += haze.radiance(lit_by(lamps, haze, sampler))
     dr.eval(points, haze)
     return points, haze
 
@@ -177,8 +179,6 @@ def follow(
         active &= lives & (dr.max(throughput) > 0)
 
     view.haze.weight *= view.chances
-    if dr.hint(media.there, mode="scalar"):
-        emission += view.haze.radiance(lit_by(lamps, view.haze, sampler))
     return VisiblePoints(p, n, reflectance, throughput, emission, depth, valid), way, view.haze
 
 

@@ -33,6 +33,8 @@ class Stream(IntEnum):
     EM_CAMERA = 17
     NOISE_POINTS = 18
     NOISE_PHOTONS = 19
+    VOLUME_VIEWS = 20
+    VOLUME_PHOTONS = 21
     SPLAT_VIEWS = 31
     SPLAT_GROWTH = 32
     SPLAT_SIGHT = 33

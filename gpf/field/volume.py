@@ -28,12 +28,13 @@ class VolumeField(Recordable):
     ----------
     fluence: a field whose colours are φ, W/m², without a normal test.
     moments: J, the mean of the channels of the radiance times its direction, W/m², (N, 3).
+    lamps: whether the direct light of lamps is left out, so that it has to be sampled.
     """
 
     READ = ("fluence", "_moments")
 
-    def __init__(self, fluence: GaussianPhotonField, moments: np.ndarray) -> None:
-        self.fluence, self.moments = fluence, moments
+    def __init__(self, fluence: GaussianPhotonField, moments: np.ndarray, lamps: bool) -> None:
+        self.fluence, self.moments, self.lamps = fluence, moments, lamps
         colour = from_numpy(mi.Color3f, moments)
         gaussians = dataclasses.replace(fluence.gaussians, irradiance=colour)
         self._moments = GaussianPhotonField(

@@ -38,6 +38,7 @@ from gpf.training.settings import TrainingSettings
 from gpf.training.shared_detail import keep_shared_detail
 from gpf.training.streaming import PhotonStream
 from gpf.training.trainer import Trainer
+from gpf.training.volume_light import fit_volume
 
 # Passes for the field per pass for the PSNR estimate: the usual number, and the smallest, for when
 # the estimate is too uncertain.
@@ -50,6 +51,8 @@ GATHER_PART = 0.5
 GRACE = 0.05
 
 TRAINING = TrainingSettings(evaluate_every=STEPS_PER_EVALUATION)
+
+VOLUME_TRAINING = TrainingSettings(steps=200)
 
 log = logging.getLogger(__name__)
 
@@ -143,6 +146,8 @@ class FieldSeries:
         field = trainer.finish()
         fitted = HalfColours.fit(field, halves)
         field.recolour(keep_shared_detail(field, fitted))
+        if (volume := self.stream.photons.volume) is not None:
+            field.volume = fit_volume(volume, self.stream.count, self.query, VOLUME_TRAINING)
         cleaned = self.time.work
         # A first field is soon replaced, but a PSNR that is compared with a target must be certain.
         first = self.best.field is None and self.goals.target_psnr is None

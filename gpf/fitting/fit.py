@@ -21,12 +21,15 @@ from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.importing.placement import place_sensors
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.fingerprint import fingerprint
-from gpf.scene.inventory import check_scene, describe_media
+from gpf.scene.inventory import check_scene
 from gpf.scene.light_groups import LightGroups
+from gpf.scene.media import Media
+from gpf.sppm.passes import suit_scene
 from gpf.sppm.reference import ReferenceSettings
 from gpf.training.direct_light import choose_direct
 from gpf.training.stream_points import stream_points
 from gpf.training.streaming import PhotonStream, StreamSettings
+from gpf.training.volume_light import VolumeLight
 
 # A field whose estimated PSNR is below this, or this far below SPPM with the same passes (dB), has
 # failed.
@@ -95,8 +98,6 @@ def fit(
     if resume == "always" and state is None:
         raise UserError("resume", "needs a state folder", "Give the folder with the photons.")
     check_scene(scene)
-    if media := describe_media(scene):
-        log.warning("scene: %s", media)
     # First: they evaluate parameters of the scene, and earlier kernels could not be reused.
     scene_bounds(scene)
     origin = fingerprint(scene)
@@ -141,7 +142,11 @@ def _open(
     named = {f"{k}": camera for k, camera in enumerate(cameras)}
     points = stream_points(scene, named, plan, passes, settings, photons)
     stored = None if direct == "field" else sampled.others()
-    stream = PhotonStream(scene, own, points, seed, plan.source, stored, groups)
+    volume = None
+    if Media(scene).there:
+        paths = suit_scene(own, scene).path_settings(plan.source)
+        volume = VolumeLight(scene, named, paths, own.alpha, seed)
+    stream = PhotonStream(scene, own, points, seed, plan.source, stored, groups, volume)
     return stream, quality, lambda radius: FieldSettings(search_radius=radius, direct=direct)
 
 

@@ -13,12 +13,14 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from gpf.camera.haze import lit_by
 from gpf.camera.visible_points import follow
 from gpf.core.structs import Haze, VisiblePoints, Way
 from gpf.field.field import GaussianPhotonField
 from gpf.field.ordered_query import query_in_order
 from gpf.rendering.aovs import at_visible_point
 from gpf.rendering.recording import RecordedWalks
+from gpf.scene.lamps import Lamps
 
 GROUP = 4
 """Most samples of a pixel that share a query."""
@@ -95,8 +97,9 @@ class Walks:
         depths = self.max_depth, self.rr_depth
         side = back if self.divides else None
         points, way, haze = self.follow(self.scene, sampler, ray, *depths, active, lamps, side)
-        if self.field.volume is not None:
-            points.emission += haze.radiance(self.field.volume.scattered(haze))
+        if (volume := self.field.volume) is not None:
+            lamps = Lamps(self.scene, None if volume.lamps else ())
+            points.emission += haze.radiance(volume.scattered(haze) + lit_by(lamps, haze, sampler))
         return points, way
 
     def _shown(

@@ -20,6 +20,7 @@ from gpf.sppm.edge_correction import covered_share, near_edges
 from gpf.sppm.fixed_points import FixedPoints
 from gpf.sppm.passes import PassSettings, radius_at
 from gpf.training.kernel_width import WIDTHS
+from gpf.training.volume_light import VolumeLight
 
 # Edge of the cells in which photons are added up, in units of the widest kernel's radius after
 # TYPICAL_PASSES passes: where points are dense, half of the narrowest kernel's radius.
@@ -39,6 +40,7 @@ class PhotonLight:
     settings: settings of the passes, suited to the scene; ``alpha`` and ``initial_radius``
         determine the radius.
     groups: groups of emitters whose light is kept apart.
+    volume: takes the photons in media.
 
     Attributes
     ----------
@@ -54,8 +56,10 @@ class PhotonLight:
         seed: int,
         source: Source,
         groups: LightGroups | None,
+        volume: VolumeLight | None = None,
     ) -> None:
         self.points, self.seed, self.passes = points, seed, 0
+        self.volume = volume
         self.settings, self._bounds = settings, scene_bounds(points.scene)
         # The final radius is not known here, but the radius shrinks slowly.
         cell = CELL * radius_at(TYPICAL_PASSES, settings.initial_radius, settings.alpha)
@@ -79,7 +83,8 @@ class PhotonLight:
         """Trace one more pass. ``diffused``: whether to include photons from diffuse surfaces."""
         number = self.passes + 1
         seed = pass_seed(self.seed, number, Stream.PHOTONS)
-        self._sums.trace(self.points.scene, seed, number % 2, diffused)
+        cloud = None if self.volume is None else self.volume.sums
+        self._sums.trace(self.points.scene, seed, number % 2, diffused, cloud)
         dr.sync_thread()
         self.passes = number
 

@@ -33,6 +33,7 @@ from gpf.training.kernel_width import WIDTHS, choose_kernels, kernel_blur, pick
 from gpf.training.photon_light import PhotonLight
 from gpf.training.sampled_light import SampledLight, balance, some_runs
 from gpf.training.targets import Targets, source_numbers
+from gpf.training.volume_light import VolumeLight
 
 BALANCED = 6, 12, 48, 192
 """Numbers of passes after which the noise of the photons is compared with that of samples. The
@@ -81,6 +82,7 @@ class PhotonStream:
         :data:`gpf.training.targets.SURFACES`; any of them may be missing.
     lamps: the emitters whose direct light the targets contain; by default all.
     groups: groups of emitters whose light is kept apart, for :meth:`by_group`.
+    volume: takes the photons in media; then no light is gathered by rays, which know no media.
 
     Attributes
     ----------
@@ -98,6 +100,7 @@ class PhotonStream:
         source: Source = emit_light,
         lamps: Lamps | None = None,
         groups: LightGroups | None = None,
+        volume: VolumeLight | None = None,
     ) -> None:
         self.scene, self.seed, self._groups = scene, seed, groups
         settings = suit_scene(settings, scene)
@@ -109,7 +112,7 @@ class PhotonStream:
         valid = [take(each, dr.compress(each.valid)) for each in points.values()]
         self._source = np.repeat(source_numbers(points), [dr.width(each.p) for each in valid])
         self._points = FixedPoints(scene, concatenate(valid))
-        self.photons = PhotonLight(self._points, settings, seed, source, groups)
+        self.photons = PhotonLight(self._points, settings, seed, source, groups, volume)
         self._direct = DirectLight(self._points, sampled, sign, seed)
         self.gathered: GatheredLight | None = None
         self._rows = slice(None)
@@ -142,8 +145,10 @@ class PhotonStream:
         """From now on, gather the light of diffuse surfaces by rays that end in a field of the same
         scene; photons that bring this light no longer count.
 
-        Nothing changes if the first rays would take longer than ``seconds``.
+        Nothing changes if the first rays would take longer than ``seconds``, or in media.
         """
+        if self.photons.volume is not None:
+            return
         gathered = self._gathered_by(field, self.count)
         for _ in range(2):  # the first one compiles
             gathered.add()
