@@ -28,13 +28,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from baselines.translation.nodes import Node
 from baselines.translation.values import Value, Values
-from gpf.blender.energy import layer_factor
+from gpf.blender.energy import layer_factor, share_under_sky
 from gpf.scene.materials import diffuse_context
 
 Material = dict[str, Any]
@@ -129,15 +128,7 @@ def _diffuse_share(node: Node, reflectance: float, count: int = 1 << 18) -> floa
     """The share of light under a uniform sky that the diffuse part of a plastic reflects."""
     grey = {"type": "rgb", "value": [reflectance] * 3}
     bare = node.as_dict(mi.ObjectType.Texture) | {"diffuse_reflectance": grey}
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(1, count)
-    si = dr.zeros(mi.SurfaceInteraction3f, count)
-    si.wi = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
-    si.n = mi.Normal3f(0, 0, 1)
-    si.sh_frame = mi.Frame3f(si.n)
-    context = diffuse_context()
-    found, weight = mi.load_dict(bare).sample(context, si, sampler.next_1d(), sampler.next_2d())
-    return float(dr.mean(dr.select(found.pdf > 0, weight.y, 0))[0])
+    return share_under_sky(bare, diffuse_context(), count)
 
 
 def mean_fresnel(eta: float, steps: int = 4000) -> float:

@@ -57,13 +57,17 @@ def _albedo(kind: str, roughness: float, ior: float = 1.5, base: float = 1.0) ->
         bsdf |= (
             {"material": "none"} if kind == "roughconductor" else {"int_ior": ior, "ext_ior": 1.0}
         )
+    # Not radiance, which changes where light enters glass.
+    return share_under_sky(bsdf, mi.BSDFContext(mi.TransportMode.Importance), SAMPLES)
+
+
+def share_under_sky(bsdf: dict[str, Any], context: mi.BSDFContext, samples: int) -> float:
+    """The share of light under a uniform sky that leaves a BSDF by the components of a context."""
     sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(1, SAMPLES)
-    si = dr.zeros(mi.SurfaceInteraction3f, SAMPLES)
+    sampler.seed(1, samples)
+    si = dr.zeros(mi.SurfaceInteraction3f, samples)
     si.wi = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
     si.n = mi.Normal3f(0, 0, 1)
     si.sh_frame = mi.Frame3f(si.n)
-    # Not radiance, which changes where light enters glass.
-    context = mi.BSDFContext(mi.TransportMode.Importance)
     found, weight = mi.load_dict(bsdf).sample(context, si, sampler.next_1d(), sampler.next_2d())
     return float(dr.mean(dr.select(found.pdf > 0, weight.y, 0))[0])

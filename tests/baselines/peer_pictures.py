@@ -9,8 +9,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from baselines.official import Host
 from baselines.peer import PreparedPeer
-from baselines.protocol import Task
+from baselines.protocol import CannotServe, Task
 from baselines.translation.description import describe
 from baselines.translation.nodes import read_dict
 from gpf.core.images import tone_map
@@ -21,6 +22,14 @@ from tests.furnace import Scene
 
 # Without its shortcuts: makes a renderer for a description, in a folder for its files.
 Start = Callable[[Task, Path], PreparedPeer]
+
+
+def is_there(host: Host) -> bool:
+    """Whether a renderer is installed."""
+    try:
+        return bool(host.command())
+    except CannotServe:
+        return False
 
 
 def compare(

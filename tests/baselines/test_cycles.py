@@ -13,14 +13,14 @@ from baselines.cycles import HOST, Cycles
 from baselines.official import Program
 from baselines.options import CyclesOptions
 from baselines.peer import PreparedPeer
-from baselines.protocol import CannotServe, Task
+from baselines.protocol import Task
 from baselines.translation.description import describe
 from baselines.translation.nodes import read_dict
 from gpf.core.files import write_text
 from gpf.core.images import tone_map
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import make_sensor, views_of_sensors
-from tests.baselines.peer_pictures import compare, picture_by
+from tests.baselines.peer_pictures import compare, is_there, picture_by
 from tests.baselines.peer_scenes import (
     LAMPS,
     MATERIALS,
@@ -34,18 +34,10 @@ from tests.baselines.peer_scenes import (
 )
 from tests.furnace import diffuse, rectangle
 
-
-def is_there() -> bool:
-    try:
-        return bool(HOST.command())
-    except CannotServe:
-        return False
-
-
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.timeout(600),
-    pytest.mark.skipif(not is_there(), reason="no Blender: gpf blender-install"),
+    pytest.mark.skipif(not is_there(HOST), reason="no Blender: gpf blender-install"),
 ]
 
 

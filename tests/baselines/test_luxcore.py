@@ -30,17 +30,10 @@ from gpf.core.images import tone_map
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import make_sensor, views_of_sensors
 from tests.baselines.adapters import load_program
-from tests.baselines.peer_pictures import compare
+from tests.baselines.peer_pictures import compare, is_there
 from tests.baselines.peer_scenes import LAMPS, MATERIALS, SCENES, at, glass, shown, stage
 from tests.baselines.test_cycles import BOX, FOCUS
 from tests.furnace import Scene, bitmap, diffuse, rgb
-
-
-def is_there() -> bool:
-    try:
-        return bool(HOST.command())
-    except CannotServe:
-        return False
 
 
 def written(folder: Path, **objects: Any) -> dict[str, str]:
@@ -176,7 +169,7 @@ def test_arrays_are_written_without_numpy(tmp_path, monkeypatch) -> None:
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), values[::-1])
 
 
-needs_luxcore = pytest.mark.skipif(not is_there(), reason=f"no LuxCore: {HOST.install}")
+needs_luxcore = pytest.mark.skipif(not is_there(HOST), reason=f"no LuxCore: {HOST.install}")
 slow = pytest.mark.slow
 
 # Energy and decibels of what is another model in LuxCore: rough metal and rough glass have
