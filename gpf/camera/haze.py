@@ -17,9 +17,6 @@ from gpf.core.structs import Haze
 from gpf.scene.lamps import Lamps
 from gpf.scene.media import Media, Place, of_channel
 
-# Rays that leave the scene in a medium without a boundary go so far.
-_FAR = 1e8
-
 
 @dataclass
 class View:
@@ -53,26 +50,24 @@ def look_through(  # type: ignore[no-untyped-def]
     distance: length of the segment, (N,).
     counts: whether places on the segment may be chosen, (N,).
     """
-    through = mi.Color3f(1)
-    distance = dr.minimum(distance, _FAR)
-    active = active & (view.medium != dr.zeros(mi.MediumPtr))
-    place = Place(ray.o, ray.d, view.medium)
-    at, weight = mi.Point3f(ray.o), mi.Color3f(0)
-    if view.medium.is_homogeneous() & active:
-        extinction = view.medium.get_majorant(place.interaction(), active)
-        scattering = view.medium.get_scattering_coefficients(place.interaction(), active)[0]
-        t, share = _choose_distance(media, ray, extinction, distance, sampler, active)
-        through = dr.exp(-extinction * distance)
-        at, weight = ray(t), share * scattering
-    chance = dr.select(active & counts, dr.max(dr.abs(throughput) * (1 - through)), 0)
-    chance = dr.select(dr.any(weight > 0), chance, 0)
+    near, far, inside = media.span(view.medium, ray, distance, active)
+    extinction = media.mean_extinction(view.medium, ray, near, far, sampler, inside)
+    t, density = _choose_distance(media.scene, ray, extinction, near, far, sampler, inside)
+    onward = mi.Ray3f(ray)
+    onward.o = ray(t)
+    to_place = media.transmittance(view.medium, ray, t, inside)
+    through = to_place * media.transmittance(view.medium, onward, distance - t, inside)
+    place = Place(onward.o, ray.d, view.medium).interaction()
+    scattering = view.medium.get_scattering_coefficients(place, inside & counts)[0]
+    weight = throughput * to_place * scattering / density
+    chance = dr.select(inside & counts, dr.max(dr.abs(weight)), 0)
     view.chances += chance
-    chosen = sampler.next_1d(active) * view.chances < chance
+    chosen = sampler.next_1d(inside) * view.chances < chance
     haze = Haze(
-        p=at,
+        p=onward.o,
         d=mi.Vector3f(ray.d),
         medium=view.medium,
-        weight=throughput * weight / chance,
+        weight=weight / chance,
         depth=depth,
         valid=chosen,
     )
@@ -81,41 +76,50 @@ def look_through(  # type: ignore[no-untyped-def]
 
 
 def _choose_distance(
-    media: Media,
+    scene: mi.Scene,
     ray: mi.Ray3f,
     extinction: mi.Color3f,
-    distance: mi.Float,
+    near: mi.Float,
+    far: mi.Float,
     sampler: mi.Sampler,
     active: mi.Bool,
-) -> tuple[mi.Float, mi.Color3f]:
-    """A distance at random, and the transmittance divided by its density, m, (N, 3).
+) -> tuple[mi.Float, mi.Float]:
+    """A distance at random between two others, and its density, 1/m, (N,) each.
 
-    Half of the distances are distributed in proportion to the transmittance of a random channel.
-    Near a lamp, the light grows with the inverse square of the distance from it; the other half is
-    distributed like this along the ray, about one of the lamps (Kulla and Fajardo 2012).
+    Half of the distances are distributed in proportion to the transmittance of a random channel, as
+    if the extinction were the same everywhere. Near a lamp, the light grows with the inverse square
+    of the distance from it; the other half is distributed like this along the ray, about a point
+    on a lamp (Kulla and Fajardo 2012).
     """
-    channel = mi.UInt32(3 * sampler.next_1d(active))
-    own = of_channel(extinction, channel)
-    u = sampler.next_1d(active)
-    lost = 1 - dr.exp(-own * distance)
-    t = dr.select(own * distance < 1e-3, u * distance, -dr.log(1 - u * lost) / own)
-    near = mi.Float(0)
-    if media.lamps:
-        number = dr.minimum(mi.UInt32(sampler.next_1d(active) * media.lamps), media.lamps - 1)
-        towards = dr.gather(mi.Point3f, media.places, number, active) - ray.o
-        middle = dr.dot(towards, ray.d)
-        apart = dr.maximum(dr.norm(towards - middle * ray.d), 1e-6 * dr.abs(middle))
-        first, last = dr.atan(-middle / apart), dr.atan((distance - middle) / apart)
-        about = middle + apart * dr.tan(dr.lerp(first, last, u))
-        t = dr.select(sampler.next_1d(active) < 0.5, about, t)
-    t = dr.clip(t, 0, distance)
-    through = dr.exp(-extinction * t)
-    exact = extinction * through / (1 - dr.exp(-extinction * distance))
-    density = dr.mean(dr.select(extinction * distance < 1e-3, 1 / distance, exact))
-    if media.lamps:
-        near = apart / ((last - first) * (dr.square(apart) + dr.square(t - middle)))
-        density = 0.5 * (density + near)
-    return t, through / density
+    own = of_channel(extinction, mi.UInt32(3 * sampler.next_1d(active)))
+    u, length = sampler.next_1d(active), far - near
+    lost = 1 - dr.exp(-own * length)
+    t = near + dr.select(own * length < 1e-3, u * length, -dr.log(1 - u * lost) / own)
+    lamp, lit = _point_on_lamp(scene, ray, sampler, active)
+    middle = dr.dot(lamp - ray.o, ray.d)
+    apart = dr.maximum(dr.norm(lamp - ray(middle)), 1e-6 * dr.abs(middle) + 1e-20)
+    first, last = dr.atan((near - middle) / apart), dr.atan((far - middle) / apart)
+    about = middle + apart * dr.tan(dr.lerp(first, last, u))
+    t = dr.clip(dr.select(lit & (sampler.next_1d(active) < 0.5), about, t), near, far)
+
+    exact = extinction * dr.exp(-extinction * (t - near)) / (1 - dr.exp(-extinction * length))
+    density = dr.mean(dr.select(extinction * length < 1e-3, 1 / length, exact))
+    by_lamp = apart / ((last - first) * (dr.square(apart) + dr.square(t - middle)))
+    return t, dr.select(lit, 0.5 * (density + by_lamp), density)
+
+
+def _point_on_lamp(
+    scene: mi.Scene, ray: mi.Ray3f, sampler: mi.Sampler, active: mi.Bool
+) -> tuple[mi.Point3f, mi.Bool]:
+    """A point on one of the lamps at random, (N, 3), and whether it has a place, (N,)."""
+    count = len(scene.emitters())
+    number = dr.minimum(mi.UInt32(sampler.next_1d(active) * count), count - 1)
+    emitter = dr.gather(mi.EmitterPtr, scene.emitters_dr(), number, active)
+    origin = dr.zeros(mi.Interaction3f)
+    origin.p = ray.o
+    point = mi.Point3f(emitter.sample_direction(origin, next_2d(sampler, active), active)[0].p)
+    near = active & ~mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite)
+    return dr.select(near, point, 0), near & dr.all(dr.isfinite(point))
 
 
 def lit_by(lamps: Lamps | None, haze: Haze, sampler: mi.Sampler) -> mi.Color3f:

@@ -23,7 +23,6 @@ from gpf.core.progress import say
 from gpf.core.runtime import choose_variant
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
-from gpf.scene.inventory import describe_media
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import make_sensor
@@ -93,8 +92,6 @@ def view_scene(
     field = None if field_file is None else load_field(field_file)
     scene = load_scene_file(scene_file)
     LightGroups.parse(groups, scene)  # reports errors before the fit starts
-    if media := describe_media(scene):
-        say(f"{scene_file}: {media}")
     if field is not None and field_file is not None:
         require_same_scene(scene, scene_file, field, field_file, changed_scene)
     elif out.exists():

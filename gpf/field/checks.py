@@ -33,6 +33,8 @@ class _Encoding(TypedDict, total=False):
     log_scales: tuple[_Vector, _Vector]
     irradiance: _Finite
     lights: _Finite
+    moments: _Finite
+    light_moments: _Finite
 
 
 class _Fingerprint(TypedDict, total=False):
@@ -74,6 +76,7 @@ class FieldFacts(TypedDict, total=False):
     record: _Record
     grid: _Grid | _Nothing
     lights: _Lights | _Nothing
+    volume: FieldFacts | _Nothing
 
 
 # For each tensor: its shape with N Gaussians and G groups, its type, and its type if compact.
@@ -87,6 +90,8 @@ _SHAPES: dict[str, tuple[tuple[str | int, ...], str, str]] = {
     "limits": (("N", 3, 3), "f4", "i1"),
     "limit_distances": (("N", 3), "f4", "f2"),
     "lights": (("G", "N", 3), "f4", "f2"),
+    "moments": (("N", 3), "f4", "f2"),
+    "light_moments": (("G", "N", 3), "f4", "f2"),
     "levels": (("N",), "u1", "u1"),
     "detail": (("X", "Y", "Z"), "u1", "u1"),
 }
@@ -107,6 +112,7 @@ def check_stored(
     needed += ["limit_distances"] if "limits" in tensors else []
     compact = precision == "compact"
     encoded = ["means", "log_scales", "irradiance"] + ["lights"] * ("lights" in needed)
+    encoded += [name for name in ("moments", "light_moments") if name in tensors]
     keys = [("settings", facts), ("bounds", facts), ("record", facts)]
     keys += [(key, facts.get("encoding", {})) for key in encoded] if compact else []
     for key, among in keys:
@@ -133,7 +139,9 @@ def smallest_search_radius(bounds: Any) -> float:
 
 def check_values(path: Path, tensors: Mapping[str, np.ndarray], facts: Mapping[str, Any]) -> None:
     """Raise a :class:`FileError` if the unpacked tensors have values that no field can have."""
-    least = {name: np.linalg.norm(tensors[name], axis=1).min() for name in ("quats", "normals")}
+    # Where no normals are compared, as in media, there may be none.
+    directions = ("quats", "normals") if facts["settings"].get("normal_test", True) else ("quats",)
+    least = {name: np.linalg.norm(tensors[name], axis=1).min() for name in directions}
     what = next((f"{name} of length 0" for name, length in least.items() if length < 1e-6), "")
     if np.abs(tensors["log_scales"]).max() > MOST_LOG_SCALE:
         what = "log_scales beyond the limits of single precision"

@@ -8,6 +8,7 @@ log_scales    uint8 steps likewise, limited to :data:`SCALES` radii       2% of 
 quats         int8 steps of 1/127 of the longest component; unit length   half a degree
 irradiance    float16 in a unit that makes the maximum at least 2^14      0.05%, over 8 orders
 lights        as irradiance                                               0.05%, over 8 orders
+moments       as irradiance                                               0.05%, over 8 orders
 normals       as quats                                                    half a degree
 error         float16                                                     0.05%
 limits        as quats; distances float16                                 half a degree, 0.05%
@@ -116,6 +117,8 @@ _METHODS: Mapping[str, tuple[Any, Any]] = {
     "levels": _exact,
     "detail": _exact,
     "lights": _light,
+    "moments": _light,
+    "light_moments": _light,
     "error": _rounded,
     "limits": _directions,
     "limit_distances": _rounded,

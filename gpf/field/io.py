@@ -26,11 +26,15 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
 from gpf.field.lights import FieldLights
 from gpf.field.settings import FieldSettings
+from gpf.field.volume import VolumeField
 from gpf.scene.light_groups import LightGroups
 
 Precision = Literal["float32", "compact"]
 
 _NAMES = ("means", "log_scales", "quats", "irradiance", "normals")
+
+VOLUME = "volume/"
+"""Begins the names of the tensors of the field in media."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +49,14 @@ class StoredField:
         ``detail``, its table, (X, Y, Z) uint8. A field that knows its error has ``error``, relative
         to the irradiance, (N,). A field whose Gaussians end at planes has ``limits``, the
         planes' directions, (N, 3, 3), and ``limit_distances``, (N, 3), from the centres in search
-        radii.
+        radii. A field in media has ``moments`` and ``light_moments`` (:mod:`gpf.field.volume`).
     settings: settings of the query.
     bounds: two corners of the scene's bounding box, world units.
     record: facts about how the field was made.
     grid: ``width`` and ``corner`` of the table of levels; empty without levels.
     lights: ``names`` and ``members`` of groups of emitters (:class:`LightGroups`), whose irradiance
         is the tensor ``lights``, (G, N, 3); empty if not kept apart.
+    volume: the field in media, or None.
     """
 
     tensors: dict[str, np.ndarray]
@@ -60,6 +65,7 @@ class StoredField:
     record: dict[str, Any]
     grid: dict[str, Any] = dataclasses.field(default_factory=dict)
     lights: dict[str, Any] = dataclasses.field(default_factory=dict)
+    volume: StoredField | None = None
 
     def groups(self) -> LightGroups | None:
         """The groups of emitters, or None if their light is not kept apart."""
@@ -84,6 +90,17 @@ def save_field(
     field: GaussianPhotonField, path: Path | str, precision: Precision = "float32"
 ) -> None:
     """Write a field; errors as in :func:`write_field`."""
+    stored = _stored(field)
+    if field.volume is not None:
+        inside = _stored(field.volume.fluence)
+        inside.tensors["moments"] = field.volume.moments
+        if field.volume.light_moments is not None:
+            inside.tensors["light_moments"] = field.volume.light_moments
+        stored = dataclasses.replace(stored, volume=inside)
+    write_field(stored, Path(path), precision)
+
+
+def _stored(field: GaussianPhotonField) -> StoredField:
     g, detail = field.gaussians, field.detail
     quats = mi.Vector4f(g.quats.x, g.quats.y, g.quats.z, g.quats.w)
     arrays = (g.means, g.log_scales, quats, g.irradiance, g.normals)
@@ -106,13 +123,20 @@ def save_field(
         tensors["limits"] = ends[:, :, :3]
         tensors["limit_distances"] = ends[:, :, 3] / np.float32(field.settings.search_radius)
     bounds = [[float(corner[i]) for i in range(3)] for corner in field.bounds]
-    stored = StoredField(tensors, field.settings, bounds, field.record, grid, lights)
-    write_field(stored, Path(path), precision)
+    return StoredField(tensors, field.settings, bounds, field.record, grid, lights)
 
 
 def load_field(path: Path | str) -> GaussianPhotonField:
     """Read a field; errors as in :func:`read_field`."""
     stored = read_field(path)
+    field = _restored(stored)
+    if (inside := stored.volume) is not None:
+        moments, parts = inside.tensors["moments"], inside.tensors.get("light_moments")
+        field.volume = VolumeField(_restored(inside), moments, parts)
+    return field
+
+
+def _restored(stored: StoredField) -> GaussianPhotonField:
     detail = stored.detail()
     means, log_scales, quats, irradiance, normals = (stored.tensors[name] for name in _NAMES)
     places, sizes = from_numpy(mi.Point3f, means), from_numpy(mi.Vector3f, log_scales)
@@ -154,18 +178,30 @@ def write_field(stored: StoredField, path: Path, precision: Precision = "float32
     ------
     UserError: a value is NaN or infinite, or the file cannot be written.
     """
-    if name := name_not_finite(stored.tensors):
-        raise UserError(
-            str(path),
-            f"was not written, because {name} of the field has NaN or infinite values",
-            "Check the training targets, or lower the learning rates.",
-        )
+    parts = {"": stored} | ({VOLUME: stored.volume} if stored.volume else {})
+    for part in parts.values():
+        if name := name_not_finite(part.tensors):
+            raise UserError(
+                str(path),
+                f"was not written, because {name} of the field has NaN or infinite values",
+                "Check the training targets, or lower the learning rates.",
+            )
+    tensors, metadata = _encode(stored, precision)
+    if stored.volume is not None:
+        inside, metadata["volume"] = _encode(stored.volume, precision)
+        tensors |= {VOLUME + name: value for name, value in inside.items()}
+    write_tensors(path, "field", tensors, {"precision": precision, **metadata})
+
+
+def _encode(
+    stored: StoredField, precision: Precision
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """The tensors and the metadata of a file."""
     tensors = stored.tensors
     encoding: dict[str, Any] = {}
     if precision == "compact":
         tensors, encoding = pack(stored.tensors, stored.settings.search_radius)
     metadata = {
-        "precision": precision,
         "encoding": encoding,
         "settings": stored.settings.model_dump(),
         "bounds": stored.bounds,
@@ -173,7 +209,7 @@ def write_field(stored: StoredField, path: Path, precision: Precision = "float32
         "grid": stored.grid,
         "lights": stored.lights,
     }
-    write_tensors(path, "field", tensors, metadata)
+    return tensors, metadata
 
 
 def read_field(path: Path | str) -> StoredField:
@@ -193,6 +229,21 @@ def read_field(path: Path | str) -> StoredField:
             path,
             f"has the precision {precision}; this program reads float32 and compact",
         )
+    inside = {n.removeprefix(VOLUME): v for n, v in tensors.items() if n.startswith(VOLUME)}
+    surface = {name: v for name, v in tensors.items() if not name.startswith(VOLUME)}
+    stored = _decode(path, surface, metadata, precision)
+    if not metadata.get("volume"):
+        return stored
+    needed = ["moments"] + ["light_moments"] * bool(metadata["volume"].get("lights"))
+    if missing := [name for name in needed if name not in inside]:
+        raise FileError(path, f"has no {missing[0]} of the light in media")
+    return dataclasses.replace(stored, volume=_decode(path, inside, metadata["volume"], precision))
+
+
+def _decode(
+    path: Path, tensors: dict[str, np.ndarray], metadata: dict[str, Any], precision: Precision
+) -> StoredField:
+    """The inverse of :func:`_encode`, with all checks."""
     check_stored(path, tensors, metadata, precision)
     if precision == "compact":
         tensors = unpack(tensors, metadata["encoding"])

@@ -11,6 +11,7 @@ import numpy as np
 from gpf.core.recordable import Recordable
 from gpf.core.structs import Haze, from_numpy
 from gpf.field.field import GaussianPhotonField
+from gpf.scene.light_groups import Levels
 from gpf.scene.media import Place
 
 
@@ -28,21 +29,49 @@ class VolumeField(Recordable):
     ----------
     fluence: a field whose colours are φ, W/m², without a normal test.
     moments: J, the mean of the channels of the radiance times its direction, W/m², (N, 3).
-    lamps: whether the direct light of lamps is left out, so that it has to be sampled.
+    light_moments: those of each group of emitters, (G, N, 3), if the fluence keeps groups apart.
     """
 
     READ = ("fluence", "_moments")
 
-    def __init__(self, fluence: GaussianPhotonField, moments: np.ndarray, lamps: bool) -> None:
-        self.fluence, self.moments, self.lamps = fluence, moments, lamps
+    def __init__(
+        self,
+        fluence: GaussianPhotonField,
+        moments: np.ndarray,
+        light_moments: np.ndarray | None = None,
+    ) -> None:
+        self.fluence, self.moments, self.light_moments = fluence, moments, light_moments
         colour = from_numpy(mi.Color3f, moments)
         gaussians = dataclasses.replace(fluence.gaussians, irradiance=colour)
         self._moments = GaussianPhotonField(
             gaussians, fluence.settings, fluence.bounds, detail=fluence.detail
         )
 
+    def set_levels(self, levels: Levels) -> None:
+        """Set the levels of groups of emitters, which the field keeps apart."""
+        assert self.fluence.lights is not None and self.light_moments is not None
+        parts, total = self.fluence.lights.irradiance, np.zeros_like(self.moments)
+        for name, part, moment in zip(
+            self.fluence.lights.groups.names, parts, self.light_moments, strict=True
+        ):
+            level = np.array(levels.get(name, (1.0, 1.0, 1.0)), np.float32)
+            before = np.maximum(part.sum(axis=1), 1e-20)
+            total += ((part * level).sum(axis=1) / before)[:, None] * moment
+        self.fluence.recolour(self.fluence.lights.at(levels))
+        self._moments.recolour(total)
+
     def scattered(self, haze: Haze) -> mi.Color3f:
         """The light scattered towards the camera, W/(m² sr), (N, 3); 0 at invalid places."""
+        fluence, share = self._scatter(haze)
+        return fluence * share
+
+    def error(self, haze: Haze) -> mi.Color3f:
+        """The expected error of :meth:`scattered`, W/(m² sr), (N, 3)."""
+        n = mi.Normal3f(0, 0, 1)
+        return self.fluence.query_error(haze.p, n, haze.valid) * self._scatter(haze)[1]
+
+    def _scatter(self, haze: Haze) -> tuple[mi.Color3f, mi.Color3f]:
+        """Fluence, and the part of it that is scattered towards the camera, 1/sr, (N, 3) each."""
         n = mi.Normal3f(0, 0, 1)
         fluence = dr.maximum(self.fluence.query(haze.p, n, haze.valid)[0], 0)
         moment = mi.Vector3f(self._moments.query(haze.p, n, haze.valid)[0])
@@ -51,4 +80,4 @@ class VolumeField(Recordable):
         place = Place(haze.p, moment / dr.maximum(length, 1e-20), haze.medium).interaction()
         context, active = mi.PhaseFunctionContext(), haze.valid & (length > 0)
         phase, _ = haze.medium.phase_function().eval_pdf(context, place, -haze.d, active)
-        return fluence * dr.lerp(mi.Color3f(dr.inv_four_pi), phase, share)
+        return fluence, dr.lerp(mi.Color3f(dr.inv_four_pi), phase, share)

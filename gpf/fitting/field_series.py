@@ -52,8 +52,6 @@ GRACE = 0.05
 
 TRAINING = TrainingSettings(evaluate_every=STEPS_PER_EVALUATION)
 
-VOLUME_TRAINING = TrainingSettings(steps=200)
-
 log = logging.getLogger(__name__)
 
 
@@ -147,7 +145,9 @@ class FieldSeries:
         fitted = HalfColours.fit(field, halves)
         field.recolour(keep_shared_detail(field, fitted))
         if (volume := self.stream.photons.volume) is not None:
-            field.volume = fit_volume(volume, self.stream.count, self.query, VOLUME_TRAINING)
+            settings = TRAINING.model_copy(update={"seed": self.stream.seed, "steps": plan.steps})
+            photons = volume, self.stream.count, plan.stride
+            field.volume = fit_volume(*photons, self.query, settings, self.groups)
         cleaned = self.time.work
         # A first field is soon replaced, but a PSNR that is compared with a target must be certain.
         first = self.best.field is None and self.goals.target_psnr is None

@@ -145,7 +145,7 @@ def _open(
     volume = None
     if Media(scene).there:
         paths = suit_scene(own, scene).path_settings(plan.source)
-        volume = VolumeLight(scene, named, paths, own.alpha, seed)
+        volume = VolumeLight(scene, named, paths, own.alpha, seed, groups)
     stream = PhotonStream(scene, own, points, seed, plan.source, stored, groups, volume)
     return stream, quality, lambda radius: FieldSettings(search_radius=radius, direct=direct)
 

@@ -6,14 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import uninterrupted
 from gpf.core.images import propose_exposure, tone_secant
 from gpf.core.random import Stream, pass_seed, random_start
-from gpf.core.structs import to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.fitting.camera_samples import SAMPLES, CameraSamples
 from gpf.fitting.image_noise import measure_image_noise
@@ -81,13 +79,12 @@ class QualityEstimate:
         self._scene, self._sensors = scene, [sensors[k] for k in chosen]
         self._noise: np.ndarray | None = None
         self._photons = PhotonPasses(scene, settings, seed, source)
-        self._samples = CameraSamples(scene, self._sensors, pixels, sampled, seed)
+        scattered = Lamps(scene, None if self._photons.paths.indirect else ())
+        self._samples = CameraSamples(scene, self._sensors, pixels, sampled, scattered, seed)
         self._stored = sampled.others()
-        count = len(self._samples)
-        self._starts = [
-            random_start(pass_seed(seed, half, Stream.QUALITY_DIRECT), count) for half in range(2)
-        ]
-        self._sums = np.zeros((2, count, 3))
+        seeds = [pass_seed(seed, half, Stream.QUALITY_DIRECT) for half in range(2)]
+        self._starts = [random_start(each, self._samples.surfaces) for each in seeds]
+        self._sums = np.zeros((2, len(self._samples), 3))
 
     def tensors(self) -> dict[str, np.ndarray]:
         """The passes so far, for a file."""
@@ -115,9 +112,7 @@ class QualityEstimate:
         traced = self._photons.trace(
             number, pass_seed(self.seed, self.passes, Stream.QUALITY_PHOTONS)
         )
-        start = self._starts[half]
-        irradiance, _ = traced.all_irradiance(self._samples.points, start, pair + 1, self._stored)
-        found = to_numpy(irradiance)
+        found = self._samples.light(traced, self._starts[half], pair + 1, self._stored)
         with uninterrupted():
             self._sums[half] += found
             self.passes += 1
@@ -155,9 +150,7 @@ class QualityEstimate:
         the power of m² / (m² + e²): 1 if these passes cannot tell.
         """
         error, _, slope2 = self._compare(field)
-        points = self._samples.points.points
-        wrong = to_numpy(field.query_error(points.p, points.n, self._every))
-        wrong = self._samples.mean(self._samples.share * wrong)
+        wrong = self._samples.mean(self._samples.share * self._samples.ask_error(field))
         predicted = float((slope2 * wrong**2).mean())
         measured = max(float(error.mean()), 1e-12)
         certain = measured**2 / (measured**2 + standard_error(error) ** 2)
@@ -188,9 +181,7 @@ class QualityEstimate:
         a, b = (self._samples.radiance(s / n) for s, n in zip(self._sums, counts, strict=True))
         if self.exposure is None:
             self.exposure = propose_exposure((a + b).mean(axis=1) / 2)
-        points = self._samples.points.points
-        value, _ = field.query(points.p, points.n, self._every)
-        f = self._samples.radiance(np.maximum(to_numpy(value), 0))
+        f = self._samples.radiance(self._samples.ask(field))
         slope2 = tone_secant(f.mean(axis=1), (a + b).mean(axis=1) / 2, self.exposure) ** 2
         of_a, of_b = f - a, f - b
         crossed = of_a.sum(axis=1) * of_b.sum(axis=1) - (of_a * of_b).sum(axis=1)
@@ -204,10 +195,6 @@ class QualityEstimate:
         """Variance from the reference's single samples of the lamps, (P, 3), or 0."""
         samples = self._photons.settings.direct == "emitters"
         return self._samples.lamp_noise(self.seed) if samples else np.zeros(3)
-
-    @property
-    def _every(self) -> mi.Bool:
-        return dr.full(mi.Bool, True, len(self._samples))
 
 
 def standard_error(values: np.ndarray) -> float:

@@ -19,7 +19,8 @@ from gpf.field.initialization import propose_search_radius
 from gpf.guiding.pilot import trace_pilot
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
-from gpf.scene.inventory import describe_media, scene_info, scene_materials
+from gpf.scene.inventory import scene_info, scene_materials
+from gpf.scene.media_checks import describe_media
 from gpf.scene.sensors import make_sensor
 from gpf.scene.untraceable import telling_untraceable
 from gpf.scene.views import SceneViews, View

@@ -91,11 +91,15 @@ class PhotonCloud:
     photons: (M,).
     radius: kernel radius r, world units.
     bounds: corners of the scene's bounding box.
+
+    Attributes
+    ----------
+    radius: the same; 0 if there are no photons.
     """
 
     def __init__(self, photons: Photons, radius: float, bounds: Any) -> None:
-        self._empty = dr.width(photons.p) == 0
-        if self._empty:
+        self.radius = radius if dr.width(photons.p) else 0.0
+        if not self.radius:
             return
         tag, cell = pack_tag(photons.n, photons.depth), 1.01 * radius
         self._grid = SpatialHash(photons.p, cell=cell, bounds=bounds, tag=tag, colour=photons.power)
@@ -107,7 +111,7 @@ class PhotonCloud:
 
         ``budget``: the greatest photon depth that each place accepts, (N,).
         """
-        if self._empty:
+        if not self.radius:
             return dr.zeros(mi.Color3f, dr.width(haze.p))
         limit = mi.UInt32(budget)
         context = mi.PhaseFunctionContext()
@@ -127,7 +131,7 @@ class PhotonCloud:
     ) -> tuple[mi.Color3f, mi.Vector3f]:
         """Fluence, W/m², and the mean of its channels times the mean direction of flight, (N, 3)
         each: the first two moments of the radiance at places."""
-        if self._empty:
+        if not self.radius:
             return dr.zeros(mi.Color3f, dr.width(p)), dr.zeros(mi.Vector3f, dr.width(p))
 
         def add(totals, index, record, distance2, inside):  # type: ignore[no-untyped-def]

@@ -10,8 +10,9 @@ them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import drjit as dr
 import mitsuba as mi
@@ -99,17 +100,14 @@ class PhotonSums:
             for sums, photons in zip((self, cloud), few, strict=True):
                 if sums is not None:
                     sums._learn(photons)
-        deposits = []
-        for sums in (self, cloud):
-            if sums is not None:
-                sums._prepare(half, diffused)
-            deposits.append(None if sums is None else sums._add)
-        settings = replace(self._settings, source=self._emit)
-        trace_photons(scene, deposits[0], settings, seed, deposits[1])
-        for sums in (self, cloud):
-            if sums is not None:
-                sums.table.evaluate()
-                sums.paths[half] += self._settings.paths
+        both = [self] if cloud is None else [self, cloud]
+        for sums in both:
+            sums._prepare(half, diffused)
+        settings = replace(self._settings, source=partial(_emit, both))
+        trace_photons(scene, self._add, settings, seed, cloud and cloud._add)
+        for sums in both:
+            sums.table.evaluate()
+            sums.paths[half] += self._settings.paths
 
     def _learn(self, few: Photons) -> None:
         """Note the typical power and the number of photons, from :data:`PILOT` paths."""
@@ -125,13 +123,6 @@ class PhotonSums:
         self._scale = dr.opaque(mi.Float, paths / self._unit)
         self._column = dr.opaque(mi.UInt32, _POWER[half])
         self._every = dr.opaque(mi.Bool, diffused)
-
-    def _emit(self, scene: mi.Scene, sampler: mi.Sampler) -> Emitted:
-        """The first rays; notes the group of each path."""
-        ray, power, emitter = self._settings.source(scene, sampler)
-        if self._groups is not None:
-            self._group = group_of(self._groups, emitter)
-        return ray, power, emitter
 
     def _add(self, photons: Photons, diffused: mi.Bool, active: mi.Bool) -> None:
         active = active & (self._every | ~diffused)
@@ -198,6 +189,15 @@ class PhotonSums:
         self._unit, self._landings = (float(v) for v in tensors["units"][:2])
         self.paths = [int(n) for n in tensors["units"][2:]]
         self.table.restore(tensors)
+
+
+def _emit(every: Sequence[PhotonSums], scene: mi.Scene, sampler: mi.Sampler) -> Emitted:
+    """The first rays; notes the group of each path."""
+    ray, power, emitter = every[0]._settings.source(scene, sampler)
+    for sums in every:
+        if sums._groups is not None:
+            sums._group = group_of(sums._groups, emitter)
+    return ray, power, emitter
 
 
 def rounded_normal(n: mi.Normal3f) -> mi.Normal3f:

@@ -129,6 +129,7 @@ def at_visible_point(
     irradiance: mi.Color3f,
     reach: mi.Float,
     share: mi.Float,
+    unsure: mi.Color3f,
     aovs: Sequence[str],
 ) -> dict[str, Any]:
     """The requested AOVs that belong to the visible point.
@@ -138,6 +139,7 @@ def at_visible_point(
     irradiance, reach: the field's answer at the points; see
         :meth:`gpf.field.field.GaussianPhotonField.query`.
     share: weights of the points, (N,), in a mean over several per camera ray.
+    unsure: expected error of the light in media on the way, W/(m² sr), (N, 3).
     """
     values = {
         "albedo": dr.select(
@@ -153,6 +155,9 @@ def at_visible_point(
         radiance = dr.sum(field.reflect(points, irradiance)) / 3
         dark = field.reflect(points, mi.Color3f(0))
         wrong = field.reflect(points, field.query_error(points.p, points.n, points.valid)) - dark
-        relative = dr.minimum(dr.sum(wrong) / 3 / radiance, MOST_ERROR)
+        error = dr.sum(wrong) / 3
+        if field.volume is not None:
+            error = dr.sqrt(dr.square(error) + dr.square(dr.sum(unsure) / 3))
+        relative = dr.minimum(error / radiance, MOST_ERROR)
         values["error"] = dr.select(radiance > 0, share * relative, 0)
     return {name: values[name] for name in aovs if name in values}

@@ -79,6 +79,8 @@ class LightMixer:
         for emitter, level in zip(self._emitters, wanted, strict=True):
             emitter.set(level)
         self._field.recolour(self.lights.at(levels))
+        if self._field.volume is not None:
+            self._field.volume.set_levels(levels)
         self.levels = levels
 
 

@@ -23,7 +23,6 @@ from gpf.core.structs import Haze, VisiblePoints, Way
 from gpf.scene.inventory import all_shapes, divides_walks
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import require_separable
-from gpf.scene.media import Media
 
 log = logging.getLogger(__name__)
 
@@ -110,7 +109,7 @@ class RecordedWalks:
         depths = max_depth, rr_depth
         arguments = scene, sampler, ray, active, back, lamps.arrays(), depths, indices, kind
         self._calls += 1
-        if self._frozen is not None and not Media(scene).there:
+        if self._frozen is not None:
             try:
                 with _nothing_collected(first=self._calls == 1):
                     found: tuple[VisiblePoints, Way, Haze] = self._frozen(*arguments)

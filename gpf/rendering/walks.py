@@ -20,7 +20,6 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.ordered_query import query_in_order
 from gpf.rendering.aovs import at_visible_point
 from gpf.rendering.recording import RecordedWalks
-from gpf.scene.lamps import Lamps
 
 GROUP = 4
 """Most samples of a pixel that share a query."""
@@ -86,31 +85,42 @@ class Walks:
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
     ) -> tuple[dict[str, Any], Way]:
         """What one camera walk finds, and which way it took."""
-        points, way = self._follow(sampler, ray, active, back)
+        points, way, unsure = self._follow(sampler, ray, active, back)
         value, reach = self.field.query(points.p, points.n, points.valid)
-        return self._shown(points, value, reach, way), way
+        return self._shown(points, value, reach, way, unsure), way
 
     def _follow(
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool | bool
-    ) -> tuple[VisiblePoints, Way]:
+    ) -> tuple[VisiblePoints, Way, mi.Color3f]:
+        """The visible points, whose emission includes the light of media, the way to them, and the
+        expected error of that light."""
         lamps = self.field.settings.sampled_lamps(self.scene)
         depths = self.max_depth, self.rr_depth
         side = back if self.divides else None
         points, way, haze = self.follow(self.scene, sampler, ray, *depths, active, lamps, side)
+        unsure = mi.Color3f(0)
         if (volume := self.field.volume) is not None:
-            lamps = Lamps(self.scene, None if volume.lamps else ())
+            lamps = volume.fluence.settings.sampled_lamps(self.scene)
             points.emission += haze.radiance(volume.scattered(haze) + lit_by(lamps, haze, sampler))
-        return points, way
+            if "error" in self.aovs:
+                unsure = haze.radiance(volume.error(haze))
+        return points, way, unsure
 
     def _shown(
-        self, points: VisiblePoints, value: mi.Color3f, reach: mi.Float, way: Way
+        self,
+        points: VisiblePoints,
+        value: mi.Color3f,
+        reach: mi.Float,
+        way: Way,
+        unsure: mi.Color3f,
     ) -> dict[str, Any]:
         found = {"radiance": self.field.reflect(points, value), "valid": points.valid}
-        return found | at_visible_point(self.field, points, value, reach, way.weight, self.aovs)
+        answer = value, reach, way.weight, unsure
+        return found | at_visible_point(self.field, points, *answer, self.aovs)
 
     def _nothing(self) -> dict[str, Any]:
-        points = dr.zeros(VisiblePoints)
-        shown = self._shown(points, mi.Color3f(0), mi.Float(0), dr.zeros(Way))
+        points, black = dr.zeros(VisiblePoints), mi.Color3f(0)
+        shown = self._shown(points, black, mi.Float(0), dr.zeros(Way), black)
         return {key: dr.zeros(type(value)) for key, value in shown.items()}
 
 
@@ -165,9 +175,9 @@ class GroupedWalks(Walks):
     def _walk(
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool
     ) -> tuple[dict[str, Any], Way]:
-        points, way = self._follow(sampler, ray, active, back)
+        points, way, unsure = self._follow(sampler, ray, active, back)
         value, reach = query_together(self.field, points, self.group)
-        return self._shown(points, value, reach, way), way
+        return self._shown(points, value, reach, way, unsure), way
 
     def _walk_back(  # type: ignore[no-untyped-def]
         self, sampler, ray, back

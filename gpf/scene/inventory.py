@@ -10,6 +10,7 @@ import mitsuba as mi
 
 from gpf.core.errors import UserError
 from gpf.scene.materials import NOT_DIFFUSE, inseparable_materials
+from gpf.scene.media_checks import check_media
 
 
 def check_scene(scene: mi.Scene, where: str = "scene") -> None:
@@ -19,6 +20,7 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
     triangles in each mesh. ``where`` names the scene in the message.
     """
     check_meshes(scene, where)
+    check_media(scene, where)
     info = scene_info(scene)
     if info["emitters"]["count"] == 0:
         raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
@@ -70,15 +72,6 @@ def check_meshes(scene: mi.Scene, where: str = "scene") -> None:
         if isinstance(shape, mi.Mesh) and not shape.face_count():
             name = shape.id() or f"a shape ({shape.class_name()})"
             raise UserError(where, f"has no triangles in the mesh of {name}", "Remove the shape.")
-
-
-def describe_media(scene: mi.Scene) -> str:
-    """A warning about the scene's participating media; empty if it has none."""
-    media = [part for part in mi.traverse(scene).hierarchy if isinstance(part, mi.Medium)]
-    if not media:
-        return ""
-    what = "a participating medium" if len(media) == 1 else f"{len(media)} participating media"
-    return f"{what}: ignored, light passes through as if the space were empty"
 
 
 def scene_info(scene: mi.Scene) -> dict[str, Any]:

@@ -12,10 +12,8 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
 from gpf.core.loops import loops_traced_once
-from gpf.core.structs import from_numpy
 from gpf.scene.bounds import scene_bounds
 
 CROSSING = 4.0
@@ -25,8 +23,15 @@ fog, photons collide rarely; these places show where they pass."""
 # Most surfaces behind which a boundary between media is looked for.
 _MOST_SURFACES = 32
 
+LOOKUPS = 8
+"""Places on a segment at which a medium that is not the same everywhere is asked for its mean
+extinction."""
+
 # A segment that leaves the scene, in a medium without a boundary, is so long.
 _FAR = 1e8
+
+# Below this, a transmittance that is tracked survives at random.
+_FAINT = 0.1
 
 # Called at a place to which a flight came, in a recorded loop: visit(place, weight, active).
 Visit = Callable[["Place", "mi.Color3f", "mi.Bool"], Any]
@@ -80,7 +85,7 @@ class Media:
     Attributes
     ----------
     there: whether there are any. If not, nothing of this may be recorded.
-    lamps, places: number of lamps that have a place, and their places, (L, 3).
+    homogeneous: whether each is the same everywhere.
     """
 
     def __init__(self, scene: mi.Scene) -> None:
@@ -89,13 +94,14 @@ class Media:
         # A medium without a boundary is named only by the cameras and lamps in it.
         named = [owner.get_medium() for owner in (*scene.sensors(), *scene.emitters())]
         endless = [m for m in named if m is not None and m not in bounded]
-        self.there = bool(endless) or any(medium is not None for medium in bounded)
+        every = [*endless, *(m for m in bounded if m is not None)]
+        self.there = bool(every)
         if not self.there:
             return
-        self._everywhere = mi.MediumPtr(endless[0]) if endless else dr.zeros(mi.MediumPtr)
-        self.lamps, self.places = _lamp_places(scene)
+        self.homogeneous = all(medium.is_homogeneous() for medium in every)
+        self._everywhere = endless[0] if endless else None
         lower, upper = scene_bounds(scene)
-        self._least = dr.opaque(mi.Float, CROSSING / float(dr.norm(upper - lower)))
+        self._least = CROSSING / float(dr.norm(upper - lower))
 
     @loops_traced_once
     @dr.syntax
@@ -105,7 +111,9 @@ class Media:
         It is the one on the near side of the first boundary between media, behind any other
         surfaces.
         """
-        found = dr.select(active, self._everywhere, dr.zeros(mi.MediumPtr))
+        found = dr.zeros(mi.MediumPtr, dr.width(active))
+        if self._everywhere is not None:
+            found = dr.select(active, mi.MediumPtr(self._everywhere), found)
         onwards = mi.Ray3f(ray)
         onwards.maxt = dr.largest(mi.Float)
         surfaces, looking = mi.UInt32(0), mi.Bool(active)
@@ -119,14 +127,66 @@ class Media:
             looking &= ~boundary & (surfaces < _MOST_SURFACES)
         return found
 
+    def span(
+        self, medium: mi.MediumPtr, ray: mi.Ray3f, distance: mi.Float, active: mi.Bool
+    ) -> tuple[mi.Float, mi.Float, mi.Bool]:
+        """Where a medium begins and ends on segments, (N,), and whether it does at all."""
+        active = active & (medium != dr.zeros(mi.MediumPtr))
+        inside, near, far = medium.intersect_aabb(ray)
+        near, far = dr.maximum(near, 0), dr.minimum(far, dr.minimum(distance, _FAR))
+        return near, far, active & inside & (near < far)
+
     def transmittance(
         self, medium: mi.MediumPtr, ray: mi.Ray3f, distance: mi.Float, active: mi.Bool
     ) -> mi.Color3f:
-        """The share of light that passes a distance without a collision, (N, 3)."""
-        active = active & (medium != dr.zeros(mi.MediumPtr))
-        place = Place(ray.o, ray.d, medium)
-        extinction = medium.get_majorant(place.interaction(), active)
-        return dr.select(active, dr.exp(-extinction * dr.minimum(distance, _FAR)), 1)
+        """The share of light that passes a distance without a collision, (N, 3); the expected one
+        in media that are not the same everywhere."""
+        near, far, active = self.span(medium, ray, distance, active)
+        if not self.homogeneous:
+            return self._track(medium, ray, near, far, active)
+        extinction = medium.get_majorant(Place(ray.o, ray.d, medium).interaction(), active)
+        return dr.select(active, dr.exp(-extinction * (far - near)), 1)
+
+    @loops_traced_once
+    @dr.syntax
+    def _track(  # type: ignore[no-untyped-def]
+        self, medium, ray, near, far, active
+    ) -> mi.Color3f:
+        """The expected transmittance from ``near`` to ``far``, (N, 3), by ratio tracking (Novák et
+        al. 2014). The random numbers depend on the ray alone."""
+        majorant = medium.get_majorant(Place(ray.o, ray.d, medium).interaction(), active)
+        rate, seed, number = dr.max(majorant), _hash_of(ray), mi.UInt32(0)
+        share, t, flying = mi.Color3f(1), mi.Float(near), active & (rate > 0)
+        while dr.hint(flying, exclude=[far, rate, seed]):
+            t -= dr.log(1 - mi.sample_tea_float32(seed, number)) / rate
+            number += 1
+            flying &= t < far
+            place = Place(ray(t), ray.d, medium).interaction()
+            extinction = medium.get_scattering_coefficients(place, flying)[2]
+            share *= dr.select(flying, 1 - extinction / rate, 1)
+            chance = dr.minimum(dr.max(share) / _FAINT, 1)
+            lives = mi.sample_tea_float32(seed, number) < chance
+            share *= dr.select(flying, dr.select(lives, 1 / chance, 0), 1)
+            number += 1
+            flying &= lives
+        return share
+
+    @loops_traced_once
+    @dr.syntax
+    def mean_extinction(  # type: ignore[no-untyped-def]
+        self, medium, ray, near, far, sampler, active
+    ) -> mi.Color3f:
+        """The mean extinction from ``near`` to ``far``, 1/m, (N, 3); estimated from
+        :data:`LOOKUPS` places in media that are not the same everywhere."""
+        if dr.hint(self.homogeneous, mode="scalar"):
+            return medium.get_majorant(Place(ray.o, ray.d, medium).interaction(), active)
+        total, number = mi.Color3f(0), mi.UInt32(0)
+        while number < LOOKUPS:
+            t = dr.lerp(near, far, (mi.Float(number) + sampler.next_1d(active)) / LOOKUPS)
+            place = Place(ray(t), ray.d, medium).interaction()
+            total += medium.get_scattering_coefficients(place, active)[2] / LOOKUPS
+            number += 1
+        return total
 
     @dr.syntax
     def fly(  # type: ignore[no-untyped-def]
@@ -150,10 +210,7 @@ class Media:
         place = Place(mi.Point3f(ray.o), mi.Vector3f(ray.d), mi.MediumPtr(medium))
         weight, ratio = mi.Color3f(1), mi.Color3f(ratio)
         scatters = mi.Bool(False)
-        flying = active & (medium != dr.zeros(mi.MediumPtr))
-        inside, near, far = medium.intersect_aabb(ray)
-        t, far = dr.maximum(near, 0), dr.minimum(far, distance)
-        flying &= inside & (t < far)
+        t, far, flying = self.span(medium, ray, distance, active)
         rate = dr.maximum(medium.get_majorant(place.interaction(), flying), self._least)
         own = of_channel(rate, channel)
         while dr.hint(flying, exclude=[far, rate, own]):
@@ -179,15 +236,12 @@ class Media:
         return Flight(place, weight, ratio, scatters)
 
 
-def _lamp_places(scene: mi.Scene) -> tuple[int, mi.Point3f]:
-    found = []
-    for emitter in scene.emitters():
-        if emitter.is_environment() or mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite):
-            continue
-        box = emitter.bbox() if emitter.get_shape() is None else emitter.get_shape().bbox()
-        if box.valid():
-            found.append(np.array(box.center()).ravel())
-    return len(found), from_numpy(mi.Point3f, np.array(found).reshape(-1, 3))
+def _hash_of(ray: mi.Ray3f) -> mi.UInt32:
+    """A number that looks random, (N,)."""
+    total = mi.UInt32(0)
+    for value in (*ray.o, *ray.d):
+        total = mi.sample_tea_32(total, dr.reinterpret_array(mi.UInt32, mi.Float(value)))[0]
+    return total
 
 
 def of_channel(value: mi.Color3f, channel: mi.UInt32) -> mi.Float:

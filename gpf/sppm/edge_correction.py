@@ -7,6 +7,8 @@ is then too low, and images get dark lines along edges, which fade only as the r
 Each pass of SPPM corrects its estimate with a few random rays (:func:`area_correction`), so that
 the mean over many passes is right. When the photons of all passes are gathered at once, the area
 itself is needed (:func:`covered_share`), at the points where it matters (:func:`near_edges`).
+
+In a medium, the kernel's ball is cut off by surfaces in the same way (:func:`ball_correction`).
 """
 
 from __future__ import annotations
@@ -19,6 +21,9 @@ from gpf.photons.photon_grid import rounded_normal
 
 # Without a limit, a point on an object much smaller than the disc would need very many trials.
 _MOST_TRIALS = 8
+
+# In a corner of a medium, an eighth of the ball is left.
+_MOST_TRIALS_IN_BALL = 24
 
 # Angle between successive points of a sunflower pattern, radians: they cover a disc evenly.
 _GOLDEN_ANGLE = 2.399963
@@ -62,6 +67,31 @@ def area_correction(
         )
         above = frame.to_world(r * mi.Vector3f(disc.x, disc.y, 1))
         active &= ~_lands(scene, p, n, r, above, False) & (trials < _MOST_TRIALS)
+    return dr.select(valid, mi.Float(trials), 1)
+
+
+@dr.syntax
+def ball_correction(
+    scene: mi.Scene, p: mi.Point3f, valid: mi.Bool, radius: float, seed: int
+) -> mi.Float:
+    """An estimate of the volume of the kernel's ball, divided by that of the part of it that no
+    surface hides from its centre, (N,): the number of random points until one can be seen.
+
+    Arguments as for :func:`area_correction`.
+    """
+    r, (first, second) = dr.opaque(mi.Float, radius), _numbers_of(p, seed)
+    start = dr.zeros(mi.Interaction3f, dr.width(p))
+    start.p = p
+    trials, active = mi.UInt32(0), mi.Bool(valid)
+    while active:
+        trials += 1
+        first, second = mi.sample_tea_32(first, second)
+        place = mi.Point2f(mi.Float(first >> 8), mi.Float(second >> 8)) * 2.0**-24
+        first, second = mi.sample_tea_32(first, second)
+        length = r * (mi.Float(first >> 8) * 2.0**-24) ** (1 / 3)
+        beyond = p + length * mi.warp.square_to_uniform_sphere(place)
+        hidden = scene.ray_test(start.spawn_ray_to(beyond), active)
+        active &= hidden & (trials < _MOST_TRIALS_IN_BALL)
     return dr.select(valid, mi.Float(trials), 1)
 
 

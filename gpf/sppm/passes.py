@@ -28,7 +28,7 @@ from gpf.scene.bounds import scene_bounds
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import has_gloss
 from gpf.scene.media import Media
-from gpf.sppm.edge_correction import area_correction
+from gpf.sppm.edge_correction import area_correction, ball_correction
 from gpf.sppm.fixed_points import FixedPoints
 
 
@@ -157,10 +157,18 @@ class PhotonPass:
             irradiance *= area_correction(self.scene, p, n, valid, self.radius, edge_seed)
         return irradiance
 
+    def scattered(self, haze: Haze) -> mi.Color3f:
+        """Light scattered towards the camera at places in media, W/(m² sr), (N, 3), from the same
+        photons as :meth:`irradiance`."""
+        found = self.cloud.scattered(haze, self._budget(haze.depth))
+        if self.settings.edge_correction and self.cloud.radius:
+            edge_seed = pass_seed(self.seed, self.t, Stream.EDGES)
+            found *= ball_correction(self.scene, haze.p, haze.valid, self.cloud.radius, edge_seed)
+        return found
+
     def radiance(self, points: VisiblePoints, haze: Haze) -> mi.Color3f:
         """Radiance that cameras see, W/(m² sr), (N, 3)."""
-        seen = points.radiance(self.irradiance(points))
-        return seen + haze.radiance(self.cloud.scattered(haze, self._budget(haze.depth)))
+        return points.radiance(self.irradiance(points)) + haze.radiance(self.scattered(haze))
 
     def _budget(self, depth: mi.UInt32) -> Any:
         """The greatest depth of photons: a path has depth + 1 edges from the camera and depth + 1

@@ -30,6 +30,9 @@ CELL, TYPICAL_PASSES = 0.5 * WIDTHS[-1], 100
 # surface.
 EDGE_RAYS = 32
 
+# Begins the names of the tensors of photons in media.
+_VOLUME = "volume/"
+
 
 class PhotonLight:
     """Irradiance of points from photons, which are added up in cells
@@ -157,9 +160,15 @@ class PhotonLight:
 
     def tensors(self) -> dict[str, np.ndarray]:
         """The photons so far, for a file."""
-        return self._sums.tensors()
+        found = self._sums.tensors()
+        if self.volume is not None:
+            found |= {_VOLUME + name: v for name, v in self.volume.sums.tensors().items()}
+        return found
 
     def restore(self, tensors: Mapping[str, np.ndarray], passes: int) -> None:
         """Continue from :meth:`tensors` after this many passes."""
         self._sums.restore(tensors)
+        if self.volume is not None:
+            inside = {n: v for n, v in tensors.items() if n.startswith(_VOLUME)}
+            self.volume.sums.restore({n.removeprefix(_VOLUME): v for n, v in inside.items()})
         self.passes = passes

@@ -19,6 +19,7 @@ from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import SurfacePoints, from_numpy, to_numpy
 from gpf.field.by_detail import place_by_detail
 from gpf.field.field import GaussianPhotonField
+from gpf.field.lights import FieldLights
 from gpf.field.settings import FieldSettings
 from gpf.field.volume import VolumeField
 from gpf.photons.density import PhotonCloud
@@ -26,10 +27,14 @@ from gpf.photons.photon_cells import PhotonCells
 from gpf.photons.photon_grid import PhotonSums
 from gpf.photons.tracing import PathSettings, record_all
 from gpf.scene.bounds import scene_bounds
+from gpf.scene.light_groups import LightGroups
+from gpf.sppm.edge_correction import ball_correction
 from gpf.sppm.passes import propose_media_radius, radius_at
 from gpf.training.blend_matrix import blend_matrix
 from gpf.training.detail_choice import choose_detail
+from gpf.training.field_error import estimate_error
 from gpf.training.half_colours import HalfColours
+from gpf.training.light_split import split_light
 from gpf.training.settings import TrainingSettings
 from gpf.training.shared_detail import keep_shared_detail
 from gpf.training.trainer import Trainer
@@ -40,8 +45,8 @@ CELL, TYPICAL_PASSES = 0.25, 100
 FROM_VIEWS, FROM_PHOTONS = 150_000, 50_000
 """Largest numbers of places that cameras look through, and of places of photons."""
 
-INSIDE = 32
-"""Points in a kernel's ball, per place, that tell how much of it lies in the medium."""
+CORRECTIONS = 8
+"""Estimates of how much of a kernel's ball is cut off by surfaces, per place."""
 
 ROUNDS = 30
 """Steps of the solver that fits the moments."""
@@ -69,6 +74,7 @@ class VolumeLight:
         settings: PathSettings,
         alpha: float,
         seed: int,
+        groups: LightGroups | None = None,
     ) -> None:
         self.scene, self.seed, self._alpha = scene, seed, alpha
         self.indirect = settings.indirect
@@ -76,30 +82,68 @@ class VolumeLight:
         self._first = propose_media_radius(scene, settings, seed, self._bounds)
         self.places = find_places(scene, sensors, settings, seed)
         cell = CELL * self.radius(TYPICAL_PASSES)
-        self.sums = PhotonSums(PhotonCells(cell, self._bounds, self.places), settings)
+        table = None if groups is None else groups.table(scene)
+        self.sums = PhotonSums(PhotonCells(cell, self._bounds, self.places), settings, groups=table)
 
     def radius(self, passes: int) -> float:
         """Radius of the kernel after so many passes, world units."""
         return radius_at(max(passes, 1), self._first, self._alpha, dimensions=3)
 
-    def halves(self, passes: int) -> tuple[tuple[SurfacePoints, SurfacePoints], np.ndarray]:
-        """The places with the fluence from each half of the photons, and the moments from all of
-        them, (P, 3)."""
-        p = from_numpy(mi.Point3f, self.places)
+    def halves(
+        self, passes: int, stride: int = 1
+    ) -> tuple[tuple[SurfacePoints, SurfacePoints], np.ndarray]:
+        """Every ``stride``-th place with the fluence from each half of the photons, and the moments
+        from all of them, (P, 3)."""
+        places, found = self.places[::stride], []
+        moments = np.zeros((len(places), 3), np.float32)
         # Without a direction: in media, there are no sides.
-        n = dr.zeros(mi.Normal3f, len(self.places))
-        radius, found, moments = self.radius(passes), [], np.zeros((len(self.places), 3))
-        shares = passes // 2 / passes, (passes + 1) // 2 / passes
-        for half, share in enumerate(shares):
-            cloud = PhotonCloud(self.sums.photons(half), radius, self._bounds)
-            inside = share_inside(self.scene, p, radius, pass_seed(self.seed, half, Stream.EDGES))
-            fluence, moment = (value / inside for value in cloud.fluence(p))
-            dr.eval(fluence, moment)
-            found.append(SurfacePoints(p=p, n=n, target=fluence))
-            moments += share * to_numpy(moment)
-            del cloud
-            dr.flush_malloc_cache()
-        return (found[0], found[1]), moments.astype(np.float32)
+        p, n = from_numpy(mi.Point3f, places), dr.zeros(mi.Normal3f, len(places))
+        for half, share in enumerate(_shares(passes)):
+            correction = self._correction(p, passes, half)
+            fluence, moment = self._estimate(p, passes, half)
+            target = from_numpy(mi.Color3f, correction * fluence)
+            found.append(SurfacePoints(p=p, n=n, target=target))
+            moments += share * correction * moment
+        return (found[0], found[1]), moments
+
+    def by_group(
+        self, groups: LightGroups, passes: int, stride: int = 1
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Fluence and moments from each group of emitters at every ``stride``-th place, from all
+        photons, (G, P, 3) each."""
+        p = from_numpy(mi.Point3f, self.places[::stride])
+        correction = self._correction(p, passes, number=2)
+        found = np.zeros((2, len(groups.names), dr.width(p), 3), np.float32)
+        for group in range(found.shape[1]):
+            for half, share in enumerate(_shares(passes)):
+                both = np.stack(self._estimate(p, passes, half, group))
+                found[:, group] += share * correction * both
+        return found[0], found[1]
+
+    def _estimate(
+        self, p: mi.Point3f, passes: int, half: int, group: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Fluence and moments at places, (P, 3) each, too dark near surfaces."""
+        cloud = PhotonCloud(self.sums.photons(half, group), self.radius(passes), self._bounds)
+        fluence, moment = cloud.fluence(p)
+        found = to_numpy(fluence), to_numpy(moment)
+        del cloud, fluence, moment
+        dr.flush_malloc_cache()
+        return found
+
+    def _correction(self, p: mi.Point3f, passes: int, number: int) -> np.ndarray:
+        """Factors for what the kernels lose to surfaces, (P, 1) float32. ``number`` selects the
+        random numbers: what the halves have in common passes for light."""
+        total, every = np.zeros(dr.width(p), np.float32), dr.full(mi.Bool, True, dr.width(p))
+        for k in range(CORRECTIONS):
+            seed = pass_seed(self.seed, CORRECTIONS * number + k, Stream.EDGES)
+            total += ball_correction(self.scene, p, every, self.radius(passes), seed).numpy()
+        return total[:, None] / CORRECTIONS
+
+
+def _shares(passes: int) -> tuple[float, float]:
+    """The shares of the two halves of the passes."""
+    return passes // 2 / passes, (passes + 1) // 2 / passes
 
 
 def find_places(
@@ -117,43 +161,37 @@ def find_places(
     return np.concatenate([rng.permutation(p)[:most] for p, most in parts]).astype(np.float32)
 
 
-def share_inside(scene: mi.Scene, p: mi.Point3f, radius: float, seed: int) -> mi.Float:
-    """How much of a ball around places is not cut off by surfaces, (N,); no photon is beyond."""
-    sampler = mi.load_dict({"type": "independent"})
-    sampler.seed(seed, dr.width(p))
-    start = dr.zeros(mi.Interaction3f, dr.width(p))
-    start.p = p
-    free = mi.Float(0)
-    for _ in range(INSIDE):
-        length = dr.opaque(mi.Float, radius) * sampler.next_1d() ** (1 / 3)
-        d = mi.warp.square_to_uniform_sphere(sampler.next_2d())
-        ray = start.spawn_ray_to(p + length * d)
-        free += dr.select(scene.ray_test(ray), 0, 1)
-        dr.eval(free)
-    return dr.maximum(free, 1) / INSIDE
-
-
 def fit_volume(
     light: VolumeLight,
     passes: int,
+    stride: int,
     settings: Callable[[float], FieldSettings],
     training: TrainingSettings,
+    groups: LightGroups | None = None,
 ) -> VolumeField:
-    """The field in media from the photons of so many passes.
+    """The field in media from the photons of so many passes, at every ``stride``-th place.
 
     ``settings``: those of the field, given its search radius.
     """
-    halves, moments = light.halves(passes)
+    halves, moments = light.halves(passes, stride)
     mean = replace(halves[0], target=(halves[0].target + halves[1].target) / 2)
     bounds = scene_bounds(light.scene)
     detail = choose_detail(mean, halves, light.radius(passes), bounds)
-    nowhere = np.zeros_like(light.places)
-    gaussians = place_by_detail(detail, light.places, nowhere, training.seed)
-    own = settings(detail.radius).model_copy(update={"normal_test": False})
+    places = light.places[::stride]
+    gaussians = place_by_detail(detail, places, np.zeros_like(places), training.seed)
+    direct: Any = "emitters" if light.indirect else "field"
+    own = settings(detail.radius).model_copy(update={"normal_test": False, "direct": direct})
     field = GaussianPhotonField(gaussians, own, bounds, detail=detail)
     field = Trainer(field, mean, training).run()
-    field.recolour(keep_shared_detail(field, HalfColours.fit(field, halves)))
-    return VolumeField(field, fit_moments(field, mean, moments), light.indirect)
+    fitted = HalfColours.fit(field, halves)
+    field.recolour(keep_shared_detail(field, fitted))
+    field.set_error(estimate_error(field, fitted, np.zeros(len(places))))
+    if groups is None:
+        return VolumeField(field, fit_moments(field, mean, moments))
+    fluences, parts = light.by_group(groups, passes, stride)
+    field.lights = FieldLights(groups, split_light(field, mean, fluences))
+    each = np.stack([fit_moments(field, mean, part) for part in parts])
+    return VolumeField(field, each.sum(axis=0), each)
 
 
 def fit_moments(

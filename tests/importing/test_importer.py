@@ -198,7 +198,7 @@ def test_remarks_on_what_behaves_unexpectedly():
     report = examine_scene(scene, view, 1.5, "scene", photons=2000)
     assert report.emitters == {"directionalarea": 1}
     said = "\n".join(report.warnings)
-    assert said.startswith("a participating medium: ignored, light passes through")
+    assert said.startswith("participating medium: 1 homogeneous")
     for kind in ("polarizer", "circular", "retarder", "pplastic", "hair", "directionalarea"):
         assert len(re.findall(rf"^{kind}: ", said, flags=re.MULTILINE)) == 1
     uses = {material.kind: material.use for material in report.materials}

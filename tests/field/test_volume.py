@@ -1,0 +1,146 @@
+"""A field in media: what it scatters towards cameras, its levels, and its files."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.core.errors import FileError
+from gpf.core.structs import Haze, from_numpy, to_numpy
+from gpf.field.field import GaussianPhotonField
+from gpf.field.io import VOLUME, load_field, read_field, save_field, write_field
+from gpf.field.lights import FieldLights
+from gpf.field.settings import FieldSettings
+from gpf.field.volume import VolumeField
+from gpf.scene.light_groups import LightGroups
+from tests.foggy import fog_box, medium
+from tests.plain_field import LOWER, UPPER, random_gaussians, to_device
+
+COUNT = 300
+BOUNDS = mi.ScalarPoint3f(LOWER), mi.ScalarPoint3f(UPPER)
+
+
+def make_volume(direction=(0.0, 0.0, 1.0), share=1.0, groups=False) -> VolumeField:
+    """Light whose mean direction is the same everywhere; of two lamps, the second one's comes from
+    the opposite side."""
+    gaussians = to_device(random_gaussians(np.random.default_rng(2), COUNT))
+    settings = FieldSettings(search_radius=0.5, normal_test=False)
+    field = GaussianPhotonField(gaussians, settings, BOUNDS)
+    colour = to_numpy(gaussians.irradiance)
+    moments = share * colour.mean(axis=1)[:, None] * np.array(direction, np.float32)
+    if not groups:
+        return VolumeField(field, moments)
+    field.lights = FieldLights(LightGroups(("a", "b"), ((0,), (1,))), np.stack([colour / 2] * 2))
+    parts = np.stack([moments / 2, -moments / 2])
+    return VolumeField(field, parts.sum(axis=0), parts)
+
+
+def haze_towards(direction, g=0.5, count=50) -> Haze:
+    """Places in a medium, seen from rays in one direction; the scene keeps the medium alive."""
+    scene = mi.load_dict(fog_box(medium(1, g=g)))
+    own = next(s.interior_medium() for s in scene.shapes() if s.interior_medium() is not None)
+    p = np.random.default_rng(5).uniform(LOWER, UPPER, (count, 3))
+    found = Haze(
+        p=from_numpy(mi.Point3f, p),
+        d=from_numpy(mi.Vector3f, np.tile(direction, (count, 1))),
+        medium=dr.full(mi.UInt32, 0, count),
+        weight=dr.full(mi.Color3f, 1, count),
+        depth=dr.zeros(mi.UInt32, count),
+        valid=dr.full(mi.Bool, True, count),
+    )
+    found.medium = dr.select(found.valid, mi.MediumPtr(own), mi.MediumPtr(None))
+    return found
+
+
+def phase(cosine: float, g: float) -> float:
+    """Henyey and Greenstein's function of the angle by which light turns."""
+    return (1 - g * g) / (1 + g * g - 2 * g * cosine) ** 1.5 / (4 * math.pi)
+
+
+@pytest.mark.parametrize("cosine", [1.0, 0.0, -1.0])
+def test_a_beam_is_scattered_by_the_phase_function(cosine):
+    """The light goes upwards; a ray that looks downwards sees what goes on straight."""
+    sine = math.sqrt(1 - cosine**2)
+    haze, volume = haze_towards((sine, 0, -cosine)), make_volume()
+    fluence = to_numpy(volume.fluence.query(haze.p, mi.Normal3f(0, 0, 1), haze.valid)[0])
+    expected = fluence.copy()
+    expected *= phase(cosine, 0.5)
+    # The share of the mean direction is that of the mean of the channels, so not quite 1.
+    np.testing.assert_allclose(to_numpy(volume.scattered(haze)), expected, rtol=0.02)
+
+
+def test_light_from_everywhere_is_scattered_evenly():
+    haze, volume = haze_towards((0, 1, 0)), make_volume(share=0.0)
+    fluence = to_numpy(volume.fluence.query(haze.p, mi.Normal3f(0, 0, 1), haze.valid)[0])
+    np.testing.assert_allclose(to_numpy(volume.scattered(haze)), fluence / (4 * math.pi), rtol=1e-5)
+
+
+def test_levels_change_light_and_direction():
+    haze, volume = haze_towards((0, 0, -1)), make_volume(groups=True)
+    both = to_numpy(volume.scattered(haze))
+    volume.set_levels({"b": (0.0, 0.0, 0.0)})
+    first = to_numpy(volume.scattered(haze))
+    volume.set_levels({"a": (0.0, 0.0, 0.0)})
+    second = to_numpy(volume.scattered(haze))
+    np.testing.assert_allclose(first / second, phase(1, 0.5) / phase(-1, 0.5), rtol=0.05)
+    volume.set_levels({})
+    np.testing.assert_allclose(to_numpy(volume.scattered(haze)), both, rtol=1e-5)
+
+
+def test_arrays_of_another_volume():
+    haze, one, other = haze_towards((0, 0, -1)), make_volume(), make_volume(share=0.3)
+    found = one.with_arrays(other.arrays()).scattered(haze)
+    np.testing.assert_array_equal(to_numpy(found), to_numpy(other.scattered(haze)))
+
+
+def field_with_volume(groups: bool) -> GaussianPhotonField:
+    gaussians = to_device(random_gaussians(np.random.default_rng(1), 40))
+    field = GaussianPhotonField(gaussians, FieldSettings(search_radius=0.4), BOUNDS)
+    field.volume = make_volume(groups=groups)
+    field.volume.fluence.set_error(np.full(COUNT, 0.1, np.float32))
+    return field
+
+
+@pytest.mark.parametrize("groups", [False, True])
+@pytest.mark.parametrize(("precision", "near"), [("float32", 1e-6), ("compact", 0.05)])
+def test_files(tmp_path, groups, precision, near):
+    field, path = field_with_volume(groups), tmp_path / "field.safetensors"
+    save_field(field, path, precision)
+    loaded, haze = load_field(path), haze_towards((0.6, 0, -0.8))
+    assert loaded.volume.fluence.settings == field.volume.fluence.settings
+    a, b = to_numpy(field.volume.scattered(haze)), to_numpy(loaded.volume.scattered(haze))
+    np.testing.assert_allclose(b, a, rtol=near)
+    np.testing.assert_allclose(to_numpy(loaded.volume.error(haze)), 0.1 * b, rtol=1e-2)
+    if groups:
+        loaded.volume.set_levels({"a": (0.0, 0.0, 0.0)})
+    again = tmp_path / "again.safetensors"
+    write_field(read_field(path), again, precision)
+    assert again.read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize("name", ["moments", "light_moments", "means"])
+def test_a_file_without_a_tensor_of_the_volume(tmp_path, name):
+    path = tmp_path / "field.safetensors"
+    save_field(field_with_volume(groups=True), path)
+    stored = read_field(path)
+    assert stored.volume is not None
+    inside = {key: value for key, value in stored.volume.tensors.items() if key != name}
+    damaged = dataclasses.replace(stored, volume=dataclasses.replace(stored.volume, tensors=inside))
+    write_field(damaged, path)
+    with pytest.raises(FileError, match=name):
+        read_field(path)
+
+
+def test_the_names_of_the_volume_are_apart(tmp_path):
+    path = tmp_path / "field.safetensors"
+    save_field(field_with_volume(groups=False), path)
+    from safetensors import safe_open
+
+    with safe_open(str(path), framework="numpy") as file:
+        names = set(file.keys())
+    assert {VOLUME + "means", VOLUME + "moments", "means"} <= names
