@@ -90,11 +90,14 @@ class Media:
 
     def __init__(self, scene: mi.Scene) -> None:
         self.scene = scene
-        bounded = [m for s in scene.shapes() for m in (s.interior_medium(), s.exterior_medium())]
-        # A medium without a boundary is named only by the cameras and lamps in it.
+        inner, outer = (
+            [medium for shape in scene.shapes() if (medium := side(shape)) is not None]
+            for side in (mi.Shape.interior_medium, mi.Shape.exterior_medium)
+        )
         named = [owner.get_medium() for owner in (*scene.sensors(), *scene.emitters())]
-        endless = [m for m in named if m is not None and m not in bounded]
-        every = [*endless, *(m for m in bounded if m is not None)]
+        # What cameras and lamps are in, but no shape has inside, is around all shapes.
+        endless = [medium for medium in named if medium is not None and medium not in inner]
+        every = [*endless, *inner, *outer]
         self.there = bool(every)
         if not self.there:
             return
