@@ -17,14 +17,18 @@ from gpf.core.partial import replace_folder
 from gpf.core.progress import progress_bar
 from gpf.core.structs import Photons
 from gpf.field.io import save_field
-from gpf.field.settings import sampled_lamps
+from gpf.field.settings import FieldSettings, sampled_lamps
+from gpf.field.volume import VolumeField
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.scene import fingerprint as scenes
 from gpf.scene.bounds import scene_bounds
-from gpf.sppm.passes import PassSettings
+from gpf.scene.media import Media
+from gpf.sppm.passes import PassSettings, suit_scene
+from gpf.training.settings import TrainingSettings
 from gpf.training.streaming import PhotonStream
 from gpf.training.targets import Targets
 from gpf.training.trainer import Progress, Trainer
+from gpf.training.volume_light import VolumeLight, fit_volume
 from stages.common.code import digest_of
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
@@ -81,6 +85,9 @@ def fit(work: Workspace) -> None:
             report(progress)
         _train(work, trainer, None if streams else fingerprint, costs, report)
     trained = trainer.finish()
+    if Media(work.load_scene()).there:
+        with costs.measure("media"):
+            trained.volume = _train_volume(work)
     trained.record = {
         "scene": work.scene_digest,
         "fingerprint": scenes.fingerprint(work.load_scene()),
@@ -96,6 +103,22 @@ def fit(work: Workspace) -> None:
     costs.facts |= trained.settings.model_dump()
     costs.note_peak_memory()
     costs.write(work.cost("train"))
+
+
+def _train_volume(work: Workspace) -> VolumeField:
+    """The field in the scene's media, from passes of its own: as many as a stream's."""
+    scene, sections = work.load_scene(), work.params
+    plan = work.emission_plan(scene)
+    settings = suit_scene(passes_of(work, scene, plan), scene)
+    sensors = {view.name: work.sensor(view) for view in work.views.train}
+    paths, passes = settings.path_settings(plan.source), sections.stream.passes
+    light = VolumeLight(scene, sensors, paths, settings.alpha, sections.stream.seed)
+    with progress_bar(f"{work.scene}: photons in media", passes) as bar:
+        for number in range(1, passes + 1):
+            light.add_pass(number)
+            bar(number)
+    training = TrainingSettings(steps=sections.train.steps, seed=sections.train.seed)
+    return fit_volume(light, passes, 1, lambda r: FieldSettings(search_radius=r), training)
 
 
 def _on_references(work: Workspace, costs: CostMeter, bounds: Any) -> Trainer:

@@ -94,9 +94,10 @@ class GaussianPhotonField(Recordable):
     Attributes
     ----------
     volume: the light in media (:class:`gpf.field.volume.VolumeField`), or None.
+    vectors: blended like the colours, (N, 3), or None.
     """
 
-    READ = ("detail", "search", "volume", "_packets", "_error_packets")
+    READ = ("detail", "search", "volume", "_packets", "_error_packets", "_vectors")
 
     def __init__(
         self,
@@ -111,6 +112,7 @@ class GaussianPhotonField(Recordable):
     ) -> None:
         self.settings = settings
         self.volume: Any = None
+        self.vectors: np.ndarray | None = None
         self.limits = limits
         self.lights = lights
         self.bounds = bounds
@@ -145,7 +147,16 @@ class GaussianPhotonField(Recordable):
         self._error_packets: list[Any] | None = None
         if self.error is not None:
             self._error_packets = packets(gaussians.irradiance * from_numpy(mi.Float, self.error))
-        dr.eval(self._packets, self._error_packets)
+        self._vectors: Any = None
+        if self.vectors is not None:
+            v = dr.gather(mi.Vector3f, from_numpy(mi.Vector3f, self.vectors), order)
+            self._vectors = dr.ravel(mi.Vector4f(v.x, v.y, v.z, 0))
+        dr.eval(self._packets, self._error_packets, self._vectors)
+
+    def set_vectors(self, vectors: np.ndarray) -> None:
+        """Take vectors that are blended like the colours, (N, 3)."""
+        self.vectors = vectors
+        self._pack()
 
     def set_error(self, error: np.ndarray) -> None:
         """Take the expected relative errors of the Gaussians, (N,)."""
@@ -158,17 +169,21 @@ class GaussianPhotonField(Recordable):
 
     def _term(
         self, x: mi.Point3f, mean: mi.Point3f, index: mi.UInt32, support2: mi.Float, active: mi.Bool
-    ) -> tuple[mi.Float, mi.Color3f]:
-        """Weight and weighted colour of one neighbour; zero at inactive lanes."""
+    ) -> tuple[mi.Float, list[Any]]:
+        """Weight of one neighbour, and its weighted values; zero at inactive lanes."""
         packets = [dr.gather(mi.Vector4f, p, index, active) for p in self._packets]
         rows = tuple(mi.Vector3f(p.x, p.y, p.z) for p in packets)
         weight = dr.select(active, blend_weight(x - mean, rows, support2), 0)  # type: ignore[arg-type]
-        return weight, weight * mi.Color3f(*(p.w for p in packets))
+        values: list[Any] = [weight * mi.Color3f(*(p.w for p in packets))]
+        if self._vectors is not None:
+            v = dr.gather(mi.Vector4f, self._vectors, index, active)
+            values.append(weight * mi.Vector3f(v.x, v.y, v.z))
+        return weight, values
 
     @dr.syntax
     def _add(self, state, x, n, index, record, inside):  # type: ignore[no-untyped-def]
-        """Add a candidate to the neighbour count and the sums of weights and weighted colours."""
-        count, total, colour = state
+        """Add a candidate to the neighbour count and the sums of weights and weighted values."""
+        count, total, sums = state
         inside &= self.search.accepts(record, x, n)
         # Most candidates are too far away for all lanes of a packet, which then skips this.
         if inside:
@@ -176,10 +191,9 @@ class GaussianPhotonField(Recordable):
             weight, weighted = self._term(x, record.p, index, dr.square(self.search.radius), inside)
             count += dr.select(inside, 1, 0)
             total += weight
-            colour += weighted
-        return count, total, colour
+            sums = [a + b for a, b in zip(sums, weighted, strict=True)]
+        return count, total, sums
 
-    @dr.syntax
     def query(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> tuple[mi.Color3f, mi.Float]:
         """The stored quantity at surface points.
 
@@ -194,18 +208,28 @@ class GaussianPhotonField(Recordable):
             1 in dense regions, more where the k nearest lie farther away, infinite without
             neighbours.
         """
+        values, reach = self.query_all(x, n, active)
+        return values[0], reach
+
+    @dr.syntax
+    def query_all(
+        self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool
+    ) -> tuple[list[Any], mi.Float]:
+        """As :meth:`query`, but with all values: colours, and vectors if there are any."""
         settings = self.settings
         x = self.unfold(x)
         radius2 = self.search.radius * self.search.radius
         count = mi.UInt32(0)
         total = mi.Float(0)
-        colour = mi.Color3f(0)
+        sums: list[Any] = [mi.Color3f(0)]
+        if dr.hint(self._vectors is not None, mode="scalar"):
+            sums = [mi.Color3f(0), mi.Vector3f(0)]
 
         def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
             return self._add(state, x, n, index, record, inside)
 
         if dr.hint(settings.neighbours != "knn", mode="scalar"):
-            count, total, colour = self.search.visit(x, n, add, (count, total, colour), active)
+            count, total, sums = self.search.visit(x, n, add, (count, total, sums), active)
         reach = mi.Float(1)
 
         if dr.hint(settings.neighbours != "radius", mode="scalar"):
@@ -213,20 +237,20 @@ class GaussianPhotonField(Recordable):
             index, distance2 = self.search.nearest(x, n, sparse)
             farthest2, support2 = supplement_support(distance2)
             total = dr.select(sparse, 0, total)
-            colour = dr.select(sparse, 0, colour)
+            sums = [dr.select(sparse, 0, value) for value in sums]
             for j in range(settings.k):
                 found = sparse & (distance2[j] < dr.inf)
                 mean = self.search.hash.record(index[j], found).p
                 weight, weighted = self._term(x, mean, index[j], support2, found)
                 total += weight
-                colour += weighted
+                sums = [a + b for a, b in zip(sums, weighted, strict=True)]
             reach = dr.select(sparse, dr.maximum(dr.sqrt(farthest2 / radius2), reach), reach)
 
         known = active & (total > 0)
-        value = colour
         if dr.hint(settings.blend == "divided", mode="scalar"):
-            value = colour / total
-        return dr.select(known, value, 0), dr.select(known, reach, dr.inf)
+            sums = [value / total for value in sums]
+        values = [dr.select(known, value, 0) for value in sums]
+        return values, dr.select(known, reach, dr.inf)
 
     def query_error(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Color3f:
         """The expected error of the stored quantity at surface points, in its unit, (N, 3).
@@ -238,7 +262,7 @@ class GaussianPhotonField(Recordable):
         if self._error_packets is None:
             raise RuntimeError("This field does not know its error: fit it again with `gpf fit`.")
         other = copy.copy(self)
-        other._packets = self._error_packets
+        other._packets, other._vectors = self._error_packets, None
         return other.query(x, n, active)[0]
 
     def reflect(self, points: VisiblePoints, value: mi.Color3f) -> mi.Color3f:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from gpf.core.recordable import Recordable
-from gpf.core.structs import Haze, from_numpy
+from gpf.core.structs import Haze
 from gpf.field.field import GaussianPhotonField
 from gpf.scene.light_groups import Levels
 from gpf.scene.media import Place
@@ -32,7 +30,7 @@ class VolumeField(Recordable):
     light_moments: those of each group of emitters, (G, N, 3), if the fluence keeps groups apart.
     """
 
-    READ = ("fluence", "_moments")
+    READ = ("fluence",)
 
     def __init__(
         self,
@@ -41,11 +39,7 @@ class VolumeField(Recordable):
         light_moments: np.ndarray | None = None,
     ) -> None:
         self.fluence, self.moments, self.light_moments = fluence, moments, light_moments
-        colour = from_numpy(mi.Color3f, moments)
-        gaussians = dataclasses.replace(fluence.gaussians, irradiance=colour)
-        self._moments = GaussianPhotonField(
-            gaussians, fluence.settings, fluence.bounds, detail=fluence.detail
-        )
+        fluence.set_vectors(moments)
 
     def set_levels(self, levels: Levels) -> None:
         """Set the levels of groups of emitters, which the field keeps apart."""
@@ -58,7 +52,7 @@ class VolumeField(Recordable):
             before = np.maximum(part.sum(axis=1), 1e-20)
             total += ((part * level).sum(axis=1) / before)[:, None] * moment
         self.fluence.recolour(self.fluence.lights.at(levels))
-        self._moments.recolour(total)
+        self.fluence.set_vectors(total)
 
     def scattered(self, haze: Haze) -> mi.Color3f:
         """The light scattered towards the camera, W/(m² sr), (N, 3); 0 at invalid places."""
@@ -72,9 +66,8 @@ class VolumeField(Recordable):
 
     def _scatter(self, haze: Haze) -> tuple[mi.Color3f, mi.Color3f]:
         """Fluence, and the part of it that is scattered towards the camera, 1/sr, (N, 3) each."""
-        n = mi.Normal3f(0, 0, 1)
-        fluence = dr.maximum(self.fluence.query(haze.p, n, haze.valid)[0], 0)
-        moment = mi.Vector3f(self._moments.query(haze.p, n, haze.valid)[0])
+        (fluence, moment), _ = self.fluence.query_all(haze.p, mi.Normal3f(0, 0, 1), haze.valid)
+        fluence = dr.maximum(fluence, 0)
         length = dr.norm(moment)
         share = dr.clip(length / dr.maximum(dr.mean(fluence), 1e-20), 0, 1)
         place = Place(haze.p, moment / dr.maximum(length, 1e-20), haze.medium).interaction()

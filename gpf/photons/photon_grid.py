@@ -81,33 +81,9 @@ class PhotonSums:
         self.paths = [0, 0]
         self.table = CellTable(capacity)
 
-    def trace(
-        self,
-        scene: mi.Scene,
-        seed: int,
-        half: int,
-        diffused: bool = True,
-        cloud: PhotonSums | None = None,
-    ) -> None:
-        """Add the photons of one more pass to half 0 or 1. ``diffused``: whether to include those
-        from diffuse surfaces; once left out, they are missing for good.
-
-        ``cloud``: takes the photons in media.
-        """
-        if not self._unit:
-            pilot = replace(self._settings, paths=PILOT, indirect=False)
-            few = record_all(scene, pilot, seed)
-            for sums, photons in zip((self, cloud), few, strict=True):
-                if sums is not None:
-                    sums._learn(photons)
-        both = [self] if cloud is None else [self, cloud]
-        for sums in both:
-            sums._prepare(half, diffused)
-        settings = replace(self._settings, source=partial(_emit, both))
-        trace_photons(scene, self._add, settings, seed, cloud and cloud._add)
-        for sums in both:
-            sums.table.evaluate()
-            sums.paths[half] += self._settings.paths
+    def trace(self, scene: mi.Scene, seed: int, half: int, diffused: bool = True) -> None:
+        """Add the photons on surfaces of one more pass, as :func:`trace_pass`."""
+        trace_pass(scene, seed, half, self, None, diffused)
 
     def _learn(self, few: Photons) -> None:
         """Note the typical power and the number of photons, from :data:`PILOT` paths."""
@@ -189,6 +165,41 @@ class PhotonSums:
         self._unit, self._landings = (float(v) for v in tensors["units"][:2])
         self.paths = [int(n) for n in tensors["units"][2:]]
         self.table.restore(tensors)
+
+
+def trace_pass(
+    scene: mi.Scene,
+    seed: int,
+    half: int,
+    surfaces: PhotonSums | None,
+    cloud: PhotonSums | None,
+    diffused: bool = True,
+) -> None:
+    """Add the photons of one more pass to half 0 or 1 of those on surfaces and of those in media.
+
+    ``diffused``: whether to include those from diffuse surfaces; once left out, they are missing
+    for good.
+    """
+    both = surfaces, cloud
+    there = [sums for sums in both if sums is not None]
+    settings = there[0]._settings
+    if not all(sums._unit for sums in there):
+        few = record_all(scene, replace(settings, paths=PILOT, indirect=False), seed)
+        for sums, photons in zip(both, few, strict=True):
+            if sums is not None and not sums._unit:
+                sums._learn(photons)
+    for sums in there:
+        sums._prepare(half, diffused)
+    deposit, float_by = (_ignore if sums is None else sums._add for sums in both)
+    emitting = replace(settings, source=partial(_emit, there))
+    trace_photons(scene, deposit, emitting, seed, None if cloud is None else float_by)
+    for sums in there:
+        sums.table.evaluate()
+        sums.paths[half] += settings.paths
+
+
+def _ignore(photons: Photons, diffused: mi.Bool, active: mi.Bool) -> None:
+    """Take no photons."""
 
 
 def _emit(every: Sequence[PhotonSums], scene: mi.Scene, sampler: mi.Sampler) -> Emitted:

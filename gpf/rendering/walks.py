@@ -15,7 +15,8 @@ import mitsuba as mi
 
 from gpf.camera.haze import lit_by
 from gpf.camera.visible_points import follow
-from gpf.core.structs import Haze, VisiblePoints, Way
+from gpf.core.morton import order_lanes_in_space
+from gpf.core.structs import Haze, VisiblePoints, Way, take
 from gpf.field.field import GaussianPhotonField
 from gpf.field.ordered_query import query_in_order
 from gpf.rendering.aovs import at_visible_point
@@ -101,10 +102,16 @@ class Walks:
         unsure = mi.Color3f(0)
         if (volume := self.field.volume) is not None:
             lamps = volume.fluence.settings.sampled_lamps(self.scene)
-            points.emission += haze.radiance(volume.scattered(haze) + lit_by(lamps, haze, sampler))
+            light = self._scattered(haze) + lit_by(lamps, haze, sampler)
+            points.emission += haze.radiance(light)
             if "error" in self.aovs:
                 unsure = haze.radiance(volume.error(haze))
         return points, way, unsure
+
+    def _scattered(self, haze: Haze) -> mi.Color3f:
+        """The field's answer at places in media."""
+        found: mi.Color3f = self.field.volume.scattered(haze)
+        return found
 
     def _shown(
         self,
@@ -178,6 +185,16 @@ class GroupedWalks(Walks):
         points, way, unsure = self._follow(sampler, ray, active, back)
         value, reach = query_together(self.field, points, self.group)
         return self._shown(points, value, reach, way, unsure), way
+
+    def _scattered(self, haze: Haze) -> mi.Color3f:
+        asking, fluence = dr.compress(haze.valid), self.field.volume.fluence
+        found = dr.zeros(mi.Color3f, dr.width(haze.valid))
+        if dr.width(asking) > 0:
+            x = fluence.unfold(dr.gather(mi.Point3f, haze.p, asking))
+            order = order_lanes_in_space(x, fluence.settings.search_radius / 8)
+            asking = dr.gather(mi.UInt32, asking, order)
+            dr.scatter(found, super()._scattered(take(haze, asking)), asking)
+        return found
 
     def _walk_back(  # type: ignore[no-untyped-def]
         self, sampler, ray, back

@@ -13,7 +13,7 @@ from gpf.core.structs import Photons, VisiblePoints, from_numpy, take, to_numpy
 from gpf.photons.density import PhotonDensity
 from gpf.photons.emission import Source
 from gpf.photons.photon_cells import PhotonCells
-from gpf.photons.photon_grid import PhotonSums
+from gpf.photons.photon_grid import PhotonSums, trace_pass
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.light_groups import LightGroups
 from gpf.sppm.edge_correction import covered_share, near_edges
@@ -87,7 +87,7 @@ class PhotonLight:
         number = self.passes + 1
         seed = pass_seed(self.seed, number, Stream.PHOTONS)
         cloud = None if self.volume is None else self.volume.sums
-        self._sums.trace(self.points.scene, seed, number % 2, diffused, cloud)
+        trace_pass(self.points.scene, seed, number % 2, self._sums, cloud, diffused)
         dr.sync_thread()
         self.passes = number
 

@@ -24,7 +24,7 @@ from gpf.field.settings import FieldSettings
 from gpf.field.volume import VolumeField
 from gpf.photons.density import PhotonCloud
 from gpf.photons.photon_cells import PhotonCells
-from gpf.photons.photon_grid import PhotonSums
+from gpf.photons.photon_grid import PhotonSums, trace_pass
 from gpf.photons.tracing import PathSettings, record_all
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.light_groups import LightGroups
@@ -84,6 +84,11 @@ class VolumeLight:
         cell = CELL * self.radius(TYPICAL_PASSES)
         table = None if groups is None else groups.table(scene)
         self.sums = PhotonSums(PhotonCells(cell, self._bounds, self.places), settings, groups=table)
+
+    def add_pass(self, number: int) -> None:
+        """Trace pass ``number``, counted from 1, for these photons alone."""
+        seed = pass_seed(self.seed, number, Stream.PHOTONS)
+        trace_pass(self.scene, seed, number % 2, None, self.sums)
 
     def radius(self, passes: int) -> float:
         """Radius of the kernel after so many passes, world units."""
