@@ -28,6 +28,7 @@ class Material:
     emission: radiance, a texture of Mitsuba or None.
     two_sided: whether `bsdf` must be wrapped to reflect on both sides.
     opacity: None if opaque; otherwise a number or texture.
+    medium: what is behind the surface, a dictionary for `mi.load_dict`, or None.
     notes: what is approximated, and how.
     """
 
@@ -35,6 +36,7 @@ class Material:
     emission: Any = None
     two_sided: bool = True
     opacity: Any = None
+    medium: Dict | None = None
     notes: list[str] = field(default_factory=list)
 
     def whole(self) -> Dict:

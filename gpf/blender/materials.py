@@ -23,6 +23,7 @@ from gpf.blender.closures import (
     make_translucent,
     make_transparent,
 )
+from gpf.blender.media import make_medium
 from gpf.blender.principled import make_principled
 
 
@@ -36,8 +37,11 @@ def translate(closure: Closure, texture: Texture) -> Material:
             "normalmap": texture(closure["normal"], "normal"),
             "bsdf": found.bsdf,
         }
-    if closure.get("volume"):
-        found.notes.append("volume left out")
+    if "volume" in closure:
+        found.medium, notes = make_medium(closure["volume"])
+        found.notes += notes
+        if closure["closure"] == "none":  # nothing at the surface
+            found.bsdf, found.two_sided = {"type": "null"}, False
     return found
 
 

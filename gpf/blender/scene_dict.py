@@ -103,6 +103,10 @@ class _Materials:
             label = self.result.label(f"material_{name}")
             made = translate(closure, self.textures)
             self.result.scene[label] = made.whole() | {"id": label}
+            if made.medium is not None:
+                medium = self.result.label(f"medium_{name}")
+                self.result.scene[medium] = made.medium | {"id": medium}
+                made.medium = {"type": "ref", "id": medium}
             baked = "baked" if "'array'" in str(closure) else "exact"
             self.result.how[name] = "; ".join(dict.fromkeys(made.notes)) or baked
             self._made[key] = made, label
@@ -115,6 +119,8 @@ def _shape(shape: Mapping[str, Any], materials: _Materials) -> Dict:
     made: Dict = {"type": "ply", "filename": shape["file"], "bsdf": {"type": "ref", "id": label}}
     if material.emission is not None:
         made["emitter"] = {"type": "area", "radiance": material.emission}
+    if material.medium is not None:
+        made["interior"] = material.medium
     return made
 
 

@@ -371,6 +371,34 @@ def room() -> None:
     camera((0.3, -3.6, 1.7), 83, 28)
 
 
+def volume(material: Any, kind: str, **values: Any) -> Any:
+    """Give a material a volume shader."""
+    tree = material.node_tree
+    node = tree.nodes.new(kind)
+    for name, value in values.items():
+        node.inputs[name.replace("_", " ")].default_value = value
+    output = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+    tree.links.new(node.outputs[0], output.inputs["Volume"])
+    return material
+
+
+@scene
+def fog() -> None:
+    """A cube of fog without a surface, and a ball of tinted glass, on the floor of the studio."""
+    studio()
+    mist = bpy.data.materials.new("mist")
+    mist.use_nodes = True
+    mist.node_tree.nodes.remove(mist.node_tree.nodes["Principled BSDF"])
+    colours = {"Color": (0.9, 0.8, 0.7, 1), "Absorption_Color": (0.1, 0.2, 0.3, 1)}
+    volume(mist, "ShaderNodeVolumePrincipled", Density=1.2, Anisotropy=0.4, **colours)
+    add("cube", mist, size=1.2, location=(-0.8, 0, 0.61))
+    clear = shader("tinted", "ShaderNodeBsdfGlass", Color=(1, 1, 1, 1), Roughness=0.0, IOR=1.3)
+    volume(clear, "ShaderNodeVolumeAbsorption", Color=(0.4, 0.7, 0.9, 1), Density=1.5)
+    add(
+        *("uv_sphere", clear, True), radius=0.5, location=(0.9, 0, 0.52), segments=64, ring_count=32
+    )
+
+
 def main(name: str, file: str) -> None:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.context.scene.render.resolution_x = 192

@@ -70,6 +70,7 @@ def mitsuba(made: Converted, samples: int, seed: int) -> np.ndarray:
         ("skylight", 64, 40),
         ("pool", 256, 33),
         ("room", 96, 35),
+        ("fog", 256, 35),
     ],
 )
 def test_a_scene_looks_as_in_cycles(tmp_path, two_threads, name, samples, decibels):

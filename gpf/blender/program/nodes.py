@@ -22,7 +22,8 @@ Matrix = list[list[float]]
 
 
 def read_material(material: Any) -> Closure:
-    """The closure of a material's surface, with ``displaced`` if its displacement is not empty."""
+    """The closure of a material's surface, with that of its ``volume``, and ``displaced`` if its
+    displacement is not empty."""
     if material is None:
         return {"closure": "diffuse", "color": [0.8, 0.8, 0.8]}
     if material.node_tree is None or not getattr(material, "use_nodes", True):
@@ -33,7 +34,7 @@ def read_material(material: Any) -> Closure:
         return {"closure": "none"}
     found = read_closure(Input(output.inputs["Surface"]))
     if Input(output.inputs["Volume"]).origin() is not None:
-        found["volume"] = True
+        found["volume"] = read_volume(Input(output.inputs["Volume"]))
     if Input(output.inputs["Displacement"]).origin() is not None:
         found["displaced"] = True
     return found
@@ -64,6 +65,46 @@ SHADERS = {
         ),
     ),
 }
+
+
+# The same for volumes.
+VOLUMES = {
+    "VOLUME_SCATTER": ("volume_scatter", ("Color", "Density", "Anisotropy")),
+    "VOLUME_ABSORPTION": ("volume_absorption", ("Color", "Density")),
+    "PRINCIPLED_VOLUME": (
+        "volume_principled",
+        (
+            *("Color", "Density", "Anisotropy", "Absorption Color"),
+            *("Emission Strength", "Blackbody Intensity"),
+        ),
+    ),
+}
+
+
+def read_volume(place: Input) -> Closure:
+    """The closure of a volume. Inputs have their own value even where nodes are linked to them,
+    unless these give a constant; ``varying`` are the names of the others."""
+    found = place.origin()
+    node = None if found is None else found.node
+    if found is not None and node.type in ("MIX_SHADER", "ADD_SHADER"):
+        inputs = [Input(socket, found.groups) for socket in node.inputs]
+        first, second = (read_volume(each) for each in inputs[-2:])
+        if node.type == "ADD_SHADER":
+            return {"closure": "add", "first": first, "second": second}
+        factor = read_value(inputs[0])
+        factor = 0.5 if isinstance(factor, dict) else factor
+        return {"closure": "mix", "factor": factor, "first": first, "second": second}
+    if found is None or node.type not in VOLUMES:
+        return {"closure": "none"} | ({} if node is None else {"varying": [node.bl_label]})
+    name, labels = VOLUMES[node.type]
+    closure: Closure = {"closure": name, "varying": []}
+    for label in labels:
+        value = read_value(Input(node.inputs[label], found.groups))
+        if isinstance(value, dict):
+            closure["varying"].append(label.lower())
+            value = plain(node.inputs[label])
+        closure[label.lower().replace(" ", "_")] = value
+    return closure
 
 
 def read_closure(place: Input) -> Closure:
@@ -252,7 +293,7 @@ def values(closure: Closure) -> list[tuple[Closure, str]]:
     found = []
     for key, value in closure.items():
         if isinstance(value, dict) and "closure" in value:
-            found += values(value)
+            found += values(value) if key != "volume" else []
         elif isinstance(value, dict):
             found.append((closure, key))
     return found
