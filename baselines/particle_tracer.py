@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import mitsuba as mi
 
 from baselines.options import ParticleTracerOptions
-from baselines.protocol import Task
+from baselines.protocol import Task, refuse_media
 from baselines.sampling import PreparedSampling
 
 
@@ -23,7 +23,8 @@ class ParticleTracer:
         self.options = options
 
     def prepare(self, task: Task) -> PreparedSampling:
-        """See :meth:`PreparedSampling.make`."""
+        """See :meth:`PreparedSampling.make`; raises :class:`CannotServe` in scenes with media."""
+        refuse_media(task.scene, task.name)
         # As for ``path``: paths of any length, Russian roulette from a depth of 1 or more.
         depths = {"max_depth": -1, "rr_depth": max(task.rr_depth, 1)}
         integrator = mi.load_dict({"type": "ptracer"} | depths)

@@ -1,4 +1,4 @@
-"""Path tracing: Mitsuba's ``path``."""
+"""Path tracing: Mitsuba's ``path``, or ``volpathmis`` in scenes with media."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import mitsuba as mi
 from baselines.options import PathTracerOptions
 from baselines.protocol import Task
 from baselines.sampling import PreparedSampling
+from gpf.scene.media import Media
 
 
 class PathTracer:
@@ -22,9 +23,11 @@ class PathTracer:
 
     def prepare(self, task: Task) -> PreparedSampling:
         """See :meth:`PreparedSampling.make`."""
-        return PreparedSampling.make(task, make_path_integrator(task.rr_depth), self.options.spp)
+        integrator = make_path_integrator(task.scene, task.rr_depth)
+        return PreparedSampling.make(task, integrator, self.options.spp)
 
 
-def make_path_integrator(rr_depth: int) -> mi.Integrator:
+def make_path_integrator(scene: mi.Scene, rr_depth: int) -> mi.Integrator:
     """An integrator for paths of any length, as in the references; ``rr_depth`` is at least 1."""
-    return mi.load_dict({"type": "path", "max_depth": -1, "rr_depth": max(rr_depth, 1)})
+    kind = "volpathmis" if Media(scene).there else "path"
+    return mi.load_dict({"type": kind, "max_depth": -1, "rr_depth": max(rr_depth, 1)})

@@ -17,6 +17,7 @@ import numpy as np
 
 from gpf.core.errors import UserError, without_folders
 from gpf.rendering.settings import RenderSettings
+from gpf.scene.media import Media
 from gpf.scene.views import View
 from gpf.training.settings import TrainingSettings
 
@@ -33,6 +34,14 @@ class CannotServe(UserError):
         self.told = what
         """``what`` for the terminal, with folders."""
         self.where, self.what, self.todo = map(without_folders, (where, what, todo))
+
+
+def refuse_media(scene: mi.Scene, name: str) -> None:
+    """Raise :class:`CannotServe` if a scene has media, for systems that know surfaces only."""
+    if Media(scene).there:
+        raise CannotServe(
+            f"scene {name}", "has media, in which the system has no light", "Leave it out here."
+        )
 
 
 @dataclass(frozen=True)

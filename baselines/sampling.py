@@ -14,6 +14,7 @@ from baselines.protocol import CannotServe, Task
 from gpf.core.random import Stream, pass_seed
 from gpf.rendering.batches import render_in_batches
 from gpf.rendering.timed_sampling import sample_for
+from gpf.scene.media import medium_at
 from gpf.scene.sensors import make_sensor, views_of_sensors
 from gpf.scene.views import View
 
@@ -127,7 +128,8 @@ class PreparedSampling:
     def render(self, view: View, seed: int) -> np.ndarray:
         """A view's radiance, W/(m² sr), (H, W, 3) float32, linear."""
         start = time.perf_counter()
-        sensor = make_sensor(view, *self.task.size)
+        inside = medium_at(self.task.scene, view.origin)
+        sensor = make_sensor(view, *self.task.size, medium=inside)
         return self.samples.trace(
             lambda spp, seed: render_in_batches(
                 self.task.scene, self.integrator, sensor, spp, seed
@@ -139,7 +141,8 @@ class PreparedSampling:
 
 def own_camera(task: Task) -> mi.Sensor:
     """The scene's first camera, with the size of the task's images; raises as :func:`own_view`."""
-    return make_sensor(own_view(task), *task.size)
+    view = own_view(task)
+    return make_sensor(view, *task.size, medium=medium_at(task.scene, view.origin))
 
 
 def own_view(task: Task) -> View:

@@ -18,6 +18,7 @@ from gpf.core.errors import UserError
 from gpf.rendering.batches import render_in_batches
 from gpf.rendering.denoiser import ImageDenoiser
 from gpf.rendering.timed_sampling import time_of
+from gpf.scene.media import medium_at
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 
@@ -48,7 +49,7 @@ class Denoised:
             denoiser = ImageDenoiser(task.size, prefilter=noisy, cuda="cuda" in str(mi.variant()))
         except UserError as error:
             raise CannotServe(error.where, error.what, error.todo) from error
-        integrator = make_path_integrator(task.rr_depth)
+        integrator = make_path_integrator(task.scene, task.rr_depth)
         prepared = PreparedDenoised(task, integrator, denoiser, noisy, samples)
         if samples.number is None:
             prepared.take_times()
@@ -94,7 +95,8 @@ class PreparedDenoised:
     def render(self, view: View, seed: int) -> np.ndarray:
         """A view's radiance, W/(m² sr), (H, W, 3) float32, linear."""
         start = time.perf_counter()
-        sensor = make_sensor(view, *self.task.size)
+        inside = medium_at(self.task.scene, view.origin)
+        sensor = make_sensor(view, *self.task.size, medium=inside)
         guides = render_guides(self.task.scene, sensor, GUIDE_SPP, seed)
         radiance = self.samples.trace(
             lambda spp, seed: self._trace(sensor, spp, seed),

@@ -48,7 +48,7 @@ from baselines.em_gmm.gaussian_mixture import GaussianMixture
 from baselines.em_gmm.mixture_density import MixtureDensity
 from baselines.em_gmm.progressive_em import ProgressiveMixture
 from baselines.options import EmGmmOptions
-from baselines.protocol import CannotServe, Task
+from baselines.protocol import CannotServe, Task, refuse_media
 from gpf.camera.film import sample_film
 from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import to_numpy
@@ -82,8 +82,9 @@ class EmGmm:
         Raises
         ------
         CannotServe: the diffuse part of a material cannot be separated, the bandwidth is too small,
-            or no photon lands on a diffuse surface.
+            no photon lands on a diffuse surface, or the scene has media.
         """
+        refuse_media(task.scene, task.name)
         if names := inseparable_materials(task.scene):
             raise CannotServe(
                 task.name,

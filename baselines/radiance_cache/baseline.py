@@ -19,7 +19,7 @@ import numpy as np
 from baselines.neural.fitting import digest
 from baselines.neural.hash_encoding import Cube, GridShape
 from baselines.options import RadianceCacheOptions
-from baselines.protocol import Task
+from baselines.protocol import Task, refuse_media
 from baselines.radiance_cache.cached_irradiance import (
     CachedIrradiance,
     CacheShape,
@@ -52,7 +52,13 @@ class RadianceCache:
         self.options = options
 
     def prepare(self, task: Task) -> PreparedCache:
-        """Fit the network to the field's targets."""
+        """Fit the network to the field's targets.
+
+        Raises
+        ------
+        CannotServe: the scene has media.
+        """
+        refuse_media(task.scene, task.name)
         train, render = effort_of(self.options, task)
         assert task.field.targets is not None
         targets = Targets.load(task.field.targets)

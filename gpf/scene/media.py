@@ -6,7 +6,7 @@ refraction there. Its coefficients come from Mitsuba's plugins, for any place an
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,6 +84,7 @@ class Media:
 
     Attributes
     ----------
+    every: all of them, some more than once.
     there: whether there are any. If not, nothing of this may be recorded.
     homogeneous: whether each is the same everywhere.
     """
@@ -97,11 +98,11 @@ class Media:
         named = [owner.get_medium() for owner in (*scene.sensors(), *scene.emitters())]
         # What cameras and lamps are in, but no shape has inside, is around all shapes.
         endless = [medium for medium in named if medium is not None and medium not in inner]
-        every = [*endless, *inner, *outer]
-        self.there = bool(every)
+        self.every = [*endless, *inner, *outer]
+        self.there = bool(self.every)
         if not self.there:
             return
-        self.homogeneous = all(medium.is_homogeneous() for medium in every)
+        self.homogeneous = all(medium.is_homogeneous() for medium in self.every)
         self._everywhere = endless[0] if endless else None
         lower, upper = scene_bounds(scene)
         self._least = CROSSING / float(dr.norm(upper - lower))
@@ -237,6 +238,16 @@ class Media:
             )
             flying &= stays & ~scatters
         return Flight(place, weight, ratio, scatters)
+
+
+def medium_at(scene: mi.Scene, place: Sequence[float]) -> mi.Medium | None:
+    """The medium at a place, world units, or None."""
+    ray = mi.Ray3f(mi.Point3f(*place), dr.normalize(mi.Vector3f(0.3, 0.8, 0.5)))
+    media = Media(scene)
+    if not media.there:
+        return None
+    found = media.around(ray, mi.Bool(True))
+    return next((m for m in media.every if dr.all(found == mi.MediumPtr(m))), None)
 
 
 def _hash_of(ray: mi.Ray3f) -> mi.UInt32:

@@ -15,7 +15,12 @@ from gpf.scene.views import View, name_view
 
 
 def make_sensor(
-    view: View, width: int, height: int, spp: int = 16, sampler: str = "independent"
+    view: View,
+    width: int,
+    height: int,
+    spp: int = 16,
+    sampler: str = "independent",
+    medium: mi.Medium | None = None,
 ) -> mi.Sensor:
     """A Mitsuba perspective sensor for a view: RGB float32 film, box filter.
 
@@ -26,12 +31,15 @@ def make_sensor(
     width, height: pixels.
     spp: samples per pixel.
     sampler: name of the sampler plugin.
+    medium: what the camera is in, for Mitsuba's integrators; ours find out.
     """
     look_at = mi.ScalarTransform4f().look_at(
         origin=list(view.origin), target=list(view.target), up=list(view.up)
     )
+    inside = {} if medium is None else {"medium": medium}
     return mi.load_dict(
-        {
+        inside
+        | {
             "type": "perspective",
             "fov": view.fov,
             "fov_axis": view.fov_axis,
