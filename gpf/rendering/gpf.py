@@ -83,7 +83,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
     sample of the emitters. A warning is given if geometry, materials or lights differ from those
     of the scene for which the field was made.
 
-    Not supported: participating media, polarisation, derivatives, and spectral variants.
+    Not supported: polarisation, derivatives, and spectral variants.
 
     .. code-block:: xml
 

@@ -78,7 +78,9 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
     estimate is consistent: its bias vanishes as the radius shrinks with the number of passes.
     The same seed gives the same image, bit for bit, on any number of threads.
 
-    Not supported: participating media, polarisation, derivatives, and spectral variants.
+    In media, camera rays also look up the photons in a ball around a random place on their way.
+
+    Not supported: polarisation, derivatives, and spectral variants.
 
     .. code-block:: xml
 
