@@ -58,6 +58,8 @@ def _coefficients(closure: Closure) -> Coefficients:
         shares = (1 - factor, factor) if kind == "mix" else (1.0, 1.0)
         return _sum([_coefficients(closure[key]) for key in ("first", "second")], shares)
     found = Coefficients()
+    if "unknown" in closure:
+        found.notes.append(f"{closure['unknown']} as a volume left out")
     if varying := closure.get("varying"):
         found.notes.append(f"{', '.join(varying)} of the volume the same everywhere")
     if kind == "none":

@@ -85,8 +85,10 @@ def read_volume(place: Input) -> Closure:
     """The closure of a volume. Inputs have their own value even where nodes are linked to them,
     unless these give a constant; ``varying`` are the names of the others."""
     found = place.origin()
-    node = None if found is None else found.node
-    if found is not None and node.type in ("MIX_SHADER", "ADD_SHADER"):
+    if found is None:
+        return {"closure": "none"}
+    node = found.node
+    if node.type in ("MIX_SHADER", "ADD_SHADER"):
         inputs = [Input(socket, found.groups) for socket in node.inputs]
         first, second = (read_volume(each) for each in inputs[-2:])
         if node.type == "ADD_SHADER":
@@ -94,8 +96,8 @@ def read_volume(place: Input) -> Closure:
         factor = read_value(inputs[0])
         factor = 0.5 if isinstance(factor, dict) else factor
         return {"closure": "mix", "factor": factor, "first": first, "second": second}
-    if found is None or node.type not in VOLUMES:
-        return {"closure": "none"} | ({} if node is None else {"varying": [node.bl_label]})
+    if node.type not in VOLUMES:
+        return {"closure": "none", "unknown": node.bl_label}
     name, labels = VOLUMES[node.type]
     closure: Closure = {"closure": name, "varying": []}
     for label in labels:
