@@ -66,6 +66,24 @@ def supplement_support(distance2: list[mi.Float]) -> tuple[mi.Float, mi.Float]:
     return farthest2, support2 + dr.epsilon(mi.Float)
 
 
+# Dr.Jit's syntax has no comprehensions.
+
+
+def add_all(values: list[Any], others: list[Any]) -> list[Any]:
+    """The sums of two lists of arrays."""
+    return [a + b for a, b in zip(values, others, strict=True)]
+
+
+def divide_all(values: list[Any], by: mi.Float) -> list[Any]:
+    """Arrays, divided by the same."""
+    return [value / by for value in values]
+
+
+def keep_where(active: mi.Bool, values: list[Any]) -> list[Any]:
+    """Arrays, and 0 where not ``active``."""
+    return [dr.select(active, value, 0) for value in values]
+
+
 class GaussianPhotonField(Recordable):
     """Gaussians, and the query that blends them.
 
@@ -191,7 +209,7 @@ class GaussianPhotonField(Recordable):
             weight, weighted = self._term(x, record.p, index, dr.square(self.search.radius), inside)
             count += dr.select(inside, 1, 0)
             total += weight
-            sums = [a + b for a, b in zip(sums, weighted, strict=True)]
+            sums = add_all(sums, weighted)
         return count, total, sums
 
     def query(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> tuple[mi.Color3f, mi.Float]:
@@ -237,20 +255,19 @@ class GaussianPhotonField(Recordable):
             index, distance2 = self.search.nearest(x, n, sparse)
             farthest2, support2 = supplement_support(distance2)
             total = dr.select(sparse, 0, total)
-            sums = [dr.select(sparse, 0, value) for value in sums]
+            sums = keep_where(~sparse, sums)
             for j in range(settings.k):
                 found = sparse & (distance2[j] < dr.inf)
                 mean = self.search.hash.record(index[j], found).p
                 weight, weighted = self._term(x, mean, index[j], support2, found)
                 total += weight
-                sums = [a + b for a, b in zip(sums, weighted, strict=True)]
+                sums = add_all(sums, weighted)
             reach = dr.select(sparse, dr.maximum(dr.sqrt(farthest2 / radius2), reach), reach)
 
         known = active & (total > 0)
         if dr.hint(settings.blend == "divided", mode="scalar"):
-            sums = [value / total for value in sums]
-        values = [dr.select(known, value, 0) for value in sums]
-        return values, dr.select(known, reach, dr.inf)
+            sums = divide_all(sums, total)
+        return keep_where(known, sums), dr.select(known, reach, dr.inf)
 
     def query_error(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> mi.Color3f:
         """The expected error of the stored quantity at surface points, in its unit, (N, 3).

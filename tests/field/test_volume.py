@@ -40,10 +40,15 @@ def make_volume(direction=(0.0, 0.0, 1.0), share=1.0, groups=False) -> VolumeFie
     return VolumeField(field, parts.sum(axis=0), parts)
 
 
-def haze_towards(direction, g=0.5, count=50) -> Haze:
-    """Places in a medium, seen from rays in one direction; the scene keeps the medium alive."""
-    scene = mi.load_dict(fog_box(medium(1, g=g)))
+@pytest.fixture(scope="module")
+def haze_towards():
+    """Makes places in a medium with g = 0.5, seen from rays in one direction."""
+    scene = mi.load_dict(fog_box(medium(1, g=0.5)))  # keeps the medium alive
     own = next(s.interior_medium() for s in scene.shapes() if s.interior_medium() is not None)
+    yield lambda direction: places_in(own, direction)
+
+
+def places_in(own: mi.Medium, direction, count=50) -> Haze:
     p = np.random.default_rng(5).uniform(LOWER, UPPER, (count, 3))
     found = Haze(
         p=from_numpy(mi.Point3f, p),
@@ -63,7 +68,7 @@ def phase(cosine: float, g: float) -> float:
 
 
 @pytest.mark.parametrize("cosine", [1.0, 0.0, -1.0])
-def test_a_beam_is_scattered_by_the_phase_function(cosine):
+def test_a_beam_is_scattered_by_the_phase_function(haze_towards, cosine):
     """The light goes upwards; a ray that looks downwards sees what goes on straight."""
     sine = math.sqrt(1 - cosine**2)
     haze, volume = haze_towards((sine, 0, -cosine)), make_volume()
@@ -74,13 +79,13 @@ def test_a_beam_is_scattered_by_the_phase_function(cosine):
     np.testing.assert_allclose(to_numpy(volume.scattered(haze)), expected, rtol=0.02)
 
 
-def test_light_from_everywhere_is_scattered_evenly():
+def test_light_from_everywhere_is_scattered_evenly(haze_towards):
     haze, volume = haze_towards((0, 1, 0)), make_volume(share=0.0)
     fluence = to_numpy(volume.fluence.query(haze.p, mi.Normal3f(0, 0, 1), haze.valid)[0])
     np.testing.assert_allclose(to_numpy(volume.scattered(haze)), fluence / (4 * math.pi), rtol=1e-5)
 
 
-def test_levels_change_light_and_direction():
+def test_levels_change_light_and_direction(haze_towards):
     haze, volume = haze_towards((0, 0, -1)), make_volume(groups=True)
     both = to_numpy(volume.scattered(haze))
     volume.set_levels({"b": (0.0, 0.0, 0.0)})
@@ -92,7 +97,7 @@ def test_levels_change_light_and_direction():
     np.testing.assert_allclose(to_numpy(volume.scattered(haze)), both, rtol=1e-5)
 
 
-def test_arrays_of_another_volume():
+def test_arrays_of_another_volume(haze_towards):
     haze, one, other = haze_towards((0, 0, -1)), make_volume(), make_volume(share=0.3)
     found = one.with_arrays(other.arrays()).scattered(haze)
     np.testing.assert_array_equal(to_numpy(found), to_numpy(other.scattered(haze)))
@@ -108,7 +113,7 @@ def field_with_volume(groups: bool) -> GaussianPhotonField:
 
 @pytest.mark.parametrize("groups", [False, True])
 @pytest.mark.parametrize(("precision", "near"), [("float32", 1e-6), ("compact", 0.05)])
-def test_files(tmp_path, groups, precision, near):
+def test_files(haze_towards, tmp_path, groups, precision, near):
     field, path = field_with_volume(groups), tmp_path / "field.safetensors"
     save_field(field, path, precision)
     loaded, haze = load_field(path), haze_towards((0.6, 0, -0.8))

@@ -164,7 +164,7 @@ def test_what_cannot_be_fitted_is_said_before_the_first_photon():
         "bsdf": {"type": "null"},
         "interior": {"type": "homogeneous", "albedo": 1.5},
     }
-    with pytest.raises(UserError, match="1.5 in the albedo of a medium"):
+    with pytest.raises(UserError, match="1.5 in the albedo"):
         gpf.fit(mi.load_dict(thick, optimize=False), sensors(), passes=2)
 
 
