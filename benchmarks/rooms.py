@@ -1,7 +1,8 @@
-"""The field and other methods in scenes made by others."""
+"""The field and other methods at the same total time, in any scene."""
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,16 +16,17 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from baselines.denoised.baseline import Denoised
-from baselines.options import DenoisedOptions
-from baselines.protocol import Task
+from baselines.options import BaselineOptions, CyclesOptions, DenoisedOptions, LuxcoreOptions
+from baselines.protocol import CannotServe, Task
+from baselines.registry import make_baseline
 from benchmarks import cli
 from benchmarks.measured_scenes import MeasuredScene, open_scene
-from benchmarks.truth import Truth, decibels, keep, path_halves, sppm
+from benchmarks.truth import Truth, decibels, keep, path_halves, radiance_pairs, sppm, sppm_images
 from gpf.field.field import GaussianPhotonField
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.rendering.timed_sampling import time_of
+from gpf.scene.snapshot import snapshot_scene
 from gpf.scene.views import View
 
 UNLIMITED = {"type": "path", "max_depth": -1, "rr_depth": 5}
@@ -33,9 +35,25 @@ SAMPLES = 8
 """Samples per pixel that are rendered at once to time one."""
 
 
+DENOISED = DenoisedOptions(system="denoised", spp="equal_time")
+
+RENDERERS: dict[str, BaselineOptions] = {
+    "Cycles": CyclesOptions(system="cycles", seconds="equal_time"),
+    "LuxCore": LuxcoreOptions(system="luxcore", seconds="equal_time"),
+}
+
+KERNELS = 1000, 4000
+"""First and last of the passes whose kernels SPPM has where it is the truth."""
+
+
 @dataclass(frozen=True)
 class Room:
-    """A scene, the views that are rendered, which of them are judged, and their truth."""
+    """A scene, the views that are rendered, which of them are judged, and their truth.
+
+    Attributes
+    ----------
+    kept: a folder for what the methods leave.
+    """
 
     measured: MeasuredScene
     file: Path
@@ -43,10 +61,11 @@ class Room:
     judged: Sequence[int]
     rows: int
     truth: Truth
+    kept: Path
 
 
 def rooms(
-    files: Annotated[list[Path], typer.Argument(help="Scene files.")],
+    scenes: Annotated[list[str], typer.Argument(help="Scene files, or scenes of `scenes/`.")],
     seconds: cli.Seconds = 60,
     passes: Annotated[
         int | None, typer.Option(help="Passes of the fit, however long they take.")
@@ -55,76 +74,114 @@ def rooms(
     views: Annotated[int, typer.Option(min=1, help="Number of views to render.")] = 10,
     judged: Annotated[int, typer.Option(min=1, help="Number of views to judge.")] = 3,
     samples: cli.Samples = 1024,
+    renderers: Annotated[
+        float | None,
+        typer.Option(help="Also Cycles and LuxCore, at the same time and with so many s a view."),
+    ] = None,
     kept: cli.Kept = Path("results/rooms"),
 ) -> None:
     """Field, `path` with a denoiser, and SPPM, with the same time for all views together.
 
     A field is fitted, and some views of it are rendered, the scene's own among them, denoised as by
     `gpf render`; then `path` with Open Image Denoise, and SPPM, each with as much time as the fit
-    and the views took. A few views are judged against two independent images by `path`: PSNR over
-    all their pixels, FLIP, and energy, the sum of the image divided by that of the truth, without
-    the brightest half percent of the pixels of either. Below the table: the fit, and the time of a
-    sample, compared with `path` without a depth limit.
+    and the views took. A few views are judged against two independent images, by `path` or, in the
+    scenes of `scenes/`, by SPPM with a fifth as many passes: PSNR over all their pixels, FLIP, and
+    energy, the sum of the image divided by that of the truth, without the brightest half percent of
+    the pixels of either. Below the table: the fit, and the time of a sample, compared with `path`
+    without a depth limit. The images are kept as `NAME_METHOD.npy`, the truth as
+    `NAME_truth.npy`: (V, H, W, 3), linear.
     """
-    for file in files:
-        room = open_room(file, rows, views, judged, samples, kept)
-        goal = {"passes": passes} if passes else {"seconds": seconds}
-        compare(room, goal, kept)
+    for scene in scenes:
+        room = open_room(scene, rows, views, judged, samples, kept)
+        compare(room, {"passes": passes} if passes else {"seconds": seconds}, renderers)
 
 
-def open_room(file: Path, rows: int, count: int, judged: int, samples: int, kept: Path) -> Room:
-    """A scene with its own camera and others that are placed around it."""
-    measured = open_scene(str(file))
-    views = [measured.own, *measured.placed.novel, *measured.placed.frames()[3::6]][:count]
+def open_room(scene: str, rows: int, count: int, judged: int, samples: int, kept: Path) -> Room:
+    """A scene with its own camera and others that are placed around it, or with the novel views of
+    `scenes/` and frames of its path."""
+    measured, file = open_scene(scene), Path(scene)
+    first = [] if measured.views else [measured.own]
+    if measured.views:
+        file = kept / measured.name / "scene.xml"
+        snapshot_scene(scene, file.parent)
+    source = measured.views or measured.placed
+    views = [*first, *source.novel, *source.frames()[3::6]][:count]
     chosen = np.linspace(0, len(views) - 1, judged).round().astype(int).tolist()
     sensors = measured.sensors([views[k] for k in chosen], rows)
+
+    def halves() -> np.ndarray:
+        if measured.views:
+            return radiance_pairs(
+                sppm_images(scene, measured.scene, sensors, max(samples // 5, 1), KERNELS)
+            )
+        return path_halves(measured.name, measured.scene, sensors, samples)
+
     found = keep(
-        kept / f"{measured.name}_{rows}_{judged}_{samples}.npz",
-        lambda: {"halves": path_halves(measured.name, measured.scene, sensors, samples)},
+        kept / f"{measured.name}_{rows}_{judged}_{samples}.npz", lambda: {"halves": halves()}
     )
     truth = Truth(found["halves"], measured.exposure)
-    return Room(measured, file, views, chosen, rows, truth)
+    np.save(kept / f"{measured.name}_truth.npy", truth.halves.mean(axis=1))
+    return Room(measured, file, views, chosen, rows, truth, kept)
 
 
-def compare(room: Room, goal: dict[str, Any], kept: Path) -> None:
+def compare(room: Room, goal: dict[str, Any], renderers: float | None = None) -> None:
     """Print the table of one room."""
     name, truth = room.measured.name, room.truth
     table = Table("method", "total s", "PSNR", "FLIP", "energy", title=name)
 
-    def add(method: str, images: np.ndarray) -> None:
-        quality = decibels(truth.errors(images).mean()), f"{truth.flip(images):.3f}"
-        table.add_row(method, f"{total:.0f}", *quality, f"{truth.energy(images):.3f}")
+    def add(method: str, seconds: float, images: np.ndarray | str) -> None:
+        quality = [images] if isinstance(images, str) else judge(truth, images)
+        table.add_row(method, f"{seconds:.0f}", *quality)
+        if not isinstance(images, str):
+            np.save(room.kept / f"{name}_{method.replace(' ', '_')}.npy", images)
 
     start = time.perf_counter()
-    field = room.measured.fit(**goal)
+    own = room.measured.views
+    field = room.measured.fit(own.train if own else None, **goal)
     fitted = time.perf_counter()
     settings = RenderSettings(denoise=True)
     images = room.measured.render(field, room.views, room.rows, settings)
     total = time.perf_counter() - start
-    add("field", images[room.judged])
-    add("path + OIDN", render_denoised(room, total / len(room.views), kept))
-    add("SPPM", render_photons(room, total))
+    view = total / len(room.views)
+    add("field", total, images[room.judged])
+    add("path + OIDN", total, render_by(room, DENOISED, view))
+    add("SPPM", total, render_photons(room, total))
+    for method, options in RENDERERS.items():
+        if renderers:
+            add(method, total, render_by(room, options, view))
+            longer = render_by(room, options, renderers)
+            add(f"{method} {renderers:g} s", renderers * len(room.views), longer)
     console = Console(width=100)
     console.print(table)
     console.print(describe(room, field, (total - fitted + start) / len(room.views)))
 
 
-def render_denoised(room: Room, seconds: float, state: Path) -> np.ndarray:
-    """The judged views by `path` and Open Image Denoise, in ``seconds`` seconds each."""
-    task = Task(
-        room.measured.name,
-        room.measured.scene,
-        room.file,
-        room.measured.size(room.rows),
-        room.truth.exposure,
-        training=(),
-        rr_depth=5,
-        seed=0,
-        state=state,
-        seconds_per_view=seconds,
-    )
-    prepared = Denoised(DenoisedOptions(system="denoised", spp="equal_time")).prepare(task)
-    return np.stack([prepared.render(room.views[k], seed=k) for k in room.judged])
+def judge(truth: Truth, images: np.ndarray) -> list[str]:
+    """PSNR, FLIP and energy."""
+    quality = decibels(truth.errors(images).mean()), f"{truth.flip(images):.3f}"
+    return [*quality, f"{truth.energy(images):.3f}"]
+
+
+def render_by(room: Room, options: BaselineOptions, seconds: float) -> np.ndarray | str:
+    """The judged views by another system, in ``seconds`` seconds each; or why it cannot."""
+    with tempfile.TemporaryDirectory(dir=room.kept) as state:
+        task = Task(
+            room.measured.name,
+            room.measured.scene,
+            room.file,
+            room.measured.size(room.rows),
+            room.truth.exposure,
+            training=(),
+            rr_depth=5,
+            seed=0,
+            state=Path(state),
+            seconds_per_view=seconds,
+        )
+        try:
+            prepared = make_baseline(options).prepare(task)
+            return np.stack([prepared.render(room.views[k], seed=k) for k in room.judged])
+        except CannotServe as refusal:
+            return str(refusal)
 
 
 def render_photons(room: Room, seconds: float) -> np.ndarray:
