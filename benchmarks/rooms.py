@@ -21,6 +21,7 @@ from baselines.protocol import CannotServe, Task
 from baselines.registry import make_baseline
 from benchmarks import cli
 from benchmarks.measured_scenes import MeasuredScene, open_scene
+from benchmarks.pictures import side_by_side, stacked
 from benchmarks.truth import Truth, decibels, keep, path_halves, radiance_pairs, sppm, sppm_images
 from gpf.field.field import GaussianPhotonField
 from gpf.rendering.field_renderer import FieldRenderer
@@ -88,8 +89,7 @@ def rooms(
     scenes of `scenes/`, by SPPM with a fifth as many passes: PSNR over all their pixels, FLIP, and
     energy, the sum of the image divided by that of the truth, without the brightest half percent of
     the pixels of either. Below the table: the fit, and the time of a sample, compared with `path`
-    without a depth limit. The images are kept as `NAME_METHOD.npy`, the truth as
-    `NAME_truth.npy`: (V, H, W, 3), linear.
+    without a depth limit. `NAME.png` shows the judged views by all methods.
     """
     for scene in scenes:
         room = open_room(scene, rows, views, judged, samples, kept)
@@ -120,7 +120,6 @@ def open_room(scene: str, rows: int, count: int, judged: int, samples: int, kept
         kept / f"{measured.name}_{rows}_{judged}_{samples}.npz", lambda: {"halves": halves()}
     )
     truth = Truth(found["halves"], measured.exposure)
-    np.save(kept / f"{measured.name}_truth.npy", truth.halves.mean(axis=1))
     return Room(measured, file, views, chosen, rows, truth, kept)
 
 
@@ -128,12 +127,15 @@ def compare(room: Room, goal: dict[str, Any], renderers: float | None = None) ->
     """Print the table of one room."""
     name, truth = room.measured.name, room.truth
     table = Table("method", "total s", "PSNR", "FLIP", "energy", title=name)
+    found: dict[str, np.ndarray] = {}
 
     def add(method: str, seconds: float, images: np.ndarray | str) -> None:
-        quality = [images] if isinstance(images, str) else judge(truth, images)
-        table.add_row(method, f"{seconds:.0f}", *quality)
-        if not isinstance(images, str):
-            np.save(room.kept / f"{name}_{method.replace(' ', '_')}.npy", images)
+        if isinstance(images, str):
+            table.add_row(method, "-", images)
+            return
+        quality = decibels(truth.errors(images).mean()), f"{truth.flip(images):.3f}"
+        table.add_row(method, f"{seconds:.0f}", *quality, f"{truth.energy(images):.3f}")
+        found[f"{method}, {quality[0]} dB"] = truth.shown(images)
 
     start = time.perf_counter()
     own = room.measured.views
@@ -151,15 +153,13 @@ def compare(room: Room, goal: dict[str, Any], renderers: float | None = None) ->
             add(method, total, render_by(room, options, view))
             longer = render_by(room, options, renderers)
             add(f"{method} {renderers:g} s", renderers * len(room.views), longer)
+    found["truth"] = truth.shown(truth.halves.mean(axis=1))
+    views = range(len(room.judged))
+    strips = [side_by_side([i[k] for i in found.values()], [*found]) for k in views]
+    stacked(strips).save(room.kept / f"{name}.png")
     console = Console(width=100)
     console.print(table)
     console.print(describe(room, field, (total - fitted + start) / len(room.views)))
-
-
-def judge(truth: Truth, images: np.ndarray) -> list[str]:
-    """PSNR, FLIP and energy."""
-    quality = decibels(truth.errors(images).mean()), f"{truth.flip(images):.3f}"
-    return [*quality, f"{truth.energy(images):.3f}"]
 
 
 def render_by(room: Room, options: BaselineOptions, seconds: float) -> np.ndarray | str:

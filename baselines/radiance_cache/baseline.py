@@ -94,6 +94,7 @@ class CacheAsField:
     model: CachedIrradiance
     settings: FieldSettings
     bounds: tuple[Any, Any]
+    volume: None = None  # no light in media
 
     def query(self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool) -> tuple[mi.Color3f, mi.Float]:
         """Irradiance, (N, 3), and 0 for the reach, which a network does not have."""

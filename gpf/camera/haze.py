@@ -128,7 +128,7 @@ def lit_by(lamps: Lamps | None, haze: Haze, sampler: mi.Sampler) -> mi.Color3f:
     place = Place(haze.p, haze.d, haze.medium).interaction()
     phase = haze.medium.phase_function()
     for group in lamps.groups() if lamps else ():
-        light, weight = group.sample(place, next_2d(sampler, haze.valid), haze.valid)
+        light, weight = group.sample(place, next_2d(sampler, haze.valid), haze.valid, haze.medium)
         share, _ = phase.eval_pdf(context, place, light.d, haze.valid & (light.pdf > 0))
         total += dr.select(light.pdf > 0, share * weight, 0)
     return total

@@ -17,6 +17,7 @@ def direct_light(
     si: mi.SurfaceInteraction3f,
     active: mi.Bool,
     lamps: Lamps | None = None,
+    medium: mi.MediumPtr | None = None,
 ) -> mi.Color3f:
     """Radiance towards ``si.wi`` from one sampled point on an emitter, W/(m² sr), (N, 3).
 
@@ -32,9 +33,10 @@ def direct_light(
     lamps: the emitters to sample; w is then 1, as no rays contribute the remaining weight. By
         default, all emitters are sampled, but not through surfaces that do not bend light: rays
         that pass through these no longer know ``p_f``.
+    medium: what the light comes through at the surface, if that is known.
     """
     sampled = Lamps(scene, through_null=False) if lamps is None else lamps
-    light, weight = sampled.sample(si, next_2d(sampler, active), active)
+    light, weight = sampled.sample(si, next_2d(sampler, active), active, medium)
     active = active & (light.pdf > 0)  # not &=, which would change the caller's mask
     wo = si.to_local(light.d)
     if lamps is not None:

@@ -153,7 +153,8 @@ def follow(
         throughput /= dr.select(ends, share, 1 - share)
         lights = ends & mi.Bool(bool(lamps))
         if lights:
-            emission += throughput * _light_of(lamps, sampler, bsdf, si, lights)
+            here = _medium_before(media, view, si, ray)
+            emission += throughput * _light_of(lamps, sampler, bsdf, si, lights, here)
         if ends:
             p = mi.Point3f(si.p)
             n = mi.Normal3f(dr.mulsign(si.n, -dr.dot(si.n, ray.d)))
@@ -193,11 +194,20 @@ def _share_of_diffuse(diffuse: mi.Bool, reflectance: mi.Color3f, weight: mi.Colo
     return dr.select(diffuse & (from_diffuse + from_others <= 0), 1, share)
 
 
+def _medium_before(  # type: ignore[no-untyped-def]
+    media: Media, view: View, si, ray
+) -> mi.MediumPtr | None:
+    """The medium that rays come through to a surface, (N,); None if there are no media."""
+    if not media.there:
+        return None
+    return dr.select(si.is_medium_transition(), si.target_medium(-ray.d), view.medium)
+
+
 def _light_of(  # type: ignore[no-untyped-def]
-    lamps: Lamps | None, sampler, bsdf, si, active
+    lamps: Lamps | None, sampler, bsdf, si, active, medium
 ) -> mi.Color3f:
     """The direct light of lamps on the diffuse component, W/(m² sr), (N, 3)."""
     context, total = diffuse_context(), mi.Color3f(0)
     for group in lamps.groups() if lamps else ():
-        total += direct_light(group.scene, sampler, context, bsdf, si, active, group)
+        total += direct_light(group.scene, sampler, context, bsdf, si, active, group, medium)
     return total

@@ -16,6 +16,7 @@ from gpf.core.structs import VisiblePoints, from_numpy, take, to_numpy
 from gpf.guiding.surface_patch import SurfacePatch
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
+from gpf.scene.media import medium_at
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
 
@@ -52,8 +53,8 @@ class ViewReport:
         specular surfaces.
     clearance: distance from the camera to the nearest surface, in units of the median distance
         from the cameras to their visible points.
-    inside: whether the camera is inside a refracting object, i.e. it sees most of the refracting
-        surfaces around it from their inner side.
+    inside: whether the camera is inside a refracting object without a medium, i.e. it sees most of
+        the refracting surfaces around it from their inner side.
     points: the visible points, one per pixel.
     """
 
@@ -127,7 +128,8 @@ def report_views(
             lit_share=float(lit[k].sum() / max(valid[k].sum(), 1)),
             light_share=float((lit[k] | shines[k]).mean()),
             clearance=float(clearances[k]) / typical,
-            inside=bool(inside[k]),
+            # A camera in a medium, such as water, is meant to be there.
+            inside=bool(inside[k]) and medium_at(scene, views[k].origin) is None,
             points=take(points, every + k * lanes),
         )
         for k, view in enumerate(views)

@@ -52,23 +52,57 @@ class Lamps:
         self._groups: list[Lamps] | None = None
 
     def sample(
-        self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
+        self,
+        origin: mi.Interaction3f,
+        sample: mi.Point2f,
+        active: mi.Bool,
+        medium: mi.MediumPtr | None = None,
     ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
         """Sample a point on one of the emitters, as ``scene.sample_emitter_direction`` does.
 
         Returns the point, with a density of zero if it is hidden, and its radiance divided by the
         density of its direction, times the fraction that arrives, W/m² for a cosine of one, (N, 3).
+
+        ``medium``: what is around the origins, if that is known.
         """
         light, weight = self._choose(origin, sample, active)
         seen = active & (light.pdf > 0)
         if self._asks_null:
-            share = _arriving_share(self.scene, self._media, origin, light.p, seen)
+            ray = origin.spawn_ray_to(light.p)
+            if medium is None and self._media.there:
+                medium = self._media.around(ray, seen)
+            share = self._arriving_share(ray, light.p, seen, medium)
             weight *= share
             seen &= dr.any(share > 0)
         else:
             seen &= ~self.scene.ray_test(origin.spawn_ray_to(light.p), seen)
         light.pdf = dr.select(seen, light.pdf, 0)
         return light, dr.select(seen, weight, 0)
+
+    @loops_traced_once
+    @dr.syntax
+    def _arriving_share(  # type: ignore[no-untyped-def]
+        self, ray, target, active, medium
+    ) -> mi.Color3f:
+        """The fraction of light from points that goes straight to the origins of rays, (N, 3)."""
+        share, walking = dr.select(active, mi.Color3f(1), 0), mi.Bool(active)
+        if dr.hint(not self._media.there, mode="scalar"):
+            medium = mi.UInt32(0)
+        while dr.hint(walking, exclude=[target]):
+            si = self.scene.ray_intersect(ray, active=walking)
+            if dr.hint(self._media.there, mode="scalar"):
+                distance = dr.minimum(si.t, ray.maxt)
+                share *= self._media.transmittance(medium, ray, distance, walking)
+                crossing = walking & si.is_medium_transition()
+                medium = dr.select(crossing, si.target_medium(ray.d), medium)
+            walking &= si.is_valid()
+            through = mi.Color3f(0)
+            if dr.hint(self._through_null, mode="scalar"):
+                through = si.bsdf(ray).eval_null_transmission(si, walking)
+            share *= dr.select(walking, through, 1)
+            walking &= dr.any(share > 0)
+            ray = si.spawn_ray_to(target)
+        return share
 
     @cached_property
     def _asks_null(self) -> bool:
@@ -133,32 +167,6 @@ class Lamps:
         for group, index in zip(other._groups, arrays, strict=True):
             group._index = index
         return other
-
-
-@loops_traced_once
-@dr.syntax
-def _arriving_share(
-    scene: mi.Scene, media: Media, origin: mi.Interaction3f, target: mi.Point3f, active: mi.Bool
-) -> mi.Color3f:
-    """The fraction of light from one point that goes straight to another, (N, 3)."""
-    share = dr.select(active, mi.Color3f(1), 0)
-    ray = origin.spawn_ray_to(target)
-    medium = dr.zeros(mi.MediumPtr)
-    if dr.hint(media.there, mode="scalar"):
-        medium = media.around(ray, active)
-    walking = mi.Bool(active)
-    while dr.hint(walking, exclude=[target]):
-        si = scene.ray_intersect(ray, active=walking)
-        if dr.hint(media.there, mode="scalar"):
-            share *= media.transmittance(medium, ray, dr.minimum(si.t, ray.maxt), walking)
-            crossing = walking & si.is_medium_transition()
-            medium = dr.select(crossing, si.target_medium(ray.d), medium)
-        walking &= si.is_valid()
-        through = si.bsdf(ray).eval_null_transmission(si, walking)
-        share *= dr.select(walking, through, 1)
-        walking &= dr.any(share > 0)
-        ray = si.spawn_ray_to(target)
-    return share
 
 
 def small_lamps(scene: mi.Scene, length: float) -> list[int]:

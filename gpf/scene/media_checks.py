@@ -42,7 +42,7 @@ def check_media(scene: mi.Scene, where: str = "scene") -> None:
     media = list_media(scene)
     for medium in media:
         _check_coefficients(medium, where)
-    if not media:
+    if not media or not dr.is_jit_v(mi.Float):  # rays by the thousand need a wavefront variant
         return
     wrong, number = wrong_boundaries(scene)
     if number and wrong > _WRONG * number:

@@ -168,7 +168,8 @@ class PhotonPass:
 
     def radiance(self, points: VisiblePoints, haze: Haze) -> mi.Color3f:
         """Radiance that cameras see, W/(m² sr), (N, 3)."""
-        return points.radiance(self.irradiance(points)) + haze.radiance(self.scattered(haze))
+        found = points.radiance(self.irradiance(points))
+        return found + haze.radiance(self.scattered(haze)) if self.cloud.radius else found
 
     def _budget(self, depth: mi.UInt32) -> Any:
         """The greatest depth of photons: a path has depth + 1 edges from the camera and depth + 1

@@ -4,8 +4,10 @@ import re
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from benchmarks import fit
+from benchmarks.pictures import HEAD
 from benchmarks.quality import app
 from gpf.rendering.denoiser import available
 from tests.benchmarks.conftest import cells, numbers
@@ -48,6 +50,8 @@ def test_rooms(run, tmp_path):
     told = run(app, "rooms", FILE, "--passes", 2, *sizes, "--kept", tmp_path)
     for method in ("field", "path + OIDN", "SPPM"):
         assert len(numbers(cells(told, method))) == 4
+    picture = Image.open(tmp_path / f"{BOX}.png")
+    assert picture.height == 2 * (16 + HEAD)
     assert re.search(r"2 passes in \d+ s, .*ratio \d", told, re.DOTALL)
 
 

@@ -13,6 +13,7 @@ from gpf.field.io import load_field, save_field
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.lights import set_lights
 from gpf.rendering.settings import RenderSettings
+from gpf.scene.light_groups import LightGroups
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from tests.foggy import fog_box, medium
@@ -75,7 +76,7 @@ def test_lamps_in_fog_are_dimmed(monkeypatch):
     make_small(monkeypatch, passes=12, steps=24, paths=20_000)
     bulb = point_light((0.6, -0.6, 0.6), 2)
     scene = scene_of(bulb=bulb)
-    field = fit(scene, 12, groups="auto")
+    field = fit(scene, 12, groups=LightGroups.parse("auto", scene))
     names = field.lights.groups.names
     name = next(each for each in names if "bulb" in each)
     set_lights(scene, field, f"{name}=0")
