@@ -50,8 +50,8 @@ def test_rooms(run, tmp_path):
     told = run(app, "rooms", FILE, "--passes", 2, *sizes, "--kept", tmp_path)
     for method in ("field", "path + OIDN", "SPPM"):
         assert len(numbers(cells(told, method))) == 4
-    picture = Image.open(tmp_path / f"{BOX}.png")
-    assert picture.height == 2 * (16 + HEAD)
+    with Image.open(tmp_path / f"{BOX}.png") as picture:
+        assert picture.height == 2 * (16 + HEAD)
     assert re.search(r"2 passes in \d+ s, .*ratio \d", told, re.DOTALL)
 
 

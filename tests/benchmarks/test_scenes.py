@@ -7,6 +7,7 @@ from PIL import Image
 
 from benchmarks import scenes
 from benchmarks.measured_scenes import BUILT, open_scene
+from benchmarks.pictures import GAP, HEAD
 from benchmarks.scenes import app
 
 OLD = """
@@ -31,8 +32,8 @@ def test_placement(run, tmp_path, monkeypatch):
     run(app, "placement", "--sheet", tmp_path / "sheet.png", "open_box")
     with Image.open(tmp_path / "sheet.png") as sheet:
         views = 3 + 5 + 4
-        assert sheet.size == (views * (96 + scenes.GAP), scenes.ROWS + 18)
-        first = np.asarray(sheet)[18:, :96]
+        assert sheet.size == (views * (96 + GAP) - GAP, scenes.ROWS + HEAD)
+        first = np.asarray(sheet)[HEAD:, :96]
     assert 20 < first.mean() < 235 and first.std() > 5
 
 

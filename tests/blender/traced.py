@@ -20,7 +20,7 @@ def main(file: str, out: str, samples: str, seed: str) -> None:
     cycles = scene.cycles
     cycles.samples, cycles.seed = int(samples), int(seed)
     cycles.use_adaptive_sampling = cycles.use_denoising = False
-    for kind in ("max", "diffuse", "glossy", "transmission"):
+    for kind in ("max", "diffuse", "glossy", "transmission", "volume"):
         setattr(cycles, f"{kind}_bounces", 32)
     cycles.transparent_max_bounces = 32
     cycles.sample_clamp_indirect = cycles.sample_clamp_direct = 0
