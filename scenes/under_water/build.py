@@ -15,11 +15,11 @@ import numpy as np
 from gpf.modelling.meshes import Mesh, grid, join, quad, write_ply
 from gpf.modelling.paving import tiles
 from gpf.modelling.textures import write_png
+from gpf.modelling.waves import spread_waves, water_surface
 
 HALF_X, HALF_Z, FLOOR = 1.5, 1.0, -1.2
 GAP = 0.001
 CELLS_X, CELLS_Z = 192, 128  # 49,152 triangles
-GOLDEN = (5**0.5 - 1) / 2
 
 # (wavelength, root-mean-square slope, number of directions)
 BANDS = ((1.3, 0.03, 3), (0.6, 0.05, 5), (0.3, 0.05, 7))
@@ -28,34 +28,11 @@ PALE = [(0.0, (0.45, 0.66, 0.72)), (0.5, (0.55, 0.75, 0.79)), (1.0, (0.64, 0.82,
 GROUT = (0.74, 0.78, 0.78)
 
 
-def waves() -> np.ndarray:
-    """Sine waves as rows (k_x, k_z, amplitude, phase), spread evenly by the golden ratio."""
-    rows: list[tuple[float, ...]] = []
-    for wavelength, slope, count in BANDS:
-        for i in range(count):
-            n = len(rows) + 1
-            angle = 2 * np.pi * (n * GOLDEN % 1)
-            k = 2 * np.pi / (wavelength * (0.8 + 0.4 * ((i + 0.5) * GOLDEN % 1)))
-            amplitude = slope / k * (2 / count) ** 0.5
-            phase = 2 * np.pi * (n * n * GOLDEN % 1)
-            rows.append((k * np.cos(angle), k * np.sin(angle), amplitude, phase))
-    return np.array(rows)
-
-
 def surface() -> Mesh:
-    """The height field y = h(x, z) with the normals of the waves, upwards."""
-    x = np.linspace(-HALF_X + GAP, HALF_X - GAP, CELLS_X + 1)[None, :]
-    z = np.linspace(HALF_Z - GAP, -HALF_Z + GAP, CELLS_Z + 1)[:, None]
-    height, slope_x, slope_z = (np.zeros(np.broadcast(x, z).shape) for _ in range(3))
-    for k_x, k_z, amplitude, phase in waves():
-        angle = k_x * x + k_z * z + phase
-        height += amplitude * np.sin(angle)
-        slope_x += amplitude * k_x * np.cos(angle)
-        slope_z += amplitude * k_z * np.cos(angle)
-    points = np.stack(np.broadcast_arrays(x, height, z), axis=-1)
-    normals = np.stack([-slope_x, np.ones_like(height), -slope_z], axis=-1)
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    return replace(grid(points), normals=normals.reshape(-1, 3))
+    """The surface of the water."""
+    x = np.linspace(-HALF_X + GAP, HALF_X - GAP, CELLS_X + 1)
+    z = np.linspace(HALF_Z - GAP, -HALF_Z + GAP, CELLS_Z + 1)
+    return water_surface(spread_waves(BANDS), x, z)
 
 
 def sides() -> Mesh:

@@ -20,11 +20,11 @@ from pathlib import Path
 import numpy as np
 
 from gpf.modelling.meshes import grid, write_ply
+from gpf.modelling.waves import GOLDEN, sum_waves, upward_normals
 
 CELLS = 224  # along x and along z: 2 * 224 * 224 = 100,352 triangles
 MARGIN = 0.001  # how far the water reaches into the walls
 LOWEST, HIGHEST = 1.326, 1.667  # of the surface
-GOLDEN = (5**0.5 - 1) / 2
 
 # (wavelength, root-mean-square amplitude before the heights are scaled, number of directions).
 # A crest with the radius of curvature R is a lens of the focal length 2.25 R (IOR 1.8): the middle
@@ -52,16 +52,10 @@ def heights(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     The sum of waves is scaled so that its extremes on the grid are LOWEST and HIGHEST. The normal
     of y = h is (-dh/dx, 1, -dh/dz), normalised.
     """
-    total, slope_x, slope_z = (np.zeros((len(z), len(x))) for _ in range(3))
-    for k_x, k_z, amplitude, phase in waves():
-        angle = k_x * x[None, :] + k_z * z[:, None] + phase
-        total += amplitude * np.sin(angle)
-        slope_x += amplitude * k_x * np.cos(angle)
-        slope_z += amplitude * k_z * np.cos(angle)
+    total, slope_x, slope_z = sum_waves(waves(), x, z)
     scale = (HIGHEST - LOWEST) / (total.max() - total.min())
     height = LOWEST + scale * (total - total.min())
-    normal = np.stack([-scale * slope_x, np.ones_like(total), -scale * slope_z], axis=-1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal = upward_normals(scale * slope_x, scale * slope_z)
     # A sine may differ in its last bit between machines; six decimals do not.
     return np.round(height, 6), np.round(normal, 6)
 

@@ -20,13 +20,13 @@ from gpf.modelling.meshes import Mesh, box, grid, join, quad, write_ply
 from gpf.modelling.paving import planks, tiles
 from gpf.modelling.sky import write_sky
 from gpf.modelling.textures import fractal_noise, ramp, write_png
+from gpf.modelling.waves import GOLDEN, spread_waves, water_surface
 
 HALF_X, HALF_Z, FLOOR = 1.5, 1.3, -1.1  # the basin; the deck is at y = 0
 LEVEL = -0.13  # mean height of the water
 CELLS_X, CELLS_Z = 256, 222  # 2 * 256 * 222 = 113,664 triangles
 MARGIN = 0.001  # how far the water reaches into the walls
 OVERLAP = 0.02  # how far a surface reaches behind its neighbour
-GOLDEN = (5**0.5 - 1) / 2
 
 TILE = 0.1
 BAND_ROWS = 3  # rows of tiles below the deck that are a mosaic of half the size
@@ -54,35 +54,11 @@ ORANGE, CREAM = (0.90, 0.50, 0.16), (0.90, 0.87, 0.80)
 SKY = [(-0.15, (0.03, 0.03, 0.03)), (0.0, (0.18, 0.20, 0.22)), (1.0, (0.07, 0.12, 0.20))]
 
 
-def waves() -> np.ndarray:
-    """Sine waves as rows (k_x, k_z, amplitude, phase), spread evenly by the golden ratio."""
-    rows: list[tuple[float, ...]] = []
-    for wavelength, slope, count in BANDS:
-        for i in range(count):
-            n = len(rows) + 1
-            angle = 2 * np.pi * (n * GOLDEN % 1)
-            # Wavelengths differ by up to 20% from the band's, so that no two waves are equal.
-            k = 2 * np.pi / (wavelength * (0.8 + 0.4 * ((i + 0.5) * GOLDEN % 1)))
-            phase = 2 * np.pi * (n * n * GOLDEN % 1)
-            amplitude = slope / k * (2 / count) ** 0.5
-            rows.append((k * np.cos(angle), k * np.sin(angle), amplitude, phase))
-    return np.array(rows)
-
-
 def water() -> Mesh:
-    """The height field y = h(x, z), with the analytic normals of the sine waves, upwards."""
-    x = np.linspace(-HALF_X - MARGIN, HALF_X + MARGIN, CELLS_X + 1)[None, :]
-    z = np.linspace(HALF_Z + MARGIN, -HALF_Z - MARGIN, CELLS_Z + 1)[:, None]
-    height, slope_x, slope_z = (np.zeros(np.broadcast(x, z).shape) for _ in range(3))
-    for k_x, k_z, amplitude, phase in waves():
-        angle = k_x * x + k_z * z + phase
-        height += amplitude * np.sin(angle)
-        slope_x += amplitude * k_x * np.cos(angle)
-        slope_z += amplitude * k_z * np.cos(angle)
-    points = np.stack(np.broadcast_arrays(x, LEVEL + height, z), axis=-1)
-    normals = np.stack([-slope_x, np.ones_like(height), -slope_z], axis=-1)
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    return replace(grid(points), normals=normals.reshape(-1, 3))
+    """The surface of the water."""
+    x = np.linspace(-HALF_X - MARGIN, HALF_X + MARGIN, CELLS_X + 1)
+    z = np.linspace(HALF_Z + MARGIN, -HALF_Z - MARGIN, CELLS_Z + 1)
+    return water_surface(spread_waves(BANDS), x, z, LEVEL)
 
 
 def plane(corner: np.ndarray, right: np.ndarray, up: np.ndarray, origin: np.ndarray) -> Mesh:
