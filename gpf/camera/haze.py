@@ -28,16 +28,6 @@ class View:
     chances: mi.Float
 
 
-def start_view(media: Media, ray: mi.Ray3f, active: mi.Bool) -> View:
-    """The state at the origin of rays."""
-    return View(media.around(ray, active), nothing_seen(), mi.Float(0))
-
-
-def nothing_seen() -> Haze:
-    """No place in a medium."""
-    return dr.zeros(Haze)
-
-
 @dr.syntax
 def look_through(  # type: ignore[no-untyped-def]
     view: View, media: Media, ray, distance, throughput, depth, counts, sampler, active

@@ -5,7 +5,7 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from gpf.camera.haze import View, lit_by, look_through, nothing_seen, start_view
+from gpf.camera.haze import View, lit_by, look_through
 from gpf.camera.next_event import direct_light, share_of_bsdf
 from gpf.camera.two_ways import GivenWay, RandomWay
 from gpf.core.random import next_1d, next_2d
@@ -115,9 +115,9 @@ def follow(
     way = ways.start()
     active = mi.Bool(active) & (deepest > 0)
     media = Media(scene)
-    view = View(dr.zeros(mi.MediumPtr), nothing_seen(), mi.Float(0))
+    view = View(dr.zeros(mi.MediumPtr), dr.zeros(Haze), mi.Float(0))
     if dr.hint(media.there, mode="scalar"):
-        view = start_view(media, ray, active)
+        view.medium = media.around(ray, active)
 
     while active:
         si = scene.ray_intersect(ray, mi.RayFlags.All, depth < COHERENT, active=active)

@@ -178,8 +178,7 @@ def write_field(stored: StoredField, path: Path, precision: Precision = "float32
     ------
     UserError: a value is NaN or infinite, or the file cannot be written.
     """
-    parts = {"": stored} | ({VOLUME: stored.volume} if stored.volume else {})
-    for part in parts.values():
+    for part in filter(None, (stored, stored.volume)):
         if name := name_not_finite(part.tensors):
             raise UserError(
                 str(path),

@@ -20,9 +20,10 @@ import mitsuba as mi
 
 from gpf.camera.visible_points import follow
 from gpf.core.structs import Haze, VisiblePoints, Way
-from gpf.scene.inventory import all_shapes, divides_walks
+from gpf.scene.inventory import divides_walks
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import require_separable
+from gpf.scene.shapes import all_shapes
 
 log = logging.getLogger(__name__)
 

@@ -11,6 +11,7 @@ import mitsuba as mi
 from gpf.core.errors import UserError
 from gpf.scene.materials import NOT_DIFFUSE, inseparable_materials
 from gpf.scene.media_checks import check_media
+from gpf.scene.shapes import all_shapes
 
 
 def check_scene(scene: mi.Scene, where: str = "scene") -> None:
@@ -136,13 +137,6 @@ def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:
             name = f"{plain} ({numbers[plain] + 1})"
         found[name] = bsdf
     return found
-
-
-def all_shapes(scene: mi.Scene) -> list[mi.Shape]:
-    """The shapes of a scene and of its shape groups, each once."""
-    parts = mi.traverse(scene).hierarchy
-    inner = [part for part in parts if isinstance(part, mi.Shape)]
-    return list(dict.fromkeys((*scene.shapes(), *inner)))
 
 
 def divides_walks(scene: mi.Scene) -> bool:

@@ -15,6 +15,7 @@ import mitsuba as mi
 
 from gpf.core.loops import loops_traced_once
 from gpf.scene.bounds import scene_bounds
+from gpf.scene.shapes import all_shapes
 
 CROSSING = 4.0
 """Least number of places per crossing of the scene at which a flight asks what is there. In thin
@@ -84,21 +85,22 @@ class Media:
 
     Attributes
     ----------
-    every: all of them, some more than once.
+    every: all of them.
     there: whether there are any. If not, nothing of this may be recorded.
     homogeneous: whether each is the same everywhere.
     """
 
     def __init__(self, scene: mi.Scene) -> None:
         self.scene = scene
+        shapes = all_shapes(scene)
         inner, outer = (
-            [medium for shape in scene.shapes() if (medium := side(shape)) is not None]
+            [medium for shape in shapes if (medium := side(shape)) is not None]
             for side in (mi.Shape.interior_medium, mi.Shape.exterior_medium)
         )
         named = [owner.get_medium() for owner in (*scene.sensors(), *scene.emitters())]
         # What cameras and lamps are in, but no shape has inside, is around all shapes.
         endless = [medium for medium in named if medium is not None and medium not in inner]
-        self.every = [*endless, *inner, *outer]
+        self.every = list(dict.fromkeys((*endless, *inner, *outer)))
         self.there = bool(self.every)
         if not self.there:
             return

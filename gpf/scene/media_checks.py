@@ -21,14 +21,9 @@ RAYS = 4096
 _CROSSINGS, _WRONG = 16, 0.01
 
 
-def list_media(scene: mi.Scene) -> list[mi.Medium]:
-    """The media of a scene, each once."""
-    return [part for part in mi.traverse(scene).hierarchy if isinstance(part, mi.Medium)]
-
-
 def describe_media(scene: mi.Scene) -> str:
     """The scene's participating media in words; empty if it has none."""
-    kinds = Counter("homogeneous" if m.is_homogeneous() else "grid" for m in list_media(scene))
+    kinds = Counter("homogeneous" if m.is_homogeneous() else "grid" for m in Media(scene).every)
     if not kinds:
         return ""
     parts = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
@@ -39,7 +34,7 @@ def describe_media(scene: mi.Scene) -> str:
 def check_media(scene: mi.Scene, where: str = "scene") -> None:
     """Raise a :class:`UserError` if light cannot be traced in the scene's media: a coefficient is
     impossible, or surfaces disagree about what is between them."""
-    media = list_media(scene)
+    media = Media(scene).every
     for medium in media:
         _check_coefficients(medium, where)
     if not media or not dr.is_jit_v(mi.Float):  # rays by the thousand need a wavefront variant
@@ -64,15 +59,15 @@ def _check_coefficients(medium: mi.Medium, where: str) -> None:
         numbers = np.array(value, np.float64).ravel()
         what = "albedo" if part == "albedo" else "density"
         if not np.isfinite(numbers).all():
-            raise UserError(where, f"has NaN or infinite values in the {what} of {name}", _TODO)
+            raise UserError(where, f"has NaN or infinite values in the {what} of {name}", _REMEDY)
         if numbers.min() < 0 or (part == "albedo" and numbers.max() > 1):
             limits = "[0, 1]" if part == "albedo" else "[0, ∞)"
             found = numbers.min() if numbers.min() < 0 else numbers.max()
             words = f"has {found:.4g} in the {what} of {name}, which is outside {limits}"
-            raise UserError(where, words, _TODO)
+            raise UserError(where, words, _REMEDY)
 
 
-_TODO = "Correct it in the scene."
+_REMEDY = "Correct it in the scene."
 
 
 def wrong_boundaries(scene: mi.Scene) -> tuple[int, int]:

@@ -175,3 +175,15 @@ def test_a_description():
     )
     assert describe_media(two) == "participating media: 2 homogeneous"
     assert describe_media(mi.load_dict(cornell_box())) == ""
+
+
+def test_media_in_instances():
+    scene = fog_box(medium(1))
+    box = scene.pop("box")
+    scene["group"] = {"type": "shapegroup", "box": box}
+    scene["copy"] = {"type": "instance", "group": {"type": "ref", "id": "group"}}
+    loaded = mi.load_dict(scene, optimize=False)
+    media = Media(loaded)
+    found = media.around(rays((0.7, 0, 0.7), (1, 0, 0), 3), dr.full(mi.Bool, True, 3))
+    assert media.there and dr.all(found == mi.MediumPtr(media.every[0]))
+    check_media(loaded)
