@@ -37,7 +37,7 @@ class FinalGathering(mi.ad.integrators.common.ADIntegrator):
         # that the ray meets on its way and, because of `lamps`, the direct light at its end. Light
         # through thin panes is left to the second ray.
         lamps = Lamps(scene, through_null=False)
-        first = find_visible_points(scene, sampler, ray, active=active, lamps=lamps)
+        first, _ = find_visible_points(scene, sampler, ray, active=active, lamps=lamps)
 
         # A diffuse BSDF chooses directions in proportion to the cosine.
         direction = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
@@ -46,7 +46,7 @@ class FinalGathering(mi.ad.integrators.common.ADIntegrator):
 
         # The light along that ray. Some fields leave the direct light of small lamps to us.
         lamps = self.field.settings.sampled_lamps(scene)
-        second = find_visible_points(scene, sampler, ray, active=first.valid, lamps=lamps)
+        second, _ = find_visible_points(scene, sampler, ray, active=first.valid, lamps=lamps)
         irradiance, _ = self.field.query(second.p, second.n, second.valid)
         light = self.field.reflect(second, irradiance)
 

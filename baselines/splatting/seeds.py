@@ -93,7 +93,7 @@ def look(scene: mi.Scene, camera: Pinhole, seed: int, rr_depth: int) -> Sight:
     ray = mi.Ray3f(mi.Point3f(*camera.origin.tolist()), from_numpy(mi.Vector3f, directions))
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, len(rows))
-    found = find_visible_points(scene, sampler, ray, rr_depth=rr_depth)
+    found, _ = find_visible_points(scene, sampler, ray, rr_depth=rr_depth)
     first = scene.ray_intersect(ray)
     outside = SKY * float(np.linalg.norm(np.diff(bounding_box(scene), axis=0)))
     way = np.linalg.norm(to_numpy(found.p) - camera.origin, axis=1)

@@ -10,7 +10,7 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.camera.rays import sample_rays_at
-from gpf.camera.visible_points import see
+from gpf.camera.visible_points import find_visible_points
 from gpf.core.structs import Haze, VisiblePoints, concatenate
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import is_only_glossy
@@ -91,7 +91,7 @@ def sample_film(
     ray, weight = sample_rays_at(sensor, sampler, position - offset)
     ray = mi.Ray3f(ray)
     options: dict[str, Any] = {"max_depth": max_depth, "rr_depth": rr_depth, "lamps": lamps}
-    points, haze = see(scene, sampler, ray, **options)
+    points, haze = find_visible_points(scene, sampler, ray, **options)
     samples = FilmSamples(points, haze, weight, position, mi.UInt32(), 1)
     if walks > 1:
         dr.eval(samples, ray)
@@ -103,9 +103,9 @@ def sample_film(
             again = dr.gather(mi.Ray3f, ray, dr.gather(mi.UInt32, samples.split, lane))
             # Different from the seed of the first walks.
             sampler.seed((seed + 1) % 2**32, extra)
-            further = see(scene, sampler, again, **options)
-            samples.points = concatenate([points, further[0]])
-            samples.haze = concatenate([haze, further[1]])
+            further, places = find_visible_points(scene, sampler, again, **options)
+            samples.points = concatenate([points, further])
+            samples.haze = concatenate([haze, places])
     return samples
 
 

@@ -29,22 +29,9 @@ def find_visible_points(
     rr_depth: int = 5,
     active: mi.Bool | bool = True,
     lamps: Lamps | None = None,
-) -> VisiblePoints:
-    """Follow rays through glossy and specular bounces to their first diffuse hit, (N,): the points
-    of :func:`see`."""
-    return see(scene, sampler, ray, max_depth, rr_depth, active, lamps)[0]
-
-
-def see(
-    scene: mi.Scene,
-    sampler: mi.Sampler,
-    ray: mi.Ray3f,
-    max_depth: int = -1,
-    rr_depth: int = 5,
-    active: mi.Bool | bool = True,
-    lamps: Lamps | None = None,
 ) -> tuple[VisiblePoints, Haze]:
-    """What rays see.
+    """Follow rays through glossy and specular bounces to their first diffuse hit, (N,), and the
+    places chosen in media on the way.
 
     This is :func:`follow` with all choices made at random and the result evaluated. The rays are
     evaluated first, so that one kernel serves all cameras: for a room with many materials, it takes

@@ -31,13 +31,22 @@ def query_in_order(
     place = dr.zeros(mi.UInt32, dr.width(asks))
     if dr.width(asking) == 0:
         return mi.Color3f(0), mi.Float(dr.inf), place
-    radius = field.settings.search_radius
-    x = field.unfold(dr.gather(mi.Point3f, p, asking))
-    facing = mi.Vector3f(dr.gather(mi.Normal3f, n, asking))
-    order = order_lanes_in_space(x + radius * facing, radius / 8)
-    asking = dr.gather(mi.UInt32, asking, order)
+    asking = in_order(field, p, n, asking)
     p, n = dr.gather(mi.Point3f, p, asking), dr.gather(mi.Normal3f, n, asking)
     value, reach = field.query(p, n, mi.Bool(True))
     dr.scatter(place, dr.arange(mi.UInt32, dr.width(asking)), asking)
     dr.eval(value, reach, place)
     return value, reach, place
+
+
+def in_order(
+    field: GaussianPhotonField, p: mi.Point3f, n: mi.Normal3f, lanes: mi.UInt32
+) -> mi.UInt32:
+    """Some lanes, (M,), with those next to each other that look at the same Gaussians.
+
+    ``p``, ``n``: positions and normals of all lanes, (N, 3); the normals are 0 in media.
+    """
+    radius = field.settings.search_radius
+    x = field.unfold(dr.gather(mi.Point3f, p, lanes))
+    facing = mi.Vector3f(dr.gather(mi.Normal3f, n, lanes))
+    return dr.gather(mi.UInt32, lanes, order_lanes_in_space(x + radius * facing, radius / 8))

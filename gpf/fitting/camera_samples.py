@@ -10,7 +10,7 @@ import numpy as np
 
 from gpf.camera.haze import lit_by
 from gpf.camera.rays import sample_rays_at
-from gpf.camera.visible_points import see
+from gpf.camera.visible_points import find_visible_points
 from gpf.core.images import check_finite
 from gpf.core.random import Stream, pass_seed, random_start
 from gpf.core.structs import Haze, concatenate, from_numpy, take, to_numpy
@@ -55,7 +55,7 @@ class CameraSamples:
     ) -> None:
         sampler = mi.load_dict({"type": "independent", "sample_count": SAMPLES})
         rays = _rays(sensors, sampler, max(1, pixels // len(sensors)), seed)
-        points, haze = see(scene, sampler, rays)
+        points, haze = find_visible_points(scene, sampler, rays)
         self._emission = to_numpy(points.emission)
         check_finite(self._emission, "light that reaches the cameras")
         lanes = [dr.compress(points.valid), dr.compress(haze.valid)]

@@ -100,7 +100,7 @@ def sample_visible_points(
     wanders = si.is_valid() & (sampler.next_1d() < 0.5)
     ray.o = dr.select(wanders, ray.o + along * si.t * ray.d, ray.o)
     ray.d = dr.select(wanders, direction, ray.d)
-    return find_visible_points(scene, sampler, mi.Ray3f(ray))
+    return find_visible_points(scene, sampler, mi.Ray3f(ray))[0]
 
 
 def _reach(p: mi.Point3f, bounds: tuple[mi.Point3f, mi.Point3f]) -> float:

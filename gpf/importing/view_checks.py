@@ -103,7 +103,7 @@ def report_views(
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(seed, lanes * len(views))
     ray = mi.Ray3f(from_numpy(mi.Point3f, o.T), from_numpy(mi.Vector3f, d.T))
-    points = find_visible_points(scene, sampler, ray)
+    points, _ = find_visible_points(scene, sampler, ray)
     valid = np.asarray(points.valid.numpy()).reshape(len(views), lanes)
     place = to_numpy(points.p).reshape(len(views), lanes, 3)
     distances = [

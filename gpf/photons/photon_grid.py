@@ -81,10 +81,6 @@ class PhotonSums:
         self.paths = [0, 0]
         self.table = CellTable(capacity)
 
-    def trace(self, scene: mi.Scene, seed: int, half: int, diffused: bool = True) -> None:
-        """Add the photons on surfaces of one more pass, as :func:`trace_pass`."""
-        trace_pass(scene, seed, half, self, None, diffused)
-
     def _learn(self, few: Photons) -> None:
         """Note the typical power and the number of photons, from :data:`PILOT` paths."""
         sizes = np.abs(few.power.numpy()).max(axis=0) if dr.width(few.p) else np.ones(1)
@@ -172,7 +168,7 @@ def trace_pass(
     seed: int,
     half: int,
     surfaces: PhotonSums | None,
-    cloud: PhotonSums | None,
+    cloud: PhotonSums | None = None,
     diffused: bool = True,
 ) -> None:
     """Add the photons of one more pass to half 0 or 1 of those on surfaces and of those in media.

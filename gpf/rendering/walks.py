@@ -15,10 +15,9 @@ import mitsuba as mi
 
 from gpf.camera.haze import lit_by
 from gpf.camera.visible_points import follow
-from gpf.core.morton import order_lanes_in_space
 from gpf.core.structs import Haze, VisiblePoints, Way, take
 from gpf.field.field import GaussianPhotonField
-from gpf.field.ordered_query import query_in_order
+from gpf.field.ordered_query import in_order, query_in_order
 from gpf.rendering.aovs import at_visible_point
 from gpf.rendering.recording import RecordedWalks
 
@@ -190,9 +189,8 @@ class GroupedWalks(Walks):
         asking, fluence = dr.compress(haze.valid), self.field.volume.fluence
         found = dr.zeros(mi.Color3f, dr.width(haze.valid))
         if dr.width(asking) > 0:
-            x = fluence.unfold(dr.gather(mi.Point3f, haze.p, asking))
-            order = order_lanes_in_space(x, fluence.settings.search_radius / 8)
-            asking = dr.gather(mi.UInt32, asking, order)
+            nowhere = dr.zeros(mi.Normal3f, dr.width(haze.valid))
+            asking = in_order(fluence, haze.p, nowhere, asking)
             dr.scatter(found, super()._scattered(take(haze, asking)), asking)
         return found
 

@@ -115,7 +115,7 @@ def see_further(scene: mi.Scene, points: VisiblePoints, seed: int) -> VisiblePoi
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, dr.width(points.p))
     ray, _ = FixedPoints(scene, points).cosine_rays(sampler.next_2d())
-    found = concatenate([points, find_visible_points(scene, sampler, ray)])
+    found = concatenate([points, find_visible_points(scene, sampler, ray)[0]])
     return take(found, dr.compress(found.valid))
 
 

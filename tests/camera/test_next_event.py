@@ -37,7 +37,7 @@ def walk(loaded: mi.Scene, spp: int, **options: Any) -> VisiblePoints:
     ray, _ = loaded.sensors()[0].sample_ray(
         0.0, sampler.next_1d(), sampler.next_2d(), sampler.next_2d()
     )
-    points = find_visible_points(loaded, sampler, mi.Ray3f(ray), **options)
+    points, _ = find_visible_points(loaded, sampler, mi.Ray3f(ray), **options)
     dr.eval(points)
     return points
 

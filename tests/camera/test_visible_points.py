@@ -56,7 +56,7 @@ def test_inactive_lanes_stay_out():
     sampler.seed(0, 6)
     active = mi.Bool([True, False, True, True, False, False])
     ray = mi.Ray3f(mi.Point3f(0, 0, dr.full(mi.Float, 1, 6)), mi.Vector3f(0, 0, -1))
-    points = find_visible_points(loaded, sampler, ray, active=active)
+    points, _ = find_visible_points(loaded, sampler, ray, active=active)
     assert points.valid.numpy().tolist() == active.numpy().tolist()
 
 

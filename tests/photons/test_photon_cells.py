@@ -7,7 +7,7 @@ import numpy as np
 
 from gpf.core.structs import from_numpy, to_numpy
 from gpf.photons.photon_cells import PhotonCells
-from gpf.photons.photon_grid import PhotonSums
+from gpf.photons.photon_grid import PhotonSums, trace_pass
 from gpf.photons.tracing import PathSettings
 from gpf.scene.bounds import scene_bounds
 from tests.furnace import diffuse, floor, point_light
@@ -60,7 +60,7 @@ def test_larger_cubes_lose_no_light():
     found = []
     for near in (None, points):
         sums = PhotonSums(PhotonCells(0.02, scene_bounds(scene), near), PathSettings(60_000))
-        sums.trace(scene, 1, half=0)
+        trace_pass(scene, 1, 0, sums)
         found.append(sums.photons(0))
     fine, mixed = (to_numpy(photons.power).astype(np.float64) for photons in found)
     assert len(mixed) < 0.4 * len(fine)

@@ -11,7 +11,7 @@ from gpf.core.structs import to_numpy
 from gpf.photons.cell_table import CellTable
 from gpf.photons.emission import emit_light
 from gpf.photons.photon_cells import PhotonCells
-from gpf.photons.photon_grid import PhotonSums
+from gpf.photons.photon_grid import PhotonSums, trace_pass
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from tests.furnace import diffuse, floor, point_light, two_sided
@@ -36,7 +36,7 @@ def add_up(scene: mi.Scene, passes: int = 2, indirect: bool = False, **options: 
     settings = PathSettings(PATHS, rr_depth=5, indirect=indirect)
     sums = PhotonSums(PhotonCells(0.11, scene_bounds(scene)), settings, **options)
     for seed in range(passes):
-        sums.trace(scene, seed, half=0)
+        trace_pass(scene, seed, 0, sums)
     return sums
 
 
@@ -96,7 +96,7 @@ def test_a_cell_may_hold_very_many_photons(scene):
     """Sums of whole numbers do not overflow at a hundred thousand of them."""
     cells, settings = PhotonCells(10, scene_bounds(scene)), PathSettings(200_000)
     sums = PhotonSums(cells, settings)
-    sums.trace(scene, seed=0, half=0)
+    trace_pass(scene, 0, 0, sums)
     power = to_numpy(sums.photons(0).power).astype(np.float64)
     photons = record_photons(scene, settings, seed=0)
     up, first = to_numpy(photons.n)[:, 2] > 0, photons.depth.numpy() == 0
@@ -117,7 +117,7 @@ def test_channels_below_zero_take_away(scene):
     settings = PathSettings(PATHS, rr_depth=5, source=signed)
     sums = PhotonSums(PhotonCells(0.11, scene_bounds(scene)), settings)
     for seed in range(2):
-        sums.trace(scene, seed, half=0)
+        trace_pass(scene, seed, 0, sums)
     power = to_numpy(sums.photons(0).power).astype(np.float64)
     plain = to_numpy(add_up(scene).photons(0).power).astype(np.float64)
     whole = plain.sum(axis=0) * [1, -0.5, 0]
@@ -138,7 +138,7 @@ def test_no_photons_are_no_cells():
     sums = PhotonSums(
         PhotonCells(0.1, scene_bounds(dark)), PathSettings(100, rr_depth=5, indirect=True)
     )
-    sums.trace(dark, 1, half=0)
+    trace_pass(dark, 1, 0, sums)
     assert dr.width(sums.photons(0).p) == 0
 
 
@@ -146,14 +146,14 @@ def test_halves_are_kept_apart(scene):
     """Each half has its own light, at the mean positions of both."""
     settings = PathSettings(PATHS, rr_depth=5)
     both = PhotonSums(PhotonCells(0.11, scene_bounds(scene)), settings, capacity=64)
-    both.trace(scene, 0, half=0)
-    both.trace(scene, 1, half=1)
+    trace_pass(scene, 0, 0, both)
+    trace_pass(scene, 1, 1, both)
     joined = add_up(scene)
     whole = to_numpy(joined.photons(0).power).astype(np.float64).sum(axis=0)
     parts = []
     for half in range(2):
         alone = PhotonSums(PhotonCells(0.11, scene_bounds(scene)), settings)
-        alone.trace(scene, half, half=0)
+        trace_pass(scene, half, 0, alone)
         ours, theirs = both.photons(half), alone.photons(0)
         np.testing.assert_allclose(to_numpy(ours.power), to_numpy(theirs.power), rtol=1e-5)
         assert np.abs(to_numpy(ours.p) - to_numpy(theirs.p)).max() < 0.11
@@ -166,7 +166,7 @@ def test_a_table_from_a_file_goes_on(scene):
     cells = PhotonCells(0.11, scene_bounds(scene))
     copy = PhotonSums(cells, PathSettings(PATHS, rr_depth=5), capacity=64)
     copy.restore(part.tensors())
-    copy.trace(scene, 2, half=0)
+    trace_pass(scene, 2, 0, copy)
     for name in ("p", "n", "power"):
         ours, theirs = (to_numpy(getattr(sums.photons(0), name)) for sums in (copy, whole))
         np.testing.assert_array_equal(ours, theirs)
@@ -187,7 +187,7 @@ def test_photons_from_diffuse_surfaces_can_be_left_out():
         sums = add_up(scene, passes=1)
         power = sums.photons(0, diffused=False).power.numpy().sum()
         never = PhotonSums(PhotonCells(0.11, scene_bounds(scene)), PathSettings(PATHS, rr_depth=5))
-        never.trace(scene, 0, 0, diffused=False)
+        trace_pass(scene, 0, 0, never, diffused=False)
         assert never.photons(0).power.numpy().sum() == pytest.approx(power, rel=1e-6)
         photons = record_photons(scene, PathSettings(PATHS, rr_depth=5), seed=0)
         at = photons.depth.numpy()

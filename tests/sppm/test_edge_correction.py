@@ -10,7 +10,7 @@ import pytest
 from gpf.core.structs import Photons, from_numpy
 from gpf.photons.density import PhotonDensity
 from gpf.photons.photon_cells import PhotonCells
-from gpf.photons.photon_grid import PhotonSums
+from gpf.photons.photon_grid import PhotonSums, trace_pass
 from gpf.photons.tracing import PathSettings
 from gpf.scene.bounds import scene_bounds
 from gpf.sppm.edge_correction import area_correction, covered_share, near_edges
@@ -141,7 +141,7 @@ def test_beside_a_crease_with_photons_in_cells(degrees):
 
     settings = PathSettings(count, max_depth=2, source=evenly)
     sums = PhotonSums(PhotonCells(0.02, scene_bounds(scene)), settings)
-    sums.trace(scene, 1, half=0)
+    trace_pass(scene, 1, 0, sums)
     x = line(-0.03, 20_000)
     points = from_numpy(mi.Point3f, x)
     up = from_numpy(mi.Normal3f, np.tile([0.0, 0, 1], (20_000, 1)))

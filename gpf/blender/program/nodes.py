@@ -12,13 +12,13 @@ input is a number, a list of three numbers, or one of the following:
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from typing import Any
 
+from mapping import read_mapping
 from sockets import Input, Socket, plain
 
 Closure = dict[str, Any]
-Matrix = list[list[float]]
 
 
 def read_material(material: Any) -> Closure:
@@ -84,33 +84,12 @@ VOLUMES = {
 def read_volume(place: Input) -> Closure:
     """The closure of a volume. Inputs have their own value even where nodes are linked to them,
     unless these give a constant; ``varying`` are the names of the others."""
-    found = place.origin()
-    if found is None:
-        return {"closure": "none"}
-    node = found.node
-    if node.type in ("MIX_SHADER", "ADD_SHADER"):
-        inputs = [Input(socket, found.groups) for socket in node.inputs]
-        first, second = (read_volume(each) for each in inputs[-2:])
-        if node.type == "ADD_SHADER":
-            return {"closure": "add", "first": first, "second": second}
-        factor = read_value(inputs[0])
-        factor = 0.5 if isinstance(factor, dict) else factor
-        return {"closure": "mix", "factor": factor, "first": first, "second": second}
-    if node.type not in VOLUMES:
-        return {"closure": "none", "unknown": node.bl_label}
-    name, labels = VOLUMES[node.type]
-    closure: Closure = {"closure": name, "varying": []}
-    for label in labels:
-        value = read_value(Input(node.inputs[label], found.groups))
-        if isinstance(value, dict):
-            closure["varying"].append(label.lower())
-            value = plain(node.inputs[label])
-        closure[label.lower().replace(" ", "_")] = value
-    return closure
+    return read_closure(place, _volume)
 
 
-def read_closure(place: Input) -> Closure:
-    """The closure at an input."""
+def read_closure(place: Input, read_shader: Callable[[Socket], Closure] | None = None) -> Closure:
+    """The closure at an input; ``read_shader``: reads a single shader, by default of a surface."""
+    read_shader = read_shader or _surface
     found = place.origin()
     if found is None:
         return {"closure": "none"}
@@ -118,11 +97,18 @@ def read_closure(place: Input) -> Closure:
     if node.type == "MIX_SHADER":
         inputs = [Input(socket, groups) for socket in node.inputs]
         factor = read_value(inputs[0])
-        first, second = (read_closure(each) for each in inputs[1:])
+        if isinstance(factor, dict) and read_shader is _volume:
+            factor = 0.5
+        first, second = (read_closure(each, read_shader) for each in inputs[1:])
         return {"closure": "mix", "factor": factor, "first": first, "second": second}
     if node.type == "ADD_SHADER":
-        first, second = (read_closure(Input(socket, groups)) for socket in node.inputs)
+        first, second = (read_closure(Input(s, groups), read_shader) for s in node.inputs)
         return {"closure": "add", "first": first, "second": second}
+    return read_shader(found)
+
+
+def _surface(found: Socket) -> Closure:
+    node, groups = found.node, found.groups
     if node.type in SHADERS:
         name, labels = SHADERS[node.type]
         closure: Closure = {"closure": name}
@@ -137,6 +123,21 @@ def read_closure(place: Input) -> Closure:
     if "VOLUME" in node.type:  # at a surface, it does nothing
         return {"closure": "none"}
     return {"closure": "other", "node": node.bl_label, **_colour_of(node, groups)}
+
+
+def _volume(found: Socket) -> Closure:
+    node, groups = found.node, found.groups
+    if node.type not in VOLUMES:
+        return {"closure": "none", "unknown": node.bl_label}
+    name, labels = VOLUMES[node.type]
+    closure: Closure = {"closure": name, "varying": []}
+    for label in labels:
+        value = read_value(Input(node.inputs[label], groups))
+        if isinstance(value, dict):
+            closure["varying"].append(label.lower())
+            value = plain(node.inputs[label])
+        closure[label.lower().replace(" ", "_")] = value
+    return closure
 
 
 def _colour_of(node: Any, groups: tuple[Any, ...]) -> Closure:
@@ -217,7 +218,7 @@ def _image(found: Socket) -> Closure | None:
     image = node.image
     if image is None or image.source not in ("FILE", "GENERATED") or node.projection != "FLAT":
         return None
-    to_uv = _to_uv(Input(node.inputs["Vector"], found.groups))
+    to_uv = read_mapping(Input(node.inputs["Vector"], found.groups))
     if to_uv is None or node.interpolation not in ("Linear", "Closest", "Cubic", "Smart"):
         return None
     return {
@@ -228,50 +229,6 @@ def _image(found: Socket) -> Closure | None:
         "closest": node.interpolation == "Closest",
         "origin": found,
     }
-
-
-def _to_uv(place: Input) -> list[list[float]] | None:
-    """The 2×3 matrix from the mesh's first UVs to the place in an image; None: something else."""
-    found = place.origin()
-    if found is None:
-        return [[1, 0, 0], [0, 1, 0]]
-    node, groups = found.node, found.groups
-    if node.type == "UVMAP" and node.uv_map == "":
-        return [[1, 0, 0], [0, 1, 0]]
-    if node.type == "TEX_COORD" and found.socket.name == "UV" and not node.from_instancer:
-        return [[1, 0, 0], [0, 1, 0]]
-    if node.type == "MAPPING" and node.vector_type in ("POINT", "TEXTURE"):
-        names = ("Location", "Rotation", "Scale")
-        if any(
-            Input(node.inputs[n], groups).origin() is not None for n in names if n in node.inputs
-        ):
-            return None
-        inner = _to_uv(Input(node.inputs["Vector"], groups))
-        location, rotation, scale = (plain(node.inputs[name]) for name in names)
-        if inner is None or rotation[0] or rotation[1]:
-            return None
-        c, s = math.cos(rotation[2]), math.sin(rotation[2])
-        own: Matrix = [
-            [c * scale[0], -s * scale[1], location[0]],
-            [s * scale[0], c * scale[1], location[1]],
-        ]
-        turned = _inverse(own) if node.vector_type == "TEXTURE" else own
-        return None if turned is None else _product(turned, inner)
-    return None
-
-
-def _product(a: list[list[float]], b: list[list[float]]) -> list[list[float]]:
-    full: Matrix = [*b, [0, 0, 1]]
-    return [[sum(row[k] * full[k][j] for k in range(3)) for j in range(3)] for row in a]
-
-
-def _inverse(m: list[list[float]]) -> list[list[float]] | None:
-    (a, b, x), (c, d, y) = m
-    det = a * d - b * c
-    if det == 0:
-        return None
-    a, b, c, d = d / det, -b / det, -c / det, a / det
-    return [[a, b, -a * x - b * y], [c, d, -c * x - d * y]]
 
 
 def read_normal(place: Input) -> Any:
