@@ -3,7 +3,7 @@
     python tools/digests.py --write     # before a change: writes tools/digests.json
     python tools/digests.py             # after it: lists what differs; exit code 1
 
-The digests cover references, targets, photons, fields, renders and classical baselines of all five
+The digests cover references, targets, photons, fields, renders and classical baselines of all
 scenes at small sizes, which takes a few minutes. One scene uses all ``auto`` settings, others
 switch most options. Each scene runs in a process with one thread, because the order of threads
 changes sums of floats: gradients of the training, and the film of Mitsuba's particle tracer. The
