@@ -69,6 +69,11 @@ def supplement_support(distance2: list[mi.Float]) -> tuple[mi.Float, mi.Float]:
 # Dr.Jit's syntax has no comprehensions.
 
 
+def no_vectors(count: int) -> list[mi.Vector3f]:
+    """So many vectors of length 0."""
+    return [mi.Vector3f(0) for _ in range(count)]
+
+
 def add_all(values: list[Any], others: list[Any]) -> list[Any]:
     """The sums of two lists of arrays."""
     return [a + b for a, b in zip(values, others, strict=True)]
@@ -112,7 +117,7 @@ class GaussianPhotonField(Recordable):
     Attributes
     ----------
     volume: the light in media (:class:`gpf.field.volume.VolumeField`), or None.
-    vectors: blended like the colours, (N, 3), or None.
+    vectors: several for each Gaussian, blended like the colours, (N, K, 3); None: no vectors.
     """
 
     READ = ("detail", "search", "volume", "_packets", "_error_packets", "_vectors")
@@ -165,14 +170,15 @@ class GaussianPhotonField(Recordable):
         self._error_packets: list[Any] | None = None
         if self.error is not None:
             self._error_packets = packets(gaussians.irradiance * from_numpy(mi.Float, self.error))
-        self._vectors: Any = None
-        if self.vectors is not None:
-            v = dr.gather(mi.Vector3f, from_numpy(mi.Vector3f, self.vectors), order)
-            self._vectors = dr.ravel(mi.Vector4f(v.x, v.y, v.z, 0))
+        self._vectors: list[Any] = []
+        for k in range(0 if self.vectors is None else self.vectors.shape[1]):
+            assert self.vectors is not None
+            v = dr.gather(mi.Vector3f, from_numpy(mi.Vector3f, self.vectors[:, k]), order)
+            self._vectors.append(dr.ravel(mi.Vector4f(v.x, v.y, v.z, 0)))
         dr.eval(self._packets, self._error_packets, self._vectors)
 
     def set_vectors(self, vectors: np.ndarray) -> None:
-        """Take vectors that are blended like the colours, (N, 3)."""
+        """Take vectors that are blended like the colours, (N, K, 3)."""
         self.vectors = vectors
         self._pack()
 
@@ -193,8 +199,8 @@ class GaussianPhotonField(Recordable):
         rows = tuple(mi.Vector3f(p.x, p.y, p.z) for p in packets)
         weight = dr.select(active, blend_weight(x - mean, rows, support2), 0)  # type: ignore[arg-type]
         values: list[Any] = [weight * mi.Color3f(*(p.w for p in packets))]
-        if self._vectors is not None:
-            v = dr.gather(mi.Vector4f, self._vectors, index, active)
+        for packet in self._vectors:
+            v = dr.gather(mi.Vector4f, packet, index, active)
             values.append(weight * mi.Vector3f(v.x, v.y, v.z))
         return weight, values
 
@@ -233,15 +239,13 @@ class GaussianPhotonField(Recordable):
     def query_all(
         self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool
     ) -> tuple[list[Any], mi.Float]:
-        """As :meth:`query`, but with all values: colours, and vectors if there are any."""
+        """As :meth:`query`, but with all values: colours, and vectors if there are any, (N, 3)."""
         settings = self.settings
         x = self.unfold(x)
         radius2 = self.search.radius * self.search.radius
         count = mi.UInt32(0)
         total = mi.Float(0)
-        sums: list[Any] = [mi.Color3f(0)]
-        if dr.hint(self._vectors is not None, mode="scalar"):
-            sums = [mi.Color3f(0), mi.Vector3f(0)]
+        sums: list[Any] = [mi.Color3f(0), *no_vectors(len(self._vectors))]
 
         def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
             return self._add(state, x, n, index, record, inside)
@@ -279,7 +283,7 @@ class GaussianPhotonField(Recordable):
         if self._error_packets is None:
             raise RuntimeError("This field does not know its error: fit it again with `gpf fit`.")
         other = copy.copy(self)
-        other._packets, other._vectors = self._error_packets, None
+        other._packets, other._vectors = self._error_packets, []
         return other.query(x, n, active)[0]
 
     def reflect(self, points: VisiblePoints, value: mi.Color3f) -> mi.Color3f:

@@ -16,8 +16,8 @@ from gpf.scene.media import Place
 class VolumeField(Recordable):
     """Gaussians in media, with the first two moments of the radiance around them.
 
-    Light is scattered as if a share r of it came from the mean direction and the rest from
-    everywhere,
+    Light is scattered as if, in each channel, a share r of it came from the mean direction and the
+    rest from everywhere,
 
         ∫ f(ω, ω') L(ω') dω' = φ ((1 - r) / 4π + r f(ω, j)),    r = |J| / φ,    j = J / |J|:
 
@@ -26,8 +26,8 @@ class VolumeField(Recordable):
     Parameters
     ----------
     fluence: a field whose colours are φ, W/m², without a normal test.
-    moments: J, the mean of the channels of the radiance times its direction, W/m², (N, 3).
-    light_moments: those of each group of emitters, (G, N, 3), if the fluence keeps groups apart.
+    moments: J of each channel, W/m², (N, 3, 3).
+    light_moments: those of each group of emitters, (G, N, 3, 3), if the fluence keeps groups apart.
     """
 
     READ = ("fluence",)
@@ -43,15 +43,13 @@ class VolumeField(Recordable):
 
     def set_levels(self, levels: Levels) -> None:
         """Set the levels of groups of emitters, which the field keeps apart."""
-        assert self.fluence.lights is not None and self.light_moments is not None
-        parts, total = self.fluence.lights.irradiance, np.zeros_like(self.moments)
-        for name, part, moment in zip(
-            self.fluence.lights.groups.names, parts, self.light_moments, strict=True
-        ):
+        lights = self.fluence.lights
+        assert lights is not None and self.light_moments is not None
+        total = np.zeros_like(self.moments)
+        for name, moments in zip(lights.groups.names, self.light_moments, strict=True):
             level = np.array(levels.get(name, (1.0, 1.0, 1.0)), np.float32)
-            before = np.maximum(part.sum(axis=1), 1e-20)
-            total += ((part * level).sum(axis=1) / before)[:, None] * moment
-        self.fluence.recolour(self.fluence.lights.at(levels))
+            total += level[:, None] * moments
+        self.fluence.recolour(lights.at(levels))
         self.fluence.set_vectors(total)
 
     def scattered(self, haze: Haze) -> mi.Color3f:
@@ -66,11 +64,14 @@ class VolumeField(Recordable):
 
     def _scatter(self, haze: Haze) -> tuple[mi.Color3f, mi.Color3f]:
         """Fluence, and the part of it that is scattered towards the camera, 1/sr, (N, 3) each."""
-        (fluence, moment), _ = self.fluence.query_all(haze.p, mi.Normal3f(0, 0, 1), haze.valid)
+        (fluence, *moments), _ = self.fluence.query_all(haze.p, mi.Normal3f(0, 0, 1), haze.valid)
         fluence = dr.maximum(fluence, 0)
-        length = dr.norm(moment)
-        share = dr.clip(length / dr.maximum(dr.mean(fluence), 1e-20), 0, 1)
-        place = Place(haze.p, moment / dr.maximum(length, 1e-20), haze.medium).interaction()
-        context, active = mi.PhaseFunctionContext(), haze.valid & (length > 0)
-        phase, _ = haze.medium.phase_function().eval_pdf(context, place, -haze.d, active)
-        return fluence, dr.lerp(mi.Color3f(dr.inv_four_pi), phase, share)
+        context, phase = mi.PhaseFunctionContext(), haze.medium.phase_function()
+        found = mi.Color3f(0)
+        for k, moment in enumerate(moments):
+            length = dr.norm(moment)
+            share = dr.clip(length / dr.maximum(fluence[k], 1e-20), 0, 1)
+            place = Place(haze.p, moment / dr.maximum(length, 1e-20), haze.medium).interaction()
+            turned, _ = phase.eval_pdf(context, place, -haze.d, haze.valid & (length > 0))
+            found[k] = dr.lerp(dr.inv_four_pi, turned[k], share)
+        return fluence, found

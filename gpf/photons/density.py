@@ -128,18 +128,18 @@ class PhotonCloud:
 
     def fluence(
         self, p: mi.Point3f, active: mi.Bool | bool = True
-    ) -> tuple[mi.Color3f, mi.Vector3f]:
-        """Fluence, W/m², and the mean of its channels times the mean direction of flight, (N, 3)
-        each: the first two moments of the radiance at places."""
+    ) -> tuple[mi.Color3f, list[mi.Vector3f]]:
+        """The first two moments of the radiance at places: the fluence φ, W/m², (N, 3), and for
+        each channel φ times the mean direction of flight, (N, 3)."""
         if not self.radius:
-            return dr.zeros(mi.Color3f, dr.width(p)), dr.zeros(mi.Vector3f, dr.width(p))
+            nothing = [dr.zeros(mi.Vector3f, dr.width(p)) for _ in range(3)]
+            return dr.zeros(mi.Color3f, dr.width(p)), nothing
 
         def add(totals, index, record, distance2, inside):  # type: ignore[no-untyped-def]
-            total, moment = totals
             power = dr.select(inside, record.colour, 0)
             d = mi.Vector3f(unpack_normal(record.tag))
-            return total + power, moment + dr.mean(power) * d
+            return totals[0] + power, *(m + power[k] * d for k, m in enumerate(totals[1:]))
 
-        start = mi.Color3f(0), mi.Vector3f(0)
-        total, moment = self._grid.visit(p, self._radius, add, start, mi.Bool(active))
-        return total * self._scale, moment * self._scale
+        start = mi.Color3f(0), mi.Vector3f(0), mi.Vector3f(0), mi.Vector3f(0)
+        total, *moments = self._grid.visit(p, self._radius, add, start, mi.Bool(active))
+        return total * self._scale, [moment * self._scale for moment in moments]

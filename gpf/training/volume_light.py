@@ -98,9 +98,9 @@ class VolumeLight:
         self, passes: int, stride: int = 1
     ) -> tuple[tuple[SurfacePoints, SurfacePoints], np.ndarray]:
         """Every ``stride``-th place with the fluence from each half of the photons, and the moments
-        from all of them, (P, 3)."""
+        of each channel from all of them, (P, 3, 3)."""
         places, found = self.places[::stride], []
-        moments = np.zeros((len(places), 3), np.float32)
+        moments = np.zeros((len(places), 3, 3), np.float32)
         # Without a direction: in media, there are no sides.
         p, n = from_numpy(mi.Point3f, places), dr.zeros(mi.Normal3f, len(places))
         for half, share in enumerate(_shares(passes)):
@@ -108,31 +108,33 @@ class VolumeLight:
             fluence, moment = self._estimate(p, passes, half)
             target = from_numpy(mi.Color3f, correction * fluence)
             found.append(SurfacePoints(p=p, n=n, target=target))
-            moments += share * correction * moment
+            moments += share * correction[:, :, None] * moment
         return (found[0], found[1]), moments
 
     def by_group(
         self, groups: LightGroups, passes: int, stride: int = 1
     ) -> tuple[np.ndarray, np.ndarray]:
         """Fluence and moments from each group of emitters at every ``stride``-th place, from all
-        photons, (G, P, 3) each."""
+        photons, (G, P, 3) and (G, P, 3, 3)."""
         p = from_numpy(mi.Point3f, self.places[::stride])
         correction = self._correction(p, passes, number=2)
-        found = np.zeros((2, len(groups.names), dr.width(p), 3), np.float32)
-        for group in range(found.shape[1]):
+        fluences = np.zeros((len(groups.names), dr.width(p), 3), np.float32)
+        moments = np.zeros((*fluences.shape, 3), np.float32)
+        for group in range(len(fluences)):
             for half, share in enumerate(_shares(passes)):
-                both = np.stack(self._estimate(p, passes, half, group))
-                found[:, group] += share * correction * both
-        return found[0], found[1]
+                fluence, moment = self._estimate(p, passes, half, group)
+                fluences[group] += share * correction * fluence
+                moments[group] += share * correction[:, :, None] * moment
+        return fluences, moments
 
     def _estimate(
         self, p: mi.Point3f, passes: int, half: int, group: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Fluence and moments at places, (P, 3) each, too dark near surfaces."""
+        """Fluence and moments at places, (P, 3) and (P, 3, 3), too dark near surfaces."""
         cloud = PhotonCloud(self.sums.photons(half, group), self.radius(passes), self._bounds)
-        fluence, moment = cloud.fluence(p)
-        found = to_numpy(fluence), to_numpy(moment)
-        del cloud, fluence, moment
+        fluence, moments = cloud.fluence(p)
+        found = to_numpy(fluence), np.stack([to_numpy(moment) for moment in moments], axis=1)
+        del cloud, fluence, moments
         dr.flush_malloc_cache()
         return found
 
@@ -202,7 +204,8 @@ def fit_volume(
 def fit_moments(
     field: GaussianPhotonField, points: SurfacePoints, moments: np.ndarray
 ) -> np.ndarray:
-    """The moments of the Gaussians, (N, 3), by least squares, relative to the fluence."""
+    """The moments of the Gaussians, (N, 3, 3), from those at points, (P, 3, 3), by least squares,
+    relative to the fluence."""
     from scipy.sparse import diags_array  # slow to import
     from scipy.sparse.linalg import lsqr
 
@@ -210,5 +213,6 @@ def fit_moments(
     level = (matrix @ to_numpy(field.gaussians.irradiance)).mean(axis=1)
     weight = 1 / np.maximum(level, 1e-3 * max(float(level.mean()), 1e-20))
     rows: Any = diags_array(weight.astype(np.float32)) @ matrix
-    found = [lsqr(rows, weight * m, damp=1e-3, iter_lim=ROUNDS)[0] for m in moments.T]
-    return np.stack(found, axis=1).astype(np.float32)
+    columns = moments.reshape(len(moments), -1).T
+    found = [lsqr(rows, weight * m, damp=1e-3, iter_lim=ROUNDS)[0] for m in columns]
+    return np.stack(found, axis=1).reshape(-1, *moments.shape[1:]).astype(np.float32)
