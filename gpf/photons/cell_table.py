@@ -1,4 +1,4 @@
-"""A hash table of cells on the device, with eight sums for each."""
+"""A hash table of cells on the device, with some sums for each."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from gpf.core.structs import from_numpy
 
 LINE = 8
-"""Number of 64-bit integers for a cell's sums; they fill one cache line."""
+"""Usual number of 64-bit integers for a cell's sums; they fill one cache line."""
 
 # The table grows before it is more than _FULL used, to _SPARE times the size needed.
 _FULL, _SPARE = 0.7, 1.5
@@ -21,13 +21,18 @@ _FULL, _SPARE = 0.7, 1.5
 class CellTable:
     """Cells by key, which is never 0, in slots (open addressing).
 
+    Parameters
+    ----------
+    line: number of sums for each cell.
+
     Attributes
     ----------
     capacity: number of slots.
     keys: the key in each slot, (capacity,); 0 if it is free.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, line: int = LINE) -> None:
+        self._line = line
         self._lost = dr.zeros(mi.UInt32, 1)
         self._make_room(capacity)
 
@@ -36,7 +41,7 @@ class CellTable:
         self._last = dr.opaque(mi.UInt32, capacity - 1)
         self._cells = dr.zeros(mi.UInt32, 1)
         self.keys = dr.zeros(mi.UInt64, capacity)
-        self._sums = dr.zeros(mi.UInt64, LINE * capacity)
+        self._sums = dr.zeros(mi.UInt64, self._line * capacity)
         dr.eval(self.keys, self._sums)
 
     def reserve(self, cells: float) -> None:
@@ -53,14 +58,14 @@ class CellTable:
         self._make_room(capacity)
         if dr.width(taken) > 0:
             known = dr.gather(mi.UInt64, keys, taken)
-            self._insert(known, lambda k: dr.gather(mi.UInt64, sums, LINE * taken + k))
+            self._insert(known, lambda k: dr.gather(mi.UInt64, sums, self._line * taken + k))
 
     def _insert(self, keys: mi.UInt64, column: Callable[[int], mi.UInt64]) -> None:
-        """Put cells into an empty table; ``column(k)``: their sums k of LINE, (C,)."""
+        """Put cells into an empty table; ``column(k)``: their sums k, (C,)."""
         slot = self.find(keys, mi.Bool(True))
         dr.eval(slot, self.keys, self._cells, self._lost)
-        for k in range(LINE):
-            dr.scatter(self._sums, column(k), LINE * slot + k)
+        for k in range(self._line):
+            dr.scatter(self._sums, column(k), self._line * slot + k)
         dr.eval(self._sums)
 
     @dr.syntax
@@ -90,8 +95,8 @@ class CellTable:
         values: Sequence[tuple[mi.UInt32, mi.UInt64]],
         active: mi.Bool,
     ) -> None:
-        """Add values to sums of cells, with their numbers from 0 to LINE - 1."""
-        line = LINE * self.find(key, active)
+        """Add values to sums of cells, with their numbers from 0."""
+        line = self._line * self.find(key, active)
         for column, value in values:
             dr.scatter_add(self._sums, value, line + column, active, dr.ReduceMode.Direct)
 
@@ -108,15 +113,15 @@ class CellTable:
 
     def sums(self, slot: mi.UInt32, column: int, active: mi.Bool | bool = True) -> mi.UInt64:
         """One of the sums of the cells in slots, (N,)."""
-        return dr.gather(mi.UInt64, self._sums, LINE * slot + column, active)
+        return dr.gather(mi.UInt64, self._sums, self._line * slot + column, active)
 
     def tensors(self) -> dict[str, np.ndarray]:
-        """The keys, (C,), and the sums, (C, LINE), for a file."""
+        """The keys, (C,), and the sums, (C, line), for a file."""
         taken = dr.compress(self.keys != 0)
         if dr.width(taken) == 0:
-            empty = np.zeros((0, LINE), np.uint64)
+            empty = np.zeros((0, self._line), np.uint64)
             return {"keys": empty[:, 0], "sums": empty}
-        columns = [self.sums(taken, k).numpy() for k in range(LINE)]
+        columns = [self.sums(taken, k).numpy() for k in range(self._line)]
         return {
             "keys": dr.gather(mi.UInt64, self.keys, taken).numpy(),
             "sums": np.stack(columns, 1),

@@ -19,7 +19,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.structs import Photons, from_numpy
-from gpf.photons.cell_table import CellTable
+from gpf.photons.cell_table import LINE, CellTable
 from gpf.photons.emission import Emitted
 from gpf.photons.photon_cells import LEVEL_BITS, PhotonCells
 from gpf.photons.tracing import PathSettings, record_all, trace_photons
@@ -47,6 +47,9 @@ PILOT = 1024
 # number of 64 bits; z and the number of photons in another.
 _POWER, _XY, _ZN = (0, 5), 3, 4
 
+# Two more for the mean normal, in the same way as the mean position.
+_NORMAL_XY, _NORMAL_Z = LINE, LINE + 1
+
 
 class PhotonSums:
     """Sums of photons by cell: by cube of space, rounded direction of the normal, and group of
@@ -60,6 +63,8 @@ class PhotonSums:
     settings: the photon paths of each pass.
     capacity: initial number of slots in the table.
     groups: table that keeps the light of groups of emitters apart; see :meth:`LightGroups.table`.
+    exact: whether the photons of a cell have their mean normal, not a rounded one. On surfaces, it
+        is only compared; in media, it is the direction of the light.
 
     Attributes
     ----------
@@ -73,13 +78,15 @@ class PhotonSums:
         settings: PathSettings,
         capacity: int = 1 << 20,
         groups: mi.UInt32 | None = None,
+        exact: bool = False,
     ) -> None:
         self._cubes = cells
         self._unit, self._landings = 0.0, 0.0
         self._settings, self._groups = settings, groups
         self._group, self._column, self._every = mi.UInt32(0), mi.UInt32(0), mi.Bool(True)
         self.paths = [0, 0]
-        self.table = CellTable(capacity)
+        self._exact = exact
+        self.table = CellTable(capacity, LINE + 2 if exact else LINE)
 
     def _learn(self, few: Photons) -> None:
         """Note the typical power and the number of photons, from :data:`PILOT` paths."""
@@ -110,6 +117,10 @@ class PhotonSums:
         sums = [(self._column + k, mi.UInt64(mi.Int64(power[k]))) for k in range(3)]
         sums.append((mi.UInt32(_XY), mi.UInt64(inside.x) | (mi.UInt64(inside.y) << 32)))
         sums.append((mi.UInt32(_ZN), mi.UInt64(inside.z) | (mi.UInt64(1) << 32)))
+        if self._exact:
+            n = mi.Vector3u((photons.n + 1) * (0.5 * (_PLACES - 1)))
+            sums.append((mi.UInt32(_NORMAL_XY), mi.UInt64(n.x) | (mi.UInt64(n.y) << 32)))
+            sums.append((mi.UInt32(_NORMAL_Z), mi.UInt64(n.z)))
         self.table.add(key, sums, active)
 
     def photons(self, half: int, group: int | None = None, diffused: bool = True) -> Photons:
@@ -138,13 +149,18 @@ class PhotonSums:
         red, green, blue, xy, zn = (self.table.sums(slot, k) for k in columns)
         corner = mi.Vector3u(*(mi.UInt32((key >> (16 * k)) & 0xFFFF) for k in range(3)))
         level = mi.UInt32(key >> _LEVEL_SHIFT) & ((1 << LEVEL_BITS) - 1)
-        thirds = mi.Vector3f(*(mi.Float((key >> (48 + 3 * k)) & 7) for k in range(3)))
         places = mi.Vector3f(*(mi.Float(mi.UInt32(v)) for v in (xy, xy >> 32, zn)))
-        inside = (places / mi.Float(mi.UInt32(zn >> 32)) + 0.5) / _PLACES
+        count = mi.Float(mi.UInt32(zn >> 32))
+        inside = (places / count + 0.5) / _PLACES
+        n = mi.Vector3f(*(mi.Float((key >> (48 + 3 * k)) & 7) for k in range(3))) - _NORMAL_STEPS
+        if self._exact:
+            xy, z = (self.table.sums(slot, k) for k in (_NORMAL_XY, _NORMAL_Z))
+            total = mi.Vector3f(*(mi.Float(mi.UInt32(v)) for v in (xy, xy >> 32, z)))
+            n = 2 * (total / count + 0.5) / (_PLACES - 1) - 1
         scale = dr.opaque(mi.Float, self._unit / max(self.paths[half], 1))
         photons = Photons(
             p=self._cubes.points(level, corner, inside),
-            n=mi.Normal3f(dr.normalize(thirds - _NORMAL_STEPS)),
+            n=mi.Normal3f(dr.normalize(n)),
             power=mi.Color3f(*(mi.Float(mi.Int64(v)) for v in (red, green, blue))) * scale,
             depth=dr.full(mi.UInt32, int(self._settings.indirect), len(found)),
         )

@@ -83,7 +83,8 @@ class VolumeLight:
         self.places = find_places(scene, sensors, settings, seed)
         cell = CELL * self.radius(TYPICAL_PASSES)
         table = None if groups is None else groups.table(scene)
-        self.sums = PhotonSums(PhotonCells(cell, self._bounds, self.places), settings, groups=table)
+        cells = PhotonCells(cell, self._bounds, self.places)
+        self.sums = PhotonSums(cells, settings, groups=table, exact=True)
 
     def add_pass(self, number: int) -> None:
         """Trace pass ``number``, counted from 1, for these photons alone."""

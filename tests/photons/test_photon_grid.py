@@ -14,6 +14,7 @@ from gpf.photons.photon_cells import PhotonCells
 from gpf.photons.photon_grid import PhotonSums, trace_pass
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
+from tests.foggy import fog_box, medium
 from tests.furnace import diffuse, floor, point_light, two_sided
 
 PATHS = 6000
@@ -200,3 +201,25 @@ def test_photons_from_diffuse_surfaces_can_be_left_out():
         else:  # light that the veil lets pass, too, but none that it scattered
             straight = photons.power.numpy()[:, (at == 1) & (photons.p.z.numpy() > 1.9)].sum()
             assert first < power < first + 1.01 * straight
+
+
+@pytest.mark.parametrize(("exact", "degrees"), [(True, 0.2), (False, 17)])
+def test_directions_of_light_in_media(exact, degrees):
+    """Parallel light through fog that only absorbs: the mean direction of a cell, or a rounded
+    one."""
+    d = np.array([0.31, 0.17, -1.0]) / np.linalg.norm([0.31, 0.17, -1.0])
+    sun = {
+        "type": "directional",
+        "direction": d.tolist(),
+        "irradiance": {"type": "rgb", "value": 1},
+    }
+    black = {"floor": floor(diffuse(0), z=-1.2), "ball": floor(diffuse(0), z=-1.3)}
+    foggy = mi.load_dict(fog_box(medium(1, albedo=0), lamp=sun, **black))
+    cells = PhotonCells(0.11, scene_bounds(foggy))
+    sums = PhotonSums(cells, PathSettings(PATHS, rr_depth=5), exact=exact)
+    trace_pass(foggy, 1, 0, None, sums)
+    n = to_numpy(sums.photons(0).n)
+    assert len(n) > 100
+    apart = np.degrees(np.arccos(np.clip(n @ d, -1, 1)))
+    assert apart.max() < degrees
+    assert exact or apart.max() > 2
