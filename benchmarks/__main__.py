@@ -39,6 +39,7 @@ def rows() -> Iterator[Row]:
     for size in SIZES:
         for radius in RADII:
             yield pass_row(size, radius)
+    yield fog_row(min(SIZES), min(RADII))
     for size in SIZES:
         yield from sample_rows(size)
     yield from dark_rows(min(SIZES))
@@ -57,6 +58,18 @@ def pass_row(size: int, radius: float) -> Row:
         f"{timings.milliseconds('ptracer') + timings.milliseconds('path'):.1f} ms",
         f"{timings.ratio('sppm', 'ptracer', 'path'):.2f}",
         "1.25" if radius > min(RADII) else "1.0",
+    )
+
+
+def fog_row(size: int, radius: float) -> Row:
+    """A pass of SPPM where the box is full of fog."""
+    timings = measure(size, radius, methods=("volpath", "ptracer", "sppm in fog"))
+    return Row(
+        f"SPPM pass in fog, {size}², 100k paths, vs ptracer without fog + volpath of any depth",
+        f"{timings.milliseconds('sppm in fog'):.1f} ms",
+        f"{timings.milliseconds('ptracer') + timings.milliseconds('volpath'):.1f} ms",
+        f"{timings.ratio('sppm in fog', 'ptracer', 'volpath'):.2f}",
+        "1.5",
     )
 
 

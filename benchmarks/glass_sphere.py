@@ -7,12 +7,16 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from benchmarks.timing import Timings, time_in_turn
-from gpf.core.structs import to_numpy
+from gpf.core.structs import from_numpy, to_numpy
 from gpf.field.field import GaussianPhotonField
+from gpf.field.gaussians import Gaussians
 from gpf.field.initialization import TYPICAL_SCALE, propose_search_radius
-from gpf.photons.tracing import PathSettings, record_photons
+from gpf.field.settings import FieldSettings
+from gpf.field.volume import VolumeField
+from gpf.photons.tracing import PathSettings, record_all, record_photons
 from gpf.scene.bounds import scene_bounds
 from stages.config.training import InitialFieldSettings
 from stages.training.photon_gaussians import initialize_gaussians
@@ -27,8 +31,17 @@ def cornell_box(width: int, height: int) -> dict[str, Any]:
     return dict(scene)
 
 
-def load_scene(width: int, height: int) -> mi.Scene:
-    """The Cornell box with a glass sphere in place of the small box."""
+FOG = {
+    "type": "homogeneous",
+    "id": "fog",
+    "sigma_t": {"type": "rgb", "value": [0.3, 0.3, 0.3]},
+    "albedo": {"type": "rgb", "value": [0.9, 0.9, 0.9]},
+    "phase": {"type": "hg", "g": 0.3},
+}
+
+
+def load_scene(width: int, height: int, fog: bool = False) -> mi.Scene:
+    """The Cornell box with a glass sphere in place of the small box; with fog on request."""
     scene = cornell_box(width, height)
     del scene["small-box"]
     scene["sphere"] = {
@@ -37,6 +50,10 @@ def load_scene(width: int, height: int) -> mi.Scene:
         "radius": 0.35,
         "bsdf": {"type": "dielectric", "int_ior": 1.5},
     }
+    if fog:
+        there = {"type": "ref", "id": "fog"}
+        scene["sensor"]["medium"] = scene["sphere"]["exterior"] = there
+        scene = {"type": "scene", "fog": FOG} | scene
     return mi.load_dict(scene)
 
 
@@ -58,8 +75,12 @@ def measure(size: int, radius: float, methods: Sequence[str]) -> Timings:
     def render(integrator: Any, of: Any, seed: int) -> None:
         dr.eval(mi.render(of, integrator=integrator, spp=1, seed=seed))
 
+    foggy = load_scene(size, size, fog=True)
+    volpath = mi.load_dict({"type": "volpath", "max_depth": -1})
     work = {
         "path": lambda n: render(path, scene, n),
+        "volpath": lambda n: render(volpath, foggy, n),
+        "sppm in fog": lambda n: render(sppm, foggy, n),
         "ptracer": lambda n: render(ptracer, particles, n),
         "sppm": lambda n: render(sppm, scene, n),
         "gpf": lambda n: render(field, scene, n),
@@ -85,3 +106,23 @@ def untrained_field(
     )
     placed = initialize_gaussians(photons, settings, bounds, seed=1)
     return GaussianPhotonField(placed, settings.query(radius), bounds)
+
+
+def untrained_volume(scene: mi.Scene, gaussians: int) -> VolumeField:
+    """Gaussians in fog where photons are, as wide as the distance between them."""
+    bounds = scene_bounds(scene)
+    _, photons = record_all(scene, PathSettings(gaussians), seed=1)
+    chosen = np.random.default_rng(1).permutation(dr.width(photons.p))[:gaussians]
+    p = dr.gather(mi.Point3f, photons.p, from_numpy(mi.UInt32, chosen))
+    size = float(dr.norm(bounds[1] - bounds[0])) / gaussians ** (1 / 3)
+    colour = np.ones((gaussians, 3), np.float32)
+    placed = Gaussians(
+        means=p,
+        log_scales=dr.full(mi.Vector3f, np.log(size / 2), gaussians),
+        quats=dr.full(mi.Quaternion4f, 0, gaussians) + mi.Quaternion4f(0, 0, 0, 1),
+        irradiance=from_numpy(mi.Color3f, colour),
+        normals=dr.zeros(mi.Normal3f, gaussians),
+    )
+    settings = FieldSettings(search_radius=2 * size, normal_test=False)
+    moments = np.ones((gaussians, 2, 3, 4), np.float32)
+    return VolumeField(GaussianPhotonField(placed, settings, bounds), moments)

@@ -24,7 +24,7 @@ from rich.table import Table
 
 import gpf
 from benchmarks import cli
-from benchmarks.glass_sphere import cornell_box, load_scene, untrained_field
+from benchmarks.glass_sphere import cornell_box, load_scene, untrained_field, untrained_volume
 from gpf.core.runtime import choose_variant
 from gpf.modelling import shapes
 from gpf.modelling.meshes import grid
@@ -60,6 +60,24 @@ def sum_passes(passes: int) -> Callable[[], object]:
 def trace_paths(paths: int) -> Callable[[], object]:
     """Three passes of SPPM, 256² pixels."""
     return _sppm(load_scene(ROWS, ROWS), paths, 3)
+
+
+def float_photons(paths: int) -> Callable[[], object]:
+    """Three passes of SPPM in a box full of fog, 256² pixels."""
+    return _sppm(load_scene(ROWS, ROWS, fog=True), paths, 3)
+
+
+def query_volume(count: int) -> Callable[[], object]:
+    """A picture of fog with ``count`` Gaussians in it, 16 samples per pixel."""
+    scene = load_scene(ROWS, ROWS, fog=True)
+    integrator = mi.load_dict({"type": "gpf"})
+    integrator.field = untrained_field(scene, 50_000)
+
+    def call() -> object:
+        integrator.field.volume = untrained_volume(scene, count)
+        return mi.render(scene, integrator=integrator, spp=16)
+
+    return call
 
 
 def query_gaussians(count: int) -> Callable[[], object]:
@@ -143,6 +161,8 @@ QUANTITIES = {
     "passes": Quantity(sum_passes, (100, 300, 1000), 10_000),
     "photon paths": Quantity(trace_paths, (100_000, 300_000, 1_000_000), 10_000_000),
     "Gaussians": Quantity(query_gaussians, (30_000, 100_000, 300_000), 1_000_000),
+    "photon paths in fog": Quantity(float_photons, (30_000, 100_000, 300_000), 3_000_000),
+    "Gaussians in fog": Quantity(query_volume, (3_000, 10_000, 30_000), 300_000),
     "triangles": Quantity(load_triangles, (100_000, 300_000, 1_000_000), 10_000_000),
     "lamps": Quantity(light_lamps, (16, 64, 256), 1024),
     "views together": Quantity(share_views, (2, 4, 8), 32),

@@ -90,8 +90,8 @@ _SHAPES: dict[str, tuple[tuple[str | int, ...], str, str]] = {
     "limits": (("N", 3, 3), "f4", "i1"),
     "limit_distances": (("N", 3), "f4", "f2"),
     "lights": (("G", "N", 3), "f4", "f2"),
-    "moments": (("N", 3, 3), "f4", "f2"),
-    "light_moments": (("G", "N", 3, 3), "f4", "f2"),
+    "moments": (("N", 2, 3, 4), "f4", "f2"),
+    "light_moments": (("G", "N", 2, 3, 4), "f4", "f2"),
     "levels": (("N",), "u1", "u1"),
     "detail": (("X", "Y", "Z"), "u1", "u1"),
 }

@@ -69,9 +69,9 @@ def supplement_support(distance2: list[mi.Float]) -> tuple[mi.Float, mi.Float]:
 # Dr.Jit's syntax has no comprehensions.
 
 
-def no_vectors(count: int) -> list[mi.Vector3f]:
+def zeros(count: int) -> list[mi.Vector4f]:
     """So many vectors of length 0."""
-    return [mi.Vector3f(0) for _ in range(count)]
+    return [mi.Vector4f(0) for _ in range(count)]
 
 
 def add_all(values: list[Any], others: list[Any]) -> list[Any]:
@@ -117,7 +117,7 @@ class GaussianPhotonField(Recordable):
     Attributes
     ----------
     volume: the light in media (:class:`gpf.field.volume.VolumeField`), or None.
-    vectors: several for each Gaussian, blended like the colours, (N, K, 3); None: no vectors.
+    vectors: several for each Gaussian, blended like the colours, (N, K, 4); None: no vectors.
     """
 
     READ = ("detail", "search", "volume", "_packets", "_error_packets", "_vectors")
@@ -173,12 +173,12 @@ class GaussianPhotonField(Recordable):
         self._vectors: list[Any] = []
         for k in range(0 if self.vectors is None else self.vectors.shape[1]):
             assert self.vectors is not None
-            v = dr.gather(mi.Vector3f, from_numpy(mi.Vector3f, self.vectors[:, k]), order)
-            self._vectors.append(dr.ravel(mi.Vector4f(v.x, v.y, v.z, 0)))
+            vector = from_numpy(mi.Vector4f, self.vectors[:, k])
+            self._vectors.append(dr.ravel(dr.gather(mi.Vector4f, vector, order)))
         dr.eval(self._packets, self._error_packets, self._vectors)
 
     def set_vectors(self, vectors: np.ndarray) -> None:
-        """Take vectors that are blended like the colours, (N, K, 3)."""
+        """Take vectors that are blended like the colours, (N, K, 4)."""
         self.vectors = vectors
         self._pack()
 
@@ -200,8 +200,7 @@ class GaussianPhotonField(Recordable):
         weight = dr.select(active, blend_weight(x - mean, rows, support2), 0)  # type: ignore[arg-type]
         values: list[Any] = [weight * mi.Color3f(*(p.w for p in packets))]
         for packet in self._vectors:
-            v = dr.gather(mi.Vector4f, packet, index, active)
-            values.append(weight * mi.Vector3f(v.x, v.y, v.z))
+            values.append(weight * dr.gather(mi.Vector4f, packet, index, active))
         return weight, values
 
     @dr.syntax
@@ -239,13 +238,13 @@ class GaussianPhotonField(Recordable):
     def query_all(
         self, x: mi.Point3f, n: mi.Normal3f, active: mi.Bool
     ) -> tuple[list[Any], mi.Float]:
-        """As :meth:`query`, but with all values: colours, and vectors if there are any, (N, 3)."""
+        """As :meth:`query`, but with all values: colours, and vectors if there are any, (N, 4)."""
         settings = self.settings
         x = self.unfold(x)
         radius2 = self.search.radius * self.search.radius
         count = mi.UInt32(0)
         total = mi.Float(0)
-        sums: list[Any] = [mi.Color3f(0), *no_vectors(len(self._vectors))]
+        sums: list[Any] = [mi.Color3f(0), *zeros(len(self._vectors))]
 
         def add(state, index, record, distance2, inside):  # type: ignore[no-untyped-def]
             return self._add(state, x, n, index, record, inside)

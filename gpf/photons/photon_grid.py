@@ -47,8 +47,8 @@ PILOT = 1024
 # number of 64 bits; z and the number of photons in another.
 _POWER, _XY, _ZN = (0, 5), 3, 4
 
-# Two more for the mean normal, in the same way as the mean position.
-_NORMAL_XY, _NORMAL_Z = LINE, LINE + 1
+# Two more for the mean direction in media, in the same way as the mean position.
+_DIRECTION_XY, _DIRECTION_Z = LINE, LINE + 1
 
 
 class PhotonSums:
@@ -63,8 +63,8 @@ class PhotonSums:
     settings: the photon paths of each pass.
     capacity: initial number of slots in the table.
     groups: table that keeps the light of groups of emitters apart; see :meth:`LightGroups.table`.
-    exact: whether the photons of a cell have their mean normal, not a rounded one. On surfaces, it
-        is only compared; in media, it is the direction of the light.
+    floating: whether these are photons in media. Cells keep the mean direction of their photons;
+        there is one for each octant of directions.
 
     Attributes
     ----------
@@ -78,15 +78,15 @@ class PhotonSums:
         settings: PathSettings,
         capacity: int = 1 << 20,
         groups: mi.UInt32 | None = None,
-        exact: bool = False,
+        floating: bool = False,
     ) -> None:
         self._cubes = cells
         self._unit, self._landings = 0.0, 0.0
         self._settings, self._groups = settings, groups
         self._group, self._column, self._every = mi.UInt32(0), mi.UInt32(0), mi.Bool(True)
         self.paths = [0, 0]
-        self._exact = exact
-        self.table = CellTable(capacity, LINE + 2 if exact else LINE)
+        self._floating = floating
+        self.table = CellTable(capacity, LINE + 2 if floating else LINE)
 
     def _learn(self, few: Photons) -> None:
         """Note the typical power and the number of photons, from :data:`PILOT` paths."""
@@ -106,7 +106,8 @@ class PhotonSums:
     def _add(self, photons: Photons, diffused: mi.Bool, active: mi.Bool) -> None:
         active = active & (self._every | ~diffused)
         level, corner, place = self._cubes.find(photons.p)
-        key = _pack(corner, mi.Vector3u(_thirds(photons.n) + _NORMAL_STEPS))
+        n = dr.sign(photons.n) if self._floating else _thirds(photons.n)
+        key = _pack(corner, mi.Vector3u(n + _NORMAL_STEPS))
         key |= mi.UInt64(level) << _LEVEL_SHIFT
         if self._groups is not None:
             key |= mi.UInt64(self._group) << _GROUP_SHIFT
@@ -117,18 +118,20 @@ class PhotonSums:
         sums = [(self._column + k, mi.UInt64(mi.Int64(power[k]))) for k in range(3)]
         sums.append((mi.UInt32(_XY), mi.UInt64(inside.x) | (mi.UInt64(inside.y) << 32)))
         sums.append((mi.UInt32(_ZN), mi.UInt64(inside.z) | (mi.UInt64(1) << 32)))
-        if self._exact:
+        if self._floating:
             n = mi.Vector3u((photons.n + 1) * (0.5 * (_PLACES - 1)))
-            sums.append((mi.UInt32(_NORMAL_XY), mi.UInt64(n.x) | (mi.UInt64(n.y) << 32)))
-            sums.append((mi.UInt32(_NORMAL_Z), mi.UInt64(n.z)))
+            sums.append((mi.UInt32(_DIRECTION_XY), mi.UInt64(n.x) | (mi.UInt64(n.y) << 32)))
+            sums.append((mi.UInt32(_DIRECTION_Z), mi.UInt64(n.z)))
         self.table.add(key, sums, active)
 
     def photons(self, half: int, group: int | None = None, diffused: bool = True) -> Photons:
         """One photon for each cell that has light in this half, sorted by cell; powers are divided
         by the half's number of paths so far.
 
+        In media, the direction is the mean of the photons, shorter than 1.
+
         ``group``: only the photons of this group of emitters; all by default. ``diffused``: whether
-        to include those from diffuse surfaces.
+        to include those from diffuse surfaces; in media, those that have been scattered.
         """
         keys = self.table.keys
         wanted = keys != 0
@@ -153,14 +156,15 @@ class PhotonSums:
         count = mi.Float(mi.UInt32(zn >> 32))
         inside = (places / count + 0.5) / _PLACES
         n = mi.Vector3f(*(mi.Float((key >> (48 + 3 * k)) & 7) for k in range(3))) - _NORMAL_STEPS
-        if self._exact:
-            xy, z = (self.table.sums(slot, k) for k in (_NORMAL_XY, _NORMAL_Z))
+        n = dr.normalize(n)
+        if self._floating:
+            xy, z = (self.table.sums(slot, k) for k in (_DIRECTION_XY, _DIRECTION_Z))
             total = mi.Vector3f(*(mi.Float(mi.UInt32(v)) for v in (xy, xy >> 32, z)))
             n = 2 * (total / count + 0.5) / (_PLACES - 1) - 1
         scale = dr.opaque(mi.Float, self._unit / max(self.paths[half], 1))
         photons = Photons(
             p=self._cubes.points(level, corner, inside),
-            n=mi.Normal3f(dr.normalize(n)),
+            n=mi.Normal3f(n),
             power=mi.Color3f(*(mi.Float(mi.Int64(v)) for v in (red, green, blue))) * scale,
             depth=dr.full(mi.UInt32, int(self._settings.indirect), len(found)),
         )
@@ -189,8 +193,8 @@ def trace_pass(
 ) -> None:
     """Add the photons of one more pass to half 0 or 1 of those on surfaces and of those in media.
 
-    ``diffused``: whether to include those from diffuse surfaces; once left out, they are missing
-    for good.
+    ``diffused``: whether to include those from diffuse surfaces on surfaces; once left out, they
+    are missing for good.
     """
     both = surfaces, cloud
     there = [sums for sums in both if sums is not None]
@@ -201,7 +205,7 @@ def trace_pass(
             if sums is not None and not sums._unit:
                 sums._learn(photons)
     for sums in there:
-        sums._prepare(half, diffused)
+        sums._prepare(half, diffused or sums is cloud)
     deposit, float_by = (_ignore if sums is None else sums._add for sums in both)
     emitting = replace(settings, source=partial(_emit, there))
     trace_photons(scene, deposit, emitting, seed, None if cloud is None else float_by)

@@ -82,6 +82,7 @@ def trace_photons(
         comes from a diffuse surface, directly or through something that does not change its
         direction.
     float_by: called like ``deposit``, with photons in media (:class:`gpf.core.structs.Photons`).
+        There, ``diffused`` is whether a diffuse surface or a medium has scattered it at all.
     """
     paths, max_depth = settings.paths, settings.max_depth
     sampler = mi.load_dict({"type": "independent"})
@@ -98,6 +99,7 @@ def trace_photons(
     active = (brightest > 0) & (deepest > 0)
     media = Media(scene)
     medium, ratio = dr.zeros(mi.MediumPtr), mi.Color3f(1)
+    scattered_once = mi.Bool(False)
     channel, phase = mi.UInt32(0), mi.PhaseFunctionContext(sampler, mi.TransportMode.Importance)
     if dr.hint(media.there, mode="scalar"):
         medium = media.around(ray, active)
@@ -108,7 +110,7 @@ def trace_photons(
         scatters = mi.Bool(False)
         if dr.hint(media.there, mode="scalar"):
             stored = active & (stores_direct | ~direct)
-            visit = _floating(float_by, power, depth, stored)
+            visit = _floating(float_by, power, depth, scattered_once, stored)
             flight = media.fly(medium, ray, si.t, channel, ratio, sampler, active, visit)
             power *= flight.weight
             ratio, scatters = flight.ratio, flight.scatters
@@ -162,6 +164,7 @@ def trace_photons(
             )
             direct &= ~scatters
             diffused &= ~scatters
+            scattered_once |= scatters | (surface & scattered)
             lives = dr.select(scatters, _LIVES_IN_MEDIA, lives)
         power = _limited(power * factor, _MAX_GAIN * brightest)
         active &= surface | scatters
@@ -176,7 +179,11 @@ def trace_photons(
 
 
 def _floating(
-    deposit: Deposit | None, power: mi.Color3f, depth: mi.UInt32, stored: mi.Bool
+    deposit: Deposit | None,
+    power: mi.Color3f,
+    depth: mi.UInt32,
+    scattered: mi.Bool,
+    stored: mi.Bool,
 ) -> Visit:
     """Deposits photons at the places of a flight: w Φ at each, for which Σ w Φ / V is the fluence
     in a volume V."""
@@ -184,7 +191,7 @@ def _floating(
     def visit(place: Place, weight: mi.Color3f, active: mi.Bool) -> None:
         if deposit is not None:
             photons = Photons(p=place.p, n=mi.Normal3f(place.d), power=power * weight, depth=depth)
-            deposit(photons, mi.Bool(False), active & stored & dr.all(dr.isfinite(photons.power)))
+            deposit(photons, scattered, active & stored & dr.all(dr.isfinite(photons.power)))
 
     return visit
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from gpf.camera.film import sample_film
 from gpf.core.random import Stream, pass_seed
-from gpf.core.structs import SurfacePoints, from_numpy, to_numpy
+from gpf.core.structs import Photons, SurfacePoints, from_numpy, to_numpy
 from gpf.field.by_detail import place_by_detail
 from gpf.field.field import GaussianPhotonField
 from gpf.field.lights import FieldLights
@@ -48,8 +48,9 @@ FROM_VIEWS, FROM_PHOTONS = 150_000, 50_000
 CORRECTIONS = 8
 """Estimates of how much of a kernel's ball is cut off by surfaces, per place."""
 
-ROUNDS = 30
-"""Steps of the solver that fits the moments."""
+ROUNDS, RIDGE = 30, 1e-6
+"""Steps of the solver that fits the moments, and what is added to the diagonal of its matrix,
+relative to its mean."""
 
 
 class VolumeLight:
@@ -84,7 +85,7 @@ class VolumeLight:
         cell = CELL * self.radius(TYPICAL_PASSES)
         table = None if groups is None else groups.table(scene)
         cells = PhotonCells(cell, self._bounds, self.places)
-        self.sums = PhotonSums(cells, settings, groups=table, exact=True)
+        self.sums = PhotonSums(cells, settings, groups=table, floating=True)
 
     def add_pass(self, number: int) -> None:
         """Trace pass ``number``, counted from 1, for these photons alone."""
@@ -99,9 +100,9 @@ class VolumeLight:
         self, passes: int, stride: int = 1
     ) -> tuple[tuple[SurfacePoints, SurfacePoints], np.ndarray]:
         """Every ``stride``-th place with the fluence from each half of the photons, and the moments
-        of each channel from all of them, (P, 3, 3)."""
+        from all of them, (P, 2, 3, 4), as in :class:`gpf.field.volume.VolumeField`."""
         places, found = self.places[::stride], []
-        moments = np.zeros((len(places), 3, 3), np.float32)
+        moments = np.zeros((len(places), 2, 3, 4), np.float32)
         # Without a direction: in media, there are no sides.
         p, n = from_numpy(mi.Point3f, places), dr.zeros(mi.Normal3f, len(places))
         for half, share in enumerate(_shares(passes)):
@@ -109,32 +110,39 @@ class VolumeLight:
             fluence, moment = self._estimate(p, passes, half)
             target = from_numpy(mi.Color3f, correction * fluence)
             found.append(SurfacePoints(p=p, n=n, target=target))
-            moments += share * correction[:, :, None] * moment
+            moments += share * correction[:, :, None, None] * moment
         return (found[0], found[1]), moments
 
     def by_group(
         self, groups: LightGroups, passes: int, stride: int = 1
     ) -> tuple[np.ndarray, np.ndarray]:
         """Fluence and moments from each group of emitters at every ``stride``-th place, from all
-        photons, (G, P, 3) and (G, P, 3, 3)."""
+        photons, (G, P, 3) and (G, P, 2, 3, 4)."""
         p = from_numpy(mi.Point3f, self.places[::stride])
         correction = self._correction(p, passes, number=2)
         fluences = np.zeros((len(groups.names), dr.width(p), 3), np.float32)
-        moments = np.zeros((*fluences.shape, 3), np.float32)
+        moments = np.zeros((len(fluences), dr.width(p), 2, 3, 4), np.float32)
         for group in range(len(fluences)):
             for half, share in enumerate(_shares(passes)):
                 fluence, moment = self._estimate(p, passes, half, group)
                 fluences[group] += share * correction * fluence
-                moments[group] += share * correction[:, :, None] * moment
+                moments[group] += share * correction[:, :, None, None] * moment
         return fluences, moments
 
     def _estimate(
         self, p: mi.Point3f, passes: int, half: int, group: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Fluence and moments at places, (P, 3) and (P, 3, 3), too dark near surfaces."""
-        cloud = PhotonCloud(self.sums.photons(half, group), self.radius(passes), self._bounds)
+        """Fluence and moments at places, (P, 3) and (P, 2, 3, 4), too dark near surfaces."""
+        every = self._moments(p, passes, self.sums.photons(half, group))
+        straight = self._moments(p, passes, self.sums.photons(half, group, diffused=False))
+        return every[:, :, 3], np.stack([straight, every - straight], axis=1)
+
+    def _moments(self, p: mi.Point3f, passes: int, photons: Photons) -> np.ndarray:
+        """J and φ of each channel at places, (P, 3, 4)."""
+        cloud = PhotonCloud(photons, self.radius(passes), self._bounds)
         fluence, moments = cloud.fluence(p)
-        found = to_numpy(fluence), np.stack([to_numpy(moment) for moment in moments], axis=1)
+        directions = np.stack([to_numpy(moment) for moment in moments], axis=1)
+        found = np.concatenate([directions, to_numpy(fluence)[:, :, None]], axis=2)
         del cloud, fluence, moments
         dr.flush_malloc_cache()
         return found
@@ -205,15 +213,18 @@ def fit_volume(
 def fit_moments(
     field: GaussianPhotonField, points: SurfacePoints, moments: np.ndarray
 ) -> np.ndarray:
-    """The moments of the Gaussians, (N, 3, 3), from those at points, (P, 3, 3), by least squares,
-    relative to the fluence."""
+    """The moments of the Gaussians, (N, 2, 3, 4), from those at points, (P, 2, 3, 4), by least
+    squares, relative to the fluence."""
     from scipy.sparse import diags_array  # slow to import
-    from scipy.sparse.linalg import lsqr
+    from scipy.sparse.linalg import cg
 
     matrix = blend_matrix(field, points)
     level = (matrix @ to_numpy(field.gaussians.irradiance)).mean(axis=1)
-    weight = 1 / np.maximum(level, 1e-3 * max(float(level.mean()), 1e-20))
-    rows: Any = diags_array(weight.astype(np.float32)) @ matrix
-    columns = moments.reshape(len(moments), -1).T
-    found = [lsqr(rows, weight * m, damp=1e-3, iter_lim=ROUNDS)[0] for m in columns]
-    return np.stack(found, axis=1).reshape(-1, *moments.shape[1:]).astype(np.float32)
+    unit = max(float(level.mean()), 1e-20)
+    weight = np.square(1 / np.maximum(level / unit, 1e-3)).astype(np.float32)
+    back = (diags_array(weight) @ matrix).T.tocsr()
+    normal = back @ matrix
+    normal += diags_array(np.full(normal.shape[0], RIDGE * normal.diagonal().mean(), np.float32))
+    wanted = back @ (moments.reshape(len(moments), -1) / unit)
+    found = [cg(normal, column, maxiter=ROUNDS)[0] for column in wanted.T]
+    return (unit * np.stack(found, axis=1)).reshape(-1, *moments.shape[1:]).astype(np.float32)

@@ -25,6 +25,14 @@ COUNT = 300
 BOUNDS = mi.ScalarPoint3f(LOWER), mi.ScalarPoint3f(UPPER)
 
 
+def moments_of(colour: np.ndarray, direction, share: float, kind: int = 0) -> np.ndarray:
+    """Those of light of one kind with a direction and a mean cosine, (N, 2, 3, 4)."""
+    moments = np.zeros((len(colour), 2, 3, 4), np.float32)
+    moments[:, kind, :, :3] = share * colour[:, :, None] * np.array(direction, np.float32)
+    moments[:, kind, :, 3] = colour
+    return moments
+
+
 def make_volume(direction=(0.0, 0.0, 1.0), share=1.0, groups=False) -> VolumeField:
     """Light whose mean direction is the same everywhere; of two lamps, the second one's comes from
     the opposite side."""
@@ -32,11 +40,11 @@ def make_volume(direction=(0.0, 0.0, 1.0), share=1.0, groups=False) -> VolumeFie
     settings = FieldSettings(search_radius=0.5, normal_test=False)
     field = GaussianPhotonField(gaussians, settings, BOUNDS)
     colour = to_numpy(gaussians.irradiance)
-    moments = share * colour[:, :, None] * np.array(direction, np.float32)
+    moments = moments_of(colour, direction, share)
     if not groups:
         return VolumeField(field, moments)
     field.lights = FieldLights(LightGroups(("a", "b"), ((0,), (1,))), np.stack([colour / 2] * 2))
-    parts = np.stack([moments / 2, -moments / 2])
+    parts = np.stack([moments, moments_of(colour, -np.array(direction), share)]) / 2
     return VolumeField(field, parts.sum(axis=0), parts)
 
 
@@ -99,11 +107,27 @@ def test_levels_change_light_and_direction(haze_towards):
 def test_channels_have_directions_of_their_own(haze_towards):
     """Red light goes upwards, the rest comes from everywhere."""
     haze, volume = haze_towards((0, 0, -1)), make_volume()
-    moments = volume.moments * np.array([1, 0, 0], np.float32)[:, None]
+    moments = volume.moments.copy()
+    moments[:, :, 1:, :3] = 0
     volume = VolumeField(volume.fluence, moments)
     fluence = to_numpy(volume.fluence.query(haze.p, mi.Normal3f(0, 0, 1), haze.valid)[0])
     isotropic = 1 / (4 * math.pi)
     expected = fluence * [phase(1, 0.5), isotropic, isotropic]
+    np.testing.assert_allclose(to_numpy(volume.scattered(haze)), expected, rtol=1e-3)
+
+
+def test_light_that_is_scattered_is_a_wider_lobe(haze_towards):
+    """A third of the light is a beam upwards; the rest is a lobe sideways with a mean cosine of .4,
+    which is scattered into one of .5 · .4."""
+    haze, volume = haze_towards((0, 0, -1)), make_volume()
+    beam, rest = (volume.moments[:, 0, 0, 3:] * share for share in (1 / 3, 2 / 3))
+    colour = np.ones(3, np.float32)
+    moments = moments_of(beam * colour, (0, 0, 1), 1.0) + moments_of(
+        rest * colour, (1, 0, 0), 0.4, kind=1
+    )
+    volume = VolumeField(volume.fluence, moments)
+    fluence = to_numpy(volume.fluence.query(haze.p, mi.Normal3f(0, 0, 1), haze.valid)[0])
+    expected = fluence * (phase(1, 0.5) / 3 + phase(0, 0.2) * 2 / 3)
     np.testing.assert_allclose(to_numpy(volume.scattered(haze)), expected, rtol=1e-3)
 
 
