@@ -64,12 +64,16 @@ def field_by_detail(
 
 
 def place_by_detail(
-    detail: Detail, position: np.ndarray, normal: np.ndarray, seed: int
+    detail: Detail,
+    position: np.ndarray,
+    normal: np.ndarray,
+    seed: int,
+    distance: float = DISTANCE,
 ) -> Gaussians:
     """Gaussians at some of the points where a field is needed, as many as its levels ask for.
 
-    At each level, a grid has cells of :data:`gpf.field.initialization.DISTANCE` radii; each cell
-    with points that queries of the level may reach gets a Gaussian at one of them, of irradiance 0.
+    At each level, a grid has cells of ``distance`` radii; each cell with points that queries of the
+    level may reach gets a Gaussian at one of them, of irradiance 0.
 
     Parameters
     ----------
@@ -82,7 +86,7 @@ def place_by_detail(
         if len(near) == 0:
             continue
         rng.shuffle(near)
-        width = DISTANCE * detail.radius / 2**level
+        width = distance * detail.radius / 2**level
         _, first = np.unique(cell_keys(position[near], normal[near], width), return_index=True)
         chosen = near[np.sort(first)]
         means.append(detail.unfold_all(position[chosen], level))

@@ -41,10 +41,15 @@ class PhotonCells:
     edge: edge of the finest cubes, world units; longer if the scene spans more than 65535 of them.
     bounds: corners of the scene's bounding box.
     points: points that gather photons, world units, (N, 3); without them, every level is 0.
+    dimensions: 2 if the points lie on surfaces, 3 if they lie in space.
     """
 
     def __init__(
-        self, edge: float, bounds: tuple[Any, Any], points: np.ndarray | None = None
+        self,
+        edge: float,
+        bounds: tuple[Any, Any],
+        points: np.ndarray | None = None,
+        dimensions: int = 2,
     ) -> None:
         lower, upper = (np.array([float(corner[k]) for k in range(3)]) for corner in bounds)
         edge = max(edge, float(np.max(upper - lower)) / _LARGEST_NUMBER)
@@ -52,7 +57,7 @@ class PhotonCells:
         self._lower = mi.Point3f(*(dr.opaque(mi.Float, float(x)) for x in lower))
         table, width = np.zeros((1, 1, 1), np.uint32), float(np.max(upper - lower)) + edge
         if points is not None:
-            table, width = _choose_levels(points, edge, lower, upper - lower)
+            table, width = _choose_levels(points, dimensions, edge, lower, upper - lower)
         self._levels = from_numpy(mi.UInt32, table.ravel())
         self._inverse = dr.opaque(mi.Float, 1 / width)
         self._last = mi.Vector3i(*(dr.opaque(mi.Int32, n - 1) for n in table.shape))
@@ -78,7 +83,7 @@ class PhotonCells:
 
 
 def _choose_levels(
-    points: np.ndarray, edge: float, lower: np.ndarray, extent: np.ndarray
+    points: np.ndarray, dimensions: int, edge: float, lower: np.ndarray, extent: np.ndarray
 ) -> tuple[np.ndarray, float]:
     """The table of levels, (X, Y, Z), and the edge of its cells."""
     from scipy.ndimage import minimum_filter  # slow to import
@@ -90,7 +95,7 @@ def _choose_levels(
     cell = np.clip(np.floor((points - lower) / width).astype(np.int64), 0, np.array(shape) - 1)
     count = np.bincount(np.ravel_multi_index(cell.T, shape), minlength=math.prod(shape))
     # Assumes one surface in the cell; with more, the points are farther apart than this.
-    distance = width / np.sqrt(np.maximum(count, 1e-6))
+    distance = width / np.maximum(count, 1e-6) ** (1 / dimensions)
     level = np.clip(np.floor(np.log2(_SHARE * distance / edge)), 0, _COARSEST)
     # Points also gather photons from the cells around their own.
     table: np.ndarray = minimum_filter(level.reshape(shape), 3).astype(np.uint32)

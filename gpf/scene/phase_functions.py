@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import or_
+
 import drjit as dr
 import mitsuba as mi
 
@@ -31,22 +34,28 @@ def scatter_lobes(
     means: the lobes' mean cosines r, 0 to 1, (N,) each.
     cosines: of the angles between the lobes' directions of flight and the direction, (N,) each.
     """
-    return list(dr.dispatch(medium, _scatter_in, means, cosines))
+    others: list[mi.Medium] = []
 
+    def mean_cosine(one: mi.Medium) -> mi.Float:
+        phase = one.phase_function()
+        if phase.class_name() == "HGPhaseFunction":
+            return mi.Float(mi.traverse(phase)["g"])
+        if phase.class_name() != "IsotropicPhaseFunction":
+            others.append(one)
+        return mi.Float(0)
 
-def _scatter_in(
-    medium: mi.Medium, means: list[mi.Float], cosines: list[mi.Float]
-) -> list[mi.Float]:
-    phase = medium.phase_function()
-    if phase.class_name() == "IsotropicPhaseFunction":
-        return [dr.full(mi.Float, dr.inv_four_pi, dr.width(mean)) for mean in means]
-    if phase.class_name() == "HGPhaseFunction":
-        g = mi.traverse(phase)["g"]
-        return [henyey_greenstein(g * r, c) for r, c in zip(means, cosines, strict=True)]
-    return [
-        dr.lerp(dr.inv_four_pi, _turn(phase, cosine), mean)
-        for mean, cosine in zip(means, cosines, strict=True)
-    ]
+    def turn(one: mi.Medium, *cosines: mi.Float) -> list[mi.Float]:
+        return [_turn(one.phase_function(), cosine) for cosine in cosines]
+
+    g = dr.dispatch(medium, mean_cosine)
+    found = [henyey_greenstein(g * r, c) for r, c in zip(means, cosines, strict=True)]
+    if others:
+        is_other = reduce(or_, (medium == mi.MediumPtr(one) for one in others))
+        turned = dr.dispatch(medium, turn, *cosines)
+        for k, share in enumerate(turned):
+            mixed = dr.lerp(dr.inv_four_pi, share, means[k])
+            found[k] = dr.select(is_other, mixed, found[k])
+    return found
 
 
 def _turn(phase: mi.PhaseFunction, cosine: mi.Float) -> mi.Float:

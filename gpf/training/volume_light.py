@@ -40,13 +40,16 @@ from gpf.training.shared_detail import keep_shared_detail
 from gpf.training.trainer import Trainer
 
 # Edge of the cells in which photons are added up, in kernel radii after TYPICAL_PASSES passes.
-CELL, TYPICAL_PASSES = 0.25, 100
+CELL, TYPICAL_PASSES = 0.75, 100
 
 FROM_VIEWS, FROM_PHOTONS = 150_000, 50_000
 """Largest numbers of places that cameras look through, and of places of photons."""
 
 CORRECTIONS = 8
 """Estimates of how much of a kernel's ball is cut off by surfaces, per place."""
+
+DISTANCE = 0.7
+"""Distance between Gaussians in space, in search radii."""
 
 ROUNDS, RIDGE = 30, 1e-6
 """Steps of the solver that fits the moments, and what is added to the diagonal of its matrix,
@@ -84,7 +87,7 @@ class VolumeLight:
         self.places = find_places(scene, sensors, settings, seed)
         cell = CELL * self.radius(TYPICAL_PASSES)
         table = None if groups is None else groups.table(scene)
-        cells = PhotonCells(cell, self._bounds, self.places)
+        cells = PhotonCells(cell, self._bounds, self.places, dimensions=3)
         self.sums = PhotonSums(cells, settings, groups=table, floating=True)
 
     def add_pass(self, number: int) -> None:
@@ -194,7 +197,7 @@ def fit_volume(
     bounds = scene_bounds(light.scene)
     detail = choose_detail(mean, halves, light.radius(passes), bounds)
     places = light.places[::stride]
-    gaussians = place_by_detail(detail, places, np.zeros_like(places), training.seed)
+    gaussians = place_by_detail(detail, places, np.zeros_like(places), training.seed, DISTANCE)
     direct: Any = "emitters" if light.indirect else "field"
     own = settings(detail.radius).model_copy(update={"normal_test": False, "direct": direct})
     field = GaussianPhotonField(gaussians, own, bounds, detail=detail)
