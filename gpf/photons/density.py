@@ -11,6 +11,7 @@ import mitsuba as mi
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import Haze, OrientedPoints, Photons
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface, unpack_depth, unpack_normal
+from gpf.scene.bounds import box_around
 from gpf.scene.media import Place
 
 
@@ -90,17 +91,18 @@ class PhotonCloud:
     ----------
     photons: (M,).
     radius: kernel radius r, world units.
-    bounds: corners of the scene's bounding box.
 
     Attributes
     ----------
     radius: the same; 0 if there are no photons.
     """
 
-    def __init__(self, photons: Photons, radius: float, bounds: Any) -> None:
+    def __init__(self, photons: Photons, radius: float) -> None:
         self.radius = radius if dr.width(photons.p) else 0.0
         if not self.radius:
             return
+        # Fog without walls holds photons far beyond all surfaces.
+        bounds = box_around(photons.p)
         tag, cell = pack_tag(photons.n, photons.depth), 1.01 * radius
         self._grid = SpatialHash(photons.p, cell=cell, bounds=bounds, tag=tag, colour=photons.power)
         self._radius = dr.opaque(mi.Float, radius)

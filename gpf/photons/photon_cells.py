@@ -39,7 +39,7 @@ class PhotonCells:
     Parameters
     ----------
     edge: edge of the finest cubes, world units; longer if the scene spans more than 65535 of them.
-    bounds: corners of the scene's bounding box.
+    bounds: corners of the box that is divided.
     points: points that gather photons, world units, (N, 3); without them, every level is 0.
     dimensions: 2 if the points lie on surfaces, 3 if they lie in space.
     """
@@ -51,6 +51,7 @@ class PhotonCells:
         points: np.ndarray | None = None,
         dimensions: int = 2,
     ) -> None:
+        self.bounds = bounds
         lower, upper = (np.array([float(corner[k]) for k in range(3)]) for corner in bounds)
         edge = max(edge, float(np.max(upper - lower)) / _LARGEST_NUMBER)
         self._edge = dr.opaque(mi.Float, edge)

@@ -23,6 +23,7 @@ from gpf.photons.cell_table import LINE, CellTable
 from gpf.photons.emission import Emitted
 from gpf.photons.photon_cells import LEVEL_BITS, PhotonCells
 from gpf.photons.tracing import PathSettings, record_all, trace_photons
+from gpf.scene.bounds import inside_box
 from gpf.scene.light_groups import group_of
 
 # Coordinates of normals are rounded to thirds: this changes a direction by at most 17°.
@@ -64,7 +65,7 @@ class PhotonSums:
     capacity: initial number of slots in the table.
     groups: table that keeps the light of groups of emitters apart; see :meth:`LightGroups.table`.
     floating: whether these are photons in media. Cells keep the mean direction of their photons;
-        there is one for each octant of directions.
+        there is one for each octant of directions. Photons beyond the cubes are left out.
 
     Attributes
     ----------
@@ -105,6 +106,8 @@ class PhotonSums:
 
     def _add(self, photons: Photons, diffused: mi.Bool, active: mi.Bool) -> None:
         active = active & (self._every | ~diffused)
+        if self._floating:
+            active &= inside_box(photons.p, self._cubes.bounds)
         level, corner, place = self._cubes.find(photons.p)
         n = dr.sign(photons.n) if self._floating else _thirds(photons.n)
         key = _pack(corner, mi.Vector3u(n + _NORMAL_STEPS))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -31,6 +32,19 @@ def scene_bounds(scene: mi.Scene) -> tuple[Any, Any]:
     """The corners of :func:`bounding_box` as two points."""
     lower, upper = (mi.ScalarPoint3f(corner.tolist()) for corner in bounding_box(scene))
     return lower, upper
+
+
+def box_around(p: mi.Point3f) -> tuple[Any, Any]:
+    """The corners of the box around points, (N, 3)."""
+    corners = [[reduce(v)[0] for v in p] for reduce in (dr.min, dr.max)]
+    lower, upper = (mi.ScalarPoint3f([float(v) for v in corner]) for corner in corners)
+    return lower, upper
+
+
+def inside_box(p: mi.Point3f, bounds: tuple[Any, Any]) -> mi.Bool:
+    """Which points lie in the box between two corners, (N,)."""
+    lower, upper = (mi.Point3f(*(dr.opaque(mi.Float, v) for v in corner)) for corner in bounds)
+    return dr.all((p >= lower) & (p <= upper))
 
 
 def require_bounds(scene: mi.Scene) -> None:

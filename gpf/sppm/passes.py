@@ -24,7 +24,7 @@ from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface
 from gpf.photons.density import PhotonCloud, PhotonDensity
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.tracing import PathSettings, record_all, record_photons
-from gpf.scene.bounds import scene_bounds
+from gpf.scene.bounds import inside_box, scene_bounds
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import has_gloss
 from gpf.scene.media import Media
@@ -130,7 +130,7 @@ class PhotonPasses:
         radius = radius_at(t, settings.initial_radius, settings.alpha)
         density = PhotonDensity(photons, radius, self.bounds)
         wide = radius_at(t, self._media_radius, settings.alpha, dimensions=3)
-        cloud = PhotonCloud(floating, wide, self.bounds)
+        cloud = PhotonCloud(floating, wide)
         return PhotonPass(self.scene, settings, density, cloud, radius, self.seed, t)
 
 
@@ -242,18 +242,21 @@ def propose_media_radius(
     scene: mi.Scene, settings: PathSettings, seed: int, bounds: Any, photons_in_ball: float = 16.0
 ) -> float:
     """A radius, world units, within which a typical photon in a medium has ``photons_in_ball``
-    others per pass: from the distance to the 8th nearest, median over 4096 photons."""
+    others per pass: from the distance to the 8th nearest, median over 4096 photons. Beyond all
+    surfaces, where fog without walls holds photons, too, none counts."""
     k = 8
     diagonal = float(dr.norm(bounds[1] - bounds[0]))
     paths = min(settings.paths, 200_000)
     pilot = replace(settings, paths=paths, indirect=False)
     _, floating = record_all(scene, pilot, pass_seed(seed, 0, Stream.RADIUS_PHOTONS))
-    count = dr.width(floating.p)
+    within = dr.compress(inside_box(floating.p, bounds))
+    count = dr.width(within)
     if count <= k:
         return 1e-2 * diagonal
     rng = np.random.default_rng(pass_seed(seed, 0, Stream.RADIUS_POINTS))
-    x = dr.gather(mi.Point3f, floating.p, from_numpy(mi.UInt32, rng.integers(0, count, 4096)))
-    grid = SpatialHash(floating.p, cell=1e-2 * diagonal, bounds=bounds, far=True)
+    near = dr.gather(mi.Point3f, floating.p, within)
+    x = dr.gather(mi.Point3f, near, from_numpy(mi.UInt32, rng.integers(0, count, 4096)))
+    grid = SpatialHash(near, cell=1e-2 * diagonal, bounds=bounds, far=True)
     _, distance2 = grid.nearest(x, k + 1, mi.Float(5e-3 * diagonal), mi.Float(diagonal))
     typical = float(np.sqrt(np.median(distance2[k].numpy())))
     radius = typical * (photons_in_ball / k * paths / settings.paths) ** (1 / 3)

@@ -26,7 +26,7 @@ from gpf.photons.density import PhotonCloud
 from gpf.photons.photon_cells import PhotonCells
 from gpf.photons.photon_grid import PhotonSums, trace_pass
 from gpf.photons.tracing import PathSettings, record_all
-from gpf.scene.bounds import scene_bounds
+from gpf.scene.bounds import box_around, scene_bounds
 from gpf.scene.light_groups import LightGroups
 from gpf.sppm.edge_correction import ball_correction
 from gpf.sppm.passes import propose_media_radius, radius_at
@@ -68,6 +68,7 @@ class VolumeLight:
     Attributes
     ----------
     sums: takes the photons.
+    bounds: corners of the box around all places.
     indirect: whether photons straight from a lamp are left out.
     """
 
@@ -82,12 +83,12 @@ class VolumeLight:
     ) -> None:
         self.scene, self.seed, self._alpha = scene, seed, alpha
         self.indirect = settings.indirect
-        self._bounds = scene_bounds(scene)
-        self._first = propose_media_radius(scene, settings, seed, self._bounds)
+        self._first = propose_media_radius(scene, settings, seed, scene_bounds(scene))
         self.places = find_places(scene, sensors, settings, seed)
+        self.bounds = box_around(from_numpy(mi.Point3f, self.places))
         cell = CELL * self.radius(TYPICAL_PASSES)
         table = None if groups is None else groups.table(scene)
-        cells = PhotonCells(cell, self._bounds, self.places, dimensions=3)
+        cells = PhotonCells(cell, self.bounds, self.places, dimensions=3)
         self.sums = PhotonSums(cells, settings, groups=table, floating=True)
 
     def add_pass(self, number: int) -> None:
@@ -142,7 +143,7 @@ class VolumeLight:
 
     def _moments(self, p: mi.Point3f, passes: int, photons: Photons) -> np.ndarray:
         """J and φ of each channel at places, (P, 3, 4)."""
-        cloud = PhotonCloud(photons, self.radius(passes), self._bounds)
+        cloud = PhotonCloud(photons, self.radius(passes))
         fluence, moments = cloud.fluence(p)
         directions = np.stack([to_numpy(moment) for moment in moments], axis=1)
         found = np.concatenate([directions, to_numpy(fluence)[:, :, None]], axis=2)
@@ -194,13 +195,12 @@ def fit_volume(
     """
     halves, moments = light.halves(passes, stride)
     mean = replace(halves[0], target=(halves[0].target + halves[1].target) / 2)
-    bounds = scene_bounds(light.scene)
-    detail = choose_detail(mean, halves, light.radius(passes), bounds)
+    detail = choose_detail(mean, halves, light.radius(passes), light.bounds)
     places = light.places[::stride]
     gaussians = place_by_detail(detail, places, np.zeros_like(places), training.seed, DISTANCE)
     direct: Any = "emitters" if light.indirect else "field"
     own = settings(detail.radius).model_copy(update={"normal_test": False, "direct": direct})
-    field = GaussianPhotonField(gaussians, own, bounds, detail=detail)
+    field = GaussianPhotonField(gaussians, own, light.bounds, detail=detail)
     field = Trainer(field, mean, training).run()
     fitted = HalfColours.fit(field, halves)
     field.recolour(keep_shared_detail(field, fitted))

@@ -102,3 +102,21 @@ def test_recorded_frames_are_the_same(monkeypatch):
             for each in (plain, recorded)
         )
         np.testing.assert_allclose(a, b, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_fog_without_walls(monkeypatch):
+    """Photons and what cameras see reach far beyond all surfaces."""
+    make_small(monkeypatch, passes=24, steps=48, paths=40_000)
+    fog = {"type": "ref", "id": "fog"}
+    scene = {"type": "scene", "fog": medium(0.5, g=0.3) | {"id": "fog"}} | fog_box(medium(1))
+    del scene["box"]
+    scene["sensor"] |= {"medium": fog}
+    scene["lamp"] |= {"exterior": fog}
+    scene["floor"] |= {"exterior": fog}
+    loaded = mi.load_dict(scene, optimize=False)
+    field = fit(loaded, 24)
+    found = image(loaded, field)["radiance"]
+    truth = render(scene, {"type": "volpathmis", "max_depth": 100, "rr_depth": 20}, 512, 4)
+    ratio = found.mean((0, 1)) / truth.mean((0, 1, 2))
+    np.testing.assert_allclose(ratio, 1, atol=0.02)
