@@ -16,8 +16,9 @@ from gpf.field.gaussians import Gaussians
 from gpf.field.initialization import TYPICAL_SCALE, propose_search_radius
 from gpf.field.settings import FieldSettings
 from gpf.field.volume import VolumeField
-from gpf.photons.tracing import PathSettings, record_all, record_photons
+from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
+from gpf.training.volume_light import DISTANCE
 from stages.config.training import InitialFieldSettings
 from stages.training.photon_gaussians import initialize_gaussians
 
@@ -109,20 +110,19 @@ def untrained_field(
 
 
 def untrained_volume(scene: mi.Scene, gaussians: int) -> VolumeField:
-    """Gaussians in fog where photons are, as wide as the distance between them."""
+    """Gaussians everywhere in fog, as far apart as those of a fit."""
     bounds = scene_bounds(scene)
-    _, photons = record_all(scene, PathSettings(gaussians), seed=1)
-    chosen = np.random.default_rng(1).permutation(dr.width(photons.p))[:gaussians]
-    p = dr.gather(mi.Point3f, photons.p, from_numpy(mi.UInt32, chosen))
-    size = float(dr.norm(bounds[1] - bounds[0])) / gaussians ** (1 / 3)
+    lower, edges = np.array(bounds[0]), np.array(bounds[1] - bounds[0])
+    places = lower + edges * np.random.default_rng(1).random((gaussians, 3))
+    p, radius = from_numpy(mi.Point3f, places), (edges.prod() / gaussians) ** (1 / 3) / DISTANCE
     colour = np.ones((gaussians, 3), np.float32)
     placed = Gaussians(
         means=p,
-        log_scales=dr.full(mi.Vector3f, np.log(size / 2), gaussians),
+        log_scales=dr.full(mi.Vector3f, float(np.log(TYPICAL_SCALE * radius)), gaussians),
         quats=dr.full(mi.Quaternion4f, 0, gaussians) + mi.Quaternion4f(0, 0, 0, 1),
         irradiance=from_numpy(mi.Color3f, colour),
         normals=dr.zeros(mi.Normal3f, gaussians),
     )
-    settings = FieldSettings(search_radius=2 * size, normal_test=False)
+    settings = FieldSettings(search_radius=float(radius), normal_test=False)
     moments = np.ones((gaussians, 2, 3, 4), np.float32)
     return VolumeField(GaussianPhotonField(placed, settings, bounds), moments)
