@@ -220,7 +220,7 @@ def growth(
         list[str] | None, typer.Argument(metavar="[NAME]…", help=f"Of: {', '.join(QUANTITIES)}.")
     ] = None,
 ) -> None:
-    """How time and memory grow, and how predictably; all of it takes about six minutes.
+    """How time and memory grow, and how predictably; all of it takes about ten minutes.
 
     For each quantity three small sizes are measured, and a large one, each in a process of its own.
     A line through the two larger of the small ones, a + b n, predicts the large one. The exponent
