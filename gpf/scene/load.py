@@ -12,6 +12,7 @@ import mitsuba as mi
 from gpf.core.errors import UserError
 from gpf.core.runtime import two_threads
 from gpf.scene.folders import scene_folder
+from gpf.scene.grids import check_grid
 from gpf.scene.inventory import check_scene
 from gpf.scene.materials import INSEPARABLE
 from gpf.scene.meshes import check_obj, check_ply, check_serialized
@@ -50,7 +51,7 @@ def load_scene_file(file: Path | str, width: int = 256, height: int = 256) -> mi
     Raises
     ------
     UserError: the file or one that it refers to is missing, it does not parse, or
-        :func:`check_ply`, :func:`check_serialized`, :func:`check_obj` or
+        :func:`check_ply`, :func:`check_serialized`, :func:`check_obj`, :func:`check_grid` or
         :func:`check_scene` raises.
     """
     file = Path(file)
@@ -83,7 +84,7 @@ def check_files(file: Path, parameters: Mapping[str, str] | None = None) -> Scen
         raise UserError(where, f"refers to {path}{more}, which does not exist", todo)
     for path, reference in {r.path: r for r in reversed(document.references)}.items():
         if path.is_file():
-            for check in (check_ply, check_serialized, check_obj):
+            for check in (check_ply, check_serialized, check_obj, check_grid):
                 check(path, str(reference.place))
     return document
 

@@ -15,6 +15,8 @@ TINY = {
     "passes": 4,
     "photon paths": 1000,
     "Gaussians": 500,
+    "photon paths in fog": 1000,
+    "Gaussians in fog": 500,
     "triangles": 400,
     "lamps": 4,
     "views together": 2,
