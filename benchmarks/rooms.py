@@ -27,6 +27,7 @@ from gpf.field.field import GaussianPhotonField
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.rendering.timed_sampling import time_of
+from gpf.scene.media import Media
 from gpf.scene.snapshot import snapshot_scene
 from gpf.scene.views import View
 
@@ -86,10 +87,11 @@ def rooms(
     A field is fitted, and some views of it are rendered, the scene's own among them, denoised as by
     `gpf render`; then `path` with Open Image Denoise, and SPPM, each with as much time as the fit
     and the views took. A few views are judged against two independent images, by `path` or, in the
-    scenes of `scenes/`, by SPPM with a fifth as many passes: PSNR over all their pixels, FLIP, and
-    energy, the sum of the image divided by that of the truth, without the brightest half percent of
-    the pixels of either. Below the table: the fit, and the time of a sample, compared with `path`
-    without a depth limit. `NAME.png` shows the judged views by all methods.
+    scenes of `scenes/` and in those with media, by SPPM with a fifth as many passes: PSNR over all
+    their pixels, FLIP, and energy, the sum of the image divided by that of the truth, without the
+    brightest half percent of the pixels of either. Below the table: the fit, and the time of a
+    sample, compared with `path` without a depth limit. `NAME.png` shows the judged views by all
+    methods.
     """
     for scene in scenes:
         room = open_room(scene, rows, views, judged, samples, kept)
@@ -110,7 +112,7 @@ def open_room(scene: str, rows: int, count: int, judged: int, samples: int, kept
     sensors = measured.sensors([views[k] for k in chosen], rows)
 
     def halves() -> np.ndarray:
-        if measured.views:
+        if measured.views or Media(measured.scene).there:
             return radiance_pairs(
                 sppm_images(scene, measured.scene, sensors, max(samples // 5, 1), KERNELS)
             )
