@@ -42,6 +42,10 @@ class PhotonCells:
     bounds: corners of the box that is divided.
     points: points that gather photons, world units, (N, 3); without them, every level is 0.
     dimensions: 2 if the points lie on surfaces, 3 if they lie in space.
+
+    Attributes
+    ----------
+    bounds: the same corners.
     """
 
     def __init__(

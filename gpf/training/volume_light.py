@@ -68,7 +68,7 @@ class VolumeLight:
     Attributes
     ----------
     sums: takes the photons.
-    bounds: corners of the box around all places.
+    bounds: corners of the box around all places and their kernels.
     indirect: whether photons straight from a lamp are left out.
     """
 
@@ -85,7 +85,10 @@ class VolumeLight:
         self.indirect = settings.indirect
         self._first = propose_media_radius(scene, settings, seed, scene_bounds(scene))
         self.places = find_places(scene, sensors, settings, seed)
-        self.bounds = box_around(from_numpy(mi.Point3f, self.places))
+        # The kernels of the outermost places reach farther.
+        reach = self._first * np.array([[-1.0], [1.0]])
+        ends = np.stack([self.places.min(axis=0), self.places.max(axis=0)]) + reach
+        self.bounds = box_around(from_numpy(mi.Point3f, ends))
         cell = CELL * self.radius(TYPICAL_PASSES)
         table = None if groups is None else groups.table(scene)
         cells = PhotonCells(cell, self.bounds, self.places, dimensions=3)
