@@ -9,29 +9,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 
 from gpf.baking.surfaces import Surface
+from gpf.baking.xatlas_process import Flat, Mesh, flatten
 from gpf.core.errors import UserError
-
-PADDING = 4
-"""Texels between charts: each has two around it of its own."""
 
 LARGEST = 16384
 """Largest width and height of a page, texels."""
-
-# Twice xatlas's own: a third of the charts on a teapot's lid, and no more distortion.
-MAX_COST = 4.0
 
 # xatlas's time grows with the square of a mesh's triangles: for 184,000 of them, 5 s instead of 57,
 # and a quarter of the charts.
 AT_ONCE = 4000
 """Most triangles of a mesh that are cut together."""
-
-# How often charts are packed more tightly until they fit on a page.
-TRIES = 20
 
 
 @dataclass(frozen=True)
@@ -107,24 +98,18 @@ def unwrap(
     density = texels_per_unit or (size or LARGEST) / side
     if density * side > LARGEST:
         raise _too_fine(density, density * side)
-    xatlas = _xatlas()
-    parts = [_cut(xatlas, piece, density) for surface in surfaces for piece in _divide(surface)]
-    extent = _pack(xatlas, parts, 1)
-    if size is None:
-        if max(extent) > LARGEST:
-            raise _too_fine(density, max(extent))
-        return Atlas(_join(parts, extent), extent, density)
-    share = 1.0
-    for _ in range(TRIES):
-        if max(extent) <= size:
-            return Atlas(_join(parts, (size, size)), (size, size), share * density)
-        share *= min(size / max(extent), 0.98)
-        extent = _pack(xatlas, parts, share)
-    raise UserError(
-        f"--size {size}",
-        f"is too small for the {sum(part.charts for part in parts)} parts of the surfaces",
-        "Give a larger size, or bake --vertex-colours.",
-    )
+    pieces = [piece for surface in surfaces for piece in _divide(surface)]
+    page = flatten([piece.mesh(density) for piece in pieces], size)
+    if size is None and max(page.size) > LARGEST:
+        raise _too_fine(density, max(page.size))
+    if size is not None and max(page.size) > size:
+        raise UserError(
+            f"--size {size}",
+            f"is too small for the {page.charts} parts of the surfaces",
+            "Give a larger size, or bake --vertex-colours.",
+        )
+    extent = page.size if size is None else (size, size)
+    return Atlas(_join(pieces, page.meshes, extent), extent, page.scale * density)
 
 
 def _too_fine(density: float, side: float) -> UserError:
@@ -133,18 +118,6 @@ def _too_fine(density: float, side: float) -> UserError:
         f"needs a map of about {side:g}x{side:g} texels",
         f"Give a smaller number: the largest map has {LARGEST}x{LARGEST}.",
     )
-
-
-def _xatlas() -> Any:
-    try:
-        import xatlas
-    except ImportError as error:
-        raise UserError(
-            "xatlas",
-            "is not installed, so surfaces cannot be unwrapped",
-            "Run `pip install xatlas`, or bake --vertex-colours.",
-        ) from error
-    return xatlas
 
 
 @dataclass(frozen=True)
@@ -163,25 +136,10 @@ class _Piece:
     vertices: np.ndarray
     faces: np.ndarray
 
-
-@dataclass
-class _Cut:
-    """A piece with its charts.
-
-    Attributes
-    ----------
-    vertices, faces: as in :class:`Chart`.
-    flat: the charts before they are packed, texels, (V, 2) float32.
-    charts: their number.
-    uv: where they are packed, texels, (V, 2).
-    """
-
-    piece: _Piece
-    vertices: np.ndarray
-    faces: np.ndarray
-    flat: np.ndarray
-    charts: int
-    uv: np.ndarray
+    def mesh(self, density: float) -> Mesh:
+        """For xatlas; ``density``: texels per unit of length."""
+        points = density * self.surface.points[self.vertices]
+        return Mesh(points.astype(np.float32), self.faces)
 
 
 def _divide(surface: Surface) -> list[_Piece]:
@@ -201,51 +159,18 @@ def _divide(surface: Surface) -> list[_Piece]:
     return pieces
 
 
-def _cut(xatlas: Any, piece: _Piece, density: float) -> _Cut:
-    """Cut a piece into flat charts; ``density``: texels per unit of length."""
-    # Each in an atlas of its own: with many meshes in one, `add_mesh` crashes now and then.
-    atlas = xatlas.Atlas()
-    # In texels: xatlas ignores triangles of an area below 1e-7.
-    points = density * piece.surface.points[piece.vertices]
-    atlas.add_mesh(points.astype(np.float32), piece.faces)
-    (again, faces, uv), count = _generate(xatlas, atlas, 1)[0], atlas.chart_count
-    return _Cut(piece, piece.vertices[again], faces, uv, count, uv)
-
-
-def _pack(xatlas: Any, parts: Sequence[_Cut], share: float) -> tuple[int, int]:
-    """Pack all charts on a page, at a density relative to theirs; return its width and height."""
-    atlas = xatlas.Atlas()
-    for part in parts:
-        atlas.add_uv_mesh(part.flat, part.faces)
-    for part, (again, _, uv) in zip(parts, _generate(xatlas, atlas, share), strict=True):
-        part.uv = np.empty_like(part.flat)
-        part.uv[again] = uv
-    return atlas.width, atlas.height
-
-
-def _generate(xatlas: Any, atlas: Any, density: float) -> list[tuple[np.ndarray, ...]]:
-    """Cut and pack what was added to an atlas. For each mesh: the vertices that its vertices
-    repeat, its triangles, and its coordinates in texels."""
-    cutting, packing = xatlas.ChartOptions(), xatlas.PackOptions()
-    cutting.max_cost = MAX_COST
-    packing.padding, packing.texels_per_unit = PADDING, density
-    atlas.generate(cutting, packing)
-    meshes = [atlas.get_mesh(k) for k in range(atlas.mesh_count)]
-    size = np.array([atlas.width, atlas.height], np.float32)
-    return [(vertices, faces, uv * size) for vertices, faces, uv in meshes]
-
-
-def _join(parts: Sequence[_Cut], size: tuple[int, int]) -> list[Chart]:
+def _join(pieces: Sequence[_Piece], flat: Sequence[Flat], size: tuple[int, int]) -> list[Chart]:
     """The charts of the surfaces, on a page of a size in texels."""
     charts = []
-    for _, group in groupby(parts, lambda part: id(part.piece.surface)):
+    both = zip(pieces, flat, strict=True)
+    for _, group in groupby(both, lambda pair: id(pair[0].surface)):
         own = list(group)
-        surface = own[0].piece.surface
+        surface = own[0][0].surface
         faces, first = np.empty_like(surface.faces), 0
-        for part in own:
-            faces[part.piece.triangles] = part.faces + first
+        for piece, part in own:
+            faces[piece.triangles] = part.faces + first
             first += len(part.vertices)
-        vertices = np.concatenate([part.vertices for part in own])
-        uv = np.concatenate([part.uv for part in own]) / size
+        vertices = np.concatenate([piece.vertices[part.vertices] for piece, part in own])
+        uv = np.concatenate([part.uv for _, part in own]) / size
         charts.append(Chart(surface, vertices, faces, uv.astype(np.float32)))
     return charts

@@ -12,6 +12,7 @@ from gpf.baking import atlas
 from gpf.baking.atlas import unwrap
 from gpf.baking.surfaces import read_surfaces
 from gpf.baking.texels import REACH, nearest_points
+from gpf.baking.xatlas_process import Mesh, flatten
 from gpf.core.errors import UserError
 from tests.baking.known_light import DIFFUSE, solid_scene
 
@@ -124,3 +125,9 @@ def test_without_xatlas(scene, monkeypatch):
     monkeypatch.setitem(sys.modules, "xatlas", None)
     with pytest.raises(UserError, match="pip install xatlas"):
         unwrap(read_surfaces(scene)[0], 64)
+
+
+def test_what_xatlas_refuses():
+    mesh = Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 3]], np.uint32))
+    with pytest.raises(UserError, match=r"xatlas: failed: .*[Ii]ndex out of range"):
+        flatten([mesh], 64)
