@@ -24,7 +24,7 @@ def fingerprint(scene: mi.Scene) -> dict[str, Any]:
     """The :data:`PARTS` of a scene as JSON values; cameras and integrators do not matter.
 
     ``geometry`` is the total surface area, its centroid, and the second moments around the origin:
-    ten numbers. ``materials`` maps a digest of each material to the area that it covers.
+    ten numbers. ``materials`` maps a digest of each material and medium to the area that it covers.
     ``lights`` is a digest of each emitter and its position. The digests cover the values
     that Mitsuba exposes and, for materials, the printed form.
     """
@@ -38,6 +38,9 @@ def fingerprint(scene: mi.Scene) -> dict[str, Any]:
             lines = [line for line in str(bsdf).splitlines() if " id = " not in line]
             printed = "".join(lines).encode()
             areas[_digest(*_values(bsdf, set()), printed)] += float(own[0])
+        for medium in (shape.interior_medium(), shape.exterior_medium()):
+            if medium is not None:
+                areas[_digest(*_values(medium, set()))] += float(own[0])
         if (emitter := shape.emitter()) is not None:
             inner = set() if bsdf is None else set(mi.traverse(bsdf).hierarchy)
             lights.append(_digest(*_values(shape, inner), *_values(emitter, set())))

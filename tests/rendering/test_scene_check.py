@@ -99,6 +99,17 @@ def test_what_changes_within_the_same_box_is_told(old, new, other, optimize):
         mi.render(changed, integrator=integrator, spp=1)
 
 
+def test_thicker_fog_is_told():
+    box = '<shape type="cube"><bsdf type="null"/><medium type="homogeneous" name="interior">{}'
+    box += "</medium></shape></scene>"
+    parts = [
+        fingerprint(mi.load_string(SCENE.replace("</scene>", box.format(what))))
+        for what in ("", '<float name="sigma_t" value="2"/>', '<phase type="hg"/>')
+    ]
+    assert changed_parts(parts[0], parts[0]) == []
+    assert [changed_parts(parts[0], part) for part in parts[1:]] == [["materials"]] * 2
+
+
 @pytest.mark.parametrize("corner", [0, 1])
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_the_tolerance_is_a_thousandth_of_the_diagonal(corner, axis):
