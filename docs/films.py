@@ -1,8 +1,10 @@
-"""The short films of the pages: `python docs/films.py [pool] [lamps]` writes docs/images/*.webp.
+"""The short films of the pages: `python docs/films.py [pool] [lamps] [water]`.
+
+They are written to docs/images/*.webp.
 
 `pool` flies over Water Caustic 2 while a field of it is fitted: at first one pass of photon mapping
 per picture, then the fields after more and more passes. `lamps` dims and colours the two lamps of
-Veach Bidir one by one.
+Veach Bidir one by one. `water` dives through the surface of the basin.
 """
 
 from __future__ import annotations
@@ -38,14 +40,15 @@ IMAGES = Path(__file__).parent / "images"
 ROWS, SPP, MILLISECONDS = 224, 8, 90
 PASSES = 648  # of the pool: 24, 72, 216 and all
 RAW_FRAMES, FRAMES = 12, 15  # of photon mapping, and of each field
-SECONDS = 150  # for the fit of the lamps
+SECONDS = 150  # for the fits of the lamps and of the water
+DIVE = 60  # frames through the water's surface
 
 
 def main() -> None:
-    """Make the films that are named, by default both."""
+    """Make the films that are named, by default all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("films", nargs="*", default=["pool", "lamps"])
-    films = {"pool": film_pool, "lamps": film_lamps}
+    films = {"pool": film_pool, "lamps": film_lamps, "water": film_water}
+    parser.add_argument("films", nargs="*", default=list(films))
     for name in parser.parse_args().films:
         films[name]()
 
@@ -111,6 +114,21 @@ def film_lamps() -> None:
     _write(IMAGES / "film_lamps.webp", frames)
 
 
+def film_water() -> None:
+    """Down through the surface of the basin, through the water, and up again."""
+    scene, views = _open("under_water")
+    size = views.size(ROWS)
+    with progress_bar("under_water: fit", 1):
+        sensors = [make_sensor(view, *size) for view in views.train]
+        field = gpf.fit(scene, sensors, seconds=SECONDS)
+    path = views.path.model_copy(update={"frames": DIVE})
+    renderer, frames = _renderer(scene, field, spp=4 * SPP), []
+    for k, camera in enumerate(views.model_copy(update={"path": path}).frames()):
+        image = renderer.render(camera, size, seed=k)["radiance"]
+        frames.append(_picture(image, views.exposure))
+    _write(IMAGES / "film_water.webp", frames)
+
+
 def _open(name: str) -> tuple[mi.Scene, SceneViews]:
     choose_variant("auto")
     with tempfile.TemporaryDirectory() as folder:
@@ -119,13 +137,16 @@ def _open(name: str) -> tuple[mi.Scene, SceneViews]:
     return scene, load_views(name)
 
 
-def _renderer(scene: mi.Scene, field: GaussianPhotonField) -> FieldRenderer:
-    return FieldRenderer.make(scene, field, RenderSettings(spp=SPP, denoise=has_denoiser()))
+def _renderer(scene: mi.Scene, field: GaussianPhotonField, spp: int = SPP) -> FieldRenderer:
+    return FieldRenderer.make(scene, field, RenderSettings(spp=spp, denoise=has_denoiser()))
+
+
+def _picture(radiance: np.ndarray, exposure: float) -> Image.Image:
+    return Image.fromarray(np.round(255 * tone_map(radiance, exposure)).astype(np.uint8))
 
 
 def _label(radiance: np.ndarray, exposure: float, text: str) -> Image.Image:
-    pixels = np.round(255 * tone_map(radiance, exposure)).astype(np.uint8)
-    image = Image.fromarray(pixels)
+    image = _picture(radiance, exposure)
     draw, font = ImageDraw.Draw(image), ImageFont.load_default(13)
     box = draw.textbbox((6, 5), text, font=font)
     draw.rectangle((box[0] - 4, box[1] - 3, box[2] + 4, box[3] + 3), fill=(20, 20, 20))

@@ -7,6 +7,10 @@ the cap behind it and none behind the cap, although the lamp's back, the cap and
 face nearly the same way, a finger's breadth apart. A point beyond one of the planes does not use
 the Gaussian.
 
+Gaussians in media end at the walls around them: at up to three planes on which several of the
+surfaces lie that can be seen from the centre. What is smaller than a wall does not end a Gaussian,
+because its plane would cut through the air beside it.
+
 The limits of a Gaussian are three planes (a, d): points x of the unfolded space are before one if
 a · x < d; a is a unit vector, or 0 where nothing is near. The planes stay where they are if
 training moves the Gaussian.
@@ -34,6 +38,18 @@ CLEAR = 0.75
 RAYS = 16
 """Number of directions in which to look for obstacles."""
 
+VIEWS = 48
+"""Number of directions in which Gaussians in media look for walls."""
+
+WALL = 3
+"""Smallest number of views that end on the same plane, for a wall."""
+
+FLAT = 0.02
+"""Largest distance between points of a wall and its plane, as a fraction of how far they are from
+the Gaussian."""
+
+_CHUNK = 4096
+
 SURFACE_HEIGHT = 0.35
 """Largest distance of a Gaussian from the plane of the surface, in search radii. Beyond one radius
 the limit rises to that of :func:`gpf.core.surface_tags.same_surface`. It is smaller than for
@@ -53,6 +69,59 @@ def find_limits(scene: mi.Scene, gaussians: Gaussians, detail: Detail) -> np.nda
     beside = [surface_before(scene, p, side, away) for side in (n, -n)]
     found = np.stack([nearest_obstacles(scene, p, n, reach), *beside], axis=1)
     return unfold(found, means, detail) if found.any() else None
+
+
+def find_limits_in_space(
+    scene: mi.Scene, gaussians: Gaussians, detail: Detail, reach: float
+) -> np.ndarray | None:
+    """The limits of Gaussians in media, as from :func:`find_limits`.
+
+    Parameters
+    ----------
+    reach: how far queries look for Gaussians, in search radii.
+    """
+    means = to_numpy(gaussians.means)
+    radii = reach * detail.radius / np.float32(2) ** detail.levels_of(means)
+    p, found = detail.fold(means).astype(np.float32), no_limits(len(means))
+    for first in range(0, len(p), _CHUNK):
+        some = slice(first, first + _CHUNK)
+        found[some] = _walls(*_look_around(scene, p[some], radii[some]))
+    return unfold(found, means, detail) if found.any() else None
+
+
+def _look_around(scene: mi.Scene, p: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Where views from points end: offsets, and unit normals away from the points,
+    (N, :data:`VIEWS`, 3) each; zeros where nothing is near."""
+    k = np.arange(VIEWS) + 0.5
+    height, turn = 1 - 2 * k / VIEWS, np.pi * (1 + 5**0.5) * k
+    side = np.sqrt(1 - height**2)
+    ways = np.stack([side * np.cos(turn), side * np.sin(turn), height], axis=1)
+    start = from_numpy(mi.Point3f, np.repeat(p, VIEWS, axis=0))
+    ray = mi.Ray3f(start, from_numpy(mi.Vector3f, np.tile(ways, (len(p), 1))))
+    ray.maxt = from_numpy(mi.Float, np.repeat(reach, VIEWS))
+    si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False, active=True)
+    there = si.is_valid() & (dr.dot(si.n, ray.d) != 0)
+    facing = dr.select(there, dr.mulsign(mi.Vector3f(si.n), dr.dot(si.n, ray.d)), 0)
+    offset = dr.select(there, si.t * ray.d, 0)
+    dr.eval(offset, facing)
+    return tuple(to_numpy(v).reshape(len(p), VIEWS, 3) for v in (offset, facing))
+
+
+def _walls(offset: np.ndarray, facing: np.ndarray) -> np.ndarray:
+    """The planes that the most views end on, as limits with distances from the centre."""
+    distance = np.einsum("nki,nki->nk", offset, facing)
+    far = np.linalg.norm(offset, axis=2)
+    # [n, j, k]: whether the end of view k lies on the plane of view j.
+    apart = np.einsum("nji,nki->njk", facing, offset) - distance[:, :, None]
+    on = (np.abs(apart) <= FLAT * far[:, None, :]) & (far > 0)[:, :, None] & (far > 0)[:, None, :]
+    found, rows = no_limits(len(offset)), np.arange(len(offset))
+    for plane in range(PLANES):
+        best = on.sum(axis=2).argmax(axis=1)
+        wall = on[rows, best].sum(axis=1) >= WALL
+        found[wall, plane, :3] = facing[rows, best][wall]
+        found[wall, plane, 3] = distance[rows, best][wall]
+        on &= ~on[rows, best][:, None, :]
+    return found
 
 
 def no_limits(count: int) -> np.ndarray:

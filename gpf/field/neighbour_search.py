@@ -108,7 +108,7 @@ class NeighbourSearch(Recordable):
     def nearest(self, x, n, active):  # type: ignore[no-untyped-def]
         """The k + 1 nearest Gaussians, as :meth:`SpatialHash.nearest` returns them; none is
         farther than :data:`LARGEST_REACH`. Where all of them end before a point, as in a niche
-        without any of its own, they are used anyway."""
+        without any of its own, they are used anyway; but not in media, which are dark there."""
         if dr.hint(self.settings.normal_test, mode="scalar"):
             active = self._facing.may_contain(x, n, active)
         radii = FIRST_REACH * self.radius, LARGEST_REACH * self.radius
@@ -121,8 +121,8 @@ class NeighbourSearch(Recordable):
 
             return self.hash.nearest(x, count, *radii, accept, active)
 
-        if dr.hint(self._limits is None, mode="scalar"):
-            return search(active, mi.Bool(True))
+        if dr.hint(self._limits is None or not self.settings.normal_test, mode="scalar"):
+            return search(active, mi.Bool(self._limits is None))
         index = [mi.UInt32(NOT_FOUND)] * count
         distance2 = [mi.Float(dr.inf)] * count
         everyone = mi.Bool(False)

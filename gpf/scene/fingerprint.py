@@ -122,4 +122,7 @@ def _values(thing: Any, without: set[Any]) -> Iterator[bytes]:
             value = found[key]
             # Only for transforms: the `matrix` of a colour would be a swizzle of its channels.
             value = value.matrix if hasattr(type(value), "matrix") else value
+            # A copy: reading the value of a phase function itself would make it an array in memory,
+            # which recorded functions do not find.
+            value = type(value)(value)
             yield key.rpartition(".")[2].encode() + np.array(value).tobytes()

@@ -20,6 +20,8 @@ from gpf.core.structs import Photons, SurfacePoints, from_numpy, to_numpy
 from gpf.field.by_detail import place_by_detail
 from gpf.field.field import GaussianPhotonField
 from gpf.field.lights import FieldLights
+from gpf.field.limits import find_limits_in_space
+from gpf.field.neighbour_search import LARGEST_REACH
 from gpf.field.settings import FieldSettings
 from gpf.field.volume import VolumeField
 from gpf.photons.density import PhotonCloud
@@ -28,6 +30,7 @@ from gpf.photons.photon_grid import PhotonSums, trace_pass
 from gpf.photons.tracing import PathSettings, record_all
 from gpf.scene.bounds import box_around, scene_bounds
 from gpf.scene.light_groups import LightGroups
+from gpf.scene.media import Media
 from gpf.sppm.edge_correction import ball_correction
 from gpf.sppm.passes import propose_media_radius, radius_at
 from gpf.training.blend_matrix import blend_matrix
@@ -42,8 +45,9 @@ from gpf.training.trainer import Trainer
 # Edge of the cells in which photons are added up, in kernel radii after TYPICAL_PASSES passes.
 CELL, TYPICAL_PASSES = 0.75, 100
 
-FROM_VIEWS, FROM_PHOTONS = 150_000, 50_000
-"""Largest numbers of places that cameras look through, and of places of photons."""
+FROM_VIEWS, FROM_PHOTONS, FROM_BOX = 150_000, 50_000, 20_000
+"""Largest numbers of places that cameras look through, of places of photons, and of places anywhere
+around: no photon comes to a dark one."""
 
 CORRECTIONS = 8
 """Estimates of how much of a kernel's ball is cut off by surfaces, per place."""
@@ -173,7 +177,7 @@ def find_places(
     scene: mi.Scene, sensors: Mapping[str, mi.Sensor], settings: PathSettings, seed: int
 ) -> np.ndarray:
     """Places in media where light is needed, world units, (P, 3) float32: some of those that
-    cameras look through, and some of those of photons."""
+    cameras look through, some of those of photons, and some anywhere."""
     seen = []
     for number, sensor in enumerate(sensors.values()):
         haze = sample_film(scene, sensor, pass_seed(seed, number, Stream.VOLUME_VIEWS)).haze
@@ -181,7 +185,18 @@ def find_places(
     _, photons = record_all(scene, settings, pass_seed(seed, 0, Stream.VOLUME_PHOTONS))
     rng = np.random.default_rng(seed)
     parts = (np.concatenate(seen), FROM_VIEWS), (to_numpy(photons.p), FROM_PHOTONS)
-    return np.concatenate([rng.permutation(p)[:most] for p, most in parts]).astype(np.float32)
+    found = [rng.permutation(p)[:most] for p, most in parts]
+    return np.concatenate([*found, _anywhere(scene, rng)]).astype(np.float32)
+
+
+def _anywhere(scene: mi.Scene, rng: np.random.Generator) -> np.ndarray:
+    """Places in media, evenly distributed over a box twice as long as the scene's, (P, 3)."""
+    lower, upper = (np.array(corner) for corner in scene_bounds(scene))
+    rim = (upper - lower) / 2
+    places = rng.uniform(lower - rim, upper + rim, (FROM_BOX, 3))
+    ray = mi.Ray3f(from_numpy(mi.Point3f, places), mi.Vector3f(0, 0, 1))
+    medium = Media(scene).around(ray, dr.full(mi.Bool, True, FROM_BOX))
+    return places[(medium != None).numpy()]  # noqa: E711  # one answer per lane
 
 
 def fit_volume(
@@ -203,7 +218,8 @@ def fit_volume(
     gaussians = place_by_detail(detail, places, np.zeros_like(places), training.seed, DISTANCE)
     direct: Any = "emitters" if light.indirect else "field"
     own = settings(detail.radius).model_copy(update={"normal_test": False, "direct": direct})
-    field = GaussianPhotonField(gaussians, own, light.bounds, detail=detail)
+    ends = find_limits_in_space(light.scene, gaussians, detail, LARGEST_REACH)
+    field = GaussianPhotonField(gaussians, own, light.bounds, detail=detail, limits=ends)
     field = Trainer(field, mean, training).run()
     fitted = HalfColours.fit(field, halves)
     field.recolour(keep_shared_detail(field, fitted))

@@ -12,7 +12,13 @@ from gpf.field.by_detail import place_by_detail
 from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field, save_field
-from gpf.field.limits import find_limits, fold, nearest_obstacles, no_limits
+from gpf.field.limits import (
+    find_limits,
+    find_limits_in_space,
+    fold,
+    nearest_obstacles,
+    no_limits,
+)
 from gpf.field.settings import FieldSettings
 from gpf.training.blend_matrix import blend_matrix
 from tests.plain_field import flat_gaussians, make_field, surface_points
@@ -110,6 +116,39 @@ def test_planes_of_all_levels_are_at_the_wall(scene):
     np.testing.assert_allclose(planes[:, :3], np.tile([1, 0, 0], (len(planes), 1)), atol=1e-5)
     at_wall = (0 - detail.corner[0]) * 2.0**levels + detail.starts[levels]
     np.testing.assert_allclose(planes[:, 3], at_wall, atol=1e-4)
+
+
+def in_fog(scene: mi.Scene, places: np.ndarray, bright: np.ndarray) -> GaussianPhotonField:
+    """Gaussians in the air, all of the same level."""
+    low = places.min(axis=0) - 0.1
+    detail = Detail(np.zeros((4, 4, 4), np.uint8), np.ptp(places, axis=0).max(), low, RADIUS)
+    gaussians = flat_gaussians(places, bright, size=0.1)
+    own = FieldSettings(search_radius=RADIUS, normal_test=False)
+    plain = make_field(gaussians, own, detail=detail)
+    plain.gaussians.means = from_numpy(mi.Point3f, detail.unfold_all(places, 0))
+    limits = find_limits_in_space(scene, plain.gaussians, detail, 4)
+    return GaussianPhotonField(plain.gaussians, own, plain.bounds, detail=detail, limits=limits)
+
+
+def test_fog_behind_a_thin_wall_is_dark(scene):
+    """On the far side, there are no Gaussians at all, and no light either."""
+    x, y, z = np.meshgrid(*[np.arange(-0.45, 0.5, 0.1)] * 3)
+    places = np.column_stack([x.ravel(), y.ravel(), z.ravel() + 0.5])
+    places = places[places[:, 0] < 0]
+    field = in_fog(scene, places, np.ones((len(places), 3)))
+    near = np.array([[-0.01, 0, 0.4], [-0.3, 0.2, 0.6]])
+    np.testing.assert_allclose(ask(field, near), 1, rtol=1e-4)
+    beyond = np.array([[WALL + 0.01, 0, 0.4], [0.2, 0.1, 0.5]])
+    np.testing.assert_array_equal(ask(field, beyond), 0)
+    free = in_fog(mi.load_dict({"type": "scene"}), places, np.ones((len(places), 3)))
+    assert free.limits is None and ask(free, beyond).min() > 0.99
+
+
+def test_what_is_smaller_than_a_wall_does_not_end_fog():
+    rod = {"type": "cylinder", "p0": [0.1, 0, -1], "p1": [0.1, 0, 1], "radius": 0.01}
+    places = np.array([[0.0, 0, 0], [0.05, 0.1, 0.1]])
+    field = in_fog(mi.load_dict({"type": "scene", "rod": rod}), places, np.ones((2, 3)))
+    assert field.limits is None
 
 
 def test_surfaces_over_and_under_one_end_it():
