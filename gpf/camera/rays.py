@@ -63,10 +63,11 @@ def sample_rays_at(
     The time and the point on the aperture are random.
     """
     time, duration = sensor.shutter_open(), sensor.shutter_open_time()
-    ray, weight = sensor.sample_ray_differential(
-        time=time + (sampler.next_1d() * duration if duration > 0 else 0),
-        sample1=0,
-        sample2=place * (1 / mi.ScalarVector2f(sensor.film().crop_size())),
-        sample3=sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0),
-    )
+    with dr.resume_grad():  # of the camera, as in Mitsuba
+        ray, weight = sensor.sample_ray_differential(
+            time=time + (sampler.next_1d() * duration if duration > 0 else 0),
+            sample1=0,
+            sample2=place * (1 / mi.ScalarVector2f(sensor.film().crop_size())),
+            sample3=sampler.next_2d() if sensor.needs_aperture_sample() else mi.Point2f(0),
+        )
     return ray, weight

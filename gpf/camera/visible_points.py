@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import drjit as dr
 import mitsuba as mi
 
@@ -9,7 +11,7 @@ from gpf.camera.haze import View, lit_by, look_through
 from gpf.camera.next_event import direct_light, share_of_bsdf
 from gpf.camera.two_ways import GivenWay, RandomWay
 from gpf.core.random import next_1d, next_2d
-from gpf.core.structs import Haze, VisiblePoints, Way
+from gpf.core.structs import Arrival, Haze, VisiblePoints, Way
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import (
     diffuse_context,
@@ -33,7 +35,7 @@ def find_visible_points(
     """Follow rays through glossy and specular bounces to their first diffuse hit, (N,), and the
     places chosen in media on the way.
 
-    This is :func:`follow` with all choices made at random and the result evaluated. The rays are
+    This is :func:`walk` with all choices made at random and the result evaluated. The rays are
     evaluated first, so that one kernel serves all cameras: for a room with many materials, it takes
     a second or two to compile.
     """
@@ -43,7 +45,7 @@ def find_visible_points(
     sampler.schedule_state()
     dr.make_opaque(ray)
     depths = max_depth, rr_depth
-    points, _, haze = follow(scene, sampler, ray, *depths, active, lamps)
+    points, _, haze, _ = walk(scene, sampler, ray, *depths, active, lamps)
     if Media(scene).there:
         points.emission += haze.radiance(lit_by(lamps, haze, sampler))
     dr.eval(points, haze)
@@ -57,7 +59,7 @@ one. The hits are the same."""
 
 
 @dr.syntax
-def follow(
+def walk(
     scene: mi.Scene,
     sampler: mi.Sampler,
     ray: mi.Ray3f,
@@ -66,7 +68,7 @@ def follow(
     active: mi.Bool | bool = True,
     lamps: Lamps | None = None,
     back: mi.Bool | bool | None = None,
-) -> tuple[VisiblePoints, Way, Haze]:
+) -> tuple[VisiblePoints, Way, Haze, Arrival]:
     """Follow rays through glossy and specular bounces to their first diffuse hit, (N,), along one
     of two ways; on the way through media, choose a place in them.
 
@@ -140,8 +142,8 @@ def follow(
         throughput /= dr.select(ends, share, 1 - share)
         lights = ends & mi.Bool(bool(lamps))
         if lights:
-            here = _medium_before(media, view, si, ray)
-            emission += throughput * _light_of(lamps, sampler, bsdf, si, lights, here)
+            arrival = Arrival(ray, view.medium)
+            emission += throughput * light_of(lamps, sampler, bsdf, si, lights, arrival)
         if ends:
             p = mi.Point3f(si.p)
             n = mi.Normal3f(dr.mulsign(si.n, -dr.dot(si.n, ray.d)))
@@ -167,7 +169,13 @@ def follow(
         active &= lives & (dr.max(throughput) > 0)
 
     view.haze.weight *= view.chances
-    return VisiblePoints(p, n, reflectance, throughput, emission, depth, valid), way, view.haze
+    points = VisiblePoints(p, n, reflectance, throughput, emission, depth, valid)
+    return points, way, view.haze, Arrival(ray, view.medium)
+
+
+def follow(*where: Any, **options: Any) -> tuple[VisiblePoints, Way, Haze]:
+    """As :func:`walk`, without the arrival."""
+    return walk(*where, **options)[:3]
 
 
 def _share_of_diffuse(diffuse: mi.Bool, reflectance: mi.Color3f, weight: mi.Color3f) -> mi.Float:
@@ -181,20 +189,15 @@ def _share_of_diffuse(diffuse: mi.Bool, reflectance: mi.Color3f, weight: mi.Colo
     return dr.select(diffuse & (from_diffuse + from_others <= 0), 1, share)
 
 
-def _medium_before(  # type: ignore[no-untyped-def]
-    media: Media, view: View, si, ray
-) -> mi.MediumPtr | None:
-    """The medium that rays come through to a surface, (N,); None if there are no media."""
-    if not media.there:
-        return None
-    return dr.select(si.is_medium_transition(), si.target_medium(-ray.d), view.medium)
-
-
-def _light_of(  # type: ignore[no-untyped-def]
-    lamps: Lamps | None, sampler, bsdf, si, active, medium
+def light_of(  # type: ignore[no-untyped-def]
+    lamps: Lamps | None, sampler, bsdf, si, active, arrival: Arrival
 ) -> mi.Color3f:
-    """The direct light of lamps on the diffuse component, W/(m² sr), (N, 3)."""
-    context, total = diffuse_context(), mi.Color3f(0)
+    """The direct light of lamps on the diffuse component of surfaces at which rays arrive,
+    W/(m² sr), (N, 3)."""
+    context, total, medium = diffuse_context(), mi.Color3f(0), None
+    if lamps and Media(lamps.scene).there:
+        behind = si.target_medium(-arrival.ray.d)
+        medium = dr.select(si.is_medium_transition(), behind, arrival.medium)
     for group in lamps.groups() if lamps else ():
         total += direct_light(group.scene, sampler, context, bsdf, si, active, group, medium)
     return total

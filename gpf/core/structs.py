@@ -145,6 +145,20 @@ class SurfacePoints:
     target: mi.Color3f
 
 
+@dataclass
+class Arrival:
+    """How camera rays arrive at their visible points.
+
+    Attributes
+    ----------
+    ray: the last ray of the walk, (N,).
+    medium: the medium that it goes through, (N,).
+    """
+
+    ray: mi.Ray3f
+    medium: mi.MediumPtr
+
+
 def take(points: Struct, lanes: mi.UInt32) -> Struct:
     """The given lanes of a structure; attributes with a single lane stay as they are."""
     dr.eval(points)  # all at once: one by one, each would run the whole loop that it comes from

@@ -73,10 +73,17 @@ class Detail(Recordable):
 
     def unfold(self, x: mi.Point3f) -> mi.Point3f:
         """Points in the unfolded space, at the levels of queries at ``x``, (N, 3)."""
+        return self.unfold_to(x, self._level(x))
+
+    def scale(self, x: mi.Point3f) -> mi.Float:
+        """How much longer lengths are in the unfolded space, at queries at ``x``, (N,)."""
+        return mi.Float(mi.UInt32(1) << self._level(x))
+
+    def _level(self, x: mi.Point3f) -> mi.UInt32:
         a = self._arrays
         cell = (x - a["corner"]) * a["inverse"] + FADE * _scatter(x)
         index = mi.Vector3u(dr.clip(mi.Vector3i(dr.floor(cell)), 0, a["last"]))
-        return self.unfold_to(x, dr.gather(mi.UInt32, a["levels"], dr.dot(index, a["stride"])))
+        return dr.gather(mi.UInt32, a["levels"], dr.dot(index, a["stride"]))
 
     def unfold_to(self, x: mi.Point3f, level: mi.UInt32) -> mi.Point3f:
         """Points in the boxes of the given levels, (N, 3)."""

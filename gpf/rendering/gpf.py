@@ -21,6 +21,7 @@ from gpf.rendering.aovs import (
     parse_aovs,
     split_layers,
 )
+from gpf.rendering.derivatives import DifferentiableField, attached_radiance
 from gpf.rendering.denoiser import GUIDES, ImageDenoiser, denoise
 from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths
@@ -29,7 +30,7 @@ from gpf.rendering.scene_check import SceneCheck
 from gpf.rendering.walks import GroupedWalks, Walks
 
 
-class GPF(mi.ad.integrators.common.ADIntegrator):
+class GPF(DifferentiableField):
     r"""Gaussian photon field: one camera walk and one neighbourhood query per sample.
 
     .. pluginparameters::
@@ -83,7 +84,8 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
     sample of the emitters. A warning is given if geometry, materials or lights differ from those
     of the scene for which the field was made.
 
-    Not supported: polarisation, derivatives, and spectral variants.
+    Derivatives: see :mod:`gpf.rendering.derivatives`. Not supported: polarisation, and spectral
+    variants.
 
     .. code-block:: xml
 
@@ -100,6 +102,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
         self.suppress_fireflies = props.get("suppress_fireflies", False)
         self.denoise = props.get("denoise", False)
         self.lights = props.get("lights", "")
+        self.levels: dict[str, mi.Color3f] = {}
         self.record = props.get("record", False)
         super().__init__(props)
         self._guides: tuple[str, ...] = ()  # AOVs of this image that only the denoiser asks for
@@ -125,7 +128,7 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
             return super().render(scene, sensor, seed, spp, develop, evaluate)
         self._check.compare(scene, self.field)
         self._known.prepare(scene)
-        with mixed(scene, self.field, self.lights):
+        with mixed(scene, self.field, self.wanted_levels()):
             if not develop:
                 return super().render(scene, sensor, seed, spp, develop, evaluate)
             missing = [name for name in GUIDES if name not in self.aovs]
@@ -215,9 +218,10 @@ class GPF(mi.ad.integrators.common.ADIntegrator):
     ) -> tuple[Any, ...]:
         """Radiance of camera rays, (N, 3), whether they end on a diffuse surface, (N,), and the
         channels of the AOVs, (N,) each."""
-        if mode != dr.ADMode.Primal:
-            raise RuntimeError("The gpf integrator does not support derivatives.")
         walks = self._walks(scene)
+        if mode != dr.ADMode.Primal:
+            radiance, valid = attached_radiance(walks, sampler, mi.Ray3f(ray), mi.Bool(active))
+            return radiance, valid, [mi.Float(0) for _ in self.aov_names()], None
         found = self._look(walks, sampler, mi.Ray3f(ray), mi.Bool(active))
         return found["radiance"], found["valid"], channels(walks.aovs, found), None
 

@@ -91,14 +91,13 @@ def set_lights(scene: mi.Scene, field: GaussianPhotonField, text: str) -> None:
 
 
 @contextmanager
-def mixed(scene: mi.Scene, field: GaussianPhotonField, text: str) -> Iterator[None]:
-    """Set levels given as text (:func:`parse_levels`) in a scene and its field, temporarily; an
-    empty text changes nothing."""
-    if not text:
+def mixed(scene: mi.Scene, field: GaussianPhotonField, levels: Levels) -> Iterator[None]:
+    """Set levels in a scene and its field, temporarily; if all are 1, nothing changes."""
+    if all(level == (1.0, 1.0, 1.0) for level in levels.values()):
         yield
         return
     mixer = LightMixer(scene, field)
-    mixer.set(parse_levels(text, mixer.names))
+    mixer.set(levels)
     try:
         yield
     finally:

@@ -107,33 +107,57 @@ def accumulate_gradients(
 ) -> mi.Float:
     """Weighted squared errors of a batch, (B,); adds their gradients to ``gradients``.
 
-    The blend is E = Σ w_i c_i / Z with w_i = ψ_i (exp(-m_i/2) + ε) and Z = Σ w_i (Z = 1 for the
-    plain sum). With G = ∂loss/∂E the adjoint is
-
-        ∂c_i = w_i G / Z,   ∂w_i = G · (c_i - E) / Z,   ∂m_i = -ψ_i exp(-m_i/2) ∂w_i / 2,
-        ∂M_k = 2 u_k ∂m_i d,   ∂μ = -(2 Mᵀu ∂m_i + ∂ψ_i/∂d (exp(-m_i/2) + ε) ∂w_i).
-
     The loss is ``scale`` times the sum of the result; with ``scale`` = 1 / (3 B) it is the mean
     squared error. Its weights (:mod:`gpf.training.loss`) are those of the blend, held fixed.
     """
     blend, inverse = blend_neighbours(points, lists, chosen, packets, divided)
-    x = dr.gather(mi.Point3f, points.p, chosen)
     importance = mi.Float(1)
     if dr.hint(loss == "relative", mode="scalar"):
         importance = relative_weight(dr.sum(blend) / 3)
-    support2 = dr.gather(mi.Float, lists.support2, chosen)
-    begin = dr.gather(mi.UInt32, lists.starts, chosen)
-    end = dr.gather(mi.UInt32, lists.starts, chosen + 1)
     error = blend - dr.gather(mi.Color3f, points.target, chosen)
     adjoint = 2 * scale * importance * inverse * error
 
-    i = mi.UInt32(begin)
+    scatter_adjoint(points, lists, chosen, packets, gradients, adjoint, blend, divided)
+    return importance * dr.squared_norm(error)
+
+
+@dr.syntax
+def scatter_adjoint(
+    points: SurfacePoints,
+    lists: NeighbourLists,
+    chosen: mi.UInt32,
+    packets: Packets,
+    gradients: Packets,
+    adjoint: mi.Color3f,
+    blend: mi.Color3f,
+    divided: bool,
+) -> mi.Vector3f:
+    """Add the gradients of a loss to ``gradients``; returns those with respect to the chosen
+    points, (B, 3), in the space of the Gaussians' centres.
+
+    The blend is E = Σ w_i c_i / Z with w_i = ψ_i (exp(-m_i/2) + ε) and Z = Σ w_i (Z = 1 for the
+    plain sum). With G = ∂loss/∂E the adjoint is
+
+        ∂c_i = w_i G / Z,   ∂w_i = G · (c_i - E) / Z,   ∂m_i = -ψ_i exp(-m_i/2) ∂w_i / 2,
+        ∂M_k = 2 u_k ∂m_i d,   ∂μ = -∂x = -(2 Mᵀu ∂m_i + ∂ψ_i/∂d (exp(-m_i/2) + ε) ∂w_i).
+
+    Parameters
+    ----------
+    adjoint: G / Z, (B, 3).
+    blend: E, as from :func:`blend_neighbours`, (B, 3).
+    """
+    x = dr.gather(mi.Point3f, points.p, chosen)
+    support2 = dr.gather(mi.Float, lists.support2, chosen)
+    i = dr.gather(mi.UInt32, lists.starts, chosen)
+    end = dr.gather(mi.UInt32, lists.starts, chosen + 1)
+    middle = blend if divided else mi.Color3f(0)
+    to_x = mi.Vector3f(0)
     while i < end:
         index = dr.gather(mi.UInt32, lists.indices, i)
         term = _Term(x, packets, index, support2)
-        term.scatter(gradients, index, adjoint, blend if divided else mi.Color3f(0))
+        to_x += mi.Vector3f(term.scatter(gradients, index, adjoint, middle))
         i += 1
-    return importance * dr.squared_norm(error)
+    return to_x
 
 
 @dr.syntax
@@ -168,7 +192,8 @@ class _Term:
         self.weight = self.falloff * (self.bell + WEIGHT_FLOOR)
 
     def scatter(self, gradients, index, adjoint, blend):  # type: ignore[no-untyped-def]
-        """Add this term's gradients; ``adjoint`` is ∂loss/∂E / Z."""
+        """Add this term's gradients; returns that with respect to the point. ``adjoint`` is
+        ∂loss/∂E / Z."""
         to_weight = dr.dot(adjoint, self.colour - blend)
         to_u = (-to_weight * self.falloff * self.bell) * self.u
         to_d = sum((to_u[k] * self.rows[k] for k in range(3)), mi.Vector3f(0))
@@ -179,6 +204,7 @@ class _Term:
         for k in range(3):
             row = to_u[k] * self.d
             _add(gradients.rows[k], (row.x, row.y, row.z, to_colour[k]), index)
+        return to_d
 
 
 def zero_gradients(size: int) -> Packets:

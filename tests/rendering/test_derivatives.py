@@ -1,0 +1,260 @@
+"""Derivatives of pictures: against finite differences with the same samples, and against Mitsuba's."""
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import gpf  # noqa: F401  # registers the plugins
+from gpf.core.structs import from_numpy
+from gpf.field.field import GaussianPhotonField
+from gpf.field.lights import FieldLights
+from gpf.field.settings import FieldSettings
+from gpf.scene.light_groups import LightGroups
+from tests.plain_field import random_gaussians, to_device
+
+SIZE, SPP, SEED = 12, 16, 3
+BOUNDS = [-2.0, -2.0, -0.2], [2.0, 2.0, 1.5]
+
+
+def make_scene(**more) -> mi.Scene:
+    """A floor that fills the view, half of it under a pane of glass, and two lamps behind the
+    camera."""
+    pixels = np.linspace(0.2, 0.8, 4 * 4 * 3, dtype=np.float32).reshape(4, 4, 3)
+    texture = {"type": "bitmap", "data": mi.TensorXf(pixels), "raw": True}
+    ball = {"type": "sphere", "radius": 0.1}
+    lamp = {"type": "area", "radiance": {"type": "rgb", "value": [9.0, 7, 5]}}
+    lift = mi.ScalarTransform4f()
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "floor": {
+                "type": "rectangle",
+                "to_world": lift.scale(2),
+                "bsdf": {"type": "diffuse", "reflectance": texture},
+            },
+            "pane": {
+                "type": "rectangle",
+                "to_world": lift.translate([1, 0, 0.4]),
+                "bsdf": {"type": "thindielectric"},
+            },
+            "one": {**ball, "center": [-1.0, 1, 3.4], "emitter": lamp},
+            "other": {**ball, "center": [1.0, -1, 3.4], "emitter": dict(lamp)},
+            "sensor": {
+                "type": "perspective",
+                "fov": 40,
+                "to_world": lift.look_at([0.1, -0.3, 3], [0, 0, 0], [0, 1, 0]),
+                "film": {
+                    "type": "hdrfilm",
+                    "width": SIZE,
+                    "height": SIZE,
+                    "rfilter": {"type": "box"},
+                    "pixel_format": "rgb",
+                },
+            },
+            **more,
+        }
+    )
+
+
+def make_field(direct: str = "field") -> GaussianPhotonField:
+    """Many Gaussians near the floor."""
+    rng = np.random.default_rng(8)
+    g = random_gaussians(rng, 500, sizes=(0.2, 0.6))
+    g.means[:] = rng.uniform(-2, 2, (500, 3)) * [1, 1, 0.02]
+    settings = FieldSettings(
+        search_radius=0.6, k=3, neighbours="radius", normal_test=False, direct=direct
+    )
+    return GaussianPhotonField(to_device(g), settings, BOUNDS)
+
+
+def make_integrator(field: GaussianPhotonField) -> mi.Integrator:
+    integrator = mi.load_dict({"type": "gpf"})
+    integrator.field = field
+    return integrator
+
+
+def render(scene, integrator, params=None) -> mi.TensorXf:
+    """Without ``params``, with the samples of the derivative."""
+    seed = SEED if params is None else SEED + 1
+    return mi.render(scene, params, integrator=integrator, spp=SPP, seed=seed, seed_grad=SEED)
+
+
+WEIGHTS = np.random.default_rng(2).normal(size=(SIZE, SIZE, 3)).astype(np.float32)
+
+
+def loss(image: mi.TensorXf) -> mi.Float:
+    return dr.sum(dr.ravel(image * from_numpy(mi.TensorXf, WEIGHTS)))
+
+
+def both_modes(scene, integrator, owner, key: str, step: float) -> tuple[float, float, float]:
+    """The derivative along a random direction: backward, forward, and by finite differences."""
+    params = mi.traverse(owner)
+    value = params[key]
+    kind, before = type(value), np.array(value)
+    direction = np.random.default_rng(4).normal(size=before.shape).astype(np.float32)
+
+    def convert(numbers: np.ndarray):
+        if kind is mi.Float or kind is mi.TensorXf:
+            return from_numpy(kind, numbers)
+        return kind(*(from_numpy(mi.Float, row) for row in np.atleast_2d(numbers)))
+
+    def set_to(numbers: np.ndarray):
+        new = convert(numbers)
+        params[key] = new
+        return new
+
+    sides = []
+    for sign in (1, -1):
+        set_to(before + sign * step * direction)
+        params.update()
+        sides.append(np.array(loss(render(scene, integrator)), dtype=float)[0])
+    new = set_to(before)
+    dr.enable_grad(new)
+    params[key] = new
+    params.update()
+    dr.backward(loss(render(scene, integrator, params)))
+    back = float((np.array(dr.grad(params[key])) * direction).sum())
+    new = convert(before)
+    dr.enable_grad(new)
+    dr.set_grad(new, convert(direction))
+    params[key] = new
+    params.update()
+    total = loss(render(scene, integrator, params))
+    ahead = float(dr.forward_to(total)[0])
+    return back, ahead, (sides[0] - sides[1]) / (2 * step)
+
+
+@pytest.mark.parametrize(
+    ("name", "step"), [("means", 1e-3), ("log_scales", 1e-2), ("quats", 1e-2), ("irradiance", 1e-2)]
+)
+def test_arrays_of_the_field(name, step):
+    scene, integrator = make_scene(), make_integrator(make_field())
+    back, ahead, differences = both_modes(scene, integrator, integrator, f"field.{name}", step)
+    assert back == pytest.approx(differences, rel=0.01)
+    assert ahead == pytest.approx(back, rel=1e-3)
+
+
+@pytest.mark.parametrize("direct", ["field", "emitters"])
+def test_a_texture(direct):
+    scene, integrator = make_scene(), make_integrator(make_field(direct))
+    key = "floor.bsdf.reflectance.data"
+    back, ahead, differences = both_modes(scene, integrator, scene, key, 1e-2)
+    assert back == pytest.approx(differences, rel=0.01)
+    assert ahead == pytest.approx(back, rel=1e-3)
+
+
+def test_levels_of_lamps():
+    field = make_field("emitters")
+    groups = LightGroups(("left", "right"), ((0,), (1,)))
+    total = np.array(field.gaussians.irradiance).T
+    field.lights = FieldLights(groups, np.stack([0.3 * total, 0.7 * total]))
+    scene, integrator = make_scene(), make_integrator(field)
+    for name in groups.names:
+        # Light is linear, and a level is not negative.
+        back, ahead, differences = both_modes(scene, integrator, integrator, f"levels.{name}", 0.1)
+        assert back == pytest.approx(differences, rel=1e-3)
+        assert ahead == pytest.approx(back, rel=1e-3)
+
+
+@pytest.mark.parametrize("direct", ["field", "emitters"])
+def test_the_camera_moves(direct):
+    """Without the pane: behind it, the camera counts as fixed."""
+    scene = make_scene(pane={"type": "sphere", "radius": 0.01, "center": [0.0, 0, 9]})
+    integrator = make_integrator(make_field(direct))
+    sensor = scene.sensors()[0]
+    params = mi.traverse(scene)
+    start = mi.Transform4f(params["sensor.to_world"])
+
+    def put(amount: mi.Float) -> None:
+        along = mi.Transform4f().translate(amount * mi.Vector3f(0.3, 0.5, -0.4))
+        params["sensor.to_world"] = along @ start @ mi.Transform4f().rotate([0, 0, 1], 20 * amount)
+        params.update()
+
+    step, sides = 1e-3, []
+    for sign in (1, -1):
+        put(mi.Float(sign * step))
+        sides.append(float(loss(render(scene, integrator))[0]))
+    amount = mi.Float(0)
+    dr.enable_grad(amount)
+    put(amount)
+    dr.backward(loss(render(scene, integrator, params)))
+    assert dr.grad(amount)[0] == pytest.approx((sides[0] - sides[1]) / (2 * step), rel=0.01)
+    assert sensor is scene.sensors()[0]
+
+
+def test_the_gradient_of_mitsuba_for_direct_light():
+    """A black field: what is left is the light of the lamps."""
+    field = make_field("emitters")
+    field.recolour(np.zeros((500, 3)))
+    key, found = "floor.bsdf.reflectance.data", []
+    more = {"pane": {"type": "sphere", "radius": 0.01, "center": [0.0, 0, 9]}}
+    for integrator in (make_integrator(field), mi.load_dict({"type": "path", "max_depth": 2})):
+        scene = make_scene(**more)
+        params = mi.traverse(scene)
+        dr.enable_grad(params[key])
+        params.update()
+        image = mi.render(scene, params, integrator=integrator, spp=256, seed=1)
+        dr.backward(loss(image))
+        found.append(np.array(dr.grad(params[key])))
+    assert np.linalg.norm(found[0] - found[1]) < 0.01 * np.linalg.norm(found[1])
+
+
+def test_images_are_the_same_with_and_without_derivatives():
+    scene, field = make_scene(), make_field("emitters")
+    integrator = make_integrator(field)
+    plain = np.array(render(scene, integrator))
+    params = mi.traverse(integrator)
+    dr.enable_grad(params["field.means"])
+    params.update()
+    image = mi.render(scene, params, integrator=integrator, spp=SPP, seed=SEED)
+    np.testing.assert_array_equal(np.array(image), plain)
+
+
+def raises(scene, integrator, owner, key: str, words: str) -> None:
+    params = mi.traverse(owner)
+    dr.enable_grad(params[key])
+    params.update()
+    with pytest.raises(RuntimeError, match=words):
+        dr.backward(loss(render(scene, integrator, params)))
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("one.emitter.radiance.value", "one.emitter.radiance.value, a value of an emitter"),
+        ("pane.to_world", "pane.to_world, a part of the geometry"),
+    ],
+)
+def test_what_has_no_derivative(key, words):
+    scene = make_scene()
+    raises(scene, make_integrator(make_field()), scene, key, f"no derivative.*{words}")
+
+
+@pytest.mark.parametrize(("name", "words"), [("adaptive", "adaptive"), ("denoise", "denoiser")])
+def test_modes_that_have_no_derivative(name, words):
+    integrator = make_integrator(make_field())
+    scene = make_scene()
+    params = mi.traverse(integrator)
+    dr.enable_grad(params["field.means"])
+    params.update()
+    image = render(scene, integrator, params)
+    setattr(integrator, name, True)
+    with pytest.raises(RuntimeError, match=f'{words} cannot be.* "{name}" to false'):
+        dr.backward(loss(image))
+
+
+def test_what_is_not_finite_is_named():
+    integrator = make_integrator(make_field())
+    params = mi.traverse(integrator)
+    params["field.means"] = mi.Point3f(dr.full(mi.Float, np.nan, 500))
+    with pytest.raises(RuntimeError, match="field.means has values that are not finite"):
+        params.update()
+    scene = make_scene()
+    params = mi.traverse(scene)
+    key = "floor.bsdf.reflectance.data"
+    dr.enable_grad(params[key])
+    params.update()
+    image = render(scene, make_integrator(make_field()), params)
+    with pytest.raises(RuntimeError, match=f"The gradient of {key} is not finite"):
+        dr.backward(dr.sum(dr.ravel(image)) * mi.Float(np.nan))
