@@ -8,12 +8,13 @@ directly, the place x itself. The light that the field stores is held fixed when
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import fields, replace
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from gpf.camera.haze import lit_by
 from gpf.camera.visible_points import light_of, walk
@@ -125,11 +126,13 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
         self, scene: mi.Scene, params: Any, sensor: Any = 0, seed: Any = 0, spp: int = 0
     ) -> mi.TensorXf:
         """How the image changes with the parameters, as for every Mitsuba integrator."""
-        self._check_parameters(params)
-        with mixed(scene, self.field, self.wanted_levels()):
-            change = super().render_forward(scene, params, sensor, seed, spp)
+        change = None
+        if self._asks_for_more_than_levels(params):
+            with mixed(scene, self.field, self.wanted_levels()):
+                change = super().render_forward(scene, params, sensor, seed, spp)
         if (image := self._by_levels(scene, sensor, seed, spp)) is not None:
-            change += dr.forward_to(image)
+            by_levels = dr.forward_to(image)
+            change = by_levels if change is None else change + by_levels
         return change
 
     def render_backward(
@@ -142,15 +145,20 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
         spp: int = 0,
     ) -> None:
         """Gradients of the parameters from that of the image, as for every Mitsuba integrator."""
-        self._check_parameters(params)
-        with mixed(scene, self.field, self.wanted_levels()):
-            super().render_backward(scene, params, grad_in, sensor, seed, spp)
+        if not np.isfinite(np.array(grad_in)).all():
+            raise RuntimeError("The gradient of the image is not finite.")
+        if self._asks_for_more_than_levels(params):
+            with mixed(scene, self.field, self.wanted_levels()):
+                super().render_backward(scene, params, grad_in, sensor, seed, spp)
         if (image := self._by_levels(scene, sensor, seed, spp)) is not None:
             dr.set_grad(image, grad_in)
             dr.enqueue(dr.ADMode.Backward, image)
             dr.traverse(dr.ADMode.Backward)
         for key, value, _ in _attached(params):
-            if not dr.all(dr.isfinite(dr.ravel(dr.grad(value))), axis=None):
+            gradient = dr.grad(value)
+            if hasattr(type(gradient), "matrix"):  # of a transform
+                gradient = gradient.matrix
+            if not np.isfinite(np.array(gradient)).all():
                 raise RuntimeError(f"The gradient of {key} is not finite.")
 
     def wanted_levels(self) -> Levels:
@@ -166,9 +174,7 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
             wanted[name] = r, g, b
         return wanted
 
-    def _by_levels(
-        self, scene: mi.Scene, sensor: Any, seed: Any, spp: int
-    ) -> mi.TensorXf | None:
+    def _by_levels(self, scene: mi.Scene, sensor: Any, seed: Any, spp: int) -> mi.TensorXf | None:
         """The image as a sum over those groups of emitters whose levels are attached, (H, W, C);
         None without any. Light is linear, so the derivatives are pictures of the groups."""
         total, lights = None, self.field.lights
@@ -185,24 +191,36 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
             total = part if total is None else total + part
         return total
 
-    def _check_parameters(self, parameters: Any) -> None:
-        """Raise a RuntimeError if an attached parameter has no derivative here."""
+    def _asks_for_more_than_levels(self, parameters: mi.SceneParameters | None) -> bool:
+        """Whether anything else is attached. Without ``parameters``, that is unknown.
+
+        Raises
+        ------
+        RuntimeError: an attached parameter has no derivative here.
+        """
         for name, what in (("adaptive", "adaptive samples"), ("denoise", "the denoiser")):
             if getattr(self, name):
                 raise RuntimeError(
                     f'The gpf integrator: {what} cannot be differentiated. Set "{name}" to false.'
                 )
-        for key, _, node in _attached(parameters):
+        asks = parameters is None
+        for key, _, owner in _attached(parameters):
+            asks |= owner is not self or ".levels." not in f".{key}"
             for kind, what in _FIXED.items():
-                if isinstance(node, kind):
+                if isinstance(owner, kind):
                     raise RuntimeError(
                         f"The gpf integrator has no derivative with respect to {key}, {what}."
                     )
+        return asks
 
 
-def _attached(parameters: Any) -> Iterator[tuple[str, Any, Any]]:
-    """The attached parameters with their names and, for those of Mitsuba, their owners."""
-    known: Mapping[str, Any] = getattr(parameters, "properties", {})
-    for key, value in () if parameters is None else parameters.items():
+def _attached(parameters: mi.SceneParameters | None) -> Iterator[tuple[str, Any, Any]]:
+    """The attached parameters with their names and their owners."""
+    if parameters is None:
+        return
+    for key, value in parameters.items():
         if dr.grad_enabled(value):
-            yield key, value, known[key][2] if key in known else None
+            owner = parameters.properties[key][2]
+            while isinstance(owner, mi.Texture | mi.Volume):  # of whatever has it
+                owner = parameters.hierarchy[owner][0]
+            yield key, value, owner

@@ -21,8 +21,8 @@ from gpf.rendering.aovs import (
     parse_aovs,
     split_layers,
 )
-from gpf.rendering.derivatives import DifferentiableField, attached_radiance
 from gpf.rendering.denoiser import GUIDES, ImageDenoiser, denoise
+from gpf.rendering.derivatives import DifferentiableField, attached_radiance
 from gpf.rendering.lights import mixed
 from gpf.rendering.properties import read_depths
 from gpf.rendering.recording import KnownScene, RecordedFrames

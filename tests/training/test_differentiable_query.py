@@ -83,7 +83,9 @@ def test_backward_is_the_transpose_of_forward(scale, at_once):
     along = float((to_numpy(dr.forward_to(found)) * problem.weight).sum())
     values, x, found = problem.attached()
     dr.backward(dr.sum(dr.dot(found, from_numpy(mi.Color3f, scale * problem.weight))))
-    back = sum((np.array(dr.grad(v)) * m).sum() for v, m in zip(values, problem.moved[0]))
+    back = sum(
+        (np.array(dr.grad(v)) * m).sum() for v, m in zip(values, problem.moved[0], strict=True)
+    )
     back += (to_numpy(dr.grad(x)) * problem.moved[1]).sum()
     assert back / scale == pytest.approx(along, rel=1e-4)
 
@@ -98,7 +100,9 @@ def test_each_parameter_by_itself(which):
     problem.moved = alone, problem.moved[1] * (NAMES[which] == "x")
     values, x, found = problem.attached()
     dr.backward(dr.sum(dr.dot(found, from_numpy(mi.Color3f, problem.weight))))
-    back = sum((np.array(dr.grad(v)) * m).sum() for v, m in zip(values, problem.moved[0]))
+    back = sum(
+        (np.array(dr.grad(v)) * m).sum() for v, m in zip(values, problem.moved[0], strict=True)
+    )
     back += (to_numpy(dr.grad(x)) * problem.moved[1]).sum()
     differences = (problem.plain(STEP) - problem.plain(-STEP)) / (2 * STEP)
     expected = (differences * problem.active[:, None] * problem.weight).sum()
