@@ -1,4 +1,4 @@
-"""Derivatives of pictures: against finite differences with the same samples, and against Mitsuba's."""
+"""Derivatives of pictures: against finite differences with the same samples, and Mitsuba's."""
 
 import re
 
@@ -10,6 +10,7 @@ import pytest
 import gpf  # noqa: F401  # registers the plugins
 from gpf.core.structs import from_numpy
 from gpf.field.field import GaussianPhotonField
+from gpf.field.io import save_field
 from gpf.field.lights import FieldLights
 from gpf.field.settings import FieldSettings
 from gpf.scene.light_groups import LightGroups
@@ -201,6 +202,22 @@ def test_the_gradient_of_mitsuba_for_direct_light():
         dr.backward(loss(image))
         found.append(np.array(dr.grad(params[key])))
     assert np.linalg.norm(found[0] - found[1]) < 0.01 * np.linalg.norm(found[1])
+
+
+def test_a_field_of_a_scene_is_among_its_parameters(tmp_path):
+    save_field(make_field(), tmp_path / "field.safetensors")
+    own = {"type": "gpf", "field": str(tmp_path / "field.safetensors")}
+    scene = make_scene(integrator=own)
+    params = mi.traverse(scene)
+    before = np.array(mi.render(scene, spp=1, seed=1))
+    (key,) = (key for key, _ in params.items() if key.endswith("field.irradiance"))
+    params[key] = 2 * params[key]
+    dr.enable_grad(params[key])
+    params.update()
+    image = mi.render(scene, params, spp=1, seed=1)
+    np.testing.assert_allclose(np.array(image), 2 * before, rtol=1e-5)
+    dr.backward(loss(image))
+    assert np.abs(np.array(dr.grad(params[key]))).max() > 0
 
 
 def test_images_are_the_same_with_and_without_derivatives():

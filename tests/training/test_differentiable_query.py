@@ -46,6 +46,12 @@ class Problem:
         g = self.g.with_flat(self.g.flat() + step * self.moved[0])
         return plain_query(g, self.settings, self.x + step * self.moved[1], self.n)[0]
 
+    def along(self, values: list, x: mi.Point3f) -> float:
+        """The gradients of the parameters, in the direction in which they move."""
+        pairs = zip(values, self.moved[0], strict=True)
+        total = sum((np.array(dr.grad(value)) * moved).sum() for value, moved in pairs)
+        return float(total + (to_numpy(dr.grad(x)) * self.moved[1]).sum())
+
     def attached(self) -> tuple[list, mi.Point3f, mi.Color3f]:
         values, x = dr.copy(parameters(self.field.gaussians)), from_numpy(mi.Point3f, self.x)
         dr.enable_grad(values, x)
