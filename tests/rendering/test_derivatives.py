@@ -278,11 +278,11 @@ def test_modes_that_have_no_derivative(name, words):
 def test_what_is_not_finite_is_named():
     integrator = make_integrator(make_field())
     params = mi.traverse(integrator)
-    params["field.means"] = mi.Point3f(dr.full(mi.Float, np.nan, 500))
+    params["field.means"] = mi.Point3f(dr.full(mi.Float, dr.nan, 500))
     with pytest.raises(RuntimeError, match="field.means has values that are not finite"):
         params.update()
     integrator = make_integrator(make_field())
-    told("gradient of the image is not finite", loss(image_of(integrator)) * mi.Float(np.nan))
+    told("gradient of the image is not finite", loss(image_of(integrator)) * mi.Float(dr.nan))
     integrator = make_integrator(make_field())
     sizes = np.array(integrator.field.gaussians.log_scales)
     sizes[:, 250:] = -100  # their inverses are infinite
