@@ -27,6 +27,11 @@ PADDING = 4
 # Twice xatlas's own: a third of the charts on a teapot's lid, and no more distortion.
 MAX_COST = 4.0
 
+AT_ONCE = 64
+"""Most meshes that a process cuts: each atlas has a thread for each core."""
+
+REMEDY = "bake --vertex-colours, which needs no xatlas."
+
 # How often charts are packed more tightly until they fit on a page.
 TRIES = 20
 
@@ -88,16 +93,23 @@ def flatten(meshes: Sequence[Mesh], size: int | None) -> Packed:
     ------
     UserError: xatlas is missing or failed.
     """
-    remedy = "bake --vertex-colours, which needs no xatlas."
     if not _is_installed():
         raise UserError(
             "xatlas",
             "is not installed, so surfaces cannot be unwrapped",
-            f"Run `pip install xatlas`, or {remedy}",
+            f"Run `pip install xatlas`, or {REMEDY}",
         )
+    parts = [meshes[k : k + AT_ONCE] for k in range(0, len(meshes), AT_ONCE)]
+    cut = [_ask("cut", list(part)) for part in parts]
+    flat = [mesh for found, _ in cut for mesh in found]
+    packed, extent, scale = _ask("pack", flat, size)
+    return Packed(packed, extent, scale, sum(charts for _, charts in cut))
+
+
+def _ask(what: str, *about: Any) -> Any:
     done = subprocess.run(
         [sys.executable, "-c", "from gpf.baking.xatlas_process import main; main()"],
-        input=pickle.dumps((list(meshes), size)),
+        input=pickle.dumps((what, about)),
         capture_output=True,
         check=False,
     )
@@ -105,7 +117,7 @@ def flatten(meshes: Sequence[Mesh], size: int | None) -> Packed:
         why = last_line(done.stderr.decode(errors="replace"))
         if done.returncode < 0:
             why = f"ended by signal {-done.returncode}"
-        raise UserError("xatlas", f"failed: {why}", f"Try again, or {remedy}")
+        raise UserError("xatlas", f"failed: {why}", f"Try again, or {REMEDY}")
     return pickle.loads(done.stdout)
 
 
@@ -116,7 +128,8 @@ def _is_installed() -> bool:
         return False
 
 
-def _flatten(meshes: list[Mesh], size: int | None) -> Packed:
+def _cut_all(meshes: list[Mesh]) -> tuple[list[Flat], int]:
+    """Meshes cut into charts, at their own scale, and how many charts."""
     # Each in an atlas of its own: with many meshes in one, `add_mesh` crashes now and then, because
     # its tasks are moved in memory while a thread reads one.
     atlases = [_new_atlas() for _ in meshes]
@@ -124,15 +137,18 @@ def _flatten(meshes: list[Mesh], size: int | None) -> Packed:
     for atlas, mesh in zip(atlases, meshes, strict=True):
         atlas.add_mesh(mesh.points, mesh.faces)
         flat += _generate(atlas, 1)
-    charts = sum(atlas.chart_count for atlas in atlases)
+    return flat, sum(atlas.chart_count for atlas in atlases)
+
+
+def _pack_all(meshes: list[Flat], size: int | None) -> tuple[list[Flat], tuple[int, int], float]:
+    """Charts packed on a page, its width and height, and the scale."""
     scale = 1.0
     for _ in range(TRIES):
-        page = _new_atlas()
-        packed, extent = _pack(page, flat, scale)
+        packed, extent = _pack(_new_atlas(), meshes, scale)
         if size is None or max(extent) <= size:
             break
         scale *= min(size / max(extent), 0.98)
-    return Packed(packed, extent, scale, charts)
+    return packed, extent, scale
 
 
 def _pack(atlas: Any, meshes: Sequence[Flat], scale: float) -> tuple[list[Flat], tuple[int, int]]:
@@ -172,14 +188,15 @@ def _new_atlas() -> Any:
 
 def main() -> None:
     """What the process does: a request from its input, the answer to its output."""
-    # An atlas starts a thread for each further core, and more than one saves no time.
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    # xatlas prints, too.
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
     status = 1
     try:
-        answer = _flatten(*pickle.load(sys.stdin.buffer))
-        sys.stdout.buffer.write(pickle.dumps(answer))
-        sys.stdout.flush()
+        what, about = pickle.load(sys.stdin.buffer)
+        found = _cut_all(*about) if what == "cut" else _pack_all(*about)
+        answers.write(pickle.dumps(found))
+        answers.flush()
         status = 0
     except Exception:
         traceback.print_exc()

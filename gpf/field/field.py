@@ -288,7 +288,8 @@ class GaussianPhotonField(Recordable):
     def reflect(self, points: VisiblePoints, value: mi.Color3f) -> mi.Color3f:
         """L at visible points, W/(m² sr), (N, 3), from the stored quantity there, (N, 3)."""
         # Other programs' files, or a network in the field's place, may give negative values.
-        value = dr.maximum(value, 0)
+        # Not by `maximum`: at 0, it would have no derivative.
+        value = dr.select(value >= 0, value, 0)
         if self.settings.stores == "irradiance":
             return points.radiance(value)
         return points.emission + dr.select(points.valid, points.throughput * value, 0)

@@ -29,6 +29,9 @@ from gpf.training.differentiable_query import query
 # Which arrays of the Gaussians are parameters: all but the normals.
 _TRAINED = tuple(f.name for f in fields(Gaussians) if f.name != "normals")
 
+# The values of materials that have derivatives.
+_DIFFUSE = {"reflectance", "diffuse_reflectance", "base_color"}
+
 # What has no derivative here, by the class of the object that owns it.
 _FIXED = {
     mi.Emitter: "a value of an emitter: a field with groups has levels instead",
@@ -120,6 +123,7 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
             self.field.update(Gaussians(**arrays), self.field.error)
         if "irradiance" in changed:
             self.field.lights = None
+            self.levels.clear()
         self.field.gaussians = attached
 
     def render_forward(
@@ -166,8 +170,11 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
         if self.field is None or not (self.lights or self.levels):
             return {}
         lights = self.field.lights
-        wanted = parse_levels(self.lights, () if lights is None else lights.groups.names)
+        names = () if lights is None else lights.groups.names
+        wanted = parse_levels(self.lights, names)
         for name, level in self.levels.items():
+            if name not in names:  # of an earlier field
+                continue
             factors = (float(dr.slice(dr.detach(channel))) for channel in level)
             before = wanted.get(name, (1.0, 1.0, 1.0))
             r, g, b = (x * y for x, y in zip(before, factors, strict=True))
@@ -180,12 +187,14 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
         total, lights = None, self.field.lights
         names = () if lights is None else lights.groups.names
         before = parse_levels(self.lights, names)
-        attached = {name for name, level in self.levels.items() if dr.grad_enabled(level)}
-        for name in sorted(attached):
+        levels = {name: self.levels[name] for name in names if name in self.levels}
+        for name in (name for name, level in levels.items() if dr.grad_enabled(level)):
             only = dict.fromkeys(names, (0.0, 0.0, 0.0)) | {name: before.get(name, (1.0, 1.0, 1.0))}
             with dr.suspend_grad(), mixed(scene, self.field, only):
                 image = super().render(scene, sensor, seed, spp)
             channels = image.shape[-1]
+            if channels < 3:
+                raise RuntimeError("Levels have derivatives in films of RGB only.")
             factors = [*self.levels[name], *[mi.Float(0)] * (channels - 3)]
             part = image * mi.TensorXf(dr.concat(factors), (1, 1, channels))
             total = part if total is None else total + part
@@ -205,6 +214,11 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
                 )
         asks = parameters is None
         for key, _, owner in _attached(parameters):
+            if isinstance(owner, mi.BSDF) and not _DIFFUSE & set(key.split(".")):
+                raise RuntimeError(
+                    f"The gpf integrator has no derivative with respect to {key}: among the values "
+                    "of a material, only those of its diffuse reflectance have one."
+                )
             asks |= owner is not self or ".levels." not in f".{key}"
             for kind, what in _FIXED.items():
                 if isinstance(owner, kind):

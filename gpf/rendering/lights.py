@@ -96,12 +96,15 @@ def mixed(scene: mi.Scene, field: GaussianPhotonField, levels: Levels) -> Iterat
     if all(level == (1.0, 1.0, 1.0) for level in levels.values()):
         yield
         return
-    mixer = LightMixer(scene, field)
-    mixer.set(levels)
+    mixer, before = LightMixer(scene, field), field.gaussians
     try:
+        with dr.suspend_grad():
+            mixer.set(levels)
         yield
     finally:
-        mixer.set({})
+        with dr.suspend_grad():
+            mixer.set({})
+        field.gaussians = before  # whose arrays may be parameters
 
 
 class _Dimmed:

@@ -48,7 +48,7 @@ class Lamps:
                 "Correct it in params.yaml, or use a field that was fitted to this scene.",
             )
         self.scene, self.indices, self._through_null = scene, indices, through_null
-        self._index = mi.UInt32(list(indices)) if indices else mi.UInt32()
+        self._index = mi.UInt32(list(indices)) if indices else mi.UInt32(0)
         self._groups: list[Lamps] | None = None
 
     def sample(
@@ -71,7 +71,8 @@ class Lamps:
             ray = origin.spawn_ray_to(light.p)
             if medium is None and self._media.there:
                 medium = self._media.around(ray, seen)
-            share = self._arriving_share(ray, light.p, seen, medium)
+            with dr.suspend_grad():  # what is in between counts as fixed
+                share = self._arriving_share(ray, light.p, seen, medium)
             weight *= share
             seen &= dr.any(share > 0)
         else:

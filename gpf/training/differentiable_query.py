@@ -9,11 +9,14 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from gpf.core.structs import SurfacePoints
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
+from gpf.field.neighbour_search import LARGEST_REACH
 from gpf.training.kernels import (
+    MOST,
     Packets,
     blend_neighbours,
     pack,
@@ -104,9 +107,7 @@ class _Query(dr.CustomOp):
         packets = pack(self.gaussians)
         gradients = zero_gradients(dr.width(self.gaussians.means))
         to_x = dr.zeros(mi.Vector3f, dr.width(self.active))
-        # The sums are of whole numbers, which have a range.
-        size = dr.maximum(dr.max(dr.max(dr.abs(adjoint), axis=None), axis=None), 1e-30)
-        unit = dr.select(dr.isfinite(size), size, 1)
+        unit = self._unit(adjoint)
         for part in self._parts():
             every = dr.arange(mi.UInt32, dr.width(part.lanes))
             place = part.points, part.lists, every, packets
@@ -118,6 +119,17 @@ class _Query(dr.CustomOp):
         found = unpack_gradients(self.gaussians, gradients, anisotropic=True)
         self.set_grad_in("values", [unit * value for value in found])
         self.set_grad_in("x", mi.Point3f(to_x))
+
+    def _unit(self, adjoint: mi.Color3f) -> float:
+        """A unit for gradients: the sums are of whole numbers, which have a range, and all lanes
+        may add to the same one."""
+        size = float(np.abs(np.array(adjoint)).max(initial=0))
+        colour = float(np.abs(np.array(self.gaussians.irradiance)).max())
+        sharpest = float(np.exp(-float(np.array(self.gaussians.log_scales).min())))
+        radius = self.field.settings.search_radius
+        largest = max(1.0, 2 * colour * max(LARGEST_REACH * radius, 2 * sharpest + 4 / radius))
+        unit = max(size, 1e-30) * largest * dr.width(self.active) / MOST
+        return unit if np.isfinite(unit) else 1.0
 
     @property
     def _is_divided(self) -> bool:

@@ -13,8 +13,11 @@ from gpf.field.gaussians import Gaussians, whitening_adjoint, whitening_rows
 from gpf.training.loss import Loss, relative_weight
 from gpf.training.neighbours import NeighbourLists
 
-# Gradients are multiples of this step; their sums may reach 8192. A typical gradient is 1e-6.
+# Gradients are multiples of this step. A typical gradient is 1e-6.
 STEP = 2.0**-50
+
+MOST = 4096.0
+"""What sums of gradients may reach."""
 
 
 def parameters(g: Gaussians) -> list[mi.Float]:

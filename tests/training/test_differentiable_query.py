@@ -1,6 +1,8 @@
 """The field's answer has the derivatives of the blend: against finite differences of its plain twin
 in double precision, and forward against backward."""
 
+from dataclasses import replace
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -113,3 +115,18 @@ def test_each_parameter_by_itself(which):
     differences = (problem.plain(STEP) - problem.plain(-STEP)) / (2 * STEP)
     expected = (differences * problem.active[:, None] * problem.weight).sum()
     assert back == pytest.approx(expected, rel=1e-3)
+
+
+def test_sums_over_very_many_points():
+    """The value is linear in the colours c: Σ c · ∂L/∂c = L, of a few Gaussians for all points."""
+    problem, count = Problem(), 300_000
+    rng = np.random.default_rng(1)
+    x = from_numpy(mi.Point3f, rng.uniform(LOWER, UPPER, (count, 3)))
+    n, asks = dr.zeros(mi.Normal3f, count), dr.full(mi.Bool, True, count)
+    g = problem.field.gaussians
+    colour = mi.Color3f(g.irradiance)
+    dr.enable_grad(colour)
+    total = dr.sum(dr.sum(query(problem.field, replace(g, irradiance=colour), x, n, asks)))
+    dr.backward(total)
+    back = (to_numpy(dr.grad(colour)) * to_numpy(g.irradiance)).sum()
+    assert back == pytest.approx(float(total[0]), rel=1e-3)
