@@ -20,7 +20,7 @@ from gpf.camera.haze import lit_by
 from gpf.camera.visible_points import light_of, walk
 from gpf.core.structs import to_numpy
 from gpf.field.gaussians import Gaussians
-from gpf.rendering.lights import mixed
+from gpf.rendering.lights import mixed, require_lights
 from gpf.rendering.walks import Walks
 from gpf.scene.light_groups import Levels, parse_levels
 from gpf.scene.materials import diffuse_reflectance
@@ -167,10 +167,9 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
 
     def wanted_levels(self) -> Levels:
         """The levels of the groups of emitters, as plain numbers."""
-        if self.field is None or not (self.lights or self.levels):
+        if self.field is None or not (self.lights or (self.levels and self.field.lights)):
             return {}
-        lights = self.field.lights
-        names = () if lights is None else lights.groups.names
+        names = require_lights(self.field).groups.names
         wanted = parse_levels(self.lights, names)
         for name, level in self.levels.items():
             if name not in names:  # of an earlier field
@@ -184,8 +183,9 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
     def _by_levels(self, scene: mi.Scene, sensor: Any, seed: Any, spp: int) -> mi.TensorXf | None:
         """The image as a sum over those groups of emitters whose levels are attached, (H, W, C);
         None without any. Light is linear, so the derivatives are pictures of the groups."""
-        total, lights = None, self.field.lights
-        names = () if lights is None else lights.groups.names
+        if not (self.levels and self.field.lights):
+            return None
+        total, names = None, require_lights(self.field).groups.names
         before = parse_levels(self.lights, names)
         levels = {name: self.levels[name] for name in names if name in self.levels}
         for name in (name for name, level in levels.items() if dr.grad_enabled(level)):

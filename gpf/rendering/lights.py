@@ -42,11 +42,7 @@ class LightMixer:
     """
 
     def __init__(self, scene: mi.Scene, field: GaussianPhotonField) -> None:
-        if field.lights is None:
-            raise UserError(
-                "lights", "are not kept apart in this field", "Fit it with `gpf fit --groups auto`."
-            )
-        self.lights: FieldLights = field.lights
+        self.lights: FieldLights = require_lights(field)
         # Emitters that outlive the shapes of their scene make Dr.Jit crash in the next scene.
         self._scene = scene
         self._field = field
@@ -82,6 +78,15 @@ class LightMixer:
         if self._field.volume is not None:
             self._field.volume.set_levels(levels)
         self.levels = levels
+
+
+def require_lights(field: GaussianPhotonField) -> FieldLights:
+    """The light of a field by groups; a :class:`UserError` if it does not keep them apart."""
+    if field.lights is None:
+        raise UserError(
+            "lights", "are not kept apart in this field", "Fit it with `gpf fit --groups auto`."
+        )
+    return field.lights
 
 
 def set_lights(scene: mi.Scene, field: GaussianPhotonField, text: str) -> None:
