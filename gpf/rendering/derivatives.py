@@ -32,6 +32,8 @@ _TRAINED = tuple(f.name for f in fields(Gaussians) if f.name != "normals")
 # The values of materials that have derivatives.
 _DIFFUSE = {"reflectance", "diffuse_reflectance", "base_color"}
 
+_NOT_RGB = {"Y", "YA", "XYZ", "XYZA"}
+
 # What has no derivative here, by the class of the object that owns it.
 _FIXED = {
     mi.Emitter: "a value of an emitter: a field with groups has levels instead",
@@ -149,8 +151,11 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
         spp: int = 0,
     ) -> None:
         """Gradients of the parameters from that of the image, as for every Mitsuba integrator."""
-        if not np.isfinite(np.array(grad_in)).all():
+        wanted = np.array(grad_in)
+        if not np.isfinite(wanted).all():
             raise RuntimeError("The gradient of the image is not finite.")
+        if (aovs := len(self.aov_names())) and wanted[..., -aovs:].any():
+            raise RuntimeError("AOVs have no derivative: only use the colours of the image.")
         if self._asks_for_more_than_levels(params):
             with mixed(scene, self.field, self.wanted_levels()):
                 super().render_backward(scene, params, grad_in, sensor, seed, spp)
@@ -192,9 +197,10 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
             only = dict.fromkeys(names, (0.0, 0.0, 0.0)) | {name: before.get(name, (1.0, 1.0, 1.0))}
             with dr.suspend_grad(), mixed(scene, self.field, only):
                 image = super().render(scene, sensor, seed, spp)
-            channels = image.shape[-1]
-            if channels < 3:
+            film = scene.sensors()[sensor].film() if isinstance(sensor, int) else sensor.film()
+            if film.bitmap().pixel_format().name in _NOT_RGB:
                 raise RuntimeError("Levels have derivatives in films of RGB only.")
+            channels = image.shape[-1]
             factors = [*self.levels[name], *[mi.Float(0)] * (channels - 3)]
             part = image * mi.TensorXf(dr.concat(factors), (1, 1, channels))
             total = part if total is None else total + part
@@ -219,7 +225,13 @@ class DifferentiableField(mi.ad.integrators.common.ADIntegrator):
                     f"The gpf integrator has no derivative with respect to {key}: among the values "
                     "of a material, only those of its diffuse reflectance have one."
                 )
-            asks |= owner is not self or ".levels." not in f".{key}"
+            group = f".{key}".partition(".levels.")[2] if owner is self else ""
+            if group and group not in self.levels:
+                raise RuntimeError(
+                    f"The gpf integrator has no derivative with respect to {key}: the field no "
+                    "longer keeps groups of emitters apart, because its irradiance was set."
+                )
+            asks |= not group
             for kind, what in _FIXED.items():
                 if isinstance(owner, kind):
                     raise RuntimeError(

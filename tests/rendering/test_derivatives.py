@@ -149,13 +149,18 @@ def test_a_texture(direct):
     assert ahead == pytest.approx(back, rel=1e-3)
 
 
-def test_levels_of_lamps():
+def with_groups() -> GaussianPhotonField:
+    """A field that keeps both lamps apart."""
     field = make_field("emitters")
-    groups = LightGroups(("left", "right"), ((0,), (1,)))
     total = np.array(field.gaussians.irradiance).T
+    groups = LightGroups(("left", "right"), ((0,), (1,)))
     field.lights = FieldLights(groups, np.stack([0.3 * total, 0.7 * total]))
-    scene, integrator = make_scene(), make_integrator(field)
-    for name in groups.names:
+    return field
+
+
+def test_levels_of_lamps():
+    scene, integrator = make_scene(), make_integrator(with_groups())
+    for name in ("left", "right"):
         # Light is linear, and a level is not negative.
         back, ahead, differences = both_modes(scene, integrator, integrator, f"levels.{name}", 0.1)
         assert back == pytest.approx(differences, rel=1e-3)
@@ -273,6 +278,32 @@ def test_modes_that_have_no_derivative(name, words):
     image = render(scene, integrator, params)
     setattr(integrator, name, True)
     told(f'{words} cannot be.* "{name}" to false', loss(image))
+
+
+def test_aovs_have_no_derivative():
+    integrator = make_integrator(make_field())
+    integrator.aovs = ("depth",)
+    told("AOVs have no derivative", dr.sum(dr.ravel(image_of(integrator))))
+    dr.backward(loss(image_of(integrator)[..., :3]))
+
+
+def test_a_level_of_groups_that_are_no_longer_kept_apart():
+    integrator = make_integrator(with_groups())
+    params = mi.traverse(integrator)
+    params["field.irradiance"] = params["field.irradiance"] * 2
+    params.update()
+    dr.enable_grad(params["levels.left"])
+    told("levels.left: the field no longer keeps", loss(render(make_scene(), integrator, params)))
+
+
+@pytest.mark.parametrize("color", ["luminance", "xyz"])
+def test_levels_in_films_that_are_not_rgb(color):
+    film = {"type": "hdrfilm", "width": 8, "height": 8, "pixel_format": color}
+    scene = make_scene(sensor={"type": "perspective", "film": film})
+    integrator = make_integrator(with_groups())
+    params = mi.traverse(integrator)
+    dr.enable_grad(params["levels.left"])
+    told("in films of RGB only", dr.sum(dr.ravel(render(scene, integrator, params))))
 
 
 def test_what_is_not_finite_is_named():
