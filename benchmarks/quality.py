@@ -6,10 +6,11 @@ from benchmarks import cli
 from benchmarks.energy import energy
 from benchmarks.error import error
 from benchmarks.fit import fit, frame
+from benchmarks.inverse import inverse
 from benchmarks.noise import noise
 from benchmarks.rooms import rooms
 
-app = cli.make_app(fit, frame, error, energy, rooms, noise)
+app = cli.make_app(fit, frame, error, energy, rooms, noise, inverse)
 
 if __name__ == "__main__":
     cli.run(app)

@@ -61,3 +61,13 @@ def test_noise(run):
     told = run(app, "noise", BOX, "--seconds", 1, "--rows", 16, "--spp", 16, "--samples", 16)
     lines = [line for line in told.splitlines() if re.search(r"\d\.\d{4}", line)]
     assert len(lines) == 16 and all(len(re.findall(r"[\d.]+", line)) == 4 for line in lines)
+
+
+@pytest.mark.slow
+def test_inverse(run, monkeypatch):
+    monkeypatch.setattr("examples.inverse_lighting.PASSES", 8)
+    monkeypatch.setattr("examples.inverse_lighting.ROUNDS", 1)
+    told = run(app, "inverse", "--seconds", 1, "--rows", 16, "--spp", 2)
+    for method in ("field", "prb"):
+        (line,) = (line for line in told.splitlines() if f" {method}, " in line)
+        assert len(re.findall(r"[\d.]+ %", line)) == 3

@@ -21,7 +21,7 @@ from imageio_ffmpeg import count_frames_and_secs
 from PIL import Image
 
 import gpf
-from examples import animation, data_set, own_integrator, own_scene
+from examples import animation, data_set, inverse_lighting, own_integrator, own_scene
 from gpf.cli import main as gpf_command
 from gpf.core.images import tone_map
 from tests.commands.box import box_field
@@ -116,6 +116,15 @@ def test_an_animation_without_the_encoder(tmp_path, even, monkeypatch):
     assert len(list(tmp_path.iterdir())) == 5
     turned = [psnr(one, other) for one, other in pairwise(frames)]
     assert max(turned) < 30  # the camera moves
+
+
+def test_inverse_lighting(tmp_path, small, monkeypatch):
+    monkeypatch.setattr(inverse_lighting, "PASSES", 30)
+    photograph = inverse_lighting.take_photograph(32, inverse_lighting.TRUTH)
+    *_, (found, _) = inverse_lighting.search(photograph, 1)
+    for name, value in inverse_lighting.TRUTH.items():
+        assert found[name] == pytest.approx(value, rel=0.15)
+        assert inverse_lighting.GUESS[name] != pytest.approx(value, rel=0.5)
 
 
 def test_data_set(tmp_path, even, one_process, capsys):
