@@ -19,9 +19,17 @@ import numpy as np
 import pytest
 from imageio_ffmpeg import count_frames_and_secs
 from PIL import Image
+from scipy.optimize import minimize
 
 import gpf
-from examples import animation, data_set, inverse_lighting, own_integrator, own_scene
+from examples import (
+    animation,
+    data_set,
+    inverse_caustics,
+    inverse_lighting,
+    own_integrator,
+    own_scene,
+)
 from gpf.cli import main as gpf_command
 from gpf.core.images import tone_map
 from tests.commands.box import box_field
@@ -142,6 +150,59 @@ def test_data_set(tmp_path, even, one_process, capsys):
     other.pose[:3, 3] += 0.1  # a camera at a wrong place would be noticed
     _, _, seen = other.look_up(frame.points())
     assert seen.mean() < 0.1
+
+
+def test_inverse_caustics(tmp_path, monkeypatch, capsys):
+    searched = []
+    monkeypatch.setattr(
+        inverse_caustics,
+        "search",
+        lambda problem, seconds: searched.append(search_in_steps(problem, 20)) or searched[0],
+    )
+    inverse_caustics.main(tmp_path, seconds=1, size=48)
+    told = re.findall(r"(\w+) lens, (\w+): correlation (\S+), PSNR", capsys.readouterr().err)
+    same = {(lens, judge): float(number) for lens, judge, number in told}
+    assert same["flat", "ptracer"] < 0.3 and same["flat", "sppm"] < 0.3
+    assert same["found", "ptracer"] > 0.85 and same["found", "sppm"] > 0.85
+    panels = {path.stem: read(path)[..., 1] for path in tmp_path.glob("*.png")}
+    sheet = [
+        np.hstack([panels[a], panels[b]]) for a, b in (("picture", "flat"), ("found", "heights"))
+    ]
+    np.testing.assert_array_equal(panels["inverse_caustics"], np.vstack(sheet))
+    assert np.corrcoef(panels["picture"].ravel(), panels["found"].ravel())[0, 1] > 0.85
+    lens = mi.load_dict({"type": "ply", "filename": str(tmp_path / "lens.ply")})
+    assert lens.vertex_count() == 49**2 and lens.face_count() == 2 * 48**2
+    depth = lens.bbox().max.z - lens.bbox().min.z
+    assert depth == pytest.approx(np.ptp(searched[0]), rel=1e-4)
+
+
+def search_in_steps(problem, steps: int) -> np.ndarray:
+    """As `search`, with a number of steps for each σ, which no machine's speed changes."""
+    modes, losses = np.zeros(problem.n**2), []
+    for seed, sigma in enumerate(inverse_caustics.SIGMAS):
+        flat = problem.loss(0 * modes, sigma, seed)[0]
+        options = {"maxiter": steps, "maxcor": 20}
+        found = minimize(problem.loss, modes, (sigma, seed), "L-BFGS-B", jac=True, options=options)
+        modes = found.x
+        losses.append(found.fun / flat)
+    assert max(losses) < 0.2 and losses[0] < 0.01
+    return problem.heights(modes)
+
+
+@pytest.mark.parametrize("sigma", inverse_caustics.SIGMAS)
+def test_the_derivative_of_a_caustic(sigma):
+    """With respect to modes of the lens, against finite differences with the same photons."""
+    problem = inverse_caustics.InverseCaustic(inverse_caustics.draw_picture(48))
+    modes = 0.03 * np.random.default_rng(1).standard_normal(problem.n**2)
+    _, gradient = problem.loss(modes, sigma, seed=2)
+    chosen = [*np.argsort(-np.abs(gradient))[:4], 30, 31, 200, 444]
+    found = []
+    for k in chosen:
+        step = 0.003 * (np.arange(problem.n**2) == k)
+        more, less = (problem.loss(modes + change, sigma, 2)[0] for change in (step, -step))
+        found.append((more - less) / 0.006)
+    error = np.linalg.norm(found - gradient[chosen])
+    assert error < 0.003 * np.linalg.norm(gradient[chosen])
 
 
 def cells(kind: str) -> list[dict[str, Any]]:
