@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from itertools import count
 from typing import Annotated
 
 import drjit as dr
@@ -32,8 +33,8 @@ def inverse(
     """Lamps and paint found from one photograph: largest relative error of each, after each round
     of a fit, and of Mitsuba's `prb` with Adam after the same time.
 
-    Both begin with the same guess, and weigh errors of pixels in the same way. `prb` optimises the
-    logarithms of all values.
+    Both begin with the same guess, and errors count relative to the brightness: of blocks of pixels
+    for the field, of pixels for `prb`, which optimises the logarithms of all values.
     """
     photograph = room.take_photograph(rows, room.TRUTH)
     table = Table("by", "s", *room.TRUTH)
@@ -41,14 +42,12 @@ def inverse(
     for number, (known, _) in enumerate(room.search(photograph, seconds), start=1):
         times.append(time.perf_counter() - start)
         table.add_row(f"field, {number} rounds", f"{times[-1]:.0f}", *errors(known))
-    step, start = 0, time.perf_counter()
-    for step, known in enumerate(descend(photograph, spp, rate), start=1):
-        spent = time.perf_counter() - start
-        if spent >= times[0]:
-            table.add_row(f"prb, {step} steps", f"{spent:.0f}", *errors(known))
-            times.pop(0)
-        if not times:
-            break
+    start, steps = time.perf_counter(), enumerate(descend(photograph, spp, rate), start=1)
+    for wanted in times:
+        for step, known in steps:
+            if (spent := time.perf_counter() - start) >= wanted:
+                table.add_row(f"prb, {step} steps", f"{spent:.0f}", *errors(known))
+                break
     Console().print(table)
 
 
@@ -67,14 +66,11 @@ def descend(photograph: np.ndarray, spp: int, rate: float) -> Iterator[dict[str,
     prb = mi.load_dict({"type": "prb", "max_depth": 16})
     wanted = mi.TensorXf(photograph)
     weight = 1 / (wanted + 0.1 * float(photograph.mean()))
-    step = 0
-    while True:
+    for step in count(1):
         for name, key in KEYS.items():
             params[key] = dr.exp(adam[name])
         params.update()
-        step += 1
         image = mi.render(scene, params, integrator=prb, spp=spp, seed=2 * step)
         dr.backward(dr.mean(dr.square(weight * (image - wanted)), axis=None))
         adam.step()
-        known = {name: np.exp(np.array(adam[name])).ravel().tolist() for name in KEYS}
-        yield known
+        yield {name: np.exp(np.array(adam[name])).ravel().tolist() for name in KEYS}
