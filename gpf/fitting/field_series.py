@@ -5,18 +5,15 @@ from __future__ import annotations
 import copy
 import dataclasses
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import numpy as np
 
-from gpf.core.structs import SurfacePoints
 from gpf.field.field import GaussianPhotonField
-from gpf.field.lights import FieldLights
-from gpf.field.settings import FieldSettings
 from gpf.fitting.best_field import MOST_STALLS, BestField
+from gpf.fitting.field_maker import FieldMaker, Lesson
 from gpf.fitting.goals import Goals, TimeBudget
 from gpf.fitting.plan import (
     LARGEST_STRIDE,
@@ -29,16 +26,10 @@ from gpf.fitting.plan import (
 from gpf.fitting.progress import Reporter
 from gpf.fitting.quality import ENOUGH_PASSES, LEAST_PASSES, QualityEstimate
 from gpf.fitting.state import FitState, Resume
-from gpf.scene.light_groups import LightGroups
-from gpf.training.detail_choice import field_by_place
-from gpf.training.field_error import estimate_error
 from gpf.training.half_colours import HalfColours
-from gpf.training.light_split import split_light
 from gpf.training.settings import TrainingSettings
-from gpf.training.shared_detail import keep_shared_detail
 from gpf.training.streaming import PhotonStream
 from gpf.training.trainer import Trainer
-from gpf.training.volume_light import fit_volume
 
 # Passes for the field per pass for the PSNR estimate: the usual number, and the smallest, for when
 # the estimate is too uncertain.
@@ -62,7 +53,7 @@ class FieldSeries:
     Attributes
     ----------
     origin: the fingerprint of the scene.
-    query: the settings of the fields, given their search radius.
+    maker: makes the fields.
     state: where photons are saved, or None.
     last: the plan of the last complete field; None before it.
     cost: what that field cost.
@@ -71,15 +62,18 @@ class FieldSeries:
     goals: Goals
     time: TimeBudget
     reporter: Reporter
-    groups: LightGroups | None
     origin: dict[str, Any]
-    stream: PhotonStream
+    maker: FieldMaker
     quality: QualityEstimate
-    query: Callable[[float], FieldSettings]
     best: BestField = dataclasses.field(default_factory=BestField)
     state: FitState | None = None
     last: Plan | None = None
     cost: FieldCost = dataclasses.field(default_factory=FieldCost)
+
+    @property
+    def stream(self) -> PhotonStream:
+        """The photons."""
+        return self.maker.stream
 
     def run(self) -> None:
         """Make fields until a goal is reached, or until no better field can follow."""
@@ -136,18 +130,13 @@ class FieldSeries:
         """Fit a field to the passes so far, judge it, and measure what it costs."""
         self.reporter.note(all_passes=plan.passes, all_steps=plan.steps)
         begin = self.time.work
-        points, halves = self.supervise(plan.stride)
-        trainer = self.start_training(points, halves, plan.steps)
+        lesson = self.maker.supervise(plan.stride)
+        trainer = self.maker.start(lesson, plan.steps)
         start = self.time.work
         step, evaluation = self.train(trainer)
         trained = self.time.work
         field = trainer.finish()
-        fitted = HalfColours.fit(field, halves)
-        field.recolour(keep_shared_detail(field, fitted))
-        if (volume := self.stream.photons.volume) is not None:
-            settings = TRAINING.model_copy(update={"seed": self.stream.seed, "steps": plan.steps})
-            photons = volume, self.stream.count, plan.stride
-            field.volume = fit_volume(*photons, self.query, settings, self.groups)
+        fitted = self.maker.clean(field, lesson, plan.steps)
         cleaned = self.time.work
         # A first field is soon replaced, but a PSNR that is compared with a target must be certain.
         first = self.best.field is None and self.goals.target_psnr is None
@@ -155,7 +144,7 @@ class FieldSeries:
         self.quality.psnr(field)
         # The first estimate has prepared what later ones reuse.
         begin_judgement = self.time.work
-        self.judge(field, fitted, points)
+        self.judge(field, fitted, lesson)
         # Not earlier: an interrupted field has to be fitted again.
         self.last = dataclasses.replace(plan, passes=self.stream.count)
         self.tell(self.best.field)
@@ -163,22 +152,6 @@ class FieldSeries:
         of_points, ending = start - begin + cleaned - trained, cleaned - trained + judgement
         all_points = plan.stride * of_points, plan.stride * evaluation
         self.cost = FieldCost(*all_points, step, judgement, ending)
-
-    def supervise(self, stride: int) -> tuple[SurfacePoints, tuple[SurfacePoints, SurfacePoints]]:
-        """What the next field learns from: every ``stride``-th point, with targets from all photons
-        and from two independent halves of them."""
-        even, odd = self.stream.halves(stride)
-        mean = self.stream.mean((even, odd)).supervised_points()
-        return mean, (even.supervised_points(), odd.supervised_points())
-
-    def start_training(
-        self, points: SurfacePoints, halves: tuple[SurfacePoints, SurfacePoints], steps: int
-    ) -> Trainer:
-        """The trainer of a new field; arguments as from :meth:`supervise`."""
-        stream = self.stream
-        settings = TRAINING.model_copy(update={"seed": stream.seed, "steps": steps})
-        place = stream.narrowest, stream.scene, self.query, stream.seed
-        return Trainer(field_by_place(points, halves, *place), points, settings)
 
     def train(self, trainer: Trainer) -> tuple[float, float]:
         """Train to the end, or while there is time; returns the seconds of a step and of an
@@ -203,13 +176,13 @@ class FieldSeries:
         step = float(np.median(intervals))
         return step, max(float(intervals[-1]) - step, 0)  # the last step ends with an evaluation
 
-    def judge(self, field: GaussianPhotonField, fitted: HalfColours, points: SurfacePoints) -> None:
+    def judge(self, field: GaussianPhotonField, fitted: HalfColours, lesson: Lesson) -> None:
         """Estimate the PSNR of a field, and keep it unless its training failed.
 
         Parameters
         ----------
         fitted: what the field would be from each half of the photons.
-        points: what it has learned from.
+        lesson: what it has learned from.
         """
         passes = self.stream.count
         most = passes // LEAST_PER_ESTIMATE
@@ -218,16 +191,13 @@ class FieldSeries:
         if not self.best.gives_way_to(psnr, self.quality):
             return
         self.add_error(field, fitted)
-        if self.groups is not None:
-            split = split_light(field, points, self.stream.by_group())
-            field.lights = FieldLights(self.groups, split)
+        self.maker.split(field, lesson)
         field.record = self.origin_of(passes)
         self.best.take(field, passes, psnr)
 
     def add_error(self, field: GaussianPhotonField, fitted: HalfColours) -> None:
         """Give a field its expected errors."""
-        error = estimate_error(field, fitted, self.stream.blur)
-        field.set_error(error)
+        error = self.maker.add_error(field, fitted)
         field.set_error(error * np.float32(self.quality.error_scale(field)))
 
     def add_estimates(self, wanted: int) -> None:

@@ -11,25 +11,19 @@ import mitsuba as mi
 
 from gpf.core.errors import UserError, is_interrupt
 from gpf.field.field import GaussianPhotonField
-from gpf.field.settings import FieldSettings, sampled_lamps
-from gpf.fitting.field_series import FieldSeries
-from gpf.fitting.goals import Goals, TimeBudget
+from gpf.fitting import opening
+from gpf.fitting.field_maker import FieldMaker
+from gpf.fitting.field_series import TRAINING, FieldSeries
+from gpf.fitting.goals import Goals, TimeBudget, require_seed
 from gpf.fitting.progress import FitProgress, Reporter
 from gpf.fitting.quality import QualityEstimate
 from gpf.fitting.state import FitState, Resume, fit_identity
-from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.importing.placement import place_sensors
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.fingerprint import fingerprint
 from gpf.scene.inventory import check_scene
 from gpf.scene.light_groups import LightGroups
-from gpf.scene.media import Media
-from gpf.sppm.passes import suit_scene
-from gpf.sppm.reference import ReferenceSettings
-from gpf.training.direct_light import choose_direct
-from gpf.training.stream_points import stream_points
-from gpf.training.streaming import PhotonStream, StreamSettings
-from gpf.training.volume_light import VolumeLight
+from gpf.training.streaming import StreamSettings
 
 # A field whose estimated PSNR is below this, or this far below SPPM with the same passes (dB), has
 # failed.
@@ -42,7 +36,6 @@ FAILED = (
 )
 
 STREAM = StreamSettings()
-REGION = VisibleRegionSettings(rays=131_072, pilot_paths=131_072)
 
 log = logging.getLogger(__name__)
 
@@ -93,8 +86,7 @@ def fit(
         the fit cannot resume.
     """
     goals, time = Goals.asked(seconds, target_psnr, passes), TimeBudget(seconds)
-    if not 0 <= seed < 2**31:
-        raise UserError("seed", f"is {seed}", "Give a number from 0 to 2147483647.")
+    require_seed(seed)
     if resume == "always" and state is None:
         raise UserError("resume", "needs a state folder", "Give the folder with the photons.")
     check_scene(scene)
@@ -105,8 +97,13 @@ def fit(
     if not cameras:
         raise UserError("sensors", "is empty", "Give a camera, or leave it out.")
     with time:
-        opened = _open(scene, cameras, seed, groups, exposure)
-        run = FieldSeries(goals, time, Reporter(callback), groups, origin, *opened)
+        start = opening.Opening.look(
+            scene, cameras, STREAM.model_copy(update={"seed": seed}), groups
+        )
+        look = start.passes, start.sampled, seed, start.source
+        quality = QualityEstimate(scene, cameras, *look, exposure=exposure)
+        maker = FieldMaker(start.stream, start.query, groups, TRAINING)
+        run = FieldSeries(goals, time, Reporter(callback), origin, maker, quality)
         try:
             if state is not None:
                 run.resume(FitState(Path(state), _identity(run, cameras)), resume)
@@ -122,38 +119,11 @@ def fit(
     return field
 
 
-def _open(
-    scene: mi.Scene,
-    cameras: Sequence[mi.Sensor],
-    seed: int,
-    groups: LightGroups | None,
-    exposure: float | None,
-) -> tuple[PhotonStream, QualityEstimate, Callable[[float], FieldSettings]]:
-    """Look around: a stream and a quality estimate, both without passes, and the settings of the
-    fields, given their search radius."""
-    plan = EmissionPlan.make(scene, cameras, REGION.model_copy(update={"seed": seed}))
-    passes = ReferenceSettings(seed=seed).measure(scene, cameras[0], plan)
-    direct = choose_direct(scene, passes)
-    sampled = sampled_lamps(scene, direct)
-    quality = QualityEstimate(scene, cameras, passes, sampled, seed, plan.source, exposure=exposure)
-    settings = STREAM.model_copy(update={"seed": seed})
-    own = settings.passes_like(passes)
-    photons = plan.collect(scene, own.photons_per_pass, seed, own.rr_depth)
-    named = {f"{k}": camera for k, camera in enumerate(cameras)}
-    points = stream_points(scene, named, plan, passes, settings, photons)
-    stored = None if direct == "field" else sampled.others()
-    volume = None
-    if Media(scene).there:
-        paths = suit_scene(own, scene).path_settings(plan.source)
-        volume = VolumeLight(scene, named, paths, own.alpha, seed, groups)
-    stream = PhotonStream(scene, own, points, seed, plan.source, stored, groups, volume)
-    return stream, quality, lambda radius: FieldSettings(search_radius=radius, direct=direct)
-
-
 def _identity(run: FieldSeries, cameras: Sequence[mi.Sensor]) -> dict[str, Any]:
     """What saved photons belong to."""
-    parts = REGION, STREAM, run.stream.photons.settings, run.query(1.0)
-    settings = {"settings": [part.model_dump() for part in parts], "seed": run.stream.seed}
-    if run.groups is not None:
-        settings["groups"] = [run.groups.names, run.groups.members]
-    return fit_identity(run.stream.scene, cameras, settings)
+    stream, groups = run.stream, run.maker.groups
+    parts = opening.REGION, STREAM, stream.photons.settings, run.maker.query(1.0)
+    settings = {"settings": [part.model_dump() for part in parts], "seed": stream.seed}
+    if groups is not None:
+        settings["groups"] = [groups.names, groups.members]
+    return fit_identity(stream.scene, cameras, settings)

@@ -53,6 +53,12 @@ class Goals:
         return Goals(seconds, target_psnr, float("inf") if passes is None else max(passes, 2))
 
 
+def require_seed(seed: int) -> None:
+    """Raise a :class:`UserError` unless this can be a seed."""
+    if not 0 <= seed < 2**31:
+        raise UserError("seed", f"is {seed}", "Give a number from 0 to 2147483647.")
+
+
 class TimeBudget:
     """The wall-clock time of a fit, and the part of it that is work.
 

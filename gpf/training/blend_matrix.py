@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gpf.core.machine import count_cores
 from gpf.core.structs import SurfacePoints
 from gpf.field.field import GaussianPhotonField
 from gpf.training.kernels import pack, pair_weights
@@ -33,3 +36,24 @@ def blend_matrix(field: GaussianPhotonField, points: SurfacePoints) -> csr_array
         sums = np.asarray(matrix.sum(axis=1))
         matrix = diags_array(1 / np.maximum(sums, _TINY)).astype(np.float32) @ matrix
     return matrix
+
+
+class RowParts:
+    """A sparse matrix in parts of consecutive rows, one for each core; the products have the same
+    bits as those of the whole."""
+
+    def __init__(self, matrix: csr_array) -> None:
+        from scipy.sparse import csr_array  # slow to import
+
+        rows, columns = matrix.shape
+        ends = np.linspace(0, rows, count_cores() + 1).astype(int)
+        starts, self._parts = matrix.indptr, []
+        for first, last in pairwise(ends):
+            pairs = slice(starts[first], starts[last])
+            kept = matrix.data[pairs], matrix.indices[pairs], starts[first : last + 1] - pairs.start
+            self._parts.append(csr_array(kept, shape=(last - first, columns)))
+        self._pool = ThreadPoolExecutor(len(self._parts))  # scipy's products use one core each
+
+    def __matmul__(self, values: np.ndarray) -> np.ndarray:
+        """The product with values, (N, K)."""
+        return np.concatenate(list(self._pool.map(lambda part: part @ values, self._parts)))

@@ -115,7 +115,11 @@ class GaussianDescent:
             self.rates(done),
             done + 1,
         )
-        gaussians = with_parameters(gaussians, values)
+        before, gaussians = gaussians, with_parameters(gaussians, values)
+        # Along its normal, a Gaussian would leave its surface, whose points then no longer see it.
+        n = mi.Vector3f(gaussians.normals)
+        moved = mi.Vector3f(gaussians.means - before.means)
+        gaussians.means = mi.Point3f(before.means + moved - dr.dot(moved, n) * n)
         # Beside bright places, negative values would show as black spots.
         gaussians.irradiance = dr.maximum(gaussians.irradiance, 0)
         dr.eval(gaussians, self.adam.first, self.adam.second)

@@ -17,7 +17,7 @@ import numpy as np
 
 from gpf.core.structs import SurfacePoints, take, to_numpy
 from gpf.field.field import GaussianPhotonField
-from gpf.training.blend_matrix import blend_matrix
+from gpf.training.blend_matrix import RowParts, blend_matrix
 from gpf.training.light_split import fit_colours
 from gpf.training.loss import relative_weight
 
@@ -75,7 +75,7 @@ class HalfColours:
         """Means of the Gaussians' values, (N, K), over their neighbours, (N, K): more rounds reach
         farther."""
         for _ in range(rounds):
-            values = self.around(self.matrix @ values)
+            values = self.around(self._forth @ values)
         return values
 
     def around(self, values: np.ndarray) -> np.ndarray:
@@ -84,9 +84,22 @@ class HalfColours:
         return found
 
     @cached_property
-    def _back(self) -> csr_array:
+    def _forth(self) -> RowParts:
+        return RowParts(self.matrix)
+
+    @cached_property
+    def _back(self) -> RowParts:
         """The weights of the points for the mean around each Gaussian, (N, P)."""
         from scipy.sparse import diags_array  # slow to import
 
-        sums = np.maximum(np.asarray(self.matrix.sum(axis=0)), _TINY)
-        return diags_array((1 / sums).astype(np.float32)) @ self.matrix.T.tocsr()
+        sums = np.maximum(self._sums, _TINY)
+        return RowParts(diags_array((1 / sums).astype(np.float32)) @ self.matrix.T.tocsr())
+
+    @property
+    def unseen(self) -> np.ndarray:
+        """Whether no point sees a Gaussian, (N,): then the halves know nothing of its colour."""
+        return self._sums == 0
+
+    @cached_property
+    def _sums(self) -> np.ndarray:
+        return np.asarray(self.matrix.sum(axis=0))

@@ -18,7 +18,7 @@ import numpy as np
 
 from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.field import GaussianPhotonField
-from gpf.training.blend_matrix import blend_matrix
+from gpf.training.blend_matrix import RowParts, blend_matrix
 from gpf.training.loss import relative_weight
 
 if TYPE_CHECKING:
@@ -83,6 +83,7 @@ def fit_colours(
     target = np.maximum(by_group, 0).transpose(1, 0, 2).reshape(count, 3 * groups)
     wanted = back @ np.ascontiguousarray(target, dtype=np.float32)
     colour = wanted / np.maximum(back.sum(axis=1), _TINY)[:, None]
+    forth, back = RowParts(matrix), RowParts(back)
     for _ in range(steps):
-        colour *= wanted / np.maximum(back @ (matrix @ colour), _TINY)
+        colour *= wanted / np.maximum(back @ (forth @ colour), _TINY)
     return np.ascontiguousarray(colour.reshape(-1, groups, 3).transpose(1, 0, 2))

@@ -109,11 +109,15 @@ class Trainer:
     def advance(self, steps: int) -> None:
         """Take ``steps`` steps, with rebuilds when they are due."""
         for _ in range(steps):
+            if self.step_count % self.settings.rebuild_every == 0:
+                self._refresh()
             found = self.descent.step(self.gaussians, self.step_count)
             self.gaussians, self.batch_errors = found
             self.step_count += 1
-            if self.step_count % self.settings.rebuild_every == 0:
-                self.rebuild()
+
+    def _refresh(self) -> None:
+        if self.rebuilt_at != self.step_count:
+            self.rebuild()
 
     def run(self) -> GaussianPhotonField:
         """Train to the end and return the field in its best state.
@@ -136,9 +140,9 @@ class Trainer:
 
     def judge(self) -> Progress:
         """Evaluate the current state, and keep it if it is the best so far."""
-        if self.step_count % self.settings.rebuild_every != 0:
+        if self.held_out:
             # With fresh lists, because the renderer will also query the current Gaussians.
-            self.rebuild()
+            self._refresh()
         held_out, least = self.evaluate(), self.best_error
         if held_out <= least:  # without held-out points, always the last state
             least, self.best = held_out, self.gaussians

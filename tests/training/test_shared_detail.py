@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -65,3 +67,13 @@ def test_without_noise_nothing_changes(places):
     field, fitted = fit(places, noise=0)
     colours = to_numpy(field.gaussians.irradiance)
     np.testing.assert_allclose(keep_shared_detail(field, fitted), colours, rtol=2e-3, atol=2e-3)
+
+
+def test_gaussians_that_no_point_sees_keep_their_colours(places):
+    field, fitted = fit(places, noise=0.15)
+    matrix = fitted.matrix.tolil()
+    matrix[:, 100] = 0
+    blind = replace(fitted, matrix=matrix.tocsr(), halves=fitted.halves.copy())
+    blind.halves[:, 100] = 0
+    kept, colours = keep_shared_detail(field, blind), to_numpy(field.gaussians.irradiance)
+    np.testing.assert_allclose(kept[100], colours[100], rtol=1e-6)

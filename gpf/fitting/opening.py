@@ -1,0 +1,83 @@
+"""What a fit knows of its scene before the first photon that it keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import mitsuba as mi
+
+from gpf.field.settings import Direct, FieldSettings, sampled_lamps
+from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
+from gpf.photons.emission import Source
+from gpf.scene.lamps import Lamps
+from gpf.scene.light_groups import LightGroups
+from gpf.scene.media import Media
+from gpf.sppm.passes import PassSettings, suit_scene
+from gpf.sppm.reference import ReferenceSettings
+from gpf.training.direct_light import choose_direct
+from gpf.training.stream_points import stream_points
+from gpf.training.streaming import PhotonStream, StreamSettings
+from gpf.training.volume_light import VolumeLight
+
+REGION = VisibleRegionSettings(rays=131_072, pilot_paths=131_072)
+
+
+@dataclass(frozen=True)
+class Opening:
+    """What a fit begins with.
+
+    Attributes
+    ----------
+    stream: the stream of photons, without passes.
+    direct: source of the direct light of its fields.
+    passes: settings of the passes of a reference.
+    source: emits the photons.
+    sampled: the emitters whose direct light the fields do not store.
+    """
+
+    stream: PhotonStream
+    direct: Direct
+    passes: PassSettings
+    source: Source
+    sampled: Lamps
+
+    @classmethod
+    def look(
+        cls,
+        scene: mi.Scene,
+        cameras: Sequence[mi.Sensor],
+        settings: StreamSettings,
+        groups: LightGroups | None,
+        radius: float | Literal["auto"] = "auto",
+    ) -> Opening:
+        """Look around in a scene.
+
+        Parameters
+        ----------
+        cameras: they see what the fields are for.
+        groups: groups of emitters whose light is kept apart.
+        radius: radius of the first pass of a reference, world units.
+        """
+        seed = settings.seed
+        plan = EmissionPlan.make(scene, cameras, REGION.model_copy(update={"seed": seed}))
+        reference = ReferenceSettings(seed=seed, initial_radius=radius)
+        passes = reference.measure(scene, cameras[0], plan)
+        direct = choose_direct(scene, passes)
+        sampled = sampled_lamps(scene, direct)
+        own = settings.passes_like(passes)
+        photons = plan.collect(scene, own.photons_per_pass, seed, own.rr_depth)
+        named = {f"{k}": camera for k, camera in enumerate(cameras)}
+        points = stream_points(scene, named, plan, passes, settings, photons)
+        stored = None if direct == "field" else sampled.others()
+        volume = None
+        if Media(scene).there:
+            paths = suit_scene(own, scene).path_settings(plan.source)
+            volume = VolumeLight(scene, named, paths, own.alpha, seed, groups)
+        stream = PhotonStream(scene, own, points, seed, plan.source, stored, groups, volume)
+        return cls(stream, direct, passes, plan.source, sampled)
+
+    def query(self, radius: float) -> FieldSettings:
+        """The settings of a field with this search radius."""
+        return FieldSettings(search_radius=radius, direct=self.direct)
