@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from gpf.field.field import GaussianPhotonField
-from gpf.fitting import fit as fitting
-from gpf.fitting import plan
+from gpf.fitting import opening, plan
 from gpf.fitting.progress import FitProgress
 from gpf.guiding.emission_plan import BATCH, VisibleRegionSettings
 from gpf.scene.sensors import make_sensor
@@ -29,12 +28,11 @@ def make_small(monkeypatch: pytest.MonkeyPatch, passes: int, steps: int, paths: 
     passes: until the first complete field.
     paths: of a pilot that measures how many photons a pass needs.
     """
-    small = {
-        "REGION": VisibleRegionSettings(rays=20_000, pilot_paths=20_000),
-        "STREAM": StreamSettings(view_points=2000, surface_points=10_000),
-    }
-    for name, value in small.items():
-        monkeypatch.setattr(fitting, name, value)
+    region = VisibleRegionSettings(rays=20_000, pilot_paths=20_000)
+    stream = StreamSettings(view_points=2000, surface_points=10_000)
+    monkeypatch.setattr(opening, "REGION", region)
+    for module in ("fit", "frames"):
+        monkeypatch.setattr(f"gpf.fitting.{module}.STREAM", stream)
     monkeypatch.setattr(plan, "FIRST_PASSES", passes)
     monkeypatch.setattr(plan, "MOST_STEPS", steps)
     monkeypatch.setattr(plan, "LEAST_STEPS", steps)

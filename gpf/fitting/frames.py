@@ -1,0 +1,146 @@
+"""``gpf.fit_frames``: a field for each frame of an animation, from a short fit.
+
+A frame takes one field of a fit: no draft, no light gathered by rays, and no estimate of its
+quality, each of which takes longer than the photons of a few seconds. All frames have the same
+random numbers and the same kernels. So their errors change as slowly as their light does, and what
+does not move does not flicker. (Other random numbers, and colours averaged with those of the frame
+before where light has not changed, flicker more: fields of so many photons err by the shapes of
+their Gaussians and the width of the kernels more than by noise.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Literal
+
+import drjit as dr
+import mitsuba as mi
+
+from gpf.core.errors import UserError
+from gpf.field.field import GaussianPhotonField
+from gpf.fitting.field_maker import FieldMaker
+from gpf.fitting.goals import Goals, TimeBudget, require_seed
+from gpf.fitting.opening import Opening
+from gpf.importing.placement import place_sensors
+from gpf.scene.bounds import scene_bounds
+from gpf.scene.fingerprint import fingerprint
+from gpf.scene.inventory import check_scene
+from gpf.scene.light_groups import LightGroups
+from gpf.scene.sensors import views_of_sensors
+from gpf.scene.views import View
+from gpf.training.settings import LearningRates, TrainingSettings
+from gpf.training.streaming import PhotonStream, StreamSettings
+
+SECONDS = 10.0
+"""Time for a frame, if neither time nor passes are asked for."""
+
+STREAM = StreamSettings(view_points=80_000, surface_points=40_000)
+"""A quarter of the points of a fit: in the time that more would take, more photons gain more."""
+
+TRAINING = TrainingSettings(held_out=0, rates=LearningRates(log_scales=6e-2, quats=6e-2))
+STEPS = 100
+"""A third of a fit's steps, and three times its rates for the shapes of Gaussians: as good as twice
+the steps."""
+
+LEAST_PASSES = 6
+
+# The part of the first frame's time that is left for all that follows its photons.
+_FIRST_ENDING = 0.5
+
+
+def fit_frames(
+    scenes: Iterable[mi.Scene],
+    sensors: Sequence[mi.Sensor] | None = None,
+    *,
+    seconds: float | None = None,
+    passes: int | None = None,
+    seed: int = 0,
+    groups: LightGroups | None = None,
+) -> Iterator[GaussianPhotonField]:
+    """Fit a field to each frame of an animation.
+
+    Parameters
+    ----------
+    scenes: the frames, in order.
+    sensors: cameras that see what the fields are for; by default cameras are placed around the own
+        ones of a frame, and again where those move.
+    seconds: wall-clock time for each frame; by default :data:`SECONDS`.
+    passes: photon passes for each frame, at least :data:`LEAST_PASSES`; then the same seed gives
+        the same bits on the same machine. Whatever comes first, time or passes, ends a frame.
+    groups: groups of emitters whose light the fields keep apart, the same in all frames.
+
+    Raises
+    ------
+    UserError: as :func:`gpf.fitting.fit.fit`, when the frame is reached.
+    """
+    require_seed(seed)
+    if seconds is None and passes is None:
+        seconds = SECONDS
+    fitter = _FrameFitter(Goals.asked(seconds, None, passes), sensors, groups, seed)
+    for scene in scenes:
+        yield fitter.fit(scene)
+
+
+class _FrameFitter:
+    """Fits one frame after the other; parameters as for :func:`fit_frames`."""
+
+    def __init__(
+        self,
+        goals: Goals,
+        sensors: Sequence[mi.Sensor] | None,
+        groups: LightGroups | None,
+        seed: int,
+    ) -> None:
+        self._goals, self._groups = goals, groups
+        self._settings = STREAM.model_copy(update={"seed": seed})
+        self._sensors, self._places = sensors, sensors is None
+        self._own: list[View] = []
+        self._radius: float | Literal["auto"] = "auto"
+        self._ending = _FIRST_ENDING * (goals.seconds or 0)
+
+    def fit(self, scene: mi.Scene) -> GaussianPhotonField:
+        """The field of the next frame."""
+        check_scene(scene)
+        # First: they evaluate parameters of the scene, and earlier kernels could not be reused.
+        scene_bounds(scene)
+        origin = fingerprint(scene)
+        with TimeBudget(self._goals.seconds) as time:
+            look = self._cameras(scene), self._settings, self._groups, self._radius
+            opening = Opening.look(scene, *look)
+            self._radius = opening.passes.initial_radius
+            stream = opening.stream
+            self._trace(stream, time)
+            begin = time.work
+            maker = FieldMaker(stream, opening.query, self._groups, TRAINING)
+            lesson = maker.supervise()
+            field = maker.start(lesson, STEPS).run()
+            maker.add_error(field, maker.clean(field, lesson, STEPS))
+            maker.split(field, lesson)
+            self._ending = time.work - begin
+            field.record = {
+                "passes": stream.count,
+                "fingerprint": origin,
+                "seconds": time.spent,
+                "seed": stream.seed,
+            }
+        dr.flush_malloc_cache()
+        return field
+
+    def _trace(self, stream: PhotonStream, time: TimeBudget) -> None:
+        """Trace photons until the passes are done, or until what follows needs the time left."""
+        while stream.count < LEAST_PASSES or (
+            stream.count < self._goals.passes
+            and not time.is_over(self._ending + time.pass_seconds / 2)
+        ):
+            time.start_pass()
+            stream.advance(stream.count + 1)
+            time.note_pass()
+        stream.sample()
+
+    def _cameras(self, scene: mi.Scene) -> Sequence[mi.Sensor]:
+        """The cameras that see what the field of a frame is for."""
+        if self._places and (self._sensors is None or views_of_sensors(scene) != self._own):
+            self._sensors, self._own = place_sensors(scene), views_of_sensors(scene)
+        if not self._sensors:
+            raise UserError("sensors", "is empty", "Give a camera, or leave it out.")
+        return self._sensors
