@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import mitsuba as mi
 
 from gpf.core.errors import UserError
 from gpf.importing.loops import place_orbit
+from gpf.scene.frames import choose_frames
 from gpf.scene.sensors import film_aspect, scene_cameras, views_of_sensors
 from gpf.scene.transforms import read_cameras
 from gpf.scene.views import SceneViews, View, ViewSets
@@ -84,17 +84,7 @@ def _frames(wanted: str, path: tuple[View, ...], where: str) -> tuple[View, ...]
     """Frames of a camera path."""
     if not path:
         raise UserError(where, "has no camera path", "Add a path, or leave out --frames.")
-    if wanted == "all":
-        return path
-    if found := re.fullmatch(r"(\d{0,9}):(\d{0,9})", wanted):
-        first, last = int(found[1] or 0), int(found[2] or len(path))
-        if first < last <= len(path):
-            return path[first:last]
-    raise UserError(
-        f"--frames {wanted}",
-        f"does not name frames of the path, which has {len(path)}",
-        "Give all, or FIRST:LAST for FIRST to LAST-1, counted from 0.",
-    )
+    return path[choose_frames(wanted, len(path), "the path")]
 
 
 def known_cameras(scene: mi.Scene, scene_file: Path, file: Path | None) -> SceneViews:

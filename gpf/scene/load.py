@@ -35,11 +35,17 @@ def load_scene(
     return load_scene_file(scene_folder(name, root) / "scene.xml", width, height)
 
 
-def load_scene_file(file: Path | str, width: int = 256, height: int = 256) -> mi.Scene:
+def load_scene_file(
+    file: Path | str,
+    width: int = 256,
+    height: int = 256,
+    parameters: Mapping[str, str] | None = None,
+) -> mi.Scene:
     """Load a Mitsuba scene file and check that photon mapping can render it.
 
     ``width`` and ``height`` become the parameters ``resx`` and ``resy`` if the file uses them. The
-    sensors of :func:`gpf.scene.sensors.make_sensor` do not depend on them.
+    sensors of :func:`gpf.scene.sensors.make_sensor` do not depend on them. ``parameters``: values
+    of further parameters, by name.
 
     The scene is loaded without its integrator, which may be a plugin that is not installed, or
     somebody else's ``sppm``.
@@ -55,11 +61,11 @@ def load_scene_file(file: Path | str, width: int = 256, height: int = 256) -> mi
         :func:`check_scene` raises.
     """
     file = Path(file)
-    document = check_files(file)
+    document = check_files(file, parameters)
     # Mitsuba raises an error for a parameter that the file does not use.
     sizes = {"resx": width, "resy": height}
     sizes = {key: n for key, n in sizes.items() if key in document.parameters}
-    scene = load_with_parameters(file, sizes, integrator=False)
+    scene = load_with_parameters(file, sizes | dict(parameters or {}), integrator=False)
     check_scene(scene, str(file))
     return scene
 
