@@ -4,12 +4,14 @@ for, and some wherever a point would have none near it."""
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.structs import concatenate, from_numpy, to_numpy
+from gpf.core.structs import concatenate, from_numpy, take, to_numpy
 from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
@@ -21,6 +23,22 @@ from gpf.guiding.density_control import cell_keys
 # Distances between the Gaussians that fill gaps, in search radii, tried in this order: the more
 # curved a surface is, the closer they must be for one that faces the same way to be near.
 GAP_DISTANCES = DISTANCE / 2, DISTANCE / 4, DISTANCE / 8
+
+
+@dataclass(frozen=True)
+class Moves:
+    """How Gaussians move with their surfaces from one frame to the next.
+
+    Attributes
+    ----------
+    shift: world units, (N, 3).
+    normals: of their surfaces in the next frame, (N, 3).
+    known: whether the next frame has such a surface, (N,) bool.
+    """
+
+    shift: np.ndarray
+    normals: np.ndarray
+    known: np.ndarray
 
 
 def field_by_detail(
@@ -44,12 +62,66 @@ def field_by_detail(
     points: positions, world units, and unit normals, (P, 3) each.
     fill_gaps: whether cells may get more than one Gaussian.
     """
-    position, normal = points
-    gaussians = place_by_detail(detail, position, normal, seed)
+    gaussians = place_by_detail(detail, *points, seed)
     limits = find_limits(scene, gaussians, detail)
     field = GaussianPhotonField(gaussians, settings, bounds, detail=detail, limits=limits)
-    for number, distance in enumerate(GAP_DISTANCES if fill_gaps else ()):
-        gaps = find_gaps(field, position, normal, seed + number, distance, most=1)
+    _fill_gaps(scene, field, points, seed, GAP_DISTANCES if fill_gaps else ())
+    return field
+
+
+def field_of_frame(
+    scene: mi.Scene,
+    field: GaussianPhotonField,
+    detail: Detail,
+    bounds: tuple[mi.ScalarPoint3f, mi.ScalarPoint3f],
+    points: tuple[np.ndarray, np.ndarray],
+    moves: Moves,
+    seed: int,
+) -> GaussianPhotonField:
+    """The field of the frame before as the start of the next frame's.
+
+    Gaussians move with their surfaces, and stay if queries of their level may still reach them;
+    wherever too few are left, there are new ones.
+
+    Parameters
+    ----------
+    detail: the levels of the next frame, on the grid of the field's.
+    bounds, points: as for :func:`field_by_detail`.
+    moves: of the field's Gaussians.
+    """
+    assert field.detail is not None
+    means = to_numpy(field.gaussians.means)
+    level = field.detail.levels_of(means)
+    there = field.detail.fold(means) + moves.shift
+    kept = moves.known.copy()
+    for number in range(int(level.max()) + 1):
+        own = np.flatnonzero(level == number)
+        kept[own] &= detail.reaches(there[own], number)
+    if not kept.any():
+        return field_by_detail(scene, detail, field.settings, bounds, points, seed)
+    rows = np.flatnonzero(kept)
+    gaussians = take(field.gaussians, from_numpy(mi.UInt32, rows))
+    further = means + moves.shift * np.float32(2) ** level[:, None]
+    gaussians.means = from_numpy(mi.Point3f, further[rows])
+    gaussians.normals = from_numpy(mi.Normal3f, moves.normals[rows])
+    limits = find_limits(scene, gaussians, detail)
+    found = GaussianPhotonField(gaussians, field.settings, bounds, detail=detail, limits=limits)
+    _fill_gaps(scene, found, points, seed, (DISTANCE, *GAP_DISTANCES))
+    return found
+
+
+def _fill_gaps(
+    scene: mi.Scene,
+    field: GaussianPhotonField,
+    points: tuple[np.ndarray, np.ndarray],
+    seed: int,
+    distances: Sequence[float],
+) -> None:
+    """Add Gaussians at points with too few around them."""
+    assert field.detail is not None
+    detail = field.detail
+    for number, distance in enumerate(distances):
+        gaps = find_gaps(field, *points, seed + number, distance, most=1)
         if dr.width(gaps.p) == 0:
             break
         more = _untrained(to_numpy(field.unfold(gaps.p)), to_numpy(gaps.n), detail, seed + number)
@@ -60,7 +132,6 @@ def field_by_detail(
                 [no_limits(dr.width(g.means)) if found is None else found for g, found in parts]
             )
         field.update(concatenate([field.gaussians, more]))
-    return field
 
 
 def place_by_detail(

@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
-from gpf.core.structs import SurfacePoints
+from gpf.core.structs import SurfacePoints, from_numpy, to_numpy
+from gpf.field.by_detail import Moves, field_of_frame
 from gpf.field.field import GaussianPhotonField
 from gpf.field.lights import FieldLights
 from gpf.field.settings import FieldSettings
+from gpf.scene.bounds import scene_bounds
 from gpf.scene.light_groups import LightGroups
-from gpf.training.detail_choice import field_by_place
+from gpf.scene.motion import Motion
+from gpf.training.detail_choice import choose_detail, field_by_place
 from gpf.training.field_error import estimate_error
 from gpf.training.half_colours import HalfColours
 from gpf.training.light_split import split_light
@@ -21,6 +26,9 @@ from gpf.training.shared_detail import keep_shared_detail
 from gpf.training.streaming import PhotonStream
 from gpf.training.trainer import Trainer
 from gpf.training.volume_light import fit_volume
+
+# How far from its surface a Gaussian may lie, in search radii: those on curved ones leave them.
+_ABOVE = 0.1
 
 
 @dataclass(frozen=True)
@@ -62,6 +70,25 @@ class FieldMaker:
         field = field_by_place(lesson.points, lesson.halves, *place)
         return Trainer(field, lesson.points, self._settings(steps))
 
+    def go_on(
+        self, lesson: Lesson, steps: int, before: GaussianPhotonField, motion: Motion
+    ) -> Trainer:
+        """The trainer of a field that begins as that of the frame before.
+
+        Parameters
+        ----------
+        motion: from the frame before to this one.
+        """
+        assert before.detail is not None
+        scene, bounds = self.stream.scene, scene_bounds(self.stream.scene)
+        detail = choose_detail(
+            lesson.points, lesson.halves, self.stream.narrowest, bounds, before.detail
+        )
+        at = to_numpy(lesson.points.p), to_numpy(lesson.points.n)
+        moves = _moves(before, motion)
+        field = field_of_frame(scene, before, detail, bounds, at, moves, self.stream.seed)
+        return Trainer(field, lesson.points, self._settings(steps))
+
     def clean(self, field: GaussianPhotonField, lesson: Lesson, steps: int) -> HalfColours:
         """Remove noise from a field that was trained for so many steps, and add its light in
         media."""
@@ -87,3 +114,15 @@ class FieldMaker:
 
     def _settings(self, steps: int) -> TrainingSettings:
         return self.training.model_copy(update={"seed": self.stream.seed, "steps": steps})
+
+
+def _moves(field: GaussianPhotonField, motion: Motion) -> Moves:
+    """How the Gaussians of a field move."""
+    assert field.detail is not None
+    means = to_numpy(field.gaussians.means)
+    reach = _ABOVE * field.detail.radius / np.float32(2) ** field.detail.levels_of(means)
+    p, n = from_numpy(mi.Point3f, field.detail.fold(means)), field.gaussians.normals
+    there, normals, known = motion.carry(p, n, from_numpy(mi.Float, reach))
+    shift = mi.Vector3f(there - p)
+    dr.eval(shift, normals, known)
+    return Moves(to_numpy(shift), to_numpy(normals), np.array(known))

@@ -10,15 +10,18 @@ their Gaussians and the width of the kernels more than by noise.)
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from gpf.core.errors import UserError
+from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
-from gpf.fitting.field_maker import FieldMaker
+from gpf.fitting.field_maker import FieldMaker, Lesson
 from gpf.fitting.goals import Goals, TimeBudget, require_seed
 from gpf.fitting.opening import Opening
 from gpf.importing.placement import place_sensors
@@ -26,10 +29,12 @@ from gpf.scene.bounds import scene_bounds
 from gpf.scene.fingerprint import fingerprint
 from gpf.scene.inventory import check_scene
 from gpf.scene.light_groups import LightGroups
+from gpf.scene.motion import Motion
 from gpf.scene.sensors import views_of_sensors
 from gpf.scene.views import View
 from gpf.training.settings import LearningRates, TrainingSettings
 from gpf.training.streaming import PhotonStream, StreamSettings
+from gpf.training.trainer import Trainer
 
 SECONDS = 10.0
 """Time for a frame, if neither time nor passes are asked for."""
@@ -44,8 +49,15 @@ the steps."""
 
 LEAST_PASSES = 6
 
+LOST = "These shapes have no counterpart in the frame before; their light begins anew: %s."
+MOST_NAMES = 5
+"""Most names in this message."""
+
 # The part of the first frame's time that is left for all that follows its photons.
 _FIRST_ENDING = 0.5
+
+
+log = logging.getLogger(__name__)
 
 
 def fit_frames(
@@ -96,6 +108,7 @@ class _FrameFitter:
         self._sensors, self._places = sensors, sensors is None
         self._own: list[View] = []
         self._radius: float | Literal["auto"] = "auto"
+        self._before: tuple[mi.Scene, GaussianPhotonField] | None = None
         self._ending = _FIRST_ENDING * (goals.seconds or 0)
 
     def fit(self, scene: mi.Scene) -> GaussianPhotonField:
@@ -113,7 +126,7 @@ class _FrameFitter:
             begin = time.work
             maker = FieldMaker(stream, opening.query, self._groups, TRAINING)
             lesson = maker.supervise()
-            field = maker.start(lesson, STEPS).run()
+            field = self._begin(maker, lesson).run()
             maker.add_error(field, maker.clean(field, lesson, STEPS))
             maker.split(field, lesson)
             self._ending = time.work - begin
@@ -124,7 +137,19 @@ class _FrameFitter:
                 "seed": stream.seed,
             }
         dr.flush_malloc_cache()
+        self._before = scene, field
         return field
+
+    def _begin(self, maker: FieldMaker, lesson: Lesson) -> Trainer:
+        """The trainer of the next frame's field."""
+        scene = maker.stream.scene
+        if self._before is None or not _holds(self._before[1].detail, scene):
+            return maker.start(lesson, STEPS)
+        earlier, field = self._before
+        motion = Motion(earlier, scene)
+        if motion.lost:
+            log.warning(LOST, ", ".join(motion.lost[:MOST_NAMES]))
+        return maker.go_on(lesson, STEPS, field, motion)
 
     def _trace(self, stream: PhotonStream, time: TimeBudget) -> None:
         """Trace photons until the passes are done, or until what follows needs the time left."""
@@ -144,3 +169,12 @@ class _FrameFitter:
         if not self._sensors:
             raise UserError("sensors", "is empty", "Give a camera, or leave it out.")
         return self._sensors
+
+
+def _holds(detail: Detail | None, scene: mi.Scene) -> bool:
+    """Whether a scene lies in the grid of levels."""
+    if detail is None:
+        return False
+    lowest, highest = (np.array(corner, dtype=float) for corner in scene_bounds(scene))
+    end = detail.corner + np.array(detail.table.shape) * detail.width
+    return bool((lowest >= detail.corner).all() and (highest <= end).all())

@@ -41,6 +41,9 @@ FINEST = 1.5
 # Each of the two finest levels has to reduce the error of the level before it by this share.
 LEAST_GAIN = 0.2
 
+WORTH_CHANGING = 0.25
+"""Share of the error by which another level has to be better than that of the frame before."""
+
 # Edge of the cells of the field's grid, in search radii of level 3. Smaller cells would be decided
 # by too few points.
 CELL = 1.0
@@ -92,6 +95,7 @@ def choose_detail(
     halves: tuple[SurfacePoints, SurfacePoints],
     kernel: float,
     bounds: tuple[Any, Any],
+    earlier: Detail | None = None,
 ) -> Detail:
     """Choose the levels of a field.
 
@@ -101,17 +105,14 @@ def choose_detail(
     halves: the same points, with targets from two independent halves of the photons.
     kernel: radius of the targets' narrowest kernel, world units.
     bounds: corners of the scene's bounding box.
+    earlier: the levels of the frame before, on the same grid. They change only where that reduces
+        the error by :data:`WORTH_CHANGING`: Gaussians at a place that keeps its level can stay.
     """
     position, normal = to_numpy(points.p), to_numpy(points.n)
     from scipy.ndimage import gaussian_filter  # slow to import
 
-    radius = FINEST * kernel * 2 ** (LEVELS - 1)
-    corner = np.array([float(bounds[0][i]) for i in range(3)])
-    extent = np.array([float(bounds[1][i]) for i in range(3)]) - corner
-    width = CELL * radius / 8
-    while np.prod(np.floor(extent / width) + 1) > _MOST_CELLS:
-        width *= 1.1
-    shape = tuple(int(n) for n in np.floor(extent / width) + 1)
+    grid = _lay_grid(kernel, bounds) if earlier is None else earlier
+    shape, corner, width, radius = grid.table.shape, grid.corner, grid.width, grid.radius
     cells = np.clip(np.floor((position - corner) / width).astype(np.int64), 0, np.array(shape) - 1)
     cell = np.ravel_multi_index(cells.T, shape)
     a, b = (to_numpy(half.target) for half in halves)
@@ -131,7 +132,25 @@ def choose_detail(
     for level in (-2, -1):
         errors[level] += LEAST_GAIN * np.abs(errors[level - 1])
     table = np.argmin(errors, axis=0).astype(np.uint8)
+    if earlier is not None:
+        was, least = (
+            np.take_along_axis(np.array(errors), levels[None].astype(int), 0)[0]
+            for levels in (earlier.table, table)
+        )
+        table = np.where(was - least > WORTH_CHANGING * np.abs(was), table, earlier.table)
     return Detail(table, width, corner, radius)
+
+
+def _lay_grid(kernel: float, bounds: tuple[Any, Any]) -> Detail:
+    """The grid of a field, all at level 0."""
+    radius = FINEST * kernel * 2 ** (LEVELS - 1)
+    corner = np.array([float(bounds[0][i]) for i in range(3)])
+    extent = np.array([float(bounds[1][i]) for i in range(3)]) - corner
+    width = CELL * radius / 8
+    while np.prod(np.floor(extent / width) + 1) > _MOST_CELLS:
+        width *= 1.1
+    shape = tuple(int(n) for n in np.floor(extent / width) + 1)
+    return Detail(np.zeros(shape, np.uint8), width, corner, radius)
 
 
 def _weigh_cells(cell: np.ndarray, light: np.ndarray) -> np.ndarray:

@@ -1,0 +1,129 @@
+"""Where the points of a scene's surfaces are in another frame of an animation."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from gpf.core.structs import from_numpy
+from gpf.scene.bounds import scene_bounds
+
+NEAR = 1e-4
+"""How far from its surface a point may always lie, relative to the size of the scene."""
+
+
+class Motion:
+    """How the surfaces of a scene move to another frame of the same animation.
+
+    Shapes correspond by their order. On meshes, a point keeps its triangle and its place in it; on
+    other shapes it follows their ``to_world``.
+
+    Parameters
+    ----------
+    start, end: the frames.
+
+    Attributes
+    ----------
+    lost: names of shapes of ``start`` that have no counterpart: the other frame has another number
+        of shapes, another kind of shape in this place, or a mesh with other triangles.
+    still: whether no shape moves, and none is lost.
+    """
+
+    def __init__(self, start: mi.Scene, end: mi.Scene) -> None:
+        self._start, self._end = start, end
+        shapes, others = start.shapes(), end.shapes()
+        if len(shapes) != len(others):
+            others = [None] * len(shapes)
+        moves = [_move(*pair) for pair in zip(shapes, others, strict=True)]
+        self.lost = [_name(s) for s, move in zip(shapes, moves, strict=True) if move is None]
+        self.still = all(isinstance(move, np.ndarray) and (move == _STILL).all() for move in moves)
+        bent = [move is _BENT for move in moves]
+        matrices = [move if isinstance(move, np.ndarray) else _STILL for move in moves]
+        self._known = mi.Bool([move is not None for move in moves])
+        self._bent, self._moves = mi.Bool(bent), from_numpy(mi.Float, np.array(matrices).ravel())
+        corners = (np.array(corner, dtype=float) for corner in scene_bounds(start))
+        self._near = NEAR * float(np.linalg.norm(np.subtract(*corners)))
+
+    def carry(
+        self, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float
+    ) -> tuple[mi.Point3f, mi.Normal3f, mi.Bool]:
+        """Points near the first frame's surfaces in the other frame.
+
+        Parameters
+        ----------
+        p, n: positions and normals, (N, 3).
+        reach: how far above or below its surface a point may lie, world units, (N,). Those without
+            a surface stay.
+
+        Returns
+        -------
+        p, n: positions and normals, (N, 3).
+        known: whether they are: not on what is lost or instanced, (N,).
+        """
+        if self.still:
+            return p, n, dr.full(mi.Bool, True, dr.width(p))
+        reach = dr.maximum(reach, self._near)
+        ray = mi.Ray3f(p + reach * n, -mi.Vector3f(n))
+        ray.maxt = 2 * reach
+        hit = self._start.ray_intersect_preliminary(ray, False)
+        found = hit.is_valid()
+        place = _places(self._start, hit.shape)
+        known = found & (hit.instance == None)  # noqa: E711
+        known &= dr.gather(mi.Bool, self._known, place, known)
+        bent = known & dr.gather(mi.Bool, self._bent, place, known)
+
+        rows = [dr.gather(mi.Float, self._moves, 12 * place + k, known) for k in range(12)]
+        matrix = mi.Matrix4f(*rows, 0, 0, 0, 1)
+        there = mi.Transform4f(matrix) @ p
+        facing = mi.Vector3f(mi.Transform4f(matrix) @ mi.Vector3f(n))
+
+        other = mi.PreliminaryIntersection3f(hit)
+        other.shape = dr.gather(mi.ShapePtr, self._end.shapes_dr(), place, bent)
+        here, si = (
+            each.compute_surface_interaction(ray, mi.RayFlags.Minimal, bent)
+            for each in (hit, other)
+        )
+        there[bent] = p + (si.p - here.p)
+        facing[bent] = mi.Vector3f(dr.mulsign(si.n, dr.dot(here.n, n)))
+        facing = dr.normalize(facing)
+        known &= dr.all(dr.isfinite(there)) & dr.all(dr.isfinite(facing))
+        p, n = dr.select(known, there, p), mi.Normal3f(dr.select(known, facing, n))
+        return p, n, known | ~found
+
+
+_STILL = np.eye(4, dtype=np.float32)[:3].ravel()
+
+_BENT = "bent"
+"""The move of a mesh whose vertices move."""
+
+
+def _move(start: mi.Shape, end: mi.Shape | None) -> np.ndarray | str | None:
+    """How a shape moves: rows of a transform, (12,), or :data:`_BENT`; None if it is another."""
+    if end is None or start.class_name() != end.class_name():
+        return None
+    first, second = mi.traverse(start), mi.traverse(end)
+    if "faces" in first:
+        keys = "faces", "vertex_positions"
+        same = [np.array_equal(np.array(first[key]), np.array(second[key])) for key in keys]
+        return None if not same[0] else _STILL if same[1] else _BENT
+    if "to_world" not in first:
+        return None
+    matrices = [np.array(each["to_world"].matrix, float).reshape(4, 4) for each in (first, second)]
+    if np.array_equal(matrices[0], matrices[1]):
+        return _STILL
+    moved: np.ndarray = (matrices[1] @ np.linalg.inv(matrices[0]))[:3].ravel().astype(np.float32)
+    return moved
+
+
+def _name(shape: mi.Shape) -> str:
+    return str(shape.id()) or str(shape.class_name())
+
+
+def _places(scene: mi.Scene, shapes: mi.ShapePtr) -> mi.UInt32:
+    """The places of shapes in ``scene.shapes()``, (N,)."""
+    numbers = np.array(dr.reinterpret_array(mi.UInt32, scene.shapes_dr()))
+    table = np.zeros(int(numbers.max(initial=0)) + 1, np.uint32)
+    table[numbers] = np.arange(len(numbers))
+    number = dr.reinterpret_array(mi.UInt32, shapes)
+    return dr.gather(mi.UInt32, from_numpy(mi.UInt32, table), number)

@@ -1,0 +1,107 @@
+"""Points of surfaces in another frame, against where they were put."""
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+import gpf  # noqa: F401
+from gpf.core.structs import to_numpy
+from gpf.scene.motion import Motion
+
+T = mi.ScalarTransform4f
+
+
+def make_scene(angle=0.0, lift=0.0, bend=0.0, cells=4, **more) -> mi.Scene:
+    """A floor, a ball that turns and rises, and a sheet that bends."""
+    x = np.linspace(-1, 1, cells + 1)
+    sheet = mi.Mesh("sheet", (cells + 1) ** 2, 2 * cells**2)
+    grid = np.stack(np.meshgrid(x, x, indexing="ij"), -1).reshape(-1, 2)
+    params = mi.traverse(sheet)
+    params["vertex_positions"] = np.column_stack([grid + 5, bend * np.sin(3 * grid[:, 0])]).ravel()
+    k = np.arange(cells * (cells + 1)).reshape(cells, cells + 1)[:, :-1].ravel()
+    other = cells + 1
+    params["faces"] = np.concatenate(
+        [np.column_stack(t) for t in ((k, k + other, k + 1), (k + 1, k + other, k + other + 1))]
+    ).ravel()
+    params.update()
+    ball = T().translate([0, 0, 0.5 + lift]).rotate([0, 0, 1], angle).scale(0.3)
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "floor": {"type": "rectangle", "to_world": T().scale(2)},
+            "ball": {"type": "sphere", "to_world": ball},
+            "sheet": sheet,
+            **more,
+        },
+        optimize=False,
+    )
+
+
+def carried(start, end, p, n, reach=0.0):
+    motion = Motion(start, end)
+    p, n = (np.atleast_2d(v).T for v in (p, n))
+    found = motion.carry(mi.Point3f(*p), mi.Normal3f(*n), mi.Float(reach))
+    return motion, *(to_numpy(each) for each in found[:2]), np.array(found[2])
+
+
+def test_what_does_not_move_stays_bit_for_bit():
+    p, n = [[0.3, 0.7, 0], [1, 1, 0.0]], [[0, 0, 1], [0, 0, -1.0]]
+    motion, q, m, known = carried(make_scene(), make_scene(lift=1), p, n)
+    np.testing.assert_array_equal(q, np.float32(p))
+    np.testing.assert_array_equal(m, np.float32(n))
+    assert known.all() and not motion.still and not motion.lost
+    assert Motion(make_scene(), make_scene()).still
+
+
+def test_a_ball_turns_and_rises():
+    n = np.array([[1, 0, 0], [0, 0.6, 0.8]])
+    _, q, m, known = carried(make_scene(), make_scene(90, 2), [0, 0, 0.5] + 0.3 * n, n)
+    turned = np.array([[0, 1, 0], [-0.6, 0, 0.8]])
+    np.testing.assert_allclose(q, [0, 0, 2.5] + 0.3 * turned, atol=1e-5)
+    np.testing.assert_allclose(m, turned, atol=1e-5)
+    assert known.all()
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_sheet_bends(side):
+    """The corners of triangles follow the sheet, and the normal keeps its side."""
+    p, n = [[5, 5, 0], [5.5, 4.5, 0]], [[0, 0, side]] * 2
+    _, q, m, known = carried(make_scene(), make_scene(bend=0.2), p, n)
+    height = 0.2 * np.sin(3 * (np.array(p)[:, 0] - 5))
+    np.testing.assert_allclose(q, np.column_stack([np.array(p)[:, :2], height]), atol=1e-5)
+    assert (side * m[:, 2] > 0.5).all() and (np.abs(m[:, 0]) > 0.1).all()
+    np.testing.assert_allclose(np.linalg.norm(m, axis=1), 1, atol=1e-5)
+    assert known.all()
+
+
+def test_places_that_have_no_counterpart():
+    start = make_scene()
+    motion, q, _, known = carried(
+        start, make_scene(cells=5), [[5, 5, 0], [0, 0, 0]], [[0, 0, 1]] * 2
+    )
+    assert motion.lost == ["sheet"]
+    assert known.tolist() == [False, True]
+    np.testing.assert_array_equal(q, np.float32([[5, 5, 0], [0, 0, 0]]))
+    more = make_scene(another={"type": "rectangle"})
+    assert len(Motion(start, more).lost) == 3
+
+
+def test_what_is_above_a_surface_moves_with_it():
+    """Within its reach; farther away, it stays."""
+    start, end, p = make_scene(), make_scene(lift=1, bend=0.2), [[0, 0, 0.9], [5.5, 5, 0.05]]
+    up = [[0, 0, 1]] * 2
+    _, q, _, known = carried(start, end, p, up, 0.2)
+    np.testing.assert_allclose(q, [[0, 0, 1.9], [5.5, 5, 0.05 + 0.2 * np.sin(1.5)]], atol=1e-5)
+    assert known.all()
+    _, q, _, known = carried(start, end, p, up, 0.02)
+    np.testing.assert_array_equal(q, np.float32(p))
+    assert known.all()
+
+
+def test_many_points_at_once():
+    rng = np.random.default_rng(1)
+    n = rng.normal(size=(1000, 3))
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    _, q, _, known = carried(make_scene(), make_scene(lift=1), [0, 0, 0.5] + 0.3 * n, n)
+    np.testing.assert_allclose(q, [0, 0, 1.5] + 0.3 * n, atol=1e-5)
+    assert known.all() and known.shape == (1000,)
