@@ -9,6 +9,7 @@ from .field.io import load_field as load_field
 from .field.io import save_field as save_field
 from .field.settings import FieldSettings as FieldSettings
 from .fitting.fit import fit as fit
+from .fitting.frames import Frame as Frame
 from .fitting.frames import fit_frames as fit_frames
 from .guiding.emission_plan import EmissionPlan as EmissionPlan
 from .guiding.emission_plan import VisibleRegionSettings as VisibleRegionSettings

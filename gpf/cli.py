@@ -126,6 +126,7 @@ def fit(
     seconds: options.FitSeconds = None,
     target_psnr: options.TargetPsnr = None,
     passes: options.Passes = None,
+    frames: options.FittedFrames = None,
     views: options.FitViews = None,
     seed: options.Seed = 0,
     go_on: options.FinishedField = None,
@@ -137,6 +138,17 @@ def fit(
     Stops when the first of --seconds, --target-psnr and --passes is reached. OUT.png shows the
     progress. If the fit was killed, the same command resumes it.
     """
+    if frames is not None:
+        from gpf.commands.fit_frames import fit_scene_frames
+
+        for option, value in (("--target-psnr", target_psnr), ("--continue", go_on)):
+            if value is not None:
+                todo = "Leave one of them out; a fit of frames that was interrupted goes on."
+                raise UserError(f"--frames and {option}", "are mutually exclusive", todo)
+        folder = output or Path("fields")
+        goals = seconds, passes
+        fit_scene_frames(Path(scene), frames, folder, *goals, views, seed, groups, overwrite)
+        return
     from gpf.commands.fit import Existing, fit_scene_file
 
     if go_on is not None and (output is not None or overwrite):

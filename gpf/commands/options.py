@@ -117,7 +117,19 @@ NewField = Annotated[
         help="The field's file. [default: field.safetensors]",
     ),
 ]
-FitSeconds = Annotated[float | None, Option(help="Time limit of the fit.")]
+FitSeconds = Annotated[
+    float | None, Option(help="Time limit of the fit, or of each frame [default there: 10].")
+]
+FittedFrames = Annotated[
+    str | None,
+    Option(
+        "--frames",
+        metavar="all|FIRST:LAST",
+        help="Frames of an animation: all, or FIRST to LAST-1, from 0. SCENE is a folder of scene "
+        "files with numbers in their names, or a scene file with $frame in names of files; "
+        "OUT is a folder. [default: fields]",
+    ),
+]
 TargetPsnr = Annotated[
     float | None, Option(metavar="DB", help="Stop at this estimated PSNR of the images.")
 ]

@@ -2,16 +2,20 @@
 
 A frame takes one field of a fit: no draft, no light gathered by rays, and no estimate of its
 quality, each of which takes longer than the photons of a few seconds. All frames have the same
-random numbers and the same kernels. So their errors change as slowly as their light does, and what
-does not move does not flicker. (Other random numbers, and colours averaged with those of the frame
-before where light has not changed, flicker more: fields of so many photons err by the shapes of
-their Gaussians and the width of the kernels more than by noise.)
+random numbers and the same kernels, and each begins with the Gaussians of the one before: on
+surfaces that move, they move along. So errors change as slowly as the light does, and what does not
+move does not flicker.
+
+(Independent photons, and colours averaged with those of the frame before where light has not
+changed, flicker up to three times more: fields of so many photons err by the shapes of their
+Gaussians and the width of the kernels more than by noise.)
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import drjit as dr
@@ -60,6 +64,14 @@ _FIRST_ENDING = 0.5
 log = logging.getLogger(__name__)
 
 
+@dataclass(frozen=True)
+class Frame:
+    """A frame that has its field."""
+
+    scene: mi.Scene
+    field: GaussianPhotonField
+
+
 def fit_frames(
     scenes: Iterable[mi.Scene],
     sensors: Sequence[mi.Sensor] | None = None,
@@ -68,6 +80,7 @@ def fit_frames(
     passes: int | None = None,
     seed: int = 0,
     groups: LightGroups | None = None,
+    before: Frame | None = None,
 ) -> Iterator[GaussianPhotonField]:
     """Fit a field to each frame of an animation.
 
@@ -80,6 +93,7 @@ def fit_frames(
     passes: photon passes for each frame, at least :data:`LEAST_PASSES`; then the same seed gives
         the same bits on the same machine. Whatever comes first, time or passes, ends a frame.
     groups: groups of emitters whose light the fields keep apart, the same in all frames.
+    before: the frame before the first, which has its field.
 
     Raises
     ------
@@ -88,7 +102,7 @@ def fit_frames(
     require_seed(seed)
     if seconds is None and passes is None:
         seconds = SECONDS
-    fitter = _FrameFitter(Goals.asked(seconds, None, passes), sensors, groups, seed)
+    fitter = _FrameFitter(Goals.asked(seconds, None, passes), sensors, groups, seed, before)
     for scene in scenes:
         yield fitter.fit(scene)
 
@@ -102,13 +116,16 @@ class _FrameFitter:
         sensors: Sequence[mi.Sensor] | None,
         groups: LightGroups | None,
         seed: int,
+        before: Frame | None,
     ) -> None:
         self._goals, self._groups = goals, groups
         self._settings = STREAM.model_copy(update={"seed": seed})
         self._sensors, self._places = sensors, sensors is None
         self._own: list[View] = []
+        self._before = before
         self._radius: float | Literal["auto"] = "auto"
-        self._before: tuple[mi.Scene, GaussianPhotonField] | None = None
+        if before is not None:
+            self._radius = before.field.record.get("first_radius", "auto")
         self._ending = _FIRST_ENDING * (goals.seconds or 0)
 
     def fit(self, scene: mi.Scene) -> GaussianPhotonField:
@@ -135,21 +152,21 @@ class _FrameFitter:
                 "fingerprint": origin,
                 "seconds": time.spent,
                 "seed": stream.seed,
+                "first_radius": self._radius,
             }
         dr.flush_malloc_cache()
-        self._before = scene, field
+        self._before = Frame(scene, field)
         return field
 
     def _begin(self, maker: FieldMaker, lesson: Lesson) -> Trainer:
         """The trainer of the next frame's field."""
         scene = maker.stream.scene
-        if self._before is None or not _holds(self._before[1].detail, scene):
+        if self._before is None or not _holds(self._before.field.detail, scene):
             return maker.start(lesson, STEPS)
-        earlier, field = self._before
-        motion = Motion(earlier, scene)
+        motion = Motion(self._before.scene, scene)
         if motion.lost:
             log.warning(LOST, ", ".join(motion.lost[:MOST_NAMES]))
-        return maker.go_on(lesson, STEPS, field, motion)
+        return maker.go_on(lesson, STEPS, self._before.field, motion)
 
     def _trace(self, stream: PhotonStream, time: TimeBudget) -> None:
         """Trace photons until the passes are done, or until what follows needs the time left."""
