@@ -1,0 +1,111 @@
+"""``gpf fit --frames``: fields for the frames of an animation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from gpf.cli import main
+from gpf.field.io import load_field
+from tests.small_fit import make_small
+
+ROOM = """<scene version="3.0.0">
+  <sensor type="perspective">
+    <float name="fov" value="50"/>
+    <transform name="to_world"><lookat origin="0,-3,1" target="0,0,0.4" up="0,0,1"/></transform>
+    <film type="hdrfilm">
+      <integer name="width" value="32"/><integer name="height" value="32"/>
+    </film>
+  </sensor>
+  <shape type="rectangle" id="floor">
+    <transform name="to_world"><scale value="2"/></transform>
+  </shape>
+  <shape type="sphere" id="ball">
+    <point name="center" x="{x}" y="0" z="0.3"/><float name="radius" value="0.3"/>
+  </shape>
+  <shape type="rectangle" id="lamp">
+    <transform name="to_world">
+      <scale value="0.5"/><rotate x="1" angle="180"/><translate z="2"/>
+    </transform>
+    <emitter type="area"><rgb name="radiance" value="{light}"/></emitter>
+  </shape>
+</scene>
+"""
+VIEWS = """aspect: 1.0
+views:
+  train:
+    - {name: front, origin: [0, -3, 1], target: [0, 0, 0.4], up: [0, 0, 1], fov: 50}
+"""
+
+
+def animate(folder: Path, light: float = 10) -> Path:
+    """A ball that rolls through three frames."""
+    folder.mkdir()
+    for frame in range(3):
+        text = ROOM.format(x=0.1 * frame, light=light)
+        (folder / f"frame_{frame:04d}.xml").write_text(text)
+    (folder / "views.yaml").write_text(VIEWS)
+    return folder
+
+
+def run(*arguments: str | Path) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main(["fit", *map(str, arguments)])
+    return int(ended.value.code or 0)
+
+
+def light_under_the_ball(file: Path) -> float:
+    """Mean irradiance of the floor in its shadow and beside it."""
+    x = np.linspace(-0.6, 1, 40, dtype=np.float32)
+    p, n = mi.Point3f(mi.Float(x), -0.35, 0), mi.Normal3f(0, 0, 1)
+    value, _ = load_field(file).query(p, n, dr.full(mi.Bool, True, len(x)))
+    return float(np.mean(value.numpy()))
+
+
+@pytest.fixture
+def small(monkeypatch):
+    make_small(monkeypatch, passes=30, steps=60, paths=5_000)
+    monkeypatch.setattr("gpf.commands.fit_frames.ROWS", 32)
+
+
+def test_an_interrupted_fit_goes_on(tmp_path, small, capsys):
+    scenes = animate(tmp_path / "rolling")
+    common = "--passes", "6", "--frames"
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    assert run(scenes, *common, "all", "-o", whole) == 0
+    assert run(scenes, *common, "0:2", "-o", parts) == 0
+    capsys.readouterr()
+    assert run(scenes, *common, "all", "-o", parts) == 0
+    assert "continuing after 2 of 3 frames" in capsys.readouterr().err
+    names = [file.name for file in sorted(whole.glob("*.safetensors"))]
+    assert names == [f"frame_{frame:04d}.safetensors" for frame in range(3)]
+    for name in names[:2]:  # the beginning has the time that it took
+        assert (parts / name).read_bytes()[-10_000:] == (whole / name).read_bytes()[-10_000:]
+    # A file rounds places, in the last bit.
+    last, expected = (light_under_the_ball(folder / names[2]) for folder in (parts, whole))
+    assert last == pytest.approx(expected, rel=0.02)
+
+
+def test_fields_of_other_scenes_are_not_replaced(tmp_path, small, capsys):
+    fields = tmp_path / "fields"
+    assert run(animate(tmp_path / "one"), "--passes", "6", "--frames", "0:1", "-o", fields) == 0
+    before = (fields / "frame_0000.safetensors").read_bytes()
+    other = animate(tmp_path / "two", light=5), "--passes", "6", "--frames", "0:1", "-o", fields
+    assert run(*other) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "was fitted to another scene" in said and "different lights. Add --overwrite" in said
+    assert (fields / "frame_0000.safetensors").read_bytes() == before
+    assert run(*other, "--overwrite") == 0
+    assert (fields / "frame_0000.safetensors").read_bytes() != before
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("--target-psnr", "30"), ("--continue", "a.safetensors")]
+)
+def test_what_frames_do_not_have_is_said(tmp_path, capsys, option, value):
+    assert run(tmp_path, "--frames", "all", option, value) == 2
+    assert f"--frames and {option}: are mutually exclusive" in capsys.readouterr().err
