@@ -80,6 +80,27 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
     return Cameras(views, known.aspect, known.given_exposure)
 
 
+def camera_of_frame(
+    scene: mi.Scene, scene_file: Path, choice: CameraChoice, frame: str, number: int
+) -> Cameras:
+    """The camera of a frame of an animation, as a view with the frame's name: the view that is
+    named; else, if the cameras' file has a path, its frame with this number; else the scene's own.
+
+    Raises
+    ------
+    UserError: as :func:`choose_cameras`; or the path is too short.
+    """
+    file = file_beside(scene_file, choice.file)
+    known = known_cameras(scene, scene_file, file)
+    if choice.names:
+        view = known.find(choice.names[0])
+    elif known.path is not None:
+        view = _frames(f"{number}:{number + 1}", known.frames(), str(file))[0]
+    else:
+        view = known_cameras(scene, scene_file, None).train[0]
+    return Cameras((view.model_copy(update={"name": frame}),), known.aspect, known.given_exposure)
+
+
 def _frames(wanted: str, path: tuple[View, ...], where: str) -> tuple[View, ...]:
     """Frames of a camera path."""
     if not path:

@@ -8,6 +8,7 @@ conventions:
   axis; 0 where there is no surface;
 - ``normal_file_path``: PNG with (n + 1) / 2, n the shading normal in world space; black where there
   is no surface;
+- ``time``: of a frame of an animation, from 0 to 1, as in D-NeRF's data sets;
 - ``ply_file_path``: points on the surfaces with the colours of the pictures, from which the
   optimisation of Gaussian splats can start.
 
@@ -17,9 +18,10 @@ would lie on no surface.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -40,27 +42,22 @@ DEPTH_UNIT = 1e-3
 """World units per unit of a depth file; the default of nerfstudio."""
 
 
-def write_data_set(
+def write_layers(
     folder: Path,
     scene: mi.Scene,
     views: Sequence[View],
     size: tuple[int, int],
     layers: Sequence[str],
 ) -> None:
-    """Write ``transforms.json`` for the pictures ``NAME.png`` of a folder, and the files it names.
+    """Write the depth and the normals of views, if these are among the layers; files that exist are
+    kept.
 
     Parameters
     ----------
     size: width and height of the pictures, pixels.
-    layers: the wanted ones of ``depth`` and ``normal``; the points come with ``depth``. Files that
-        exist are kept.
     """
-    files: dict[str, dict[str, str]] = {
-        view.name: {"file_path": f"{view.name}.png"} for view in views
-    }
     for view in views:
-        wanted = {n: file for n, file in layer_files(folder, view).items() if n in layers}
-        files[view.name] |= {f"{name}_file_path": file.name for name, file in wanted.items()}
+        wanted = _wanted_files(folder, view, layers)
         if all(file.exists() for file in wanted.values()):
             continue
         depth, normal = pixel_centres(scene, view, size)
@@ -70,11 +67,38 @@ def write_data_set(
         if "normal" in wanted:
             shown = np.where(depth[..., None] > 0, 127.5 * (normal + 1), 0).round().astype(np.uint8)
             write_atomically(wanted["normal"], Image.fromarray(shown).save)
+
+
+def write_data_set(
+    folder: Path,
+    views: Sequence[View],
+    size: tuple[int, int],
+    layers: Sequence[str],
+    times: Mapping[str, float],
+) -> None:
+    """Write ``transforms.json`` for the pictures of a folder and the files of
+    :func:`write_layers`, and points on the surfaces if these have depth.
+
+    Parameters
+    ----------
+    times: of views of an animation, from 0 to 1, by their names.
+    """
+    files: dict[str, dict[str, Any]] = {}
+    for view in views:
+        files[view.name] = {"file_path": f"{view.name}.png"}
+        wanted = _wanted_files(folder, view, layers)
+        files[view.name] |= {f"{name}_file_path": file.name for name, file in wanted.items()}
+        if view.name in times:
+            files[view.name]["time"] = times[view.name]
     shared = {}
     if "depth" in layers:
         write_points(folder / "points.ply", *_collect_points(folder, views, size))
         shared["ply_file_path"] = "points.ply"
     write_transforms(folder / "transforms.json", views, size, files, shared)
+
+
+def _wanted_files(folder: Path, view: View, layers: Sequence[str]) -> dict[str, Path]:
+    return {name: file for name, file in layer_files(folder, view).items() if name in layers}
 
 
 def layer_files(folder: Path, view: View) -> dict[str, Path]:

@@ -170,7 +170,8 @@ Frames = Annotated[
     str | None,
     Option(
         metavar="all|FIRST:LAST",
-        help="Frames of the camera path in views.yaml: all, or FIRST to LAST-1, from 0.",
+        help="Frames of the camera path in views.yaml, or of an animation: all, or FIRST to "
+        "LAST-1, from 0. An animation has a folder with a field for each frame.",
     ),
 ]
 Orbit = Annotated[

@@ -13,7 +13,6 @@ import numpy as np
 from gpf.commands.data_set import layer_files
 from gpf.core.films import write_film
 from gpf.core.images import read_exr, read_record, tone_map, write_exr, write_png
-from gpf.core.progress import progress_bar
 from gpf.rendering.aovs import expected_psnr
 from gpf.rendering.field_renderer import describe_coverage, weakly_covered
 from gpf.scene.views import View
@@ -44,27 +43,33 @@ class Pictures:
     exposure: float
     facts: dict[str, Any]
 
-    def render(self, renderings: Callable[[list[View]], Iterable[Rendering]]) -> int:
-        """Render the pictures that are missing or out of date; return their number."""
+    def render(
+        self,
+        renderings: Callable[[list[View]], Iterable[Rendering]],
+        tell: Callable[[int], None],
+    ) -> int:
+        """Render the pictures that are missing or out of date; return their number.
+
+        ``tell`` is called with the number of pictures that are done.
+        """
         missing = [view for view in self.views if not self.is_current(view)]
         done = len(self.views) - len(missing)
-        with progress_bar(f"{self.folder.name}: rendering", len(self.views)) as bar:
-            bar(done)
-            for view, layers in renderings(missing) if missing else ():
-                # Those of an earlier picture, which may have another size.
-                for file in layer_files(self.folder, view).values():
-                    file.unlink(missing_ok=True)
-                write_png(self.png(view), layers["radiance"], self.exposure)
-                facts = self.record(view)
-                if "error" in layers:
-                    facts["expected_psnr"] = expected_psnr(
-                        layers["radiance"], layers["error"], self.exposure
-                    )
-                facts["weakly_covered"] = weakly_covered(layers["coverage"])
-                wanted = ("radiance", *self.layers)
-                write_exr(self.exr(view), {name: layers[name] for name in wanted}, facts)
-                done += 1
-                bar(done)
+        tell(done)
+        for view, layers in renderings(missing) if missing else ():
+            # Those of an earlier picture, which may have another size.
+            for file in layer_files(self.folder, view).values():
+                file.unlink(missing_ok=True)
+            write_png(self.png(view), layers["radiance"], self.exposure)
+            facts = self.record(view)
+            if "error" in layers:
+                facts["expected_psnr"] = expected_psnr(
+                    layers["radiance"], layers["error"], self.exposure
+                )
+            facts["weakly_covered"] = weakly_covered(layers["coverage"])
+            wanted = ("radiance", *self.layers)
+            write_exr(self.exr(view), {name: layers[name] for name in wanted}, facts)
+            done += 1
+            tell(done)
         return len(missing)
 
     def png(self, view: View) -> Path:

@@ -57,6 +57,15 @@ def scene_frames(scene: Path) -> list[SceneFrame]:
     return sorted(found, key=lambda frame: _number(frame.name))
 
 
+def is_animation(scene: Path) -> bool:
+    """Whether this is a folder of scene files, or a scene file with :data:`PARAMETER`."""
+    if scene.is_dir():
+        return len(list(scene.glob("*.xml"))) > 1 or any(scene.glob("*/scene.xml"))
+    if scene.suffix != ".xml" or not scene.is_file():
+        return False
+    return PARAMETER in read_scene_xml(scene, {PARAMETER: _ANY}).parameters
+
+
 def choose_frames(wanted: str, count: int, what: str) -> slice:
     """Some frames: ``all``, or ``FIRST:LAST`` for FIRST to LAST-1, counted from 0.
 

@@ -35,7 +35,7 @@ def write_transforms(
     path: Path,
     views: Sequence[View],
     size: tuple[int, int],
-    files: Mapping[str, Mapping[str, str]] | None = None,
+    files: Mapping[str, Mapping[str, Any]] | None = None,
     more: Mapping[str, str] | None = None,
 ) -> None:
     """Write the cameras of views.
@@ -43,7 +43,7 @@ def write_transforms(
     Parameters
     ----------
     size: width and height of the images, pixels.
-    files: view name -> further keys of its frame, such as ``file_path``.
+    files: view name -> further keys of its frame, such as ``file_path``, as JSON values.
     more: further top-level keys, such as ``ply_file_path``.
     """
     width, height = size

@@ -1,0 +1,106 @@
+"""What `gpf render` is asked for: scenes with their fields, and the views of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import mitsuba as mi
+
+from gpf.commands.cameras import CameraChoice, Cameras, camera_of_frame, choose_cameras
+from gpf.commands.scenes import find_field, find_scene, require_same_scene
+from gpf.core.errors import UserError
+from gpf.field.field import GaussianPhotonField
+from gpf.field.io import load_field
+from gpf.scene.frames import choose_frames, is_animation, scene_frames
+from gpf.scene.load import load_scene_file
+
+FIELDS = Path("fields")
+"""Where `gpf fit --frames` writes the fields of an animation, if no folder is given."""
+
+
+@dataclass(frozen=True)
+class FramePlace:
+    """A frame's number in its animation, from 0, the name of its pictures, and its time from 0 to
+    1."""
+
+    number: int
+    name: str
+    time: float
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A scene with its field, and the views of it.
+
+    Attributes
+    ----------
+    choice: the views.
+    frame: its place in an animation, or None.
+    parameters: of the scene file.
+    """
+
+    scene_file: Path
+    field_file: Path
+    choice: CameraChoice
+    frame: FramePlace | None = None
+    parameters: Mapping[str, str] = field(default_factory=dict)
+
+    def open(self, changed_scene: bool) -> tuple[mi.Scene, GaussianPhotonField, Cameras]:
+        """The scene, its field and its views.
+
+        Parameters
+        ----------
+        changed_scene: whether to accept a field of another scene.
+
+        Raises
+        ------
+        UserError: a file or a view is wrong, or the field is for another scene.
+        """
+        found = load_field(self.field_file)
+        scene = load_scene_file(self.scene_file, parameters=self.parameters)
+        require_same_scene(scene, self.scene_file, found, self.field_file, changed_scene)
+        where = scene, self.scene_file, self.choice
+        if self.frame is None:
+            return scene, found, choose_cameras(*where)
+        return scene, found, camera_of_frame(*where, self.frame.name, self.frame.number)
+
+
+def find_shots(
+    scene_name: str, field_file: Path | None, choice: CameraChoice
+) -> tuple[list[Shot], Path]:
+    """The shots that are asked for, and the folder for their pictures, if none is given.
+
+    Parameters
+    ----------
+    scene_name: as for :func:`gpf.commands.scenes.find_scene`, or, with frames asked for, an
+        animation (:mod:`gpf.scene.frames`).
+    field_file: by default ``field.safetensors``, or that of the trained scene; of an animation, the
+        folder with a field for each frame, by default :data:`FIELDS`.
+    """
+    if choice.frames and is_animation(Path(scene_name)):
+        return _frames(Path(scene_name), field_file or FIELDS, choice), Path("pictures")
+    scene_file, trained = find_scene(scene_name)
+    if field_file is None:
+        field_file = find_field(scene_name) if trained else Path("field.safetensors")
+    if trained and choice.file is None and (trained / "views.yaml").exists():
+        choice = replace(choice, file=trained / "views.yaml")
+    return [Shot(scene_file, field_file, choice)], (trained or Path()) / "pictures"
+
+
+def _frames(animation: Path, fields: Path, choice: CameraChoice) -> list[Shot]:
+    """A shot for each frame of an animation."""
+    every = scene_frames(animation)
+    assert choice.frames is not None
+    numbers = range(len(every))[choose_frames(choice.frames, len(every), str(animation))]
+    if not fields.is_dir():
+        todo = f"Run `gpf fit {animation} --frames all -o {fields}`, or give --field FOLDER."
+        raise UserError(str(fields), "is not a folder with the fields of the frames", todo)
+    found = []
+    for number in numbers:
+        frame = every[number]
+        file = fields / f"{frame.name}.safetensors"
+        place = FramePlace(number, frame.name, number / max(len(every) - 1, 1))
+        found.append(Shot(frame.file, file, choice, place, frame.parameters))
+    return found
