@@ -1,7 +1,8 @@
-"""``gpf fit --frames``: fields for the frames of an animation."""
+"""``gpf fit --frames`` and ``gpf render --frames``: fields and pictures of an animation."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import drjit as dr
@@ -52,9 +53,9 @@ def animate(folder: Path, light: float = 10) -> Path:
     return folder
 
 
-def run(*arguments: str | Path) -> int:
+def run(*arguments: str | Path, command: str = "fit") -> int:
     with pytest.raises(SystemExit) as ended:
-        main(["fit", *map(str, arguments)])
+        main([command, *map(str, arguments)])
     return int(ended.value.code or 0)
 
 
@@ -88,6 +89,29 @@ def test_an_interrupted_fit_goes_on(tmp_path, small, capsys):
     # A file rounds places, in the last bit.
     last, expected = (light_under_the_ball(folder / names[2]) for folder in (parts, whole))
     assert last == pytest.approx(expected, rel=0.02)
+
+
+def test_a_data_set_with_a_time(tmp_path, small, capsys):
+    scenes, fields, pictures = animate(tmp_path / "rolling"), tmp_path / "fields", tmp_path / "set"
+    assert run(scenes, "--passes", "6", "--frames", "all", "-o", fields) == 0
+    cheap = "--frames", "all", "--size", "24", "--spp", "2", "--aovs", "depth"
+    shot = scenes, "--field", fields, *cheap, "-o", pictures
+    assert run(*shot, command="render") == 0
+    told = json.loads((pictures / "transforms.json").read_text())["frames"]
+    assert [frame["file_path"] for frame in told] == [f"frame_{k:04d}.png" for k in range(3)]
+    assert [frame["time"] for frame in told] == [0, 0.5, 1]
+    depths = [np.load(pictures / frame["depth_file_path"]) for frame in told]
+    near = [np.where(depth > 0, depth, np.inf)[:14].min(axis=0) for depth in depths]
+    columns = [np.argmin(depth) for depth in near]  # where the ball is
+    assert columns[0] < columns[1] < columns[2]
+    capsys.readouterr()
+    assert run(*shot, command="render") == 0
+    assert "3 already done" in capsys.readouterr().err
+    (fields / "frame_0001.safetensors").unlink()
+    assert run(scenes, "--field", fields, *cheap, "-o", tmp_path / "b", command="render") == 2
+    assert "frame_0001.safetensors: is missing" in capsys.readouterr().err
+    assert run(scenes, *cheap, "-o", tmp_path / "b", command="render") == 2
+    assert "fields: is not a folder with the fields" in " ".join(capsys.readouterr().err.split())
 
 
 def test_fields_of_other_scenes_are_not_replaced(tmp_path, small, capsys):
