@@ -75,8 +75,8 @@ class Motion:
 
         rows = [dr.gather(mi.Float, self._moves, 12 * place + k, known) for k in range(12)]
         matrix = mi.Matrix4f(*rows, 0, 0, 0, 1)
-        there = mi.Transform4f(matrix) @ p
-        facing = mi.Vector3f(mi.Transform4f(matrix) @ mi.Vector3f(n))
+        move = mi.Transform4f(matrix)
+        there, facing = move @ p, move @ mi.Vector3f(n)
 
         other = mi.PreliminaryIntersection3f(hit)
         other.shape = dr.gather(mi.ShapePtr, self._end.shapes_dr(), place, bent)
