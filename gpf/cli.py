@@ -140,13 +140,13 @@ def fit(
     """
     if frames is not None:
         from gpf.commands.fit_frames import fit_scene_frames
+        from gpf.commands.scenes import FIELDS
 
         for option, value in (("--target-psnr", target_psnr), ("--continue", go_on)):
             if value is not None:
                 todo = "Leave one of them out; a fit of frames that was interrupted goes on."
                 raise UserError(f"--frames and {option}", "are mutually exclusive", todo)
-        folder = output or Path("fields")
-        goals = seconds, passes
+        goals, folder = (seconds, passes), output or FIELDS
         fit_scene_frames(Path(scene), frames, folder, *goals, views, seed, groups, overwrite)
         return
     from gpf.commands.fit import Existing, fit_scene_file

@@ -40,6 +40,7 @@ class RenderJob:
     ----------
     scene: a zip archive of the scene's files.
     scene_file: the scene file's name in the archive.
+    parameters: of the scene file.
     field: the contents of the field's file.
     size: width and height, pixels.
     seconds: time for a picture, in place of the samples of the settings.
@@ -48,6 +49,7 @@ class RenderJob:
 
     scene: bytes
     scene_file: str
+    parameters: tuple[tuple[str, str], ...]
     field: bytes
     settings: RenderSettings
     aovs: tuple[str, ...]
@@ -56,9 +58,11 @@ class RenderJob:
     lights: str = ""
 
 
-def pack_scene(scene_file: Path) -> tuple[bytes, str]:
-    """A zip archive of a scene file and all files that it refers to, and the scene's name in it."""
-    files = [path.absolute() for path in (scene_file, *read_scene_xml(scene_file).files())]
+def pack_scene(scene_file: Path, parameters: Mapping[str, str]) -> tuple[bytes, str]:
+    """A zip archive of a scene file and all files that it refers to with these parameters, and the
+    scene's name in it."""
+    document = read_scene_xml(scene_file, parameters)
+    files = [path.absolute() for path in (scene_file, *document.files())]
     files = [Path(os.path.normpath(path)) for path in files]
     root = Path(os.path.commonpath([path.parent for path in files]))
     data = io.BytesIO()
@@ -108,7 +112,7 @@ def _open(job: RenderJob) -> FieldRenderer:
         with zipfile.ZipFile(io.BytesIO(job.scene)) as archive:
             archive.extractall(folder / "scene")
         (folder / FIELD).write_bytes(job.field)
-        scene = load_scene_file(folder / "scene" / job.scene_file)
+        scene = load_scene_file(folder / "scene" / job.scene_file, parameters=dict(job.parameters))
         field = load_field(folder / FIELD)
         if job.lights:
             set_lights(scene, field, job.lights)

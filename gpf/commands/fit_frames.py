@@ -8,6 +8,7 @@ from pathlib import Path
 import mitsuba as mi
 
 from gpf.commands.cameras import file_beside
+from gpf.commands.scenes import changed_since
 from gpf.core.errors import UserError
 from gpf.core.locks import sole_run
 from gpf.core.partial import remove_leftovers
@@ -16,7 +17,6 @@ from gpf.core.runtime import choose_variant
 from gpf.field.io import load_field, save_field
 from gpf.fitting.frames import Frame, fit_frames
 from gpf.importing.placement import ROWS
-from gpf.scene.fingerprint import changed_parts, fingerprint
 from gpf.scene.frames import SceneFrame, choose_frames, scene_frames
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_scene_file
@@ -98,12 +98,10 @@ def _fields_so_far(
         if not file.exists():
             return number, last
         scene, field = _load(frame), load_field(file)
-        known = field.record.get("fingerprint") or {}
-        changed = changed_parts(known, fingerprint(scene)) if known else ["origin"]
-        if changed and overwrite:
-            return number, last
-        if changed:
-            what = f"was fitted to another scene than {frame.file}: different {', '.join(changed)}"
+        if parts := changed_since(scene, field):
+            if overwrite:
+                return number, last
+            what = f"was fitted to another scene than {frame.file}: different {parts}"
             raise UserError(str(file), what, "Add --overwrite, or give another folder.")
         last = Frame(scene, field)
     return len(frames), last

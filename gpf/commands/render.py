@@ -158,7 +158,8 @@ def _render(opened: _Opened, options: PictureOptions, views: list[View]) -> Iter
     from gpf.commands.cluster import RenderJob, pack_scene, render_on_cluster
 
     job = RenderJob(
-        *pack_scene(shot.scene_file),
+        *pack_scene(shot.scene_file, shot.parameters),
+        tuple(shot.parameters.items()),
         shot.field_file.read_bytes(),
         renderer.settings,
         renderer.aovs,

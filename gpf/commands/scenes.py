@@ -17,6 +17,9 @@ from gpf.scene.fingerprint import changed_parts, fingerprint
 RESULTS = Path("results")
 """Where the pipeline writes its results, in one folder per scene."""
 
+FIELDS = Path("fields")
+"""Where the fields of an animation are, if no folder is given."""
+
 
 def find_scene(name: str) -> tuple[Path, Path | None]:
     """The file of a scene and, if it was given by name, the folder of its results.
@@ -75,6 +78,14 @@ def _result(scene: str, file: str, stage: str) -> Path:
     )
 
 
+def changed_since(scene: mi.Scene, field: GaussianPhotonField) -> str:
+    """The parts of a scene that have changed since a field was fitted to it, in words; empty if
+    none has, or if the field does not record its scene."""
+    known = field.record.get("fingerprint")
+    changed = changed_parts(known, fingerprint(scene)) if known else []
+    return " and ".join(", ".join(changed).rsplit(", ", 1))
+
+
 def require_same_scene(
     scene: mi.Scene,
     scene_file: Path,
@@ -91,11 +102,9 @@ def require_same_scene(
     ----------
     changed_scene: whether to accept a field of another scene.
     """
-    known = field.record.pop("fingerprint", None)
-    if changed_scene or not known:
-        return
-    if changed := changed_parts(known, fingerprint(scene)):
-        parts = " and ".join(", ".join(changed).rsplit(", ", 1))
+    parts = "" if changed_scene else changed_since(scene, field)
+    field.record.pop("fingerprint", None)
+    if parts:
         raise UserError(
             str(field_file),
             f"was fitted to another scene, or before {scene_file} was changed: different {parts}",

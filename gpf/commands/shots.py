@@ -9,15 +9,12 @@ from pathlib import Path
 import mitsuba as mi
 
 from gpf.commands.cameras import CameraChoice, Cameras, camera_of_frame, choose_cameras
-from gpf.commands.scenes import find_field, find_scene, require_same_scene
+from gpf.commands.scenes import FIELDS, find_field, find_scene, require_same_scene
 from gpf.core.errors import UserError
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
 from gpf.scene.frames import choose_frames, is_animation, scene_frames
 from gpf.scene.load import load_scene_file
-
-FIELDS = Path("fields")
-"""Where `gpf fit --frames` writes the fields of an animation, if no folder is given."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,7 @@ def find_shots(
     scene_name: as for :func:`gpf.commands.scenes.find_scene`, or, with frames asked for, an
         animation (:mod:`gpf.scene.frames`).
     field_file: by default ``field.safetensors``, or that of the trained scene; of an animation, the
-        folder with a field for each frame, by default :data:`FIELDS`.
+        folder with a field for each frame, by default :data:`gpf.commands.scenes.FIELDS`.
     """
     if choice.frames and is_animation(Path(scene_name)):
         return _frames(Path(scene_name), field_file or FIELDS, choice), Path("pictures")

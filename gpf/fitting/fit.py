@@ -19,9 +19,6 @@ from gpf.fitting.progress import FitProgress, Reporter
 from gpf.fitting.quality import QualityEstimate
 from gpf.fitting.state import FitState, Resume, fit_identity
 from gpf.importing.placement import place_sensors
-from gpf.scene.bounds import scene_bounds
-from gpf.scene.fingerprint import fingerprint
-from gpf.scene.inventory import check_scene
 from gpf.scene.light_groups import LightGroups
 from gpf.training.streaming import StreamSettings
 
@@ -89,13 +86,8 @@ def fit(
     require_seed(seed)
     if resume == "always" and state is None:
         raise UserError("resume", "needs a state folder", "Give the folder with the photons.")
-    check_scene(scene)
-    # First: they evaluate parameters of the scene, and earlier kernels could not be reused.
-    scene_bounds(scene)
-    origin = fingerprint(scene)
+    origin = opening.examine(scene)
     cameras = list(place_sensors(scene) if sensors is None else sensors)
-    if not cameras:
-        raise UserError("sensors", "is empty", "Give a camera, or leave it out.")
     with time:
         start = opening.Opening.look(
             scene, cameras, STREAM.model_copy(update={"seed": seed}), groups

@@ -22,16 +22,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.errors import UserError
 from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
 from gpf.fitting.field_maker import FieldMaker, Lesson
 from gpf.fitting.goals import Goals, TimeBudget, require_seed
-from gpf.fitting.opening import Opening
+from gpf.fitting.opening import Opening, examine
 from gpf.importing.placement import place_sensors
 from gpf.scene.bounds import scene_bounds
-from gpf.scene.fingerprint import fingerprint
-from gpf.scene.inventory import check_scene
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.motion import Motion
 from gpf.scene.sensors import views_of_sensors
@@ -92,6 +89,7 @@ def fit_frames(
     seconds: wall-clock time for each frame; by default :data:`SECONDS`.
     passes: photon passes for each frame, at least :data:`LEAST_PASSES`; then the same seed gives
         the same bits on the same machine. Whatever comes first, time or passes, ends a frame.
+    seed: of all frames.
     groups: groups of emitters whose light the fields keep apart, the same in all frames.
     before: the frame before the first, which has its field.
 
@@ -130,10 +128,7 @@ class _FrameFitter:
 
     def fit(self, scene: mi.Scene) -> GaussianPhotonField:
         """The field of the next frame."""
-        check_scene(scene)
-        # First: they evaluate parameters of the scene, and earlier kernels could not be reused.
-        scene_bounds(scene)
-        origin = fingerprint(scene)
+        origin = examine(scene)
         with TimeBudget(self._goals.seconds) as time:
             look = self._cameras(scene), self._settings, self._groups, self._radius
             opening = Opening.look(scene, *look)
@@ -183,9 +178,7 @@ class _FrameFitter:
         """The cameras that see what the field of a frame is for."""
         if self._places and (self._sensors is None or views_of_sensors(scene) != self._own):
             self._sensors, self._own = place_sensors(scene), views_of_sensors(scene)
-        if not self._sensors:
-            raise UserError("sensors", "is empty", "Give a camera, or leave it out.")
-        return self._sensors
+        return self._sensors or ()
 
 
 def _holds(detail: Detail | None, scene: mi.Scene) -> bool:

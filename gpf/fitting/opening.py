@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import mitsuba as mi
 
+from gpf.core.errors import UserError
 from gpf.field.settings import Direct, FieldSettings, sampled_lamps
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.photons.emission import Source
+from gpf.scene.bounds import scene_bounds
+from gpf.scene.fingerprint import fingerprint
+from gpf.scene.inventory import check_scene
 from gpf.scene.lamps import Lamps
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.media import Media
@@ -22,6 +26,19 @@ from gpf.training.streaming import PhotonStream, StreamSettings
 from gpf.training.volume_light import VolumeLight
 
 REGION = VisibleRegionSettings(rays=131_072, pilot_paths=131_072)
+
+
+def examine(scene: mi.Scene) -> dict[str, Any]:
+    """The fingerprint of a scene that can be fitted.
+
+    Raises
+    ------
+    UserError: as :func:`gpf.scene.inventory.check_scene`.
+    """
+    check_scene(scene)
+    # First: they evaluate parameters of the scene, and earlier kernels could not be reused.
+    scene_bounds(scene)
+    return fingerprint(scene)
 
 
 @dataclass(frozen=True)
@@ -59,7 +76,13 @@ class Opening:
         cameras: they see what the fields are for.
         groups: groups of emitters whose light is kept apart.
         radius: radius of the first pass of a reference, world units.
+
+        Raises
+        ------
+        UserError: there is no camera; or what :func:`gpf.fitting.fit.fit` raises of a scene.
         """
+        if not cameras:
+            raise UserError("sensors", "is empty", "Give a camera, or leave it out.")
         seed = settings.seed
         plan = EmissionPlan.make(scene, cameras, REGION.model_copy(update={"seed": seed}))
         reference = ReferenceSettings(seed=seed, initial_radius=radius)

@@ -199,7 +199,7 @@ def test_what_travels_to_a_cluster_is_the_scene_and_its_files(tmp_path):
     mesh.write_bytes(b"ply")
     shape = '<shape type="ply"><string name="filename" value="../b/mesh.ply"/></shape>'
     scene.write_text(f'<scene version="3.0.0">{shape}</scene>')
-    data, name = pack_scene(scene)
+    data, name = pack_scene(scene, {})
     assert name == "a/scene.xml"
     assert zipfile.ZipFile(io.BytesIO(data)).namelist() == ["a/scene.xml", "b/mesh.ply"]
 
