@@ -120,40 +120,66 @@ def local_targets(
     and the other side of a thin wall adds 2. Otherwise points inside a lamp would count for
     Gaussians on its outside. If there are any points on the same surface, others do not count:
     those beyond the Gaussian's ``limits`` (:mod:`gpf.field.limits`), and those above or below it
-    along the mean of both normals. On a round surface that height is zero.
+    along the mean of both normals. On a round surface that height is zero. Where no near point is
+    on the same surface, behind a wall, say, the values of the nearest Gaussians on it count: they
+    lie less densely, so that as many of them reach farther.
     """
-    from scipy.spatial import cKDTree  # slow to import
-
-    def places(p: np.ndarray, n: np.ndarray) -> np.ndarray:
-        return np.hstack([p, radius * n])
-
-    p, n, target = (to_numpy(v) for v in (points.p, points.n, points.target))
     means, normals = to_numpy(gaussians.means), to_numpy(gaussians.normals)
-    tree = cKDTree(places(p, n))
+    every = np.arange(len(means))
+    places = _Places(means, normals, radius, limits)
+    p, n, target = (to_numpy(v) for v in (points.p, points.n, points.target))
+    found, share = places.mean(every, p, n, target, neighbours, neighbours)
+    rest = every[share < 1]
+    if len(rest):
+        found[rest], share[rest] = places.mean(rest, p, n, target, neighbours, _AMONG * neighbours)
+    known, rest = every[share > 0], every[share == 0]
+    if len(known) and len(rest):
+        near = (means[known], normals[known], found[known])
+        mean, share = places.mean(rest, *near, neighbours, _AMONG * neighbours)
+        found[rest] = np.where(share[:, None] > 0, mean, found[rest])
+    return found
 
-    def mean(rows: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """The mean of those that count among the ``count`` nearest, and whether all of them do."""
-        count = min(count, len(p))
-        _, near = tree.query(places(means[rows], normals[rows]), k=count, workers=count_cores())
-        near = near.reshape(-1, count)
+
+@dataclass
+class _Places:
+    """Where Gaussians are, and where they end."""
+
+    means: np.ndarray
+    normals: np.ndarray
+    radius: float
+    limits: np.ndarray | None
+
+    def mean(
+        self,
+        rows: np.ndarray,
+        p: np.ndarray,
+        n: np.ndarray,
+        values: np.ndarray,
+        neighbours: int,
+        among: int,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The means of up to ``neighbours`` of the ``among`` points nearest to some Gaussians, and
+        the share of those points that is on each Gaussian's surface."""
+        from scipy.spatial import cKDTree  # slow to import
+
+        means, normals = self.means[rows], self.normals[rows]
+        tree = cKDTree(np.hstack([p, self.radius * n]))
+        among = min(among, len(p))
+        here = np.hstack([means, self.radius * normals])
+        _, near = tree.query(here, k=among, workers=count_cores())
+        near = near.reshape(-1, among)
         x, facing = p[near], n[near]
         # Where points are sparse, those on the other side of a thin wall are among the nearest.
-        counts = np.einsum("nkc,nc->nk", facing, normals[rows]) > 0
-        offset = x - means[rows][:, None]
-        height = np.einsum("nkc,nkc->nk", facing + normals[rows][:, None], offset) / 2
-        farthest = np.maximum(radius, np.linalg.norm(offset, axis=2))
+        counts = np.einsum("nkc,nc->nk", facing, normals) > 0
+        offset = x - means[:, None]
+        height = np.einsum("nkc,nkc->nk", facing + normals[:, None], offset) / 2
+        farthest = np.maximum(self.radius, np.linalg.norm(offset, axis=2))
         own = counts & (np.abs(height) <= _HEIGHT * farthest)
-        if limits is not None:
-            own &= before(limits[rows], x)
-        every = own.all(axis=1)
-        counts = np.where(own.any(axis=1, keepdims=True), own, counts)
+        if self.limits is not None:
+            own &= before(self.limits[rows], x)
+        share = own.mean(axis=1)
+        counts = np.where(share[:, None] > 0, own, counts)
         counts[~counts.any(axis=1)] = True
         counts &= np.cumsum(counts, axis=1) <= neighbours
-        found = np.where(counts[:, :, None], target[near], 0)
-        return found.sum(axis=1) / counts.sum(axis=1, keepdims=True), every
-
-    found, every = mean(np.arange(len(means)), neighbours)
-    rest = np.flatnonzero(~every)
-    if len(rest):
-        found[rest], _ = mean(rest, _AMONG * neighbours)
-    return found
+        found = np.where(counts[:, :, None], values[near], 0)
+        return found.sum(axis=1) / counts.sum(axis=1, keepdims=True), share

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import from_numpy
+from gpf.field.limits import no_limits
 from gpf.field.settings import FieldSettings
 from gpf.training.kernels import blend_neighbours, pack
 from gpf.training.neighbours import LIST_MARGIN, NeighbourLists, list_neighbours, local_targets
@@ -22,6 +23,7 @@ from tests.plain_field import (
     random_gaussians,
     random_normals,
     surface_points,
+    to_device,
 )
 from tests.training.plane import UP, make_trainer, on_the_plane
 
@@ -137,4 +139,19 @@ def test_targets_on_other_surfaces_do_not_count(side, own, others, height):
     normals = np.where(is_own, side, others)[:, None] * UP
     points = surface_points(x, normals, np.where(is_own, 1.0, 1000.0)[:, None] * np.ones(3))
     found = local_targets(replace(g, normals=side * g.normals), points, radius=0.3)
+    np.testing.assert_allclose(found, 1, rtol=1e-5)
+
+
+def test_behind_a_wall_where_no_points_are_the_values_of_the_nearest_gaussians_on_that_side_count():
+    """Thousands of points before a wall, at x < 0, and a hundred far behind it: nothing is known
+    of the Gaussians close behind it, but for those that lie as far behind."""
+    rng = np.random.default_rng(5)
+    lit = np.column_stack([-rng.uniform(0.01, 1, 4000), rng.uniform(-1, 1, 4000), np.zeros(4000)])
+    behind = np.column_stack([rng.uniform(0.9, 1, 100), rng.uniform(-1, 1, 100), np.zeros(100)])
+    target = np.repeat([1000.0, 1.0], [4000, 100])[:, None] * np.ones(3)
+    points = surface_points(np.vstack([lit, behind]), np.tile(UP, (4100, 1)), target)
+    x = np.column_stack([np.linspace(0.05, 0.95, 40), np.zeros(40), np.zeros(40)])
+    limits = no_limits(40)
+    limits[:, 0] = [-1, 0, 0, 0]  # -x < 0
+    found = local_targets(to_device(flat_gaussians(x, np.ones((40, 3)))), points, 0.3, limits)
     np.testing.assert_allclose(found, 1, rtol=1e-5)
