@@ -1,16 +1,19 @@
-"""The short films of the pages: `python docs/films.py [pool] [lamps] [water]`.
+"""The short films of the pages: `python docs/films.py [FILM]…`.
 
 They are written to docs/images/*.webp.
 
 `pool` flies over Water Caustic 2 while a field of it is fitted: at first one pass of photon mapping
 per picture, then the fields after more and more passes. `lamps` dims and colours the two lamps of
-Veach Bidir one by one. `water` dives through the surface of the basin.
+Veach Bidir one by one. `water` dives through the surface of the basin. `waves`, `door` and `lamp`
+are the animations of benchmarks/moving_scenes.py, by SPPM and by fields, in about the same time.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -21,6 +24,8 @@ import mitsuba as mi
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from benchmarks.moving_scenes import ANIMATIONS, FRAME_RATE
+from benchmarks.truth import sppm
 from gpf.core.images import tone_map
 from gpf.core.progress import progress_bar
 from gpf.core.runtime import choose_variant
@@ -31,6 +36,7 @@ from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.lights import LightMixer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.folders import load_views
+from gpf.scene.frames import scene_frames
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.sensors import make_sensor
 from gpf.scene.snapshot import snapshot_scene
@@ -42,12 +48,19 @@ PASSES = 648  # of the pool: 24, 72, 216 and all
 RAW_FRAMES, FRAMES = 12, 15  # of photon mapping, and of each field
 SECONDS = 150  # for the fits of the lamps and of the water
 DIVE = 60  # frames through the water's surface
+# Passes of a field and of SPPM in ten seconds, of animations with these rows
+MOVING = {"waves": (20, 86, 256), "door": (12, 39, 200), "lamp": (30, 188, 256)}
 
 
 def main() -> None:
     """Make the films that are named, by default all."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    films = {"pool": film_pool, "lamps": film_lamps, "water": film_water}
+    films: dict[str, Callable[[], None]] = {
+        "pool": film_pool,
+        "lamps": film_lamps,
+        "water": film_water,
+        **{name: partial(film_moving, name) for name in MOVING},
+    }
     parser.add_argument("films", nargs="*", default=list(films))
     for name in parser.parse_args().films:
         films[name]()
@@ -129,6 +142,31 @@ def film_water() -> None:
     _write(IMAGES / "film_water.webp", frames)
 
 
+def film_moving(name: str) -> None:
+    """An animation, frame by frame: SPPM on the left, fields on the right."""
+    choose_variant("auto")
+    animation, (passes, sppm_passes, rows) = ANIMATIONS[name], MOVING[name]
+    views = load_views(animation.scene)
+    size, view, frames = views.size(rows), views.find(animation.view), []
+    with tempfile.TemporaryDirectory() as folder:
+        files = [frame.file for frame in scene_frames(animation.write(Path(folder)))]
+        sensors = [make_sensor(each, *size) for each in views.train]
+        fields = gpf.fit_frames(map(gpf.load_scene_file, files), sensors, passes=passes)
+        with progress_bar(name, len(files)) as bar:
+            for k, (file, field) in enumerate(zip(files, fields, strict=True)):
+                scene = gpf.load_scene_file(file)
+                ours = _renderer(scene, field, spp=4 * SPP).render(view, size, seed=0)["radiance"]
+                sums = (renderer := sppm(scene, [make_sensor(view, *size)], k)).empty_sums()
+                for number in range(sppm_passes):
+                    renderer.run_pass(1 + number, sums)
+                theirs = renderer.view("0", sums).layers()["radiance"]
+                both = ((theirs, "SPPM, ten seconds"), (ours, "field, ten seconds"))
+                shown = [np.array(_label(each, views.exposure, text)) for each, text in both]
+                frames.append(Image.fromarray(np.hstack(shown)))
+                bar(k + 1)
+    _write(IMAGES / f"film_{name}.webp", frames, round(1000 / FRAME_RATE))
+
+
 def _open(name: str) -> tuple[mi.Scene, SceneViews]:
     choose_variant("auto")
     with tempfile.TemporaryDirectory() as folder:
@@ -154,13 +192,13 @@ def _label(radiance: np.ndarray, exposure: float, text: str) -> Image.Image:
     return image
 
 
-def _write(path: Path, frames: list[Image.Image]) -> None:
+def _write(path: Path, frames: list[Image.Image], milliseconds: int = MILLISECONDS) -> None:
     """An endless film."""
     frames[0].save(
         path,
         save_all=True,
         append_images=frames[1:],
-        duration=MILLISECONDS,
+        duration=milliseconds,
         loop=0,
         quality=80,
         method=6,

@@ -11,6 +11,8 @@ from gpf.modelling.meshes import Mesh, grid
 
 GOLDEN = (5**0.5 - 1) / 2
 
+GRAVITY = 9.81  # m/s²
+
 Band = tuple[float, float, int]
 """A wavelength, the root-mean-square slope of its waves together, and their number."""
 
@@ -28,6 +30,14 @@ def spread_waves(bands: Sequence[Band]) -> np.ndarray:
             amplitude = slope / k * (2 / count) ** 0.5
             rows.append((k * np.cos(angle), k * np.sin(angle), amplitude, phase))
     return np.array(rows)
+
+
+def after(waves: np.ndarray, seconds: float) -> np.ndarray:
+    """The same waves later: each runs along (k_x, k_z) as in deep water, with ω = √(g |k|), for
+    lengths in metres."""
+    later = waves.copy()
+    later[:, 3] -= np.sqrt(GRAVITY * np.hypot(waves[:, 0], waves[:, 1])) * seconds
+    return later
 
 
 def sum_waves(

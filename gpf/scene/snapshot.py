@@ -6,6 +6,7 @@ import importlib.util
 import os
 import shutil
 from pathlib import Path
+from types import ModuleType
 
 from gpf.core.errors import UserError
 from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers, replace_folder
@@ -27,12 +28,9 @@ def build_scene(name: str, root: Path | None = None, target: Path | None = None)
     script = folder / "build.py"
     if not script.exists():
         return []
-    spec = importlib.util.spec_from_file_location(f"scene_builder_{name}", script)
-    assert spec is not None and spec.loader is not None  # the path ends in .py
-    module = importlib.util.module_from_spec(spec)
     remove_leftovers(target)
     with partial_folder(target / "build") as staging:
-        spec.loader.exec_module(module)
+        module = load_builder(script)
         if not hasattr(module, "build"):
             raise UserError(str(script), "has no function build", "Define build(folder: Path).")
         made = []
@@ -41,6 +39,15 @@ def build_scene(name: str, root: Path | None = None, target: Path | None = None)
             os.replace(source, place)
             made.append(place)
         return made
+
+
+def load_builder(script: Path) -> ModuleType:
+    """The module in a scene's ``build.py``."""
+    spec = importlib.util.spec_from_file_location(f"scene_builder_{script.parent.name}", script)
+    assert spec is not None and spec.loader is not None  # the path ends in .py
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def snapshot_scene(name: str, target: Path, root: Path | None = None) -> None:

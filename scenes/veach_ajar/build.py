@@ -89,10 +89,10 @@ def shell() -> Mesh:
     return join(sides)
 
 
-def door_matrix() -> np.ndarray:
+def door_matrix(degrees: float = DOOR_ANGLE) -> np.ndarray:
     """From the door's coordinates (x along the door from the hinges, y up, z out of its front) to
     the room's."""
-    angle = np.radians(DOOR_ANGLE)
+    angle = np.radians(degrees)
     along, out = (np.sin(angle), 0, -np.cos(angle)), (np.cos(angle), 0, np.sin(angle))
     corner = (DOOR_HINGE[0], DOOR_FOOT, DOOR_HINGE[1])
     matrix = np.eye(4)
@@ -100,7 +100,7 @@ def door_matrix() -> np.ndarray:
     return matrix
 
 
-def door() -> Mesh:
+def door(degrees: float = DOOR_ANGLE) -> Mesh:
     """The slab; the texture's left half is for front and edges, its right half for the back."""
     width, height, thick = DOOR_SIZE
     mesh = box([0, 0, -thick], [width, height, 0])
@@ -109,15 +109,15 @@ def door() -> Mesh:
     back = np.arange(len(x)) // 4 == 5  # the last side of a box faces -z
     # A bitmap has v = 0 at its top.
     uv = np.stack([np.where(back, 1 - x / width / 2, u / 2), 1 - y / height], axis=1)
-    return replace(mesh, uv=uv).transformed(door_matrix())
+    return replace(mesh, uv=uv).transformed(door_matrix(degrees))
 
 
-def knob() -> Mesh:
+def knob(degrees: float = DOOR_ANGLE) -> Mesh:
     """The ball handle on the door's front."""
     turned = np.eye(4)  # the lathe's axis y becomes the door's z
     turned[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     turned[:2, 3] = KNOB_PLACE
-    return lathe(np.array(KNOB), segments=48).smooth().transformed(door_matrix() @ turned)
+    return lathe(np.array(KNOB), segments=48).smooth().transformed(door_matrix(degrees) @ turned)
 
 
 def hinges() -> Mesh:

@@ -20,7 +20,7 @@ from gpf.modelling.meshes import Mesh, box, grid, join, quad, write_ply
 from gpf.modelling.paving import planks, tiles
 from gpf.modelling.sky import write_sky
 from gpf.modelling.textures import fractal_noise, ramp, write_png
-from gpf.modelling.waves import GOLDEN, spread_waves, water_surface
+from gpf.modelling.waves import GOLDEN, after, spread_waves, water_surface
 
 HALF_X, HALF_Z, FLOOR = 1.5, 1.3, -1.1  # the basin; the deck is at y = 0
 LEVEL = -0.13  # mean height of the water
@@ -54,11 +54,11 @@ ORANGE, CREAM = (0.90, 0.50, 0.16), (0.90, 0.87, 0.80)
 SKY = [(-0.15, (0.03, 0.03, 0.03)), (0.0, (0.18, 0.20, 0.22)), (1.0, (0.07, 0.12, 0.20))]
 
 
-def water() -> Mesh:
-    """The surface of the water."""
+def water(seconds: float = 0) -> Mesh:
+    """The surface of the water after some time; the scene has that of the first moment."""
     x = np.linspace(-HALF_X - MARGIN, HALF_X + MARGIN, CELLS_X + 1)
     z = np.linspace(HALF_Z + MARGIN, -HALF_Z - MARGIN, CELLS_Z + 1)
-    return water_surface(spread_waves(BANDS), x, z, LEVEL)
+    return water_surface(after(spread_waves(BANDS), seconds), x, z, LEVEL)
 
 
 def plane(corner: np.ndarray, right: np.ndarray, up: np.ndarray, origin: np.ndarray) -> Mesh:

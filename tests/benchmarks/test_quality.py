@@ -71,3 +71,11 @@ def test_inverse(run, monkeypatch):
     for method in ("field", "prb"):
         (line,) = (line for line in told.splitlines() if f" {method}, " in line)
         assert len(re.findall(r"[\d.]+ %", line)) == 3
+
+
+@pytest.mark.slow
+def test_frames(run, tmp_path):
+    told = run(app, "frames", "lamp", "--frames", "2:4", "--seconds", 1, *SMALL, "--kept", tmp_path)
+    for method, least in (("fields", 6), ("fit", 6), ("SPPM", 4), ("LuxCore", 4)):
+        found = [line for line in told.splitlines() if method in line and "│" in line]
+        assert found and all(len(re.findall(r"[\d.,]+", line)) >= least for line in found), told

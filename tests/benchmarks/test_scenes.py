@@ -7,8 +7,11 @@ from PIL import Image
 
 from benchmarks import scenes
 from benchmarks.measured_scenes import BUILT, open_scene
+from benchmarks.moving_scenes import ANIMATIONS
 from benchmarks.pictures import GAP, HEAD
 from benchmarks.scenes import app
+from gpf.scene.frames import scene_frames
+from gpf.scene.load import load_scene_file
 
 OLD = """
 <scene version="0.5.0">
@@ -53,3 +56,24 @@ def test_each_scene_has_a_camera_and_a_lamp(name, two_threads):
     measured = open_scene(name)
     assert measured.aspect == pytest.approx(4 / 3) and measured.scene.emitters()
     assert measured.training_views == [measured.own]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "moving"),
+    [("waves", {"water-surface"}), ("door", {"door", "door-handle"}), ("lamp", {"light"})],
+)
+def test_in_an_animation_only_what_is_said_moves(name, moving, tmp_path, two_threads):
+    ANIMATIONS[name].write(tmp_path, count=3)
+    last = [load_scene_file(frame.file) for frame in scene_frames(tmp_path)[1:]]
+    shapes = [{shape.id(): corners(shape) for shape in scene.shapes()} for scene in last]
+    apart = {key for key in shapes[0] if not np.array_equal(*(each[key] for each in shapes))}
+    assert apart == moving
+
+
+def corners(shape: mi.Shape) -> np.ndarray:
+    """What places a shape: its vertices, or the corners of its box."""
+    if shape.is_mesh():
+        return np.array(shape.vertex_positions_buffer())
+    box = shape.bbox()
+    return np.array([box.min, box.max])
