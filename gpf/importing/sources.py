@@ -15,6 +15,7 @@ from gpf.blender.conversion import converted, is_foreign
 from gpf.core.errors import UserError
 from gpf.core.places import make_place
 from gpf.core.progress import say
+from gpf.scene.frames import is_animation
 
 MOST_FILES = 10_000
 MOST_BYTES = 4 * 2**30
@@ -92,9 +93,10 @@ def find_scene_file(folder: Path, named: Path) -> Path:
         if chosen:
             names = ", ".join(file.relative_to(folder).as_posix() for file in chosen)
             how = "Give" if folder == named else "Unpack it and give"
-            raise UserError(
-                str(named), f"has several XML files ({names})", f"{how} the path of one of them."
-            )
+            todo = f"{how} the path of one of them."
+            if is_animation(named):
+                todo += " If they are frames, `gpf fit` and `gpf render` take them by --frames all."
+            raise UserError(str(named), f"has several XML files ({names})", todo)
     raise UserError(
         str(named),
         "has no XML file",
