@@ -33,8 +33,8 @@ def spread_waves(bands: Sequence[Band]) -> np.ndarray:
 
 
 def after(waves: np.ndarray, seconds: float) -> np.ndarray:
-    """The same waves later: each runs along (k_x, k_z) as in deep water, with ω = √(g |k|), for
-    lengths in metres."""
+    """The same waves later: each runs along its k as in deep water, with ω² = g k, for lengths in
+    metres."""
     later = waves.copy()
     later[:, 3] -= np.sqrt(GRAVITY * np.hypot(waves[:, 0], waves[:, 1])) * seconds
     return later
