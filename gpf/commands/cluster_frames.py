@@ -14,9 +14,16 @@ from typing import Any
 
 from gpf.commands.frame_fit import FrameFit, Stretch, cut_chunks, find_stretches
 from gpf.commands.scenes import field_of_frame
-from gpf.commands.workers import SentScenes, begin_work, pack_field, unpack_field
+from gpf.commands.workers import (
+    SentScenes,
+    begin_work,
+    kept_warnings,
+    pack_field,
+    unpack_field,
+)
 from gpf.core.cluster import ClusterChoice, cores_of_smallest_machine, run_tasks, tasks_at_once
 from gpf.core.files import write_atomically
+from gpf.core.progress import say
 from gpf.fitting.frames import Frame
 from gpf.scene.frames import SceneFrame
 from gpf.scene.load import load_frame
@@ -56,8 +63,10 @@ def fit_on_cluster(
     stretches = find_stretches(missing, chunks)
     by_name = {frame.name: frame for frame in frames}
     for part in ([s for s in stretches if not s.start], [s for s in stretches if s.start]):
-        for _, (name, data) in run_tasks(ray, cores, submitted(part)):
+        for _, (name, data, warnings) in run_tasks(ray, cores, submitted(part)):
             frame = by_name[name]
+            for line in warnings:
+                say(f"{name}: {line}")
             write_atomically(field_of_frame(folder, frame), partial(_write, data))
             yield frame
 
@@ -68,19 +77,20 @@ def _write(data: bytes, file: Path) -> None:
 
 def fit_stretch(
     fit: FrameFit, scenes: SentScenes, before: bytes | None
-) -> Iterator[tuple[str, bytes]]:
-    """On a worker: the names of frames and the contents of their fields' files.
+) -> Iterator[tuple[str, bytes, list[str]]]:
+    """On a worker: the names of frames, the contents of their fields' files, and warnings.
 
     Parameters
     ----------
     before: that of the first scene, which the others begin with; None to fit the first as well.
     """
     begin_work()
-    with scenes.unpacked() as frames:
+    with scenes.unpacked() as frames, kept_warnings() as warnings:
         if before is None:
             fields = fit.fields(frames, None)
         else:
             first, *rest = frames
             fields = fit.fields(rest, Frame(load_frame(first), unpack_field(before)))
         for frame, field in fields:
-            yield frame.name, pack_field(field)
+            yield frame.name, pack_field(field), [*warnings]
+            warnings.clear()

@@ -6,6 +6,7 @@ A task brings all that it needs; a worker needs only the same version of this pa
 from __future__ import annotations
 
 import io
+import logging
 import os
 import tempfile
 import zipfile
@@ -88,6 +89,19 @@ def begin_work() -> None:
     choose_variant("auto")
     # At least two: with one, Mitsuba hangs when it reads an EXR file.
     dr.set_thread_count(max(2, os.cpu_count() or 1))
+
+
+@contextmanager
+def kept_warnings() -> Iterator[list[str]]:
+    """The warnings that are logged in the block; a worker's log reaches nobody."""
+    lines: list[str] = []
+    handler, logger = logging.Handler(logging.WARNING), logging.getLogger("gpf")
+    handler.emit = lambda record: lines.append(handler.format(record))  # type: ignore[method-assign]
+    logger.addHandler(handler)
+    try:
+        yield lines
+    finally:
+        logger.removeHandler(handler)
 
 
 def pack_field(field: GaussianPhotonField) -> bytes:

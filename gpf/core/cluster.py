@@ -133,8 +133,8 @@ def run_tasks(
     ----------
     cores: those that each task reserves.
     tasks: what each is, which ``str`` names in messages, and its reference, or the generator of the
-        references of several results. A task is taken when the cluster has few, so what is
-        submitted meanwhile waits in no memory.
+        references of several results. Only :data:`AHEAD` times as many are taken as can run, so
+        that the data of the others need no memory yet.
 
     Raises
     ------

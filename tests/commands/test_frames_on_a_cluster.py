@@ -106,15 +106,23 @@ def test_pictures_of_a_cluster_are_those_of_one_machine(rolling, capsys):
 
 
 @pytest.mark.slow
-def test_what_a_worker_cannot_fit_is_said(cluster, tmp_path, capsys):
-    scenes = animate(tmp_path / "scenes", frames=2)
-    file = scenes / "frame_0001.xml"
-    shape = '<shape type="ply"><string name="filename" value="none.ply"/></shape>'
-    file.write_text(file.read_text().replace("</scene>", f"{shape}</scene>"))
-    assert run(scenes, *FIT, *RAY, "-o", tmp_path / "fields") == 2
+def test_what_a_worker_says_is_told(cluster, tmp_path, capsys):
+    scenes, fields = animate(tmp_path / "scenes", frames=3), tmp_path / "fields"
+    ball = '"sphere"><point name="center" x="1" y="1" z="0.3"/><float name="radius" value="0.2"/>'
+    for number, shape in ((1, ball), (2, '"ply"><string name="filename" value="none.ply"/>')):
+        file = scenes / f"frame_{number:04d}.xml"
+        text = file.read_text().replace("</scene>", f"<shape type={shape}</shape></scene>")
+        file.write_text(text)
+    assert run(scenes, *FIT[:-1], "0:2", *RAY, "-o", fields) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "frame_0001: These shapes have no counterpart in the frame before" in said
+    assert run(scenes, *FIT, *RAY, "-o", fields) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert f"{file}:" in said and f"refers to {scenes}/none.ply, which does not exist" in said
-    assert (tmp_path / "fields" / "frame_0000.safetensors").exists()
+    assert sorted(file.name for file in fields.glob("*.*")) == [
+        "frame_0000.safetensors",
+        "frame_0001.safetensors",
+    ]
 
 
 def test_stretches_of_missing_frames():
