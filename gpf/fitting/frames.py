@@ -91,7 +91,8 @@ def fit_frames(
         the same bits on the same machine. Whatever comes first, time or passes, ends a frame.
     seed: of all frames.
     groups: groups of emitters whose light the fields keep apart, the same in all frames.
-    before: the frame before the first, which has its field.
+    before: the frame before the first, which has its field. Cameras are placed in it, unless its
+        own ones are elsewhere.
 
     Raises
     ------
