@@ -13,6 +13,7 @@ import typer
 
 from gpf.commands import options
 from gpf.core.checkout import CHECKOUT
+from gpf.core.cluster import ClusterChoice
 from gpf.core.errors import UserError, explain_file_error, is_interrupt, no_lost_interrupts
 from gpf.core.progress import console, show_log
 from gpf.core.runtime import VARIANT, VARIANTS
@@ -131,6 +132,8 @@ def fit(
     seed: options.Seed = 0,
     go_on: options.FinishedField = None,
     groups: options.Groups = "",
+    executor: options.Executor = "local",
+    cluster: options.Cluster = "",
     overwrite: options.Overwrite = False,
 ) -> None:
     """Fit a field to a scene.
@@ -138,17 +141,17 @@ def fit(
     Stops when the first of --seconds, --target-psnr and --passes is reached. OUT.png shows the
     progress. If the fit was killed, the same command resumes it.
     """
+    machines = ClusterChoice.of_options(executor, cluster)
     if frames is not None:
-        from gpf.commands.fit_frames import fit_scene_frames
+        from gpf.commands.fit_frames import fit_scene_frames, refuse_with_frames
         from gpf.commands.scenes import FIELDS
 
-        for option, value in (("--target-psnr", target_psnr), ("--continue", go_on)):
-            if value is not None:
-                todo = "Leave one of them out; a fit of frames that was interrupted goes on."
-                raise UserError(f"--frames and {option}", "are mutually exclusive", todo)
-        goals, folder = (seconds, passes), output or FIELDS
-        fit_scene_frames(Path(scene), frames, folder, *goals, views, seed, groups, overwrite)
+        refuse_with_frames({"--target-psnr": target_psnr, "--continue": go_on})
+        how = seconds, passes, views, seed, groups, overwrite, machines
+        fit_scene_frames(Path(scene), frames, output or FIELDS, *how)
         return
+    if machines is not None:
+        raise UserError("--executor ray", "needs --frames", "Leave it out to fit one field.")
     from gpf.commands.fit import Existing, fit_scene_file
 
     if go_on is not None and (output is not None or overwrite):

@@ -42,31 +42,37 @@ DEPTH_UNIT = 1e-3
 """World units per unit of a depth file; the default of nerfstudio."""
 
 
-def write_layers(
-    folder: Path,
-    scene: mi.Scene,
-    views: Sequence[View],
-    size: tuple[int, int],
-    layers: Sequence[str],
-) -> None:
-    """Write the depth and the normals of views, if these are among the layers; files that exist are
-    kept.
+def find_layers(
+    scene: mi.Scene, view: View, size: tuple[int, int], layers: Sequence[str]
+) -> dict[str, np.ndarray]:
+    """The depth and the normals of a view as their files have them, if these are among the layers:
+    thousandths of a world unit, (H, W) float32; colours, (H, W, 3) uint8.
 
     Parameters
     ----------
-    size: width and height of the pictures, pixels.
+    size: width and height of the picture, pixels.
     """
-    for view in views:
-        wanted = _wanted_files(folder, view, layers)
-        if all(file.exists() for file in wanted.values()):
-            continue
-        depth, normal = pixel_centres(scene, view, size)
-        if "depth" in wanted:
-            units = (depth / DEPTH_UNIT).astype(np.float32)
-            write_atomically(wanted["depth"], partial(np.save, arr=units))
-        if "normal" in wanted:
-            shown = np.where(depth[..., None] > 0, 127.5 * (normal + 1), 0).round().astype(np.uint8)
-            write_atomically(wanted["normal"], Image.fromarray(shown).save)
+    if not {"depth", "normal"} & {*layers}:
+        return {}
+    depth, normal = pixel_centres(scene, view, size)
+    shown = np.where(depth[..., None] > 0, 127.5 * (normal + 1), 0).round().astype(np.uint8)
+    units: np.ndarray = (depth / DEPTH_UNIT).astype(np.float32)
+    found = {"depth": units, "normal": shown}
+    return {name: values for name, values in found.items() if name in layers}
+
+
+def write_layers(folder: Path, view: View, found: Mapping[str, np.ndarray]) -> None:
+    """Write the files of what :func:`find_layers` has found."""
+    files = layer_files(folder, view)
+    if "depth" in found:
+        write_atomically(files["depth"], partial(np.save, arr=found["depth"]))
+    if "normal" in found:
+        write_atomically(files["normal"], Image.fromarray(found["normal"]).save)
+
+
+def has_layers(folder: Path, view: View, layers: Sequence[str]) -> bool:
+    """Whether the files of those of :func:`find_layers` that are wanted exist."""
+    return all(file.exists() for file in _wanted_files(folder, view, layers).values())
 
 
 def write_data_set(

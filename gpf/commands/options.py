@@ -206,7 +206,11 @@ Denoise = Annotated[
 ]
 Film = Annotated[bool, Option("--mp4", help="Also write all pictures as a film.")]
 Executor = Annotated[
-    Literal["local", "ray"], Option(help="ray: spread the pictures over the machines of a cluster.")
+    Literal["local", "ray"],
+    Option(
+        help="ray: spread pictures, or the frames of a fit, over the machines of a cluster. The "
+        "fields then depend on how many there are."
+    ),
 ]
 Cluster = Annotated[
     str, Option(metavar="HOST:PORT", help="A Ray cluster. [default: start one on this machine]")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from gpf.core.cluster import ClusterChoice
 from gpf.core.errors import UserError
 from gpf.core.films import find_encoder
 from gpf.core.machine import require_memory
@@ -65,8 +66,7 @@ class PictureOptions:
                 raise UserError(
                     f"--{option}", f"is {value}", "Give a number above 0, or leave it out."
                 )
-        if self.cluster and self.executor != "ray":
-            raise UserError("--cluster", "needs `--executor ray`", "Give both, or leave it out.")
+        ClusterChoice.of_options(self.executor, self.cluster)
         if self.film:
             find_encoder()  # before the frames are rendered
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gpf.commands.data_set import layer_files
+from gpf.commands.data_set import layer_files, write_layers
 from gpf.core.films import write_film
 from gpf.core.images import read_exr, read_record, tone_map, write_exr, write_png
 from gpf.rendering.aovs import expected_psnr
@@ -21,9 +21,6 @@ FILM, FPS = "film.mp4", 24
 
 WORTH_SAYING = 0.02
 """A message warns of pictures with more than this share of weakly covered pixels."""
-
-Rendering = tuple[View, dict[str, np.ndarray]]
-"""A view and its layers."""
 
 
 @dataclass(frozen=True)
@@ -43,34 +40,29 @@ class Pictures:
     exposure: float
     facts: dict[str, Any]
 
-    def render(
-        self,
-        renderings: Callable[[list[View]], Iterable[Rendering]],
-        tell: Callable[[int], None],
-    ) -> int:
-        """Render the pictures that are missing or out of date; return their number.
+    def write(
+        self, view: View, layers: dict[str, np.ndarray], centres: Mapping[str, np.ndarray]
+    ) -> None:
+        """Write the picture of a view.
 
-        ``tell`` is called with the number of pictures that are done.
+        Parameters
+        ----------
+        layers: as rendered.
+        centres: what :func:`find_layers` has found.
         """
-        missing = [view for view in self.views if not self.is_current(view)]
-        done = len(self.views) - len(missing)
-        tell(done)
-        for view, layers in renderings(missing) if missing else ():
-            # Those of an earlier picture, which may have another size.
-            for file in layer_files(self.folder, view).values():
-                file.unlink(missing_ok=True)
-            write_png(self.png(view), layers["radiance"], self.exposure)
-            facts = self.record(view)
-            if "error" in layers:
-                facts["expected_psnr"] = expected_psnr(
-                    layers["radiance"], layers["error"], self.exposure
-                )
-            facts["weakly_covered"] = weakly_covered(layers["coverage"])
-            wanted = ("radiance", *self.layers)
-            write_exr(self.exr(view), {name: layers[name] for name in wanted}, facts)
-            done += 1
-            tell(done)
-        return len(missing)
+        # Those of an earlier picture, which may have another size.
+        for file in layer_files(self.folder, view).values():
+            file.unlink(missing_ok=True)
+        write_png(self.png(view), layers["radiance"], self.exposure)
+        facts = self.record(view)
+        if "error" in layers:
+            facts["expected_psnr"] = expected_psnr(
+                layers["radiance"], layers["error"], self.exposure
+            )
+        facts["weakly_covered"] = weakly_covered(layers["coverage"])
+        wanted = ("radiance", *self.layers)
+        write_exr(self.exr(view), {name: layers[name] for name in wanted}, facts)
+        write_layers(self.folder, view, centres)
 
     def png(self, view: View) -> Path:
         """The picture of a view."""

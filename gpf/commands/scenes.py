@@ -11,14 +11,21 @@ from gpf.commands.convert import scene_of
 from gpf.core.errors import UserError
 from gpf.core.yaml import suggest
 from gpf.field.field import GaussianPhotonField
+from gpf.field.io import StoredField
 from gpf.importing.sources import find_scene_file
 from gpf.scene.fingerprint import changed_parts, fingerprint
+from gpf.scene.frames import SceneFrame
 
 RESULTS = Path("results")
 """Where the pipeline writes its results, in one folder per scene."""
 
 FIELDS = Path("fields")
 """Where the fields of an animation are, if no folder is given."""
+
+
+def field_of_frame(folder: Path, frame: SceneFrame) -> Path:
+    """The file of a frame's field in the folder of an animation's fields."""
+    return folder / f"{frame.name}.safetensors"
 
 
 def find_scene(name: str) -> tuple[Path, Path | None]:
@@ -78,7 +85,7 @@ def _result(scene: str, file: str, stage: str) -> Path:
     )
 
 
-def changed_since(scene: mi.Scene, field: GaussianPhotonField) -> str:
+def changed_since(scene: mi.Scene, field: GaussianPhotonField | StoredField) -> str:
     """The parts of a scene that have changed since a field was fitted to it, in words; empty if
     none has, or if the field does not record its scene."""
     known = field.record.get("fingerprint")

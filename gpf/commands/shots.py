@@ -9,7 +9,13 @@ from pathlib import Path
 import mitsuba as mi
 
 from gpf.commands.cameras import CameraChoice, Cameras, camera_of_frame, choose_cameras
-from gpf.commands.scenes import FIELDS, find_field, find_scene, require_same_scene
+from gpf.commands.scenes import (
+    FIELDS,
+    field_of_frame,
+    find_field,
+    find_scene,
+    require_same_scene,
+)
 from gpf.core.errors import UserError
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
@@ -97,7 +103,7 @@ def _frames(animation: Path, fields: Path, choice: CameraChoice) -> list[Shot]:
     found = []
     for number in numbers:
         frame = every[number]
-        file = fields / f"{frame.name}.safetensors"
         place = FramePlace(number, frame.name, number / max(len(every) - 1, 1))
-        found.append(Shot(frame.file, file, choice, place, frame.parameters))
+        field_file = field_of_frame(fields, frame)
+        found.append(Shot(frame.file, field_file, choice, place, frame.parameters))
     return found

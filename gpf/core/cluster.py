@@ -5,15 +5,22 @@ from __future__ import annotations
 import os
 import socket
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from gpf.core.errors import UserError
 
 HEAD_TRIES = 5
 """Attempts, a second apart, to reach a head that does not answer: it may be restarting."""
+
+AHEAD = 2
+"""Tasks that a cluster has at a time, relative to those that it can run: some wait for a machine,
+so that no machine waits for them."""
+
+Task = TypeVar("Task")
 
 
 @dataclass(frozen=True)
@@ -32,6 +39,20 @@ class ClusterChoice:
     address: str
     address_option: str
     cores: int
+
+    @classmethod
+    def of_options(cls, executor: str, address: str) -> ClusterChoice | None:
+        """The cluster that a command's ``--executor`` and ``--cluster`` ask for, or None.
+
+        Raises
+        ------
+        UserError: there is an address, but the executor is not ``ray``.
+        """
+        if executor == "ray":
+            return cls("--executor", address, "--cluster", os.cpu_count() or 1)
+        if address:
+            raise UserError("--cluster", "needs `--executor ray`", "Give both, or leave it out.")
+        return None
 
     def connect(self) -> Any:
         """Connect, and return the module ``ray``.
@@ -89,8 +110,54 @@ class ClusterChoice:
 
 def cores_of_smallest_machine(ray: Any) -> float:
     """Cores that a task must reserve to have a machine to itself: no machine has fewer."""
-    cores = [node["Resources"].get("CPU", 1) for node in ray.nodes() if node["Alive"]]
-    return float(min(cores))
+    return min(_cores_of_machines(ray), default=1.0)
+
+
+def tasks_at_once(ray: Any, cores: float) -> int:
+    """How many tasks that reserve this many cores run at the same time."""
+    return max(1, sum(int(own // cores) for own in _cores_of_machines(ray)))
+
+
+def _cores_of_machines(ray: Any) -> list[float]:
+    """The cores of each machine that runs tasks; a head may have none."""
+    cores = [float(node["Resources"].get("CPU", 0)) for node in ray.nodes() if node["Alive"]]
+    return [own for own in cores if own > 0]
+
+
+def run_tasks(
+    ray: Any, cores: float, tasks: Iterable[tuple[Task, Any]]
+) -> Iterator[tuple[Task, Any]]:
+    """The results of tasks, in the order in which they arrive.
+
+    Parameters
+    ----------
+    cores: those that each task reserves.
+    tasks: what each is, which ``str`` names in messages, and its reference, or the generator of the
+        references of several results. Only :data:`AHEAD` times as many are taken as can run, so
+        that the data of the others need no memory yet.
+
+    Raises
+    ------
+    UserError: as :func:`wait_for_tasks` and :func:`task_result`.
+    """
+    running: dict[Any, Task] = {}
+    rest, most = iter(tasks), AHEAD * tasks_at_once(ray, cores)
+    try:
+        while True:
+            for task, reference in islice(rest, most - len(running)):
+                running[reference] = task
+            if not running:
+                return
+            for reference in wait_for_tasks(ray, running):
+                task, result = running.pop(reference), reference
+                if isinstance(reference, ray.ObjectRefGenerator):
+                    if (result := next(reference, None)) is None:  # it has ended
+                        continue
+                    running[reference] = task
+                yield task, task_result(ray, result, str(task))
+    finally:
+        for reference in running:
+            ray.cancel(reference, force=True)
 
 
 def wait_for_tasks(ray: Any, running: Collection[Any]) -> list[Any]:

@@ -91,18 +91,19 @@ def fit_frames(
         the same bits on the same machine. Whatever comes first, time or passes, ends a frame.
     seed: of all frames.
     groups: groups of emitters whose light the fields keep apart, the same in all frames.
-    before: the frame before the first, which has its field.
+    before: the frame before the first, which has its field. Cameras are placed in it, unless its
+        own ones are elsewhere.
 
     Raises
     ------
-    UserError: as :func:`gpf.fitting.fit.fit`, when the frame is reached.
+    UserError: a goal or the seed is wrong; or as :func:`gpf.fitting.fit.fit`, when a frame is
+        reached.
     """
     require_seed(seed)
     if seconds is None and passes is None:
         seconds = SECONDS
     fitter = _FrameFitter(Goals.asked(seconds, None, passes), sensors, groups, seed, before)
-    for scene in scenes:
-        yield fitter.fit(scene)
+    return map(fitter.fit, scenes)
 
 
 class _FrameFitter:
@@ -176,9 +177,15 @@ class _FrameFitter:
 
     def _cameras(self, scene: mi.Scene) -> Sequence[mi.Sensor]:
         """The cameras that see what the field of a frame is for."""
-        if self._places and (self._sensors is None or views_of_sensors(scene) != self._own):
-            self._sensors, self._own = place_sensors(scene), views_of_sensors(scene)
-        return self._sensors or ()
+        if not self._places:
+            return self._sensors or ()
+        own, before = views_of_sensors(scene), self._before
+        if self._sensors is None or own != self._own:
+            if before is not None and views_of_sensors(before.scene) == own:
+                # All that goes on from one frame has the same cameras.
+                scene = before.scene
+            self._sensors, self._own = place_sensors(scene), own
+        return self._sensors
 
 
 def _holds(detail: Detail | None, scene: mi.Scene) -> bool:

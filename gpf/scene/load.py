@@ -12,6 +12,7 @@ import mitsuba as mi
 from gpf.core.errors import UserError
 from gpf.core.runtime import two_threads
 from gpf.scene.folders import scene_folder
+from gpf.scene.frames import SceneFrame
 from gpf.scene.grids import check_grid
 from gpf.scene.inventory import check_scene
 from gpf.scene.materials import INSEPARABLE
@@ -33,6 +34,11 @@ def load_scene(
 ) -> mi.Scene:
     """Load a scene by name; see :func:`load_scene_file`."""
     return load_scene_file(scene_folder(name, root) / "scene.xml", width, height)
+
+
+def load_frame(frame: SceneFrame) -> mi.Scene:
+    """Load a frame of an animation; see :func:`load_scene_file`."""
+    return load_scene_file(frame.file, parameters=frame.parameters)
 
 
 def load_scene_file(

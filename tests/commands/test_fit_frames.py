@@ -43,10 +43,10 @@ views:
 """
 
 
-def animate(folder: Path, light: float = 10) -> Path:
-    """A ball that rolls through three frames."""
+def animate(folder: Path, light: float = 10, frames: int = 3) -> Path:
+    """A ball that rolls."""
     folder.mkdir()
-    for frame in range(3):
+    for frame in range(frames):
         text = ROOM.format(x=0.1 * frame, light=light)
         (folder / f"frame_{frame:04d}.xml").write_text(text)
     (folder / "views.yaml").write_text(VIEWS)
@@ -81,7 +81,7 @@ def test_an_interrupted_fit_goes_on(tmp_path, small, capsys):
     assert run(scenes, *common, "0:2", "-o", parts) == 0
     capsys.readouterr()
     assert run(scenes, *common, "all", "-o", parts) == 0
-    assert "continuing after 2 of 3 frames" in capsys.readouterr().err
+    assert "2 of 3 frames are done" in capsys.readouterr().err
     names = [file.name for file in sorted(whole.glob("*.safetensors"))]
     assert names == [f"frame_{frame:04d}.safetensors" for frame in range(3)]
     for name in names[:2]:  # the beginning has the time that it took

@@ -17,12 +17,13 @@ import pytest
 from imageio_ffmpeg import get_ffmpeg_exe
 from PIL import Image
 
-from gpf.commands.cluster import pack_scene
+from gpf.commands.workers import SentScenes
 from gpf.core.images import read_exr
 from gpf.core.structs import from_numpy
 from gpf.field.gaussians import Gaussians
 from gpf.field.io import load_field, save_field
 from gpf.rendering.aovs import expected_psnr
+from gpf.scene.frames import SceneFrame
 from gpf.scene.transforms import read_transforms
 from tests.commands.box import SOURCE
 from tests.commands.rendering import CHEAP, refused, render, run
@@ -199,9 +200,9 @@ def test_what_travels_to_a_cluster_is_the_scene_and_its_files(tmp_path):
     mesh.write_bytes(b"ply")
     shape = '<shape type="ply"><string name="filename" value="../b/mesh.ply"/></shape>'
     scene.write_text(f'<scene version="3.0.0">{shape}</scene>')
-    data, name = pack_scene(scene, {})
-    assert name == "a/scene.xml"
-    assert zipfile.ZipFile(io.BytesIO(data)).namelist() == ["a/scene.xml", "b/mesh.ply"]
+    sent = SentScenes.pack([SceneFrame("", scene)])
+    assert (sent.root, str(sent.frames[0].file)) == (tmp_path, "a/scene.xml")
+    assert zipfile.ZipFile(io.BytesIO(sent.archive)).namelist() == ["a/scene.xml", "b/mesh.ply"]
 
 
 def test_without_ray_the_executor_is_refused(box, capsys, monkeypatch):

@@ -113,9 +113,13 @@ def test_cameras_are_placed_again_where_the_own_one_moves(small, monkeypatch):
         return sensors()
 
     monkeypatch.setattr(frames, "place_sensors", place)
-    for _ in gpf.fit_frames([box(), box(light=2), box(eye=3.5)], passes=6):
-        pass
+    start = box()
+    first, *_ = gpf.fit_frames([start, box(light=2), box(eye=3.5)], passes=6)
     assert len(placed) == 2
+    before = frames.Frame(start, first)
+    for scene in (box(light=2), box(eye=3.5)):
+        next(gpf.fit_frames([scene], passes=6, before=before))
+        assert placed[-1] is (start if len(placed) == 3 else scene)
 
 
 def test_what_is_wrong_is_said(small):
