@@ -8,7 +8,7 @@ from pathlib import Path
 import mitsuba as mi
 
 from gpf.commands.cameras import file_beside
-from gpf.commands.scenes import changed_since
+from gpf.commands.scenes import changed_since, find_frames
 from gpf.core.errors import UserError
 from gpf.core.locks import sole_run
 from gpf.core.partial import remove_leftovers
@@ -17,7 +17,7 @@ from gpf.core.runtime import choose_variant
 from gpf.field.io import load_field, save_field
 from gpf.fitting.frames import Frame, fit_frames
 from gpf.importing.placement import ROWS
-from gpf.scene.frames import SceneFrame, choose_frames, scene_frames
+from gpf.scene.frames import SceneFrame, choose_frames
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_scene_file
 from gpf.scene.transforms import read_sensors
@@ -41,7 +41,7 @@ def fit_scene_frames(
 
     Parameters
     ----------
-    animation: as for :func:`gpf.scene.frames.scene_frames`.
+    animation: as for :func:`gpf.commands.scenes.find_frames`.
     wanted: as for :func:`gpf.scene.frames.choose_frames`.
     folder: for the fields.
     seconds, passes, seed: as for :func:`gpf.fitting.frames.fit_frames`.
@@ -55,7 +55,7 @@ def fit_scene_frames(
     ------
     UserError: as these; or the folder has fields of other scenes.
     """
-    every = scene_frames(animation)
+    every = find_frames(animation, wanted)
     frames = every[choose_frames(wanted, len(every), str(animation))]
     choose_variant("auto")
     beside = file_beside(frames[0].file, views)

@@ -1,0 +1,60 @@
+"""A scene that moves: `python animated.py FILE FRAME`, in a Python with `bpy`; FRAME is the current
+one in the file."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import bpy
+from parts import add, grey, principled, studio
+
+
+def key(owner: Any, name: str, values: dict[int, Any]) -> None:
+    """Keyframes of a property."""
+    for frame, value in values.items():
+        setattr(owner, name, value)
+        owner.keyframe_insert(name, frame=frame)
+
+
+def patterned(name: str, **values: Any) -> Any:
+    """A material to bake."""
+    material = principled(name, **values)
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    pattern = nodes.new("ShaderNodeTexChecker")
+    pattern.inputs["Scale"].default_value = 4
+    links.new(pattern.outputs[0], nodes["Principled BSDF"].inputs["Base Color"])
+    return material
+
+
+def main(file: str, frame: str) -> None:
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.resolution_x, scene.render.resolution_y = 96, 64
+    scene.frame_start, scene.frame_end, scene.frame_step = 1, 9, 2
+    studio()
+    key(scene.camera, "location", {1: (0, -9, 4), 9: (1, -9, 4)})
+    lamp = next(light for light in bpy.data.lights if light.type == "AREA")
+    key(lamp, "energy", {1: 200, 9: 800})
+    add("cube", patterned("still", Roughness=0.9), size=1.2, location=(-3, 0, 0.6))
+    hidden = add("cube", grey(), size=0.5, location=(-1.5, -2, 0.25))
+    key(hidden, "hide_render", {1: False, 7: True})
+    paint = principled("paint", Roughness=0.8)
+    key(
+        paint.node_tree.nodes["Principled BSDF"].inputs[0],
+        "default_value",
+        {1: (0.7, 0.1, 0.1, 1), 9: (0.1, 0.7, 0.1, 1)},
+    )
+    moving = add("cube", paint, size=0.8, location=(-1, 0, 0.4))
+    key(moving, "location", {1: (-1, 0, 0.4), 9: (-1, -1, 1)})
+    water = patterned("water", Roughness=0.8)
+    sheet = add("grid", water, True, x_subdivisions=20, y_subdivisions=20, size=2.5)
+    sheet.location = (1.7, 0, 0.7)
+    sheet.modifiers.new("wave", "WAVE").height = 0.4
+    sheet.modifiers.new("smooth", "SUBSURF").render_levels = 1
+    scene.frame_set(int(frame))
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[-2:])
