@@ -47,7 +47,7 @@ class Converted:
     ----------
     folder: where it is.
     how: for each material, "exact", "baked", or what is approximated.
-    notes: what is left out or approximated elsewhere.
+    notes: what is left out or approximated elsewhere, and what was baked more than once.
     numbers: of the frames that the file has, by Blender's count; empty if it was not converted as
         an animation.
     """

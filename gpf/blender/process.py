@@ -85,9 +85,10 @@ def read_with_blender(
     UserError: as :func:`run_in_blender`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    words, result = (file.resolve(), folder.resolve()), folder / "scene.json"
+    words: list[Path | str] = [file.resolve(), folder.resolve()]
     if frames is not None:
-        words, result = (*words, frames), folder / "frames.json"
+        words.append(frames)
+    result = folder / ("scene.json" if frames is None else "frames.json")
     run_in_blender("read.py", words, result, file, tell)
 
 

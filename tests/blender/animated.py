@@ -1,5 +1,4 @@
-"""A scene that moves: `python animated.py FILE FRAME`, in a Python with `bpy`; FRAME is the current
-one in the file."""
+"""A scene that moves: `python animated.py FILE FRAME`, in a Python with `bpy`; saved at FRAME."""
 
 from __future__ import annotations
 
@@ -52,8 +51,17 @@ def main(file: str, frame: str) -> None:
     sheet.location = (1.7, 0, 0.7)
     sheet.modifiers.new("wave", "WAVE").height = 0.4
     sheet.modifiers.new("smooth", "SUBSURF").render_levels = 1
+    boiling = patterned("boiling", Roughness=0.9)
+    pattern = boiling.node_tree.nodes["Checker Texture"]
+    key(pattern.inputs["Scale"], "default_value", {7: 4.0, 9: 8.0})
+    bpy.ops.curve.primitive_bezier_circle_add(radius=0.5, location=(3.5, 0, 0.2))
+    bpy.context.object.data.bevel_depth = 0.2
+    bpy.context.object.data.materials.append(boiling)
     scene.frame_set(int(frame))
-    bpy.ops.wm.save_as_mainfile(filepath=file)
+    if file.endswith(".glb"):
+        bpy.ops.export_scene.gltf(filepath=file, export_cameras=True)
+    else:
+        bpy.ops.wm.save_as_mainfile(filepath=file)
 
 
 if __name__ == "__main__":

@@ -176,6 +176,7 @@ def _in_view(thing: Any) -> Iterator[None]:
         thing.hide_viewport = hidden
         if linked:
             scene.collection.objects.unlink(thing)
+        layer.update()
 
 
 @contextmanager

@@ -13,8 +13,11 @@ from nodes import Closure, plain_inputs
 def used_files() -> list[str]:
     """The files that the scene uses beside its own."""
     paths = [bpy.path.abspath(lib.filepath) for lib in bpy.data.libraries]
+    for cache in bpy.data.cache_files:  # Alembic and USD
+        paths.append(bpy.path.abspath(cache.filepath, library=cache.library))
     for image in bpy.data.images:
-        if image.source == "FILE" and image.packed_file is None and image.filepath:
+        is_file = image.source in ("FILE", "SEQUENCE", "MOVIE") and image.packed_file is None
+        if is_file and image.filepath:
             paths.append(bpy.path.abspath(image.filepath, library=image.library))
     return sorted({str(Path(path).resolve()) for path in paths})
 

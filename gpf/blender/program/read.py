@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import math
 import os
 import re
 import signal
@@ -63,9 +64,18 @@ def open_file(file: Path) -> None:
         words = [line for line in lines if line and not line.startswith("Location:")]
         first = words[0].removeprefix("Error:").strip() if words else "cannot be opened"
         raise Unreadable(words[-1] if "Traceback" in first else first) from None
+    if kind in (".glb", ".gltf", ".fbx", ".obj"):
+        set_range(bpy.context.scene)
     version = tuple(bpy.data.version)[:2]
     if kind == ".blend" and version > bpy.app.version[:2]:
         tell(f"note: the file is of Blender {version[0]}.{version[1]}, newer than this one")
+
+
+def set_range(scene: Any) -> None:
+    """Let a scene have the frames of its actions; these formats name none."""
+    ranges = [action.frame_range for action in bpy.data.actions] or [(1, 1)]
+    scene.frame_start = max(math.floor(min(first for first, _ in ranges)), 0)
+    scene.frame_end = math.ceil(max(last for _, last in ranges))
 
 
 def make_local() -> list[str]:

@@ -1,4 +1,4 @@
-"""What is behind the inputs of a closure: if it is as before, an image of it need not be made again."""
+"""What is behind the inputs of a closure; where it is as before, old images of it serve."""
 
 from __future__ import annotations
 
