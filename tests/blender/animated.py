@@ -6,7 +6,7 @@ import sys
 from typing import Any
 
 import bpy
-from parts import add, grey, principled, studio
+from parts import add, grey, image, principled, studio, textured, tint
 
 
 def key(owner: Any, name: str, values: dict[int, Any]) -> None:
@@ -16,13 +16,13 @@ def key(owner: Any, name: str, values: dict[int, Any]) -> None:
         owner.keyframe_insert(name, frame=frame)
 
 
-def patterned(name: str, **values: Any) -> Any:
+def patterned(name: str, socket: str = "Base Color", **values: Any) -> Any:
     """A material to bake."""
     material = principled(name, **values)
     nodes, links = material.node_tree.nodes, material.node_tree.links
     pattern = nodes.new("ShaderNodeTexChecker")
     pattern.inputs["Scale"].default_value = 4
-    links.new(pattern.outputs[0], nodes["Principled BSDF"].inputs["Base Color"])
+    links.new(pattern.outputs[0], nodes["Principled BSDF"].inputs[socket])
     return material
 
 
@@ -35,7 +35,9 @@ def main(file: str, frame: str) -> None:
     key(scene.camera, "location", {1: (0, -9, 4), 9: (1, -9, 4)})
     lamp = next(light for light in bpy.data.lights if light.type == "AREA")
     key(lamp, "energy", {1: 200, 9: 800})
-    add("cube", patterned("still", Roughness=0.9), size=1.2, location=(-3, 0, 0.6))
+    still = patterned("still", "Roughness")
+    tint(still, textured(still, image("white", lambda x, y: (1, 1, 1))), (0.5, 0.25, 1, 1))
+    add("cube", still, size=1.2, location=(-3, 0, 0.6))
     hidden = add("cube", grey(), size=0.5, location=(-1.5, -2, 0.25))
     key(hidden, "hide_render", {1: False, 7: True})
     paint = principled("paint", Roughness=0.8)
@@ -50,7 +52,7 @@ def main(file: str, frame: str) -> None:
     sheet = add("grid", water, True, x_subdivisions=20, y_subdivisions=20, size=2.5)
     sheet.location = (1.7, 0, 0.7)
     sheet.modifiers.new("wave", "WAVE").height = 0.4
-    sheet.modifiers.new("smooth", "SUBSURF").render_levels = 1
+    sheet.modifiers.new("smooth", "SUBSURF").render_levels = 2
     boiling = patterned("boiling", Roughness=0.9)
     pattern = boiling.node_tree.nodes["Checker Texture"]
     key(pattern.inputs["Scale"], "default_value", {7: 4.0, 9: 8.0})

@@ -9,8 +9,10 @@ from itertools import pairwise
 import mitsuba as mi
 import numpy as np
 import pytest
+from PIL import Image
 
 from gpf.blender.conversion import convert
+from gpf.core.images import undo_tone_map
 from gpf.scene.load import load_scene_file
 from gpf.scene.motion import Motion
 from gpf.scene.sensors import views_of_sensors
@@ -48,13 +50,24 @@ def test_what_is_the_same_is_written_once(made):
     assert made.files() == [frame.file for frame in made.frames()]
     assert made.notes == ("BézierCircle: baked 2 times, as its materials or its faces change",)
     meshes, images = ([uses(xml, kind) for xml in made.files()] for kind in ("ply", "png"))
-    (floor, still), moving = zip(*(own[:2] for own in meshes), strict=True), meshes
+    floor, still = zip(*(own[:2] for own in meshes), strict=True)
     assert len(set(floor)) == len(set(still)) == 1
-    assert len({own[-2] for own in moving}) == len(NUMBERS)  # the sheet
-    assert {len(own) for own in images} == {3}
+    assert len({own[-2] for own in meshes}) == len(NUMBERS)  # the sheet
+    assert {len(own) for own in images} == {4}
     assert images[0] == images[1] == images[2] == images[3] != images[4]
-    written = [path.name for path in made.folder.glob("*/*") if path.suffix in (".ply", ".png")]
-    assert len(written) == len({name for own in (*meshes, *images) for name in own})
+    assert len([*made.folder.glob("meshes/*")]) == len({name for own in meshes for name in own})
+    assert {path.stem[-4:] for path in made.folder.glob("textures/*")} == {"0001", "0009"}
+
+
+def test_what_is_baked_is_as_it_is_rendered(made):
+    """With its modifiers' levels for rendering, and images with their factors."""
+    xml = made.files()[0]
+    sheet = (made.folder / uses(xml, "ply")[-2]).read_bytes()
+    assert b"element face 12800\n" in sheet
+    (file,) = re.findall(r'"material_still".*?"base_color">.*?value="(.*?)"', xml.read_text(), re.S)
+    pixels = undo_tone_map(np.asarray(Image.open(made.folder / file)) / 255)
+    most = pixels.max(axis=(0, 1))
+    np.testing.assert_allclose(most / most[2], (0.5, 0.25, 1), atol=0.01)
 
 
 def test_surfaces_have_counterparts_in_the_next_frame(made):
