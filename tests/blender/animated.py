@@ -53,6 +53,13 @@ def main(file: str, frame: str) -> None:
     sheet.location = (1.7, 0, 0.7)
     sheet.modifiers.new("wave", "WAVE").height = 0.4
     sheet.modifiers.new("smooth", "SUBSURF").render_levels = 2
+    spikes = add("grid", grey(), x_subdivisions=10, y_subdivisions=10, size=1)
+    spikes.location = (0, 1.5, 1)
+    spikes.shape_key_add(name="flat")
+    high = spikes.shape_key_add(name="high")
+    for number, point in enumerate(high.data):
+        point.co.z = 0.5 * (number % 7 / 7) ** 2
+    key(high, "value", {1: 0.0, 9: 1.0})
     boiling = patterned("boiling", Roughness=0.9)
     pattern = boiling.node_tree.nodes["Checker Texture"]
     key(pattern.inputs["Scale"], "default_value", {7: 4.0, 9: 8.0})

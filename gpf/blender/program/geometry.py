@@ -93,8 +93,12 @@ class Corners:
         return parts
 
 
+Triangles = dict[bytes, np.ndarray]
+"""The corners of triangles, (F, 3), by a digest of a mesh's faces."""
+
+
 def read_corners(
-    mesh: Any, unwrapping: Unwrapping | None, colours: str | None, bends: bool
+    mesh: Any, unwrapping: Unwrapping | None, colours: str | None, bent: Triangles | None
 ) -> Corners | None:
     """The corners of an evaluated mesh, in its own coordinates; None if it has no triangles.
 
@@ -102,8 +106,9 @@ def read_corners(
     ----------
     unwrapping: the UVs to write; by default, those that Blender renders.
     colours: name of the colour attribute to write, if any.
-    bends: whether the mesh may have another shape in another frame. Then its triangles are the same
-        there, as corners with different normals stay apart even where these are equal for now.
+    bent: None, or the triangles of this mesh in other frames, where it may have another shape. With
+        the same faces it has the same triangles: Blender would cut some faces along the other
+        diagonal, and corners with the same normals would be one vertex for now.
     """
     mesh.calc_loop_triangles()
     triangles = mesh.loop_triangles
@@ -127,12 +132,21 @@ def read_corners(
             names += ["r", "g", "b"]
     rows = np.ascontiguousarray(np.concatenate(data, axis=1, dtype=np.float32))
     same = rows
-    if bends:
-        apart = vertices if mesh.normals_domain == "POINT" else np.arange(len(vertices))
-        same = np.column_stack([apart.astype(np.int32).view(np.float32), rows[:, 6:]])
     corners = _column(triangles, "loops", 3, np.int32)
+    if bent is not None:
+        corners = bent.setdefault(_faces(mesh), corners)
+        smooth = mesh.normals_domain == "POINT" and "sharp_edge" not in mesh.attributes
+        apart = vertices if smooth else np.arange(len(vertices))
+        same = np.column_stack([apart.astype(np.int32).view(np.float32), rows[:, 6:]])
     slots = _column(triangles, "material_index", 1, np.int32).ravel()
     return Corners(names, rows, corners, slots, same)
+
+
+def _faces(mesh: Any) -> bytes:
+    """A digest of a mesh's faces."""
+    found = hashlib.blake2b(vertices_of_corners(mesh).tobytes(), digest_size=16)
+    found.update(_column(mesh.polygons, "loop_start", 1, np.int32).tobytes())
+    return found.digest()
 
 
 def _column(items: Any, name: str, width: int, kind: Any = np.float32) -> np.ndarray:

@@ -14,7 +14,7 @@ from cameras import read_cameras
 from images import missing_images, used_files, write_images
 from lamps import World
 from nodes import Closure, plain_closure, plain_inputs, read_material
-from writer import Writer
+from writer import Known, Writer
 
 
 class Reader:
@@ -40,7 +40,7 @@ class Reader:
         self._world = World(folder, self._tell)
         self._baking = Baking(folder, self._extent, self._tell)
         self._images: dict[str, Any] = {}
-        self._shapes: dict[bytes, list[dict[str, Any]]] = {}
+        self._known = Known()
 
     def _tell(self, what: str) -> None:
         self.tell(what)
@@ -59,7 +59,7 @@ class Reader:
         world = self._world.read(scene)
         closures = read_closures(self._baking)
         baked = self._baking.unwrapped
-        shared = closures, baked, self._shapes, frame
+        shared = closures, baked, self._known, frame
         writer = Writer(self.folder, self._extent, self._tell, *shared)
         self.tell("geometry")
         render_into(writer, scene)

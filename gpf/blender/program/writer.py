@@ -22,6 +22,20 @@ THIN = 1e-5
 
 
 @dataclass
+class Known:
+    """What was written for other frames.
+
+    Attributes
+    ----------
+    shapes: those of each mesh, by its digest.
+    triangles: of meshes that may bend, by the name of their object.
+    """
+
+    shapes: dict[bytes, list[dict[str, Any]]] = field(default_factory=dict)
+    triangles: dict[str, geometry.Triangles] = field(default_factory=dict)
+
+
+@dataclass
 class Writer:
     """Writes the meshes of a scene while Blender renders it, as Blender renders them.
 
@@ -32,7 +46,7 @@ class Writer:
     tell: is told what is being written.
     closures: those of the scene, by object and slot.
     unwrapped: where baked images lie on meshes, by object.
-    known: the shapes of meshes that were written for other frames, by their digests.
+    known: what was written for other frames; this one adds its own.
     frame: the number of the frame; None if there are no others.
     shapes, groups, instances, lamps, notes: what was found.
     """
@@ -42,7 +56,7 @@ class Writer:
     tell: Callable[[str], None]
     closures: dict[tuple[str, int], Closure]
     unwrapped: dict[str, geometry.Unwrapping]
-    known: dict[bytes, list[dict[str, Any]]]
+    known: Known
     frame: int | None = None
     shapes: list[dict[str, Any]] = field(default_factory=list)
     groups: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
@@ -105,8 +119,10 @@ class Writer:
         if unwrapping is not None and not unwrapping.fits(thing.data):
             self.notes.append(f"{name}: some of its meshes without the images that were baked")
             unwrapping = None
-        bends = self.frame is not None and _may_bend(thing.original)
-        corners = geometry.read_corners(thing.data, unwrapping, next(iter(named), None), bends)
+        bent = None
+        if self.frame is not None and _may_bend(thing.original):
+            bent = self.known.triangles.setdefault(name, {})
+        corners = geometry.read_corners(thing.data, unwrapping, next(iter(named), None), bent)
         if corners is None:
             return
         materials = [
@@ -115,9 +131,10 @@ class Writer:
         ]
         place = None if copied else matrix
         digest = corners.digest(name, materials, None if copied else matrix.tolist())
-        if digest not in self.known:
-            self.known[digest] = self._write_parts(name, corners.parts(), place, materials)
-        shapes = self.known[digest]
+        if digest not in self.known.shapes:
+            made = self._write_parts(name, corners.parts(), place, materials)
+            self.known.shapes[digest] = made
+        shapes = self.known.shapes[digest]
         self._count += len(shapes)
         if copied:
             self.groups[key] = shapes
