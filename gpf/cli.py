@@ -261,6 +261,7 @@ def mitsuba(
 def convert(
     file: options.ForeignFile,
     output: options.SceneFolder = None,
+    frames: options.ConvertedFrames = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Write the scene of a .blend, .glb, .gltf, .usd, .fbx or .obj file as a Mitsuba scene.
@@ -269,7 +270,7 @@ def convert(
     """
     from gpf.commands.convert import convert_file
 
-    convert_file(file, output, overwrite)
+    convert_file(file, output, overwrite, frames)
 
 
 @app.command()

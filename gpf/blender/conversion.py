@@ -6,7 +6,7 @@ import hashlib
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,12 @@ import platformdirs
 
 from gpf.blender.process import PROGRAMS, read_with_blender
 from gpf.blender.scene_dict import Translation, principal_point, translate_scene
+from gpf.blender.textures import Textures
 from gpf.core.errors import UserError
 from gpf.core.files import read_json, write_json, write_text
 from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers, replace_folder
 from gpf.core.runtime import two_threads
+from gpf.scene.frames import SceneFrame, choose_frames
 from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, ViewSets, name_view
 from gpf.scene.views_file import write_views
 
@@ -33,21 +35,41 @@ ALONE = (".blend", ".glb", ".usdz", ".fbx")
 RECORD = "converted.json"
 """What a converted scene was made from."""
 
+RIGHT = ("exact", "baked")
+"""What became of materials that look as in Blender."""
+
 
 @dataclass(frozen=True)
 class Converted:
-    """A converted scene.
+    """A converted scene, or an animation.
 
     Attributes
     ----------
-    xml: the scene file.
+    folder: where it is.
     how: for each material, "exact", "baked", or what is approximated.
-    notes: what is left out or approximated elsewhere.
+    notes: what is left out or approximated elsewhere, and what was baked more than once.
+    numbers: of the frames that the file has, by Blender's count; empty if it was not converted as
+        an animation.
     """
 
-    xml: Path
+    folder: Path
     how: Mapping[str, str]
     notes: tuple[str, ...]
+    numbers: tuple[int, ...] = ()
+
+    @property
+    def xml(self) -> Path:
+        """The scene file, if it is no animation."""
+        return self.folder / "scene.xml"
+
+    def frames(self) -> list[SceneFrame]:
+        """All frames that the file has; those that were not asked for have no scene file."""
+        names = [f"frame_{number:04}" for number in self.numbers]
+        return [SceneFrame(name, self.folder / f"{name}.xml") for name in names]
+
+    def files(self) -> list[Path]:
+        """The scene files."""
+        return sorted(self.folder.glob("*.xml"))
 
 
 def is_foreign(file: Path) -> bool:
@@ -55,51 +77,106 @@ def is_foreign(file: Path) -> bool:
     return file.suffix.lower() in SUFFIXES
 
 
-def converted(file: Path, tell: Callable[[str], None]) -> Converted:
-    """The scene of a file in the user's cache, converted if the file is new or has changed."""
+def converted(file: Path, tell: Callable[[str], None], frames: str | None = None) -> Converted:
+    """The scene of a file, or some of its frames, in the user's cache, converted if the file is new
+    or has changed.
+
+    Parameters, errors: as for :func:`convert`.
+    """
     require_file(file)
-    key = hashlib.sha256(str(file.resolve()).encode()).hexdigest()[:12]
-    folder = platformdirs.user_cache_path("gpf") / "scenes" / f"{file.stem}-{key}"
     digest = _digest(file)
-    record = folder / RECORD
-    if record.is_file():
-        known = read_json(record)
-        if known.get("digest") == digest and all(map(_is_unchanged, known["files"])):
-            return Converted(folder / "scene.xml", known["how"], tuple(known["notes"]))
-    return convert(file, folder, tell)
+    folders = [_cached(file, wanted) for wanted in ((None,) if frames is None else ("all", frames))]
+    for folder in folders:  # the whole animation has any part of it
+        if (folder / RECORD).is_file():
+            known = read_json(folder / RECORD)
+            if known.get("digest") == digest and all(map(_is_unchanged, known["files"])):
+                numbers = tuple(known["numbers"])
+                return Converted(folder, known["how"], tuple(known["notes"]), numbers)
+    return convert(file, folders[-1], tell, frames)
 
 
-def convert(file: Path, folder: Path, tell: Callable[[str], None]) -> Converted:
+def _cached(file: Path, frames: str | None) -> Path:
+    """The folder of a scene in the user's cache."""
+    what = str(file.resolve()) + ("" if frames is None else f" {frames}")
+    key = hashlib.sha256(what.encode()).hexdigest()[:12]
+    return platformdirs.user_cache_path("gpf") / "scenes" / f"{file.stem}-{key}"
+
+
+def convert(
+    file: Path, folder: Path, tell: Callable[[str], None], frames: str | None = None
+) -> Converted:
     """Write a folder with the scene of a file: ``scene.xml``, meshes and textures, ``views.yaml``
     if there are several cameras or one that moves, and a list of what became of each material.
 
     The folder appears when it is complete; one that exists is replaced.
 
+    Parameters
+    ----------
+    frames: some frames of the file, as for :func:`gpf.scene.frames.choose_frames`. Instead of
+        ``scene.xml`` and ``views.yaml``, each becomes a scene file with its own camera:
+        ``frame_0001.xml`` and so on, by Blender's numbers. What is the same in several frames is
+        written once.
+
     Raises
     ------
-    UserError: the file does not exist or is in an unknown format, or Blender is missing or cannot
-        read it.
+    UserError: the file does not exist or is in an unknown format, it has no such frames, or Blender
+        is missing or cannot read it.
     """
     require_file(file)
     folder.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(folder.parent)
     with tempfile.TemporaryDirectory() as name, partial_folder(folder) as new:
         work = Path(name)
-        read_with_blender(file, work, tell)
-        found = read_json(work / "scene.json")
+        read_with_blender(file, work, tell, frames)
         tell("writing the scene")
-        with two_threads():  # with one, Mitsuba never ends reading or writing an EXR file
-            result = translate_scene(found, work, new)
+        names, numbers, repeated = {"scene": ""}, [], []
+        if frames is not None:
+            known = read_json(work / "frames.json")
+            numbers, repeated = known["numbers"], known["notes"]
+            wanted = numbers[choose_frames(frames, len(numbers), str(file))]
+            names = {f"frame_{number:04}": f"_{number:04}" for number in wanted}
+        last, how, notes = _write_scenes(work, new, names)
+        notes += repeated
+        if frames is None:
+            _write_views(last, new / "views.yaml")
         if (work / "meshes").is_dir():
             shutil.move(work / "meshes", new / "meshes")
-        _write_scene(result, new / "scene.xml")
-        _write_views(found, new / "views.yaml")
-        write_text(new / "converted.md", describe(file.name, found["blender"], result))
-        record = {"digest": _digest(file), "files": _stamps(found["files"])}
-        write_json(new / RECORD, record | {"how": result.how, "notes": result.notes})
+        write_text(new / "converted.md", describe(file.name, last["blender"], how, notes))
+        record = {"digest": _digest(file), "files": _stamps(last["files"]), "numbers": numbers}
+        write_json(new / RECORD, record | {"how": how, "notes": notes})
         grant_as_usual(new)
         replace_folder(new, folder)
-    return Converted(folder / "scene.xml", result.how, tuple(result.notes))
+    return Converted(folder, how, tuple(notes), tuple(numbers))
+
+
+def _write_scenes(
+    work: Path, folder: Path, names: Mapping[str, str]
+) -> tuple[dict[str, Any], dict[str, str], list[str]]:
+    """Write the scene files of Blender's descriptions.
+
+    Parameters
+    ----------
+    work: the folder with these.
+    names: names without suffix, each with what ends the names of images that are new there.
+
+    Returns
+    -------
+    last: the last description.
+    how, notes: as in :class:`Converted`; of a material that is not exact in all frames, how it is
+        in the first of the others.
+    """
+    textures, last = Textures(work, folder, {}), {}
+    how: dict[str, str] = {}
+    notes: list[str] = []
+    for name, suffix in names.items():
+        last = read_json(work / f"{name}.json")
+        textures.images, textures.suffix = last["images"], suffix
+        with two_threads():  # with one, Mitsuba never ends reading or writing an EXR file
+            result = translate_scene(last, textures)
+        _write_scene(result, folder / f"{name}.xml")
+        how |= {m: text for m, text in result.how.items() if how.get(m) in (None, *RIGHT)}
+        notes += result.notes
+    return last, how, list(dict.fromkeys(notes))
 
 
 def require_file(file: Path) -> None:
@@ -110,14 +187,14 @@ def require_file(file: Path) -> None:
         raise UserError(str(file), "does not exist", "Check the path.")
 
 
-def describe(name: str, blender: str, result: Translation) -> str:
+def describe(name: str, blender: str, how: Mapping[str, str], notes: Sequence[str]) -> str:
     """The list of materials, and of what is left out, as Markdown."""
     lines = [f"# {name}", "", f"Read by Blender {blender}.", ""]
     lines += ["| material | how |", "|---|---|"]
-    lines += [f"| {material} | {how} |" for material, how in sorted(result.how.items())]
-    if result.notes:
-        lines += ["", "Left out or approximated elsewhere:", ""]
-        lines += [f"- {note}" for note in result.notes]
+    lines += [f"| {material} | {how} |" for material, how in sorted(how.items())]
+    if notes:
+        lines += ["", "Remarks:", ""]
+        lines += [f"- {note}" for note in notes]
     return "\n".join([*lines, ""])
 
 

@@ -33,12 +33,15 @@ MOST_ROWS = 2048
 
 
 def emitters(lamps: Sequence[Lamp], notes: list[str]) -> dict[str, Dict]:
-    """Emitters and shapes for all lamps but suns with an angle (:func:`sky`)."""
-    found = {}
-    for number, lamp in enumerate(lamps):
+    """Emitters and shapes for all lamps but suns with an angle (:func:`sky`), by name."""
+    found: dict[str, Dict] = {}
+    for lamp in lamps:
         if lamp["type"] == "SUN" and lamp["angle"] > 0:
             continue
-        found[f"lamp_{number}"] = _emitter(lamp, notes)
+        name = lamp["name"]
+        while name in found:  # the lamp is in a collection of which there are copies
+            name += " copy"
+        found[name] = _emitter(lamp, notes)
     return found
 
 
@@ -103,22 +106,37 @@ def _area(lamp: Lamp, matrix: np.ndarray, power: np.ndarray, notes: list[str]) -
     }
 
 
-def sky(world: Mapping[str, Any] | None, lamps: Sequence[Lamp], work: Path, folder: Path) -> Dict:
-    """One emitter for the world and all suns with an angle, or an empty dictionary."""
-    suns = [lamp for lamp in lamps if lamp["type"] == "SUN" and lamp["angle"] > 0]
+def suns_with_an_angle(lamps: Sequence[Lamp]) -> list[Lamp]:
+    """The suns that are part of the sky."""
+    return [lamp for lamp in lamps if lamp["type"] == "SUN" and lamp["angle"] > 0]
+
+
+def sky(
+    world: Mapping[str, Any] | None,
+    lamps: Sequence[Lamp],
+    work: Path,
+    folder: Path,
+    file: str = "textures/sky.exr",
+) -> Dict:
+    """One emitter for the world and all suns with an angle, or an empty dictionary.
+
+    ``file``: for its map, in ``folder``; one that is there is used.
+    """
+    suns = suns_with_an_angle(lamps)
     if not suns:
         if world is None:
             return {}
         if "radiance" in world:
             return {"sky": {"type": "constant", "radiance": _rgb(world["radiance"])}}
-    pixels = _background(world, work)
-    for sun in suns:
-        pixels = _add_sun(pixels, sun)
-    (folder / "textures").mkdir(parents=True, exist_ok=True)
-    mi.Bitmap(pixels).write(str(folder / "textures" / "sky.exr"))
+    if not (folder / file).exists():
+        pixels = _background(world, work)
+        for sun in suns:
+            pixels = _add_sun(pixels, sun)
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        mi.Bitmap(pixels).write(str(folder / file))
     # Mitsuba's maps have +y up; what is written here has +x in the middle.
     turn = mi.ScalarTransform4f().rotate([1, 0, 0], 90).rotate([0, 1, 0], 90)
-    return {"sky": {"type": "envmap", "filename": "textures/sky.exr", "to_world": turn}}
+    return {"sky": {"type": "envmap", "filename": file, "to_world": turn}}
 
 
 def _background(world: Mapping[str, Any] | None, work: Path) -> np.ndarray:

@@ -21,7 +21,7 @@ from gpf.core.errors import UserError
 VARIABLE = "GPF_BLENDER"
 
 LIMIT = 3600.0
-"""Seconds that Blender may take for a file."""
+"""Seconds that Blender may take between two words of what it does."""
 
 PROGRAMS = Path(__file__).parent / "program"
 
@@ -73,21 +73,28 @@ def _command(program: str) -> list[str]:
     return [program, *quiet, "--python-exit-code", "3", "--python"]
 
 
-def read_with_blender(file: Path, folder: Path, tell: Callable[[str], None]) -> None:
+def read_with_blender(
+    file: Path, folder: Path, tell: Callable[[str], None], frames: str | None = None
+) -> None:
     """Have Blender read a file and write what is in it into a new folder.
+
+    ``frames``: those to read instead of the scene as it was saved (``program/read.py``).
 
     Raises
     ------
     UserError: as :func:`run_in_blender`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    words = file.resolve(), folder.resolve()
-    run_in_blender("read.py", words, folder / "scene.json", file, tell)
+    words: list[Path | str] = [file.resolve(), folder.resolve()]
+    if frames is not None:
+        words.append(frames)
+    result = folder / ("scene.json" if frames is None else "frames.json")
+    run_in_blender("read.py", words, result, file, tell)
 
 
 def run_in_blender(
     program: str,
-    words: Sequence[Path],
+    words: Sequence[Path | str],
     result: Path,
     subject: Path,
     tell: Callable[[str], None],
@@ -102,7 +109,7 @@ def run_in_blender(
 
     Raises
     ------
-    UserError: Blender is missing, refuses the file, fails, or takes more than :data:`LIMIT`.
+    UserError: Blender is missing, refuses the file, fails, or is silent for :data:`LIMIT`.
     """
     command = find_blender()
     separator = ["--"] if "--python" in command else []
@@ -128,6 +135,9 @@ def run_in_blender(
             for line in process.stdout:
                 line = line.rstrip()
                 if line.startswith("gpf: "):
+                    late.cancel()
+                    late = threading.Timer(LIMIT, process.kill)
+                    late.start()
                     tell(line.removeprefix("gpf: "))
                 elif line.startswith("gpf-error: "):
                     refused = line.removeprefix("gpf-error: ")

@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
 from gpf.blender.closures import Material
-from gpf.blender.lights import emitters, sky
+from gpf.blender.lights import emitters, sky, suns_with_an_angle
 from gpf.blender.materials import translate
 from gpf.blender.textures import Textures
 
@@ -48,15 +47,14 @@ class Translation:
         return name
 
 
-def translate_scene(found: Mapping[str, Any], work: Path, folder: Path) -> Translation:
-    """Translate a description; images are written into ``folder``.
+def translate_scene(found: Mapping[str, Any], textures: Textures) -> Translation:
+    """Translate a description.
 
     Parameters
     ----------
     found: ``scene.json`` of ``program/read.py``.
-    work: the folder with it.
+    textures: its images. They write those that Mitsuba needs.
     """
-    textures = Textures(work, folder, found["images"])
     result = Translation({"type": "scene", "integrator": {"type": "path", "max_depth": 32}})
     result.notes += found["notes"]
     for name, sensor in cameras(found, result.notes).items():
@@ -78,7 +76,9 @@ def translate_scene(found: Mapping[str, Any], work: Path, folder: Path) -> Trans
             }
     for name, made in emitters(found["lamps"], result.notes).items():
         result.scene[result.label(name)] = made
-    for name, made in sky(found["world"], found["lamps"], work, folder).items():
+    origin = found["world"], found["lamps"]
+    file = textures.sky_file(found["world"], suns_with_an_angle(found["lamps"]))
+    for name, made in sky(*origin, textures.work, textures.folder, file).items():
         result.scene[result.label(name)] = made
     result.notes += [f"image missing: {name}" for name in found["missing_images"]]
     result.notes += [f"library missing: {name}" for name in found["missing_libraries"]]

@@ -29,11 +29,20 @@ class Textures:
     work: what Blender wrote.
     folder: the scene's folder; files go to ``textures`` in it.
     images: the images of the description, by name.
+
+    Attributes
+    ----------
+    suffix: ends the names of new files; those of earlier frames are used again.
     """
 
     def __init__(self, work: Path, folder: Path, images: Mapping[str, Mapping[str, Any]]) -> None:
         self.work, self.folder, self.images = work, folder, images
+        self.suffix = ""
         self._made: dict[tuple[Any, ...], Any] = {}
+
+    def sky_file(self, *origin: Any) -> str:
+        """The file of a sky that is made from this."""
+        return str(self._made.setdefault(("sky", repr(origin)), f"textures/sky{self.suffix}.exr"))
 
     def __call__(self, value: Any, role: str) -> Any:
         """An input in its role: "color", "value", "normal" or "radiance"."""
@@ -45,10 +54,9 @@ class Textures:
             return {"type": "mesh_attribute", "name": "vertex_color"}
         if "minus" in value:
             return self._inverse(value["minus"])
-        names = ("image", "array", "channel", "strength", "scale", "offset")
-        key = (role, *(str(value.get(name)) for name in names))
+        key = role, _content(value)
         if key not in self._made:
-            self._made[key] = self._make(value, role, f"{len(self._made):03}")
+            self._made[key] = self._make(value, role, f"{len(self._made):03}{self.suffix}")
         made = self._made[key]
         return _placed(made, value) if isinstance(made, dict) and made["type"] == "bitmap" else made
 
@@ -56,8 +64,11 @@ class Textures:
         """1 - value."""
         if isinstance(value, (int, float)):
             return 1.0 - value
-        pixels = self._pixels(value)
-        return _placed(self._write(1 - _grey(pixels), f"{len(self._made):03}i", "value"), value)
+        key = "inverse", _content(value)
+        if key not in self._made:
+            name = f"{len(self._made):03}i{self.suffix}"
+            self._made[key] = self._write(1 - _grey(self._pixels(value)), name, "value")
+        return _placed(self._made[key], value)
 
     def _make(self, value: Mapping[str, Any], role: str, name: str) -> Any:
         """A bitmap, or a plain value if the image is flat or missing."""
@@ -124,6 +135,12 @@ class Textures:
             eight = (shown * 255 + 0.5).astype(np.uint8)
             Image.fromarray(eight[..., 0] if eight.shape[2] == 1 else eight).save(path)
         return {"type": "bitmap", "filename": f"textures/{path.name}", "raw": raw}
+
+
+def _content(value: Mapping[str, Any]) -> str:
+    """What the pixels of an input depend on."""
+    names = ("image", "array", "channel", "strength", "scale", "offset")
+    return repr([value.get(name) for name in names])
 
 
 def _placed(bitmap: Dict, value: Mapping[str, Any]) -> Dict:

@@ -6,21 +6,25 @@ from pathlib import Path
 
 from rich.table import Table
 
-from gpf.blender.conversion import RECORD, Converted, convert, converted, require_file
+from gpf.blender.conversion import RECORD, RIGHT, Converted, convert, converted, require_file
 from gpf.blender.process import install
 from gpf.commands.overwriting import require_new_folder
 from gpf.core.errors import UserError
 from gpf.core.progress import console, say
 from gpf.core.runtime import choose_variant
+from gpf.scene.frames import SceneFrame
 
 
-def convert_file(file: Path, output: Path | None, overwrite: bool) -> None:
+def convert_file(
+    file: Path, output: Path | None, overwrite: bool, frames: str | None = None
+) -> None:
     """Write a folder with the Mitsuba scene of a file.
 
     Parameters
     ----------
     output: by default, the file's name without its suffix.
     overwrite: whether to replace a folder that exists.
+    frames: write a scene for each of these frames, as :func:`gpf.blender.conversion.convert`.
 
     Raises
     ------
@@ -32,13 +36,13 @@ def convert_file(file: Path, output: Path | None, overwrite: bool) -> None:
     require_new_folder(folder, RECORD, overwrite)
     choose_variant("auto")
     with console.status(f"{file.name}: Blender") as status:
-        found = convert(file, folder, lambda what: status.update(f"{file.name}: {what}"))
+        found = convert(file, folder, lambda what: status.update(f"{file.name}: {what}"), frames)
     table = Table("material", "how")
     for name, how in sorted(found.how.items()):
         table.add_row(name, how)
     console.print(table)
     report(found)
-    say(f"{found.xml}")
+    say(f"{found.xml}" if frames is None else f"{folder}: {len(found.files())} frames")
 
 
 def scene_of(file: Path) -> Path:
@@ -48,19 +52,34 @@ def scene_of(file: Path) -> Path:
     ------
     UserError: nothing in it emits light; or as :func:`gpf.blender.conversion.convert`.
     """
+    return _from_cache(file, None).xml
+
+
+def frames_of(file: Path, wanted: str) -> list[SceneFrame]:
+    """All frames of a file of another program; those that are wanted have scene files, from the
+    cache if the file has not changed.
+
+    Raises
+    ------
+    UserError: nothing in them emits light; or as :func:`gpf.blender.conversion.convert`.
+    """
+    return _from_cache(file, wanted).frames()
+
+
+def _from_cache(file: Path, frames: str | None) -> Converted:
     choose_variant("auto")
     with console.status(f"{file.name}: Blender") as status:
-        found = converted(file, lambda what: status.update(f"{file.name}: {what}"))
+        found = converted(file, lambda what: status.update(f"{file.name}: {what}"), frames)
     report(found)
-    if "<emitter" not in found.xml.read_text(encoding="utf-8"):
+    if not any("<emitter" in xml.read_text(encoding="utf-8") for xml in found.files()):
         what = "has no lamp, no surface that emits, and a black world: there is no light"
         raise UserError(str(file), what, "Add a lamp.")
-    return found.xml
+    return found
 
 
 def report(found: Converted) -> None:
     """Say what is not exact."""
-    rough = {name: how for name, how in found.how.items() if how not in ("exact", "baked")}
+    rough = {name: how for name, how in found.how.items() if how not in RIGHT}
     for name, how in sorted(rough.items()):
         say(f"{name}: {how}")
     for note in found.notes:

@@ -8,7 +8,7 @@ from pathlib import Path
 from gpf.commands.cameras import file_beside
 from gpf.commands.cluster_frames import fit_on_cluster
 from gpf.commands.frame_fit import FrameFit, find_stretches
-from gpf.commands.scenes import changed_since, field_of_frame
+from gpf.commands.scenes import changed_since, field_of_frame, find_frames
 from gpf.core.cluster import ClusterChoice
 from gpf.core.errors import UserError
 from gpf.core.locks import sole_run
@@ -18,7 +18,7 @@ from gpf.core.runtime import choose_variant
 from gpf.field.io import load_field, read_field, save_field
 from gpf.fitting.frames import Frame
 from gpf.importing.placement import ROWS
-from gpf.scene.frames import SceneFrame, choose_frames, scene_frames
+from gpf.scene.frames import SceneFrame, choose_frames
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_frame
 from gpf.scene.transforms import read_cameras
@@ -43,7 +43,7 @@ def fit_scene_frames(
 
     Parameters
     ----------
-    animation: as for :func:`gpf.scene.frames.scene_frames`.
+    animation: as for :func:`gpf.commands.scenes.find_frames`.
     wanted: as for :func:`gpf.scene.frames.choose_frames`.
     folder: for the fields.
     seconds, passes, seed: as for :func:`gpf.fitting.frames.fit_frames`.
@@ -58,7 +58,7 @@ def fit_scene_frames(
     ------
     UserError: as these; or the folder has fields of other scenes.
     """
-    every = scene_frames(animation)
+    every = find_frames(animation, wanted)
     frames = every[choose_frames(wanted, len(every), str(animation))]
     choose_variant("auto")
     beside = file_beside(frames[0].file, views)

@@ -41,6 +41,14 @@ SceneFolder = Annotated[
     Path | None,
     Option("--output", "-o", metavar="FOLDER", help="A new folder. [default: FILE without suffix]"),
 ]
+ConvertedFrames = Annotated[
+    str | None,
+    Option(
+        "--frames",
+        metavar="all|FIRST:LAST",
+        help="Write an animation, a scene file for each frame: all, or FIRST to LAST-1, from 0.",
+    ),
+]
 
 # `gpf blender-addon`.
 
@@ -126,8 +134,8 @@ FittedFrames = Annotated[
         "--frames",
         metavar="all|FIRST:LAST",
         help="Frames of an animation: all, or FIRST to LAST-1, from 0. SCENE is a folder of scene "
-        "files with numbers in their names, or a scene file with $frame in names of files; "
-        "OUT is a folder. [default: fields]",
+        "files with numbers in their names, a scene file with $frame in names of files, or a file "
+        "that Blender reads; OUT is a folder. [default: fields]",
     ),
 ]
 TargetPsnr = Annotated[
@@ -170,8 +178,8 @@ Frames = Annotated[
     str | None,
     Option(
         metavar="all|FIRST:LAST",
-        help="Frames of the camera path in views.yaml, or of an animation: all, or FIRST to "
-        "LAST-1, from 0. An animation has a folder with a field for each frame.",
+        help="Frames: all, or FIRST to LAST-1, from 0. Of an animation if there is a folder "
+        "with a field for each [default: fields]; else of the camera path in views.yaml.",
     ),
 ]
 Orbit = Annotated[

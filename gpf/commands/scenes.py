@@ -7,14 +7,14 @@ from pathlib import Path
 import mitsuba as mi
 
 from gpf.blender.conversion import is_foreign
-from gpf.commands.convert import scene_of
+from gpf.commands.convert import frames_of, scene_of
 from gpf.core.errors import UserError
 from gpf.core.yaml import suggest
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import StoredField
 from gpf.importing.sources import find_scene_file
 from gpf.scene.fingerprint import changed_parts, fingerprint
-from gpf.scene.frames import SceneFrame
+from gpf.scene.frames import SceneFrame, scene_frames
 
 RESULTS = Path("results")
 """Where the pipeline writes its results, in one folder per scene."""
@@ -49,6 +49,21 @@ def find_scene(name: str) -> tuple[Path, Path | None]:
     if not _is_name(path):
         return path, None
     return _result(name, "scene/scene.xml", "scene"), RESULTS / name
+
+
+def find_frames(animation: Path, wanted: str) -> list[SceneFrame]:
+    """All frames of an animation, in order.
+
+    Parameters
+    ----------
+    animation: as for :func:`gpf.scene.frames.scene_frames`, or a file that Blender reads.
+    wanted: as for :func:`gpf.scene.frames.choose_frames`; frames that are not may have no file yet.
+
+    Raises
+    ------
+    UserError: there are no such frames, or Blender cannot read the file.
+    """
+    return frames_of(animation, wanted) if is_foreign(animation) else scene_frames(animation)
 
 
 def find_field(name: str) -> Path:

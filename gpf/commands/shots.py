@@ -8,18 +8,20 @@ from pathlib import Path
 
 import mitsuba as mi
 
+from gpf.blender.conversion import is_foreign
 from gpf.commands.cameras import CameraChoice, Cameras, camera_of_frame, choose_cameras
 from gpf.commands.scenes import (
     FIELDS,
     field_of_frame,
     find_field,
+    find_frames,
     find_scene,
     require_same_scene,
 )
 from gpf.core.errors import UserError
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
-from gpf.scene.frames import choose_frames, is_animation, scene_frames
+from gpf.scene.frames import choose_frames, is_animation
 from gpf.scene.load import load_scene_file
 
 
@@ -78,12 +80,15 @@ def find_shots(
     Parameters
     ----------
     scene_name: as for :func:`gpf.commands.scenes.find_scene`, or, with frames asked for, an
-        animation (:mod:`gpf.scene.frames`).
+        animation (:func:`gpf.commands.scenes.find_frames`). In a file that Blender reads, these are
+        frames of the animation if there is a folder with their fields, else of the camera path.
     field_file: by default ``field.safetensors``, or that of the trained scene; of an animation, the
         folder with a field for each frame, by default :data:`gpf.commands.scenes.FIELDS`.
     """
-    if choice.frames and is_animation(Path(scene_name)):
-        return _frames(Path(scene_name), field_file or FIELDS, choice), Path("pictures")
+    scene, fields = Path(scene_name), field_file or FIELDS
+    has_fields = fields.is_dir() and (field_file is not None or is_foreign(scene))
+    if choice.frames and (has_fields or is_animation(scene)):
+        return _frames(scene, fields, choice), Path("pictures")
     scene_file, trained = find_scene(scene_name)
     if field_file is None:
         field_file = find_field(scene_name) if trained else Path("field.safetensors")
@@ -94,12 +99,12 @@ def find_shots(
 
 def _frames(animation: Path, fields: Path, choice: CameraChoice) -> list[Shot]:
     """A shot for each frame of an animation."""
-    every = scene_frames(animation)
     assert choice.frames is not None
-    numbers = range(len(every))[choose_frames(choice.frames, len(every), str(animation))]
     if not fields.is_dir():
         todo = f"Run `gpf fit {animation} --frames all -o {fields}`, or give --field FOLDER."
         raise UserError(str(fields), "is not a folder with the fields of the frames", todo)
+    every = find_frames(animation, choice.frames)
+    numbers = range(len(every))[choose_frames(choice.frames, len(every), str(animation))]
     found = []
     for number in numbers:
         frame = every[number]

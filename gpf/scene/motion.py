@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -16,8 +18,8 @@ NEAR = 1e-4
 class Motion:
     """How the surfaces of a scene move to another frame of the same animation.
 
-    Shapes correspond by their order. On meshes, a point keeps its triangle and its place in it; on
-    other shapes it follows their ``to_world``.
+    Shapes correspond by their ids or, if some have none, by their order. On meshes, a point keeps
+    its triangle and its place in it; on other shapes it follows their ``to_world``.
 
     Parameters
     ----------
@@ -25,21 +27,23 @@ class Motion:
 
     Attributes
     ----------
-    lost: names of shapes of ``start`` that have no counterpart: the other frame has another number
-        of shapes, another kind of shape in this place, or a mesh with other triangles.
+    lost: names of shapes of ``start`` that have no counterpart: the other frame has no shape with
+        this id (without ids: another number of shapes), another kind of shape, or a mesh with other
+        triangles.
     still: whether no shape moves, and none is lost.
     """
 
     def __init__(self, start: mi.Scene, end: mi.Scene) -> None:
         self._start, self._end = start, end
         shapes, others = start.shapes(), end.shapes()
-        if len(shapes) != len(others):
-            others = [None] * len(shapes)
-        moves = [_move(*pair) for pair in zip(shapes, others, strict=True)]
+        places = _counterparts(shapes, others)
+        found = [None if place is None else others[place] for place in places]
+        moves = [_move(*pair) for pair in zip(shapes, found, strict=True)]
         self.lost = [_name(s) for s, move in zip(shapes, moves, strict=True) if move is None]
         self.still = all(isinstance(move, np.ndarray) and (move == _STILL).all() for move in moves)
         bent = [move is _BENT for move in moves]
         matrices = [move if isinstance(move, np.ndarray) else _STILL for move in moves]
+        self._others = from_numpy(mi.UInt32, np.array([p or 0 for p in places], np.uint32))
         self._known = mi.Bool([move is not None for move in moves])
         self._bent, self._moves = mi.Bool(bent), from_numpy(mi.Float, np.array(matrices).ravel())
         corners = (np.array(corner, dtype=float) for corner in scene_bounds(start))
@@ -79,6 +83,7 @@ class Motion:
         there, facing = move @ p, move @ mi.Vector3f(n)
 
         other = mi.PreliminaryIntersection3f(hit)
+        place = dr.gather(mi.UInt32, self._others, place, bent)
         other.shape = dr.gather(mi.ShapePtr, self._end.shapes_dr(), place, bent)
         here, si = (
             each.compute_surface_interaction(ray, mi.RayFlags.Minimal, bent)
@@ -96,6 +101,14 @@ _STILL = np.eye(4, dtype=np.float32)[:3].ravel()
 
 _BENT = "bent"
 """The move of a mesh whose vertices move."""
+
+
+def _counterparts(shapes: Sequence[mi.Shape], others: Sequence[mi.Shape]) -> list[int | None]:
+    """For each shape, the place of its counterpart among the others, or None."""
+    if all(shape.id() for shape in (*shapes, *others)):
+        places = {shape.id(): place for place, shape in enumerate(others)}
+        return [places.get(shape.id()) for shape in shapes]
+    return list(range(len(shapes))) if len(shapes) == len(others) else [None] * len(shapes)
 
 
 def _move(start: mi.Shape, end: mi.Shape | None) -> np.ndarray | str | None:

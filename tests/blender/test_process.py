@@ -11,7 +11,7 @@ import pytest
 from gpf.blender import process
 from gpf.blender.conversion import RECORD, convert, converted
 from gpf.commands.convert import convert_file
-from gpf.commands.scenes import find_scene
+from gpf.commands.scenes import find_frames, find_scene
 from gpf.core.errors import UserError
 from gpf.core.files import write_json
 
@@ -157,6 +157,29 @@ def test_a_file_is_converted_again_when_it_or_what_it_uses_changes(
     xml, _ = find_scene(str(scene_file))
     assert xml.is_file() and (xml.parent / RECORD).is_file()
     assert (xml.parent.stat().st_mode & 0o777) == 0o777 & ~current_umask()
+
+
+def test_a_part_of_an_animation_is_taken_from_the_whole(blender, scene_file, tmp_path, monkeypatch):
+    write_json(tmp_path / "frame.json", EMPTY | {"lamps": [SUN]})
+    write_json(tmp_path / "frames.json", {"numbers": [3, 5, 7], "notes": ["baked twice"]})
+    frames = " ".join(f"frame_000{number}.json" for number in (3, 5, 7))
+    blender(
+        f'cd "$2"; echo "$3" >> {tmp_path}/asked; cp {tmp_path}/frames.json .; '
+        f"for frame in {frames}; do cp {tmp_path}/frame.json $frame; done"
+    )
+    monkeypatch.setattr(
+        "gpf.blender.conversion.platformdirs.user_cache_path", lambda _: tmp_path / "cache"
+    )
+    for wanted in ("1:2", "1:2", "all", "0:1"):
+        frames = find_frames(scene_file, wanted)
+        assert [frame.name for frame in frames] == ["frame_0003", "frame_0005", "frame_0007"]
+        there = [frame.file.is_file() for frame in frames]
+        assert there == ([False, True, False] if wanted == "1:2" else [True] * 3)
+    assert (tmp_path / "asked").read_text().split() == ["1:2", "all"]
+    for wrong in ("2:5", "some"):
+        with pytest.raises(UserError, match=r"does not name frames of .*scene\.blend, which has 3"):
+            convert(scene_file, tmp_path / "out", print, wrong)
+    assert not (tmp_path / "out").exists()
 
 
 def current_umask() -> int:

@@ -9,6 +9,7 @@ from gpf.core.structs import to_numpy
 from gpf.scene.motion import Motion
 
 T = mi.ScalarTransform4f
+PLANE = '<shape type="rectangle"/>'
 
 
 def make_scene(angle=0.0, lift=0.0, bend=0.0, cells=4, **more) -> mi.Scene:
@@ -82,8 +83,28 @@ def test_places_that_have_no_counterpart():
     assert motion.lost == ["sheet"]
     assert known.tolist() == [False, True]
     np.testing.assert_array_equal(q, np.float32([[5, 5, 0], [0, 0, 0]]))
-    more = make_scene(another={"type": "rectangle"})
-    assert len(Motion(start, more).lost) == 3
+
+
+def test_a_shape_that_comes_and_goes():
+    """The others keep their counterparts by their ids, though their places change."""
+    whole = make_scene(bend=0.2)
+    less = mi.load_dict({"type": "scene", "sheet": whole.shapes()[2]}, optimize=False)
+    assert [shape.id() for shape in less.shapes()] == ["sheet"]
+    motion, q, _, known = carried(make_scene(), less, [[5.5, 5, 0], [0, 0, 0]], [[0, 0, 1]] * 2)
+    assert motion.lost == ["floor", "ball"] and known.tolist() == [True, False]
+    np.testing.assert_allclose(q[0], [5.5, 5, 0.2 * np.sin(1.5)], atol=1e-5)
+    motion, q, _, known = carried(less, make_scene(), q[:1], [[0, 0, 1]])
+    assert not motion.lost and known.all()
+    np.testing.assert_allclose(q, [[5.5, 5, 0]], atol=1e-5)
+
+
+def test_without_ids_shapes_have_an_order():
+    """As many of them, or none corresponds."""
+    one, two = (
+        mi.load_string(f'<scene version="3.0.0">{n * PLANE}</scene>', optimize=False)
+        for n in (1, 2)
+    )
+    assert Motion(two, two).still and len(Motion(two, one).lost) == 2
 
 
 def test_what_is_above_a_surface_moves_with_it():

@@ -2,21 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
-from nodes import Closure, values
+from geometry import Unwrapping, vertices_of_corners
+from nodes import Closure, values, with_plain_inputs
 from sockets import Socket, is_constant
+from sources import socket_of, sources
 
 UV = "gpf_bake"
 SAMPLES = 4
 
+AS_RENDERED = {
+    "levels": "render_levels",
+    "viewport_resolution": "resolution",
+    "resolution_u": "render_resolution_u",
+    "resolution_v": "render_resolution_v",
+    "resolution": "render_resolution",
+}
+"""Of modifiers and curves: what the viewport shows, and what is rendered."""
+
 FLAT_SIZE = 32
 """Width of images that have the same value everywhere."""
+
+
+@dataclass(frozen=True)
+class _Baked:
+    """What an object was baked from, and what came of it."""
+
+    origin: str
+    closures: dict[int, Closure]
 
 
 @dataclass
@@ -28,20 +50,41 @@ class Baking:
     folder: where arrays are written.
     extent: length of the scene's diagonal, for the size of images.
     tell: is told what is being baked.
+    unwrapped: for the name of each object that is baked, where its images lie on its mesh.
+    times: how many times it was baked.
     """
 
     folder: Path
     extent: float
     tell: Callable[[str], None]
+    unwrapped: dict[str, Unwrapping] = field(default_factory=dict)
+    times: Counter[str] = field(default_factory=Counter)
+    _known: dict[str, _Baked] = field(default_factory=dict)
     _count: int = field(default=0)
 
-    def bake(self, thing: Any, closures: dict[int, Closure]) -> None:
-        """Replace everything to bake in an object's closures, by slot, with arrays.
+    def bake(self, thing: Any, closures: dict[int, Closure]) -> dict[int, Closure]:
+        """An object's closures, by slot, with arrays for everything to bake.
 
-        Inputs that are images become part of the new ones, which have UVs of their own.
+        Inputs that are images become part of the new ones, which have UVs of their own. Images from
+        before serve again if the object's faces and the nodes behind them are the same.
         """
-        self.tell(f"baking {thing.name}")
-        self._prepare(thing)
+        with _in_view(thing), _evaluated(thing) as mesh:
+            faces = hashlib.sha256(vertices_of_corners(mesh)).hexdigest()
+            origin = faces + "".join(sources(closure) for closure in closures.values())
+            known = self._known.get(thing.name)
+            if known is None or known.origin != origin:
+                self.tell(f"baking {thing.name}")
+                with _with_mesh(thing, mesh) as shown:
+                    self._bake(shown, closures)
+                self.unwrapped[thing.name] = Unwrapping.of(mesh, mesh.uv_layers[UV])
+                self.times[thing.name] += 1
+                self._known[thing.name] = _Baked(origin, closures)
+                return closures
+        return {k: with_plain_inputs(known.closures[k], now) for k, now in closures.items()}
+
+    def _bake(self, thing: Any, closures: dict[int, Closure]) -> None:
+        """Replace everything to bake in an object's closures with arrays."""
+        _unwrap(thing)
         size = self._size(thing)
         wanted = {slot: values(closure) for slot, closure in closures.items()}
         emitted = {
@@ -61,41 +104,11 @@ class Baking:
                 closure["normal"] = {"array": file, "channel": None, "strength": 1.0}
         for number in range(max(map(len, emitted.values()), default=0)):
             now = {slot: found[number] for slot, found in emitted.items() if number < len(found)}
-            sockets = {slot: _socket(owner[key]) for slot, (owner, key) in now.items()}
+            sockets = {slot: socket_of(owner[key]) for slot, (owner, key) in now.items()}
             flat = all(is_constant(socket) for socket in sockets.values())
             pixels = self._pass(thing, FLAT_SIZE if flat else size, "EMIT", sockets)
             for owner, key in now.values():
                 owner[key] = {"array": self._write(pixels), "channel": None}
-
-    def _prepare(self, thing: Any) -> None:
-        """Give an object its final mesh, and UVs without overlaps."""
-        for other in list(bpy.context.view_layer.objects):
-            other.select_set(False)
-        if thing.name not in bpy.context.view_layer.objects:
-            bpy.context.scene.collection.objects.link(thing)
-        thing.hide_viewport = thing.hide_select = False
-        thing.hide_set(False)
-        thing.select_set(True)
-        bpy.context.view_layer.objects.active = thing
-        if thing.type != "MESH" or len(thing.modifiers) or thing.data.shape_keys:
-            graph = bpy.context.evaluated_depsgraph_get()
-            mesh = bpy.data.meshes.new_from_object(
-                thing.evaluated_get(graph), preserve_all_data_layers=True, depsgraph=graph
-            )
-            if thing.type == "MESH":
-                mesh.use_auto_texspace = False
-                mesh.texspace_location = thing.data.texspace_location
-                mesh.texspace_size = thing.data.texspace_size
-            thing.modifiers.clear()
-            thing.data = mesh
-        elif thing.data.users > 1:
-            thing.data = thing.data.copy()
-        layer = thing.data.uv_layers.new(name=UV)
-        thing.data.uv_layers.active = layer
-        bpy.ops.object.mode_set(mode="EDIT")
-        bpy.ops.mesh.select_all(action="SELECT")
-        bpy.ops.uv.smart_project(island_margin=0.003)
-        bpy.ops.object.mode_set(mode="OBJECT")
 
     def _size(self, thing: Any) -> int:
         corners = np.array([thing.matrix_world @ v.co for v in thing.data.vertices[:100_000]])
@@ -140,12 +153,82 @@ class Baking:
         return name
 
 
-def _socket(value: dict[str, Any]) -> Socket:
-    """The output to bake for an input."""
-    if "otherwise" in value:
-        value = value["otherwise"]
-    socket: Socket = value["bake"] if "bake" in value else value["origin"]
-    return socket
+@contextmanager
+def _in_view(thing: Any) -> Iterator[None]:
+    """Have an object evaluated and selected, as it is rendered."""
+    layer, scene = bpy.context.view_layer, bpy.context.scene
+    for owner in (*thing.modifiers, thing.data):
+        for shown, rendered in AS_RENDERED.items():
+            if hasattr(owner, shown) and (value := getattr(owner, rendered, 0)):
+                setattr(owner, shown, value)
+    for modifier in thing.modifiers:
+        modifier.show_viewport = modifier.show_render
+    for other in list(layer.objects):
+        other.select_set(False)
+    linked = thing.name not in layer.objects
+    if linked:
+        scene.collection.objects.link(thing)
+    hidden, thing.hide_viewport, thing.hide_select = thing.hide_viewport, False, False
+    thing.hide_set(False)
+    try:
+        yield
+    finally:
+        thing.hide_viewport = hidden
+        if linked:
+            scene.collection.objects.unlink(thing)
+        layer.update()
+
+
+@contextmanager
+def _evaluated(thing: Any) -> Iterator[Any]:
+    """A mesh of its own with what an object's modifiers make."""
+    graph = bpy.context.evaluated_depsgraph_get()
+    mesh = bpy.data.meshes.new_from_object(
+        thing.evaluated_get(graph), preserve_all_data_layers=True, depsgraph=graph
+    )
+    if thing.type == "MESH":
+        mesh.use_auto_texspace = False
+        mesh.texspace_location = thing.data.texspace_location
+        mesh.texspace_size = thing.data.texspace_size
+    try:
+        yield mesh
+    finally:
+        bpy.data.meshes.remove(mesh)
+
+
+@contextmanager
+def _with_mesh(thing: Any, mesh: Any) -> Iterator[Any]:
+    """An object with this mesh and no modifiers: itself or, if it is no mesh, one in its place."""
+    if thing.type != "MESH":
+        other = bpy.data.objects.new(thing.name, mesh)
+        other.matrix_world = thing.matrix_world
+        bpy.context.scene.collection.objects.link(other)
+        try:
+            yield other
+        finally:
+            bpy.data.objects.remove(other)
+        return
+    before, shown = thing.data, {m: (m.show_viewport, m.show_render) for m in thing.modifiers}
+    for modifier in thing.modifiers:
+        modifier.show_viewport = modifier.show_render = False
+    thing.data = mesh
+    try:
+        yield thing
+    finally:
+        thing.data = before
+        for modifier, (viewport, render) in shown.items():
+            modifier.show_viewport, modifier.show_render = viewport, render
+
+
+def _unwrap(thing: Any) -> None:
+    """Give the mesh of an object UVs without overlaps."""
+    thing.select_set(True)
+    bpy.context.view_layer.objects.active = thing
+    thing.data.uv_layers.active = thing.data.uv_layers.new(name=UV)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.uv.smart_project(island_margin=0.003)
+    bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def _emit(material: Any, found: Socket) -> Callable[[], None]:

@@ -8,18 +8,19 @@ from typing import Any
 import numpy as np
 
 
-def read_cameras(scene: Any) -> list[dict[str, Any]]:
+def read_cameras(scene: Any, path: bool) -> list[dict[str, Any]]:
     """The scene's own camera, then the others, by name; see :func:`read_camera`."""
     cameras = sorted((o for o in scene.objects if o.type == "CAMERA"), key=lambda o: o.name)
     own = [scene.camera] if scene.camera is not None and scene.camera.type == "CAMERA" else []
-    return [read_camera(scene, each) for each in [*own, *(c for c in cameras if c not in own)]]
+    every = [*own, *(c for c in cameras if c not in own)]
+    return [read_camera(scene, each, path) for each in every]
 
 
-def read_camera(scene: Any, camera: Any) -> dict[str, Any]:
+def read_camera(scene: Any, camera: Any, path: bool) -> dict[str, Any]:
     """A camera in plain values.
 
-    ``matrix`` is 4×4; the camera looks along its -z, and +y is up. ``frames`` has the matrices and
-    angles of all frames, if the camera moves or zooms.
+    ``matrix`` is 4×4; the camera looks along its -z, and +y is up. With ``path``, ``frames`` has
+    the matrices and angles of all frames, if the camera moves or zooms.
     """
     data = camera.data
     axis = {"AUTO": "larger", "HORIZONTAL": "x", "VERTICAL": "y"}[data.sensor_fit]
@@ -31,9 +32,14 @@ def read_camera(scene: Any, camera: Any) -> dict[str, Any]:
         "clip": [float(data.clip_start), float(data.clip_end)],
         **_pose(camera),
     }
-    if frames := _frames(scene, camera):
+    if path and (frames := _path(scene, camera)):
         found["frames"] = frames
     return found
+
+
+def frame_numbers(scene: Any) -> list[int]:
+    """The numbers of a scene's frames."""
+    return list(range(scene.frame_start, scene.frame_end + 1, max(scene.frame_step, 1)))
 
 
 def _pose(camera: Any) -> dict[str, Any]:
@@ -43,10 +49,10 @@ def _pose(camera: Any) -> dict[str, Any]:
     return {"matrix": np.array(camera.matrix_world).tolist(), "fov": fov}
 
 
-def _frames(scene: Any, camera: Any) -> list[dict[str, Any]]:
+def _path(scene: Any, camera: Any) -> list[dict[str, Any]]:
     now = scene.frame_current
     poses = []
-    for frame in range(scene.frame_start, scene.frame_end + 1, max(scene.frame_step, 1)):
+    for frame in frame_numbers(scene):
         scene.frame_set(frame)
         poses.append(_pose(camera))
     scene.frame_set(now)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ from typing import Any
 import numpy as np
 
 Columns = dict[str, np.ndarray]
+
+NORMAL = ("nx", "ny", "nz")
 
 
 @dataclass(frozen=True)
@@ -26,44 +29,124 @@ class Part:
     faces: np.ndarray
 
 
-def read_parts(mesh: Any, uv_layer: str | None, colours: str | None) -> list[Part]:
-    """The parts of an evaluated mesh, in its own coordinates.
+@dataclass(frozen=True)
+class Unwrapping:
+    """Coordinates on images for a mesh, as long as it has the same faces.
+
+    Attributes
+    ----------
+    vertices: the vertex of each corner of the faces, (L,).
+    uv: its coordinates, (L, 2).
+    """
+
+    vertices: np.ndarray
+    uv: np.ndarray
+
+    @classmethod
+    def of(cls, mesh: Any, layer: Any) -> Unwrapping:
+        """What a layer of a mesh has."""
+        return cls(vertices_of_corners(mesh), _column(layer.uv, "vector", 2))
+
+    def fits(self, mesh: Any) -> bool:
+        """Whether a mesh has these faces."""
+        return np.array_equal(self.vertices, vertices_of_corners(mesh))
+
+
+def vertices_of_corners(mesh: Any) -> np.ndarray:
+    """The vertex of each corner of a mesh's faces, (L,)."""
+    return _column(mesh.loops, "vertex_index", 1, np.int32).ravel()
+
+
+@dataclass(frozen=True)
+class Corners:
+    """The corners of a mesh's faces, and its triangles.
+
+    Attributes
+    ----------
+    names: what is known of each corner, by its names in PLY files.
+    rows: its values, (L, len(names)).
+    triangles: three corners each, (F, 3).
+    slots: the material of each, (F,).
+    same: corners with the same values here become one vertex, (L, K).
+    """
+
+    names: list[str]
+    rows: np.ndarray
+    triangles: np.ndarray
+    slots: np.ndarray
+    same: np.ndarray
+
+    def digest(self, *more: Any) -> bytes:
+        """A digest of everything, and of ``more``."""
+        found = hashlib.blake2b(repr([self.names, *more]).encode(), digest_size=16)
+        for values in (self.rows, self.triangles, self.slots, self.same):
+            found.update(values.tobytes())
+        return found.digest()
+
+    def parts(self) -> list[Part]:
+        """The triangles of each material."""
+        parts = []
+        for slot in np.unique(self.slots):
+            own, faces = _shared(self.rows, self.same, self.triangles[self.slots == slot])
+            columns = {name: own[:, k] for k, name in enumerate(self.names)}
+            parts.append(Part(int(slot), columns, faces))
+        return parts
+
+
+Triangles = dict[bytes, np.ndarray]
+"""The corners of triangles, (F, 3), by a digest of a mesh's faces."""
+
+
+def read_corners(
+    mesh: Any, unwrapping: Unwrapping | None, colours: str | None, bent: Triangles | None
+) -> Corners | None:
+    """The corners of an evaluated mesh, in its own coordinates; None if it has no triangles.
 
     Parameters
     ----------
-    uv_layer: name of the UVs to write; by default, those that Blender renders.
+    unwrapping: the UVs to write; by default, those that Blender renders.
     colours: name of the colour attribute to write, if any.
+    bent: None, or the triangles of this mesh in other frames, where it may have another shape. With
+        the same faces it has the same triangles: Blender would cut some faces along the other
+        diagonal, and corners with the same normals would be one vertex for now.
     """
     mesh.calc_loop_triangles()
     triangles = mesh.loop_triangles
     if not len(triangles):
-        return []
-    corners = _column(triangles, "loops", 3, np.int32)
-    slots = _column(triangles, "material_index", 1, np.int32).ravel()
-    vertex_of = _column(mesh.loops, "vertex_index", 1, np.int32).ravel()
-    places = _column(mesh.vertices, "co", 3)
-    data = [places[vertex_of], _column(mesh.corner_normals, "vector", 3)]
-    names = ["x", "y", "z", "nx", "ny", "nz"]
-    layer = mesh.uv_layers.get(uv_layer) if uv_layer else _rendered_uv(mesh)
-    if layer is not None and len(layer.uv):
-        uv = _column(layer.uv, "vector", 2)
+        return None
+    vertices = vertices_of_corners(mesh)
+    place = _column(mesh.vertices, "co", 3)[vertices]
+    data, names = [place, _column(mesh.corner_normals, "vector", 3)], ["x", "y", "z", *NORMAL]
+    layer = _rendered_uv(mesh)
+    if unwrapping is not None or (layer is not None and len(layer.uv)):
+        uv = _column(layer.uv, "vector", 2) if unwrapping is None else unwrapping.uv.copy()
         uv[:, 1] = 1 - uv[:, 1]  # Mitsuba's images begin at the top
         data.append(uv)
         names += ["u", "v"]
     if colours and (found := mesh.color_attributes.get(colours)) is not None:
         values = _column(found.data, "color", 4)[:, :3]
         if found.domain == "POINT":
-            values = values[vertex_of]
+            values = values[vertices]
         if found.domain in ("POINT", "CORNER"):
             data.append(values)
             names += ["r", "g", "b"]
     rows = np.ascontiguousarray(np.concatenate(data, axis=1, dtype=np.float32))
-    parts = []
-    for slot in np.unique(slots):
-        own, faces = _shared(rows, corners[slots == slot])
-        columns = {name: own[:, k] for k, name in enumerate(names)}
-        parts.append(Part(int(slot), columns, faces))
-    return parts
+    same = rows
+    corners = _column(triangles, "loops", 3, np.int32)
+    if bent is not None:
+        corners = bent.setdefault(_faces(mesh), corners)
+        smooth = mesh.normals_domain == "POINT" and "sharp_edge" not in mesh.attributes
+        apart = vertices if smooth else np.arange(len(vertices))
+        same = np.column_stack([apart.astype(np.int32).view(np.float32), rows[:, 6:]])
+    slots = _column(triangles, "material_index", 1, np.int32).ravel()
+    return Corners(names, rows, corners, slots, same)
+
+
+def _faces(mesh: Any) -> bytes:
+    """A digest of a mesh's faces."""
+    found = hashlib.blake2b(vertices_of_corners(mesh).tobytes(), digest_size=16)
+    found.update(_column(mesh.polygons, "loop_start", 1, np.int32).tobytes())
+    return found.digest()
 
 
 def _column(items: Any, name: str, width: int, kind: Any = np.float32) -> np.ndarray:
@@ -76,11 +159,13 @@ def _rendered_uv(mesh: Any) -> Any:
     return next((layer for layer in mesh.uv_layers if layer.active_render), None)
 
 
-def _shared(rows: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _shared(
+    rows: np.ndarray, same: np.ndarray, corners: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Vertices without duplicates, and the faces that refer to them, from one row per corner."""
     used = corners.ravel()
     # Sorting numbers is ten times as fast as sorting rows.
-    bits = rows[used].view(np.uint32).astype(np.uint64)
+    bits = same[used].view(np.uint32).astype(np.uint64)
     key = np.zeros(len(used), np.uint64)
     for column in bits.T:
         key = (key ^ column) * np.uint64(0x9E3779B97F4A7C15)
@@ -96,7 +181,7 @@ def transformed(part: Part, matrix: np.ndarray) -> Part:
     linear = matrix[:3, :3].astype(np.float64)
     cofactors = np.cross(linear[[1, 2, 0]], linear[[2, 0, 1]])  # det(M) M⁻ᵀ, also if M is singular
     mirrored = np.linalg.det(linear) < 0
-    normal = np.stack([columns[c] for c in ("nx", "ny", "nz")], axis=1) @ cofactors.T
+    normal = np.stack([columns[c] for c in NORMAL], axis=1) @ cofactors.T
     normal *= -1 if mirrored else 1
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
     columns |= {c: place[:, k] for k, c in enumerate("xyz")}

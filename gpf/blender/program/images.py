@@ -13,8 +13,11 @@ from nodes import Closure, plain_inputs
 def used_files() -> list[str]:
     """The files that the scene uses beside its own."""
     paths = [bpy.path.abspath(lib.filepath) for lib in bpy.data.libraries]
+    for cache in bpy.data.cache_files:  # Alembic and USD
+        paths.append(bpy.path.abspath(cache.filepath, library=cache.library))
     for image in bpy.data.images:
-        if image.source == "FILE" and image.packed_file is None and image.filepath:
+        is_file = image.source in ("FILE", "SEQUENCE", "MOVIE") and image.packed_file is None
+        if is_file and image.filepath:
             paths.append(bpy.path.abspath(image.filepath, library=image.library))
     return sorted({str(Path(path).resolve()) for path in paths})
 
@@ -28,41 +31,47 @@ def missing_images() -> list[str]:
     )
 
 
-def write_images(closures: dict[tuple[str, int], Closure], folder: Path) -> dict[str, Any]:
-    """Write the images that closures use; for each, its file and whether it is sRGB."""
+KINDS = {
+    "PNG": "png",
+    "JPEG": "jpg",
+    "OPEN_EXR": "exr",
+    "HDR": "hdr",
+    "TARGA": "tga",
+    "BMP": "bmp",
+}
+"""Formats that are copied, and the ends of their files' names."""
+
+
+def write_images(
+    closures: dict[tuple[str, int], Closure], folder: Path, images: dict[str, Any]
+) -> None:
+    """Write the images that closures use, but for those in ``images``, and add them there: for
+    each, its file and whether it is sRGB."""
     names = {v["image"] for c in closures.values() for v in plain_inputs(c) if "image" in v}
-    images = {}
-    for number, name in enumerate(sorted(names)):
-        image = bpy.data.images[name]
-        space = image.colorspace_settings.name
-        stem = f"textures/image_{number}"
-        images[name] = {"srgb": space == "sRGB", "file": None, "name": name}
-        data = None
-        if not min(image.size):  # missing
-            continue
-        if image.packed_file is not None:
-            data = bytes(image.packed_file.data)
-        elif image.source == "FILE":
-            path = Path(bpy.path.abspath(image.filepath, library=image.library))
-            data = path.read_bytes() if path.is_file() else None
-            if data is None:
-                continue
-        kinds = {
-            "PNG": "png",
-            "JPEG": "jpg",
-            "OPEN_EXR": "exr",
-            "HDR": "hdr",
-            "TARGA": "tga",
-            "BMP": "bmp",
-        }
-        if data is not None and image.file_format in kinds and space in ("sRGB", "Non-Color"):
-            file = f"{stem}.{kinds[image.file_format]}"
-            (folder / file).write_bytes(data)
-        else:
-            pixels = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
-            image.pixels.foreach_get(pixels)
-            file = f"{stem}.npy"
-            np.save(folder / file, pixels.reshape(image.size[1], image.size[0], -1))
-            images[name]["srgb"] = space == "sRGB" and not image.is_float
-        images[name]["file"] = file
-    return images
+    for name in sorted(names - images.keys()):
+        images[name] = _write_image(bpy.data.images[name], folder, f"textures/image_{len(images)}")
+
+
+def _write_image(image: Any, folder: Path, stem: str) -> dict[str, Any]:
+    space = image.colorspace_settings.name
+    found = {"srgb": space == "sRGB", "file": None, "name": image.name}
+    data = None
+    if not min(image.size):  # missing
+        return found
+    if image.packed_file is not None:
+        data = bytes(image.packed_file.data)
+    elif image.source == "FILE":
+        path = Path(bpy.path.abspath(image.filepath, library=image.library))
+        data = path.read_bytes() if path.is_file() else None
+        if data is None:
+            return found
+    if data is not None and image.file_format in KINDS and space in ("sRGB", "Non-Color"):
+        found["file"] = f"{stem}.{KINDS[image.file_format]}"
+        (folder / found["file"]).write_bytes(data)
+    else:
+        pixels = np.empty(image.size[0] * image.size[1] * image.channels, np.float32)
+        image.pixels.foreach_get(pixels)
+        found["file"] = f"{stem}.npy"
+        np.save(folder / found["file"], pixels.reshape(image.size[1], image.size[0], -1))
+        found["srgb"] = space == "sRGB" and not image.is_float
+    return found

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
-from nodes import read_closure, values
+from nodes import plain_closure, read_closure, values
 from sockets import Input
+from sources import sources
 
 WIDTH = 2048
 """Width of the environment map, pixels."""
@@ -60,28 +63,50 @@ def _tint(lamp: Any) -> np.ndarray:
     return np.array(found["color"]) * found["strength"]
 
 
-def read_world(scene: Any, folder: Path) -> dict[str, Any] | None:
-    """The light from far away: a constant, or an image that Cycles renders of it; None: none.
+@dataclass
+class World:
+    """Reads the light from far away.
 
-    The image is a map of all directions (EXR), (WIDTH / 2, WIDTH). Its middle is +x.
+    Attributes
+    ----------
+    folder: where images are written.
+    tell: is told when one is rendered.
+    times: how many have been.
     """
-    world = scene.world
-    if world is None:
-        return None
-    if world.node_tree is None or not getattr(world, "use_nodes", True):
-        colour = list(world.color)
-        return {"radiance": colour} if any(colour) else None
-    output = world.node_tree.get_output_node("CYCLES")
-    if output is None:
-        return None
-    found = read_closure(Input(output.inputs["Surface"]))
-    if found["closure"] == "none":
-        return None
-    if found["closure"] == "emission" and not values(found):
-        radiance = [c * found["strength"] for c in found["color"]]
-        return {"radiance": radiance} if any(radiance) else None
-    _render_world(world, folder / "world.exr")
-    return {"file": "world.exr"}
+
+    folder: Path
+    tell: Callable[[str], None]
+    times: int = 0
+    _origin: str = ""
+
+    def read(self, scene: Any) -> dict[str, Any] | None:
+        """A constant, or an image that Cycles renders of it; None: none.
+
+        The image is a map of all directions (EXR), (WIDTH / 2, WIDTH). Its middle is +x. The one
+        from before serves again if the nodes behind it are the same.
+        """
+        world = scene.world
+        if world is None:
+            return None
+        if world.node_tree is None or not getattr(world, "use_nodes", True):
+            colour = list(world.color)
+            return {"radiance": colour} if any(colour) else None
+        output = world.node_tree.get_output_node("CYCLES")
+        if output is None:
+            return None
+        found = read_closure(Input(output.inputs["Surface"]))
+        if found["closure"] == "none":
+            return None
+        if found["closure"] == "emission" and not values(found):
+            radiance = [c * found["strength"] for c in found["color"]]
+            return {"radiance": radiance} if any(radiance) else None
+        origin = f"{world.name} {plain_closure(found)} {sources(found)}"
+        if origin != self._origin:
+            self.tell("world")
+            self.times += 1
+            self._origin = origin
+            _render_world(world, self.folder / f"world_{self.times}.exr")
+        return {"file": f"world_{self.times}.exr"}
 
 
 def _render_world(world: Any, path: Path) -> None:

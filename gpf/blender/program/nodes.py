@@ -22,8 +22,8 @@ Closure = dict[str, Any]
 
 
 def read_material(material: Any) -> Closure:
-    """The closure of a material's surface, with that of its ``volume``, and ``displaced`` if its
-    displacement is not empty."""
+    """The closure of a material's surface, with that of its ``volume``, and with the Socket of its
+    displacement, ``displaced``, if it has one."""
     if material is None:
         return {"closure": "diffuse", "color": [0.8, 0.8, 0.8]}
     if material.node_tree is None or not getattr(material, "use_nodes", True):
@@ -35,8 +35,8 @@ def read_material(material: Any) -> Closure:
     found = read_closure(Input(output.inputs["Surface"]))
     if Input(output.inputs["Volume"]).origin() is not None:
         found["volume"] = read_volume(Input(output.inputs["Volume"]))
-    if Input(output.inputs["Displacement"]).origin() is not None:
-        found["displaced"] = True
+    if (displacement := Input(output.inputs["Displacement"]).origin()) is not None:
+        found["displaced"] = displacement
     return found
 
 
@@ -173,9 +173,9 @@ def read_output(found: Socket, colour: bool) -> Any:
         if isinstance(inner, dict) and "image" in inner and inner["channel"] is None:
             at = "RGB".index(found.socket.name[0])
             scale = {"scale": [inner["scale"][at]] * 3} if "scale" in inner else {}
-            return inner | {"channel": "rgb"[at]} | scale
+            return inner | {"channel": "rgb"[at], "origin": found} | scale
     if (product := _product_with_image(node, groups)) is not None:
-        return product
+        return product | {"origin": found}
     if node.type == "VERTEX_COLOR" or (
         node.type == "ATTRIBUTE" and node.attribute_type == "GEOMETRY"
     ):
@@ -244,7 +244,7 @@ def read_normal(place: Input) -> Any:
             return image | {"strength": strength}
         if isinstance(image, list):
             return None
-    return {"bake": None}
+    return {"bake": found}
 
 
 def values(closure: Closure) -> list[tuple[Closure, str]]:
@@ -261,3 +261,26 @@ def values(closure: Closure) -> list[tuple[Closure, str]]:
 def plain_inputs(closure: Closure) -> list[dict[str, Any]]:
     """The inputs that :func:`values` finds."""
     return [owner[key] for owner, key in values(closure)]
+
+
+def plain_closure(closure: Closure) -> Closure:
+    """A closure without Blender's own objects."""
+    kept: Closure = {}
+    for key, value in closure.items():
+        if isinstance(value, dict):
+            value = plain_closure(value)
+        if key not in ("origin", "otherwise", "bake", "displaced"):
+            kept[key] = value
+    return kept
+
+
+def with_plain_inputs(closure: Closure, other: Closure) -> Closure:
+    """A closure with the plain inputs of another one that has the same nodes."""
+    found = dict(closure)
+    for key, value in other.items():
+        if isinstance(value, dict):
+            if "closure" in value and key in found:
+                found[key] = with_plain_inputs(found[key], value)
+        elif not isinstance(found.get(key), dict):
+            found[key] = value
+    return found

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import bpy
 import geometry
 import numpy as np
-from bake import UV
 from lamps import read_lamp
 from nodes import Closure, plain_inputs
 
@@ -21,17 +21,49 @@ THIN = 1e-5
 """Distance between the two sides of a sheet that shines, in diagonals of the scene."""
 
 
-class Writer:
-    """Writes the meshes of a scene while Blender renders it, as Blender renders them."""
+@dataclass
+class Known:
+    """What was written for other frames.
 
-    def __init__(self, folder: Path, extent: float, tell: Callable[[str], None]) -> None:
-        self.folder, self.extent, self.tell = folder, extent, tell
-        self.closures: dict[tuple[str, int], Closure] = {}
-        self.shapes: list[dict[str, Any]] = []
-        self.groups: dict[str, list[dict[str, Any]]] = {}
-        self.instances: list[dict[str, Any]] = []
-        self.lamps: list[dict[str, Any]] = []
-        self.notes: list[str] = []
+    Attributes
+    ----------
+    shapes: those of each mesh, by its digest.
+    triangles: of meshes that may bend, by the name of their object.
+    """
+
+    shapes: dict[bytes, list[dict[str, Any]]] = field(default_factory=dict)
+    triangles: dict[str, geometry.Triangles] = field(default_factory=dict)
+
+
+@dataclass
+class Writer:
+    """Writes the meshes of a scene while Blender renders it, as Blender renders them.
+
+    Attributes
+    ----------
+    folder: meshes are written into its folder ``meshes``.
+    extent: length of the scene's diagonal.
+    tell: is told what is being written.
+    closures: those of the scene, by object and slot.
+    unwrapped: where baked images lie on meshes, by object.
+    known: what was written for other frames; this one adds its own.
+    frame: the number of the frame; None if there are no others.
+    shapes, groups, instances, lamps, notes: what was found.
+    """
+
+    folder: Path
+    extent: float
+    tell: Callable[[str], None]
+    closures: dict[tuple[str, int], Closure]
+    unwrapped: dict[str, geometry.Unwrapping]
+    known: Known
+    frame: int | None = None
+    shapes: list[dict[str, Any]] = field(default_factory=list)
+    groups: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    instances: list[dict[str, Any]] = field(default_factory=list)
+    lamps: list[dict[str, Any]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    _count: int = 0
 
     def write(self, graph: Any) -> None:
         """Write everything that a dependency graph renders."""
@@ -80,12 +112,44 @@ class Writer:
         if copied and key in self.groups:
             self.instances.append({"group": key, "matrix": matrix.tolist()})
             return
-        mesh = thing.data
-        baked = UV if UV in mesh.uv_layers else None
         named = {
             v["attribute"] for c in self._own(name) for v in plain_inputs(c) if "attribute" in v
         }
-        parts = geometry.read_parts(mesh, baked, next(iter(named), None))
+        unwrapping = self.unwrapped.get(name)
+        if unwrapping is not None and not unwrapping.fits(thing.data):
+            self.notes.append(f"{name}: some of its meshes without the images that were baked")
+            unwrapping = None
+        bent = None
+        if self.frame is not None and _may_bend(thing.original):
+            bent = self.known.triangles.setdefault(name, {})
+        corners = geometry.read_corners(thing.data, unwrapping, next(iter(named), None), bent)
+        if corners is None:
+            return
+        materials = [
+            (_material(thing, slot), _shines(self.closures.get((name, slot))))
+            for slot in range(max(len(thing.material_slots), 1))
+        ]
+        place = None if copied else matrix
+        digest = corners.digest(name, materials, None if copied else matrix.tolist())
+        if digest not in self.known.shapes:
+            made = self._write_parts(name, corners.parts(), place, materials)
+            self.known.shapes[digest] = made
+        shapes = self.known.shapes[digest]
+        self._count += len(shapes)
+        if copied:
+            self.groups[key] = shapes
+            self.instances.append({"group": key, "matrix": matrix.tolist()})
+        else:
+            self.shapes += shapes
+
+    def _write_parts(
+        self,
+        name: str,
+        parts: list[geometry.Part],
+        place: np.ndarray | None,
+        materials: list[tuple[str | None, bool]],
+    ) -> list[dict[str, Any]]:
+        """Write the parts of an object's mesh."""
         shapes: list[dict[str, Any]] = []
         for part in parts:
             if not geometry.is_finite(part):
@@ -94,26 +158,21 @@ class Writer:
             if geometry.area(part) == 0:
                 self.notes.append(f"{name}: triangles without area; left out")
                 continue
-            if not copied:
-                part = geometry.transformed(part, matrix)
-            slot = min(part.slot, max(len(thing.material_slots) - 1, 0))
+            if place is not None:
+                part = geometry.transformed(part, place)
+            slot = min(part.slot, len(materials) - 1)
+            material, shines = materials[slot]
             sides = [part]
-            if _shines(self.closures.get((name, slot))) and geometry.is_open(part):
+            if shines and geometry.is_open(part):
                 sides.append(geometry.other_side(part, THIN * self.extent))
             for side in sides:
-                shapes.append(self._save(thing, side, slot, len(shapes)))
-        if copied:
-            self.groups[key] = shapes
-            self.instances.append({"group": key, "matrix": matrix.tolist()})
-        else:
-            self.shapes += shapes
-
-    def _save(self, thing: Any, part: geometry.Part, slot: int, before: int) -> dict[str, Any]:
-        number = len(self.shapes) + sum(map(len, self.groups.values())) + before
-        file = f"meshes/{number:04}.ply"
-        geometry.write_ply(self.folder / file, part)
-        material = _material(thing, slot)
-        return {"name": thing.original.name, "file": file, "slot": slot, "material": material}
+                stem = f"{self._count + len(shapes):04}"
+                if self.frame is not None:
+                    stem += f"_{self.frame:04}"
+                geometry.write_ply(self.folder / f"meshes/{stem}.ply", side)
+                shape = {"name": name, "file": f"meshes/{stem}.ply"}
+                shapes.append(shape | {"slot": slot, "material": material})
+        return shapes
 
     def _own(self, name: str) -> list[Closure]:
         return [closure for (thing, _), closure in self.closures.items() if thing == name]
@@ -126,6 +185,13 @@ def _shines(closure: Closure | None) -> bool:
     inner = [v for v in closure.values() if isinstance(v, dict) and "closure" in v]
     own = closure.get("strength", closure.get("emission_strength", 0.0))
     return own != 0 or any(map(_shines, inner))
+
+
+def _may_bend(thing: Any) -> bool:
+    """Whether the mesh of an object may have another shape in another frame."""
+    if thing.type != "MESH" or thing.parent_type in ("ARMATURE", "LATTICE"):
+        return True
+    return bool(thing.modifiers or thing.data.shape_keys)
 
 
 def _material(thing: Any, slot: int) -> str | None:
