@@ -21,7 +21,7 @@ from gpf.training.detail_choice import choose_detail, field_by_place
 from gpf.training.field_error import estimate_error
 from gpf.training.half_colours import HalfColours
 from gpf.training.light_split import split_light
-from gpf.training.settings import TrainingSettings
+from gpf.training.settings import LearningRates, TrainingSettings
 from gpf.training.shared_detail import keep_shared_detail
 from gpf.training.streaming import PhotonStream
 from gpf.training.trainer import Trainer
@@ -73,7 +73,9 @@ class FieldMaker:
     def go_on(
         self, lesson: Lesson, steps: int, before: GaussianPhotonField, motion: Motion
     ) -> Trainer:
-        """The trainer of a field that begins as that of the frame before.
+        """The trainer of a field that begins as that of the frame before, at the usual rates: the
+        shapes of its Gaussians are nearly right, and the noise of larger steps would add up from
+        frame to frame.
 
         Parameters
         ----------
@@ -87,7 +89,8 @@ class FieldMaker:
         at = to_numpy(lesson.points.p), to_numpy(lesson.points.n)
         moves = _moves(before, motion)
         field = field_of_frame(scene, before, detail, bounds, at, moves, self.stream.seed)
-        return Trainer(field, lesson.points, self._settings(steps))
+        settings = self._settings(steps).model_copy(update={"rates": LearningRates()})
+        return Trainer(field, lesson.points, settings)
 
     def clean(self, field: GaussianPhotonField, lesson: Lesson, steps: int) -> HalfColours:
         """Remove noise from a field that was trained for so many steps, and add its light in

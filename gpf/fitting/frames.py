@@ -45,8 +45,8 @@ STREAM = StreamSettings(view_points=80_000, surface_points=40_000)
 
 TRAINING = TrainingSettings(held_out=0, rates=LearningRates(log_scales=6e-2, quats=6e-2))
 STEPS = 100
-"""A third of a fit's steps, and three times its rates for the shapes of Gaussians: as good as twice
-the steps."""
+"""A third of a fit's steps. The first frame has three times a fit's rates for the shapes of
+Gaussians: as good as twice the steps."""
 
 LEAST_PASSES = 6
 
