@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import tee
 from pathlib import Path
 from typing import Annotated
 
@@ -32,7 +33,7 @@ from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.folders import load_views
 from gpf.scene.frames import SceneFrame, choose_frames, scene_frames
-from gpf.scene.load import load_scene_file
+from gpf.scene.load import load_frame
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import SceneViews
 
@@ -115,7 +116,7 @@ class Film:
     def scenes(self) -> Iterator[mi.Scene]:
         """The scenes of all frames."""
         for frame in self.frames:
-            yield load_scene_file(frame.file)
+            yield load_frame(frame)
             dr.flush_malloc_cache()
 
     def truth(self, passes: int) -> dict[str, np.ndarray]:
@@ -161,8 +162,9 @@ class Film:
         ]
 
     def _fields(self, seconds: float) -> Iterator[Picture]:
-        fields = gpf.fit_frames(self.scenes(), self._training(), seconds=seconds)
-        for scene, field in zip(self.scenes(), fields, strict=True):
+        fitted, shown = tee(self.scenes())
+        fields = gpf.fit_frames(fitted, self._training(), seconds=seconds)
+        for scene, field in zip(shown, fields, strict=True):
             yield self._render(scene, field)
 
     def _fits(self, seconds: float) -> Iterator[Picture]:

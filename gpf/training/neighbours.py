@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
@@ -13,6 +15,9 @@ from gpf.core.structs import SurfacePoints, to_numpy
 from gpf.field.field import GaussianPhotonField, supplement_support
 from gpf.field.gaussians import Gaussians
 from gpf.field.limits import before
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 # Radius of the lists, in search radii: Gaussians move a little until the next rebuild, and the
 # lists include those that may enter the ball.
@@ -128,16 +133,34 @@ def local_targets(
     every = np.arange(len(means))
     places = _Places(means, normals, radius, limits)
     p, n, target = (to_numpy(v) for v in (points.p, points.n, points.target))
-    found, share = places.mean(every, p, n, target, neighbours, neighbours)
+    values = _Values(p, n, target, radius)
+    found, share = places.mean(every, values, neighbours, neighbours)
     rest = every[share < 1]
     if len(rest):
-        found[rest], share[rest] = places.mean(rest, p, n, target, neighbours, _AMONG * neighbours)
+        found[rest], share[rest] = places.mean(rest, values, neighbours, _AMONG * neighbours)
     known, rest = every[share > 0], every[share == 0]
     if len(known) and len(rest):
-        near = (means[known], normals[known], found[known])
-        mean, share = places.mean(rest, *near, neighbours, _AMONG * neighbours)
+        values = _Values(means[known], normals[known], found[known], radius)
+        mean, share = places.mean(rest, values, neighbours, _AMONG * neighbours)
         found[rest] = np.where(share[:, None] > 0, mean, found[rest])
     return found
+
+
+@dataclass
+class _Values:
+    """Values at points with normals, (N, 3) each."""
+
+    p: np.ndarray
+    n: np.ndarray
+    values: np.ndarray
+    radius: float
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Finds the nearest."""
+        from scipy.spatial import cKDTree  # slow to import
+
+        return cKDTree(np.hstack([self.p, self.radius * self.n]))
 
 
 @dataclass
@@ -150,25 +173,16 @@ class _Places:
     limits: np.ndarray | None
 
     def mean(
-        self,
-        rows: np.ndarray,
-        p: np.ndarray,
-        n: np.ndarray,
-        values: np.ndarray,
-        neighbours: int,
-        among: int,
+        self, rows: np.ndarray, known: _Values, neighbours: int, among: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """The means of up to ``neighbours`` of the ``among`` points nearest to some Gaussians, and
         the share of those points that is on each Gaussian's surface."""
-        from scipy.spatial import cKDTree  # slow to import
-
         means, normals = self.means[rows], self.normals[rows]
-        tree = cKDTree(np.hstack([p, self.radius * n]))
-        among = min(among, len(p))
+        among = min(among, len(known.p))
         here = np.hstack([means, self.radius * normals])
-        _, near = tree.query(here, k=among, workers=count_cores())
+        _, near = known.tree.query(here, k=among, workers=count_cores())
         near = near.reshape(-1, among)
-        x, facing = p[near], n[near]
+        x, facing = known.p[near], known.n[near]
         # Where points are sparse, those on the other side of a thin wall are among the nearest.
         counts = np.einsum("nkc,nc->nk", facing, normals) > 0
         offset = x - means[:, None]
@@ -181,5 +195,5 @@ class _Places:
         counts = np.where(share[:, None] > 0, own, counts)
         counts[~counts.any(axis=1)] = True
         counts &= np.cumsum(counts, axis=1) <= neighbours
-        found = np.where(counts[:, :, None], values[near], 0)
+        found = np.where(counts[:, :, None], known.values[near], 0)
         return found.sum(axis=1) / counts.sum(axis=1, keepdims=True), share
