@@ -53,7 +53,7 @@ class Picture:
 
 
 def frames(
-    animation: Annotated[str, typer.Argument(help="waves, door or lamp.")],
+    animation: Annotated[str, typer.Argument(help="waves, door, lamp or ball.")],
     wanted: Annotated[
         str, typer.Option("--frames", metavar="all|FIRST:LAST", help="The frames.")
     ] = "0:8",
@@ -69,9 +69,10 @@ def frames(
     """Fields of frames that begin with the field before, against fits of each frame alone, and
     against SPPM and LuxCore's caches in the time of a field.
 
-    A line has the seconds of a frame, and of a view from its field; the number of Gaussians of the
-    first and of the last frame; the PSNR of a view, mean and least; and its flicker, the root mean
-    square of the error of the differences between frames. The truth is SPPM, without its noise.
+    A line has the median seconds of a frame, and of a view from its field; the number of Gaussians
+    of the first and of the last frame; the PSNR of a view, mean and least; and its flicker, the
+    root mean square of the error of the differences between frames. The truth is SPPM, without its
+    noise.
     """
     moves = open_animation(animation)
     with tempfile.TemporaryDirectory() as name:
@@ -150,7 +151,7 @@ class Film:
                 return ["", "", "", error.told]
         images = np.array([picture.image for picture in made])
         errors = truth.errors(images).mean(axis=1)
-        seconds, view = (np.mean([(p.seconds, p.view_seconds) for p in made], axis=0)).tolist()
+        seconds, view = (np.median([(p.seconds, p.view_seconds) for p in made], axis=0)).tolist()
         first, last = made[0].gaussians, made[-1].gaussians
         return [
             f"{seconds:.1f}",

@@ -23,6 +23,7 @@ FRAME_RATE = 24  # 1/s
 
 LAMP_RANGE, LAMP_HEIGHT = (-0.6, 0.6), (0.99, 0.6)
 DOOR_RANGE = (8, 62)  # degrees
+BALL_RANGE = (-0.3, 0.4)
 
 FrameText = Callable[[Path, str, int, int], str]
 """Writes the files of a frame to a folder, and returns the text of its scene file, from that of
@@ -49,6 +50,12 @@ def lamp(folder: Path, text: str, number: int, count: int) -> str:
     """The lamp of the Cornell Box moves from one wall to the other, and down."""
     x, y = (_between(ends, number, count) for ends in (LAMP_RANGE, LAMP_HEIGHT))
     return _replaced(text, '<translate x="0" y="0.99" z="0.01"/>', f'<translate x="{x}" y="{y}"/>')
+
+
+def ball(folder: Path, text: str, number: int, count: int) -> str:
+    """The ball of glass moves through the fog, and its caustic in the air with it."""
+    x = _between(BALL_RANGE, number, count)
+    return _replaced(text, '"center" x="0.1"', f'"center" x="{x}"')
 
 
 @dataclass(frozen=True)
@@ -83,6 +90,7 @@ ANIMATIONS = {
     "waves": Animation("water_caustic_2", 48, "main", waves),
     "door": Animation("veach_ajar", 24, "front", door),
     "lamp": Animation("cornell_box", 24, "front", lamp),
+    "ball": Animation("glass_in_fog", 24, "front", ball),
 }
 
 

@@ -191,15 +191,13 @@ def _concatenate(values: Sequence[Any], widths: Sequence[int]) -> Any:
     if dr.depth_v(kind) > 1:
         columns = zip(*values, strict=True)
         return kind(*(_concatenate(column, widths) for column in columns))
-    spread = [
-        dr.gather(
-            kind,
-            value,
-            dr.arange(mi.UInt32, width) if dr.width(value) > 1 else dr.zeros(mi.UInt32, width),
-        )
-        for value, width in zip(values, widths, strict=True)
-    ]
-    return dr.concat(spread)
+    joined, begin = dr.empty(kind, sum(widths)), 0
+    for value, width in zip(values, widths, strict=True):
+        # Opaque: else each number of values has a kernel of its own.
+        places = dr.opaque(mi.UInt32, begin) + dr.arange(mi.UInt32, width)
+        dr.scatter(joined, value, places)
+        begin += width
+    return joined
 
 
 def from_numpy(kind: Any, values: ArrayLike) -> Any:
@@ -238,6 +236,11 @@ def from_numpy(kind: Any, values: ArrayLike) -> Any:
 
 
 def to_numpy(value: Any) -> np.ndarray:
-    """Convert a Dr.Jit array (…, N) to a numpy array with one row per lane, (N, …)."""
-    array = np.asarray(value.numpy())
-    return np.ascontiguousarray(array.T) if array.ndim == 2 else array
+    """Convert a Dr.Jit array (…, N) to a numpy array with one row per lane, (N, …).
+
+    (Dr.Jit would do so for a vector by a kernel that has N in it, one for each N.)
+    """
+    if dr.depth_v(value) != 2:
+        return np.asarray(value.numpy())
+    dr.eval(value)
+    return np.stack([np.asarray(column.numpy()) for column in value], axis=1)

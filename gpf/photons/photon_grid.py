@@ -18,7 +18,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.structs import Photons, from_numpy
+from gpf.core.structs import Photons, from_numpy, to_numpy
 from gpf.photons.cell_table import LINE, CellTable
 from gpf.photons.emission import Emitted
 from gpf.photons.photon_cells import LEVEL_BITS, PhotonCells
@@ -91,7 +91,7 @@ class PhotonSums:
 
     def _learn(self, few: Photons) -> None:
         """Note the typical power and the number of photons, from :data:`PILOT` paths."""
-        sizes = np.abs(few.power.numpy()).max(axis=0) if dr.width(few.p) else np.ones(1)
+        sizes = np.abs(to_numpy(few.power)).max(axis=1) if dr.width(few.p) else np.ones(1)
         self._unit = float(sizes.mean() or 1) * PILOT / _POWER_STEPS
         self._landings = (dr.width(few.p) + 1) / PILOT
 

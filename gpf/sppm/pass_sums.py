@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.images import tone_map
-from gpf.core.structs import from_numpy
+from gpf.core.structs import from_numpy, to_numpy
 
 _GREATEST_SQUARE = 2.0**51
 
@@ -162,7 +162,7 @@ class ExactSum:
 
     def total(self) -> np.ndarray:
         """The sum, float64, (N, 3)."""
-        whole, steps = (_rows(v).astype(np.float64) for v in (self._whole, self._steps))
+        whole, steps = (to_numpy(v).astype(np.float64) for v in (self._whole, self._steps))
         total = whole + steps * self._step
         total[np.asarray(self._broken.numpy()) > 0] = np.nan
         return total
@@ -171,8 +171,8 @@ class ExactSum:
         """The sum as integers for a file: ``whole`` and ``steps``, (N, 3), and ``broken``, (N,),
         which is 1 for lanes whose sum is NaN."""
         return {
-            "whole": _rows(self._whole),
-            "steps": _rows(self._steps),
+            "whole": to_numpy(self._whole),
+            "steps": to_numpy(self._steps),
             "broken": np.asarray(self._broken.numpy()),
         }
 
@@ -192,7 +192,3 @@ class ExactSum:
         self._whole += full
         self._steps -= full << self._bits
         dr.eval(self._whole, self._steps, self._broken)
-
-
-def _rows(value: Any) -> np.ndarray:
-    return np.ascontiguousarray(value.numpy().T)

@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.machine import count_cores
-from gpf.core.structs import SurfacePoints, to_numpy
+from gpf.core.structs import SurfacePoints, concatenate, to_numpy
 from gpf.field.field import GaussianPhotonField, supplement_support
 from gpf.field.gaussians import Gaussians
 from gpf.field.limits import before
@@ -103,7 +103,7 @@ def list_neighbours(field: GaussianPhotonField, points: SurfacePoints) -> Neighb
     )
     dr.eval(count, support2, dense)
     ends = dr.prefix_reduce(dr.ReduceOp.Add, count, exclusive=False)
-    starts = dr.concat([mi.UInt32(0), ends])
+    starts = concatenate([mi.UInt32(0), ends])
     pairs = int(ends[dr.width(ends) - 1])
     indices = dr.zeros(mi.UInt32, max(pairs, 1))
     offset = dr.gather(mi.UInt32, starts, dr.arange(mi.UInt32, dr.width(points.p)))

@@ -61,7 +61,12 @@ def test_each_scene_has_a_camera_and_a_lamp(name, two_threads):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "moving"),
-    [("waves", {"water-surface"}), ("door", {"door", "door-handle"}), ("lamp", {"light"})],
+    [
+        ("waves", {"water-surface"}),
+        ("door", {"door", "door-handle"}),
+        ("lamp", {"light"}),
+        ("ball", {"ball"}),
+    ],
 )
 def test_in_an_animation_only_what_is_said_moves(name, moving, tmp_path, two_threads):
     ANIMATIONS[name].write(tmp_path, count=3)
