@@ -243,4 +243,5 @@ def to_numpy(value: Any) -> np.ndarray:
     if dr.depth_v(value) != 2:
         return np.asarray(value.numpy())
     dr.eval(value)
-    return np.stack([np.asarray(column.numpy()) for column in value], axis=1)
+    columns = [np.asarray(column.numpy()) for column in value]
+    return np.stack(np.broadcast_arrays(*columns), axis=1)  # some may be constants
