@@ -99,7 +99,7 @@ class GridLevels(Recordable):
             start = dr.prefix_reduce(dr.ReduceOp.Add, counts, exclusive=True)
             orders.append(dr.argsort(bucket))
             starts.append(start + dr.opaque(mi.UInt32, number * dr.width(points)))
-        return (concatenate(orders), concatenate(starts)) if len(orders) > 1 else (*orders, *starts)
+        return concatenate(orders), concatenate(starts)
 
     def cell_of(self, grid: Grid, p: mi.Point3f) -> mi.Vector3i:
         """The cells of points at a level, (N, 3). Points outside the bounds belong to the outermost

@@ -191,8 +191,12 @@ def _concatenate(values: Sequence[Any], widths: Sequence[int]) -> Any:
     if dr.depth_v(kind) > 1:
         columns = zip(*values, strict=True)
         return kind(*(_concatenate(column, widths) for column in columns))
+    if len(values) == 1 and dr.width(values[0]) == widths[0]:
+        return kind(values[0])
     joined, begin = dr.empty(kind, sum(widths)), 0
     for value, width in zip(values, widths, strict=True):
+        if width == 0:
+            continue
         # Opaque: else each number of values has a kernel of its own.
         places = dr.opaque(mi.UInt32, begin) + dr.arange(mi.UInt32, width)
         dr.scatter(joined, value, places)

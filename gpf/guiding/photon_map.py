@@ -47,8 +47,7 @@ def collect_photons(
         photons = record_photons(scene, batch, pass_seed(seed, number, Stream.PHOTON_MAP))
         photons.power *= batch.paths / settings.paths
         kept.append(photons if region is None else region.select(photons))
-    found = [photons for photons in kept if dr.width(photons.p) > 0] or kept[:1]
-    photons = found[0] if len(found) == 1 else concatenate(found)
+    photons = concatenate([photons for photons in kept if dr.width(photons.p) > 0] or kept[:1])
     dr.eval(photons)
     if region is None or dr.width(photons.p) == 0:
         return photons

@@ -171,8 +171,7 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
             alpha = samples.merge(found).x
             dr.eval(radiance, alpha)
             parts.append((samples.position, radiance, alpha))
-        whole = parts[0] if len(parts) == 1 else [concatenate(p) for p in zip(*parts, strict=True)]
-        return reconstruct(sensor.film(), *whole)
+        return reconstruct(sensor.film(), *map(concatenate, zip(*parts, strict=True)))
 
     def _sample(
         self,
