@@ -65,7 +65,7 @@ class Trainer:
         sets = (order[~split[order]], order[split[order]])
         training, held_out = (take(points, from_numpy(mi.UInt32, s)) for s in sets)
 
-        mean_target = np.mean(to_numpy(training.target))
+        mean_target = np.mean(np.asarray(training.target.numpy()))
         self.unit = float(mean_target) if mean_target > 0 else 1.0
         for part in (training, held_out):
             if dr.width(part.p) > 0:
