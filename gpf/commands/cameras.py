@@ -49,6 +49,12 @@ def file_beside(scene_file: Path, file: Path | None) -> Path | None:
     return file or (beside if beside.exists() else None)
 
 
+def file_in_animation(animation: Path, file: Path | None) -> Path | None:
+    """The cameras' file: ``file``, or else ``views.yaml`` in an animation's folder, if there is
+    one."""
+    return file_beside(animation / "scene.xml", file)
+
+
 def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> Cameras:
     """The cameras for pictures of a scene.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from gpf.commands.cameras import file_beside
+from gpf.commands.cameras import file_beside, file_in_animation
 from gpf.commands.cluster_frames import fit_on_cluster
 from gpf.commands.frame_fit import FrameFit, find_stretches
 from gpf.commands.scenes import changed_since, field_of_frame, find_frames
@@ -15,9 +15,10 @@ from gpf.core.locks import sole_run
 from gpf.core.partial import remove_leftovers
 from gpf.core.progress import progress_bar, say
 from gpf.core.runtime import choose_variant
-from gpf.field.io import load_field, read_field, save_field
+from gpf.field.io import StoredField, load_field, read_field, save_field
 from gpf.fitting.frames import Frame
 from gpf.importing.placement import ROWS
+from gpf.scene.fingerprint import SAME_FRAME
 from gpf.scene.frames import SceneFrame, choose_frames
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_frame
@@ -40,6 +41,7 @@ def fit_scene_frames(
 
     Interrupted, the same command fits the frames that have no field. Each begins with the Gaussians
     of the frame before it (:mod:`gpf.commands.frame_fit`), or, if that has none either, follows it.
+    Frames that have one keep it, also where the frame before gets another.
 
     Parameters
     ----------
@@ -50,40 +52,45 @@ def fit_scene_frames(
     views: a ``views.yaml`` or ``transforms.json`` with the views that the fields are for; by
         default the ``views.yaml`` beside the scenes; without one, cameras are placed around the own
         ones of the frames.
-    groups: as for :meth:`LightGroups.parse`, in the first frame.
-    overwrite: whether to replace fields of other scenes.
+    groups: as for :meth:`LightGroups.parse`, in the animation's first frame.
+    overwrite: whether to replace fields of other scenes, or that were fitted with other settings.
     cluster: the machines that fit the frames; None for this one.
 
     Raises
     ------
-    UserError: as these; or the folder has fields of other scenes.
+    UserError: as these; or the folder has such fields.
     """
     every = find_frames(animation, wanted)
-    frames = every[choose_frames(wanted, len(every), str(animation))]
+    chosen = choose_frames(wanted, len(every), str(animation))
+    frames = every[chosen]
     choose_variant("auto")
-    beside = file_beside(frames[0].file, views)
+    beside = file_beside(frames[0].file, file_in_animation(animation, views))
     say("cameras: placed around the scenes' own" if beside is None else f"cameras: from {beside}")
     cameras = None if beside is None else read_cameras(beside)
+    first = next(frame for frame in every if frame.file.exists())
     fit = FrameFit(
         seconds,
         passes,
         seed,
-        LightGroups.parse(groups, load_frame(frames[0])) if groups else None,
+        LightGroups.parse(groups, load_frame(first)) if groups else None,
         None if cameras is None else (*cameras.train, *cameras.novel),
         (ROWS, ROWS) if cameras is None else cameras.size(ROWS),
     )
     with sole_run(folder, inside=True), progress_bar(f"{folder.name}: frames", len(frames)) as bar:
         remove_leftovers(folder)
-        missing = [k for k, frame in enumerate(frames) if not _is_done(folder, frame, overwrite)]
-        done = len(frames) - len(missing)
-        if done:
-            say(f"{folder}: {done} of {len(frames)} frames are done")
-        bar(done)
-        todo = fit, frames, missing, folder
+        done = [_is_done(fit, folder, frame, overwrite) for frame in frames]
+        ready = sum(done)
+        if ready:
+            say(f"{folder}: {ready} of {len(frames)} frames are done")
+        bar(ready)
+        last = every[max(chosen.start - 1, 0) : chosen.start]
+        if last and _has_field(fit, folder, last[0]):  # the first one goes on from it
+            frames, done = [*last, *frames], [True, *done]
+        todo = fit, frames, [k for k, is_done in enumerate(done) if not is_done], folder
         for _ in _fit_here(*todo) if cluster is None else fit_on_cluster(cluster, *todo):
-            done += 1
-            bar(done)
-    say(f"{folder}: {len(frames)} fields")
+            ready += 1
+            bar(ready)
+    say(f"{folder}: {ready} fields")
 
 
 def refuse_with_frames(options: Mapping[str, object]) -> None:
@@ -94,16 +101,30 @@ def refuse_with_frames(options: Mapping[str, object]) -> None:
             raise UserError(f"--frames and {option}", "are mutually exclusive", todo)
 
 
-def _is_done(folder: Path, frame: SceneFrame, overwrite: bool) -> bool:
+def _is_done(fit: FrameFit, folder: Path, frame: SceneFrame, overwrite: bool) -> bool:
     """Whether a frame has its field."""
     file = field_of_frame(folder, frame)
     if not file.exists():
         return False
-    parts = changed_since(load_frame(frame), read_field(file))
-    if parts and not overwrite:
-        what = f"was fitted to another scene than {frame.file}: different {parts}"
-        raise UserError(str(file), what, "Add --overwrite, or give another folder.")
-    return not parts
+    other = _other(fit, frame, read_field(file))
+    if other and not overwrite:
+        raise UserError(str(file), f"was fitted {other}", "Add --overwrite, or give another folder.")
+    return not other
+
+
+def _has_field(fit: FrameFit, folder: Path, frame: SceneFrame) -> bool:
+    """Whether a frame, which may have no scene file yet, has its field."""
+    file = field_of_frame(folder, frame)
+    return file.exists() and frame.file.exists() and not _other(fit, frame, read_field(file))
+
+
+def _other(fit: FrameFit, frame: SceneFrame, field: StoredField) -> str:
+    """What a field was fitted to or with, in words, if that is not what is asked for."""
+    if parts := changed_since(load_frame(frame), field, SAME_FRAME):
+        return f"to another scene than {frame.file}: different {parts}"
+    known = field.record.get("asked", {})
+    other = [key for key, value in fit.asked().items() if known.get(key, value) != value]
+    return f"with other {' and '.join(other)}" if other else ""
 
 
 def _fit_here(

@@ -8,13 +8,15 @@ so that all chunks go on from the same Gaussians.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Any
 
 from gpf.core.errors import UserError
 from gpf.field.field import GaussianPhotonField
-from gpf.fitting.frames import Frame, fit_frames
+from gpf.fitting.frames import SECONDS, Frame, fit_frames
 from gpf.scene.frames import SceneFrame
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_frame
@@ -41,6 +43,17 @@ class FrameFit:
     views: tuple[View, ...] | None = None
     film: tuple[int, int] = (0, 0)
 
+    def asked(self) -> dict[str, Any]:
+        """This as JSON values, for the record of each field."""
+        seconds = SECONDS if self.seconds is None and self.passes is None else self.seconds
+        views = None
+        if self.views is not None:
+            views = [self.film, *(view.model_dump(mode="json") for view in self.views)]
+        groups = self.groups and [self.groups.names, self.groups.emitters]
+        found = {"seconds": seconds, "passes": self.passes, "seed": self.seed}
+        found |= {"groups": groups, "views": views}
+        return {key: json.loads(json.dumps(value)) for key, value in found.items()}
+
     def fields(
         self, frames: Sequence[SceneFrame], before: Frame | None
     ) -> Iterator[tuple[SceneFrame, GaussianPhotonField]]:
@@ -62,16 +75,12 @@ class FrameFit:
             groups=self.groups,
             before=before,
         )
-        return _named(frames, fields)
-
-
-def _named(
-    frames: Iterable[SceneFrame], fields: Iterator[GaussianPhotonField]
-) -> Iterator[tuple[SceneFrame, GaussianPhotonField]]:
-    for frame in frames:
-        with _naming(frame):
-            field = next(fields)
-        yield frame, field
+        del before  # or its scene would stay until the last frame
+        for frame in frames:
+            with _naming(frame):
+                field = next(fields)
+            field.record["asked"] = self.asked()
+            yield frame, field
 
 
 @contextmanager

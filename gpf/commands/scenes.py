@@ -13,7 +13,7 @@ from gpf.core.yaml import suggest
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import StoredField
 from gpf.importing.sources import find_scene_file
-from gpf.scene.fingerprint import changed_parts, fingerprint
+from gpf.scene.fingerprint import SAME, changed_parts, fingerprint
 from gpf.scene.frames import SceneFrame, scene_frames
 
 RESULTS = Path("results")
@@ -100,11 +100,13 @@ def _result(scene: str, file: str, stage: str) -> Path:
     )
 
 
-def changed_since(scene: mi.Scene, field: GaussianPhotonField | StoredField) -> str:
+def changed_since(
+    scene: mi.Scene, field: GaussianPhotonField | StoredField, tolerance: float = SAME
+) -> str:
     """The parts of a scene that have changed since a field was fitted to it, in words; empty if
     none has, or if the field does not record its scene."""
     known = field.record.get("fingerprint")
-    changed = changed_parts(known, fingerprint(scene)) if known else []
+    changed = changed_parts(known, fingerprint(scene), tolerance) if known else []
     return " and ".join(", ".join(changed).rsplit(", ", 1))
 
 
@@ -114,6 +116,7 @@ def require_same_scene(
     field: GaussianPhotonField,
     field_file: Path,
     changed_scene: bool = False,
+    tolerance: float = SAME,
 ) -> None:
     """Raise a :class:`UserError` if a field was fitted to another scene, or to this one before it
     was changed; fields that do not record their scene are accepted.
@@ -124,7 +127,7 @@ def require_same_scene(
     ----------
     changed_scene: whether to accept a field of another scene.
     """
-    parts = "" if changed_scene else changed_since(scene, field)
+    parts = "" if changed_scene else changed_since(scene, field, tolerance)
     field.record.pop("fingerprint", None)
     if parts:
         raise UserError(

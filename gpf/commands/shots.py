@@ -9,7 +9,13 @@ from pathlib import Path
 import mitsuba as mi
 
 from gpf.blender.conversion import is_foreign
-from gpf.commands.cameras import CameraChoice, Cameras, camera_of_frame, choose_cameras
+from gpf.commands.cameras import (
+    CameraChoice,
+    Cameras,
+    camera_of_frame,
+    choose_cameras,
+    file_in_animation,
+)
 from gpf.commands.scenes import (
     FIELDS,
     field_of_frame,
@@ -21,6 +27,7 @@ from gpf.commands.scenes import (
 from gpf.core.errors import UserError
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
+from gpf.scene.fingerprint import SAME, SAME_FRAME
 from gpf.scene.frames import choose_frames, is_animation
 from gpf.scene.load import load_scene_file
 
@@ -65,7 +72,10 @@ class Shot:
         """
         found = load_field(self.field_file)
         scene = load_scene_file(self.scene_file, parameters=self.parameters)
-        require_same_scene(scene, self.scene_file, found, self.field_file, changed_scene)
+        tolerance = SAME if self.frame is None else SAME_FRAME
+        require_same_scene(
+            scene, self.scene_file, found, self.field_file, changed_scene, tolerance
+        )
         where = scene, self.scene_file, self.choice
         if self.frame is None:
             return scene, found, choose_cameras(*where)
@@ -103,6 +113,12 @@ def _frames(animation: Path, fields: Path, choice: CameraChoice) -> list[Shot]:
     if not fields.is_dir():
         todo = f"Run `gpf fit {animation} --frames all -o {fields}`, or give --field FOLDER."
         raise UserError(str(fields), "is not a folder with the fields of the frames", todo)
+    if choice.orbit:
+        raise UserError("--frames and --orbit", "are mutually exclusive", "Give one of them.")
+    if len(choice.names) > 1:
+        what = f"shows one view, but --view is given {len(choice.names)} times"
+        raise UserError("--frames", what, "Render one view after the other.")
+    choice = replace(choice, file=file_in_animation(animation, choice.file))
     every = find_frames(animation, choice.frames)
     numbers = range(len(every))[choose_frames(choice.frames, len(every), str(animation))]
     found = []

@@ -73,6 +73,7 @@ def field_of_frame(
     scene: mi.Scene,
     field: GaussianPhotonField,
     detail: Detail,
+    settings: FieldSettings,
     bounds: tuple[mi.ScalarPoint3f, mi.ScalarPoint3f],
     points: tuple[np.ndarray, np.ndarray],
     moves: Moves,
@@ -85,7 +86,9 @@ def field_of_frame(
 
     Parameters
     ----------
-    detail: the levels of the next frame, on the grid of the field's.
+    detail: the levels of the next frame, on the grid of the field's or a larger one
+        (:meth:`Detail.around`).
+    settings: of the next frame's field.
     bounds, points: as for :func:`field_by_detail`.
     moves: of the field's Gaussians.
     """
@@ -98,14 +101,17 @@ def field_of_frame(
         own = np.flatnonzero(level == number)
         kept[own] &= detail.reaches(there[own], number)
     if not kept.any():
-        return field_by_detail(scene, detail, field.settings, bounds, points, seed)
+        return field_by_detail(scene, detail, settings, bounds, points, seed)
     rows = np.flatnonzero(kept)
     gaussians = take(field.gaussians, from_numpy(mi.UInt32, rows))
-    further = means + moves.shift * np.float32(2) ** level[:, None]
-    gaussians.means = from_numpy(mi.Point3f, further[rows])
+    means, level, shift = means[rows], level[rows], moves.shift[rows]
+    # The same grid adds exactly 0, so that what does not move keeps its bits.
+    means = means + (shift + (field.detail.corner - detail.corner)) * 2.0 ** level[:, None]
+    means[:, 0] += detail.starts[level] - field.detail.starts[level]
+    gaussians.means = from_numpy(mi.Point3f, means)
     gaussians.normals = from_numpy(mi.Normal3f, moves.normals[rows])
     limits = find_limits(scene, gaussians, detail)
-    found = GaussianPhotonField(gaussians, field.settings, bounds, detail=detail, limits=limits)
+    found = GaussianPhotonField(gaussians, settings, bounds, detail=detail, limits=limits)
     _fill_gaps(scene, found, points, seed, (DISTANCE, *GAP_DISTANCES))
     return found
 

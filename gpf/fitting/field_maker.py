@@ -11,6 +11,7 @@ import numpy as np
 
 from gpf.core.structs import SurfacePoints, from_numpy, to_numpy
 from gpf.field.by_detail import Moves, field_of_frame
+from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
 from gpf.field.lights import FieldLights
 from gpf.field.settings import FieldSettings
@@ -71,7 +72,12 @@ class FieldMaker:
         return Trainer(field, lesson.points, self._settings(steps))
 
     def go_on(
-        self, lesson: Lesson, steps: int, before: GaussianPhotonField, motion: Motion
+        self,
+        lesson: Lesson,
+        steps: int,
+        before: GaussianPhotonField,
+        earlier: Detail,
+        motion: Motion,
     ) -> Trainer:
         """The trainer of a field that begins as that of the frame before, at the usual rates: the
         shapes of its Gaussians are nearly right, and the noise of larger steps would add up from
@@ -79,16 +85,15 @@ class FieldMaker:
 
         Parameters
         ----------
+        earlier: its levels, on a grid that contains this frame.
         motion: from the frame before to this one.
         """
-        assert before.detail is not None
         scene, bounds = self.stream.scene, scene_bounds(self.stream.scene)
-        detail = choose_detail(
-            lesson.points, lesson.halves, self.stream.narrowest, bounds, before.detail
-        )
+        detail = choose_detail(lesson.points, lesson.halves, self.stream.narrowest, bounds, earlier)
         at = to_numpy(lesson.points.p), to_numpy(lesson.points.n)
         moves = _moves(before, motion)
-        field = field_of_frame(scene, before, detail, bounds, at, moves, self.stream.seed)
+        query = self.query(detail.radius)  # other lamps may be small in this frame
+        field = field_of_frame(scene, before, detail, query, bounds, at, moves, self.stream.seed)
         settings = self._settings(steps).model_copy(update={"rates": LearningRates()})
         return Trainer(field, lesson.points, settings)
 

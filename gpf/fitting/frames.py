@@ -20,19 +20,18 @@ from typing import Literal
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
-from gpf.field.detail import Detail
 from gpf.field.field import GaussianPhotonField
 from gpf.fitting.field_maker import FieldMaker, Lesson
 from gpf.fitting.goals import Goals, TimeBudget, require_seed
 from gpf.fitting.opening import Opening, examine
 from gpf.importing.placement import place_sensors
-from gpf.scene.bounds import scene_bounds
+from gpf.scene.bounds import bounding_box
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.motion import Motion
 from gpf.scene.sensors import views_of_sensors
 from gpf.scene.views import View
+from gpf.training.detail_choice import MOST_CELLS
 from gpf.training.settings import LearningRates, TrainingSettings
 from gpf.training.streaming import PhotonStream, StreamSettings
 from gpf.training.trainer import Trainer
@@ -51,6 +50,7 @@ Gaussians: as good as twice the steps."""
 LEAST_PASSES = 6
 
 LOST = "These shapes have no counterpart in the frame before; their light begins anew: %s."
+OUTGROWN = "The scene is much larger than in the frames before; its field begins anew."
 MOST_NAMES = 5
 """Most names in this message."""
 
@@ -90,7 +90,8 @@ def fit_frames(
     passes: photon passes for each frame, at least :data:`LEAST_PASSES`; then the same seed gives
         the same bits on the same machine. Whatever comes first, time or passes, ends a frame.
     seed: of all frames.
-    groups: groups of emitters whose light the fields keep apart, the same in all frames.
+    groups: groups of emitters whose light the fields keep apart, the same in all frames: emitters
+        are found by their names, and may be missing in some frames.
     before: the frame before the first, which has its field. Cameras are placed in it, unless its
         own ones are elsewhere.
 
@@ -130,14 +131,15 @@ class _FrameFitter:
     def fit(self, scene: mi.Scene) -> GaussianPhotonField:
         """The field of the next frame."""
         origin = examine(scene)
+        groups = None if self._groups is None else self._groups.in_frame(scene)
         with TimeBudget(self._goals.seconds) as time:
-            look = self._cameras(scene), self._settings, self._groups, self._radius
+            look = self._cameras(scene), self._settings, groups, self._radius
             opening = Opening.look(scene, *look)
             self._radius = opening.passes.initial_radius
             stream = opening.stream
             self._trace(stream, time)
             begin = time.work
-            maker = FieldMaker(stream, opening.query, self._groups, TRAINING)
+            maker = FieldMaker(stream, opening.query, groups, TRAINING)
             lesson = maker.supervise()
             field = self._begin(maker, lesson).run()
             maker.add_error(field, maker.clean(field, lesson, STEPS))
@@ -157,12 +159,16 @@ class _FrameFitter:
     def _begin(self, maker: FieldMaker, lesson: Lesson) -> Trainer:
         """The trainer of the next frame's field."""
         scene = maker.stream.scene
-        if self._before is None or not _holds(self._before.field.detail, scene):
+        if self._before is None or (earlier := self._before.field.detail) is None:
+            return maker.start(lesson, STEPS)
+        detail = earlier.around(*bounding_box(scene))
+        if detail.table.size > MOST_CELLS:
+            log.warning(OUTGROWN)
             return maker.start(lesson, STEPS)
         motion = Motion(self._before.scene, scene)
         if motion.lost:
             log.warning(LOST, ", ".join(motion.lost[:MOST_NAMES]))
-        return maker.go_on(lesson, STEPS, self._before.field, motion)
+        return maker.go_on(lesson, STEPS, self._before.field, detail, motion)
 
     def _trace(self, stream: PhotonStream, time: TimeBudget) -> None:
         """Trace photons until the passes are done, or until what follows needs the time left."""
@@ -186,12 +192,3 @@ class _FrameFitter:
                 scene = before.scene
             self._sensors, self._own = place_sensors(scene), own
         return self._sensors
-
-
-def _holds(detail: Detail | None, scene: mi.Scene) -> bool:
-    """Whether a scene lies in the grid of levels."""
-    if detail is None:
-        return False
-    lowest, highest = (np.array(corner, dtype=float) for corner in scene_bounds(scene))
-    end = detail.corner + np.array(detail.table.shape) * detail.width
-    return bool((lowest >= detail.corner).all() and (highest <= end).all())

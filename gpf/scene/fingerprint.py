@@ -16,8 +16,12 @@ import numpy as np
 
 PARTS = ("geometry", "materials", "lights")
 
-# Relative difference up to which two numbers count as equal except for rounding.
-_SAME = 1e-4
+SAME = 1e-4
+"""Relative difference up to which two numbers count as equal except for rounding."""
+
+SAME_FRAME = 1e-9
+"""The same for the frames of an animation, which differ by little: by 1e-5 from one frame of a
+pool's waves to the next. Their shapes are never merged, so there is no rounding to forgive."""
 
 
 def fingerprint(scene: mi.Scene) -> dict[str, Any]:
@@ -54,12 +58,14 @@ def fingerprint(scene: mi.Scene) -> dict[str, Any]:
     }
 
 
-def changed_parts(first: Mapping[str, Any], second: Mapping[str, Any]) -> list[str]:
+def changed_parts(
+    first: Mapping[str, Any], second: Mapping[str, Any], tolerance: float = SAME
+) -> list[str]:
     """The parts in which two fingerprints differ; fingerprints of earlier versions match any."""
-    return [part for part in PARTS if not _same(part, first, second)]
+    return [part for part in PARTS if not _same(part, first, second, tolerance)]
 
 
-def _same(part: str, first: Mapping[str, Any], second: Mapping[str, Any]) -> bool:
+def _same(part: str, first: Mapping[str, Any], second: Mapping[str, Any], tolerance: float) -> bool:
     ours, theirs = first.get(part), second.get(part)
     if type(ours) is not type(theirs) or isinstance(ours, str):
         return True  # an earlier version had digests of individual shapes
@@ -68,12 +74,12 @@ def _same(part: str, first: Mapping[str, Any], second: Mapping[str, Any]) -> boo
         # Lengths and squared lengths are compared relative to the size of the scene.
         size = np.sqrt(max(a[4:7].sum(), b[4:7].sum()))
         units = np.array([max(a[0], b[0]), *[size] * 3, *[size**2] * 6])
-        return bool((np.abs(a - b) <= _SAME * units).all())
+        return bool((np.abs(a - b) <= tolerance * units).all())
     if part == "materials" and ours.keys() == theirs.keys():  # type: ignore[union-attr]
-        if not _same("geometry", first, second):
+        if not _same("geometry", first, second, tolerance):
             return True  # then areas differ too
         areas = np.array([[ours[name], theirs[name]] for name in ours])  # type: ignore[index,union-attr]
-        return bool((np.abs(areas[:, 0] - areas[:, 1]) <= _SAME * areas.sum()).all())
+        return bool((np.abs(areas[:, 0] - areas[:, 1]) <= tolerance * areas.sum()).all())
     return bool(ours == theirs)
 
 

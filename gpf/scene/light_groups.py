@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -29,10 +30,12 @@ class LightGroups:
     ----------
     names: names of the groups.
     members: for each group, the indices of its emitters in ``scene.emitters()``.
+    emitters: for each group, the names of its emitters (:func:`emitter_names`); empty if unknown.
     """
 
     names: tuple[str, ...]
     members: tuple[tuple[int, ...], ...]
+    emitters: tuple[tuple[str, ...], ...] = dataclasses.field(default=(), compare=False)
 
     @classmethod
     def parse(cls, text: str, scene: mi.Scene) -> LightGroups | None:
@@ -61,7 +64,7 @@ class LightGroups:
                 f"would make {len(names)} groups, one per emitter; the limit is {MOST_GROUPS}",
                 "List the groups in a file, such as `ceiling: [lamp_1, lamp_2]`.",
             )
-        return cls(tuple(names), tuple((k,) for k in range(len(names))))
+        return cls._of(names, {name: (k,) for k, name in enumerate(names)})
 
     @classmethod
     def read(cls, file: Path, scene: mi.Scene) -> LightGroups:
@@ -101,7 +104,35 @@ class LightGroups:
             raise UserError(
                 str(file), f"has {len(groups)} groups", f"The limit is {MOST_GROUPS}: join some."
             )
-        return cls(tuple(groups), tuple(groups.values()))
+        return cls._of(known, groups)
+
+    @classmethod
+    def _of(cls, known: Sequence[str], groups: Mapping[str, tuple[int, ...]]) -> LightGroups:
+        named = tuple(tuple(known[k] for k in members) for members in groups.values())
+        return cls(tuple(groups), tuple(groups.values()), named)
+
+    def in_frame(self, scene: mi.Scene) -> LightGroups:
+        """The same groups in another frame of an animation, whose emitters have the same names.
+        Some may be missing. Groups that do not know the names are returned as they are.
+
+        Raises
+        ------
+        UserError: an emitter of the frame is in no group.
+        """
+        if not self.emitters:
+            return self
+        known = emitter_names(scene)
+        grouped = {name for names in self.emitters for name in names}
+        if strangers := [name for name in known if name not in grouped]:
+            raise UserError(
+                f"emitter {strangers[0]}",
+                "is in none of the groups, which are those of the first frame",
+                "Give the first frame all emitters, with a radiance of 0 where they are off.",
+            )
+        members = tuple(
+            tuple(known.index(name) for name in names if name in known) for names in self.emitters
+        )
+        return replace(self, members=members)
 
     def table(self, scene: mi.Scene) -> mi.UInt32:
         """Group numbers, indexed by an emitter's number in the registry; see :func:`group_of`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import zip_longest
 
 import drjit as dr
 import mitsuba as mi
@@ -10,6 +11,7 @@ import numpy as np
 
 from gpf.core.structs import from_numpy
 from gpf.scene.bounds import scene_bounds
+from gpf.scene.shapes import all_shapes
 
 NEAR = 1e-4
 """How far from its surface a point may always lie, relative to the size of the scene."""
@@ -40,7 +42,7 @@ class Motion:
         found = [None if place is None else others[place] for place in places]
         moves = [_move(*pair) for pair in zip(shapes, found, strict=True)]
         self.lost = [_name(s) for s, move in zip(shapes, moves, strict=True) if move is None]
-        self.still = all(isinstance(move, np.ndarray) and (move == _STILL).all() for move in moves)
+        self.still = all(_is_still(move) for move in (*moves, *_inner_moves(start, end)))
         bent = [move is _BENT for move in moves]
         matrices = [move if isinstance(move, np.ndarray) else _STILL for move in moves]
         self._others = from_numpy(mi.UInt32, np.array([p or 0 for p in places], np.uint32))
@@ -68,9 +70,7 @@ class Motion:
         if self.still:
             return p, n, dr.full(mi.Bool, True, dr.width(p))
         reach = dr.maximum(reach, self._near)
-        ray = mi.Ray3f(p + reach * n, -mi.Vector3f(n))
-        ray.maxt = 2 * reach
-        hit = self._start.ray_intersect_preliminary(ray, False)
+        ray, hit = self._nearest(p, mi.Vector3f(n), reach)
         found = hit.is_valid()
         place = _places(self._start, hit.shape)
         known = found & (hit.instance == None)  # noqa: E711
@@ -80,7 +80,7 @@ class Motion:
         rows = [dr.gather(mi.Float, self._moves, 12 * place + k, known) for k in range(12)]
         matrix = mi.Matrix4f(*rows, 0, 0, 0, 1)
         move = mi.Transform4f(matrix)
-        there, facing = move @ p, move @ mi.Vector3f(n)
+        there, facing = move @ p, mi.Vector3f(move @ mi.Normal3f(n))
 
         other = mi.PreliminaryIntersection3f(hit)
         place = dr.gather(mi.UInt32, self._others, place, bent)
@@ -95,6 +95,18 @@ class Motion:
         known &= dr.all(dr.isfinite(there)) & dr.all(dr.isfinite(facing))
         p, n = dr.select(known, there, p), mi.Normal3f(dr.select(known, facing, n))
         return p, n, known | ~found
+
+    def _nearest(
+        self, p: mi.Point3f, n: mi.Vector3f, reach: mi.Float
+    ) -> tuple[mi.Ray3f, mi.PreliminaryIntersection3f]:
+        """The nearest surface below or above each point, and the ray that hits it."""
+        rays = [mi.Ray3f(p + self._near * way, -way) for way in (n, -n)]
+        for ray in rays:
+            ray.maxt = reach + self._near
+        below, above = (self._start.ray_intersect_preliminary(ray, False) for ray in rays)
+        upwards = above.t < below.t
+        ray = mi.Ray3f(dr.select(upwards, rays[1].o, rays[0].o), dr.select(upwards, n, -n))
+        return ray, dr.select(upwards, above, below)
 
 
 _STILL = np.eye(4, dtype=np.float32)[:3].ravel()
@@ -121,12 +133,29 @@ def _move(start: mi.Shape, end: mi.Shape | None) -> np.ndarray | str | None:
         same = [np.array_equal(np.array(first[key]), np.array(second[key])) for key in keys]
         return None if not same[0] else _STILL if same[1] else _BENT
     if "to_world" not in first:
-        return None
+        return _STILL if _same_values(first, second) else None
     matrices = [np.array(each["to_world"].matrix, float).reshape(4, 4) for each in (first, second)]
     if np.array_equal(matrices[0], matrices[1]):
         return _STILL
     moved: np.ndarray = (matrices[1] @ np.linalg.inv(matrices[0]))[:3].ravel().astype(np.float32)
     return moved
+
+
+def _is_still(move: np.ndarray | str | None) -> bool:
+    return isinstance(move, np.ndarray) and bool((move == _STILL).all())
+
+
+def _inner_moves(start: mi.Scene, end: mi.Scene) -> list[np.ndarray | str | None]:
+    """How the shapes of shape groups move within their groups."""
+    inner, others = (all_shapes(scene)[len(scene.shapes()) :] for scene in (start, end))
+    return [_move(*pair) for pair in zip_longest(inner, others)] if inner else []
+
+
+def _same_values(first: mi.SceneParameters, second: mi.SceneParameters) -> bool:
+    keys = set(first.keys())
+    return keys == set(second.keys()) and all(
+        np.array_equal(np.array(first[key]), np.array(second[key])) for key in keys
+    )
 
 
 def _name(shape: mi.Shape) -> str:

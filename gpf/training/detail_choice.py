@@ -47,7 +47,8 @@ WORTH_CHANGING = 0.25
 # Edge of the cells of the field's grid, in search radii of level 3. Smaller cells would be decided
 # by too few points.
 CELL = 1.0
-_MOST_CELLS = 1 << 19
+MOST_CELLS = 1 << 19
+"""Most cells of a field's grid."""
 
 # Standard deviation of the Gaussian that smooths the errors over neighbouring cells, in cells.
 SMOOTHING = 0.8
@@ -147,7 +148,7 @@ def _lay_grid(kernel: float, bounds: tuple[Any, Any]) -> Detail:
     corner = np.array([float(bounds[0][i]) for i in range(3)])
     extent = np.array([float(bounds[1][i]) for i in range(3)]) - corner
     width = CELL * radius / 8
-    while np.prod(np.floor(extent / width) + 1) > _MOST_CELLS:
+    while np.prod(np.floor(extent / width) + 1) > MOST_CELLS:
         width *= 1.1
     shape = tuple(int(n) for n in np.floor(extent / width) + 1)
     return Detail(np.zeros(shape, np.uint8), width, corner, radius)

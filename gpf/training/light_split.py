@@ -64,10 +64,11 @@ def split_colours(
     # The scale does not matter in the end; near 1, single precision is enough.
     unit = max(float(by_group.mean()), _TINY)
     split = fit_colours(matrix, importance, by_group / unit, steps).transpose(1, 0, 2)
-    groups = len(by_group)
     whole = split.sum(axis=1, keepdims=True)
-    # Where no group brings light to the points, all share the field's light equally.
-    share = np.where(whole > _TINY, split / np.maximum(whole, _TINY), 1 / groups)
+    # Where no group brings light to the points, those that do elsewhere share the field's equally.
+    shines = by_group.any(axis=(1, 2)) if by_group.any() else np.ones(len(by_group), bool)
+    equal = (shines / shines.sum())[:, None]
+    share = np.where(whole > _TINY, split / np.maximum(whole, _TINY), equal)
     return np.ascontiguousarray((share * total[:, None]).transpose(1, 0, 2), dtype=np.float32)
 
 

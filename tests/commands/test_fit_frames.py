@@ -127,6 +127,105 @@ def test_fields_of_other_scenes_are_not_replaced(tmp_path, small, capsys):
     assert (fields / "frame_0000.safetensors").read_bytes() != before
 
 
+def test_a_frame_that_changed_by_little_is_fitted_again(tmp_path, small, capsys):
+    """By a tenth of a millimetre, in a scene of metres."""
+    scenes, fields = animate(tmp_path / "rolling"), tmp_path / "fields"
+    fit = scenes, "--passes", "6", "--frames", "0:1", "-o", fields
+    assert run(*fit) == 0
+    scene = scenes / "frame_0000.xml"
+    scene.write_text(scene.read_text().replace('center" x="0.0"', 'center" x="0.0001"'))
+    pictures = "--field", fields, "--frames", "0:1", "--size", "16", "-o", tmp_path / "pictures"
+    for other in (fit, (scenes, *pictures)):
+        capsys.readouterr()
+        assert run(*other, command="fit" if other is fit else "render") == 2
+        assert "different geometry" in " ".join(capsys.readouterr().err.split())
+    assert run(*fit, "--overwrite") == 0
+    assert run(scenes, *pictures, command="render") == 0
+
+
+def test_other_settings_are_said(tmp_path, small, capsys):
+    scenes, fields = animate(tmp_path / "rolling"), tmp_path / "fields"
+    fit = scenes, "--frames", "0:1", "-o", fields, "--passes"
+    assert run(*fit, "6") == 0
+    capsys.readouterr()
+    other = *fit, "8", "--seed", "3", "--groups", "auto"
+    assert run(*other) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "was fitted with other passes and seed and groups. Add --overwrite" in said
+    assert run(*other, "--overwrite") == 0
+    assert load_field(fields / "frame_0000.safetensors").lights is not None
+    assert run(*other) == 0
+    assert "1 of 1 frames are done" in capsys.readouterr().err
+
+
+def test_later_frames_go_on(tmp_path, small):
+    """The third frame by itself is the one after the second."""
+    scenes, whole, parts = animate(tmp_path / "rolling"), tmp_path / "whole", tmp_path / "parts"
+    common = scenes, "--passes", "6", "--frames"
+    assert run(*common, "all", "-o", whole) == 0
+    parts.mkdir()
+    name = "frame_0001.safetensors"
+    (parts / name).write_bytes((whole / name).read_bytes())
+    assert run(*common, "2:3", "-o", parts) == 0
+    assert run(*common, "2:3", "-o", tmp_path / "alone") == 0
+    found, expected, alone = (
+        np.sort(load_field(folder / "frame_0002.safetensors").gaussians.means.numpy()[0])
+        for folder in (parts, whole, tmp_path / "alone")
+    )
+    assert len(found) == pytest.approx(len(expected), rel=0.01)
+    assert len(alone) != pytest.approx(len(expected), rel=0.01)
+
+
+def test_a_lamp_that_is_off_in_a_frame(tmp_path, small, capsys):
+    """Groups are those of the first frame, by the names of its lamps."""
+    scenes, fields = animate(tmp_path / "rolling", frames=2), tmp_path / "fields"
+    point = """<emitter type="point" id="spark">
+      <point name="position" x="0.5" y="0" z="1"/><rgb name="intensity" value="3"/></emitter>"""
+    first, second = scenes / "frame_0000.xml", scenes / "frame_0001.xml"
+    shown = first.read_text()
+    first.write_text(shown.replace("</scene>", f"{point}</scene>"))
+    common = "--passes", "6", "--frames", "all", "-o", fields, "--groups", "auto"
+    assert run(scenes, *common) == 0
+    lights = [load_field(fields / f"frame_000{k}.safetensors").lights for k in range(2)]
+    names = [each.groups.names for each in lights]
+    assert names[0] == names[1] and set(names[0]) == {"lamp", "spark"}
+    spark = names[0].index("spark")
+    assert lights[1].groups.members[spark] == () and len(lights[0].groups.members[spark]) == 1
+    assert np.abs(lights[1].irradiance[spark]).max() <= 1e-6 * lights[1].irradiance.max()
+    shot = scenes, "--field", fields, "--frames", "all", "--size", "16", "--lights", "spark=0"
+    assert run(*shot, "-o", tmp_path / "pictures", command="render") == 0
+    images = [mi.Bitmap(str(tmp_path / "pictures" / f"frame_000{k}.exr")) for k in range(2)]
+    assert all(np.array(image).max() > 0 for image in images)
+    first.write_text(shown)
+    second.write_text(shown.replace("</scene>", f"{point}</scene>"))
+    capsys.readouterr()
+    assert run(scenes, *common, "--overwrite") == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "frame_0001: emitter spark is in none of the groups" in said.replace(": is", " is")
+
+
+def test_a_frame_has_one_view(tmp_path, capsys):
+    scenes = animate(tmp_path / "rolling")
+    frames = scenes, "--field", tmp_path, "--frames", "all"
+    assert run(*frames, "--orbit", "5", command="render") == 2
+    assert "--frames and --orbit: are mutually exclusive" in capsys.readouterr().err
+    assert run(*frames, "--view", "front", "--view", "back", command="render") == 2
+    assert "--view is given 2 times" in capsys.readouterr().err
+
+
+def test_folders_of_frames_share_their_cameras(tmp_path, small, capsys):
+    scenes, folders = animate(tmp_path / "rolling"), tmp_path / "folders"
+    for k in range(2):
+        (folders / f"{k}").mkdir(parents=True)
+        (scenes / f"frame_000{k}.xml").rename(folders / f"{k}" / "scene.xml")
+    (scenes / "views.yaml").rename(folders / "views.yaml")
+    frames = folders, "--frames", "all"
+    assert run(*frames, "--passes", "6", "-o", tmp_path / "fields") == 0
+    assert f"cameras: from {folders}" in "".join(capsys.readouterr().err.split("\n"))
+    shot = *frames, "--field", tmp_path / "fields", "--view", "front", "--size", "16"
+    assert run(*shot, "-o", tmp_path / "pictures", command="render") == 0
+
+
 @pytest.mark.parametrize(
     ("option", "value"), [("--target-psnr", "30"), ("--continue", "a.safetensors")]
 )

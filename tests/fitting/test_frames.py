@@ -4,6 +4,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import gpf
 from gpf.core.errors import UserError
@@ -12,9 +13,11 @@ from gpf.fitting import frames
 from tests.small_fit import assert_same_gaussians, sensors
 
 
-def box(light: float = 1.0, eye: float = 3.9, lift: float = 0.0, fine: int = 0) -> mi.Scene:
+def box(
+    light: float = 1.0, eye: float = 3.9, lift: float = 0.0, fine: int = 0, more: dict | None = None
+) -> mi.Scene:
     """The Cornell box with a lamp of another brightness, another place of its camera, a small box
-    that is lifted, or one with more triangles."""
+    that is lifted, or one with more triangles, or with one thing more."""
     found = mi.cornell_box()
     found["light"]["emitter"]["radiance"]["value"] = [light * c for c in (18.4, 15.6, 8.0)]
     look = mi.ScalarTransform4f().look_at(origin=[0, 0, eye], target=[0, 0, 0], up=[0, 1, 0])
@@ -23,6 +26,8 @@ def box(light: float = 1.0, eye: float = 3.9, lift: float = 0.0, fine: int = 0) 
     found["small-box"]["to_world"] = small
     if fine:
         found["small-box"]["type"] = "sphere"
+    if more:
+        found["more"] = more
     return mi.load_dict(found, optimize=False)
 
 
@@ -43,13 +48,43 @@ def test_what_does_not_change_keeps_its_field(small):
     """Its Gaussians go on with their training; another seed changes the light more."""
     first, second = gpf.fit_frames([box(), box()], sensors(), passes=6)
     (other,) = gpf.fit_frames([box()], sensors(), passes=6, seed=1)
-    places = np.linspace(-0.8, 0.8, 20), -1, np.linspace(0.5, 0.9, 10)
+    places = np.linspace(-0.8, 0.8, 20), -1, np.linspace(0.75, 0.95, 10)  # not under the box
     a, b, c = (light_at(field, *places) for field in (first, second, other))
     assert np.abs(b - a).mean() < 0.5 * np.abs(c - a).mean()
     kept, means = to_numpy(second.gaussians.means), to_numpy(first.gaussians.means)
     assert len(kept) == pytest.approx(len(means), rel=0.02)
     assert first.record["passes"] == 6
     assert first.error is not None
+
+
+def test_a_small_lamp_comes_and_goes(small):
+    """Its direct light is sampled, not stored; each field says so of its own frame's lamps."""
+    point = {"type": "point", "position": [0, 0.5, 0], "intensity": 0.5}
+    scenes = box(), box(more=point), box()
+    *_, third = found = list(gpf.fit_frames(scenes, sensors(), passes=20))
+    assert [field.settings.direct for field in found] == ["field", (1,), "field"]
+    assert floor_light(third) == pytest.approx(floor_light(found[0]), rel=0.05)
+
+
+def test_a_scene_that_grows_keeps_its_gaussians(small, caplog):
+    """A plate behind the camera moves away from the box, beyond the first frame's grid."""
+
+    def plate(z):
+        to_world = mi.ScalarTransform4f().translate([-2, -2, z]).scale(0.1)
+        return {"type": "rectangle", "to_world": to_world}
+
+    first, second = gpf.fit_frames([box(more=plate(z)) for z in (-2, -3)], sensors(), passes=6)
+    assert second.detail.corner[2] < -3 < first.detail.corner[2]
+    assert second.detail.table.shape[:2] == first.detail.table.shape[:2]
+    before, after = (field.detail.fold(to_numpy(field.gaussians.means)) for field in (first, second))
+    distance, _ = cKDTree(after).query(before)
+    assert np.median(distance) < 0.2 * np.median(cKDTree(before).query(before, 2)[0][:, 1])
+    places = np.linspace(-0.8, 0.8, 20), -1, np.linspace(0.75, 0.95, 10)
+    a, b = (light_at(field, *places) for field in (first, second))
+    np.testing.assert_allclose(b.mean(), a.mean(), rtol=0.03)
+    *_, last = gpf.fit_frames([box(more=plate(z)) for z in (-2, -1000)], sensors(), passes=6)
+    assert frames.OUTGROWN in caplog.text
+    assert floor_light(last) == pytest.approx(floor_light(first), rel=0.2)
 
 
 def test_the_same_seed_gives_the_same_bits(small):

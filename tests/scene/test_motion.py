@@ -126,3 +126,52 @@ def test_many_points_at_once():
     _, q, _, known = carried(make_scene(), make_scene(lift=1), [0, 0, 0.5] + 0.3 * n, n)
     np.testing.assert_allclose(q, [0, 0, 1.5] + 0.3 * n, atol=1e-5)
     assert known.all() and known.shape == (1000,)
+
+
+def test_the_nearest_surface_carries():
+    """A place on the floor stays there, though a plate above it rises."""
+
+    def scene(height):
+        plate = {"type": "rectangle", "to_world": T().translate([1, 1, height]).scale(0.2)}
+        return make_scene(plate=plate)
+
+    _, q, _, known = carried(scene(0.02), scene(0.5), [[1, 1, 0], [1, 1, 0.018]], [[0, 0, 1]] * 2, 0.03)
+    np.testing.assert_allclose(q, [[1, 1, 0], [1, 1, 0.498]], atol=1e-5)
+    assert known.all()
+
+
+def test_normals_of_stretched_shapes():
+    def scene(turn, stretch):
+        tilted = T().scale([1, 1, stretch]).rotate([1, 0, 0], turn)
+        return mi.load_dict(
+            {"type": "scene", "plate": {"type": "rectangle", "to_world": tilted}}, optimize=False
+        )
+
+    n = np.array([0, -np.sin(np.pi / 4), np.cos(np.pi / 4)])
+    _, _, m, _ = carried(scene(45, 1), scene(45, 3), [0, 0, 0], n)
+    np.testing.assert_allclose(m[0], np.array([0, -3, 1]) / np.sqrt(10), atol=1e-5)
+
+
+def test_a_shape_that_moves_in_its_group():
+    """Where the others are still, what is instanced is not taken for still."""
+
+    def scene(height):
+        ball = {"type": "sphere", "center": [0, 0, height], "radius": 0.3}
+        group = {"type": "shapegroup", "ball": ball}
+        return make_scene(group=group, one={"type": "instance", "group": {"type": "ref", "id": "group"}})
+
+    assert Motion(scene(3), scene(3)).still
+    motion, _, _, known = carried(scene(3), scene(4), [[0, 0, 3.3], [1, 1, 0]], [[0, 0, 1]] * 2)
+    assert not motion.still and known.tolist() == [False, True]
+
+
+def test_curves_that_stay(tmp_path):
+    file = tmp_path / "hair.txt"
+    file.write_text("0 0 1 0.01\n0 0 2 0.01\n0.1 0 3 0.01\n0.2 0 4 0.01\n")
+
+    def scene(lift):
+        curve = {"type": "bsplinecurve", "filename": str(file)}
+        return make_scene(lift=lift, hair=curve)
+
+    assert not Motion(scene(0), scene(1)).lost
+    assert Motion(scene(0), scene(0)).still
