@@ -108,7 +108,9 @@ def _is_done(fit: FrameFit, folder: Path, frame: SceneFrame, overwrite: bool) ->
         return False
     other = _other(fit, frame, read_field(file))
     if other and not overwrite:
-        raise UserError(str(file), f"was fitted {other}", "Add --overwrite, or give another folder.")
+        raise UserError(
+            str(file), f"was fitted {other}", "Add --overwrite, or give another folder."
+        )
     return not other
 
 

@@ -50,7 +50,7 @@ class FrameFit:
         if self.views is not None:
             views = [self.film, *(view.model_dump(mode="json") for view in self.views)]
         groups = self.groups and [self.groups.names, self.groups.emitters]
-        found = {"seconds": seconds, "passes": self.passes, "seed": self.seed}
+        found: dict[str, Any] = {"seconds": seconds, "passes": self.passes, "seed": self.seed}
         found |= {"groups": groups, "views": views}
         return {key: json.loads(json.dumps(value)) for key, value in found.items()}
 

@@ -184,7 +184,6 @@ class _Work:
     def missing(self, first: _Opened, shots: Sequence[Shot]) -> Iterator[tuple[_Opened, _Picture]]:
         """The pictures that are missing or out of date. Shots are opened one after the other."""
         yield from self._missing(first)
-        del first
         for shot in shots:
             yield from self._missing(_Opened.of(shot, self.options))
 

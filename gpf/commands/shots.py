@@ -73,9 +73,7 @@ class Shot:
         found = load_field(self.field_file)
         scene = load_scene_file(self.scene_file, parameters=self.parameters)
         tolerance = SAME if self.frame is None else SAME_FRAME
-        require_same_scene(
-            scene, self.scene_file, found, self.field_file, changed_scene, tolerance
-        )
+        require_same_scene(scene, self.scene_file, found, self.field_file, changed_scene, tolerance)
         where = scene, self.scene_file, self.choice
         if self.frame is None:
             return scene, found, choose_cameras(*where)
@@ -109,7 +107,6 @@ def find_shots(
 
 def _frames(animation: Path, fields: Path, choice: CameraChoice) -> list[Shot]:
     """A shot for each frame of an animation."""
-    assert choice.frames is not None
     if not fields.is_dir():
         todo = f"Run `gpf fit {animation} --frames all -o {fields}`, or give --field FOLDER."
         raise UserError(str(fields), "is not a folder with the fields of the frames", todo)
@@ -119,6 +116,7 @@ def _frames(animation: Path, fields: Path, choice: CameraChoice) -> list[Shot]:
         what = f"shows one view, but --view is given {len(choice.names)} times"
         raise UserError("--frames", what, "Render one view after the other.")
     choice = replace(choice, file=file_in_animation(animation, choice.file))
+    assert choice.frames is not None
     every = find_frames(animation, choice.frames)
     numbers = range(len(every))[choose_frames(choice.frames, len(every), str(animation))]
     found = []

@@ -24,6 +24,9 @@ from gpf.guiding.density_control import cell_keys
 # curved a surface is, the closer they must be for one that faces the same way to be near.
 GAP_DISTANCES = DISTANCE / 2, DISTANCE / 4, DISTANCE / 8
 
+# Up to this, 1 plus the cosine between two directions makes them opposite.
+_OPPOSITE = 1e-3
+
 
 @dataclass(frozen=True)
 class Moves:
@@ -81,7 +84,8 @@ def field_of_frame(
 ) -> GaussianPhotonField:
     """The field of the frame before as the start of the next frame's.
 
-    Gaussians move with their surfaces, and stay if queries of their level may still reach them;
+    Gaussians move and turn with their surfaces, by the least turn: light does not spin with a ball
+    that spins. They stay if queries of their level may still reach them;
     wherever too few are left, there are new ones.
 
     Parameters
@@ -109,11 +113,22 @@ def field_of_frame(
     means = means + (shift + (field.detail.corner - detail.corner)) * 2.0 ** level[:, None]
     means[:, 0] += detail.starts[level] - field.detail.starts[level]
     gaussians.means = from_numpy(mi.Point3f, means)
+    turn = _turn(to_numpy(gaussians.normals), moves.normals[rows])
+    gaussians.quats = from_numpy(mi.Quaternion4f, turn) * gaussians.quats
     gaussians.normals = from_numpy(mi.Normal3f, moves.normals[rows])
     limits = find_limits(scene, gaussians, detail)
     found = GaussianPhotonField(gaussians, settings, bounds, detail=detail, limits=limits)
     _fill_gaps(scene, found, points, seed, (DISTANCE, *GAP_DISTANCES))
     return found
+
+
+def _turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The least rotations of unit vectors onto others, (N, 3), as quaternions, (N, 4); none for
+    opposite ones."""
+    real = 1 + (start * end).sum(axis=1, keepdims=True)
+    turn = np.concatenate([np.cross(start, end), real], axis=1)
+    turn[real[:, 0] < _OPPOSITE] = 0, 0, 0, 1
+    return turn / np.linalg.norm(turn, axis=1, keepdims=True)
 
 
 def _fill_gaps(

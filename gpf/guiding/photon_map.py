@@ -45,7 +45,8 @@ def collect_photons(
     for number, first in enumerate(range(0, settings.paths, BATCH)):
         batch = replace(settings, paths=min(BATCH, settings.paths - first))
         photons = record_photons(scene, batch, pass_seed(seed, number, Stream.PHOTON_MAP))
-        photons.power *= batch.paths / settings.paths
+        if dr.width(photons.p) > 0:
+            photons.power *= batch.paths / settings.paths
         kept.append(photons if region is None else region.select(photons))
     photons = concatenate([photons for photons in kept if dr.width(photons.p) > 0] or kept[:1])
     dr.eval(photons)

@@ -79,11 +79,16 @@ class VisibleRegion:
 
     def select(self, photons: Photons) -> Photons:
         """The photons in the region."""
-        return take(photons, dr.compress(self.contains(photons.p, photons.n)))
+        return self._take(photons, True)
 
     def reject(self, photons: Photons) -> Photons:
         """The photons outside the region."""
-        return take(photons, dr.compress(~self.contains(photons.p, photons.n)))
+        return self._take(photons, False)
+
+    def _take(self, photons: Photons, inside: bool) -> Photons:
+        if dr.width(photons.p) == 0:  # in the dark; operations on nothing fail
+            return photons
+        return take(photons, dr.compress(self.contains(photons.p, photons.n) == inside))
 
 
 def sample_visible_points(

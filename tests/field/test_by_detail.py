@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import from_numpy, to_numpy
-from gpf.field.by_detail import field_by_detail
+from gpf.field.by_detail import Moves, field_by_detail, field_of_frame
 from gpf.field.detail import Detail
+from gpf.field.gaussians import rotation_columns
 from gpf.field.initialization import DISTANCE
 from gpf.field.settings import FieldSettings
 
@@ -65,6 +66,51 @@ def test_what_is_smaller_than_the_search_radius_has_gaussians_all_around(scene):
     # Where enough are near, none is added.
     added = to_numpy(filled.gaussians.means)[dr.width(plain.gaussians.means) :]
     assert len(added) > 0 and (filled.detail.fold(added)[:, 2] > 0.05).all()
+
+
+def test_gaussians_move_and_turn_with_their_surfaces(scene):
+    """Half of them on a grid that reaches farther down; the others are lost."""
+    points = on_ball_and_floor(np.random.default_rng(4), 4000)
+    field = make(scene, points, True)
+    before, n = field.detail.fold(to_numpy(field.gaussians.means)), field.gaussians.normals
+    count = dr.width(n)
+    shift = np.tile(np.float32([0.02, 0.01, -0.03]), (count, 1))
+    angle = 0.5
+    turn = np.array(
+        [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
+    )
+    turned, known = to_numpy(n) @ turn.T, np.arange(count) < count // 2
+    detail = field.detail.around(np.array([-1, -1, -0.8]), np.array([1, 1, 0.9]))
+    assert detail.table.shape == (4, 4, 4) and detail.corner[2] == pytest.approx(-1.1)
+    settings = field.settings.model_copy(update={"direct": (1,)})
+    moves = Moves(shift, turned, known)
+    found = field_of_frame(scene, field, detail, settings, BOX, points, moves, 1)
+    assert found.settings.direct == (1,)
+    half = slice(0, count // 2)
+    after = detail.fold(to_numpy(found.gaussians.means))
+    np.testing.assert_allclose(after[half], (before + shift)[half], atol=1e-6)
+    np.testing.assert_allclose(to_numpy(found.gaussians.normals)[half], turned[half], atol=1e-6)
+    # A direction across the normal keeps its angle to it, and one along it follows it.
+    start, end = (
+        np.stack([to_numpy(each) for each in rotation_columns(one.gaussians.quats)])[:, half]
+        for one in (field, found)
+    )
+    across = np.einsum("kni,ni->kn", end, turned[half])
+    np.testing.assert_allclose(across, np.einsum("kni,ni->kn", start, to_numpy(n)[half]), atol=1e-5)
+    floor = to_numpy(n)[half][:, 2] > 0.9999
+    np.testing.assert_allclose(end[:, floor], start[:, floor] @ turn.T, atol=1e-5)
+
+
+def test_what_is_still_keeps_its_bits(scene):
+    points = on_ball_and_floor(np.random.default_rng(4), 4000)
+    field = make(scene, points, True)
+    means, normals = (to_numpy(v) for v in (field.gaussians.means, field.gaussians.normals))
+    moves = Moves(np.zeros_like(means), normals, np.ones(len(means), bool))
+    found = field_of_frame(
+        scene, field, field.detail, field.settings, BOX, points, moves, 1
+    ).gaussians
+    for name, values in vars(field.gaussians).items():
+        np.testing.assert_array_equal(to_numpy(vars(found)[name])[: len(means)], to_numpy(values))
 
 
 def test_gaussians_in_gaps_end_at_walls(scene):

@@ -76,7 +76,9 @@ def test_a_scene_that_grows_keeps_its_gaussians(small, caplog):
     first, second = gpf.fit_frames([box(more=plate(z)) for z in (-2, -3)], sensors(), passes=6)
     assert second.detail.corner[2] < -3 < first.detail.corner[2]
     assert second.detail.table.shape[:2] == first.detail.table.shape[:2]
-    before, after = (field.detail.fold(to_numpy(field.gaussians.means)) for field in (first, second))
+    before, after = (
+        field.detail.fold(to_numpy(field.gaussians.means)) for field in (first, second)
+    )
     distance, _ = cKDTree(after).query(before)
     assert np.median(distance) < 0.2 * np.median(cKDTree(before).query(before, 2)[0][:, 1])
     places = np.linspace(-0.8, 0.8, 20), -1, np.linspace(0.75, 0.95, 10)
@@ -158,6 +160,8 @@ def test_cameras_are_placed_again_where_the_own_one_moves(small, monkeypatch):
 
 
 def test_what_is_wrong_is_said(small):
+    with pytest.raises(UserError, match="no photon reached a diffuse surface"):
+        next(gpf.fit_frames([box(0)], sensors(), passes=6))
     with pytest.raises(UserError, match="sensors"):
         next(gpf.fit_frames([box()], []))
     with pytest.raises(UserError, match="seed"):

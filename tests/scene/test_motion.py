@@ -135,7 +135,9 @@ def test_the_nearest_surface_carries():
         plate = {"type": "rectangle", "to_world": T().translate([1, 1, height]).scale(0.2)}
         return make_scene(plate=plate)
 
-    _, q, _, known = carried(scene(0.02), scene(0.5), [[1, 1, 0], [1, 1, 0.018]], [[0, 0, 1]] * 2, 0.03)
+    _, q, _, known = carried(
+        scene(0.02), scene(0.5), [[1, 1, 0], [1, 1, 0.018]], [[0, 0, 1]] * 2, 0.03
+    )
     np.testing.assert_allclose(q, [[1, 1, 0], [1, 1, 0.498]], atol=1e-5)
     assert known.all()
 
@@ -158,7 +160,9 @@ def test_a_shape_that_moves_in_its_group():
     def scene(height):
         ball = {"type": "sphere", "center": [0, 0, height], "radius": 0.3}
         group = {"type": "shapegroup", "ball": ball}
-        return make_scene(group=group, one={"type": "instance", "group": {"type": "ref", "id": "group"}})
+        return make_scene(
+            group=group, one={"type": "instance", "group": {"type": "ref", "id": "group"}}
+        )
 
     assert Motion(scene(3), scene(3)).still
     motion, _, _, known = carried(scene(3), scene(4), [[0, 0, 3.3], [1, 1, 0]], [[0, 0, 1]] * 2)
