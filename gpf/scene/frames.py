@@ -131,7 +131,7 @@ def _values(path: Path) -> set[str]:
     depth = next(i for i, part in enumerate(path.parts) if _ANY in part)
     folder, part = Path(*path.parts[:depth]), path.parts[depth]
     first, *rest = part.split(_ANY)
-    pattern = re.escape(first) + r"(\d+)" + r"\1".join(re.escape(text) for text in rest)
+    pattern = re.escape(first) + r"(-?\d+)" + r"\1".join(re.escape(text) for text in rest)
     found = set()
     for entry in folder.iterdir() if folder.is_dir() else ():
         if match := re.fullmatch(pattern, entry.name):
@@ -142,4 +142,5 @@ def _values(path: Path) -> set[str]:
 
 
 def _number(name: str) -> int:
-    return int(re.findall(r"\d+", name)[-1])
+    # A minus counts after a separator; that of frame-0001 is one itself.
+    return int(re.findall(r"(?<![^_. ])-\d+|\d+", name)[-1])

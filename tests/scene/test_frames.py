@@ -26,6 +26,17 @@ def test_a_folder_of_scene_files(tmp_path):
     assert frames[1].file == tmp_path / "shot2_10.xml" and not frames[1].parameters
 
 
+def test_numbers_below_zero(tmp_path):
+    names = ["shot_-2", "shot_-1", "shot-0", "shot-1"]
+    touch(*(tmp_path / f"{name}.xml" for name in names))
+    assert [frame.name for frame in scene_frames(tmp_path)] == names
+    file = tmp_path / "pool.xml"
+    file.write_text(MOVES, encoding="utf-8")
+    for n in ("-1", "-2", "0"):
+        touch(tmp_path / f"meshes/water_{n}.ply", tmp_path / f"{n}/ball_{n}.ply")
+    assert [frame.name for frame in scene_frames(file)] == ["pool_-2", "pool_-1", "pool_0"]
+
+
 def test_a_folder_of_scene_folders(tmp_path):
     touch(*(tmp_path / name / "scene.xml" for name in ("0002", "0001", "textures")))
     assert [frame.file.parent.name for frame in scene_frames(tmp_path)] == ["0001", "0002"]
