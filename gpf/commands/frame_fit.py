@@ -50,9 +50,9 @@ class FrameFit:
         if self.views is not None:
             views = [self.film, *(view.model_dump(mode="json") for view in self.views)]
         groups = self.groups and [self.groups.names, self.groups.emitters]
-        found: dict[str, Any] = {"seconds": seconds, "passes": self.passes, "seed": self.seed}
-        found |= {"groups": groups, "views": views}
-        return {key: json.loads(json.dumps(value)) for key, value in found.items()}
+        found = {"seconds": seconds, "passes": self.passes, "seed": self.seed}
+        text = json.dumps(found | {"groups": groups, "views": views})
+        return dict(json.loads(text))  # with lists for tuples, as a file has them
 
     def fields(
         self, frames: Sequence[SceneFrame], before: Frame | None

@@ -56,14 +56,16 @@ class Detail(Recordable):
         self.bounds = (0.0, 0.0, 0.0), (starts[-1], *(scales[-1] * extent[1:]))
         """Corners of a box around the unfolded space."""
 
-    def around(self, lower: np.ndarray, upper: np.ndarray) -> Detail:
+    def around(self, lower: np.ndarray, upper: np.ndarray, most: int) -> Detail | None:
         """The same levels on a grid that also contains the box with these corners, (3,): new cells
-        have the level of the nearest old one."""
-        before = np.ceil((self.corner - lower) / self.width).astype(int)
-        after = np.ceil((upper - self.corner) / self.width).astype(int) - self.table.shape
-        more = np.maximum(np.column_stack([before, after]), 0)
+        have the level of the nearest old one. None if there would be more than ``most`` cells."""
+        before = np.ceil((self.corner - lower) / self.width)
+        after = np.ceil((upper - self.corner) / self.width) - self.table.shape
+        more = np.maximum(np.column_stack([before, after]), 0).astype(np.int64)
         if not more.any():
             return self
+        if np.prod(self.table.shape + more.sum(axis=1), dtype=float) > most:
+            return None
         table = np.pad(self.table, more, mode="edge")
         return Detail(table, self.width, self.corner - more[:, 0] * self.width, self.radius)
 

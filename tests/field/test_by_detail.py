@@ -80,8 +80,10 @@ def test_gaussians_move_and_turn_with_their_surfaces(scene):
         [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]]
     )
     turned, known = to_numpy(n) @ turn.T, np.arange(count) < count // 2
-    detail = field.detail.around(np.array([-1, -1, -0.8]), np.array([1, 1, 0.9]))
+    detail = field.detail.around(np.array([-1, -1, -0.8]), np.array([1, 1, 0.9]), 64)
     assert detail.table.shape == (4, 4, 4) and detail.corner[2] == pytest.approx(-1.1)
+    far = np.full(3, 1e6)  # whose cells no memory could hold
+    assert field.detail.around(-far, far, 1 << 19) is None
     settings = field.settings.model_copy(update={"direct": (1,)})
     moves = Moves(shift, turned, known)
     found = field_of_frame(scene, field, detail, settings, BOX, points, moves, 1)
