@@ -161,7 +161,8 @@ class _FrameFitter:
         scene = maker.stream.scene
         if self._before is None or (earlier := self._before.field.detail) is None:
             return maker.start(lesson, STEPS)
-        detail = earlier.around(*bounding_box(scene), most=MOST_CELLS)
+        lower, upper = bounding_box(scene)
+        detail = earlier.around(lower, upper, MOST_CELLS)
         if detail is None:
             log.warning(OUTGROWN)
             return maker.start(lesson, STEPS)
