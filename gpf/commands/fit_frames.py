@@ -126,7 +126,7 @@ def _other(fit: FrameFit, frame: SceneFrame, field: StoredField) -> str:
         return f"to another scene than {frame.file}: different {parts}"
     known = field.record.get("asked", {})
     other = [key for key, value in fit.asked().items() if known.get(key, value) != value]
-    return f"with other {' and '.join(other)}" if other else ""
+    return f"with other settings: {', '.join(other)}" if other else ""
 
 
 def _fit_here(

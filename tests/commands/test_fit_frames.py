@@ -152,7 +152,7 @@ def test_other_settings_are_said(tmp_path, small, capsys):
     other = *fit, "8", "--seed", "3", "--groups", "auto"
     assert run(*other) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "was fitted with other passes and seed and groups. Add --overwrite" in said
+    assert "was fitted with other settings: passes, seed, groups. Add --overwrite" in said
     assert run(*other, "--overwrite") == 0
     assert load_field(fields / "frame_0000.safetensors").lights is not None
     assert run(*other) == 0
