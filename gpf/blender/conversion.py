@@ -78,8 +78,8 @@ def is_foreign(file: Path) -> bool:
 
 
 def converted(file: Path, tell: Callable[[str], None], frames: str | None = None) -> Converted:
-    """The scene of a file, or some of its frames, in the user's cache, converted if the file is new
-    or has changed.
+    """The scene of a file, or some of its frames and the one before them, in the user's cache,
+    converted if the file is new or has changed.
 
     Parameters, errors: as for :func:`convert`.
     """
@@ -92,7 +92,7 @@ def converted(file: Path, tell: Callable[[str], None], frames: str | None = None
             if known.get("digest") == digest and all(map(_is_unchanged, known["files"])):
                 numbers = tuple(known["numbers"])
                 return Converted(folder, known["how"], tuple(known["notes"]), numbers)
-    return convert(file, folders[-1], tell, frames)
+    return convert(file, folders[-1], tell, frames, before=True)
 
 
 def _cached(file: Path, frames: str | None) -> Path:
@@ -103,7 +103,11 @@ def _cached(file: Path, frames: str | None) -> Path:
 
 
 def convert(
-    file: Path, folder: Path, tell: Callable[[str], None], frames: str | None = None
+    file: Path,
+    folder: Path,
+    tell: Callable[[str], None],
+    frames: str | None = None,
+    before: bool = False,
 ) -> Converted:
     """Write a folder with the scene of a file: ``scene.xml``, meshes and textures, ``views.yaml``
     if there are several cameras or one that moves, and a list of what became of each material.
@@ -116,6 +120,7 @@ def convert(
         ``scene.xml`` and ``views.yaml``, each becomes a scene file with its own camera:
         ``frame_0001.xml`` and so on, by Blender's numbers. What is the same in several frames is
         written once.
+    before: whether to convert the frame before them, too, with which the fit of the first begins.
 
     Raises
     ------
@@ -127,13 +132,14 @@ def convert(
     remove_leftovers(folder.parent)
     with tempfile.TemporaryDirectory() as name, partial_folder(folder) as new:
         work = Path(name)
-        read_with_blender(file, work, tell, frames)
+        read_with_blender(file, work, tell, _one_earlier(frames) if frames and before else frames)
         tell("writing the scene")
         names, numbers, repeated = {"scene": ""}, [], []
         if frames is not None:
             known = read_json(work / "frames.json")
             numbers, repeated = known["numbers"], known["notes"]
-            wanted = numbers[choose_frames(frames, len(numbers), str(file))]
+            chosen = choose_frames(frames, len(numbers), str(file))
+            wanted = numbers[max(chosen.start - before, 0) : chosen.stop]
             names = {f"frame_{number:04}": f"_{number:04}" for number in wanted}
         last, how, notes = _write_scenes(work, new, names)
         notes += repeated
@@ -147,6 +153,12 @@ def convert(
         grant_as_usual(new)
         replace_folder(new, folder)
     return Converted(folder, how, tuple(notes), tuple(numbers))
+
+
+def _one_earlier(frames: str) -> str:
+    """``FIRST:LAST`` with one frame more; any other text as it is."""
+    first, _, last = frames.partition(":")
+    return f"{int(first) - 1}:{last}" if first.isdecimal() and int(first) else frames
 
 
 def _write_scenes(

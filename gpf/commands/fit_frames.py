@@ -53,7 +53,8 @@ def fit_scene_frames(
         default the ``views.yaml`` beside the scenes; without one, cameras are placed around the own
         ones of the frames.
     groups: as for :meth:`LightGroups.parse`, in the animation's first frame.
-    overwrite: whether to replace fields of other scenes, or that were fitted with other settings.
+    overwrite: whether to replace fields of other scenes, or that were fitted with other settings;
+        the others stay.
     cluster: the machines that fit the frames; None for this one.
 
     Raises
@@ -64,10 +65,10 @@ def fit_scene_frames(
     chosen = choose_frames(wanted, len(every), str(animation))
     frames = every[chosen]
     choose_variant("auto")
-    beside = file_beside(frames[0].file, file_in_animation(animation, views))
+    first = next(frame for frame in every if frame.file.exists())
+    beside = file_beside(first.file, file_in_animation(animation, views))
     say("cameras: placed around the scenes' own" if beside is None else f"cameras: from {beside}")
     cameras = None if beside is None else read_cameras(beside)
-    first = next(frame for frame in every if frame.file.exists())
     fit = FrameFit(
         seconds,
         passes,
@@ -83,9 +84,12 @@ def fit_scene_frames(
         if ready:
             say(f"{folder}: {ready} of {len(frames)} frames are done")
         bar(ready)
-        last = every[max(chosen.start - 1, 0) : chosen.start]
-        if last and _has_field(fit, folder, last[0]):  # the first one goes on from it
-            frames, done = [*last, *frames], [True, *done]
+        if chosen.start > 0 and not done[0]:
+            last = every[chosen.start - 1]
+            if _has_field(folder, last):  # the first one goes on from it
+                frames, done = [last, *frames], [True, *done]
+            else:
+                say(f"{frames[0].name} begins anew: {folder} has no current field of {last.name}")
         todo = fit, frames, [k for k, is_done in enumerate(done) if not is_done], folder
         for _ in _fit_here(*todo) if cluster is None else fit_on_cluster(cluster, *todo):
             ready += 1
@@ -114,10 +118,10 @@ def _is_done(fit: FrameFit, folder: Path, frame: SceneFrame, overwrite: bool) ->
     return not other
 
 
-def _has_field(fit: FrameFit, folder: Path, frame: SceneFrame) -> bool:
-    """Whether a frame, which may have no scene file yet, has its field."""
+def _has_field(folder: Path, frame: SceneFrame) -> bool:
+    """Whether a frame has a field, fitted with any settings."""
     file = field_of_frame(folder, frame)
-    return file.exists() and frame.file.exists() and not _other(fit, frame, read_field(file))
+    return file.exists() and not changed_since(load_frame(frame), read_field(file), SAME_FRAME)
 
 
 def _other(fit: FrameFit, frame: SceneFrame, field: StoredField) -> str:

@@ -89,9 +89,8 @@ def fit(
     origin = opening.examine(scene)
     cameras = list(place_sensors(scene) if sensors is None else sensors)
     with time:
-        start = opening.Opening.look(
-            scene, cameras, STREAM.model_copy(update={"seed": seed}), groups
-        )
+        settings = STREAM.model_copy(update={"seed": seed})
+        start = opening.Opening.look(scene, cameras, settings, groups, opening.Shared())
         look = start.passes, start.sampled, seed, start.source
         quality = QualityEstimate(scene, cameras, *look, exposure=exposure)
         maker = FieldMaker(start.stream, start.query, groups, TRAINING)

@@ -16,7 +16,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import drjit as dr
 import mitsuba as mi
@@ -24,7 +23,7 @@ import mitsuba as mi
 from gpf.field.field import GaussianPhotonField
 from gpf.fitting.field_maker import FieldMaker, Lesson
 from gpf.fitting.goals import Goals, TimeBudget, require_seed
-from gpf.fitting.opening import Opening, examine
+from gpf.fitting.opening import Opening, Shared, examine, plan_emission
 from gpf.importing.placement import place_sensors
 from gpf.scene.bounds import bounding_box
 from gpf.scene.light_groups import LightGroups
@@ -51,6 +50,9 @@ LEAST_PASSES = 6
 
 LOST = "These shapes have no counterpart in the frame before; their light begins anew: %s."
 OUTGROWN = "The scene is much larger than in the frames before; its field begins anew."
+GROWN = 4
+"""How far the cells of a grid of levels may outnumber those that a fit begins with."""
+
 MOST_NAMES = 5
 """Most names in this message."""
 
@@ -123,9 +125,7 @@ class _FrameFitter:
         self._sensors, self._places = sensors, sensors is None
         self._own: list[View] = []
         self._before = before
-        self._radius: float | Literal["auto"] = "auto"
-        if before is not None:
-            self._radius = before.field.record.get("first_radius", "auto")
+        self._shared: Shared | None = None
         self._ending = _FIRST_ENDING * (goals.seconds or 0)
 
     def fit(self, scene: mi.Scene) -> GaussianPhotonField:
@@ -133,9 +133,10 @@ class _FrameFitter:
         origin = examine(scene)
         groups = None if self._groups is None else self._groups.in_frame(scene)
         with TimeBudget(self._goals.seconds) as time:
-            look = self._cameras(scene), self._settings, groups, self._radius
+            shared = self._shared or self._begin_shared()
+            look = self._cameras(scene), self._settings, groups, shared
             opening = Opening.look(scene, *look)
-            self._radius = opening.passes.initial_radius
+            self._shared = opening.shared
             stream = opening.stream
             self._trace(stream, time)
             begin = time.work
@@ -150,11 +151,19 @@ class _FrameFitter:
                 "fingerprint": origin,
                 "seconds": time.spent,
                 "seed": stream.seed,
-                "first_radius": self._radius,
+                "first_radius": opening.shared.radius,
             }
         dr.flush_malloc_cache()
         self._before = Frame(scene, field)
         return field
+
+    def _begin_shared(self) -> Shared:
+        """What all frames have in common, as far as the frame before the first one has it."""
+        if self._before is None:
+            return Shared()
+        scene, field = self._before.scene, self._before.field
+        _, plan = plan_emission(scene, self._cameras(scene), self._settings.seed)
+        return Shared(field.record.get("first_radius", "auto"), plan)
 
     def _begin(self, maker: FieldMaker, lesson: Lesson) -> Trainer:
         """The trainer of the next frame's field."""
@@ -162,7 +171,7 @@ class _FrameFitter:
         if self._before is None or (earlier := self._before.field.detail) is None:
             return maker.start(lesson, STEPS)
         lower, upper = bounding_box(scene)
-        detail = earlier.around(lower, upper, MOST_CELLS)
+        detail = earlier.around(lower, upper, GROWN * MOST_CELLS)
         if detail is None:
             log.warning(OUTGROWN)
             return maker.start(lesson, STEPS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import mitsuba as mi
@@ -41,6 +41,34 @@ def examine(scene: mi.Scene) -> dict[str, Any]:
     return fingerprint(scene)
 
 
+def plan_emission(
+    scene: mi.Scene, cameras: Sequence[mi.Sensor], seed: int, before: EmissionPlan | None = None
+) -> tuple[EmissionPlan, EmissionPlan]:
+    """The emission of photons in a scene, and the plan to give as ``before`` with the next frame:
+    the one that it comes from."""
+    settings = REGION.model_copy(update={"seed": seed})
+    plan = None if before is None else before.again(scene, cameras, settings)
+    if before is None or plan is None:
+        plan = before = EmissionPlan.make(scene, cameras, settings)
+    # Without its region, which would keep the frame's points.
+    return plan, replace(before, region=None)
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What the frames of an animation have in common, so that errors stay the same.
+
+    Attributes
+    ----------
+    radius: radius of the first pass of a reference, world units.
+    plan: of the frame in which it was made, or None. In the others, its source emits the photons as
+        long as it serves them (:meth:`EmissionPlan.again`).
+    """
+
+    radius: float | Literal["auto"] = "auto"
+    plan: EmissionPlan | None = None
+
+
 @dataclass(frozen=True)
 class Opening:
     """What a fit begins with.
@@ -52,6 +80,7 @@ class Opening:
     passes: settings of the passes of a reference.
     source: emits the photons.
     sampled: the emitters whose direct light the fields do not store.
+    shared: for other frames.
     """
 
     stream: PhotonStream
@@ -59,6 +88,7 @@ class Opening:
     passes: PassSettings
     source: Source
     sampled: Lamps
+    shared: Shared
 
     @classmethod
     def look(
@@ -67,7 +97,7 @@ class Opening:
         cameras: Sequence[mi.Sensor],
         settings: StreamSettings,
         groups: LightGroups | None,
-        radius: float | Literal["auto"] = "auto",
+        shared: Shared,
     ) -> Opening:
         """Look around in a scene.
 
@@ -75,7 +105,7 @@ class Opening:
         ----------
         cameras: they see what the fields are for.
         groups: groups of emitters whose light is kept apart.
-        radius: radius of the first pass of a reference, world units.
+        shared: what earlier frames have left.
 
         Raises
         ------
@@ -84,8 +114,8 @@ class Opening:
         if not cameras:
             raise UserError("sensors", "is empty", "Give a camera, or leave it out.")
         seed = settings.seed
-        plan = EmissionPlan.make(scene, cameras, REGION.model_copy(update={"seed": seed}))
-        reference = ReferenceSettings(seed=seed, initial_radius=radius)
+        plan, made = plan_emission(scene, cameras, seed, shared.plan)
+        reference = ReferenceSettings(seed=seed, initial_radius=shared.radius)
         passes = reference.measure(scene, cameras[0], plan)
         direct = choose_direct(scene, passes)
         sampled = sampled_lamps(scene, direct)
@@ -99,7 +129,8 @@ class Opening:
             paths = suit_scene(own, scene).path_settings(plan.source)
             volume = VolumeLight(scene, named, paths, own.alpha, seed, groups)
         stream = PhotonStream(scene, own, points, seed, plan.source, stored, groups, volume)
-        return cls(stream, direct, passes, plan.source, sampled)
+        shared = Shared(passes.initial_radius, made)
+        return cls(stream, direct, passes, plan.source, sampled, shared)
 
     def query(self, radius: float) -> FieldSettings:
         """The settings of a field with this search radius."""

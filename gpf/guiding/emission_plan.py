@@ -34,6 +34,9 @@ FEW, MORE = 4000, 4
 
 PHOTONS_PER_GAUSSIAN = 3
 
+KEPT = 0.5
+"""A source serves another frame if its paths are not less efficient there, by this factor."""
+
 log = logging.getLogger(__name__)
 
 
@@ -63,13 +66,18 @@ class EmissionPlan:
     Attributes
     ----------
     region: where photons are needed; None means everywhere.
-    source: emits the photons.
-    pilot: measurement of paths from that source.
+    paths: of the pilot, with the source of the photons.
+    pilot: measurement of these paths.
     """
 
     region: VisibleRegion | None
-    source: Source
+    paths: PathSettings
     pilot: Pilot
+
+    @property
+    def source(self) -> Source:
+        """Emits the photons."""
+        return self.paths.source
 
     @classmethod
     def make(
@@ -91,15 +99,13 @@ class EmissionPlan:
         direct: source of direct light, as in :class:`gpf.sppm.passes.PassSettings`. If it is
             ``emitters``, a guide may serve only the other photons.
         """
-        region = None
-        if settings.use:
-            region = VisibleRegion(scene, sensors, settings.seed, settings.rays)
+        region = _region(scene, sensors, settings)
         paths = PathSettings(settings.pilot_paths, rr_depth=rr_depth)
         seed = pass_seed(settings.seed, 0, Stream.PILOT)
         pilot = trace_pilot(scene, region, paths, seed)
         if not settings.guide or pilot.efficiency >= GUIDED_BELOW:
-            return cls(region, emit_light, pilot)
-        found = [(emit_light, pilot), _guide(scene, region, paths, pilot, settings.seed)]
+            return cls(region, paths, pilot)
+        found = [(paths, pilot), _guide(scene, region, paths, pilot, settings.seed)]
         if region is None:
             return cls(region, *max(found, key=lambda each: each[1].efficiency))
         if direct == "emitters" and samples_every_emitter(scene):
@@ -109,8 +115,22 @@ class EmissionPlan:
                 paths = replace(paths, paths=MORE * paths.paths)
                 pilot = trace_pilot(scene, region, paths, seed)
             found.append(_guide(scene, region, paths, pilot, settings.seed))
-        sources = [source for source, _ in found]
+        sources = [each.source for each, _ in found]
         return cls(region, *found[least_noisy(scene, region.points, sources, paths, seed)])
+
+    def again(
+        self, scene: mi.Scene, sensors: Sequence[mi.Sensor], settings: VisibleRegionSettings
+    ) -> EmissionPlan | None:
+        """The same source for another frame of an animation, which takes a tenth of the time; None
+        if it is less efficient there, by the factor :data:`KEPT`.
+
+        Another source would make other photons, which let the light flicker.
+        """
+        region = _region(scene, sensors, settings)
+        pilot = trace_pilot(scene, region, self.paths, pass_seed(settings.seed, 0, Stream.PILOT))
+        if pilot.efficiency < KEPT * self.pilot.efficiency:
+            return None
+        return EmissionPlan(region, self.paths, pilot)
 
     def collect(self, scene: mi.Scene, paths: int, seed: int, rr_depth: int = 5) -> Photons:
         """The photons of ``paths`` paths in the visible region, (N,): :func:`collect_photons`."""
@@ -141,10 +161,18 @@ class EmissionPlan:
         }
 
 
+def _region(
+    scene: mi.Scene, sensors: Sequence[mi.Sensor], settings: VisibleRegionSettings
+) -> VisibleRegion | None:
+    if not settings.use:
+        return None
+    return VisibleRegion(scene, sensors, settings.seed, settings.rays)
+
+
 def _guide(
     scene: mi.Scene, region: VisibleRegion | None, paths: PathSettings, pilot: Pilot, seed: int
-) -> tuple[Source, Pilot]:
-    """A guided source that has learnt from a pilot of these paths, and its own pilot."""
+) -> tuple[PathSettings, Pilot]:
+    """Paths from a guided source that has learnt from a pilot of these paths, and their pilot."""
     guide = None
     for number in range(1, MOST_GUIDES + 1):
         guide = EmissionGuide.learn(scene, pilot, guide)
@@ -153,8 +181,7 @@ def _guide(
         pilot = trace_pilot(scene, region, paths, pass_seed(seed, number, Stream.PILOT))
         if number > 1 and pilot.efficiency < LEAST_GAIN * before:
             break
-    assert guide is not None
-    return guide.emit, pilot
+    return paths, pilot
 
 
 def _batches(paths: float, most: int) -> int:

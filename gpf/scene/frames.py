@@ -142,5 +142,5 @@ def _values(path: Path) -> set[str]:
 
 
 def _number(name: str) -> int:
-    # A minus counts after a separator; that of frame-0001 is one itself.
-    return int(re.findall(r"(?<![^_. ])-\d+|\d+", name)[-1])
+    # A minus counts after _ or a dot; that of frame-0001 is a separator itself.
+    return int(re.findall(r"(?<![^_.])-\d+|\d+", name)[-1])

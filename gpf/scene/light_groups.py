@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -117,12 +118,21 @@ class LightGroups:
 
         Raises
         ------
-        UserError: an emitter of the frame is in no group.
+        UserError: an emitter of the frame is in no group, or one that may be any of several is
+            missing.
         """
         if not self.emitters:
             return self
         known = emitter_names(scene)
-        grouped = {name for names in self.emitters for name in names}
+        grouped = [name for names in self.emitters for name in names]
+        for kind in _kinds_without_name(scene):
+            alike = (name for name in grouped if re.fullmatch(rf"{kind}(_\d+)?", name))
+            if missing := [name for name in alike if name not in known]:
+                raise UserError(
+                    f"emitter {missing[-1]}",
+                    f"has no name of its own, and there are fewer {kind}s than in the first frame",
+                    "Give these lamps ids, so that they can be told apart.",
+                )
         if strangers := [name for name in known if name not in grouped]:
             raise UserError(
                 f"emitter {strangers[0]}",
@@ -162,14 +172,27 @@ def group_of(table: mi.UInt32, emitter: mi.EmitterPtr) -> mi.UInt32:
 
 def emitter_names(scene: mi.Scene) -> list[str]:
     """A name for each of ``scene.emitters()``: its shape's id or its own, in lower case."""
-    shapes = {shape.emitter(): shape.id() for shape in scene.shapes() if shape.is_emitter()}
     names: list[str] = []
-    for emitter in scene.emitters():
-        text = shapes.get(emitter, "") or emitter.id()
-        kind = emitter.class_name().removesuffix("Emitter").lower() or "lamp"
-        text = "" if text.startswith(("_", "unnamed")) else text
-        names.append(name_view(text, names, otherwise=kind))
+    for emitter, name in zip(scene.emitters(), _own_names(scene), strict=True):
+        names.append(name_view(name, names, otherwise=_kind(emitter)))
     return names
+
+
+def _own_names(scene: mi.Scene) -> list[str]:
+    """The id of each emitter's shape or its own, empty if it has none."""
+    shapes = {shape.emitter(): shape.id() for shape in scene.shapes() if shape.is_emitter()}
+    names = [shapes.get(emitter, "") or emitter.id() for emitter in scene.emitters()]
+    return ["" if name.startswith(("_", "unnamed")) else name for name in names]
+
+
+def _kind(emitter: mi.Emitter) -> str:
+    return emitter.class_name().removesuffix("Emitter").lower() or "lamp"
+
+
+def _kinds_without_name(scene: mi.Scene) -> set[str]:
+    """The kinds of emitters that have no name of their own."""
+    named = zip(scene.emitters(), _own_names(scene), strict=True)
+    return {_kind(emitter) for emitter, name in named if not name}
 
 
 # --- levels -----------------------------------------------------------------------------------

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -123,18 +124,21 @@ def _counterparts(shapes: Sequence[mi.Shape], others: Sequence[mi.Shape]) -> lis
     return list(range(len(shapes))) if len(shapes) == len(others) else [None] * len(shapes)
 
 
-def _move(start: mi.Shape, end: mi.Shape | None) -> np.ndarray | str | None:
+def _move(start: mi.Shape | None, end: mi.Shape | None) -> np.ndarray | str | None:
     """How a shape moves: rows of a transform, (12,), or :data:`_BENT`; None if it is another."""
-    if end is None or start.class_name() != end.class_name():
+    if start is None or end is None or start.class_name() != end.class_name():
         return None
-    first, second = mi.traverse(start), mi.traverse(end)
+    first, second = _properties(start), _properties(end)
     if "faces" in first:
         keys = "faces", "vertex_positions"
         same = [np.array_equal(np.array(first[key]), np.array(second[key])) for key in keys]
         return None if not same[0] else _STILL if same[1] else _BENT
-    if "to_world" not in first:
-        return _STILL if _same_values(first, second) else None
-    matrices = [np.array(each["to_world"].matrix, float).reshape(4, 4) for each in (first, second)]
+    places = [each.pop("to_world", None) for each in (first, second)]
+    if not _same_values(first, second):
+        return None
+    if places[0] is None:
+        return _STILL
+    matrices = [np.array(place.matrix, float).reshape(4, 4) for place in places]
     if np.array_equal(matrices[0], matrices[1]):
         return _STILL
     moved: np.ndarray = (matrices[1] @ np.linalg.inv(matrices[0]))[:3].ravel().astype(np.float32)
@@ -151,10 +155,14 @@ def _inner_moves(start: mi.Scene, end: mi.Scene) -> list[np.ndarray | str | None
     return [_move(*pair) for pair in zip_longest(inner, others)] if inner else []
 
 
-def _same_values(first: mi.SceneParameters, second: mi.SceneParameters) -> bool:
-    keys = set(first.keys())
-    return keys == set(second.keys()) and all(
-        np.array_equal(np.array(first[key]), np.array(second[key])) for key in keys
+def _properties(shape: mi.Shape) -> dict[str, Any]:
+    """The properties of a shape itself, without those of its material and its light."""
+    return {key: value for key, value in mi.traverse(shape) if "." not in key}
+
+
+def _same_values(first: Mapping[str, Any], second: Mapping[str, Any]) -> bool:
+    return first.keys() == second.keys() and all(
+        np.array_equal(np.array(first[key]), np.array(second[key])) for key in first
     )
 
 

@@ -119,5 +119,10 @@ def test_fields_and_pictures_of_an_animation(file, tmp_path, monkeypatch, capsys
     assert [frame["time"] for frame in told] == [0.5, 0.75]
     one = "--field", f"fields/{fields[0]}", "--changed-scene"
     assert gpf(file, *one, *cheap, "-o", "path", command="render") == 0
+    capsys.readouterr()
+    assert gpf(file, "--frames", "4:5", "--passes", "6", "-o", "fields") == 0
+    assert "begins anew" not in capsys.readouterr().err
+    assert gpf(file, "--frames", "2:99", "-o", "fields") == 2
+    assert "--frames 2:99: does not name frames" in " ".join(capsys.readouterr().err.split())
     told = json.loads((tmp_path / "path" / "transforms.json").read_text())["frames"]
     assert len(told) == 2 and not any("time" in frame for frame in told)

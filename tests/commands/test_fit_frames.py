@@ -159,8 +159,8 @@ def test_other_settings_are_said(tmp_path, small, capsys):
     assert "1 of 1 frames are done" in capsys.readouterr().err
 
 
-def test_later_frames_go_on(tmp_path, small):
-    """The third frame by itself is the one after the second."""
+def test_later_frames_go_on(tmp_path, small, capsys):
+    """The third frame by itself is the one after the second, with whatever settings that has."""
     scenes, whole, parts = animate(tmp_path / "rolling"), tmp_path / "whole", tmp_path / "parts"
     common = scenes, "--passes", "6", "--frames"
     assert run(*common, "all", "-o", whole) == 0
@@ -168,7 +168,13 @@ def test_later_frames_go_on(tmp_path, small):
     name = "frame_0001.safetensors"
     (parts / name).write_bytes((whole / name).read_bytes())
     assert run(*common, "2:3", "-o", parts) == 0
+    capsys.readouterr()
+    assert run(*common, "2:3", "-o", parts, "--seed", "1", "--overwrite") == 0
+    assert "begins anew" not in capsys.readouterr().err
+    assert run(*common, "2:3", "-o", parts, "--overwrite") == 0
+    capsys.readouterr()
     assert run(*common, "2:3", "-o", tmp_path / "alone") == 0
+    assert "frame_0002 begins anew" in capsys.readouterr().err
     found, expected, alone = (
         np.sort(load_field(folder / "frame_0002.safetensors").gaussians.means.numpy()[0])
         for folder in (parts, whole, tmp_path / "alone")
@@ -208,6 +214,23 @@ def test_a_lamp_that_is_off_in_a_frame(tmp_path, small, capsys):
     assert run(scenes, *common, "--overwrite") == 0
     lights = load_field(fields / "frame_0001.safetensors").lights
     assert lights.irradiance[spark].max() > 0.05 * lights.irradiance.max()
+
+
+def test_each_folder_has_its_own_cameras(tmp_path, small, capsys):
+    """Those of the first frame are the animation's, whatever frames are asked for."""
+    flat, scenes = animate(tmp_path / "flat", frames=2), tmp_path / "rolling"
+    for k in range(2):
+        folder = scenes / f"{k:04d}"
+        folder.mkdir(parents=True)
+        (flat / f"frame_{k:04d}.xml").rename(folder / "scene.xml")
+        views = VIEWS.replace("front", f"front_{k}")
+        (folder / "views.yaml").write_text(views)
+    fit = scenes, "--passes", "6", "-o", tmp_path / "fields", "--frames"
+    assert run(*fit, "0:1") == 0
+    assert run(*fit, "1:2") == 0
+    capsys.readouterr()
+    assert run(*fit, "all") == 0
+    assert "2 of 2 frames are done" in capsys.readouterr().err
 
 
 def test_a_frame_has_one_view(tmp_path, capsys):

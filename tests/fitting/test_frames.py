@@ -10,6 +10,9 @@ import gpf
 from gpf.core.errors import UserError
 from gpf.core.structs import to_numpy
 from gpf.fitting import frames
+from gpf.guiding.emission_plan import EmissionPlan
+from gpf.scene.sensors import make_sensor
+from tests.guiding.rooms import RIGHT_ROOM, two_rooms
 from tests.small_fit import assert_same_gaussians, sensors
 
 
@@ -55,6 +58,20 @@ def test_what_does_not_change_keeps_its_field(small):
     assert len(kept) == pytest.approx(len(means), rel=0.02)
     assert first.record["passes"] == 6
     assert first.error is not None
+
+
+def test_guided_emission_stays_the_same(small, monkeypatch):
+    """Also from a field that was made earlier."""
+    made, make = [], EmissionPlan.make
+    monkeypatch.setattr(EmissionPlan, "make", lambda *given: made.append(make(*given)) or made[-1])
+    rooms, views = [two_rooms(gap) for gap in (0.1, 0.11, 0.12)], [make_sensor(RIGHT_ROOM, 8, 6)]
+    fields = list(gpf.fit_frames(rooms, views, passes=6))
+    assert len(made) == 1 and made[0].facts()["emission_guided"]
+    before = frames.Frame(rooms[0], fields[0])
+    (later,) = gpf.fit_frames(rooms[1:2], views, passes=6, before=before)
+    assert len(made) == 2
+    np.testing.assert_array_equal(made[1].pilot.power, made[0].pilot.power)
+    assert_same_gaussians(later, fields[1])
 
 
 def test_a_small_lamp_comes_and_goes(small):

@@ -8,8 +8,8 @@ T = mi.ScalarTransform4f
 RIGHT_ROOM = View(name="right", origin=(1.8, 0, -0.5), target=(0.5, 0, -0.5), fov=60)
 
 
-def two_rooms(gap: float) -> mi.Scene:
-    """Rooms x in [-2, 0] and x in [0, 2] (y, z in [-1, 1]); a lamp in the left one.
+def two_rooms(gap: float, height: float = 0.5) -> mi.Scene:
+    """Rooms x in [-2, 0] and [0, 2] (y, z in [-1, 1]); in the left one a lamp at z = ``height``.
 
     The wall between them leaves a slit of width ``gap`` along z = 1.
     """
@@ -32,7 +32,7 @@ def two_rooms(gap: float) -> mi.Scene:
             },
             "lamp": {
                 "type": "rectangle",
-                "to_world": T().translate([-1.9, 0, 0.5]).rotate([0, 1, 0], 90).scale(0.2),
+                "to_world": T().translate([-1.9, 0, height]).rotate([0, 1, 0], 90).scale(0.2),
                 "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0}},
                 "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [9, 8, 7]}},
             },

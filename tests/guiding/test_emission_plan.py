@@ -22,7 +22,7 @@ def plan(efficiency: float, photons_per_path: float) -> EmissionPlan:
     power = np.zeros(paths)
     power[: round(efficiency * paths)] = 1
     photons = np.full(paths, photons_per_path)
-    return EmissionPlan(region=None, source=emit_light, pilot=Pilot(power, photons, seed=0))
+    return EmissionPlan(None, PathSettings(paths), Pilot(power, photons, seed=0))
 
 
 @pytest.mark.parametrize(
@@ -63,6 +63,20 @@ def test_emission_is_guided_where_most_photons_would_miss_the_region():
     assert guided.pilot.efficiency > 1.2 * plain.pilot.efficiency
     assert everywhere.region is None and plain.region is not None
     assert everywhere.pilot.photons_per_path > 10 * plain.pilot.photons_per_path
+
+
+def test_a_source_serves_frames_that_it_lights_as_well():
+    def again(plan, **room):
+        few = VisibleRegionSettings(rays=1 << 16, pilot_paths=100_000)
+        return plan.again(two_rooms(**room), [make_sensor(RIGHT_ROOM, 8, 6)], few)
+
+    first = make_plan(two_rooms(gap=0.1), RIGHT_ROOM)
+    wider = again(first, gap=0.12)
+    assert wider is not None and wider.source is first.source
+    assert wider.pilot.efficiency > first.pilot.efficiency
+    assert wider.region is not None
+    # The light comes in elsewhere.
+    assert again(first, gap=0.1, height=-0.8) is None
 
 
 def test_a_box_that_is_seen_whole_needs_no_guide():

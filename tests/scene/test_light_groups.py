@@ -56,6 +56,36 @@ def test_a_file_joins_emitters_and_the_rest_is_other(scene, tmp_path):
     assert groups.members[1] == (names.index("sky"),)
 
 
+def test_frames_without_some_of_the_emitters(scene):
+    groups = LightGroups.each(scene)
+    fewer = make_scene(spot=floor(diffuse(0.5)))  # in its place, a shape that does not emit
+    names = emitter_names(fewer)
+    found = groups.in_frame(fewer)
+    assert found.names == groups.names and found.members[groups.names.index("spot")] == ()
+    for name in ("big_lamp", "sky"):
+        assert found.members[groups.names.index(name)] == (names.index(name),)
+    with pytest.raises(UserError, match="emitter new: is in none of the groups"):
+        groups.in_frame(make_scene(new=point_light((0, 0, 1), 1, 1, 1)))
+
+
+def test_emitters_without_ids_are_not_mixed_up():
+    """The second of three, or the third? But others may be missing."""
+
+    def scene(*lamps):
+        place = '<point name="center" x="{}" y="0" z="0"/>'
+        shape = f'<shape type="sphere">{place}<emitter type="area"/></shape>'
+        point = '<emitter type="point" id="spark"/>'
+        text = "".join(point if x == "spark" else shape.format(x) for x in lamps)
+        return mi.load_string(f'<scene version="3.0.0">{text}</scene>')
+
+    groups = LightGroups.each(scene(1, 2, 3, "spark"))
+    assert set(groups.names) == {"arealight", "arealight_2", "arealight_3", "spark"}
+    found = groups.in_frame(scene(1, 2, 3))
+    assert found.members[groups.names.index("spark")] == ()
+    with pytest.raises(UserError, match="arealight_3: has no name .*fewer arealights.*ids"):
+        groups.in_frame(scene(1, 3, "spark"))
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

@@ -169,6 +169,21 @@ def test_a_shape_that_moves_in_its_group():
     assert not motion.still and known.tolist() == [False, True]
 
 
+@pytest.mark.parametrize("counts", [(1, 2), (2, 1)])
+def test_instances_that_appear_or_vanish(counts):
+    def scene(count):
+        parts = {}
+        for k in range(count):
+            ball = {"type": "sphere", "center": [k, 0, 3], "radius": 0.3}
+            parts[f"group_{k}"] = {"type": "shapegroup", "ball": ball}
+            parts[f"one_{k}"] = {"type": "instance", "of": {"type": "ref", "id": f"group_{k}"}}
+        return make_scene(**parts)
+
+    motion, q, _, known = carried(*map(scene, counts), [[0, 0, 3.3], [1, 1, 0]], [[0, 0, 1]] * 2)
+    assert not motion.still and known.tolist() == [False, True]
+    np.testing.assert_array_equal(q[1], [1, 1, 0])
+
+
 def test_curves_that_stay(tmp_path):
     file = tmp_path / "hair.txt"
     file.write_text("0 0 1 0.01\n0 0 2 0.01\n0.1 0 3 0.01\n0.2 0 4 0.01\n")
@@ -179,3 +194,15 @@ def test_curves_that_stay(tmp_path):
 
     assert not Motion(scene(0), scene(1)).lost
     assert Motion(scene(0), scene(0)).still
+
+
+def test_materials_do_not_move_a_shape(tmp_path):
+    file = tmp_path / "hair.txt"
+    file.write_text("0 0 1 0.01\n0 0 2 0.01\n0.1 0 3 0.01\n0.2 0 4 0.01\n")
+
+    def scene(grey):
+        colour = {"type": "rgb", "value": [grey] * 3}
+        bsdf = {"type": "diffuse", "reflectance": colour}
+        return make_scene(hair={"type": "bsplinecurve", "filename": str(file), "bsdf": bsdf})
+
+    assert Motion(scene(0.2), scene(0.3)).still
