@@ -78,8 +78,8 @@ def is_foreign(file: Path) -> bool:
 
 
 def converted(file: Path, tell: Callable[[str], None], frames: str | None = None) -> Converted:
-    """The scene of a file, or some of its frames and the one before them, in the user's cache,
-    converted if the file is new or has changed.
+    """The scene of a file, or some of its frames, the one before them and the first one, in the
+    user's cache, converted if the file is new or has changed.
 
     Parameters, errors: as for :func:`convert`.
     """
@@ -92,7 +92,7 @@ def converted(file: Path, tell: Callable[[str], None], frames: str | None = None
             if known.get("digest") == digest and all(map(_is_unchanged, known["files"])):
                 numbers = tuple(known["numbers"])
                 return Converted(folder, known["how"], tuple(known["notes"]), numbers)
-    return convert(file, folders[-1], tell, frames, before=True)
+    return convert(file, folders[-1], tell, frames, earlier=True)
 
 
 def _cached(file: Path, frames: str | None) -> Path:
@@ -107,7 +107,7 @@ def convert(
     folder: Path,
     tell: Callable[[str], None],
     frames: str | None = None,
-    before: bool = False,
+    earlier: bool = False,
 ) -> Converted:
     """Write a folder with the scene of a file: ``scene.xml``, meshes and textures, ``views.yaml``
     if there are several cameras or one that moves, and a list of what became of each material.
@@ -120,7 +120,8 @@ def convert(
         ``scene.xml`` and ``views.yaml``, each becomes a scene file with its own camera:
         ``frame_0001.xml`` and so on, by Blender's numbers. What is the same in several frames is
         written once.
-    before: whether to convert the frame before them, too, with which the fit of the first begins.
+    earlier: whether to write the first frame, too, and the one before those that are asked for: a
+        fit goes on from them.
 
     Raises
     ------
@@ -132,14 +133,16 @@ def convert(
     remove_leftovers(folder.parent)
     with tempfile.TemporaryDirectory() as name, partial_folder(folder) as new:
         work = Path(name)
-        read_with_blender(file, work, tell, _one_earlier(frames) if frames and before else frames)
+        read_with_blender(file, work, tell, _one_earlier(frames) if frames else None)
         tell("writing the scene")
         names, numbers, repeated = {"scene": ""}, [], []
         if frames is not None:
             known = read_json(work / "frames.json")
             numbers, repeated = known["numbers"], known["notes"]
             chosen = choose_frames(frames, len(numbers), str(file))
-            wanted = numbers[max(chosen.start - before, 0) : chosen.stop]
+            wanted = numbers[chosen]
+            if earlier and chosen.start > 0:
+                wanted = [*dict.fromkeys((numbers[0], numbers[chosen.start - 1])), *wanted]
             names = {f"frame_{number:04}": f"_{number:04}" for number in wanted}
         last, how, notes = _write_scenes(work, new, names)
         notes += repeated

@@ -24,6 +24,9 @@ SAME_FRAME = 1e-9
 pool's waves to the next. Their shapes are never merged, so there is no rounding to forgive."""
 
 
+_NAMES = "id = ", "name = "  # of materials and of texture files
+
+
 def fingerprint(scene: mi.Scene) -> dict[str, Any]:
     """The :data:`PARTS` of a scene as JSON values; cameras and integrators do not matter.
 
@@ -38,9 +41,9 @@ def fingerprint(scene: mi.Scene) -> dict[str, Any]:
         own = _moments(shape)
         moments += own
         if (bsdf := shape.bsdf()) is not None:
-            # The printed form also shows what is not among the values, but it includes a name.
-            lines = [line for line in str(bsdf).splitlines() if " id = " not in line]
-            printed = "".join(lines).encode()
+            # The printed form also shows what is not among the values, but it includes names.
+            lines = str(bsdf).splitlines()
+            printed = "".join(x for x in lines if not x.lstrip().startswith(_NAMES)).encode()
             areas[_digest(*_values(bsdf, set()), printed)] += float(own[0])
         for medium in (shape.interior_medium(), shape.exterior_medium()):
             if medium is not None:

@@ -122,6 +122,8 @@ def test_fields_and_pictures_of_an_animation(file, tmp_path, monkeypatch, capsys
     capsys.readouterr()
     assert gpf(file, "--frames", "4:5", "--passes", "6", "-o", "fields") == 0
     assert "begins anew" not in capsys.readouterr().err
+    assert gpf(file, "--frames", "all", "--passes", "6", "-o", "fields") == 0
+    assert "3 of 5 frames are done" in capsys.readouterr().err
     assert gpf(file, "--frames", "2:99", "-o", "fields") == 2
     assert "--frames 2:99: does not name frames" in " ".join(capsys.readouterr().err.split())
     told = json.loads((tmp_path / "path" / "transforms.json").read_text())["frames"]

@@ -107,9 +107,11 @@ def read(file: Path, folder: Path, frames: str | None) -> None:
 
 
 def read_frames(reader: Reader, scene: Any, frames: str) -> None:
-    """Write some frames of a scene."""
+    """Write some frames of a scene, and the first one: with what was baked there, and with faces
+    cut as there, others are the same whichever are wanted."""
     numbers = frame_numbers(scene)
     wanted = chosen(frames, numbers)
+    wanted = wanted and [numbers[0], *wanted]
     # Through all frames: in a simulation, each comes from the one before.
     for number in range(numbers[0], max(wanted, default=numbers[0] - 1) + 1):
         reader.tell = partial(tell_in_frame, number)
