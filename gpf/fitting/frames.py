@@ -2,9 +2,9 @@
 
 A frame takes one field of a fit: no draft, no light gathered by rays, and no estimate of its
 quality, each of which takes longer than the photons of a few seconds. All frames have the same
-random numbers and the same kernels, and each begins with the Gaussians of the one before: on
-surfaces that move, they move along. So errors change as slowly as the light does, and what does not
-move does not flicker.
+random numbers, the same guided emission and the same kernels, and each begins with the Gaussians of
+the one before: on surfaces that move, they move along. So errors change as slowly as the light
+does, and what does not move does not flicker.
 
 (Independent photons, and colours averaged with those of the frame before where light has not
 changed, flicker up to three times more: fields of so many photons err by the shapes of their

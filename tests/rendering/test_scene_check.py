@@ -7,6 +7,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from PIL import Image
 
 import gpf  # noqa: F401  # registers the plugins
 from gpf.field.field import GaussianPhotonField
@@ -165,3 +166,15 @@ def test_hair_and_instances_are_compared(tmp_path):
     first = known(x=3)
     assert changed_parts(first, known(x=3)) == []
     assert "geometry" in changed_parts(first, known(x=6))
+
+
+def test_names_of_texture_files_do_not_matter(tmp_path):
+    def known(name, level):
+        file = tmp_path / f"{name}.png"
+        Image.fromarray(np.full((4, 4, 3), level, np.uint8)).save(file)
+        texture = {"type": "bitmap", "filename": str(file)}
+        wall = {"type": "rectangle", "bsdf": {"type": "diffuse", "reflectance": texture}}
+        return fingerprint(mi.load_dict({"type": "scene", "wall": wall}))
+
+    assert changed_parts(known("one", 100), known("other", 100)) == []
+    assert changed_parts(known("one", 100), known("other", 101)) == ["materials"]
