@@ -132,22 +132,22 @@ def search(photograph: np.ndarray, seconds: float) -> Iterator[tuple[dict, mi.Te
         yield known, before
 
 
-def take_photograph(size: int, lamps_and_paint: dict) -> np.ndarray:
-    """A picture of the room by photon mapping, (size, size, 3)."""
+def take_photograph(size: int, lamps_and_paint: dict, passes: int = PASSES) -> np.ndarray:
+    """A picture of the room by passes of photon mapping, (size, size, 3)."""
     with progress_bar("photograph", 1):
         sppm, scene = mi.load_dict({"type": "sppm"}), make_scene(size, **lamps_and_paint)
-        return np.array(mi.render(scene, integrator=sppm, spp=PASSES))
+        return np.array(mi.render(scene, integrator=sppm, spp=passes))
 
 
-def main(folder: Path, seconds: float = 10, size: int = 128) -> None:
+def main(folder: Path, seconds: float = 10, size: int = 128, passes: int = PASSES) -> None:
     """Write inverse_lighting.png into FOLDER.
 
     Above photograph and first guess, below result and its difference from the photograph, times 5.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    photograph = take_photograph(size, TRUTH)
+    photograph = take_photograph(size, TRUTH, passes)
     found = list(search(photograph, seconds))
-    guessed, result = np.array(found[0][1]), take_photograph(size, found[-1][0])
+    guessed, result = np.array(found[0][1]), take_photograph(size, found[-1][0], passes)
     difference = 5 * np.abs(result - photograph)
     sheet = np.vstack([np.hstack([photograph, guessed]), np.hstack([result, difference])])
     mi.util.write_bitmap(str(folder / "inverse_lighting.png"), sheet, write_async=False)

@@ -1,6 +1,7 @@
 """`python -m benchmarks.quality`, at sizes of no use: each command runs, and prints numbers."""
 
 import re
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from PIL import Image
 from benchmarks import fit
 from benchmarks.pictures import HEAD
 from benchmarks.quality import app
+from examples import inverse_lighting
 from gpf.rendering.denoiser import available
 from tests.benchmarks.conftest import cells, numbers
 
@@ -65,8 +67,9 @@ def test_noise(run):
 
 @pytest.mark.slow
 def test_inverse(run, monkeypatch):
-    monkeypatch.setattr("examples.inverse_lighting.PASSES", 8)
-    monkeypatch.setattr("examples.inverse_lighting.ROUNDS", 1)
+    take = partial(inverse_lighting.take_photograph, passes=8)
+    monkeypatch.setattr(inverse_lighting, "take_photograph", take)
+    monkeypatch.setattr(inverse_lighting, "ROUNDS", 1)
     told = run(app, "inverse", "--seconds", 1, "--rows", 16, "--spp", 2)
     for method in ("field", "prb"):
         (line,) = (line for line in told.splitlines() if f" {method}, " in line)

@@ -42,7 +42,12 @@ TOUR = EXAMPLES / "tour.ipynb"
 # They compile many kernels, and write EXR files.
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("two_threads")]
 SCRIPTS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
-FRAMES = {"animation": ["--frames", "4"], "moving_caustics": ["--frames", "2"]}
+FEWER = {
+    "animation": ["--frames", "4"],
+    "moving_caustics": ["--frames", "2"],
+    "inverse_lighting": ["--passes", "20"],
+}
+"""Options with which examples take less time."""
 
 
 @pytest.fixture
@@ -132,9 +137,8 @@ def test_an_animation_without_the_encoder(tmp_path, even, monkeypatch):
     assert max(turned) < 30  # the camera moves
 
 
-def test_inverse_lighting(tmp_path, small, monkeypatch):
-    monkeypatch.setattr(inverse_lighting, "PASSES", 30)
-    photograph = inverse_lighting.take_photograph(32, inverse_lighting.TRUTH)
+def test_inverse_lighting(tmp_path, small):
+    photograph = inverse_lighting.take_photograph(32, inverse_lighting.TRUTH, passes=30)
     *_, (found, _) = inverse_lighting.search(photograph, 1)
     for name, value in inverse_lighting.TRUTH.items():
         assert found[name] == pytest.approx(value, rel=0.15)
@@ -292,7 +296,7 @@ def test_scripts_as_a_user_starts_them(name, tmp_path):
         "2",
         "--size",
         "48",
-        *FRAMES.get(name, []),
+        *FEWER.get(name, []),
     ]
     command = [sys.executable, str(EXAMPLES / f"{name}.py"), str(tmp_path / "out"), *options]
     done = subprocess.run(
