@@ -133,7 +133,8 @@ def convert(
     remove_leftovers(folder.parent)
     with tempfile.TemporaryDirectory() as name, partial_folder(folder) as new:
         work = Path(name)
-        read_with_blender(file, work, tell, _one_earlier(frames) if frames else None)
+        asked = _one_earlier(frames) if frames is not None and earlier else frames
+        read_with_blender(file, work, tell, asked)
         tell("writing the scene")
         names, numbers, repeated = {"scene": ""}, [], []
         if frames is not None:

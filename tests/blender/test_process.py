@@ -160,6 +160,7 @@ def test_a_file_is_converted_again_when_it_or_what_it_uses_changes(
 
 
 def test_a_part_of_an_animation_is_taken_from_the_whole(blender, scene_file, tmp_path, monkeypatch):
+    """With it comes the frame before, from which a fit goes on, and the first one."""
     write_json(tmp_path / "frame.json", EMPTY | {"lamps": [SUN]})
     write_json(tmp_path / "frames.json", {"numbers": [3, 5, 7], "notes": ["baked twice"]})
     frames = " ".join(f"frame_000{number}.json" for number in (3, 5, 7))
@@ -174,8 +175,8 @@ def test_a_part_of_an_animation_is_taken_from_the_whole(blender, scene_file, tmp
         frames = find_frames(scene_file, wanted)
         assert [frame.name for frame in frames] == ["frame_0003", "frame_0005", "frame_0007"]
         there = [frame.file.is_file() for frame in frames]
-        assert there == ([False, True, False] if wanted == "1:2" else [True] * 3)
-    assert (tmp_path / "asked").read_text().split() == ["1:2", "all"]
+        assert there == ([True, True, False] if wanted == "1:2" else [True] * 3)
+    assert (tmp_path / "asked").read_text().split() == ["0:2", "all"]
     for wrong in ("2:5", "some"):
         with pytest.raises(UserError, match=r"does not name frames of .*scene\.blend, which has 3"):
             convert(scene_file, tmp_path / "out", print, wrong)
