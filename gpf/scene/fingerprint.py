@@ -24,7 +24,7 @@ SAME_FRAME = 1e-9
 pool's waves to the next. Their shapes are never merged, so there is no rounding to forgive."""
 
 
-_NAMES = "id = ", "name = "  # of materials and of texture files
+_NAMES = " id = ", " name = "  # of materials and of texture files
 
 
 def fingerprint(scene: mi.Scene) -> dict[str, Any]:
@@ -43,7 +43,7 @@ def fingerprint(scene: mi.Scene) -> dict[str, Any]:
         if (bsdf := shape.bsdf()) is not None:
             # The printed form also shows what is not among the values, but it includes names.
             lines = str(bsdf).splitlines()
-            printed = "".join(x for x in lines if not x.lstrip().startswith(_NAMES)).encode()
+            printed = "".join(x for x in lines if not any(n in x for n in _NAMES)).encode()
             areas[_digest(*_values(bsdf, set()), printed)] += float(own[0])
         for medium in (shape.interior_medium(), shape.exterior_medium()):
             if medium is not None:
