@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import tee
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import drjit as dr
 import mitsuba as mi
@@ -28,7 +28,7 @@ from benchmarks.moving_scenes import Animation, open_animation
 from benchmarks.truth import Truth, decibels, keep, radiance_pairs, sppm, sppm_images
 from gpf.core.progress import progress_bar, say
 from gpf.field.field import GaussianPhotonField
-from gpf.fitting.frames import SECONDS
+from gpf.fitting.frames import LEAST_PASSES, SECONDS
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.folders import load_views
@@ -39,6 +39,8 @@ from gpf.scene.views import SceneViews
 
 EQUAL_TIME_SEED = 100
 """Of the pictures that are compared with the truth, whose seeds are 0 and 1."""
+
+ONE_AFTER_THE_OTHER = "fields, one after the other"
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,14 @@ def frames(
         str, typer.Option("--frames", metavar="all|FIRST:LAST", help="The frames.")
     ] = "0:8",
     seconds: cli.Seconds = SECONDS,
+    passes: Annotated[
+        int | None,
+        typer.Option(
+            min=LEAST_PASSES,
+            help="Passes of each frame, in place of a time: fields one after the other against a "
+            "first field in each frame, to see what long animations lose.",
+        ),
+    ] = None,
     alone: Annotated[
         list[float] | None,
         typer.Option(help="Seconds of a fit of each frame alone; may be repeated."),
@@ -70,9 +80,9 @@ def frames(
     against SPPM and LuxCore's caches in the time of a field.
 
     A line has the median seconds of a frame, and of a view from its field; the number of Gaussians
-    of the first and of the last frame; the PSNR of a view, mean and least; and its flicker, the
-    root mean square of the error of the differences between frames. The truth is SPPM, without its
-    noise.
+    of the first and of the last frame; the PSNR of a view, mean, least and in the last frame; and
+    its flicker, the root mean square of the error of the differences between frames. The truth is
+    SPPM, without its noise.
     """
     moves = open_animation(animation)
     with tempfile.TemporaryDirectory() as name:
@@ -81,8 +91,12 @@ def frames(
         film = Film(moves, every[choose_frames(wanted, len(every), animation)], rows)
         file = kept / f"{animation}_{wanted.replace(':', '_')}_{rows}_{reference_passes}.npz"
         truth = Truth(keep(file, lambda: film.truth(reference_passes))["images"], film.exposure)
-        table = Table("", "s", "s, view", "Gaussians", "PSNR", "least", "flicker", title=animation)
-        for title, pictures in film.methods(seconds, alone or [seconds]).items():
+        columns = "s", "s, view", "Gaussians", "PSNR", "least", "last", "flicker"
+        table = Table("", *columns, title=animation)
+        methods = (
+            film.methods(seconds, alone or [seconds]) if passes is None else film.drift(passes)
+        )
+        for title, pictures in methods.items():
             table.add_row(title, *film.judge(title, pictures, truth))
         Console(width=120).print(table)
 
@@ -130,13 +144,20 @@ class Film:
 
     def methods(self, seconds: float, alone: Sequence[float]) -> dict[str, Iterator[Picture]]:
         """What is compared, by title."""
-        found = {"fields, one after the other": self._fields(seconds)}
+        found = {ONE_AFTER_THE_OTHER: self._fields(seconds=seconds)}
         for each in alone:
             found[f"a fit of each alone, {each:g} s"] = self._fits(each)
         found["SPPM, other photons in each frame"] = self._sppm(seconds, lambda number: number)
         found["SPPM, the same photons"] = self._sppm(seconds, lambda number: 0)
         found["LuxCore, caches"] = self._luxcore(seconds)
         return found
+
+    def drift(self, passes: int) -> dict[str, Iterator[Picture]]:
+        """Fields of an animation, and a first field in each of its frames, by title."""
+        return {
+            ONE_AFTER_THE_OTHER: self._fields(passes=passes),
+            "a first field in each frame": self._first_fields(passes),
+        }
 
     def judge(self, title: str, pictures: Iterator[Picture], truth: Truth) -> list[str]:
         """The cells of a line."""
@@ -159,13 +180,19 @@ class Film:
             f"{first:,} to {last:,}" if first else "",
             decibels(errors.mean()),
             decibels(errors.max()),
+            decibels(errors[-1]),
             f"{flicker(images, truth):.4f}",
         ]
 
-    def _fields(self, seconds: float) -> Iterator[Picture]:
+    def _fields(self, **goal: Any) -> Iterator[Picture]:
         fitted, shown = tee(self.scenes())
-        fields = gpf.fit_frames(fitted, self._training(), seconds=seconds)
+        fields = gpf.fit_frames(fitted, self._training(), **goal)
         for scene, field in zip(shown, fields, strict=True):
+            yield self._render(scene, field)
+
+    def _first_fields(self, passes: int) -> Iterator[Picture]:
+        for scene in self.scenes():
+            (field,) = gpf.fit_frames([scene], self._training(), passes=passes)
             yield self._render(scene, field)
 
     def _fits(self, seconds: float) -> Iterator[Picture]:

@@ -24,6 +24,16 @@ from gpf.guiding.density_control import cell_keys
 # curved a surface is, the closer they must be for one that faces the same way to be near.
 GAP_DISTANCES = DISTANCE / 2, DISTANCE / 4, DISTANCE / 8
 
+DENSEST = 0.35
+"""Of the Gaussians of the frame before, at most one stays in each cell of a grid with this edge, in
+distances between Gaussians: otherwise, there would be more of them in each frame."""
+
+SMOOTH_LEVELS, SHAPE_KEPT = 2, 0.5
+"""At so many of the coarsest levels, only this share of the difference between the shape of a
+Gaussian and a usual one stays. In smooth light a shape learns little but the noise of the photons,
+which is the same in all frames, and after many frames smudges would show. Where light is sharp,
+shapes are worth keeping."""
+
 # Up to this, 1 plus the cosine between two directions makes them opposite.
 _OPPOSITE = 1e-3
 
@@ -85,8 +95,9 @@ def field_of_frame(
     """The field of the frame before as the start of the next frame's.
 
     Gaussians move and turn with their surfaces, by the least turn: light does not spin with a ball
-    that spins. They stay if queries of their level may still reach them;
-    wherever too few are left, there are new ones.
+    that spins. They stay if queries of their level may still reach them, but for those that are
+    much too dense (:data:`DENSEST`); wherever too few are left, there are new ones. Where light is
+    smooth, they become rounder (:data:`SMOOTH_LEVELS`).
 
     Parameters
     ----------
@@ -100,13 +111,9 @@ def field_of_frame(
     means = to_numpy(field.gaussians.means)
     level = field.detail.levels_of(means)
     there = field.detail.fold(means) + moves.shift
-    kept = moves.known.copy()
-    for number in range(int(level.max()) + 1):
-        own = np.flatnonzero(level == number)
-        kept[own] &= detail.reaches(there[own], number)
-    if not kept.any():
+    rows = _kept(detail, level, there, moves)
+    if len(rows) == 0:
         return field_by_detail(scene, detail, settings, bounds, points, seed)
-    rows = np.flatnonzero(kept)
     gaussians = take(field.gaussians, from_numpy(mi.UInt32, rows))
     means, level, shift = means[rows], level[rows], moves.shift[rows]
     # The same grid adds exactly 0, so that what does not move keeps its bits.
@@ -116,10 +123,28 @@ def field_of_frame(
     turn = _turn(to_numpy(gaussians.normals), moves.normals[rows])
     gaussians.quats = from_numpy(mi.Quaternion4f, turn) * gaussians.quats
     gaussians.normals = from_numpy(mi.Normal3f, moves.normals[rows])
+    usual, smooth = _usual_scale(detail), from_numpy(mi.UInt32, level) < SMOOTH_LEVELS
+    rounder = usual + SHAPE_KEPT * (gaussians.log_scales - usual)
+    gaussians.log_scales = dr.select(smooth, rounder, gaussians.log_scales)
     limits = find_limits(scene, gaussians, detail)
     found = GaussianPhotonField(gaussians, settings, bounds, detail=detail, limits=limits)
     _fill_gaps(scene, found, points, seed, (DISTANCE, *GAP_DISTANCES))
     return found
+
+
+def _kept(detail: Detail, level: np.ndarray, there: np.ndarray, moves: Moves) -> np.ndarray:
+    """The numbers of the Gaussians that stay, in order, given their levels, (N,), and their new
+    places, (N, 3)."""
+    found = [np.zeros(0, np.int64)]
+    for number in np.unique(level).tolist():
+        own = np.flatnonzero(moves.known & (level == number))
+        own = own[detail.reaches(there[own], number)]
+        if len(own) == 0:
+            continue
+        width = DENSEST * DISTANCE * detail.radius / 2**number
+        _, first = np.unique(cell_keys(there[own], moves.normals[own], width), return_index=True)
+        found.append(own[first])
+    return np.asarray(np.sort(np.concatenate(found)))
 
 
 def _turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -186,13 +211,18 @@ def place_by_detail(
     return _untrained(np.concatenate(means), np.concatenate(normals), detail, seed)
 
 
+def _usual_scale(detail: Detail) -> float:
+    """The log scale of a Gaussian before training, in the unfolded space."""
+    return math.log(TYPICAL_SCALE * detail.radius)
+
+
 def _untrained(p: np.ndarray, n: np.ndarray, detail: Detail, seed: int) -> Gaussians:
     """Gaussians at positions in the unfolded space, with normals, (N, 3) each."""
     count = len(p)
     quats = np.random.default_rng(seed).normal(size=(4, count)).T
     gaussians = Gaussians(
         means=from_numpy(mi.Point3f, p),
-        log_scales=dr.full(mi.Vector3f, math.log(TYPICAL_SCALE * detail.radius), count),
+        log_scales=dr.full(mi.Vector3f, _usual_scale(detail), count),
         quats=from_numpy(mi.Quaternion4f, quats),
         irradiance=dr.zeros(mi.Color3f, count),
         normals=from_numpy(mi.Normal3f, n),

@@ -79,6 +79,18 @@ def test_inverse(run, monkeypatch):
 @pytest.mark.slow
 def test_frames(run, tmp_path):
     told = run(app, "frames", "lamp", "--frames", "2:4", "--seconds", 1, *SMALL, "--kept", tmp_path)
-    for method, least in (("fields", 6), ("fit", 6), ("SPPM", 4), ("LuxCore", 4)):
+    for method, least in (("fields", 7), ("fit", 7), ("SPPM", 5), ("LuxCore", 5)):
         found = [line for line in told.splitlines() if method in line and "│" in line]
         assert found and all(len(re.findall(r"[\d.,]+", line)) >= least for line in found), told
+
+
+@pytest.mark.slow
+def test_drift(run, tmp_path):
+    """Both lines begin with the same field."""
+    told = run(app, "frames", "lamp", "--frames", "2:4", "--passes", 6, *SMALL, "--kept", tmp_path)
+    later, anew = (
+        next(line.split("│") for line in told.splitlines() if method in line)
+        for method in ("one after the other", "a first field in each")
+    )
+    first, second = (line[4].split(" to ") for line in (later, anew))
+    assert first[0] == second[0] and first[1] != second[1], told
