@@ -141,14 +141,16 @@ def fit(
     Stops when the first of --seconds, --target-psnr and --passes is reached. OUT.png shows the
     progress. If the fit was killed, the same command resumes it.
     """
+    from gpf.commands.fit_options import FitOptions
+
+    asked = FitOptions(seconds, passes, target_psnr, views, seed, groups)
     machines = ClusterChoice.of_options(executor, cluster)
     if frames is not None:
         from gpf.commands.fit_frames import fit_scene_frames, refuse_with_frames
         from gpf.commands.scenes import FIELDS
 
         refuse_with_frames({"--target-psnr": target_psnr, "--continue": go_on})
-        how = seconds, passes, views, seed, groups, overwrite, machines
-        fit_scene_frames(Path(scene), frames, output or FIELDS, *how)
+        fit_scene_frames(Path(scene), frames, output or FIELDS, asked, overwrite, machines)
         return
     if machines is not None:
         raise UserError("--executor ray", "needs --frames", "Leave it out to fit one field.")
@@ -161,7 +163,7 @@ def fit(
         )
     out = go_on or output or Path("field.safetensors")
     existing: Existing = "continue" if go_on else "overwrite" if overwrite else "refuse"
-    fit_scene_file(scene, out, seconds, target_psnr, passes, views, seed, existing, groups)
+    fit_scene_file(scene, out, asked, existing)
 
 
 @app.command()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from gpf.commands.cameras import CameraChoice
 from gpf.commands.fit import fit_scene_file
+from gpf.commands.fit_options import FitOptions
 from gpf.commands.picture_options import PictureOptions
 from gpf.commands.render import render_pictures
 from gpf.core.errors import UserError
@@ -33,7 +34,7 @@ def run_demo(folder: Path, seconds: float = SECONDS) -> None:
     scene, field = folder / "scene" / "scene.xml", folder / "field.safetensors"
     views, pictures = folder / "scene" / "views.yaml", folder / "pictures"
     say(f"$ gpf fit {scene} -o {field} --views {views} --seconds {seconds:g}")
-    fit_scene_file(str(scene), field, seconds, None, None, views, seed=0)
+    fit_scene_file(str(scene), field, FitOptions(seconds=seconds, views=views))
     say(f"$ gpf render {scene} --field {field} -o {pictures} --spp {SPP}")
     render_pictures(str(scene), field, CameraChoice(), pictures, PictureOptions(spp=SPP))
     say(f"Look at {pictures}. For your own scene: gpf fit SCENE.xml, then gpf render SCENE.xml.")

@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.commands.cameras import file_beside
+from gpf.commands.fit_options import FitOptions
 from gpf.commands.overwriting import require_new
 from gpf.commands.scenes import find_scene
 from gpf.core.errors import UserError
@@ -38,26 +39,14 @@ PREVIEW_ROWS, PREVIEW_SPP = 256, 16
 
 
 def fit_scene_file(
-    scene_name: str,
-    out: Path,
-    seconds: float | None,
-    target_psnr: float | None,
-    passes: int | None,
-    views: Path | None,
-    seed: int,
-    existing: Existing = "refuse",
-    groups: str = "",
+    scene_name: str, out: Path, options: FitOptions, existing: Existing = "refuse"
 ) -> None:
     """Fit a field to the scene and write it to ``out``, with a preview picture beside it.
 
     Parameters
     ----------
     scene_name: as for :func:`gpf.commands.scenes.find_scene`.
-    seconds, target_psnr, passes, seed: as for :func:`gpf.fitting.fit.fit`.
-    views: a ``views.yaml`` or ``transforms.json`` with the views that the field is for; by default
-        the ``views.yaml`` beside the scene; without one, cameras are placed around the scene's own.
     existing: what to do if ``out`` exists.
-    groups: groups of emitters whose light is kept apart (:meth:`LightGroups.parse`).
     """
     require_field_name(out)
     if existing != "continue":
@@ -65,7 +54,7 @@ def fit_scene_file(
     choose_variant("auto")
     path, trained = find_scene(scene_name)
     scene = load_scene_file(path)
-    light_groups = LightGroups.parse(groups, scene)
+    groups, views = LightGroups.parse(options.groups, scene), options.views
     if trained is not None:
         views = views or trained / "views.yaml"
     views = file_beside(path, views)
@@ -82,13 +71,13 @@ def fit_scene_file(
         field = fit(
             scene,
             sensors,
-            seconds=seconds,
-            target_psnr=target_psnr,
-            passes=passes,
-            seed=seed,
+            seconds=options.seconds,
+            target_psnr=options.target_psnr,
+            passes=options.passes,
+            seed=options.seed,
             callback=_Display(bar, path.stem, scene, _preview_sensor(scene, sensors), preview),
             state=state,
-            groups=light_groups,
+            groups=groups,
             exposure=exposure,
             resume="always" if existing == "continue" else resume,
         )

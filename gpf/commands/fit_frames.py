@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gpf.commands.cameras import file_beside, file_in_animation
 from gpf.commands.cluster_frames import fit_on_cluster
+from gpf.commands.fit_options import FitOptions
 from gpf.commands.frame_fit import FrameFit, find_stretches
 from gpf.commands.scenes import changed_since, field_of_frame, find_frames
 from gpf.core.cluster import ClusterChoice
@@ -29,11 +30,7 @@ def fit_scene_frames(
     animation: Path,
     wanted: str,
     folder: Path,
-    seconds: float | None,
-    passes: int | None,
-    views: Path | None,
-    seed: int,
-    groups: str = "",
+    options: FitOptions,
     overwrite: bool = False,
     cluster: ClusterChoice | None = None,
 ) -> None:
@@ -48,11 +45,8 @@ def fit_scene_frames(
     animation: as for :func:`gpf.commands.scenes.find_frames`.
     wanted: as for :func:`gpf.scene.frames.choose_frames`.
     folder: for the fields.
-    seconds, passes, seed: as for :func:`gpf.fitting.frames.fit_frames`.
-    views: a ``views.yaml`` or ``transforms.json`` with the views that the fields are for; by
-        default the ``views.yaml`` beside the scenes; without one, cameras are placed around the own
-        ones of the frames.
-    groups: as for :meth:`LightGroups.parse`, in the animation's first frame.
+    options: without a target PSNR. Groups are those of the animation's first frame; the views
+        beside the scenes are the default.
     overwrite: whether to replace fields of other scenes, or that were fitted with other settings;
         the others stay.
     cluster: the machines that fit the frames; None for this one.
@@ -66,14 +60,14 @@ def fit_scene_frames(
     frames = every[chosen]
     choose_variant("auto")
     first = next(frame for frame in every if frame.file.exists())
-    beside = file_beside(first.file, file_in_animation(animation, views))
+    beside = file_beside(first.file, file_in_animation(animation, options.views))
     say("cameras: placed around the scenes' own" if beside is None else f"cameras: from {beside}")
     cameras = None if beside is None else read_cameras(beside)
     fit = FrameFit(
-        seconds,
-        passes,
-        seed,
-        LightGroups.parse(groups, load_frame(first)) if groups else None,
+        options.seconds,
+        options.passes,
+        options.seed,
+        LightGroups.parse(options.groups, load_frame(first)) if options.groups else None,
         None if cameras is None else (*cameras.train, *cameras.novel),
         (ROWS, ROWS) if cameras is None else cameras.size(ROWS),
     )
