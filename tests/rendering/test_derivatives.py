@@ -1,6 +1,7 @@
 """Derivatives of pictures: against finite differences with the same samples, and Mitsuba's."""
 
 import re
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -130,14 +131,21 @@ def both_modes(scene, integrator, owner, key: str, step: float) -> tuple[float, 
     return back, ahead, (sides[0] - sides[1]) / (2 * step)
 
 
+def assert_near(found: Any, expected: Any, limit: float) -> None:
+    """Prints the relative difference, which `pytest -rP` shows."""
+    difference = np.linalg.norm(np.subtract(found, expected)) / np.linalg.norm(expected)
+    print(f"relative difference: {difference:.1e}, limit {limit:g}")
+    assert difference < limit
+
+
 @pytest.mark.parametrize(
-    ("name", "step"), [("means", 1e-3), ("log_scales", 1e-2), ("quats", 1e-2), ("irradiance", 1e-2)]
+    ("name", "step"), [("means", 1e-3), ("log_scales", 1e-2), ("quats", 3e-3), ("irradiance", 1e-2)]
 )
 def test_arrays_of_the_field(name, step):
     scene, integrator = make_scene(pane=NO_PANE), make_integrator(make_field())
     back, ahead, differences = both_modes(scene, integrator, integrator, f"field.{name}", step)
-    assert back == pytest.approx(differences, rel=0.01)
-    assert ahead == pytest.approx(back, rel=1e-3)
+    assert_near(back, differences, 0.01)
+    assert_near(ahead, back, 1e-3)
 
 
 @pytest.mark.parametrize("direct", ["field", "emitters"])
@@ -145,8 +153,8 @@ def test_a_texture(direct):
     scene, integrator = make_scene(pane=NO_PANE), make_integrator(make_field(direct))
     key = "floor.bsdf.reflectance.data"
     back, ahead, differences = both_modes(scene, integrator, scene, key, 1e-2)
-    assert back == pytest.approx(differences, rel=0.01)
-    assert ahead == pytest.approx(back, rel=1e-3)
+    assert_near(back, differences, 0.01)
+    assert_near(ahead, back, 1e-3)
 
 
 def with_groups() -> GaussianPhotonField:
@@ -163,8 +171,8 @@ def test_levels_of_lamps():
     for name in ("left", "right"):
         # Light is linear, and a level is not negative.
         back, ahead, differences = both_modes(scene, integrator, integrator, f"levels.{name}", 0.1)
-        assert back == pytest.approx(differences, rel=1e-3)
-        assert ahead == pytest.approx(back, rel=1e-3)
+        assert_near(back, differences, 1e-3)
+        assert_near(ahead, back, 1e-3)
 
 
 @pytest.mark.parametrize("direct", ["field", "emitters"])
@@ -189,7 +197,7 @@ def test_the_camera_moves(direct):
     dr.enable_grad(amount)
     put(amount)
     dr.backward(loss(render(scene, integrator, params)))
-    assert dr.grad(amount)[0] == pytest.approx((sides[0] - sides[1]) / (2 * step), rel=0.01)
+    assert_near(dr.grad(amount)[0], (sides[0] - sides[1]) / (2 * step), 0.01)
     assert sensor is scene.sensors()[0]
 
 
@@ -206,7 +214,7 @@ def test_the_gradient_of_mitsuba_for_direct_light():
         image = mi.render(scene, params, integrator=integrator, spp=4096, seed=1)
         dr.backward(loss(image))
         found.append(np.array(dr.grad(params[key])))
-    assert np.linalg.norm(found[0] - found[1]) < 0.01 * np.linalg.norm(found[1])
+    assert_near(*found, 0.01)
 
 
 def test_a_field_of_a_scene_is_among_its_parameters(tmp_path):
