@@ -92,6 +92,11 @@ def loss(image: mi.TensorXf) -> mi.Float:
     return dr.sum(dr.ravel(image * from_numpy(mi.TensorXf, WEIGHTS)))
 
 
+def precise_loss(image: mi.TensorXf) -> float:
+    """In double precision: a sum in single precision would hide small differences."""
+    return float((np.array(image, dtype=float) * WEIGHTS).sum())
+
+
 def both_modes(scene, integrator, owner, key: str, step: float) -> tuple[float, float, float]:
     """The derivative along a random direction: backward, forward, and by finite differences."""
     params = mi.traverse(owner)
@@ -113,7 +118,7 @@ def both_modes(scene, integrator, owner, key: str, step: float) -> tuple[float, 
     for sign in (1, -1):
         set_to(before + sign * step * direction)
         params.update()
-        sides.append(np.array(loss(render(scene, integrator)), dtype=float)[0])
+        sides.append(precise_loss(render(scene, integrator)))
     new = set_to(before)
     dr.enable_grad(new)
     params[key] = new
@@ -139,7 +144,7 @@ def assert_near(found: Any, expected: Any, limit: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "step"), [("means", 1e-3), ("log_scales", 1e-2), ("quats", 3e-3), ("irradiance", 1e-2)]
+    ("name", "step"), [("means", 1e-3), ("log_scales", 1e-2), ("quats", 2e-3), ("irradiance", 1e-2)]
 )
 def test_arrays_of_the_field(name, step):
     scene, integrator = make_scene(pane=NO_PANE), make_integrator(make_field())
@@ -192,7 +197,7 @@ def test_the_camera_moves(direct):
     step, sides = 1e-3, []
     for sign in (1, -1):
         put(mi.Float(sign * step))
-        sides.append(float(loss(render(scene, integrator))[0]))
+        sides.append(precise_loss(render(scene, integrator)))
     amount = mi.Float(0)
     dr.enable_grad(amount)
     put(amount)
