@@ -26,6 +26,7 @@ from benchmarks import cli
 from benchmarks.judged import KERNELS
 from benchmarks.moving_scenes import Animation, open_animation
 from benchmarks.truth import Truth, decibels, keep, radiance_pairs, sppm, sppm_images
+from gpf.core.errors import UserError
 from gpf.core.progress import progress_bar, say
 from gpf.field.field import GaussianPhotonField
 from gpf.fitting.frames import LEAST_PASSES, SECONDS
@@ -77,13 +78,16 @@ def frames(
     kept: cli.Kept = cli.KEPT,
 ) -> None:
     """Fields of frames that begin with the field before, against fits of each frame alone, and
-    against SPPM and LuxCore's caches in the time of a field.
+    against SPPM and LuxCore's caches in the time of a field. With --passes, against a first field
+    in each frame alone.
 
     A line has the median seconds of a frame, and of a view from its field; the number of Gaussians
     of the first and of the last frame; the PSNR of a view, mean, least and in the last frame; and
     its flicker, the root mean square of the error of the differences between frames. The truth is
     SPPM, without its noise.
     """
+    if passes is not None and alone:
+        raise UserError("--passes and --alone", "are mutually exclusive", "Leave one of them out.")
     moves = open_animation(animation)
     with tempfile.TemporaryDirectory() as name:
         folder = moves.write(Path(name))

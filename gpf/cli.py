@@ -143,7 +143,14 @@ def fit(
     """
     from gpf.commands.fit_options import FitOptions
 
-    asked = FitOptions(seconds, passes, target_psnr, views, seed, groups)
+    asked = FitOptions(
+        seconds=seconds,
+        target_psnr=target_psnr,
+        passes=passes,
+        views=views,
+        seed=seed,
+        groups=groups,
+    )
     machines = ClusterChoice.of_options(executor, cluster)
     if frames is not None:
         from gpf.commands.fit_frames import fit_scene_frames, refuse_with_frames

@@ -1,8 +1,8 @@
 """Fields of frames on many machines: each task of a Ray cluster fits a stretch of frames.
 
 The first frame is fitted before all others, which begin with it, directly or through the frames
-before them. So fields depend on the number of machines, but no seam shows where one machine's
-frames end and another's begin.
+before them. So fields depend on the number of machines, but seams hardly show where one
+machine's frames end and another's begin.
 """
 
 from __future__ import annotations

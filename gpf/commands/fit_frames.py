@@ -53,7 +53,8 @@ def fit_scene_frames(
 
     Raises
     ------
-    UserError: as these; or the folder has such fields.
+    UserError: as these and :func:`gpf.fitting.frames.fit_frames`; the groups are wrong; or the
+        folder has such fields.
     """
     every = find_frames(animation, wanted)
     chosen = choose_frames(wanted, len(every), str(animation))

@@ -25,14 +25,15 @@ from gpf.guiding.density_control import cell_keys
 GAP_DISTANCES = DISTANCE / 2, DISTANCE / 4, DISTANCE / 8
 
 DENSEST = 0.35
-"""Of the Gaussians of the frame before, at most one stays in each cell of a grid with this edge, in
-distances between Gaussians: otherwise, there would be more of them in each frame."""
+"""Training gathers Gaussians along lines of light, and new ones fill the gaps. So that their number
+does not grow with the frames, at most one stays in each cell of a grid with this edge, in distances
+between Gaussians; surfaces that face different directions have separate cells."""
 
 SMOOTH_LEVELS, SHAPE_KEPT = 2, 0.5
-"""At so many of the coarsest levels, only this share of the difference between the shape of a
-Gaussian and a usual one stays. In smooth light a shape learns little but the noise of the photons,
-which is the same in all frames, and after many frames smudges would show. Where light is sharp,
-shapes are worth keeping."""
+"""At so many of the coarsest levels, only this share of the difference between the scales of a
+Gaussian and the usual ones stays. In smooth light a shape learns little but the noise of the
+photons, which is the same in all frames, and after many frames smudges would show. Where light is
+sharp, shapes are worth keeping."""
 
 # Up to this, 1 plus the cosine between two directions makes them opposite.
 _OPPOSITE = 1e-3
@@ -95,9 +96,9 @@ def field_of_frame(
     """The field of the frame before as the start of the next frame's.
 
     Gaussians move and turn with their surfaces, by the least turn: light does not spin with a ball
-    that spins. They stay if queries of their level may still reach them, but for those that are
-    much too dense (:data:`DENSEST`); wherever too few are left, there are new ones. Where light is
-    smooth, they become rounder (:data:`SMOOTH_LEVELS`).
+    that spins. They stay if queries of their level may still reach them, and if they are not much
+    too close together (:data:`DENSEST`); wherever too few are left, there are new ones. Where light
+    is smooth, they become rounder (:data:`SMOOTH_LEVELS`).
 
     Parameters
     ----------
@@ -111,12 +112,12 @@ def field_of_frame(
     means = to_numpy(field.gaussians.means)
     level = field.detail.levels_of(means)
     there = field.detail.fold(means) + moves.shift
-    rows = _kept(detail, level, there, moves)
+    rows, apart = _near(detail, level, there, moves)
     if len(rows) == 0:
         return field_by_detail(scene, detail, settings, bounds, points, seed)
     gaussians = take(field.gaussians, from_numpy(mi.UInt32, rows))
     means, level, shift = means[rows], level[rows], moves.shift[rows]
-    # The same grid adds exactly 0, so that what does not move keeps its bits.
+    # The same grid adds exactly 0, so that places that do not move keep their bits.
     means = means + (shift + (field.detail.corner - detail.corner)) * 2.0 ** level[:, None]
     means[:, 0] += detail.starts[level] - field.detail.starts[level]
     gaussians.means = from_numpy(mi.Point3f, means)
@@ -126,25 +127,59 @@ def field_of_frame(
     usual, smooth = _usual_scale(detail), from_numpy(mi.UInt32, level) < SMOOTH_LEVELS
     rounder = usual + SHAPE_KEPT * (gaussians.log_scales - usual)
     gaussians.log_scales = dr.select(smooth, rounder, gaussians.log_scales)
+    gaussians = _thin_out(gaussians, apart, detail, settings, bounds)
     limits = find_limits(scene, gaussians, detail)
     found = GaussianPhotonField(gaussians, settings, bounds, detail=detail, limits=limits)
     _fill_gaps(scene, found, points, seed, (DISTANCE, *GAP_DISTANCES))
     return found
 
 
-def _kept(detail: Detail, level: np.ndarray, there: np.ndarray, moves: Moves) -> np.ndarray:
-    """The numbers of the Gaussians that stay, in order, given their levels, (N,), and their new
-    places, (N, 3)."""
-    found = [np.zeros(0, np.int64)]
+def _near(
+    detail: Detail, level: np.ndarray, there: np.ndarray, moves: Moves
+) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers of the Gaussians that queries of their level may reach, (M,) in order, and which
+    of them are apart from older ones (:data:`DENSEST`), (M,) bool. Those that are closer together
+    than any that fill a gap are left out.
+
+    Parameters
+    ----------
+    level, there: their levels, (N,), and new places, world units, (N, 3).
+    """
+    near, apart = np.zeros((2, len(level)), bool)
     for number in np.unique(level).tolist():
         own = np.flatnonzero(moves.known & (level == number))
         own = own[detail.reaches(there[own], number)]
-        if len(own) == 0:
-            continue
-        width = DENSEST * DISTANCE * detail.radius / 2**number
-        _, first = np.unique(cell_keys(there[own], moves.normals[own], width), return_index=True)
-        found.append(own[first])
-    return np.asarray(np.sort(np.concatenate(found)))
+        for distance, found in ((GAP_DISTANCES[-1], near), (DENSEST * DISTANCE, apart)):
+            width = distance * detail.radius / 2**number
+            found[own[_firsts(there[own], moves.normals[own], width)]] = True
+    rows = np.flatnonzero(near | apart)
+    return rows, apart[rows]
+
+
+def _firsts(position: np.ndarray, normal: np.ndarray, width: float) -> np.ndarray:
+    """The number of the first point in each cell with points (P, 3)."""
+    if len(position) == 0:
+        return np.zeros(0, np.int64)
+    return np.unique(cell_keys(position, normal, width), return_index=True)[1]
+
+
+def _thin_out(
+    gaussians: Gaussians,
+    apart: np.ndarray,
+    detail: Detail,
+    settings: FieldSettings,
+    bounds: tuple[mi.ScalarPoint3f, mi.ScalarPoint3f],
+) -> Gaussians:
+    """Those that are ``apart``, (N,) bool, and where these are too few, the others as well: on
+    small curved things, Gaussians have to be close together."""
+    if apart.all():
+        return gaussians
+    kept = take(gaussians, from_numpy(mi.UInt32, np.flatnonzero(apart)))
+    field = GaussianPhotonField(kept, settings, bounds, detail=detail)
+    p = from_numpy(mi.Point3f, detail.fold(to_numpy(gaussians.means)))
+    _, reach = field.query(p, gaussians.normals, from_numpy(mi.Bool, ~apart))
+    rows = np.flatnonzero(apart | (reach.numpy() > 1))
+    return take(gaussians, from_numpy(mi.UInt32, rows))
 
 
 def _turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
