@@ -99,6 +99,28 @@ def test_emission():
     assert found.bsdf["type"] == "diffuse"
 
 
+@pytest.mark.parametrize("first", ["diffuse", "translucent"])
+def test_a_sum_has_the_light_of_both(first):
+    """As long as both together reflect no more than all light."""
+    colours = [0.6, 0.1, 0.2], [0.1, 0.4, 0.3]
+    parts = [closure(name, color=c) for name, c in zip((first, "glossy"), colours, strict=True)]
+    both = {"closure": "add", "first": parts[0], "second": parts[1]}
+    made = translate(both, PLAIN)
+    np.testing.assert_allclose(albedo(made.whole()), np.sum(colours, axis=0), rtol=0.02)
+    glow = {
+        "closure": "mix",
+        "factor": 0.5,
+        "first": parts[1],
+        "second": closure("emission", strength=3.0),
+    }
+    shining = translate(both | {"second": glow}, PLAIN)
+    np.testing.assert_allclose(shining.emission["value"], [1.2, 0.75, 0.3])
+    assert not made.notes and not shining.notes
+    assert translate(both | {"second": closure("glass")}, PLAIN).notes == [
+        "a sum of two surfaces, approximated"
+    ]
+
+
 def test_a_mixture_with_nothing_is_an_opacity():
     clear, solid = closure("transparent", color=[1.0, 1.0, 1.0]), closure("diffuse")
     for first, second, opacity in ((solid, clear, 0.7), (clear, solid, 0.3)):
