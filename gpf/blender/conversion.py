@@ -149,6 +149,8 @@ def convert(
         notes += repeated
         if frames is None:
             _write_views(last, new / "views.yaml")
+        elif last["exposure"] != 1:
+            notes.append(f"exposure left out: render with --exposure {last['exposure']:.3g}")
         if (work / "meshes").is_dir():
             shutil.move(work / "meshes", new / "meshes")
         write_text(new / "converted.md", describe(file.name, last["blender"], how, notes))
@@ -227,7 +229,7 @@ def _write_views(found: Mapping[str, Any], path: Path) -> None:
     """Write the cameras if one moves, or if pictures have an exposure of their own."""
     cameras = [c for c in found["cameras"] if c["type"] == "PERSP"]
     moving = next((c for c in cameras if "frames" in c), None)
-    if moving is None:
+    if not cameras or (moving is None and found["exposure"] == 1):
         return
     names: list[str] = []
     views = []
@@ -237,20 +239,21 @@ def _write_views(found: Mapping[str, Any], path: Path) -> None:
         views.append(
             View(name=names[-1], fov_axis=camera["fov_axis"], shift=shift, **_pose(camera))
         )
-    frames, shift = moving["frames"], principal_point(moving, found["size"])
-    for frame in frames[:: max(len(frames) // 6, 1)]:
-        names.append(name_view("moving", names, "camera"))
-        views.append(View(name=names[-1], fov_axis=moving["fov_axis"], shift=shift, **_pose(frame)))
-    path_of = CameraPath(
-        keyframes=tuple(Keyframe(shift=shift, **_pose(frame)) for frame in frames),
-        frames=len(frames),
-    )
+    path_of = None
+    if moving is not None:
+        frames, shift = moving["frames"], principal_point(moving, found["size"])
+        for frame in frames[:: max(len(frames) // 6, 1)]:
+            names.append(name_view("moving", names, "camera"))
+            axis = moving["fov_axis"]
+            views.append(View(name=names[-1], fov_axis=axis, shift=shift, **_pose(frame)))
+        keyframes = tuple(Keyframe(shift=shift, **_pose(frame)) for frame in frames)
+        path_of = CameraPath(keyframes=keyframes, frames=len(frames))
     scene = SceneViews(
         views=ViewSets(train=tuple(views)),
         path=path_of,
         exposure=found["exposure"],
         aspect=found["size"][0] / found["size"][1],
-        fov_axis=moving["fov_axis"],
+        fov_axis=(moving or cameras[0])["fov_axis"],
     )
     write_views(path, scene, "Cameras of the converted scene.")
 

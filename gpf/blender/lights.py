@@ -48,7 +48,7 @@ def emitters(lamps: Sequence[Lamp], notes: list[str]) -> dict[str, Dict]:
 def _emitter(lamp: Lamp, notes: list[str]) -> Dict:
     matrix, name = np.array(lamp["matrix"]), lamp["name"]
     power = np.array(lamp["color"]) * lamp["energy"]
-    place, forward = matrix[:3, 3], -matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+    place, forward = matrix[:3, 3], -matrix[:3, 2]
     if lamp["type"] == "SUN":
         return {"type": "directional", "direction": forward.tolist(), "irradiance": _rgb(power)}
     if lamp["type"] == "AREA":
@@ -67,7 +67,7 @@ def _emitter(lamp: Lamp, notes: list[str]) -> Dict:
             "cutoff_angle": half,
             "beam_width": half * (1 - lamp["spot_blend"]) ** 0.5,
         }
-    radius = lamp["radius"] * np.cbrt(abs(np.linalg.det(matrix[:3, :3])))
+    radius = lamp["radius"]  # whatever the lamp's scale
     if radius == 0:
         return {
             "type": "point",
@@ -78,7 +78,7 @@ def _emitter(lamp: Lamp, notes: list[str]) -> Dict:
     return {
         "type": "sphere",
         "center": place.tolist(),
-        "radius": float(radius),
+        "radius": radius,
         "emitter": {"type": "area", "radiance": _rgb(radiance)},
         "bsdf": _BLACK,
     }

@@ -32,7 +32,9 @@ class Translation:
     scene: Dict
     how: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
-    _taken: dict[str, int] = field(default_factory=lambda: {"type": 1, "integrator": 1})
+    _taken: dict[str, int] = field(
+        default_factory=lambda: dict.fromkeys(("type", "id", "integrator"), 1)
+    )
 
     def label(self, name: str) -> str:
         """A name for a part of the scene, different from all before."""
@@ -90,13 +92,12 @@ class _Materials:
 
     def __init__(self, found: Mapping[str, Any], textures: Textures, result: Translation) -> None:
         self.textures, self.result = textures, result
-        self._closures = {(c["object"], c["slot"]): c["closure"] for c in found["closures"]}
+        self._closures = {(c["mesh"], c["slot"]): c["closure"] for c in found["closures"]}
         self._made: dict[str, tuple[Material, str]] = {}
 
     def find(self, shape: Mapping[str, Any]) -> tuple[Material, str]:
         """The material of a shape, and the id of its BSDF in the scene."""
-        plain = {"closure": "diffuse", "color": [0.8, 0.8, 0.8]}
-        closure = self._closures.get((shape["name"], shape["slot"]), plain)
+        closure = self._closures[shape["mesh"], shape["slot"]]
         key = f"{shape['material']} {closure}"
         if key not in self._made:
             name = shape["material"] or "no material"
@@ -132,6 +133,8 @@ def cameras(found: Mapping[str, Any], notes: list[str]) -> Dict:
         if camera["type"] != "PERSP":
             notes.append(f"camera {camera['name']}: {camera['type'].lower()} camera left out")
             continue
+        if camera["blurred"]:
+            notes.append(f"camera {camera['name']}: depth of field left out")
         shift = principal_point(camera, found["size"])
         turned = np.diag([-1.0, 1.0, -1.0, 1.0])  # Mitsuba's cameras look along +z, and +x is left
         sensor: Dict = {

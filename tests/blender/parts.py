@@ -69,14 +69,18 @@ def world(*colour: float) -> None:
 
 
 def image(
-    name: str, pixels: Callable[[float, float], Any], size: int = 64, space: str = "sRGB"
+    name: str,
+    pixels: Callable[[float, float], Any],
+    size: tuple[int, int] = (64, 64),
+    space: str = "sRGB",
 ) -> Any:
-    made = bpy.data.images.new(name, size, size)
+    width, height = size
+    made = bpy.data.images.new(name, width, height)
     made.colorspace_settings.name = space
     values = []
-    for y in range(size):
-        for x in range(size):
-            values += [*pixels((x + 0.5) / size, (y + 0.5) / size), 1.0][:4]
+    for y in range(height):
+        for x in range(width):
+            values += [*pixels((x + 0.5) / width, (y + 0.5) / height), 1.0][:4]
     made.pixels = values
     made.pack()
     return made

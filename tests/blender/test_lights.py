@@ -11,6 +11,9 @@ import pytest
 from gpf.blender.lights import emitters, sky
 from gpf.blender.scene_dict import cameras
 
+NOTHING = np.diag([0.0, 0.0, 0.0, 1.0]) + np.outer([0, 0, 2.0, 0], [0, 0, 0, 1])
+"""The matrix of a lamp that is scaled to nothing: points shine in spite of it."""
+
 
 def lamp(kind: str, **more):
     """A lamp of 100 W two metres above the origin, which shines downwards."""
@@ -40,6 +43,7 @@ def irradiance(found) -> np.ndarray:
     [
         ("POINT", {"radius": 0.0}, 100 / (4 * math.pi) / 4),
         ("POINT", {"radius": 0.1}, 100 / (4 * math.pi) / 4),
+        ("POINT", {"radius": 0.1, "matrix": NOTHING}, 100 / (4 * math.pi) / 4),
         ("SPOT", {"radius": 0.0, "spot_size": 0.5, "spot_blend": 0.0}, 100 / (4 * math.pi) / 4),
         ("AREA", {"size": [0.1, 0.1], "spread": math.pi, "round": False}, 100 / math.pi / 4),
         ("AREA", {"size": [0.1, 0.2], "spread": math.pi, "round": True}, 100 / math.pi / 4),
@@ -72,7 +76,7 @@ def test_the_sky_without_a_sun(tmp_path):
 def test_cameras_look_where_blenders_do():
     """Along -z, with +y up; the shift moves what is seen."""
     camera = {"name": "eye", "type": "PERSP", "fov": 90.0, "fov_axis": "x", "clip": [0.1, 100.0]}
-    camera |= {"matrix": np.eye(4).tolist(), "shift": [0.25, 0.0]}
+    camera |= {"matrix": np.eye(4).tolist(), "shift": [0.25, 0.0], "blurred": False}
     ortho = camera | {"type": "ORTHO", "name": "plan"}
     notes: list[str] = []
     made = cameras({"size": [200, 100], "cameras": [camera, ortho]}, notes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,75 +11,68 @@ from typing import Any
 
 import bpy
 import numpy as np
-from geometry import Unwrapping, vertices_of_corners
+from geometry import column
 from nodes import Closure, values, with_plain_inputs
 from sockets import Socket, is_constant
-from sources import socket_of, sources
+from sources import socket_of
 
 UV = "gpf_bake"
 SAMPLES = 4
-
-AS_RENDERED = {
-    "levels": "render_levels",
-    "viewport_resolution": "resolution",
-    "resolution_u": "render_resolution_u",
-    "resolution_v": "render_resolution_v",
-    "resolution": "render_resolution",
-}
-"""Of modifiers and curves: what the viewport shows, and what is rendered."""
 
 FLAT_SIZE = 32
 """Width of images that have the same value everywhere."""
 
 
-@dataclass(frozen=True)
-class _Baked:
-    """What an object was baked from, and what came of it."""
-
-    origin: str
-    closures: dict[int, Closure]
-
-
 @dataclass
 class Baking:
-    """Bakes the materials of objects.
+    """Bakes the materials of meshes.
 
     Attributes
     ----------
     folder: where arrays are written.
     extent: length of the scene's diagonal, for the size of images.
     tell: is told what is being baked.
-    unwrapped: for the name of each object that is baked, where its images lie on its mesh.
-    times: how many times it was baked.
+    times: how many times each mesh was baked.
     """
 
     folder: Path
     extent: float
     tell: Callable[[str], None]
-    unwrapped: dict[str, Unwrapping] = field(default_factory=dict)
     times: Counter[str] = field(default_factory=Counter)
-    _known: dict[str, _Baked] = field(default_factory=dict)
+    _known: dict[str, tuple[str, dict[int, Closure], np.ndarray]] = field(default_factory=dict)
     _count: int = field(default=0)
 
-    def bake(self, thing: Any, closures: dict[int, Closure]) -> dict[int, Closure]:
-        """An object's closures, by slot, with arrays for everything to bake.
+    def find(
+        self, key: str, origin: str, closures: dict[int, Closure]
+    ) -> tuple[dict[int, Closure], np.ndarray] | None:
+        """The closures of a mesh that were baked, with the inputs that are plain now, and the UVs
+        of their images, (L, 2); None unless it has the same ``origin`` as then."""
+        known, baked, uv = self._known.get(key, ("", {}, np.empty(0)))
+        if known != origin:
+            return None
+        return {k: with_plain_inputs(baked[k], now) for k, now in closures.items()}, uv
 
-        Inputs that are images become part of the new ones, which have UVs of their own. Images from
-        before serve again if the object's faces and the nodes behind them are the same.
+    def bake(
+        self, key: str, origin: str, closures: dict[int, Closure], thing: Any, mesh: Any
+    ) -> None:
+        """Bake everything in a mesh's closures that is no plain value.
+
+        Inputs that are images become part of the new ones, which have UVs of their own.
+
+        Parameters
+        ----------
+        key: a name for the mesh, the same in all frames.
+        origin: what the result depends on, as a text to compare.
+        closures: what the slots have that it uses.
+        thing: its object.
+        mesh: a copy; it is removed.
         """
-        with _in_view(thing), _evaluated(thing) as mesh:
-            faces = hashlib.sha256(vertices_of_corners(mesh)).hexdigest()
-            origin = faces + "".join(sources(closure) for closure in closures.values())
-            known = self._known.get(thing.name)
-            if known is None or known.origin != origin:
-                self.tell(f"baking {thing.name}")
-                with _with_mesh(thing, mesh) as shown:
-                    self._bake(shown, closures)
-                self.unwrapped[thing.name] = Unwrapping.of(mesh, mesh.uv_layers[UV])
-                self.times[thing.name] += 1
-                self._known[thing.name] = _Baked(origin, closures)
-                return closures
-        return {k: with_plain_inputs(known.closures[k], now) for k, now in closures.items()}
+        self.tell(f"baking {thing.name}")
+        with _stand_in(thing, mesh) as other:
+            self._bake(other, closures)
+            self._known[key] = origin, closures, column(mesh.uv_layers[UV].uv, "vector", 2)
+        bpy.data.meshes.remove(mesh)
+        self.times[key] += 1
 
     def _bake(self, thing: Any, closures: dict[int, Closure]) -> None:
         """Replace everything to bake in an object's closures with arrays."""
@@ -154,80 +146,35 @@ class Baking:
 
 
 @contextmanager
-def _in_view(thing: Any) -> Iterator[None]:
-    """Have an object evaluated and selected, as it is rendered."""
-    layer, scene = bpy.context.view_layer, bpy.context.scene
-    for owner in (*thing.modifiers, thing.data):
-        for shown, rendered in AS_RENDERED.items():
-            if hasattr(owner, shown) and (value := getattr(owner, rendered, 0)):
-                setattr(owner, shown, value)
-    for modifier in thing.modifiers:
-        modifier.show_viewport = modifier.show_render
-    for other in list(layer.objects):
-        other.select_set(False)
-    linked = thing.name not in layer.objects
-    if linked:
-        scene.collection.objects.link(thing)
-    hidden, thing.hide_viewport, thing.hide_select = thing.hide_viewport, False, False
-    thing.hide_set(False)
+def _stand_in(thing: Any, mesh: Any) -> Iterator[Any]:
+    """An object with a mesh, seen and selected, in place of the one that Blender renders so: that
+    may be hidden in the viewport, have modifiers, or be no mesh."""
+    name, hidden = thing.name, thing.hide_render
+    thing.name, thing.hide_render = "gpf bake", True
+    other = bpy.data.objects.new(name, mesh)  # nodes draw random numbers from the name
+    other.matrix_world, other.color = thing.matrix_world, thing.color
+    other.pass_index = thing.pass_index
+    for key, value in thing.items():
+        if not hasattr(value, "keys"):
+            other[key] = value
+    bpy.context.scene.collection.objects.link(other)
+    for each in bpy.context.view_layer.objects:
+        each.select_set(each == other)
     try:
-        yield
+        yield other
     finally:
-        thing.hide_viewport = hidden
-        if linked:
-            scene.collection.objects.unlink(thing)
-        layer.update()
-
-
-@contextmanager
-def _evaluated(thing: Any) -> Iterator[Any]:
-    """A mesh of its own with what an object's modifiers make."""
-    graph = bpy.context.evaluated_depsgraph_get()
-    mesh = bpy.data.meshes.new_from_object(
-        thing.evaluated_get(graph), preserve_all_data_layers=True, depsgraph=graph
-    )
-    if thing.type == "MESH":
-        mesh.use_auto_texspace = False
-        mesh.texspace_location = thing.data.texspace_location
-        mesh.texspace_size = thing.data.texspace_size
-    try:
-        yield mesh
-    finally:
-        bpy.data.meshes.remove(mesh)
-
-
-@contextmanager
-def _with_mesh(thing: Any, mesh: Any) -> Iterator[Any]:
-    """An object with this mesh and no modifiers: itself or, if it is no mesh, one in its place."""
-    if thing.type != "MESH":
-        other = bpy.data.objects.new(thing.name, mesh)
-        other.matrix_world = thing.matrix_world
-        bpy.context.scene.collection.objects.link(other)
-        try:
-            yield other
-        finally:
-            bpy.data.objects.remove(other)
-        return
-    before, shown = thing.data, {m: (m.show_viewport, m.show_render) for m in thing.modifiers}
-    for modifier in thing.modifiers:
-        modifier.show_viewport = modifier.show_render = False
-    thing.data = mesh
-    try:
-        yield thing
-    finally:
-        thing.data = before
-        for modifier, (viewport, render) in shown.items():
-            modifier.show_viewport, modifier.show_render = viewport, render
+        bpy.data.objects.remove(other)
+        thing.name, thing.hide_render = name, hidden
 
 
 def _unwrap(thing: Any) -> None:
     """Give the mesh of an object UVs without overlaps."""
-    thing.select_set(True)
     bpy.context.view_layer.objects.active = thing
     thing.data.uv_layers.active = thing.data.uv_layers.new(name=UV)
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.select_all(action="SELECT")
-    bpy.ops.uv.smart_project(island_margin=0.003)
+    # Else the shape of an image that the material has would stretch them.
+    bpy.ops.uv.smart_project(island_margin=0.003, correct_aspect=False)
     bpy.ops.object.mode_set(mode="OBJECT")
 
 

@@ -30,6 +30,7 @@ def read_camera(scene: Any, camera: Any, path: bool) -> dict[str, Any]:
         "fov_axis": axis,
         "shift": [float(data.shift_x), float(data.shift_y)],
         "clip": [float(data.clip_start), float(data.clip_end)],
+        "blurred": data.dof.use_dof,
         **_pose(camera),
     }
     if path and (frames := _path(scene, camera)):

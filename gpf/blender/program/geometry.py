@@ -30,34 +30,6 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Unwrapping:
-    """Coordinates on images for a mesh, as long as it has the same faces.
-
-    Attributes
-    ----------
-    vertices: the vertex of each corner of the faces, (L,).
-    uv: its coordinates, (L, 2).
-    """
-
-    vertices: np.ndarray
-    uv: np.ndarray
-
-    @classmethod
-    def of(cls, mesh: Any, layer: Any) -> Unwrapping:
-        """What a layer of a mesh has."""
-        return cls(vertices_of_corners(mesh), _column(layer.uv, "vector", 2))
-
-    def fits(self, mesh: Any) -> bool:
-        """Whether a mesh has these faces."""
-        return np.array_equal(self.vertices, vertices_of_corners(mesh))
-
-
-def vertices_of_corners(mesh: Any) -> np.ndarray:
-    """The vertex of each corner of a mesh's faces, (L,)."""
-    return _column(mesh.loops, "vertex_index", 1, np.int32).ravel()
-
-
-@dataclass(frozen=True)
 class Corners:
     """The corners of a mesh's faces, and its triangles.
 
@@ -98,13 +70,13 @@ Triangles = dict[bytes, np.ndarray]
 
 
 def read_corners(
-    mesh: Any, unwrapping: Unwrapping | None, colours: str | None, bent: Triangles | None
-) -> Corners | None:
-    """The corners of an evaluated mesh, in its own coordinates; None if it has no triangles.
+    mesh: Any, unwrapped: np.ndarray | None, colours: str | None, bent: Triangles | None
+) -> Corners:
+    """The corners of an evaluated mesh, in its own coordinates.
 
     Parameters
     ----------
-    unwrapping: the UVs to write; by default, those that Blender renders.
+    unwrapped: the UVs to write, (L, 2); by default, those that Blender renders.
     colours: name of the colour attribute to write, if any.
     bent: None, or the triangles of this mesh in other frames, where it may have another shape. With
         the same faces it has the same triangles: Blender would cut some faces along the other
@@ -112,19 +84,17 @@ def read_corners(
     """
     mesh.calc_loop_triangles()
     triangles = mesh.loop_triangles
-    if not len(triangles):
-        return None
-    vertices = vertices_of_corners(mesh)
-    place = _column(mesh.vertices, "co", 3)[vertices]
-    data, names = [place, _column(mesh.corner_normals, "vector", 3)], ["x", "y", "z", *NORMAL]
+    vertices = column(mesh.loops, "vertex_index", 1, np.int32).ravel()
+    place = column(mesh.vertices, "co", 3)[vertices]
+    data, names = [place, column(mesh.corner_normals, "vector", 3)], ["x", "y", "z", *NORMAL]
     layer = _rendered_uv(mesh)
-    if unwrapping is not None or (layer is not None and len(layer.uv)):
-        uv = _column(layer.uv, "vector", 2) if unwrapping is None else unwrapping.uv.copy()
+    if unwrapped is not None or (layer is not None and len(layer.uv)):
+        uv = column(layer.uv, "vector", 2) if unwrapped is None else unwrapped.copy()
         uv[:, 1] = 1 - uv[:, 1]  # Mitsuba's images begin at the top
         data.append(uv)
         names += ["u", "v"]
     if colours and (found := mesh.color_attributes.get(colours)) is not None:
-        values = _column(found.data, "color", 4)[:, :3]
+        values = column(found.data, "color", 4)[:, :3]
         if found.domain == "POINT":
             values = values[vertices]
         if found.domain in ("POINT", "CORNER"):
@@ -132,24 +102,26 @@ def read_corners(
             names += ["r", "g", "b"]
     rows = np.ascontiguousarray(np.concatenate(data, axis=1, dtype=np.float32))
     same = rows
-    corners = _column(triangles, "loops", 3, np.int32)
+    corners = column(triangles, "loops", 3, np.int32)
     if bent is not None:
-        corners = bent.setdefault(_faces(mesh), corners)
+        corners = bent.setdefault(digest_of_faces(mesh), corners)
         smooth = mesh.normals_domain == "POINT" and "sharp_edge" not in mesh.attributes
         apart = vertices if smooth else np.arange(len(vertices))
         same = np.column_stack([apart.astype(np.int32).view(np.float32), rows[:, 6:]])
-    slots = _column(triangles, "material_index", 1, np.int32).ravel()
+    slots = column(triangles, "material_index", 1, np.int32).ravel()
     return Corners(names, rows, corners, slots, same)
 
 
-def _faces(mesh: Any) -> bytes:
+def digest_of_faces(mesh: Any) -> bytes:
     """A digest of a mesh's faces."""
-    found = hashlib.blake2b(vertices_of_corners(mesh).tobytes(), digest_size=16)
-    found.update(_column(mesh.polygons, "loop_start", 1, np.int32).tobytes())
+    corners = column(mesh.loops, "vertex_index", 1, np.int32)
+    found = hashlib.blake2b(corners.tobytes(), digest_size=16)
+    found.update(column(mesh.polygons, "loop_start", 1, np.int32).tobytes())
     return found.digest()
 
 
-def _column(items: Any, name: str, width: int, kind: Any = np.float32) -> np.ndarray:
+def column(items: Any, name: str, width: int, kind: Any = np.float32) -> np.ndarray:
+    """A property of all items of a mesh, (N, width)."""
     values = np.empty(len(items) * width, kind)
     items.foreach_get(name, values)
     return values.reshape(-1, width)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,12 +43,10 @@ KINDS = {
 """Formats that are copied, and the ends of their files' names."""
 
 
-def write_images(
-    closures: dict[tuple[str, int], Closure], folder: Path, images: dict[str, Any]
-) -> None:
+def write_images(closures: Sequence[Closure], folder: Path, images: dict[str, Any]) -> None:
     """Write the images that closures use, but for those in ``images``, and add them there: for
     each, its file and whether it is sRGB."""
-    names = {v["image"] for c in closures.values() for v in plain_inputs(c) if "image" in v}
+    names = {v["image"] for c in closures for v in plain_inputs(c) if "image" in v}
     for name in sorted(names - images.keys()):
         images[name] = _write_image(bpy.data.images[name], folder, f"textures/image_{len(images)}")
 

@@ -66,6 +66,9 @@ def open_file(file: Path) -> None:
         raise Unreadable(words[-1] if "Traceback" in first else first) from None
     if kind in (".glb", ".gltf", ".fbx", ".obj"):
         set_range(bpy.context.scene)
+        for lamp in bpy.data.lights:
+            if lamp.type == "SUN":  # these formats have none with a size
+                lamp.angle = 0
     version = tuple(bpy.data.version)[:2]
     if kind == ".blend" and version > bpy.app.version[:2]:
         tell(f"note: the file is of Blender {version[0]}.{version[1]}, newer than this one")

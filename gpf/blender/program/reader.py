@@ -9,11 +9,14 @@ from typing import Any
 
 import bpy
 import numpy as np
+from around import answer_as_for_surfaces
 from bake import Baking
 from cameras import read_cameras
 from images import missing_images, used_files, write_images
-from lamps import World
-from nodes import Closure, plain_closure, plain_inputs, read_material
+from lamps import Lamps
+from looks import Looks
+from nodes import plain_closure
+from world import World
 from writer import Known, Writer
 
 
@@ -37,10 +40,13 @@ class Reader:
         self.scene, self.folder, self.tell, self._missing = scene, folder, tell, missing
         self._size = [scene.render.resolution_x, scene.render.resolution_y]
         self._extent = scene_extent()
-        self._world = World(folder, self._tell)
+        self._world, self._lamps = World(folder, self._tell), Lamps(folder)
         self._baking = Baking(folder, self._extent, self._tell)
         self._images: dict[str, Any] = {}
         self._known = Known()
+        self._notes = choose_layer(scene)
+        if scene.world is not None and answer_as_for_surfaces(scene.world.node_tree):
+            self._notes.append("the world: as surfaces see it, also for the camera")
 
     def _tell(self, what: str) -> None:
         self.tell(what)
@@ -55,15 +61,22 @@ class Reader:
         scene = self.scene
         self.tell("cameras")
         cameras = read_cameras(scene, path=frame is None)
-        exposure = 2.0 ** float(scene.view_settings.exposure)
+        exposure = 2.0**scene.view_settings.exposure * scene.cycles.film_exposure
         world = self._world.read(scene)
-        closures = read_closures(self._baking)
-        baked = self._baking.unwrapped
-        shared = closures, baked, self._known, frame
+        looks = Looks(self._baking)
+        shared = looks, self._lamps.tints(), self._known, frame
         writer = Writer(self.folder, self._extent, self._tell, *shared)
         self.tell("geometry")
         render_into(writer, scene)
-        write_images(closures, self.folder, self._images)
+        if looks.waiting:
+            looks.bake()
+            render_into(writer, scene)
+        closures = [
+            {"mesh": key, "slot": slot, "closure": closure}
+            for key, own in looks.closures.items()
+            for slot, closure in own.items()
+        ]
+        write_images([each["closure"] for each in closures], self.folder, self._images)
         found = {
             "blender": bpy.app.version_string,
             "size": self._size,
@@ -74,23 +87,20 @@ class Reader:
             "shapes": writer.shapes,
             "groups": writer.groups,
             "instances": writer.instances,
-            "closures": [
-                {"object": thing, "slot": slot, "closure": plain_closure(closure)}
-                for (thing, slot), closure in closures.items()
-            ],
+            "closures": [plain_closure(each) for each in closures],
             "images": self._images,
             "missing_images": missing_images(),
             "missing_libraries": self._missing,
             "files": used_files(),
-            "notes": writer.notes,
+            "notes": [*self._notes, *self._world.notes, *self._lamps.notes, *writer.notes],
         }
         (self.folder / f"{name}.json").write_text(json.dumps(found), encoding="utf-8")
 
     def repeated(self) -> list[str]:
         """What had to be baked or rendered more than once, and why."""
         notes = [
-            f"{name}: baked {n} times, as its materials or its faces change"
-            for name, n in self._baking.times.items()
+            f"{key.partition(' ')[2]}: baked {n} times, as its materials or its faces change"
+            for key, n in self._baking.times.items()
             if n > 1
         ]
         if self._world.times > 1:
@@ -98,33 +108,14 @@ class Reader:
         return notes
 
 
-def read_closures(baking: Baking) -> dict[tuple[str, int], Closure]:
-    """The closure of each slot of each object; what is no plain value or image is baked."""
-    found: dict[tuple[str, int], Closure] = {}
-    for thing in list(bpy.data.objects):
-        if thing.type not in ("MESH", "CURVE", "FONT", "SURFACE", "META") or thing.hide_render:
-            continue
-        slots = range(max(len(thing.material_slots), 1))
-        own = {
-            k: read_material(thing.material_slots[k].material if thing.material_slots else None)
-            for k in slots
-        }
-        colours = {a.name for a in thing.data.color_attributes} if thing.type == "MESH" else set()
-        if any(_needs_baking(closure, colours) for closure in own.values()):
-            own = baking.bake(thing, own)
-        found |= {(thing.name, slot): closure for slot, closure in own.items()}
-    return found
-
-
-def _needs_baking(closure: Closure, colours: set[str]) -> bool:
-    inputs = plain_inputs(closure)
-    named = {v["attribute"] for v in inputs if "attribute" in v}
-    return (
-        closure.get("displaced", False)
-        or any("bake" in v for v in inputs)
-        or not named <= colours
-        or len(named) > 1
-    )
+def choose_layer(scene: Any) -> list[str]:
+    """Have a scene rendered by one of its view layers, as each would bring all of its light; notes
+    about the others."""
+    used = [layer for layer in scene.view_layers if layer.use] or list(scene.view_layers)
+    chosen = bpy.context.view_layer if bpy.context.view_layer in used else used[0]
+    for layer in scene.view_layers:
+        layer.use = layer == chosen
+    return [f"{layer.name}: view layer left out" for layer in used if layer != chosen]
 
 
 def scene_extent() -> float:

@@ -12,6 +12,7 @@ import bpy
 import geometry
 import numpy as np
 from lamps import read_lamp
+from looks import Looks, materials_of
 from nodes import Closure, plain_inputs
 
 MOST_COPIED = 100_000
@@ -28,7 +29,7 @@ class Known:
     Attributes
     ----------
     shapes: those of each mesh, by its digest.
-    triangles: of meshes that may bend, by the name of their object.
+    triangles: of meshes that may bend, by their key.
     """
 
     shapes: dict[bytes, list[dict[str, Any]]] = field(default_factory=dict)
@@ -44,8 +45,8 @@ class Writer:
     folder: meshes are written into its folder ``meshes``.
     extent: length of the scene's diagonal.
     tell: is told what is being written.
-    closures: those of the scene, by object and slot.
-    unwrapped: where baked images lie on meshes, by object.
+    looks: reads what meshes look like.
+    tints: of lamps with nodes, by the name of their data.
     known: what was written for other frames; this one adds its own.
     frame: the number of the frame; None if there are no others.
     shapes, groups, instances, lamps, notes: what was found.
@@ -54,8 +55,8 @@ class Writer:
     folder: Path
     extent: float
     tell: Callable[[str], None]
-    closures: dict[tuple[str, int], Closure]
-    unwrapped: dict[str, geometry.Unwrapping]
+    looks: Looks
+    tints: dict[str, np.ndarray]
     known: Known
     frame: int | None = None
     shapes: list[dict[str, Any]] = field(default_factory=list)
@@ -64,9 +65,12 @@ class Writer:
     lamps: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     _count: int = 0
+    _meshes: dict[str, dict[int, int]] = field(default_factory=dict)
 
     def write(self, graph: Any) -> None:
-        """Write everything that a dependency graph renders."""
+        """Write everything that a dependency graph renders, unless something must be baked first:
+        that waits in ``looks``, and the scene must be rendered again."""
+        self._meshes.clear()
         uses, sizes = Counter[str](), dict[str, int]()
         for instance in graph.object_instances:
             if self._is_mesh(instance):
@@ -76,11 +80,15 @@ class Writer:
                     mesh = instance.object.data
                     mesh.calc_loop_triangles()
                     sizes[key] = len(mesh.loop_triangles)
-        shining = {name for (name, _), closure in self.closures.items() if _shines(closure)}
+                    self.looks.read(key, instance.object)
+        if self.looks.waiting:
+            return
         copied = {
             key
             for key, n in uses.items()
-            if n > 1 and n * sizes[key] > MOST_COPIED and key.partition("/")[0] not in shining
+            if n > 1
+            and n * sizes[key] > MOST_COPIED
+            and not any(map(_shines, self.looks.closures[key].values()))
         }
         total, done = sum(uses.values()), 0
         for instance in graph.object_instances:
@@ -90,49 +98,46 @@ class Writer:
                 if done % 100 == 1:
                     self.tell(f"geometry {done} of {total}")
                 self._write_mesh(instance, matrix, self._key(instance) in copied)
-            elif instance.object.type == "LIGHT" and instance.show_self:
-                found = read_lamp(instance.object.name, instance.object.data, matrix)
+            elif (thing := instance.object).type == "LIGHT" and instance.show_self:
+                tint = self.tints.get(thing.data.name, np.ones(3))
+                found = read_lamp(thing.name, thing.data, matrix, tint)
                 if found is not None:
                     self.lamps.append(found)
-            elif instance.object.type in ("VOLUME", "POINTCLOUD", "CURVES"):
-                self.notes.append(
-                    f"{instance.object.name}: {instance.object.type.lower()} left out"
-                )
+            elif thing.type in ("VOLUME", "POINTCLOUD", "CURVES"):
+                self.notes.append(f"{thing.name}: {thing.type.lower()} left out")
 
     def _is_mesh(self, instance: Any) -> bool:
-        return instance.show_self and isinstance(instance.object.data, bpy.types.Mesh)
+        thing = instance.object
+        shown = instance.show_self and isinstance(thing.data, bpy.types.Mesh)
+        return shown and len(thing.data.polygons) > 0
 
     def _key(self, instance: Any) -> str:
-        thing = instance.object
-        return f"{thing.original.name}/{thing.data.name}"
+        """A name for an object's mesh; geometry nodes may give it several."""
+        name = instance.object.original.name
+        own = self._meshes.setdefault(name, {})
+        return f"{own.setdefault(instance.object.data.session_uid, len(own))} {name}"
 
     def _write_mesh(self, instance: Any, matrix: np.ndarray, copied: bool) -> None:
         thing, key = instance.object, self._key(instance)
-        name = thing.original.name
         if copied and key in self.groups:
             self.instances.append({"group": key, "matrix": matrix.tolist()})
             return
-        named = {
-            v["attribute"] for c in self._own(name) for v in plain_inputs(c) if "attribute" in v
-        }
-        unwrapping = self.unwrapped.get(name)
-        if unwrapping is not None and not unwrapping.fits(thing.data):
-            self.notes.append(f"{name}: some of its meshes without the images that were baked")
-            unwrapping = None
+        closures = self.looks.closures[key]
+        inputs = [value for closure in closures.values() for value in plain_inputs(closure)]
+        named = {value["attribute"] for value in inputs if "attribute" in value}
         bent = None
         if self.frame is not None and _may_bend(thing.original):
-            bent = self.known.triangles.setdefault(name, {})
-        corners = geometry.read_corners(thing.data, unwrapping, next(iter(named), None), bent)
-        if corners is None:
-            return
+            bent = self.known.triangles.setdefault(key, {})
+        unwrapped = self.looks.unwrapped.get(key)
+        corners = geometry.read_corners(thing.data, unwrapped, next(iter(named), None), bent)
         materials = [
-            (_material(thing, slot), _shines(self.closures.get((name, slot))))
-            for slot in range(max(len(thing.material_slots), 1))
+            (material and material.name, _shines(closures.get(slot, {})))
+            for slot, material in enumerate(materials_of(thing))
         ]
         place = None if copied else matrix
-        digest = corners.digest(name, materials, None if copied else matrix.tolist())
+        digest = corners.digest(key, materials, None if copied else matrix.tolist())
         if digest not in self.known.shapes:
-            made = self._write_parts(name, corners.parts(), place, materials)
+            made = self._write_parts(key, corners.parts(), place, materials)
             self.known.shapes[digest] = made
         shapes = self.known.shapes[digest]
         self._count += len(shapes)
@@ -144,13 +149,14 @@ class Writer:
 
     def _write_parts(
         self,
-        name: str,
+        key: str,
         parts: list[geometry.Part],
         place: np.ndarray | None,
         materials: list[tuple[str | None, bool]],
     ) -> list[dict[str, Any]]:
         """Write the parts of an object's mesh."""
         shapes: list[dict[str, Any]] = []
+        name = key.partition(" ")[2]
         for part in parts:
             if not geometry.is_finite(part):
                 self.notes.append(f"{name}: coordinates that are no numbers; left out")
@@ -170,21 +176,18 @@ class Writer:
                 if self.frame is not None:
                     stem += f"_{self.frame:04}"
                 geometry.write_ply(self.folder / f"meshes/{stem}.ply", side)
-                shape = {"name": name, "file": f"meshes/{stem}.ply"}
+                shape = {"name": name, "mesh": key, "file": f"meshes/{stem}.ply"}
                 shapes.append(shape | {"slot": slot, "material": material})
         return shapes
 
-    def _own(self, name: str) -> list[Closure]:
-        return [closure for (thing, _), closure in self.closures.items() if thing == name]
 
-
-def _shines(closure: Closure | None) -> bool:
+def _shines(closure: Closure) -> bool:
     """Whether a closure has emission."""
-    if closure is None:
-        return False
-    inner = [v for v in closure.values() if isinstance(v, dict) and "closure" in v]
-    own = closure.get("strength", closure.get("emission_strength", 0.0))
-    return own != 0 or any(map(_shines, inner))
+    inner = [closure[key] for key in ("first", "second") if key in closure]
+    before = "" if "strength" in closure else "emission_"
+    strength, colour = closure.get(f"{before}strength", 0), closure.get(f"{before}color", [1])
+    own = strength != 0 and (not isinstance(colour, list) or any(colour))
+    return own or any(map(_shines, inner))
 
 
 def _may_bend(thing: Any) -> bool:
@@ -192,8 +195,3 @@ def _may_bend(thing: Any) -> bool:
     if thing.type != "MESH" or thing.parent_type in ("ARMATURE", "LATTICE"):
         return True
     return bool(thing.modifiers or thing.data.shape_keys)
-
-
-def _material(thing: Any, slot: int) -> str | None:
-    slots = thing.material_slots
-    return slots[slot].material.name if slots and slots[slot].material else None
