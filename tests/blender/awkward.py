@@ -7,33 +7,21 @@ from typing import Any
 
 import bpy
 from made import SCENES, scene
-from parts import add, camera, grey, image, lamp, principled, shader, studio, textured, world
-
-
-def checks(name: str, *dark: float) -> Any:
-    """A material to bake: squares in two colours."""
-    material = shader(name, "ShaderNodeBsdfDiffuse")
-    nodes, links = material.node_tree.nodes, material.node_tree.links
-    pattern = nodes.new("ShaderNodeTexChecker")
-    pattern.inputs["Color2"].default_value = (*dark, 1)
-    pattern.inputs["Scale"].default_value = 3
-    links.new(pattern.outputs[0], nodes["Diffuse BSDF"].inputs[0])
-    return material
-
-
-def paint(name: str, *colour: float) -> Any:
-    return shader(name, "ShaderNodeBsdfDiffuse", Color=(*colour, 1))
-
-
-def linked(tree: Any, kind: str, inputs: dict[str, Any]) -> Any:
-    """A new node; its inputs are values or outputs of other nodes."""
-    node = tree.nodes.new(kind)
-    for name, value in inputs.items():
-        if isinstance(value, bpy.types.NodeSocket):
-            tree.links.new(value, node.inputs[name])
-        else:
-            node.inputs[name].default_value = value
-    return node
+from parts import (
+    add,
+    camera,
+    checks,
+    grey,
+    image,
+    lamp,
+    linked,
+    paint,
+    principled,
+    shader,
+    studio,
+    textured,
+    world,
+)
 
 
 def empty_nodes(thing: Any) -> tuple[Any, Any]:
@@ -69,11 +57,8 @@ def slots() -> None:
     source.hide_render = True
     thing = add("plane", paint("before", 0.1, 0.1, 0.8), size=3, location=(1, 0, 0.05))
     tree, start = empty_nodes(thing)
-    red = linked(
-        tree,
-        "GeometryNodeSetMaterial",
-        {"Geometry": start, "Material": checks("set", 0.6, 0.05, 0.05)},
-    )
+    patterned = {"Geometry": start, "Material": checks("set", 0.6, 0.05, 0.05)}
+    red = linked(tree, "GeometryNodeSetMaterial", patterned)
     info = linked(tree, "GeometryNodeObjectInfo", {"Object": source, "As Instance": True})
     ball = tree.nodes.new("GeometryNodeMeshUVSphere")
     for name, value in (("Radius", 0.5), ("Segments", 200), ("Rings", 100)):  # enough to be copies
@@ -81,18 +66,12 @@ def slots() -> None:
     patterned = {"Geometry": ball.outputs[0], "Material": checks("ball", 0.05, 0.5, 0.5)}
     ball = linked(tree, "GeometryNodeSetMaterial", patterned)
     rod = linked(tree, "GeometryNodeMeshCylinder", {"Vertices": 4000, "Radius": 0.2, "Depth": 3.0})
-    rod = linked(
-        tree,
-        "GeometryNodeSetMaterial",
-        {"Geometry": rod.outputs[0], "Material": paint("rod", 0.6, 0.1, 0.6)},
-    )
+    painted = {"Geometry": rod.outputs[0], "Material": paint("rod", 0.6, 0.1, 0.6)}
+    rod = linked(tree, "GeometryNodeSetMaterial", painted)
     every = linked(tree, "GeometryNodeJoinGeometry", {"Geometry": red.outputs[0]})
     for number, made_here in enumerate((info, ball, rod)):
-        copies = linked(
-            tree,
-            "GeometryNodeInstanceOnPoints",
-            {"Points": start, "Instance": made_here.outputs["Geometry"]},
-        )
+        what = {"Points": start, "Instance": made_here.outputs["Geometry"]}
+        copies = linked(tree, "GeometryNodeInstanceOnPoints", what)
         moved = {"Geometry": copies.outputs[0], "Translation": (0.2, 0.5 * number, 0.4)}
         moved = linked(tree, "GeometryNodeTransform", moved)
         tree.links.new(moved.outputs[0], every.inputs[0])
@@ -101,7 +80,7 @@ def slots() -> None:
 
 @scene
 def skies() -> None:
-    """A world whose light the camera does not see, here in a group, and with a volume."""
+    """A world whose light the camera does not see; what asks for rays is in a group."""
     studio()
     bpy.data.objects.remove(next(o for o in bpy.data.objects if o.type == "LIGHT"))
     camera((0, -3, 5), 20)
@@ -206,10 +185,8 @@ def leaf() -> None:
 def sums() -> None:
     """Two surfaces on top of each other."""
     studio()
-    for x, first, second in (
-        (-1.5, (0.5, 0.2, 0.1, 1), (0.1, 0.4, 0.4, 1)),
-        (1.5, (0.6, 0.6, 0.6, 1), (0.2, 0.2, 0.3, 1)),
-    ):
+    warm, cold = ((0.5, 0.2, 0.1, 1), (0.1, 0.4, 0.4, 1)), ((0.6, 0.6, 0.6, 1), (0.2, 0.2, 0.3, 1))
+    for x, (first, second) in ((-1.5, warm), (1.5, cold)):
         material = shader("sum", "ShaderNodeBsdfDiffuse", Color=first)
         tree = material.node_tree
         shine = {"Color": second, "Roughness": 0.3}

@@ -128,3 +128,29 @@ def volume(material: Any, kind: str, **values: Any) -> Any:
     output = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
     tree.links.new(node.outputs[0], output.inputs["Volume"])
     return material
+
+
+def linked(tree: Any, kind: str, inputs: dict[str, Any]) -> Any:
+    """A new node; its inputs are values or outputs of other nodes."""
+    node = tree.nodes.new(kind)
+    for name, value in inputs.items():
+        if isinstance(value, bpy.types.NodeSocket):
+            tree.links.new(value, node.inputs[name])
+        else:
+            node.inputs[name].default_value = value
+    return node
+
+
+def checks(name: str, *dark: float) -> Any:
+    """A material to bake: squares in two colours."""
+    material = shader(name, "ShaderNodeBsdfDiffuse")
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    pattern = nodes.new("ShaderNodeTexChecker")
+    pattern.inputs["Color2"].default_value = (*dark, 1)
+    pattern.inputs["Scale"].default_value = 3
+    links.new(pattern.outputs[0], nodes["Diffuse BSDF"].inputs[0])
+    return material
+
+
+def paint(name: str, *colour: float) -> Any:
+    return shader(name, "ShaderNodeBsdfDiffuse", Color=(*colour, 1))
