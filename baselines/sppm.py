@@ -12,6 +12,7 @@ from baselines.options import SppmOptions
 from baselines.protocol import CannotServe, Task
 from baselines.sampling import own_camera
 from gpf.camera.film import sample_film
+from gpf.core.errors import UserError
 from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import Photons, to_numpy
 from gpf.photons.tracing import PathSettings, record_photons
@@ -45,7 +46,7 @@ class Sppm:
         try:
             require_separable(scene)
             require_bounds(scene)
-        except ValueError as error:
+        except UserError as error:
             raise CannotServe(
                 f"scene {task.name}", f"no photon mapping: {error}", "Leave it out for this scene."
             ) from error

@@ -8,21 +8,23 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.errors import UserError
+
 
 def bounding_box(scene: mi.Scene) -> np.ndarray:
     """Two opposite corners of the box around all shapes, world units, (2, 3); zeros without shapes.
 
-    ``scene.bbox()`` is wrong if Mitsuba merged rectangles into one mesh on loading: the bounding
-    box of that mesh is empty.
+    ``scene.bbox()`` is wrong if Mitsuba merged rectangles into a mesh on loading: the box of that
+    mesh does not contain them.
     """
     corners = []
     for shape in scene.shapes():
         box = shape.bbox()
-        if box.valid():
-            corners += [np.array(box.min), np.array(box.max)]
-        elif shape.is_mesh() and shape.vertex_count():
+        if shape.class_name() == "Mesh" and shape.vertex_count():  # merged, or made in Python
             vertices = np.array(shape.vertex_positions_buffer()).reshape(-1, 3)
             corners += [vertices.min(axis=0), vertices.max(axis=0)]
+        elif box.valid():
+            corners += [np.array(box.min), np.array(box.max)]
     if not corners:
         return np.zeros((2, 3))
     return np.array([np.min(corners, axis=0), np.max(corners, axis=0)], dtype=float)
@@ -47,16 +49,20 @@ def inside_box(p: mi.Point3f, bounds: tuple[Any, Any]) -> mi.Bool:
     return dr.all((p >= lower) & (p <= upper))
 
 
-def require_bounds(scene: mi.Scene) -> None:
-    """Raise a ``ValueError`` if photons from infinite emitters would miss part of the scene.
+def require_bounds(scene: mi.Scene, where: str = "scene") -> None:
+    """Raise a :class:`UserError` if photons from infinite emitters would miss part of the scene.
 
-    Such emitters aim at the bounding box that the scene had when it was loaded.
+    Such emitters aim at the bounding box that Mitsuba has.
     """
     emitters = [e for e in scene.emitters() if mi.has_flag(e.flags(), mi.EmitterFlags.Infinite)]
-    if emitters and not all(shape.bbox().valid() for shape in scene.shapes()):
+    (lower, upper), theirs = bounding_box(scene), scene.bbox()
+    slack = 1e-4 * np.linalg.norm(upper - lower)
+    outside = np.maximum(np.array(theirs.min) - lower, upper - np.array(theirs.max)) > slack
+    if emitters and outside.any():
         kinds = ", ".join(sorted({e.class_name() for e in emitters}))
-        raise ValueError(
-            "Mitsuba merged rectangles of this scene into a mesh without a bounding box, so "
-            f"light from its {kinds} would miss them. Load it with "
-            "mi.load_file(path, optimize=False)."
+        raise UserError(
+            where,
+            "has rectangles that Mitsuba merged into a mesh whose bounding box does not contain "
+            f"them, so light from its {kinds} would miss them",
+            "Load it with mi.load_file(path, optimize=False).",
         )

@@ -9,7 +9,8 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.core.errors import UserError
-from gpf.scene.materials import NOT_DIFFUSE, inseparable_materials
+from gpf.scene.bounds import require_bounds
+from gpf.scene.materials import NOT_DIFFUSE, require_separable
 from gpf.scene.media_checks import check_media
 from gpf.scene.shapes import all_shapes
 
@@ -25,12 +26,8 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
     info = scene_info(scene)
     if info["emitters"]["count"] == 0:
         raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
-    if names := inseparable_materials(scene):
-        raise UserError(
-            where,
-            f"has materials of type {', '.join(names)}, whose diffuse part cannot be separated",
-            "Load the scene with gpf.load_scene_file, or prefix the type with separable_.",
-        )
+    require_separable(scene, where)
+    require_bounds(scene, where)
     if loses_dim_sky(scene):
         raise UserError(
             where,

@@ -4,7 +4,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.errors import UserError
 from gpf.scene.bounds import bounding_box, require_bounds
+from gpf.scene.inventory import check_scene
 
 SCENE = """<scene version="3.0.0">
     <bsdf type="diffuse" id="grey"/>
@@ -14,25 +16,32 @@ SCENE = """<scene version="3.0.0">
         <ref id="grey"/>
     </shape>
     <shape type="sphere"><float name="radius" value="0.2"/></shape>
+    {more}
     {light}
 </scene>"""
+CUBE = """<shape type="cube">
+    <transform name="to_world"><scale value="0.3"/><translate x="1" z="1"/></transform>
+    <ref id="grey"/>
+</shape>"""
 NEAR = '<emitter type="point"><point name="position" x="0" y="0" z="3"/></emitter>'
 FAR = '<emitter type="constant"/><emitter type="directional"/>'
 
 
 @pytest.fixture
 def load(tmp_path):
-    def from_file(light: str, optimize: bool) -> mi.Scene:
+    def from_file(light: str, optimize: bool, more: str = "") -> mi.Scene:
         file = tmp_path / "scene.xml"
-        file.write_text(SCENE.format(light=light))
+        file.write_text(SCENE.format(light=light, more=more))
         return mi.load_file(str(file), optimize=optimize)
 
     return from_file
 
 
+@pytest.mark.parametrize("more", ["", CUBE], ids=["", "with a cube"])
 @pytest.mark.parametrize("optimize", [False, True])
-def test_all_shapes_are_in_the_box(load, optimize):
-    box = bounding_box(load(NEAR, optimize))
+def test_all_shapes_are_in_the_box(load, optimize, more):
+    """A cube that is merged with rectangles has a box, which does not contain them."""
+    box = bounding_box(load(NEAR, optimize, more))
     np.testing.assert_allclose(box, [[-1, -1, -0.2], [4, 1.5, 2]], atol=1e-6)
 
 
@@ -45,8 +54,9 @@ def test_light_from_afar_needs_the_box_that_mitsuba_has(load):
     require_bounds(load(NEAR, optimize=True))
     require_bounds(load(FAR, optimize=False))
     words = "light from its ConstantBackgroundEmitter, DirectionalEmitter would miss them.*optimize"
-    with pytest.raises(ValueError, match=words):
-        require_bounds(load(FAR, optimize=True))
+    for more in ("", CUBE):
+        with pytest.raises(UserError, match=words):
+            check_scene(load(FAR, optimize=True, more=more))
 
 
 def test_merged_rectangles_look_as_they_do_apart(load):
