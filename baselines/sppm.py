@@ -16,7 +16,6 @@ from gpf.core.errors import UserError
 from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import Photons, to_numpy
 from gpf.photons.tracing import PathSettings, record_photons
-from gpf.scene.bounds import require_bounds
 from gpf.scene.materials import require_separable
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
@@ -39,13 +38,12 @@ class Sppm:
 
         Raises
         ------
-        CannotServe: the diffuse part of a material cannot be separated, the scene has no bounds, or
-            it has no camera of its own.
+        CannotServe: the diffuse part of a material cannot be separated, or the scene has no camera
+            of its own.
         """
         scene, paths = task.scene, self.options.photons_per_pass
         try:
             require_separable(scene)
-            require_bounds(scene)
         except UserError as error:
             raise CannotServe(
                 f"scene {task.name}", f"no photon mapping: {error}", "Leave it out for this scene."

@@ -8,8 +8,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.errors import UserError
-
 
 def bounding_box(scene: mi.Scene) -> np.ndarray:
     """Two opposite corners of the box around all shapes, world units, (2, 3); zeros without shapes.
@@ -47,22 +45,3 @@ def inside_box(p: mi.Point3f, bounds: tuple[Any, Any]) -> mi.Bool:
     """Which points lie in the box between two corners, (N,)."""
     lower, upper = (mi.Point3f(*(dr.opaque(mi.Float, v) for v in corner)) for corner in bounds)
     return dr.all((p >= lower) & (p <= upper))
-
-
-def require_bounds(scene: mi.Scene, where: str = "scene") -> None:
-    """Raise a :class:`UserError` if photons from infinite emitters would miss part of the scene.
-
-    Such emitters aim at the bounding box that Mitsuba has.
-    """
-    emitters = [e for e in scene.emitters() if mi.has_flag(e.flags(), mi.EmitterFlags.Infinite)]
-    (lower, upper), theirs = bounding_box(scene), scene.bbox()
-    slack = 1e-4 * np.linalg.norm(upper - lower)
-    outside = np.maximum(np.array(theirs.min) - lower, upper - np.array(theirs.max)) > slack
-    if emitters and outside.any():
-        kinds = ", ".join(sorted({e.class_name() for e in emitters}))
-        raise UserError(
-            where,
-            "has rectangles that Mitsuba merged into a mesh whose bounding box does not contain "
-            f"them, so light from its {kinds} would miss them",
-            "Load it with mi.load_file(path, optimize=False).",
-        )
