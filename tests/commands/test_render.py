@@ -23,6 +23,7 @@ from gpf.core.structs import from_numpy
 from gpf.field.gaussians import Gaussians
 from gpf.field.io import load_field, save_field
 from gpf.rendering.aovs import expected_psnr
+from gpf.rendering.field_renderer import WEAK_COVERAGE
 from gpf.scene.frames import SceneFrame
 from gpf.scene.transforms import read_transforms
 from tests.commands.box import SOURCE
@@ -54,7 +55,7 @@ def test_places_that_the_field_does_not_know_are_said(box, capsys):
     assert f"{record['weakly_covered']:.2%} of the pixels are weakly" in capsys.readouterr().err
     render("--field", "without_floor.safetensors", "-o", "c", "--aovs", "coverage")
     layers, again = read_exr(box / "c" / "sensor.exr")
-    assert (layers["coverage"] > 1.5).mean() == again["weakly_covered"]
+    assert (layers["coverage"] > WEAK_COVERAGE).mean() == again["weakly_covered"]
 
 
 def test_pictures_that_exist_are_kept(box, capsys):
