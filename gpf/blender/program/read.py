@@ -15,12 +15,9 @@ fit these, nothing else is written.
 
 from __future__ import annotations
 
-import ctypes
 import json
 import math
-import os
 import re
-import signal
 import sys
 from functools import partial
 from pathlib import Path
@@ -137,11 +134,6 @@ def chosen(frames: str, numbers: list[int]) -> list[int]:
 def main(words: list[str]) -> int:
     """The program."""
     file, folder = (Path(word).resolve() for word in words[:2])
-    if sys.platform == "linux":  # end with the process that started this one
-        set_death_signal = 1
-        ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
-        if os.getppid() == 1:
-            return 1
     try:
         read(file, folder, words[2] if len(words) > 2 else None)
     except Unreadable as error:
