@@ -299,6 +299,14 @@ def blender_addon(output: options.AddOn, overwrite: options.Overwrite = False) -
 
 
 @app.command()
+def cache(clear: options.Clear = None) -> None:
+    """List the scenes of other programs that were converted, and the room that they take."""
+    from gpf.commands.cache import show_cache
+
+    show_cache(clear)
+
+
+@app.command()
 def doctor() -> None:
     """Check this machine, and explain how to repair what is missing."""
     from gpf.doctor import diagnose, print_report

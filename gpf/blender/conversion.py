@@ -29,9 +29,6 @@ from gpf.scene.views_file import write_views
 SUFFIXES = (*(".blend", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".usdz", ".fbx", ".obj"),)
 """What Blender reads."""
 
-ALONE = (".blend", ".glb", ".usdz", ".fbx")
-"""Formats whose files hold everything, or name what they use in a way that Blender reports."""
-
 RECORD = "converted.json"
 """What a converted scene was made from."""
 
@@ -99,7 +96,12 @@ def _cached(file: Path, frames: str | None) -> Path:
     """The folder of a scene in the user's cache."""
     what = str(file.resolve()) + ("" if frames is None else f" {frames}")
     key = hashlib.sha256(what.encode()).hexdigest()[:12]
-    return platformdirs.user_cache_path("gpf") / "scenes" / f"{file.stem}-{key}"
+    return scenes_folder() / f"{file.stem}-{key}"
+
+
+def scenes_folder() -> Path:
+    """Where converted scenes are kept."""
+    return platformdirs.user_cache_path("gpf") / "scenes"
 
 
 def convert(
@@ -153,7 +155,8 @@ def convert(
             shutil.move(work / "meshes", new / "meshes")
         write_text(new / "converted.md", describe(file.name, last["blender"], how, notes))
         record = {"digest": _digest(file), "files": _stamps(last["files"]), "numbers": numbers}
-        write_json(new / RECORD, record | {"how": how, "notes": notes})
+        source = {"file": str(file.resolve())}
+        write_json(new / RECORD, record | source | {"how": how, "notes": notes})
         grant_as_usual(new)
         replace_folder(new, folder)
     return Converted(folder, how, tuple(notes), tuple(numbers))
@@ -269,15 +272,12 @@ def _pose(camera: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _digest(file: Path) -> str:
-    """A digest of a file, of the files beside it that it may use, and of the program."""
+    """A digest of a file and of the program."""
     digest = hashlib.sha256()
     own = sorted([*PROGRAMS.glob("*.py"), *PROGRAMS.parent.glob("*.py")])
     for each in (file, *own):
         with each.open("rb") as data:
             digest.update(hashlib.file_digest(data, "sha256").digest())
-    if file.suffix.lower() not in ALONE:
-        beside = sorted(path for path in file.resolve().parent.rglob("*") if path.is_file())
-        digest.update(repr(_stamps(map(str, beside[:10_000]))).encode())
     return digest.hexdigest()
 
 

@@ -54,6 +54,13 @@ ConvertedFrames = Annotated[
 
 AddOn = Annotated[Path, Option("--output", "-o", metavar="FOLDER", help="A new folder.")]
 
+# `gpf cache`.
+
+Clear = Annotated[
+    Literal["scenes", "all"] | None,
+    Option(help="Remove the converted scenes, or all: also what `gpf blender-install` got."),
+]
+
 # `gpf demo` and `gpf export`.
 
 NewFolder = Annotated[Path, Argument(help="A new folder.")]

@@ -26,6 +26,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 import bpy
 from cameras import frame_numbers
+from named_files import named_files
 from reader import Reader
 
 
@@ -96,6 +97,7 @@ def read(file: Path, folder: Path, frames: str | None) -> None:
     for name in ("meshes", "textures"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     reader = Reader(scene, folder, missing, tell)
+    reader.files = named_files(file)
     if frames is None:
         reader.write("scene")
     else:

@@ -29,6 +29,7 @@ class Reader:
     Attributes
     ----------
     tell: is told what is being done.
+    files: further files that the scene uses.
     """
 
     def __init__(
@@ -41,6 +42,7 @@ class Reader:
         self._baking = Baking(folder, self._extent, self._tell)
         self._images: dict[str, Any] = {}
         self._known = Known()
+        self.files: list[str] = []
 
     def _tell(self, what: str) -> None:
         self.tell(what)
@@ -81,7 +83,7 @@ class Reader:
             "images": self._images,
             "missing_images": missing_images(),
             "missing_libraries": self._missing,
-            "files": used_files(),
+            "files": sorted({*used_files(), *self.files}),
             "notes": writer.notes,
         }
         (self.folder / f"{name}.json").write_text(json.dumps(found), encoding="utf-8")
