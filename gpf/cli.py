@@ -291,7 +291,9 @@ def blender_install() -> None:
 
 
 @app.command()
-def blender_addon(output: options.AddOn, overwrite: options.Overwrite = False) -> None:
+def blender_addon(
+    output: options.AddOn = Path("photon_field.zip"), overwrite: options.Overwrite = False
+) -> None:
     """Write an add-on for Blender: the render engine Photon Field."""
     from gpf.commands.addon import write_addon
 

@@ -104,6 +104,13 @@ def scenes_folder() -> Path:
     return platformdirs.user_cache_path("gpf") / "scenes"
 
 
+def origin_of(scene_file: Path) -> Path:
+    """The file that a scene in the user's cache was made from; any other scene file itself."""
+    if scene_file.parent.parent != scenes_folder():
+        return scene_file
+    return Path(read_json(scene_file.parent / RECORD)["file"])
+
+
 def convert(
     file: Path,
     folder: Path,

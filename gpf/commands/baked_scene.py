@@ -53,9 +53,9 @@ def write_scene(
     field: GaussianPhotonField,
     baked: LightMaps,
     exposure: float,
-    views: Path,
+    views: Path | None,
 ) -> None:
-    """Write the scene as glTF and as a page; ``views``: its ``views.yaml``, which may not exist."""
+    """Write the scene as glTF and as a page; ``views``: its ``views.yaml``, if it has one."""
     if not files.items():
         return
     groups = field.lights.groups if field.lights else None
@@ -110,9 +110,9 @@ def write_blend(
         write_atomically(file, lambda path: shutil.copyfile(result, path))
 
 
-def _cameras(scene: mi.Scene, file: Path) -> tuple[tuple[View, ...], float]:
+def _cameras(scene: mi.Scene, file: Path | None) -> tuple[tuple[View, ...], float]:
     """The cameras of a file, or of the scene, and width divided by height of their pictures."""
-    if file.is_file():
+    if file is not None:
         known = read_views(file, need_training=False)
         return (*known.train, *known.novel, *known.more), known.aspect
     sensors = scene_cameras(scene)

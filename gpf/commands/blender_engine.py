@@ -1,9 +1,10 @@
 """What the Blender add-on starts: `python -m gpf.commands.blender_engine REQUEST.json`.
 
 The request names the scene, the camera, the size of the picture and the field's file. The field is
-fitted if it is not there, or belongs to another scene. The picture's layers become arrays beside
-the request. Each line on standard output that begins with ``gpf:`` has the share that is done, from
-0 to 1, and words. An interrupt ends a fit; its best field is kept.
+fitted if it is not there, or belongs to another scene or other groups of lights, and fitted further
+if it had less time than is asked for. The picture's layers become arrays beside the request. Each
+line on standard output that begins with ``gpf:`` has the share that is done, from 0 to 1, and
+words. An interrupt ends a fit; its best field is kept.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import mitsuba as mi
 import numpy as np
 
-from gpf.commands.scenes import find_scene
+from gpf.blender.conversion import convert
 from gpf.core.errors import UserError, is_interrupt, no_lost_interrupts
 from gpf.core.files import read_json
 from gpf.core.runtime import choose_variant
@@ -24,6 +26,7 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field, save_field
 from gpf.fitting.fit import fit
 from gpf.fitting.progress import FitProgress
+from gpf.fitting.state import Resume
 from gpf.rendering.denoiser import available
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
@@ -54,24 +57,21 @@ def render_request(request: Path, interrupt: _Interrupt) -> int:
     """Answer a request; the exit code: 0, or 130 if the user stopped it."""
     wanted: dict[str, Any] = read_json(request)
     choose_variant("auto")
-    tell(0, "reading the scene")
-    scene = load_scene_file(find_scene(wanted["scene"])[0])
-    path = Path(wanted["field"])
-    field = _known_field(path, scene)
-    if field is None:
-        groups = LightGroups.parse("auto" if wanted["groups"] else "", scene)
-        seconds = float(wanted["seconds"])
-
-        def report(progress: FitProgress) -> None:
-            quality = f", {progress.psnr:.1f} dB" if progress.psnr else ""
-            share = min(progress.seconds / seconds, 1) * FITTED
-            tell(share, f"fitting: {progress.passes} passes{quality}")
-
-        state = path.with_suffix(".fit")
-        field = fit(scene, seconds=seconds, callback=report, state=state, groups=groups)
+    copy, folder = Path(wanted["scene"]), request.with_name("converted")
+    scene = load_scene_file(convert(copy, folder, lambda what: tell(0, what)).xml)
+    path, groups = (
+        Path(wanted["field"]),
+        LightGroups.parse("auto" if wanted["groups"] else "", scene),
+    )
+    field, fitted = _known_field(path, scene, groups)
+    seconds = float(wanted["seconds"])
+    if fitted < seconds:
+        field, spent = _fit(scene, path.with_suffix(".fit"), groups, seconds, fitted)
+        field.record["fitted"] = spent if interrupt.asked else seconds
         save_field(field, path)
         if interrupt.asked:
             return 130
+    assert field is not None
     tell(FITTED, "rendering")
     settings = RenderSettings(spp=int(wanted["samples"]), denoise=available())
     renderer = FieldRenderer.make(scene, field, settings, LAYERS)
@@ -87,13 +87,43 @@ def tell(share: float, words: str) -> None:
     print(f"gpf: {share:.3f} {words}", flush=True)
 
 
-def _known_field(path: Path, scene: Any) -> GaussianPhotonField | None:
-    """The field in a file, or None if there is none or it is of another scene."""
-    if not path.is_file():
-        return None
-    field = load_field(path)
-    known = field.record.pop("fingerprint", None)
-    return None if known and changed_parts(known, fingerprint(scene)) else field
+def _known_field(
+    path: Path, scene: mi.Scene, groups: LightGroups | None
+) -> tuple[GaussianPhotonField | None, float]:
+    """The field in a file, and for how many seconds it was fitted; None and 0 if there is none, or
+    it is of another scene or other groups."""
+    if path.is_file():
+        field = load_field(path)
+        known = field.record.pop("fingerprint", None)
+        own = field.lights.groups if field.lights else None
+        if own == groups and not (known and changed_parts(known, fingerprint(scene))):
+            return field, float(field.record.get("fitted", 0))
+    return None, 0.0
+
+
+def _fit(
+    scene: mi.Scene, state: Path, groups: LightGroups | None, seconds: float, fitted: float
+) -> tuple[GaussianPhotonField, float]:
+    """Fit a field, or go on for the rest of the time; for how many seconds it was fitted in all.
+
+    ``fitted``: for how many it was before.
+    """
+
+    def report(progress: FitProgress) -> None:
+        quality = f", {progress.psnr:.1f} dB" if progress.psnr else ""
+        share = min((fitted + progress.seconds) / seconds, 1) * FITTED
+        tell(share, f"fitting: {progress.passes} passes{quality}")
+
+    resume: Resume = "always" if fitted else "if possible"
+    how: dict[str, Any] = {"callback": report, "state": state, "groups": groups}
+    try:
+        field = fit(scene, seconds=seconds - fitted, resume=resume, **how)
+    except UserError:
+        if not fitted:
+            raise
+        fitted = 0.0  # the camera has moved since, or the photons are gone
+        field = fit(scene, seconds=seconds, resume="never", **how)
+    return field, fitted + field.record["seconds"]
 
 
 def main(request: Path) -> int:

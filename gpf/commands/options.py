@@ -52,7 +52,7 @@ ConvertedFrames = Annotated[
 
 # `gpf blender-addon`.
 
-AddOn = Annotated[Path, Option("--output", "-o", metavar="FOLDER", help="A new folder.")]
+AddOn = Annotated[Path, Option("--output", "-o", metavar="FILE.zip", help="A new file.")]
 
 # `gpf cache`.
 

@@ -15,6 +15,8 @@ import pytest
 
 from gpf.blender import process
 from gpf.blender.conversion import RECORD, convert, converted
+from gpf.cli import main
+from gpf.commands.cameras import file_beside
 from gpf.commands.convert import convert_file
 from gpf.commands.scenes import find_frames, find_scene
 from gpf.core.errors import UserError
@@ -66,6 +68,10 @@ SUN = {
         "matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]],
     },
     **{"color": [1, 1, 1], "energy": 3.0},
+}
+CAMERA = {
+    **{"name": "eye", "type": "PERSP", "fov": 40, "fov_axis": "x", "shift": [0, 0]},
+    **{"clip": [0.1, 100], "matrix": [[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]]},
 }
 
 
@@ -269,6 +275,30 @@ def test_a_file_is_converted_again_when_it_or_what_it_uses_changes(
     xml, _ = find_scene(str(scene_file))
     assert xml.is_file() and (xml.parent / RECORD).is_file()
     assert (xml.parent.stat().st_mode & 0o777) == 0o777 & ~current_umask()
+
+
+def test_what_belongs_to_a_file_is_beside_it_and_not_in_the_cache(
+    blender, scene_file, tmp_path, monkeypatch
+):
+    """Its cameras, and the image of `gpf mitsuba`."""
+    write_json(tmp_path / "found.json", EMPTY | {"lamps": [SUN], "cameras": [CAMERA]})
+    blender(f'cp {tmp_path}/found.json "$2/scene.json"')
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    xml, _ = find_scene(str(scene_file))
+    in_cache, mine = xml.with_name("views.yaml"), tmp_path / "views.yaml"
+    assert file_beside(xml, None) is None
+    in_cache.write_text("Blender's")
+    assert file_beside(xml, None) == in_cache
+    mine.write_text("mine")
+    assert file_beside(xml, None) == mine
+    assert file_beside(xml, Path("given.yaml")) == Path("given.yaml")
+    convert(scene_file, tmp_path / "mine", print)
+    assert file_beside(tmp_path / "mine" / "scene.xml", None) is None
+    before = {*xml.parent.iterdir()}
+    with pytest.raises(SystemExit) as ended:
+        main(["mitsuba", str(scene_file), "--spp", "1"])
+    assert ended.value.code == 0 and scene_file.with_suffix(".exr").is_file()
+    assert {*xml.parent.iterdir()} == before
 
 
 def test_a_part_of_an_animation_is_taken_from_the_whole(blender, scene_file, tmp_path, monkeypatch):
