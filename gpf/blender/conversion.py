@@ -6,7 +6,7 @@ import hashlib
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,12 +81,12 @@ def converted(file: Path, tell: Callable[[str], None], frames: str | None = None
     Parameters, errors: as for :func:`convert`.
     """
     require_file(file)
-    digest = _digest(file)
+    program = _digest_of_program()
     folders = [_cached(file, wanted) for wanted in ((None,) if frames is None else ("all", frames))]
     for folder in folders:  # the whole animation has any part of it
         if (folder / RECORD).is_file():
             known = read_json(folder / RECORD)
-            if known.get("digest") == digest and all(map(_is_unchanged, known["files"])):
+            if known.get("program") == program and _stamps(known["files"]) == known["files"]:
                 numbers = tuple(known["numbers"])
                 return Converted(folder, known["how"], tuple(known["notes"]), numbers)
     return convert(file, folders[-1], tell, frames, earlier=True)
@@ -161,9 +161,10 @@ def convert(
         if (work / "meshes").is_dir():
             shutil.move(work / "meshes", new / "meshes")
         write_text(new / "converted.md", describe(file.name, last["blender"], how, notes))
-        record = {"digest": _digest(file), "files": _stamps(last["files"]), "numbers": numbers}
-        source = {"file": str(file.resolve())}
-        write_json(new / RECORD, record | source | {"how": how, "notes": notes})
+        source = str(file.resolve())
+        record = {"file": source, "numbers": numbers, "how": how, "notes": notes}
+        made_by = {"program": _digest_of_program(), "files": _stamps([source, *last["files"]])}
+        write_json(new / RECORD, record | made_by)
         grant_as_usual(new)
         replace_folder(new, folder)
     return Converted(folder, how, tuple(notes), tuple(numbers))
@@ -278,25 +279,13 @@ def _pose(camera: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _digest(file: Path) -> str:
-    """A digest of a file and of the program."""
-    digest = hashlib.sha256()
+def _digest_of_program() -> str:
+    """A digest of the program that converts."""
     own = sorted([*PROGRAMS.glob("*.py"), *PROGRAMS.parent.glob("*.py")])
-    for each in (file, *own):
-        with each.open("rb") as data:
-            digest.update(hashlib.file_digest(data, "sha256").digest())
-    return digest.hexdigest()
+    return hashlib.sha256(b"".join(file.read_bytes() for file in own)).hexdigest()
 
 
-def _stamps(files: Any) -> list[list[Any]]:
-    """Size and time of each file; 0 for files that are missing."""
-    stamps = []
-    for name in files:
-        path = Path(name)
-        facts = path.stat() if path.is_file() else None
-        stamps.append([name, facts.st_size if facts else 0, facts.st_mtime_ns if facts else 0])
-    return stamps
-
-
-def _is_unchanged(stamp: list[Any]) -> bool:
-    return _stamps([stamp[0]]) == [stamp]
+def _stamps(files: Iterable[str]) -> dict[str, list[int]]:
+    """Size and time of each file; nothing of files that are missing."""
+    facts = {name: Path(name).stat() if Path(name).is_file() else None for name in files}
+    return {name: [f.st_size, f.st_mtime_ns] if f else [] for name, f in facts.items()}

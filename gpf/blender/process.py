@@ -53,23 +53,17 @@ def find_blender() -> list[str]:
     UserError: there is none.
     """
     named = os.environ.get(VARIABLE)
-    where, todo = f"{VARIABLE}={named}", "Name blender, or a Python with bpy."
-    what = "is not a program"
+    programs = [named] if named else [str(installed_python()), sys.executable, "blender"]
+    where, what = f"{VARIABLE}={named}", "is neither Blender nor a Python with bpy"
     if not named:
-        where, todo = "Blender", f"Run `gpf blender-install` (400 MB), or set {VARIABLE} to one."
-        what = "is not installed: it reads .blend, .glb, .usd, .fbx and .obj files"
-    for program in [named] if named else [str(installed_python()), sys.executable, "blender"]:
-        if (found := shutil.which(program)) is None:
-            continue
-        command = _command(found)
-        version = version_of(command)
+        where, what = "Blender", "is not installed: it reads .blend, .glb, .usd, .fbx, .obj files"
+    for program in filter(None, map(shutil.which, programs)):
+        version = version_of(_command(program))
         if version >= OLDEST:
-            return command
-        oldest = ".".join(map(str, OLDEST))
+            return _command(program)
         if version:
-            what = f"is not {oldest} or later: {found} is {'.'.join(map(str, version))}"
-        elif named:
-            what = f"is neither Blender {oldest} or later nor a Python that has it"
+            what = f"must be {_dotted(OLDEST)} or later: {program} is {_dotted(version)}"
+    todo = f"Run `gpf blender-install` (400 MB), or set {VARIABLE} to a blender executable."
     raise UserError(where, what, todo)
 
 
@@ -82,6 +76,10 @@ def version_of(command: Sequence[str]) -> tuple[int, ...]:
     said = subprocess.run(asked, capture_output=True, text=True, errors="replace", check=False)
     found = re.search(r"^Blender (\d+)\.(\d+)", said.stdout, re.MULTILINE)
     return tuple(map(int, found.groups())) if found else ()
+
+
+def _dotted(version: Sequence[int]) -> str:
+    return ".".join(map(str, version))
 
 
 def _command(program: str) -> list[str]:

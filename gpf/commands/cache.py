@@ -18,27 +18,23 @@ from gpf.core.progress import console, say
 
 
 def show_cache(clear: str | None) -> None:
-    """List the scenes that were converted, and the Blender that was installed, or remove them.
+    """List the scenes that were converted, and the Blender that was installed.
 
-    ``clear``: "scenes" to remove the scenes, "all" to remove Blender, too.
+    ``clear``: "scenes" to remove the scenes before, "all" to remove Blender, too.
     """
     scenes, blender = scenes_folder(), installed_python().parent.parent
     remove_leftovers(scenes)
-    kept = {path: _source(path) for path in sorted(scenes.glob("*/"))}
-    kept |= {blender: "Blender"} if blender.is_dir() else {}
-    sizes = {path: sum(f.lstat().st_size for f in path.rglob("*")) / 1e6 for path in kept}
-    if clear is not None:
-        removed = [path for path in kept if clear == "all" or path != blender]
-        for path in removed:
-            shutil.rmtree(path)
-        say(f"{scenes.parent}: removed {sum(sizes[path] for path in removed):.0f} MB")
-        return
-    table = Table("from", "made", "MB")
-    for path, source in kept.items():
-        made = time.strftime("%Y-%m-%d", time.localtime(path.stat().st_mtime))
-        table.add_row(source, made, f"{sizes[path]:.0f}")
+    table, total = Table("from", "made", "MB"), 0.0
+    for folder in (*sorted(scenes.glob("*/")), *blender.parent.glob(blender.name)):
+        if clear == "all" or (clear == "scenes" and folder != blender):
+            shutil.rmtree(folder)
+            continue
+        size = sum(file.lstat().st_size for file in folder.rglob("*")) / 1e6
+        made = time.strftime("%Y-%m-%d", time.localtime(folder.stat().st_mtime))
+        table.add_row("Blender" if folder == blender else _source(folder), made, f"{size:.0f}")
+        total += size
     console.print(table, markup=False)
-    say(f"{scenes.parent}: {sum(sizes.values()):.0f} MB; to remove it, --clear scenes or all")
+    say(f"{scenes.parent}: {total:.0f} MB; `--clear scenes` or `--clear all` removes them")
 
 
 def _source(folder: Path) -> str:

@@ -171,7 +171,7 @@ def _subject(
     scene: mi.Scene, scene_file: Path, trained: Path | None, views_file: Path | None
 ) -> Subject:
     """The scene with cameras to jump to, with ``fov`` across x, and their references."""
-    places = (views_file, file_beside(scene_file, None), Path("views.yaml"))
+    places = (views_file, scene_file.parent / "views.yaml", Path("views.yaml"))
     file = next((path for path in places if path is not None and path.exists()), None)
     known = known_cameras(scene, scene_file, file)
     named = (*known.train, *known.novel, *known.more)

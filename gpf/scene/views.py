@@ -38,7 +38,7 @@ from gpf.core.yaml import read_yaml, suggest
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Aspect = Annotated[float, Field(ge=1e-3, le=1e3, allow_inf_nan=False)]
-Shift = Annotated[float, Field(ge=-1e4, le=1e4, allow_inf_nan=False)]
+Shift = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
 Degrees = Annotated[float, Field(gt=0, lt=180)]
 Vector = tuple[Finite, Finite, Finite]
 FovAxis = Literal["x", "y", "diagonal", "smaller", "larger"]

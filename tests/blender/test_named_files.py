@@ -68,7 +68,7 @@ def test_what_is_named_counts_and_what_lies_beside_does_not(tmp_path, monkeypatc
     folder.mkdir()
     file = write(folder)
     found = converted(file, print)
-    known = {os.path.normpath(name) for name, *_ in read_json(found.folder / RECORD)["files"]}
+    known = set(map(os.path.normpath, read_json(found.folder / RECORD)["files"]))
     assert {os.path.normpath(folder / name) for name in names} <= known
     (folder / "picture.png").write_bytes(b"of ours")
     assert not is_read(file)

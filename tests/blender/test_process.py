@@ -96,7 +96,7 @@ def test_without_blender_the_message_names_the_command(nowhere, scene_file, tmp_
         ("Blender 4.5.3 LTS", "", "blender"),
         ("Blender 5.1.0", "Blender 5.0.1", "python"),
         ("Blender 10.0", "no module", "blender"),
-        ("Blender 4.4.1", "", r"Blender: is not 4\.5 or later: \S*/path/blender is 4\.4"),
+        ("Blender 4.4.1", "", r"Blender: must be 4\.5 or later: \S*/path/blender is 4\.4"),
         ("something else", "", "Blender: is not installed"),
     ],
 )
@@ -116,9 +116,9 @@ def test_the_installed_blender_comes_first_and_old_ones_are_left_out(
 @pytest.mark.parametrize(
     ("version", "words"),
     [
-        (None, "is not a program"),
-        ("Blender 4.2.0", r"is not 4\.5 or later: \S*mine is 4\.2"),
-        ("nothing", r"is neither Blender 4\.5 or later nor a Python"),
+        (None, "is neither Blender nor a Python with bpy"),
+        ("Blender 4.2.0", r"must be 4\.5 or later: \S*mine is 4\.2"),
+        ("nothing", "is neither Blender nor a Python with bpy"),
     ],
 )
 def test_a_variable_that_names_no_blender(scene_file, tmp_path, monkeypatch, version, words):

@@ -174,7 +174,7 @@ def test_what_was_baked_before_is_kept(box, capsys):
         ("--exposure nan", "--exposure nan: is out of range"),
         ("--size 8", "Invalid value for '--size'"),
         ("--field missing.safetensors", "missing.safetensors: is missing"),
-        ("--size 64 --blend a.blend", "GPF_BLENDER=none: is not a program"),
+        ("--size 64 --blend a.blend", "GPF_BLENDER=none: is neither Blender"),
     ],
 )
 def test_a_wrong_option_is_told_in_words(box, capsys, monkeypatch, words, told):

@@ -57,33 +57,13 @@ def folder_of(scene) -> Path:
 
 
 def find_region(render, size) -> np.ndarray:
-    """The first and last column and row of the region that is rendered, counted from the lower
-    left: [[x, y], [x, y]], the last not included."""
-    border = [render.border_min_x, render.border_min_y, render.border_max_x, render.border_max_y]
-    corners = np.float32(border if render.use_border else [0, 0, 1, 1]).reshape(2, 2)
-    return (corners * np.float32(size)).astype(int)  # rounded as by Blender
-
-
-def find_view(camera, size, region) -> dict:
-    """The camera of a region of the picture, as `gpf` describes it."""
-    matrix = np.array(camera.matrix_world)
-    data = camera.data
-    fits = {"AUTO": int(size[1] > size[0]), "HORIZONTAL": 0, "VERTICAL": 1}
-    axis = fits[data.sensor_fit]
-    sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
-    extent = np.diff(region, axis=0)[0]
-    middle = size[axis] * np.array([data.shift_x, data.shift_y]) - np.array(size) / 2
-    shift = (middle + region.mean(axis=0)) / extent * [1, -1]
-    back, up = (matrix[:3, k] / np.linalg.norm(matrix[:3, k]) for k in (2, 1))
-    tangent = sensor / (2 * data.lens) * extent[axis] / size[axis]
-    return {
-        "origin": matrix[:3, 3].tolist(),
-        "target": (matrix[:3, 3] - back).tolist(),
-        "up": up.tolist(),
-        "fov": float(np.degrees(2 * np.arctan(tangent))),
-        "fov_axis": "xy"[axis],
-        "shift": shift.tolist(),
-    }
+    """The first and last column and row that are rendered, from the upper left: [[x, y], [x, y]],
+    the last not included."""
+    border = [render.border_min_x, render.border_max_y, render.border_max_x, render.border_min_y]
+    corners = np.float32(border if render.use_border else [0, 1, 1, 0]).reshape(2, 2)
+    found = (corners * np.float32(size)).astype(int)  # rounded as by Blender
+    found[:, 1] = size[1] - found[:, 1]
+    return found
 
 
 class Engine(bpy.types.RenderEngine):
@@ -108,7 +88,6 @@ class Engine(bpy.types.RenderEngine):
             self.report({"ERROR"}, "Photon Field needs a perspective camera.")
             return
         size = [self.resolution_x, self.resolution_y]
-        region = find_region(scene.render, size)
         folder = folder_of(scene)
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory() as work:
@@ -120,8 +99,8 @@ class Engine(bpy.types.RenderEngine):
             wanted = {
                 "scene": str(copy),
                 "field": str(folder / "field.safetensors"),
-                "view": find_view(camera, size, region),
-                "size": np.diff(region, axis=0)[0].tolist(),
+                "size": size,
+                "region": find_region(scene.render, size).tolist(),
                 "seconds": settings.seconds,
                 "samples": settings.samples,
                 "groups": settings.groups,
