@@ -1,7 +1,7 @@
 """Render with the add-on in Blender: `python with_addon.py ADDON.zip FILE.blend FOLDER WHAT`.
 
-WHAT is "often", "stop" or "fail". Pictures are written into FOLDER. The last line on standard
-output is JSON.
+WHAT is "often", "stop", "borders" or "fail". Pictures are written into FOLDER. The last line on
+standard output is JSON.
 """
 
 from __future__ import annotations
@@ -14,8 +14,24 @@ import time
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 INSTALLED = "bl_ext.user_default.photon_field"
+
+
+BORDERS = [(29, 0.1, 0.75, 0.3, 1), (58, 0.33, 0.66, 0.01, 0.5), (100, 0, 0.2, 0.17, 0.23)]
+BORDERS += [(57, 0.6, 1, 0, 1)]
+
+
+def write_places(self: object, request: Path) -> bool:
+    """In place of `gpf`: a picture whose pixels are their column and row."""
+    (left, top), (right, bottom) = json.loads(request.read_text())["region"]
+    rows, columns = np.mgrid[top:bottom, left:right].astype(np.float32)
+    for name in ("radiance", "normal", "albedo"):
+        np.save(request.with_name(f"{name}.npy"), np.stack([columns, rows, rows], axis=2))
+    for name in ("depth", "error"):
+        np.save(request.with_name(f"{name}.npy"), rows)
+    return True
 
 
 def main(addon_file: str, file: str, out: str, what: str) -> None:
@@ -42,7 +58,7 @@ def main(addon_file: str, file: str, out: str, what: str) -> None:
         before = field.stat().st_mtime_ns if field.exists() else 0
         scene.render.filepath = str(Path(out) / name)
         bpy.ops.render.render(write_still=True)
-        return field.stat().st_mtime_ns != before
+        return field.exists() and field.stat().st_mtime_ns != before
 
     if what == "stop":
         started = time.monotonic()
@@ -62,6 +78,15 @@ def main(addon_file: str, file: str, out: str, what: str) -> None:
             render("picture")
         except RuntimeError as error:
             told["error"] = str(error)
+    if what == "borders":
+        addon.Engine._run = write_places
+        settings = scene.render
+        settings.use_border = True
+        for k, border in enumerate(BORDERS):
+            settings.resolution_percentage, settings.use_crop_to_border = border[0], k % 2 == 1
+            settings.border_min_x, settings.border_max_x = border[1:3]
+            settings.border_min_y, settings.border_max_y = border[3:]
+            render(f"border_{k}")
     if what == "often":
         told["new"] = [render("whole")]
         settings = scene.render
@@ -69,8 +94,6 @@ def main(addon_file: str, file: str, out: str, what: str) -> None:
         settings.border_min_x, settings.border_max_x = 0.26, 0.76
         settings.border_min_y, settings.border_max_y = 0.1, 0.4
         told["new"] += [render("region")]
-        settings.use_crop_to_border = True
-        told["new"] += [render("cropped")]
         settings.use_border = False
         scene.camera.location.x += 0.2
         told["new"] += [render("moved")]
