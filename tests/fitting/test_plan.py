@@ -22,7 +22,7 @@ INFINITE = float("inf")
 @pytest.mark.parametrize(
     ("done", "last", "most", "left", "plan"),
     [
-        # First a draft: early, or after what is asked for, or from what is there. Whatever the time.
+        # First a draft: early, after what is asked for, or from what is there. Whatever the time.
         (0, None, INFINITE, 90, Plan(9, 32, 4)),
         (0, None, 7, 90, Plan(7, 32, 4)),
         (0, None, 2, INFINITE, Plan(2, 32, 4)),
