@@ -23,6 +23,7 @@ from gpf.core.files import read_json, write_json, write_text
 from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers, replace_folder
 from gpf.core.runtime import two_threads
 from gpf.scene.frames import SceneFrame, choose_frames
+from gpf.scene.upright import upright
 from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, ViewSets, name_view
 from gpf.scene.views_file import write_views
 
@@ -253,11 +254,11 @@ def _write_views(found: Mapping[str, Any], path: Path) -> None:
         names.append(name_view("moving", names, "camera"))
         views.append(View(name=names[-1], fov_axis=moving["fov_axis"], shift=shift, **_pose(frame)))
     path_of = CameraPath(
-        keyframes=tuple(Keyframe(shift=shift, **_pose(frame)) for frame in frames),
+        keyframes=tuple(upright([Keyframe(shift=shift, **_pose(frame)) for frame in frames])),
         frames=len(frames),
     )
     scene = SceneViews(
-        views=ViewSets(train=tuple(views)),
+        views=ViewSets(train=tuple(upright(views))),
         path=path_of,
         exposure=found["exposure"],
         aspect=found["size"][0] / found["size"][1],
