@@ -20,7 +20,7 @@ from gpf.blender.process import find_blender
 from gpf.commands.baked_scene import SceneFiles, write_scene
 from gpf.commands.cameras import file_beside
 from gpf.commands.overwriting import require_new
-from gpf.commands.scenes import find_field, find_scene, require_same_scene
+from gpf.commands.scenes import find_field, find_scene, require_same_scene, title_of
 from gpf.core.errors import UserError
 from gpf.core.files import write_json
 from gpf.core.images import propose_exposure
@@ -135,7 +135,8 @@ def bake_light(
             index = _bake_vertices(folder, scene, field, surfaces, options, exposure)
         else:
             index, baked = _bake_maps(folder, scene, field, surfaces, options, exposure)
-            write_scene(options.files, scene, field, baked, index["exposure"], views)
+            title = title_of(scene_name)
+            write_scene(options.files, scene, field, baked, index["exposure"], views, title)
         write_json(folder / INDEX, {**index, "left_out": left_out})
     say(f"{folder}: {len(surfaces)} meshes, {time.perf_counter() - start:.1f} s")
 

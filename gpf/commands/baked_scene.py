@@ -54,8 +54,10 @@ def write_scene(
     baked: LightMaps,
     exposure: float,
     views: Path | None,
+    title: str,
 ) -> None:
-    """Write the scene as glTF and as a page; ``views``: its ``views.yaml``, if it has one."""
+    """Write the scene as glTF, as a page with this title, and for Blender; ``views``: its
+    ``views.yaml``, if it has one."""
     if not files.items():
         return
     groups = field.lights.groups if field.lights else None
@@ -69,8 +71,7 @@ def write_scene(
         write_atomically(files.glb, lambda p: p.write_bytes(data))
         say(f"{files.glb}: {len(data) / 1e6:.1f} MB")
     if files.html is not None:
-        title = files.html.stem.replace("_", " ")
-        text = write_page(stage, baked, exposure, title, members)
+        text = write_page(stage, baked, exposure, title.replace("_", " "), members)
         write_text(files.html, text)
         say(f"{files.html}: {len(text) / 1e6:.1f} MB")
     if files.blend is not None:

@@ -253,7 +253,9 @@ FittedField = Annotated[
 JumpViews = Annotated[
     Path | None,
     Option(
-        metavar="FILE", help="Cameras to jump to; new ones are saved there. [default: views.yaml]"
+        metavar="FILE",
+        help="Cameras to jump to; new ones are saved there. [default: views.yaml "
+        "beside the scene; saved in NAME.views.yaml]",
     ),
 ]
 Host = Annotated[str, Option(help="Address to serve on; only this machine can reach the default.")]
