@@ -29,8 +29,8 @@ from gpf.scene.views import View, read_views
 ROWS = 1080
 """Rows of the pictures that Blender makes of the scene."""
 
-SKY = (512, 1024)
-"""Height and width of the picture of the environment that Blender gets."""
+SKY = (1024, 512)
+"""Width and height of the picture of the environment that Blender gets."""
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,7 @@ def write_blend(
             write_exr(work / image, {"radiance": light[group]}, {})
         facts: dict[str, Any] = {"exposure": exposure, "size": size, "lights": lights, "sky": None}
         if stage.scene.environment() is not None:
-            height, width = SKY
-            angle = 2 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
-            latitude = np.pi * (0.5 - (np.arange(height)[:, None] + 0.5) / height)
-            write_exr(work / "sky.exr", {"radiance": light_from_afar(stage, angle, latitude)}, {})
+            write_exr(work / "sky.exr", {"radiance": light_from_afar(stage, *SKY)}, {})
             facts["sky"] = "sky.exr"
         write_json(work / "light.json", facts)
         result = work / "lit.blend"

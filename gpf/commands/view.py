@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import tempfile
 import webbrowser
@@ -9,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mitsuba as mi
 
@@ -25,7 +25,7 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_scene_file
-from gpf.scene.sensors import make_sensor
+from gpf.scene.pinhole import find_focal
 from gpf.scene.untraceable import telling_untraceable
 from gpf.scene.views import SceneViews, View, read_views
 from gpf.viewing.background_fit import BackgroundFit
@@ -98,7 +98,8 @@ def view_scene(
         field = _load_kept(out, scene, scene_file, changed_scene)
     # A file that does not exist yet is only where cameras will be saved.
     given = views_file if views_file is not None and views_file.exists() else None
-    file = given or (file_beside(scene_file, None) if trained is None else trained / "views.yaml")
+    folder = trained or scene_file.parent
+    file = file_beside(folder / scene_file.name, given)
     subject = _subject(scene, scene_name, known_cameras(scene, scene_file, file), views_file)
     if trained is not None:
         made = [(c, trained / "reference" / f"{c.name}.exr") for c in subject.cameras]
@@ -189,8 +190,8 @@ def _subject(
 
 def _across_x(view: View, width: int, height: int) -> View:
     """The same camera with its ``fov`` across x."""
-    x_fov: Any = mi.traverse(make_sensor(view, width, height))["x_fov"]
-    return view.model_copy(update={"fov": float(x_fov[0]), "fov_axis": "x"})
+    half = math.atan(0.5 * width / find_focal(view, (width, height)))
+    return view.model_copy(update={"fov": 2 * math.degrees(half), "fov_axis": "x"})
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -112,14 +112,7 @@ class BackgroundFit:
         elif code > 0:
             text = Path(self._errors.name).read_text(errors="replace").strip()
             error = text.splitlines()[-1] if text else f"the fit ended with exit code {code}"
-        self.status = FitStatus(
-            self.status.passes,
-            self.status.all_passes,
-            self.status.psnr,
-            self.status.fields,
-            ended=True,
-            error=error,
-        )
+        self.status = replace(self.status, ended=True, error=error)
 
 
 def main(
