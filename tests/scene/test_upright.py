@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gpf.baking.gltf import is_z_up
+from gpf.blender.conversion import _write_views
 from gpf.importing.orbit import Orbit
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.sensors import views_of_sensors
@@ -88,3 +89,17 @@ def test_orbits_and_gltf_follow_a_steep_camera():
     np.testing.assert_array_equal(orbit.up, [0, 0, 1])
     heights = [view.origin[2] for view in orbit.circle(6)]
     np.testing.assert_allclose(heights, heights[0], rtol=1e-5)
+
+
+def test_a_moving_camera_of_blender_stands_upright(tmp_path):
+    """In Blender, cameras look along their -z, and the vertical is z."""
+    poses = [make_pinhole(looking("z", 20 * k, 63), SIZE).pose for k in range(3)]
+    matrices = [(pose @ np.diag([1, -1, -1, 1])).tolist() for pose in poses]
+    lens = {"type": "PERSP", "name": "Camera", "fov": 40, "fov_axis": "x", "shift": [0, 0]}
+    frames = [{"matrix": matrix, "fov": 40} for matrix in matrices]
+    moving = lens | frames[0] | {"frames": frames}
+    found = {"cameras": [moving], "size": list(SIZE), "exposure": 1.0}
+    _write_views(found, tmp_path / "views.yaml")
+    views = read_cameras(tmp_path / "views.yaml")
+    cameras = (*views.train, *views.frames())
+    assert len(cameras) == 7 and {camera.up for camera in cameras} == {UPS["z"]}
