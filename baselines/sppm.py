@@ -12,10 +12,10 @@ from baselines.options import SppmOptions
 from baselines.protocol import CannotServe, Task
 from baselines.sampling import own_camera
 from gpf.camera.film import sample_film
+from gpf.core.errors import UserError
 from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import Photons, to_numpy
 from gpf.photons.tracing import PathSettings, record_photons
-from gpf.scene.bounds import require_bounds
 from gpf.scene.materials import require_separable
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
@@ -38,14 +38,13 @@ class Sppm:
 
         Raises
         ------
-        CannotServe: the diffuse part of a material cannot be separated, the scene has no bounds, or
-            it has no camera of its own.
+        CannotServe: the diffuse part of a material cannot be separated, or the scene has no camera
+            of its own.
         """
         scene, paths = task.scene, self.options.photons_per_pass
         try:
             require_separable(scene)
-            require_bounds(scene)
-        except ValueError as error:
+        except UserError as error:
             raise CannotServe(
                 f"scene {task.name}", f"no photon mapping: {error}", "Leave it out for this scene."
             ) from error

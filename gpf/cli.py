@@ -291,11 +291,21 @@ def blender_install() -> None:
 
 
 @app.command()
-def blender_addon(output: options.AddOn, overwrite: options.Overwrite = False) -> None:
+def blender_addon(
+    output: options.AddOn = Path("photon_field.zip"), overwrite: options.Overwrite = False
+) -> None:
     """Write an add-on for Blender: the render engine Photon Field."""
     from gpf.commands.addon import write_addon
 
     write_addon(output, overwrite)
+
+
+@app.command()
+def cache(clear: options.Clear = None) -> None:
+    """List the scenes of other programs that were converted, and the room that they take."""
+    from gpf.commands.cache import show_cache
+
+    show_cache(clear)
 
 
 @app.command()

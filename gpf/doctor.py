@@ -265,14 +265,15 @@ def check_baselines() -> list[Check]:
 def check_blender() -> Check:
     """Blender is there, to read files of other programs."""
     try:
-        from gpf.blender.process import find_blender
+        from gpf.blender.process import find_blender, version_of
 
         command = find_blender()
     except UserError as error:
         return Check("Blender", None, f"{error.where} {error.what}", "gpf blender-install")
     except ImportError as error:
         return Check("Blender", None, f"cannot be checked: {error}", "pip install platformdirs")
-    return Check("Blender", True, command[0])
+    version = ".".join(map(str, version_of(command)))
+    return Check("Blender", True, f"{version}: {command[0]}")
 
 
 def check_disk() -> Check:

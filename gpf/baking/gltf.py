@@ -23,6 +23,7 @@ from gpf.baking.reflectance import emitted_by, is_black, rows
 from gpf.baking.surfaces import Surface
 from gpf.core.images import tone_map
 from gpf.core.structs import from_numpy
+from gpf.scene.pinhole import find_focal, make_pinhole
 from gpf.scene.views import View
 
 GENERATOR = "Gaussian Photon Fields"
@@ -130,9 +131,11 @@ def _write(
     return glb.to_bytes()
 
 
-def light_from_afar(stage: Stage, angle: np.ndarray, latitude: np.ndarray) -> np.ndarray:
-    """The radiance of the scene's environment, W/(m² sr), in directions of glTF: ``latitude`` above
-    the horizon, ``angle`` from +x towards +z, broadcast to (H, W); (H, W, 3)."""
+def light_from_afar(stage: Stage, width: int, height: int) -> np.ndarray:
+    """The radiance of the scene's environment, W/(m² sr), from all directions of glTF, (H, W, 3):
+    rows downwards from +y, columns from -x over -z."""
+    angle = 2 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
+    latitude = np.pi * (0.5 - (np.arange(height)[:, None] + 0.5) / height)
     flat = np.cos(latitude)
     x, y, z = np.broadcast_arrays(
         flat * np.cos(angle), np.sin(latitude) + 0 * angle, flat * np.sin(angle)
@@ -237,15 +240,10 @@ def _add_mesh(glb: Glb, chart: Chart, coordinates: dict[str, int], material: int
 
 def _add_camera(glb: Glb, view: View, aspect: float) -> int:
     """Add a node with a camera; it looks along its own -z."""
-    back = _unit(np.subtract(view.origin, view.target))
-    right = _unit(np.cross(view.up, back))
-    axes = np.stack([right, np.cross(back, right), back, np.array(view.origin)])
-    matrix = np.hstack([axes, [[0], [0], [0], [1]]])
-    # The extent across which the angle is measured, in heights of the picture.
-    wide = {"x": aspect, "y": 1.0, "diagonal": math.hypot(aspect, 1)}
-    wide |= {"smaller": min(aspect, 1.0), "larger": max(aspect, 1.0)}
-    half = math.tan(math.radians(view.fov) / 2) / wide[view.fov_axis]
-    lens = {"yfov": 2 * math.atan(half), "aspectRatio": aspect, "znear": 1e-3}
+    # By columns; y points up, and z backwards.
+    matrix = (make_pinhole(view, (1, 1)).pose @ np.diag([1, -1, -1, 1])).T
+    half = math.atan(0.5 / find_focal(view, (aspect, 1)))
+    lens = {"yfov": 2 * half, "aspectRatio": aspect, "znear": 1e-3}
     camera = glb.add("cameras", {"type": "perspective", "name": view.name, "perspective": lens})
     return glb.add(
         "nodes", {"name": view.name, "camera": camera, "matrix": matrix.ravel().tolist()}

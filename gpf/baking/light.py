@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from gpf.core.random import pass_seed, stream_of
 from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.ordered_query import query_in_order
+from gpf.rendering.field_renderer import WEAK_COVERAGE
 from gpf.scene.lamps import Lamps
 from gpf.sppm.fixed_points import FixedPoints
 
@@ -24,6 +26,17 @@ SAMPLES = 16
 
 AT_ONCE = 1 << 17
 """Points whose light is computed at once."""
+
+MOST_WEAK = 0.001
+"""The share of points without a warning."""
+
+UNCOVERED = (
+    "%.1f %% of the points lie where the field has learned nothing: no camera saw them, and few "
+    "photons came there. They got the light of their surroundings, even through walls. Fit with "
+    "cameras that see them (views.yaml) if they matter."
+)
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -114,7 +127,7 @@ def bake_light(
     """
     sources = list_sources(scene, field)
     light = {source.name: np.zeros((len(p), 3), np.float32) for source in sources}
-    known = np.zeros(len(p), bool)
+    known, covered = np.zeros(len(p), bool), np.zeros(len(p), bool)
     for number, first in enumerate(range(0, len(p), AT_ONCE)):
         part = slice(first, first + AT_ONCE)
         points = _points(p[part], n[part])
@@ -126,9 +139,12 @@ def bake_light(
                 found += fixed.mean_direct(source.lamps, samples, own)
             light[source.name][part] = found
             known[part] |= (reach < np.inf) | found.any(axis=1)
+            covered[part] = reach <= WEAK_COVERAGE
         report(min(first + AT_ONCE, len(p)))
     for name, values in light.items():
         check_finite(values, f"light {name}".strip())
+    if (weak := 1 - covered.mean()) > MOST_WEAK:
+        log.warning(UNCOVERED, 100 * weak)
     return BakedLight(light, known)
 
 

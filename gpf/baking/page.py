@@ -120,8 +120,6 @@ def _picture_of_sky(stage: Stage, exposure: float) -> np.ndarray:
     """The exposed light from all directions, (H, W, 4) float16: rows upwards from -y, columns from
     -x over -z."""
     width, height = SKY
-    angle = 2 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
-    latitude = np.pi * ((np.arange(height)[:, None] + 0.5) / height - 0.5)
-    seen = light_from_afar(stage, angle, latitude)
+    seen = light_from_afar(stage, width, height)[::-1]
     opaque = np.ones((height, width, 1))
     return np.concatenate([np.clip(exposure * seen, 0, 60000), opaque], axis=-1).astype("<f2")

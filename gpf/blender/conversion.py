@@ -6,7 +6,7 @@ import hashlib
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,14 +23,12 @@ from gpf.core.files import read_json, write_json, write_text
 from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers, replace_folder
 from gpf.core.runtime import two_threads
 from gpf.scene.frames import SceneFrame, choose_frames
+from gpf.scene.upright import upright
 from gpf.scene.views import CameraPath, Keyframe, SceneViews, View, ViewSets, name_view
 from gpf.scene.views_file import write_views
 
 SUFFIXES = (*(".blend", ".glb", ".gltf", ".usd", ".usda", ".usdc", ".usdz", ".fbx", ".obj"),)
 """What Blender reads."""
-
-ALONE = (".blend", ".glb", ".usdz", ".fbx")
-"""Formats whose files hold everything, or name what they use in a way that Blender reports."""
 
 RECORD = "converted.json"
 """What a converted scene was made from."""
@@ -84,12 +82,12 @@ def converted(file: Path, tell: Callable[[str], None], frames: str | None = None
     Parameters, errors: as for :func:`convert`.
     """
     require_file(file)
-    digest = _digest(file)
+    program = _digest_of_program()
     folders = [_cached(file, wanted) for wanted in ((None,) if frames is None else ("all", frames))]
     for folder in folders:  # the whole animation has any part of it
         if (folder / RECORD).is_file():
             known = read_json(folder / RECORD)
-            if known.get("digest") == digest and all(map(_is_unchanged, known["files"])):
+            if known.get("program") == program and _stamps(known["files"]) == known["files"]:
                 numbers = tuple(known["numbers"])
                 return Converted(folder, known["how"], tuple(known["notes"]), numbers)
     return convert(file, folders[-1], tell, frames, earlier=True)
@@ -99,7 +97,19 @@ def _cached(file: Path, frames: str | None) -> Path:
     """The folder of a scene in the user's cache."""
     what = str(file.resolve()) + ("" if frames is None else f" {frames}")
     key = hashlib.sha256(what.encode()).hexdigest()[:12]
-    return platformdirs.user_cache_path("gpf") / "scenes" / f"{file.stem}-{key}"
+    return scenes_folder() / f"{file.stem}-{key}"
+
+
+def scenes_folder() -> Path:
+    """Where converted scenes are kept."""
+    return platformdirs.user_cache_path("gpf") / "scenes"
+
+
+def origin_of(scene_file: Path) -> Path:
+    """The file that a scene in the user's cache was made from; any other scene file itself."""
+    if scene_file.parent.parent != scenes_folder():
+        return scene_file
+    return Path(read_json(scene_file.parent / RECORD)["file"])
 
 
 def convert(
@@ -154,8 +164,10 @@ def convert(
         if (work / "meshes").is_dir():
             shutil.move(work / "meshes", new / "meshes")
         write_text(new / "converted.md", describe(file.name, last["blender"], how, notes))
-        record = {"digest": _digest(file), "files": _stamps(last["files"]), "numbers": numbers}
-        write_json(new / RECORD, record | {"how": how, "notes": notes})
+        source = str(file.resolve())
+        record = {"file": source, "numbers": numbers, "how": how, "notes": notes}
+        made_by = {"program": _digest_of_program(), "files": _stamps([source, *last["files"]])}
+        write_json(new / RECORD, record | made_by)
         grant_as_usual(new)
         replace_folder(new, folder)
     return Converted(folder, how, tuple(notes), tuple(numbers))
@@ -246,10 +258,10 @@ def _write_views(found: Mapping[str, Any], path: Path) -> None:
             names.append(name_view("moving", names, "camera"))
             axis = moving["fov_axis"]
             views.append(View(name=names[-1], fov_axis=axis, shift=shift, **_pose(frame)))
-        keyframes = tuple(Keyframe(shift=shift, **_pose(frame)) for frame in frames)
-        path_of = CameraPath(keyframes=keyframes, frames=len(frames))
+        keyframes = upright([Keyframe(shift=shift, **_pose(frame)) for frame in frames])
+        path_of = CameraPath(keyframes=tuple(keyframes), frames=len(frames))
     scene = SceneViews(
-        views=ViewSets(train=tuple(views)),
+        views=ViewSets(train=tuple(upright(views))),
         path=path_of,
         exposure=found["exposure"],
         aspect=found["size"][0] / found["size"][1],
@@ -271,28 +283,13 @@ def _pose(camera: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _digest(file: Path) -> str:
-    """A digest of a file, of the files beside it that it may use, and of the program."""
-    digest = hashlib.sha256()
+def _digest_of_program() -> str:
+    """A digest of the program that converts."""
     own = sorted([*PROGRAMS.glob("*.py"), *PROGRAMS.parent.glob("*.py")])
-    for each in (file, *own):
-        with each.open("rb") as data:
-            digest.update(hashlib.file_digest(data, "sha256").digest())
-    if file.suffix.lower() not in ALONE:
-        beside = sorted(path for path in file.resolve().parent.rglob("*") if path.is_file())
-        digest.update(repr(_stamps(map(str, beside[:10_000]))).encode())
-    return digest.hexdigest()
+    return hashlib.sha256(b"".join(file.read_bytes() for file in own)).hexdigest()
 
 
-def _stamps(files: Any) -> list[list[Any]]:
-    """Size and time of each file; 0 for files that are missing."""
-    stamps = []
-    for name in files:
-        path = Path(name)
-        facts = path.stat() if path.is_file() else None
-        stamps.append([name, facts.st_size if facts else 0, facts.st_mtime_ns if facts else 0])
-    return stamps
-
-
-def _is_unchanged(stamp: list[Any]) -> bool:
-    return _stamps([stamp[0]]) == [stamp]
+def _stamps(files: Iterable[str]) -> dict[str, list[int]]:
+    """Size and time of each file; nothing of files that are missing."""
+    facts = {name: Path(name).stat() if Path(name).is_file() else None for name in files}
+    return {name: [f.st_size, f.st_mtime_ns] if f else [] for name, f in facts.items()}

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import importlib.util
+import ctypes
 import os
+import re
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 
@@ -28,6 +32,9 @@ PROGRAMS = Path(__file__).parent / "program"
 PACKAGES = {(3, 11): "bpy==5.0.1", (3, 13): "bpy==5.1.2"}
 """Blender as a Python package, by the version of Python that it needs."""
 
+OLDEST = (4, 5)
+"""The first version of Blender that has all operators that the programs use."""
+
 
 def installed_python() -> Path:
     """The Python of the environment that `gpf blender-install` makes."""
@@ -37,32 +44,42 @@ def installed_python() -> Path:
 def find_blender() -> list[str]:
     """The command that runs a script in Blender, up to the script's path.
 
-    The first of: the variable ``GPF_BLENDER``, which names a ``blender`` executable or a Python
-    with the package ``bpy``; ``blender`` on the path; the environment of `gpf blender-install`;
-    this Python, if it has ``bpy``.
+    What the variable ``GPF_BLENDER`` names: a ``blender`` executable, or a Python with the package
+    ``bpy``. Without it, the first of these that is not older than :data:`OLDEST`: the environment
+    of `gpf blender-install`, this Python, and ``blender`` on the path.
 
     Raises
     ------
     UserError: there is none.
     """
-    if named := os.environ.get(VARIABLE):
-        found = shutil.which(named)
-        if found is None:
-            raise UserError(
-                f"{VARIABLE}={named}", "is not a program", "Name blender, or a Python with bpy."
-            )
-        return _command(found)
-    if found := shutil.which("blender"):
-        return _command(found)
-    if installed_python().is_file():
-        return [str(installed_python()), "-I"]
-    if importlib.util.find_spec("bpy") is not None:
-        return [sys.executable, "-I"]
-    raise UserError(
-        "Blender",
-        "is not installed: it reads .blend, .glb, .usd, .fbx and .obj files",
-        f"Run `gpf blender-install` (400 MB), or set {VARIABLE} to a blender executable.",
-    )
+    named = os.environ.get(VARIABLE)
+    programs = [named] if named else [str(installed_python()), sys.executable, "blender"]
+    where, what = f"{VARIABLE}={named}", "is neither Blender nor a Python with bpy"
+    if not named:
+        where, what = "Blender", "is not installed: it reads .blend, .glb, .usd, .fbx, .obj files"
+    for program in filter(None, map(shutil.which, programs)):
+        version = version_of(_command(program))
+        if version >= OLDEST:
+            return _command(program)
+        if version:
+            what = f"must be {_dotted(OLDEST)} or later: {program} is {_dotted(version)}"
+    todo = f"Run `gpf blender-install` (400 MB), or set {VARIABLE} to a blender executable."
+    raise UserError(where, what, todo)
+
+
+def version_of(command: Sequence[str]) -> tuple[int, ...]:
+    """The version of Blender that a command of :func:`find_blender` runs; empty if it runs none."""
+    asked = [command[0], "--version"]
+    if "--python" not in command:
+        told = "from importlib.metadata import version; print('Blender', version('bpy'))"
+        asked = [*command, "-c", told]
+    said = subprocess.run(asked, capture_output=True, text=True, errors="replace", check=False)
+    found = re.search(r"^Blender (\d+)\.(\d+)", said.stdout, re.MULTILINE)
+    return tuple(map(int, found.groups())) if found else ()
+
+
+def _dotted(version: Sequence[int]) -> str:
+    return ".".join(map(str, version))
 
 
 def _command(program: str) -> list[str]:
@@ -123,7 +140,7 @@ def run_in_blender(
             text=True,
             errors="replace",
             env=_environment(home),
-            preexec_fn=_limit_memory,
+            preexec_fn=partial(_prepare, os.getpid(), ctypes.CDLL(None)),
         ) as process,
     ):
         late = threading.Timer(LIMIT, process.kill)
@@ -167,10 +184,16 @@ def _environment(home: str) -> dict[str, str]:
     return kept | {"BLENDER_USER_RESOURCES": home, "PYTHONNOUSERSITE": "1"}
 
 
-def _limit_memory() -> None:
-    """At most as much memory as the machine has: a scene must not stop everything else."""
+def _prepare(parent: int, library: Any) -> None:
+    """In the process that becomes Blender: it gets at most as much memory as the machine has, so
+    that a scene does not stop everything else, and ends with the process that started it."""
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     resource.setrlimit(resource.RLIMIT_DATA, (total, total))
+    if sys.platform == "linux":
+        set_death_signal = 1
+        library.prctl(set_death_signal, signal.SIGKILL)
+        if os.getppid() != parent:  # it had ended before
+            os._exit(1)
 
 
 def install(tell: Callable[[str], None]) -> Path:
@@ -181,31 +204,33 @@ def install(tell: Callable[[str], None]) -> Path:
     UserError: there is no Python that the package needs, or it cannot be installed.
     """
     target = installed_python().parent.parent
-    for (major, minor), package in PACKAGES.items():
-        python = shutil.which(f"python{major}.{minor}")
-        if sys.version_info[:2] == (major, minor):
-            python = sys.executable
-        if python is None:
-            continue
-        tell(f"{package} for Python {major}.{minor} into {target}")
-        steps = (
-            [python, "-m", "venv", "--clear", str(target)],
-            [str(installed_python()), "-m", "pip", "install", "--no-compile", package],
-        )
-        for step in steps:
-            done = subprocess.run(step, capture_output=True, text=True, check=False)
-            if done.returncode != 0:
-                shutil.rmtree(target, ignore_errors=True)
-                words = (done.stderr.strip() or done.stdout.strip()).splitlines()
-                raise UserError(
-                    package,
-                    f"could not be installed: {words[-1] if words else done.returncode}",
-                    f"Check the network, or set {VARIABLE} to a blender executable.",
-                )
-        return installed_python()
     versions = " or ".join(f"{a}.{b}" for a, b in PACKAGES)
-    raise UserError(
+    failed = UserError(
         "Blender's Python package",
         f"needs Python {versions}, which is not on the path",
         f"Install it, or set {VARIABLE} to a blender executable.",
     )
+    for (major, minor), package in PACKAGES.items():
+        name = f"python{major}.{minor}"
+        python = sys.executable if sys.version_info[:2] == (major, minor) else shutil.which(name)
+        if python is None:
+            continue
+        tell(f"{package} for Python {major}.{minor} into {target}")
+        for step in (
+            [python, "-m", "venv", "--clear", str(target)],
+            [str(installed_python()), "-m", "pip", "install", "--no-compile", package],
+            [str(installed_python()), "-I", "-c", "import bpy"],
+        ):
+            done = subprocess.run(step, capture_output=True, text=True, check=False)
+            if done.returncode != 0:
+                words = (done.stderr.strip() or done.stdout.strip()).splitlines()
+                failed = UserError(
+                    package,
+                    f"could not be installed: {words[-1] if words else done.returncode}",
+                    f"Check the network and libraries that are missing, or set {VARIABLE} to a "
+                    "blender executable.",
+                )
+                break
+        else:
+            return installed_python()
+    raise failed

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import shutil
+import io
+import json
 import sys
+import zipfile
 from pathlib import Path
 
-from gpf.commands.overwriting import require_new_folder
-from gpf.core.files import write_json
-from gpf.core.partial import grant_as_usual, partial_folder, replace_folder
+from gpf.commands.overwriting import require_new
+from gpf.core.errors import UserError
+from gpf.core.files import write_atomically
 from gpf.core.progress import say
 
 SOURCE = Path(__file__).parents[1] / "blender" / "addon"
@@ -17,20 +19,22 @@ FILES = {"photon_field.py": "__init__.py", "blender_manifest.toml": "blender_man
 
 
 def write_addon(output: Path, overwrite: bool) -> None:
-    """Write a folder with the add-on, which starts the `gpf` that wrote it.
+    """Write a zip file with the add-on, which starts the `gpf` that wrote it.
 
     Raises
     ------
-    UserError: the folder exists and is not to be replaced, or holds something else.
+    UserError: the name does not end in ``.zip``, or the file exists and is not to be replaced.
     """
-    require_new_folder(output, "blender_manifest.toml", overwrite)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    with partial_folder(output) as new:
-        for source, name in FILES.items():
-            shutil.copyfile(SOURCE / source, new / name)
-        command = [sys.executable, "-m", "gpf.commands.blender_engine"]
-        write_json(new / "command.json", {"command": command})
-        grant_as_usual(new)
-        replace_folder(new, output)
-    say(f"{output}: in Blender, Preferences, Add-ons, Install from Disk; or copy it to the folder")
-    say("of your extensions. Then choose the render engine Photon Field, and press F12.")
+    if output.suffix != ".zip":
+        raise UserError(str(output), "is not the name of a zip file", "Let it end in .zip.")
+    require_new(output, overwrite)
+    contents = {name: (SOURCE / source).read_bytes() for source, name in FILES.items()}
+    command = {"command": [sys.executable, "-m", "gpf.commands.blender_engine"]}
+    contents["command.json"] = json.dumps(command).encode()
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        for name, content in contents.items():
+            archive.writestr(zipfile.ZipInfo(name), content)
+    write_atomically(output, lambda path: path.write_bytes(data.getvalue()))
+    say(f"{output}: in Blender, Preferences, Add-ons, Install from Disk. Then choose the render")
+    say("engine Photon Field, and press F12.")

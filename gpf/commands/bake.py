@@ -16,9 +16,11 @@ from gpf.baking.bake import LightMaps, bake_maps, bake_vertices, surfaces_to_bak
 from gpf.baking.light import SAMPLES
 from gpf.baking.surfaces import Surface
 from gpf.baking.writing import write_maps, write_vertices
+from gpf.blender.process import find_blender
 from gpf.commands.baked_scene import SceneFiles, write_scene
+from gpf.commands.cameras import file_beside
 from gpf.commands.overwriting import require_new
-from gpf.commands.scenes import find_field, find_scene, require_same_scene
+from gpf.commands.scenes import find_field, find_scene, require_same_scene, title_of
 from gpf.core.errors import UserError
 from gpf.core.files import write_json
 from gpf.core.images import propose_exposure
@@ -67,7 +69,8 @@ class BakeOptions:
     files: SceneFiles = field(default_factory=SceneFiles)
 
     def check(self) -> None:
-        """Raise a :class:`UserError` for what is wrong whatever the scene and the field are."""
+        """Raise a :class:`UserError` for what is wrong whatever the scene and the field are; also
+        without Blender, if it is needed."""
         given = {
             "--size": self.size is not None,
             "--texels-per-unit": self.texels_per_unit is not None,
@@ -76,6 +79,8 @@ class BakeOptions:
         if sum(given.values()) > 1:
             names = " and ".join(name for name, is_given in given.items() if is_given)
             raise UserError(names, "are mutually exclusive", "Give one of them.")
+        if self.files.blend is not None:
+            find_blender()
         for option in self.files.items():
             if self.vertex_colours:
                 raise UserError(
@@ -121,7 +126,8 @@ def bake_light(
         say(f"left out: {name}: {why}")
     if backs := sum(surface.two_sided for surface in surfaces):
         say(f"two-sided: {backs} of {len(surfaces)} shapes, baked on the side of their normals")
-    exposure = options.exposure or _known_exposure(trained or scene_file.parent, field)
+    views = file_beside(trained / "scene.xml" if trained else scene_file, None)
+    exposure = options.exposure or _known_exposure(views, field)
     start = time.perf_counter()
     with sole_run(folder, inside=True), telling_untraceable(str(scene_file)):
         remove_leftovers(folder)
@@ -129,16 +135,15 @@ def bake_light(
             index = _bake_vertices(folder, scene, field, surfaces, options, exposure)
         else:
             index, baked = _bake_maps(folder, scene, field, surfaces, options, exposure)
-            views = (trained or scene_file.parent) / "views.yaml"
-            write_scene(options.files, scene, field, baked, index["exposure"], views)
+            title = title_of(scene_name)
+            write_scene(options.files, scene, field, baked, index["exposure"], views, title)
         write_json(folder / INDEX, {**index, "left_out": left_out})
     say(f"{folder}: {len(surfaces)} meshes, {time.perf_counter() - start:.1f} s")
 
 
-def _known_exposure(folder: Path, field: GaussianPhotonField) -> float | None:
+def _known_exposure(views: Path | None, field: GaussianPhotonField) -> float | None:
     """The exposure of the scene's views or of the field; None if neither has one."""
-    views = folder / "views.yaml"
-    known = read_views(views).given_exposure if views.is_file() else None
+    known = None if views is None else read_views(views).given_exposure
     return known or field.record.get("exposure")
 
 

@@ -29,8 +29,8 @@ from gpf.scene.views import View, read_views
 ROWS = 1080
 """Rows of the pictures that Blender makes of the scene."""
 
-SKY = (512, 1024)
-"""Height and width of the picture of the environment that Blender gets."""
+SKY = (1024, 512)
+"""Width and height of the picture of the environment that Blender gets."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,11 @@ def write_scene(
     field: GaussianPhotonField,
     baked: LightMaps,
     exposure: float,
-    views: Path,
+    views: Path | None,
+    title: str,
 ) -> None:
-    """Write the scene as glTF and as a page; ``views``: its ``views.yaml``, which may not exist."""
+    """Write the scene as glTF, as a page with this title, and for Blender; ``views``: its
+    ``views.yaml``, if it has one."""
     if not files.items():
         return
     groups = field.lights.groups if field.lights else None
@@ -69,8 +71,7 @@ def write_scene(
         write_atomically(files.glb, lambda p: p.write_bytes(data))
         say(f"{files.glb}: {len(data) / 1e6:.1f} MB")
     if files.html is not None:
-        title = files.html.stem.replace("_", " ")
-        text = write_page(stage, baked, exposure, title, members)
+        text = write_page(stage, baked, exposure, title.replace("_", " "), members)
         write_text(files.html, text)
         say(f"{files.html}: {len(text) / 1e6:.1f} MB")
     if files.blend is not None:
@@ -98,10 +99,7 @@ def write_blend(
             write_exr(work / image, {"radiance": light[group]}, {})
         facts: dict[str, Any] = {"exposure": exposure, "size": size, "lights": lights, "sky": None}
         if stage.scene.environment() is not None:
-            height, width = SKY
-            angle = 2 * np.pi * ((np.arange(width) + 0.5) / width - 0.5)
-            latitude = np.pi * (0.5 - (np.arange(height)[:, None] + 0.5) / height)
-            write_exr(work / "sky.exr", {"radiance": light_from_afar(stage, angle, latitude)}, {})
+            write_exr(work / "sky.exr", {"radiance": light_from_afar(stage, *SKY)}, {})
             facts["sky"] = "sky.exr"
         write_json(work / "light.json", facts)
         result = work / "lit.blend"
@@ -110,9 +108,9 @@ def write_blend(
         write_atomically(file, lambda path: shutil.copyfile(result, path))
 
 
-def _cameras(scene: mi.Scene, file: Path) -> tuple[tuple[View, ...], float]:
+def _cameras(scene: mi.Scene, file: Path | None) -> tuple[tuple[View, ...], float]:
     """The cameras of a file, or of the scene, and width divided by height of their pictures."""
-    if file.is_file():
+    if file is not None:
         known = read_views(file, need_training=False)
         return (*known.train, *known.novel, *known.more), known.aspect
     sensors = scene_cameras(scene)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import mitsuba as mi
 
+from gpf.blender.conversion import origin_of
 from gpf.core.errors import UserError
 from gpf.importing.loops import place_orbit
 from gpf.scene.frames import choose_frames
@@ -44,9 +45,10 @@ class Cameras:
 
 
 def file_beside(scene_file: Path, file: Path | None) -> Path | None:
-    """The cameras' file: ``file``, or else ``views.yaml`` beside the scene, if there is one."""
-    beside = scene_file.parent / "views.yaml"
-    return file or (beside if beside.exists() else None)
+    """The cameras' file: ``file``, or else ``views.yaml`` beside the scene, if there is one; for a
+    converted scene in the cache, first beside the file that it was made from."""
+    places = (path.parent / "views.yaml" for path in (origin_of(scene_file), scene_file))
+    return file or next((place for place in places if place.exists()), None)
 
 
 def file_in_animation(animation: Path, file: Path | None) -> Path | None:

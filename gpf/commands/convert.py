@@ -40,7 +40,7 @@ def convert_file(
     table = Table("material", "how")
     for name, how in sorted(found.how.items()):
         table.add_row(name, how)
-    console.print(table)
+    console.print(table, markup=False)
     report(found)
     say(f"{found.xml}" if frames is None else f"{folder}: {len(found.files())} frames")
 

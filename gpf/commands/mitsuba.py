@@ -9,6 +9,7 @@ from typing import Any
 
 import mitsuba as mi
 
+from gpf.blender.conversion import origin_of
 from gpf.commands.overwriting import require_new
 from gpf.commands.scenes import find_scene
 from gpf.core.errors import UserError, is_interrupt
@@ -40,7 +41,7 @@ def render_scene(
     Parameters
     ----------
     scene_name: as for :func:`gpf.commands.scenes.find_scene`.
-    output: by default the scene file's name with ``.exr``.
+    output: by default the name of the scene or of its file, with ``.exr``.
     define: parameters of the scene, each as ``name=value``.
     sensor: index of the sensor.
     spp: samples per pixel; 0 for the scene's own number.
@@ -59,10 +60,10 @@ def render_scene(
         if name in ("config", "filename"):  # arguments of mi.parser.parse_file
             raise UserError(f"-D {item}", "has a name that Mitsuba reserves", "Choose another.")
         values[name] = value
-    scene, _ = find_scene(scene_name)
+    scene, trained = find_scene(scene_name)
     if not scene.is_file():
         raise UserError(str(scene), "is not a file", "Check the path.")
-    target = output or scene.with_suffix(".exr")
+    target = output or (Path(trained.name) if trained else origin_of(scene)).with_suffix(".exr")
     if target.suffix.lower() not in FORMATS:
         raise UserError(
             str(target), "is not the name of an image", f"Use the ending {', '.join(FORMATS)}."

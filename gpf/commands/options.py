@@ -52,7 +52,14 @@ ConvertedFrames = Annotated[
 
 # `gpf blender-addon`.
 
-AddOn = Annotated[Path, Option("--output", "-o", metavar="FOLDER", help="A new folder.")]
+AddOn = Annotated[Path, Option("--output", "-o", metavar="FILE.zip", help="A new file.")]
+
+# `gpf cache`.
+
+Clear = Annotated[
+    Literal["scenes", "all"] | None,
+    Option(help="Remove the converted scenes, or all: also what `gpf blender-install` got."),
+]
 
 # `gpf demo` and `gpf export`.
 
@@ -246,7 +253,9 @@ FittedField = Annotated[
 JumpViews = Annotated[
     Path | None,
     Option(
-        metavar="FILE", help="Cameras to jump to; new ones are saved there. [default: views.yaml]"
+        metavar="FILE",
+        help="Cameras to jump to; new ones are saved there. [default: views.yaml "
+        "beside the scene; saved in NAME.views.yaml]",
     ),
 ]
 Host = Annotated[str, Option(help="Address to serve on; only this machine can reach the default.")]

@@ -51,6 +51,14 @@ def find_scene(name: str) -> tuple[Path, Path | None]:
     return _result(name, "scene/scene.xml", "scene"), RESULTS / name
 
 
+def title_of(name: str) -> str:
+    """What a scene is called that is given as for :func:`find_scene`: its file, without the suffix;
+    the folder, if the file is ``scene.xml``."""
+    path = Path(name).resolve()
+    stem = path.name if path.is_dir() else path.stem
+    return path.parent.name if stem == "scene" and path.suffix else stem
+
+
 def find_frames(animation: Path, wanted: str) -> list[SceneFrame]:
     """All frames of an animation, in order.
 

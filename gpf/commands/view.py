@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import tempfile
 import webbrowser
@@ -9,13 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mitsuba as mi
 
 from gpf.commands.cameras import file_beside, known_cameras
 from gpf.commands.fit import require_field_name
-from gpf.commands.scenes import find_field, find_scene, require_same_scene
+from gpf.commands.scenes import find_field, find_scene, require_same_scene, title_of
 from gpf.core.errors import FileError, UserError, is_interrupt
 from gpf.core.locks import sole_run
 from gpf.core.partial import remove_leftovers
@@ -25,9 +25,9 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_scene_file
-from gpf.scene.sensors import make_sensor
+from gpf.scene.pinhole import find_focal
 from gpf.scene.untraceable import telling_untraceable
-from gpf.scene.views import View
+from gpf.scene.views import SceneViews, View, read_views
 from gpf.viewing.background_fit import BackgroundFit
 from gpf.viewing.references import References
 from gpf.viewing.server import PageServer
@@ -64,8 +64,9 @@ def view_scene(
         its field and its references.
     field_file: the field; None to use the one in ``out`` or, if there is none, to fit one and write
         it there.
-    views_file: cameras to jump to, and where cameras are saved; None for ``views.yaml`` in the
-        current folder.
+    views_file: cameras to jump to, and where cameras are saved. By default, those beside the scene,
+        and ``NAME.views.yaml`` in the current folder, which other commands do not take by
+        themselves.
     changed_scene: whether to accept a field of another scene.
     groups: if a field is fitted, groups of emitters whose light is kept apart
         (:meth:`LightGroups.parse`).
@@ -77,7 +78,6 @@ def view_scene(
     scene_file, trained = find_scene(scene_name)
     if trained is not None:
         field_file = field_file or find_field(scene_name)
-        views_file = views_file or trained / "views.yaml"
     if field_file is None:
         require_field_name(out)
         if groups and out.exists():
@@ -96,10 +96,17 @@ def view_scene(
         require_same_scene(scene, scene_file, field, field_file, changed_scene)
     elif out.exists():
         field = _load_kept(out, scene, scene_file, changed_scene)
-    subject = _subject(scene, scene_file, trained, views_file)
+    # A file that does not exist yet is only where cameras will be saved.
+    given = views_file if views_file is not None and views_file.exists() else None
+    folder = trained or scene_file.parent
+    file = file_beside(folder / scene_file.name, given)
+    subject = _subject(scene, scene_name, known_cameras(scene, scene_file, file), views_file)
+    if trained is not None:
+        made = [(c, trained / "reference" / f"{c.name}.exr") for c in subject.cameras]
+        subject.references = References((camera, exr) for camera, exr in made if exr.exists())
     if subject.exposure is None and field is not None:
         subject.exposure = field.record.get("exposure")
-    fits = _fit(scene_file, out, views_file, groups) if field is None else nullcontext()
+    fits = _fit(scene_file, out, file, groups) if field is None else nullcontext()
     with _ended_by_signals(), fits as fit:
         try:
             _serve(Viewer(subject, field, fit), options, scene_file)
@@ -129,10 +136,7 @@ def _fit(
     """Fit a field during the block, and keep the newest one."""
     with sole_run(out), tempfile.TemporaryDirectory(prefix="gpf-view-") as folder:
         remove_leftovers(out.parent)
-        # A file that does not exist yet is only where cameras will be saved.
-        given = views_file if views_file is not None and views_file.exists() else None
-        cameras_file = file_beside(scene_file, given)
-        fit = BackgroundFit(scene_file, out, cameras_file, Path(folder), groups)
+        fit = BackgroundFit(scene_file, out, views_file, Path(folder), groups)
         try:
             yield fit
         finally:
@@ -168,28 +172,26 @@ def _load_kept(
 
 
 def _subject(
-    scene: mi.Scene, scene_file: Path, trained: Path | None, views_file: Path | None
+    scene: mi.Scene, scene_name: str, known: SceneViews, views_file: Path | None
 ) -> Subject:
-    """The scene with cameras to jump to, with ``fov`` across x, and their references."""
-    places = (views_file, scene_file.parent / "views.yaml", Path("views.yaml"))
-    file = next((path for path in places if path is not None and path.exists()), None)
-    known = known_cameras(scene, scene_file, file)
-    named = (*known.train, *known.novel, *known.more)
-    cameras = [_across_x(view, *known.size(256)) for view in named]
-    if trained is not None:
-        title, saved = trained.name, Path("views.yaml")
-        files = [(camera, trained / "reference" / f"{camera.name}.exr") for camera in cameras]
-        references = References((camera, file) for camera, file in files if file.exists())
-    else:
-        title = scene_file.absolute().parent.name if scene_file.stem == "scene" else scene_file.stem
-        saved, references = views_file or Path("views.yaml"), References()
-    return Subject(scene, title, cameras, known.aspect, known.given_exposure, saved, references)
+    """The scene with cameras to jump to, with ``fov`` across x: those known, and those saved."""
+    title, saved = title_of(scene_name), views_file
+    sets = [known]
+    if saved is None or saved.suffix == ".json":
+        saved = Path(f"{title}.views.yaml")
+        sets += [read_views(saved, need_training=False)] if saved.exists() else []
+    cameras = [
+        _across_x(view, *views.size(256))
+        for views in sets
+        for view in (*views.train, *views.novel, *views.more)
+    ]
+    return Subject(scene, title, cameras, known.aspect, known.given_exposure, saved)
 
 
 def _across_x(view: View, width: int, height: int) -> View:
     """The same camera with its ``fov`` across x."""
-    x_fov: Any = mi.traverse(make_sensor(view, width, height))["x_fov"]
-    return view.model_copy(update={"fov": float(x_fov[0]), "fov_axis": "x"})
+    half = math.atan(0.5 * width / find_focal(view, (width, height)))
+    return view.model_copy(update={"fov": 2 * math.degrees(half), "fov_axis": "x"})
 
 
 @contextmanager

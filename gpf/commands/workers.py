@@ -57,7 +57,8 @@ class SentScenes:
             files |= dict.fromkeys(_absolute(file) for file in found if file.exists())
         root = Path(os.path.commonpath([path.parent for path in files]))
         data = io.BytesIO()
-        with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
+        # Some systems date all files to 1970; zip archives begin in 1980.
+        with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as archive:
             for path in files:
                 archive.write(path, path.relative_to(root))
         sent = (

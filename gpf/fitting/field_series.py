@@ -35,9 +35,6 @@ from gpf.training.trainer import Trainer
 # the estimate is too uncertain.
 PASSES_PER_ESTIMATE, LEAST_PER_ESTIMATE = 8, 4
 
-# Light is gathered for the next field if its first rays take at most this part of the time left.
-GATHER_PART = 0.5
-
 # Extra time for judging the last field, as a fraction of the fit's.
 GRACE = 0.05
 
@@ -103,7 +100,7 @@ class FieldSeries:
     def plan(self) -> Plan | None:
         """Plan the next field."""
         pass_seconds = self.time.pass_seconds * (1 + 1 / PASSES_PER_ESTIMATE)
-        times = self.time.work, self.time.left, pass_seconds
+        times = self.time.left, pass_seconds
         done, gathers = self.stream.count, self.stream.gathered is not None
         return plan_next(done, self.last, self.goals.passes, *times, self.cost, gathers)
 
@@ -188,7 +185,9 @@ class FieldSeries:
         most = passes // LEAST_PER_ESTIMATE
         self.add_estimates(min(self.quality.needed_passes(field), most))
         psnr = self.quality.psnr(field)
-        if not self.best.gives_way_to(psnr, self.quality):
+        # SPPM, which judges, leaks through thin walls as a draft does.
+        was_draft = self.last is not None and self.last.is_draft
+        if not (self.best.gives_way_to(psnr, self.quality) or was_draft):
             return
         self.add_error(field, fitted)
         self.maker.split(field, lesson)
@@ -210,14 +209,15 @@ class FieldSeries:
             self.quality.add_pass()
 
     def gather(self) -> None:
-        """Gather diffuse light from the best field, if time is left for a better one."""
+        """Gather diffuse light from the best field, if another one follows."""
         assert self.best.field is not None and self.last is not None
-        if self.last.passes >= self.goals.passes and self.last.gathered and not self.last.is_draft:
-            return
-        left, before = self.time.left, self.stream.sample_seconds
-        if left < self.cost.seconds(LEAST_STEPS, LARGEST_STRIDE):  # no other field could follow
-            return
-        self.stream.light_by(self.best.field, GATHER_PART * left)
+        if not self.last.is_draft:
+            if self.last.passes >= self.goals.passes and self.last.gathered:
+                return
+            if self.time.left < self.cost.seconds(LEAST_STEPS, LARGEST_STRIDE):
+                return
+        before = self.stream.sample_seconds
+        self.stream.light_by(self.best.field)
         self.time.lengthen_passes(self.stream.sample_seconds - before)
 
     def resume(self, state: FitState, resume: Resume) -> None:

@@ -1,7 +1,8 @@
 """What a fit does next: how many passes of photons, and how long the field from them trains.
 
 The first field is a draft from few passes and points. It shows what a field costs, and gives the
-light of diffuse surfaces that is gathered for the next field. Each further field has three times
+light of diffuse surfaces that is gathered for the next field. A draft never is the last field, even
+if time is short: photons alone leak through thin walls. Each further field has three times
 as many photons, as long as it takes a small part of the time. The last field uses all the photons
 for which there is time; if time is short, it trains for fewer steps, or learns from fewer points.
 """
@@ -11,23 +12,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gpf.training.streaming import BALANCED
+GROWTH = 3
+"""The factor by which the number of passes grows from field to field."""
 
-FIRST_PASSES, GROWTH = BALANCED[0], 3
-"""Passes until the first complete field, and the factor by which their number then grows."""
-
-DRAFT_PASSES, DRAFT_STRIDE, DRAFT_STEPS = 9, 4, 32
+FIRST_PASSES, DRAFT_STRIDE, DRAFT_STEPS = 9, 4, 32
 """Passes of a draft, which of the points it learns from (every fourth), and its training steps. Its
 errors average out over all directions from which light is gathered, except those that are the same
 everywhere: after six passes, the light gathered in a kitchen was too bright."""
-
-FIRST_STRIDE, SHORT_TIME = 2, 1.5
-"""There is no draft if the time left is less than this many times the time spent: nothing could
-follow. The first field then learns from every second point: its few photons have little to say
-about more."""
-
-FIRST_PART = 1 / 3
-"""The part of the time for photons, if the first field is the only one."""
 
 LARGEST_STRIDE = 3
 """A last field with little time learns from at least every third point."""
@@ -116,7 +107,6 @@ def plan_next(
     done: int,
     last: Plan | None,
     most: float,
-    spent: float,
     left: float,
     pass_seconds: float,
     cost: FieldCost,
@@ -129,20 +119,13 @@ def plan_next(
     done: passes of photons so far.
     last: the last complete field, or None.
     most: passes of the goal; may be infinite.
-    spent: seconds of work since the start, without compiling.
     left: seconds left; may be infinite.
     pass_seconds: seconds per pass, including its share of the quality estimate.
     cost: cost of the last complete field.
     gathers: whether diffuse light is gathered by now.
     """
     if last is None:
-        passes = int(max(min(FIRST_PASSES, most), done))
-        if left > SHORT_TIME * spent:
-            return Plan(int(max(passes, min(DRAFT_PASSES, most))), DRAFT_STEPS, DRAFT_STRIDE)
-        if pass_seconds > 0:
-            photons = FIRST_PART * (left + done * pass_seconds)
-            passes = max(passes, int(min(photons / pass_seconds, most)))
-        return Plan(passes, usual_steps(passes), FIRST_STRIDE)
+        return Plan(int(max(min(FIRST_PASSES, most), done)), DRAFT_STEPS, DRAFT_STRIDE)
     if last.passes >= most and not (last.is_draft or (gathers and not last.gathered)):
         return None
 
@@ -171,6 +154,6 @@ def plan_next(
             if (longer > 0.6 and enough) or growth >= 1.5 or (longer > 1.5 and growth >= 1):
                 possible.append(plan)
                 break
-    if not possible and last.is_draft:  # a draft is not meant to be seen
+    if not possible and last.is_draft:
         return Plan(done, min(LEAST_STEPS, usual_steps(done, gathers)), LARGEST_STRIDE, gathers)
     return max(possible, key=lambda plan: plan.worth) if possible else None

@@ -52,7 +52,7 @@ class Orbit:
         axis = int(np.argmax(np.abs(view.up)))
         up = np.eye(3)[axis] * np.sign(view.up[axis])
         if np.linalg.norm(np.cross(up, forward)) < 0.2:  # the camera looks along that axis
-            up = np.array(view.up, dtype=float)
+            up = unit_vector(view.up - forward * (forward @ view.up))
         return cls(view, origin + distance * forward, distance, up)
 
     def views(

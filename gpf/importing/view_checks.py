@@ -196,7 +196,7 @@ def look_around(
     starts = np.repeat(np.asarray(origins, dtype=np.float32), _DIRECTIONS, axis=0)
     si = scene.ray_intersect(mi.Ray3f(from_numpy(mi.Point3f, starts), d))
     refracts = si.is_valid() & _refracts(si, si.is_valid())
-    within = refracts & (dr.dot(si.n, d) > 0)
+    within = refracts & (si.wi.z < 0)
 
     def by_origin(value: Any) -> np.ndarray:
         return np.asarray(value.numpy()).reshape(len(origins), _DIRECTIONS)

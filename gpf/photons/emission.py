@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
+
+from gpf.scene.bounds import bounding_box
 
 # Makes one ray per lane of the sampler's wavefront, with its power, W, and its emitter. The
 # expected power of a ray is that of all emitters together.
@@ -47,27 +50,36 @@ def emit_from(scene: mi.Scene, start: EmitterSample) -> Emitted:
     ray, power, emitter = scene.sample_emitter_ray(
         mi.Float(0), start.choice, start.place, start.direction, mi.Bool(True)
     )
-    ray.o = _spread_over_scene(scene, ray, emitter, start.place)
+    if any(mi.has_flag(each.flags(), mi.EmitterFlags.Infinite) for each in scene.emitters()):
+        power *= _spread_over_scene(scene, ray, emitter, start.place)
     return ray, power, emitter
 
 
 def _spread_over_scene(
     scene: mi.Scene, ray: mi.Ray3f, emitter: mi.EmitterPtr, sample: mi.Point2f
-) -> mi.Point3f:
-    """Origins of the rays; for an environment map, on a disc perpendicular to the ray.
+) -> mi.Float:
+    """Let the rays from infinitely far emitters begin on discs as wide as the scene, perpendicular
+    to them; returns the factors for the powers of all rays, (N,).
 
-    In Mitsuba 3.9 that disc is perpendicular to the direction before ``to_world``, so too many or
-    too few rays from a rotated map would hit the scene.
+    Mitsuba's discs are too small where it has merged shapes (:mod:`gpf.scene.bounds`), and in
+    version 3.9, for a rotated map, they are perpendicular to another direction.
     """
-    environment = scene.environment()
-    if environment is None or environment.class_name() != "EnvironmentMapEmitter":
-        return ray.o
-    ball = scene.bbox().bounding_sphere()
-    # The emitter's own radius, because its weight contains the area of the disc.
-    radius = dr.opaque(mi.Float, ball.radius * (1 + mi.math.RayEpsilon))
-    disc = mi.warp.square_to_uniform_disk_concentric(sample)
-    offset = mi.Frame3f(ray.d).to_world(mi.Vector3f(disc.x, disc.y, 0)) - ray.d
-    center = mi.Point3f(ball.center)
-    dr.make_opaque(center)
-    origin = center + radius * offset
-    return dr.select(emitter == mi.EmitterPtr(environment), origin, ray.o)
+    lower, upper = bounding_box(scene)
+    middle, half = (lower + upper) / 2, np.linalg.norm(upper - lower) / 2
+    box, least = scene.bbox(), mi.math.RayEpsilon
+    theirs = box.bounding_sphere() if box.valid() else mi.ScalarBoundingSphere3f()
+    radii = [max(r * (1 + least), least) for r in (theirs.radius, half)]
+    before, radius = (dr.opaque(mi.Float, r) for r in radii)
+    around, center = (mi.Point3f(mi.ScalarPoint3f(c)) for c in (theirs.center, middle))
+    dr.make_opaque(around, center)
+
+    place = (ray.o - around) / before
+    place -= ray.d * dr.dot(ray.d, place)
+    sky = scene.environment()
+    if sky is not None and sky.class_name() == "EnvironmentMapEmitter":
+        disc = mi.warp.square_to_uniform_disk_concentric(sample)
+        even = mi.Frame3f(ray.d).to_world(mi.Vector3f(disc.x, disc.y, 0))
+        place = dr.select(emitter == mi.EmitterPtr(sky), even, place)
+    far = mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite)
+    ray.o = dr.select(far, center + radius * (place - ray.d), ray.o)
+    return dr.select(far, dr.square(radius / before), 1)

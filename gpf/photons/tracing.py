@@ -14,7 +14,7 @@ import mitsuba as mi
 from gpf.core.loops import loops_traced_once
 from gpf.core.structs import Photons
 from gpf.photons.emission import Source, emit_light
-from gpf.scene.materials import diffuse_transfer, has_diffuse, has_null
+from gpf.scene.materials import diffuse_transfer, has_diffuse, has_null, reflected_share
 from gpf.scene.media import Media, Place, Visit
 
 # Upper limit of a photon's power, relative to its initial power. The adjoint of shading normals
@@ -118,9 +118,10 @@ def trace_photons(
         bsdf = si.bsdf(ray)
 
         # Adjoint of shading normals as in Mitsuba (Veach 1997, 5.3): flux arrives at the geometric
-        # surface, but the BSDF uses the shading frame.
+        # surface, but the BSDF uses the shading frame. Meshes may be wound against their normals.
         wi = si.to_world(si.wi)
-        wi_dot_ng = dr.dot(si.n, wi)
+        ng = dr.mulsign(si.n, dr.dot(si.n, si.sh_frame.n))
+        wi_dot_ng = dr.dot(ng, wi)
         surface &= wi_dot_ng * si.wi.z > 0
 
         stored = surface & has_diffuse(bsdf, si) & (stores_direct | ~direct)
@@ -128,7 +129,7 @@ def trace_photons(
         landing = power * slant * diffuse_transfer(bsdf, si, stored)
         photons = Photons(
             p=si.p,
-            n=mi.Normal3f(dr.mulsign(si.n, wi_dot_ng)),
+            n=mi.Normal3f(dr.mulsign(ng, wi_dot_ng)),
             power=_limited(landing, _MAX_GAIN * brightest),
             depth=depth,
         )
@@ -141,11 +142,15 @@ def trace_photons(
         if dr.hint(asks_null, mode="scalar"):
             # Some wrappers, such as bumpmap, let photons through, but not the samples of lamps.
             straight &= dr.any(bsdf.eval_null_transmission(si, surface & straight) > 0)
-        scattered = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Diffuse)
-        diffused = dr.select(straight, diffused, scattered)
+        # Which of its components the light leaves a surface by.
+        share = reflected_share(bsdf, si, sample, surface)
+        chance = dr.sum(share) / 3
+        reflected = sampler.next_1d(surface) < chance
+        weight *= dr.select(reflected, share / chance, (1 - share) / (1 - chance))
+        diffused = dr.select(straight, diffused, reflected)
         direct &= straight
         wo = si.to_world(sample.wo)
-        wo_dot_ng = dr.dot(si.n, wo)
+        wo_dot_ng = dr.dot(ng, wo)
         leaks = wo_dot_ng * sample.wo.z <= 0
         correction = dr.abs((si.wi.z * wo_dot_ng) / (sample.wo.z * wi_dot_ng))
         factor = dr.select(leaks, 0, weight * correction)
@@ -164,7 +169,8 @@ def trace_photons(
             )
             direct &= ~scatters
             diffused &= ~scatters
-            scattered_once |= scatters | (surface & scattered)
+            turns = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Diffuse)
+            scattered_once |= scatters | (surface & turns)
             lives = dr.select(scatters, _LIVES_IN_MEDIA, lives)
         power = _limited(power * factor, _MAX_GAIN * brightest)
         active &= surface | scatters

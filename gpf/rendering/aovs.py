@@ -8,7 +8,8 @@
                      it: glass and mirrors show the albedo of what is seen in them; where the walk
                      meets nothing diffuse, the light that it finds, at most 1
 ``visible_normal``   geometric normal at the visible point, in world space
-``irradiance``       the field's answer at the visible point, W/m²
+``irradiance``       all light that arrives at the visible point, W/m²: the field's answer, and what
+                     the renderer samples from lamps that the field does not store
 ``coverage``         distance of the farthest Gaussian that was used, in search radii: 1 in well
                      covered regions, more where the nearest Gaussians lie farther away
 ``error``            expected error of the field's light, as a fraction of the radiance; where it
@@ -127,6 +128,7 @@ def at_visible_point(
     field: GaussianPhotonField,
     points: VisiblePoints,
     irradiance: mi.Color3f,
+    sampled: mi.Color3f,
     reach: mi.Float,
     share: mi.Float,
     unsure: mi.Color3f,
@@ -138,6 +140,7 @@ def at_visible_point(
     ----------
     irradiance, reach: the field's answer at the points; see
         :meth:`gpf.field.field.GaussianPhotonField.query`.
+    sampled: irradiance from lamps that the field does not store, W/m², (N, 3).
     share: weights of the points, (N,), in a mean over several per camera ray.
     unsure: expected error of the light in media on the way, W/(m² sr), (N, 3).
     """
@@ -148,7 +151,7 @@ def at_visible_point(
             dr.clip(points.emission, 0, share),
         ),
         "visible_normal": dr.select(points.valid, share * mi.Vector3f(points.n), 0),
-        "irradiance": dr.select(points.valid, share * irradiance, 0),
+        "irradiance": dr.select(points.valid, share * (irradiance + sampled), 0),
         "coverage": dr.select(points.valid, share * dr.minimum(reach, MOST_COVERAGE), 0),
     }
     if "error" in aovs:

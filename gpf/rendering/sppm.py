@@ -14,7 +14,6 @@ from gpf.core.random import Stream, pass_seed
 from gpf.core.structs import concatenate
 from gpf.photons.tracing import PathSettings
 from gpf.rendering.properties import is_number, read_depths, whole_number
-from gpf.scene.bounds import require_bounds
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import require_separable
 from gpf.sppm.passes import PassSettings, PhotonPasses, propose_radius
@@ -124,7 +123,6 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
         require_separable(scene)
-        require_bounds(scene)
         seed = int(dr.slice(seed)) if not isinstance(seed, int) else seed
         film = sensor.film()
         film.prepare([])

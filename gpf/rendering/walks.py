@@ -20,6 +20,7 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.ordered_query import in_order, query_in_order
 from gpf.rendering.aovs import at_visible_point
 from gpf.rendering.recording import RecordedWalks
+from gpf.sppm.fixed_points import FixedPoints
 
 GROUP = 4
 """Most samples of a pixel that share a query."""
@@ -87,7 +88,7 @@ class Walks:
         """What one camera walk finds, and which way it took."""
         points, way, unsure = self._follow(sampler, ray, active, back)
         value, reach = self.field.query(points.p, points.n, points.valid)
-        return self._shown(points, value, reach, way, unsure), way
+        return self._shown(points, value, reach, way, unsure, sampler), way
 
     def _follow(
         self, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool, back: mi.Bool | bool
@@ -119,9 +120,15 @@ class Walks:
         reach: mi.Float,
         way: Way,
         unsure: mi.Color3f,
+        sampler: mi.Sampler | None = None,
     ) -> dict[str, Any]:
         found = {"radiance": self.field.reflect(points, value), "valid": points.valid}
-        answer = value, reach, way.weight, unsure
+        sampled = mi.Color3f(0)
+        if sampler is not None and "irradiance" in self.aovs:
+            here = FixedPoints(self.scene, points, lasting=False)
+            for group in self.field.settings.sampled_lamps(self.scene).groups():
+                sampled += here.direct_irradiance(sampler.next_2d(points.valid), group)
+        answer = value, sampled, reach, way.weight, unsure
         return found | at_visible_point(self.field, points, *answer, self.aovs)
 
     def _nothing(self) -> dict[str, Any]:
@@ -183,7 +190,7 @@ class GroupedWalks(Walks):
     ) -> tuple[dict[str, Any], Way]:
         points, way, unsure = self._follow(sampler, ray, active, back)
         value, reach = query_together(self.field, points, self.group)
-        return self._shown(points, value, reach, way, unsure), way
+        return self._shown(points, value, reach, way, unsure, sampler), way
 
     def _scattered(self, haze: Haze) -> mi.Color3f:
         asking, fluence = dr.compress(haze.valid), self.field.volume.fluence

@@ -12,17 +12,17 @@ import numpy as np
 def bounding_box(scene: mi.Scene) -> np.ndarray:
     """Two opposite corners of the box around all shapes, world units, (2, 3); zeros without shapes.
 
-    ``scene.bbox()`` is wrong if Mitsuba merged rectangles into one mesh on loading: the bounding
-    box of that mesh is empty.
+    ``scene.bbox()`` is wrong if Mitsuba merged rectangles into a mesh on loading: the box of that
+    mesh does not contain them.
     """
     corners = []
     for shape in scene.shapes():
         box = shape.bbox()
-        if box.valid():
-            corners += [np.array(box.min), np.array(box.max)]
-        elif shape.is_mesh() and shape.vertex_count():
+        if shape.class_name() == "Mesh" and shape.vertex_count():  # merged, or made in Python
             vertices = np.array(shape.vertex_positions_buffer()).reshape(-1, 3)
             corners += [vertices.min(axis=0), vertices.max(axis=0)]
+        elif box.valid():
+            corners += [np.array(box.min), np.array(box.max)]
     if not corners:
         return np.zeros((2, 3))
     return np.array([np.min(corners, axis=0), np.max(corners, axis=0)], dtype=float)
@@ -45,18 +45,3 @@ def inside_box(p: mi.Point3f, bounds: tuple[Any, Any]) -> mi.Bool:
     """Which points lie in the box between two corners, (N,)."""
     lower, upper = (mi.Point3f(*(dr.opaque(mi.Float, v) for v in corner)) for corner in bounds)
     return dr.all((p >= lower) & (p <= upper))
-
-
-def require_bounds(scene: mi.Scene) -> None:
-    """Raise a ``ValueError`` if photons from infinite emitters would miss part of the scene.
-
-    Such emitters aim at the bounding box that the scene had when it was loaded.
-    """
-    emitters = [e for e in scene.emitters() if mi.has_flag(e.flags(), mi.EmitterFlags.Infinite)]
-    if emitters and not all(shape.bbox().valid() for shape in scene.shapes()):
-        kinds = ", ".join(sorted({e.class_name() for e in emitters}))
-        raise ValueError(
-            "Mitsuba merged rectangles of this scene into a mesh without a bounding box, so "
-            f"light from its {kinds} would miss them. Load it with "
-            "mi.load_file(path, optimize=False)."
-        )

@@ -9,7 +9,8 @@ import drjit as dr
 import mitsuba as mi
 
 from gpf.core.errors import UserError
-from gpf.scene.materials import NOT_DIFFUSE, inseparable_materials
+from gpf.scene.bounds import bounding_box
+from gpf.scene.materials import NOT_DIFFUSE, require_separable
 from gpf.scene.media_checks import check_media
 from gpf.scene.shapes import all_shapes
 
@@ -25,12 +26,7 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
     info = scene_info(scene)
     if info["emitters"]["count"] == 0:
         raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
-    if names := inseparable_materials(scene):
-        raise UserError(
-            where,
-            f"has materials of type {', '.join(names)}, whose diffuse part cannot be separated",
-            "Load the scene with gpf.load_scene_file, or prefix the type with separable_.",
-        )
+    require_separable(scene, where)
     if loses_dim_sky(scene):
         raise UserError(
             where,
@@ -103,12 +99,9 @@ def scene_info(scene: mi.Scene) -> dict[str, Any]:
             ),
         }
     emitters = scene.emitters()
-    bbox = scene.bbox()
+    lower, upper = bounding_box(scene).tolist()
     return {
-        "bbox": {
-            "min": [float(bbox.min[i]) for i in range(3)],
-            "max": [float(bbox.max[i]) for i in range(3)],
-        },
+        "bbox": {"min": lower, "max": upper},
         "emitters": {
             "count": len(emitters),
             "types": dict(sorted(Counter(emitter.class_name() for emitter in emitters).items())),

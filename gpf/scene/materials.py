@@ -17,6 +17,8 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
+from gpf.core.errors import UserError
+
 # Materials that evaluate all components, whatever the context enables: their diffuse part cannot be
 # separated and would count twice.
 INSEPARABLE = {"Principled": "principled", "PrincipledThin": "principledthin"}
@@ -39,13 +41,13 @@ def inseparable_materials(scene: mi.Scene) -> list[str]:
     return sorted(INSEPARABLE[name] for name in found & INSEPARABLE.keys())
 
 
-def require_separable(scene: mi.Scene) -> None:
-    """Raise a ``ValueError`` if the scene has a material that photon mapping cannot use."""
+def require_separable(scene: mi.Scene, where: str = "scene") -> None:
+    """Raise a :class:`UserError` if the scene has a material that photon mapping cannot use."""
     if names := inseparable_materials(scene):
-        raise ValueError(
-            f"the scene has materials of type {', '.join(names)}, whose diffuse part cannot "
-            "be separated. Load the scene with gpf.load_scene_file, or prefix the type with "
-            "separable_."
+        raise UserError(
+            where,
+            f"has materials of type {', '.join(names)}, whose diffuse part cannot be separated",
+            "Load the scene with gpf.load_scene_file, or prefix the type with separable_.",
         )
 
 
@@ -135,3 +137,24 @@ def diffuse_transfer(bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, active: mi.B
     slanted = bsdf.eval(context, upright, si.wi, active) / dr.abs(si.wi.z)
     straight = bsdf.eval(context, upright, normal, active)
     return dr.select(active & (straight > 0), slanted / straight, 1)
+
+
+@dr.syntax
+def reflected_share(  # type: ignore[no-untyped-def]
+    bsdf: mi.BSDFPtr, si: mi.SurfaceInteraction3f, sample: mi.BSDFSample3f, active: mi.Bool
+) -> mi.Color3f:
+    """The share f_d / f of the diffuse component in the light that leaves by a sampled direction,
+    (N, 3).
+
+    The type of a sample does not tell it: many BSDFs choose a direction by one component, and weigh
+    it by all. What cloth and paper transmit diffusely is not part of the component.
+    """
+    same_side = active & (si.wi.z * sample.wo.z > 0) & has_diffuse(bsdf, si)
+    same_side &= ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+    share = dr.select(same_side, mi.Color3f(1), 0)
+    if same_side & is_glossy(bsdf):
+        context = mi.BSDFContext(mi.TransportMode.Importance)
+        diffuse = bsdf.eval(diffuse_context(context.mode), si, sample.wo, same_side)
+        whole = bsdf.eval(context, si, sample.wo, same_side)
+        share = dr.select(whole > diffuse, diffuse / whole, 1)
+    return share

@@ -54,8 +54,9 @@ def look_along(
     along = frame.to_world(mi.Vector3f(direction.x, direction.y, 0))
     ray = mi.Ray3f(p + _HEIGHT * reach * n, along, reach, 0, mi.Color0f())
     si = scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
-    stands = si.is_valid() & (dr.dot(si.n, n) < SAME_SURFACE_COSINE)
-    facing = frame.to_local(mi.Vector3f(si.n))
+    front = dr.mulsign(mi.Vector3f(si.n), -dr.dot(si.n, along))
+    stands = si.is_valid() & (dr.dot(front, n) < SAME_SURFACE_COSINE)
+    facing = frame.to_local(front)
     # An obstacle that leans far over is assumed to face the point.
     away = mi.Vector2f(facing.x, facing.y)
     away *= dr.sign(dr.dot(away, direction))

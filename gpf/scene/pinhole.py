@@ -58,7 +58,7 @@ def make_pinhole(view: View, size: tuple[int, int]) -> Pinhole:
     return Pinhole(origin, rotation, find_focal(view, size), size, (x, y))
 
 
-def find_focal(view: View, size: tuple[int, int]) -> float:
+def find_focal(view: View, size: tuple[float, float]) -> float:
     """Focal length in pixels: e / (2 tan(fov / 2)), with the extent e along ``fov_axis``."""
     width, height = size
     extents = {

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from gpf.core.errors import UserError
 from gpf.core.yaml import explain
+from gpf.scene.upright import upright
 from gpf.scene.views import View, name_view
 
 
@@ -73,9 +74,10 @@ def scene_cameras(scene: mi.Scene) -> list[mi.Sensor]:
 def views_of_sensors(scene: mi.Scene) -> list[View]:
     """One view per sensor from :func:`scene_cameras`.
 
-    ``target`` is one unit in front of ``origin``, and ``fov`` is the angle across x. Names come
-    from the ids of the sensors; without an id, the name is ``camera``. A view is a pinhole camera:
-    it has no aperture, film crop or mirrored image (:func:`differs_from_view` reports these).
+    ``target`` is one unit in front of ``origin``, ``up`` is the scene's vertical unless the camera
+    rolls (:func:`gpf.scene.upright.upright`), and ``fov`` is the angle across x. Names come from
+    the ids of the sensors; without an id, the name is ``camera``. A view is a pinhole camera: it
+    has no aperture, film crop or mirrored image (:func:`differs_from_view` reports these).
 
     Raises
     ------
@@ -101,7 +103,7 @@ def views_of_sensors(scene: mi.Scene) -> list[View]:
             told = explain(f"sensor {sensor.id()!r}", View, error)
             raise UserError(told.where, told.what, "Correct its to_world and its fov.") from error
         views.append(view)
-    return views
+    return upright(views)
 
 
 def film_aspect(sensor: mi.Sensor) -> float:

@@ -23,6 +23,7 @@ from gpf.core.files import write_text
 from gpf.core.yaml import explain
 from gpf.scene.pinhole import Pinhole, make_pinhole
 from gpf.scene.sensors import make_sensor
+from gpf.scene.upright import upright
 from gpf.scene.views import SceneViews, View, ViewSets, name_view, read_views
 
 # From the computer-vision camera (y down, z forward) to the OpenGL camera (y up, z backward).
@@ -117,7 +118,7 @@ def read_transforms(path: Path) -> SceneViews:
             str(path), "has images with different aspect ratios", "Use one file per ratio."
         )
     try:
-        return SceneViews(aspect=round(aspects[0], 6), views=ViewSets(train=tuple(views)))
+        return SceneViews(aspect=round(aspects[0], 6), views=ViewSets(train=tuple(upright(views))))
     except ValidationError as error:
         raise explain(str(path), SceneViews, error) from error
 

@@ -25,17 +25,17 @@ class FixedPoints:
     Parameters
     ----------
     points: positions, and normals on the side where light is gathered, (N).
+    lasting: whether their surfaces are found once, and kept in memory. Not in a recorded loop.
     """
 
-    def __init__(self, scene: mi.Scene, points: VisiblePoints) -> None:
-        self.scene, self.points = scene, points
+    def __init__(self, scene: mi.Scene, points: VisiblePoints, lasting: bool = True) -> None:
+        self.scene, self.points, self._lasting = scene, points, lasting
 
     @cached_property
     def _surface(self) -> mi.SurfaceInteraction3f:
         """The surfaces of the points, (N,), found by short rays from above; invalid where a ray
         misses the surface."""
-        above = dr.zeros(mi.SurfaceInteraction3f, dr.width(self.points.p))
-        above.p, above.n = self.points.p, self.points.n
+        above = self._interactions()
         ray = above.spawn_ray(self.points.n)
         height = dr.norm(ray.o - self.points.p)
         ray.d = -self.points.n
@@ -43,7 +43,8 @@ class FixedPoints:
         si = self.scene.ray_intersect(ray)
         same = si.is_valid() & (dr.abs(dr.dot(si.n, self.points.n)) > 0.7)
         si.t = dr.select(same, si.t, dr.inf)
-        dr.eval(si)
+        if self._lasting:
+            dr.eval(si)
         return si
 
     def direct_irradiance(self, sample: mi.Point2f, lamps: Lamps | None = None) -> mi.Color3f:

@@ -7,7 +7,6 @@ more.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Annotated
@@ -141,19 +140,13 @@ class PhotonStream:
                 self.sample()
             tick(self.count)
 
-    def light_by(self, field: GaussianPhotonField, seconds: float = math.inf) -> None:
+    def light_by(self, field: GaussianPhotonField) -> None:
         """From now on, gather the light of diffuse surfaces by rays that end in a field of the same
-        scene; photons that bring this light no longer count.
-
-        Nothing changes if the first rays would take longer than ``seconds``, or in media.
-        """
+        scene; photons that bring this light no longer count. Nothing changes in media."""
         if self.photons.volume is not None:
             return
         gathered = self._gathered_by(field, self.count)
-        for _ in range(2):  # the first one compiles
-            gathered.add()
-        if (gathered.LEAST - gathered.samples) * gathered.seconds > seconds:
-            return
+        gathered.add()  # compiles, so its time is no measure
         self.gathered = gathered
         self._balance()
         self.sample()

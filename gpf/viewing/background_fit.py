@@ -1,6 +1,7 @@
 """A fit in a process of its own, which pauses while the viewer needs the cores.
 
-The process prints one JSON object per line: its progress, and whether there is a new field to show.
+On its standard output, the process has nothing but one JSON object per line: its progress, and
+whether there is a new field to show.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -99,10 +100,11 @@ class BackgroundFit:
 
     def _listen(self) -> None:
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            facts: dict[str, Any] = json.loads(line)
-            fields = self.status.fields + bool(facts.pop("field", False))
-            self.status = FitStatus(**facts, fields=fields)
+        with self._process.stdout as reports:
+            for line in reports:
+                facts: dict[str, Any] = json.loads(line)
+                fields = self.status.fields + bool(facts.pop("field", False))
+                self.status = FitStatus(**facts, fields=fields)
         code = self._process.wait()
         error = ""
         if code < 0 and not self._closing:
@@ -110,14 +112,7 @@ class BackgroundFit:
         elif code > 0:
             text = Path(self._errors.name).read_text(errors="replace").strip()
             error = text.splitlines()[-1] if text else f"the fit ended with exit code {code}"
-        self.status = FitStatus(
-            self.status.passes,
-            self.status.all_passes,
-            self.status.psnr,
-            self.status.fields,
-            ended=True,
-            error=error,
-        )
+        self.status = replace(self.status, ended=True, error=error)
 
 
 def main(
@@ -135,10 +130,17 @@ def main(
     from gpf.scene.transforms import read_sensors
     from gpf.scene.untraceable import telling_untraceable
 
+    # Mitsuba prints its warnings, too; the viewer has printed them.
+    reports = os.fdopen(os.dup(1), "w")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     choose_variant("auto")
     scene = load_scene_file(scene_file)
     sensors, exposure = (None, None) if views is None else read_sensors(views, ROWS)
     told = 0.0
+
+    def tell(passes: int, psnr: float | None, field: bool) -> None:
+        facts = {"passes": passes, "all_passes": PASSES, "psnr": psnr, "field": field}
+        print(json.dumps(facts), file=reports, flush=True)
 
     def report(progress: FitProgress) -> None:
         nonlocal told
@@ -150,13 +152,7 @@ def main(
             save_field(progress.field, live)
         if show or time.monotonic() - told > _REPORT_SECONDS:
             told = time.monotonic()
-            facts = {
-                "passes": progress.passes,
-                "all_passes": PASSES,
-                "psnr": progress.psnr,
-                "field": show,
-            }
-            print(json.dumps(facts), flush=True)
+            tell(progress.passes, progress.psnr, show)
 
     with telling_untraceable(str(scene_file)):
         field = fit(
@@ -169,9 +165,7 @@ def main(
             exposure=exposure,
         )
     save_field(field, live)
-    psnr = field.record["estimated_psnr"]
-    facts = {"passes": PASSES, "all_passes": PASSES, "psnr": psnr, "field": True}
-    print(json.dumps(facts), flush=True)
+    tell(PASSES, field.record["estimated_psnr"], True)
 
 
 def _end_with(parent: int) -> None:

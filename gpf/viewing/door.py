@@ -25,7 +25,10 @@ class Door(socket.socket):
     """
 
     def __init__(self, host: str, port: int, most: int) -> None:
-        super().__init__(fileno=socket.create_server((host, port)).detach())
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        both = host == "::"
+        door = socket.create_server((host, port), family=family, dualstack_ipv6=both)
+        super().__init__(fileno=door.detach())
         self._most = most
         self._strangers: list[socket.socket] = []
         self._lock = threading.Lock()

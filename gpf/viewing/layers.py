@@ -11,11 +11,11 @@ import numpy as np
 
 from gpf.core.structs import to_numpy
 from gpf.field.field import GaussianPhotonField
-from gpf.importing.orbit import unit_vector
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.rendering.aovs import MOST_COVERAGE
 from gpf.rendering.denoiser import GUIDES
-from gpf.scene.views import Keyframe
+from gpf.scene.pinhole import make_pinhole
+from gpf.scene.views import Keyframe, View
 from gpf.viewing.messages import Layer
 from gpf.viewing.screen import false_colours, to_display
 
@@ -85,21 +85,16 @@ class PhotonPoints:
     def draw(self, camera: Keyframe, size: tuple[int, int]) -> np.ndarray:
         """Display values (H, W, 3) uint8 of the photons that the camera sees."""
         width, height = size
-        place = to_numpy(self._place).astype(np.float64)
-        origin = np.array(camera.origin)
-        ahead = unit_vector(np.subtract(camera.target, origin))
-        right = unit_vector(np.cross(ahead, camera.up))
-        up = np.cross(right, ahead)
-        way = place - origin
-        depth = np.maximum(way @ ahead, 1e-9)
-        scale = 0.5 * width / np.tan(np.radians(camera.fov) / 2)
-        x = np.floor(0.5 * width + scale * (way @ right) / depth).astype(int)
-        y = np.floor(0.5 * height - scale * (way @ up) / depth).astype(int)
-        inside = (way @ ahead > 0) & (x >= 0) & (x < width - 1) & (y >= 0) & (y < height - 1)
-        shown = np.flatnonzero(inside & ~self._hidden(origin))
+        pinhole = make_pinhole(View(name="photons", **camera.model_dump()), size)
+        places, depth = pinhole.project(to_numpy(self._place).astype(np.float64))
+        inside = (
+            (depth > 0) & (places >= 0).all(axis=1) & (places < np.subtract(size, 1)).all(axis=1)
+        )
+        shown = np.flatnonzero(inside & ~self._hidden(pinhole.origin))
+        x, y = places[shown].astype(int).T
         pixels = np.zeros((height, width, 3), np.uint8)
         for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
-            pixels[y[shown] + dy, x[shown] + dx] = self._colour[shown]
+            pixels[y + dy, x + dx] = self._colour[shown]
         return pixels
 
     def _hidden(self, origin: np.ndarray) -> np.ndarray:

@@ -43,6 +43,7 @@ class Look(Settings):
     Attributes
     ----------
     rows: height of the picture of a camera at rest, pixels.
+    aspect: width divided by height of the pictures; None for that of the scene's cameras.
     layer: the picture, a layer of it in false colours, or the Gaussians or photons themselves.
     stops: exposure in powers of two, relative to that of the scene.
     curve: ``srgb`` clips bright light; ``soft`` never does.
@@ -54,6 +55,7 @@ class Look(Settings):
     type: Literal["look"] = "look"
     number: Annotated[int, Field(ge=0)] = 0
     rows: Annotated[int, Field(ge=64, le=MOST_ROWS)] = 384
+    aspect: Annotated[float, Field(ge=0.2, le=5)] | None = None
     layer: Layer = "image"
     stops: Annotated[float, Field(ge=-20, le=20)] = 0.0
     curve: Literal["srgb", "soft"] = "srgb"

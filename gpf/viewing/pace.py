@@ -27,9 +27,8 @@ class Pace:
             for height in HEIGHTS:
                 spent = self.per_pixel * aspect * height * height
                 # The picture grows only with time to spare.
-                if spent < FRAME_SECONDS * (0.8 if height > self._height else 1.1):
-                    best = height
-                elif height == HEIGHTS[0]:
+                most_time = FRAME_SECONDS * (0.8 if height > self._height else 1.1)
+                if height == HEIGHTS[0] or spent < most_time:
                     best = height
             self._height = best
         return min(self._height, most)

@@ -25,6 +25,8 @@ class Page:
     moved: when the camera moved last, by ``time.perf_counter``.
     moving: whether the page asks for another picture.
     compared: the picture by path tracing, beside that of the field.
+    depth: distance of what the picture shows (:meth:`gpf.viewing.screen.Screen.depth`); None while
+        it is not known.
     sent: when the last picture was sent.
     tasks: files to be made; each step of an iterator is one frame at most, so that cameras keep
         moving.
@@ -38,6 +40,7 @@ class Page:
     moving: bool = True
     picture: Accumulated = field(default_factory=Accumulated)
     compared: Accumulated = field(default_factory=Accumulated)
+    depth: float | None = None
     sent: float = 0.0
     denoised: np.ndarray | None = None
     tasks: deque[Iterator[None]] = field(default_factory=deque)
@@ -49,7 +52,7 @@ class Page:
     def start_anew(self) -> None:
         """Forget the picture."""
         self.picture, self.compared = Accumulated(), Accumulated()
-        self.denoised = None
+        self.denoised = self.depth = None
 
     def do_task(self) -> bool:
         """Take one step of the first task; return whether there was one."""

@@ -43,5 +43,5 @@ def same_place(one: Keyframe, other: Keyframe) -> bool:
     return (
         np.allclose(one.origin, other.origin, atol=1e-5)
         and np.allclose(first, second, atol=1e-5)
-        and abs(one.fov - other.fov) < 1e-3
+        and np.allclose((one.fov, *one.shift), (other.fov, *other.shift), atol=1e-3)
     )

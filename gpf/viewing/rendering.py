@@ -46,7 +46,7 @@ class PageRenderer:
 
     def __init__(self, subject: Subject, field: GaussianPhotonField | None) -> None:
         self.subject = subject
-        self.screens = Screens(subject.scene, subject.aspect, field)
+        self.screens = Screens(subject.scene, field)
         self._paces: dict[Layer, Pace] = {}
 
     def show_moving(self, page: Page, look: Look, camera: Keyframe, number: int) -> None:
@@ -54,15 +54,18 @@ class PageRenderer:
         layer = self.screens.layer(look.layer)
         page.start_anew()
         if layer == "photons":
-            self._send(page, self.screens.photons(camera, look.rows), number, 1, 90)
+            framed = self.subject.framed(camera, look.aspect)
+            self._send(
+                page, self.screens.photons(framed, self.size(look, look.rows)), number, 1, 90
+            )
             return
         pace = self._paces.setdefault(layer, Pace())
         start = time.perf_counter()
         rows = _PREVIEW_ROWS
         if self.screens.field is not None:
-            rows = pace.height(self.subject.aspect, look.rows)
-        screen = self.screens.screen(layer, rows, moving=True)
-        image = screen.frame(camera)
+            rows = pace.height(look.aspect or self.subject.aspect, look.rows)
+        screen = self.screens.screen(layer, self.size(look, rows), moving=True)
+        image = screen.frame(self.subject.framed(camera, look.aspect))
         self._send(page, self.display(look, image), number, 1, 80)
         if screen.frames > 3:  # the first ones record
             pace.note(time.perf_counter() - start, screen.size[0] * screen.size[1])
@@ -82,19 +85,25 @@ class PageRenderer:
         if page.has_moved():
             return True
         if compares:
-            screen, total = self.screens.path_screen(rows), page.compared
+            screen, total = self.screens.path_screen(self.size(look, rows)), page.compared
         else:
             layer = self.screens.layer(look.layer)
-            screen = self.screens.screen(layer, rows, moving=False)
+            screen = self.screens.screen(layer, self.size(look, rows), moving=False)
             total = picture
-        frame = screen.frame(page.camera)
+        frame = screen.frame(self.subject.framed(page.camera, look.aspect))
         total.add(frame, time.perf_counter() - start)
+        if page.depth is None:
+            page.depth = screen.depth()
         if page.has_moved():
             return True  # the camera has moved in the meantime
         due = time.perf_counter() - page.sent > _PICTURE_SECONDS
         if picture.frames and (picture.frames >= most or compares or due):
             self._show_resting(page, number)
         return True
+
+    def size(self, look: Look, rows: int) -> tuple[int, int]:
+        """Width and height of a picture, pixels."""
+        return max(1, round(rows * (look.aspect or self.subject.aspect))), rows
 
     def display(self, look: Look, image: np.ndarray) -> np.ndarray:
         """Display values (H, W, 3) uint8 of an image (H, W, C)."""
@@ -143,6 +152,7 @@ class PageRenderer:
             "height": pixels.shape[0],
             "role": role,
             "psnr": psnr,
+            "depth": page.depth,
             "passes": self.screens.field is None,
         }
         page.client.show(header, encode(pixels, quality))

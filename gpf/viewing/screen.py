@@ -15,6 +15,9 @@ from gpf.core.images import tone_map
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import Keyframe, View
 
+# Rays across a picture that measure depth.
+_PROBES = 16
+
 # Entries of the table of a tone curve.
 _ENTRIES = 1 << 14
 
@@ -63,6 +66,19 @@ class Screen:
         )
         self.frames += 1
         return np.array(image)
+
+    def depth(self) -> float:
+        """The median distance along the axis of what the last frame shows in its middle ninth or,
+        if there is no surface, in all of it; 0 if it shows none."""
+        index = dr.arange(mi.UInt32, _PROBES**2)
+        place = (mi.Point2f(index % _PROBES, index // _PROBES) + 0.5) / _PROBES - 0.5
+        ahead = self.sensor.world_transform() @ mi.Vector3f(0, 0, 1)
+        for share in (1 / 3, 1.0):
+            ray, _ = self.sensor.sample_ray(0.0, 0.5, dr.opaque(mi.Float, share) * place + 0.5, 0.5)
+            depth = np.array(self.scene.ray_intersect_preliminary(ray).t * dr.dot(ray.d, ahead))
+            if np.isfinite(depth).any():
+                return float(np.median(depth[np.isfinite(depth)]))
+        return 0.0
 
 
 @dataclass

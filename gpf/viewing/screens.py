@@ -30,8 +30,8 @@ _AS_IT_IS = (1.0, 1.0, 1.0)
 # Number of screens that are kept; each has its own kernels.
 _MOST_SCREENS = 12
 
-# What a screen shows, its rows, and whether the camera moves.
-_Key = tuple[Layer | Literal["path"], int, bool]
+# What a screen shows, its width and height, and whether the camera moves.
+_Key = tuple[Layer | Literal["path"], tuple[int, int], bool]
 
 
 class Screens:
@@ -39,12 +39,11 @@ class Screens:
 
     Parameters
     ----------
-    aspect: width divided by height.
     field: None while there is none yet; then pictures are passes of photon mapping.
     """
 
-    def __init__(self, scene: mi.Scene, aspect: float, field: GaussianPhotonField | None) -> None:
-        self.scene, self.aspect = scene, aspect
+    def __init__(self, scene: mi.Scene, field: GaussianPhotonField | None) -> None:
+        self.scene = scene
         self.field: GaussianPhotonField | None = None
         self._screens: OrderedDict[_Key, Screen] = OrderedDict()
         self._ellipses: GaussianPhotonField | None = None
@@ -99,9 +98,9 @@ class Screens:
         lacks_error = wanted == "error" and (self.field is None or self.field.error is None)
         return "image" if self.field is None or lacks_error else wanted
 
-    def screen(self, layer: Layer, rows: int, moving: bool) -> Screen:
+    def screen(self, layer: Layer, size: tuple[int, int], moving: bool) -> Screen:
         """The screen for a layer, with the denoiser's inputs if the camera is at rest."""
-        key: _Key = (layer, rows, moving)
+        key: _Key = (layer, size, moving)
         if key not in self._screens:
             if self.field is None:
                 integrator = mi.load_dict({"type": "sppm", "photons_per_pass": _PREVIEW_PATHS})
@@ -117,18 +116,18 @@ class Screens:
             self._add(key, integrator)
         return self._used(key)
 
-    def path_screen(self, rows: int) -> Screen:
+    def path_screen(self, size: tuple[int, int]) -> Screen:
         """The screen for path tracing the scene."""
-        key: _Key = ("path", rows, False)
+        key: _Key = ("path", size, False)
         if key not in self._screens:
             self._add(key, mi.load_dict({"type": "path", "max_depth": _PATH_DEPTH}))
         return self._used(key)
 
-    def photons(self, camera: Keyframe, rows: int) -> np.ndarray:
+    def photons(self, camera: Keyframe, size: tuple[int, int]) -> np.ndarray:
         """Photons as points, display values (H, W, 3) uint8."""
         if self._photons is None:
             self._photons = PhotonPoints(self.scene)
-        return self._photons.draw(camera, self.size(rows))
+        return self._photons.draw(camera, size)
 
     def denoised(self, image: np.ndarray) -> np.ndarray | None:
         """The denoised picture (H, W, 3) of an image (H, W, C) from a camera at rest; None without
@@ -140,10 +139,6 @@ class Screens:
         if size not in self._denoisers:
             self._denoisers = {size: ImageDenoiser(size, prefilter=True, quality="fast")}
         return self._denoisers[size].denoise(layers["radiance"], *(layers[g] for g in GUIDES))
-
-    def size(self, rows: int) -> tuple[int, int]:
-        """Width and height, pixels."""
-        return max(1, round(rows * self.aspect)), rows
 
     def _update(self, only: Layer | None = None) -> None:
         """Set the field of all screens again, or of those of one layer."""
@@ -159,7 +154,7 @@ class Screens:
         return self._ellipses
 
     def _add(self, key: _Key, integrator: mi.Integrator) -> None:
-        self._screens[key] = Screen(self.scene, integrator, self.size(key[1]))
+        self._screens[key] = Screen(self.scene, integrator, key[1])
         while len(self._screens) > _MOST_SCREENS:
             self._screens.popitem(last=False)
 

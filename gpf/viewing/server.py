@@ -7,6 +7,7 @@ Connections that do not send the token are few and short-lived (:mod:`gpf.viewin
 
 from __future__ import annotations
 
+import errno
 import hmac
 import logging
 import secrets
@@ -140,7 +141,7 @@ class PageServer:
 
     Raises
     ------
-    UserError: the port cannot be used.
+    UserError: the host or the port cannot be used.
     """
 
     def __init__(self, listener: Listener, host: str = "127.0.0.1", port: int = 0) -> None:
@@ -161,9 +162,10 @@ class PageServer:
                 logger=_quiet(),
             )
         except (OSError, OverflowError) as error:
-            raise UserError(
-                f"--port {port}", f"cannot be used: {error}", "Choose another, or 0 for any."
-            ) from error
+            where, todo = f"--host {host}", "Give an address of this machine."
+            if getattr(error, "errno", None) in (None, errno.EADDRINUSE, errno.EACCES):
+                where, todo = f"--port {port}", "Choose another, or 0 for any."
+            raise UserError(where, f"cannot be used: {error}", todo) from error
         self.port = int(self._server.socket.getsockname()[1])
         self.host = host
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
@@ -180,13 +182,14 @@ class PageServer:
         return f"{f'[{host}]' if ':' in host else host}:{self.port}"
 
     def _is_ours(self, name: str | None) -> bool:
-        """Whether a request may call this machine by this name.
+        """Whether a request may call this machine by this name, at any port: that of a tunnel is
+        another.
 
         A page from elsewhere whose host name resolves to this machine sends that name. If other
         machines are meant to reach this one, it may have any name; then only the token protects it.
         """
-        here = {self._name, f"localhost:{self.port}", f"127.0.0.1:{self.port}"}
-        return name in here or (name is not None and self.host not in _LOOPBACK)
+        host = (name or "").rpartition(":")[0].strip("[]") or name
+        return host in _LOOPBACK or (name is not None and self.host not in _LOOPBACK)
 
     def close(self) -> None:
         """Close all pages and the port."""

@@ -22,7 +22,9 @@ def save_view(subject: Subject, page: Page, camera: Keyframe, message: SaveView)
     new = SceneViews(aspect=subject.aspect, exposure=subject.exposure or 1.0)
     view = add_view(subject.views_file, camera, message.name or "saved", taken, new)
     subject.cameras.append(view)
-    page.client.tell({"type": "saved", "camera": view.model_dump()})
+    page.client.tell(
+        {"type": "saved", "camera": view.model_dump(), "file": subject.views_file.name}
+    )
     yield
 
 
@@ -38,6 +40,7 @@ def send_exr(title: str, page: Page, picture: Accumulated) -> Iterator[None]:
 def send_film(renderer: PageRenderer, page: Page, message: GetFilm) -> Iterator[None]:
     """Render a film and send it."""
     subject, screens, look = renderer.subject, renderer.screens, page.look
+    size = renderer.size(look, look.rows)
     path = CameraPath(keyframes=message.keyframes, frames=message.frames, closed=message.closed)
     try:
         views = SceneViews(aspect=subject.aspect, path=path, fov_axis="x").frames()
@@ -47,10 +50,13 @@ def send_film(renderer: PageRenderer, page: Page, message: GetFilm) -> Iterator[
         ) from error
     with Film() as film:
         for k, view in enumerate(views):
-            total = Accumulated()
-            for _ in range(message.spp):
-                total.add(screens.screen("image", look.rows, moving=False).frame(view))
+            camera = subject.framed(view, look.aspect)
+            total, field = Accumulated(), screens.field
+            while total.frames < message.spp:
+                total.add(screens.screen("image", size, moving=False).frame(camera))
                 yield
+                if screens.field is not field:  # a new one: from the start
+                    total, field = Accumulated(), screens.field
             image = total.mean()
             if message.spp <= 16:
                 denoised = screens.denoised(image)

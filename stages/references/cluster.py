@@ -93,7 +93,7 @@ def render_part(
 def pack(work: Workspace) -> bytes:
     """A zip archive of the files that a worker needs: parameters, scene and views."""
     data = io.BytesIO()
-    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as archive:
         archive.write("params.yaml")
         # Only the existence of this file is checked.
         archive.writestr(zipfile.ZipInfo(f"scenes/{work.scene}/scene.xml"), "")

@@ -144,7 +144,7 @@ def test_the_scene_as_gltf_and_as_a_page(box, capsys):
     assert "box.glb: 0.0 MB" in said and "the_box.html: 0." in said
     assert Path("box.glb").read_bytes()[:4] == b"glTF" and Path("a/light.exr").is_file()
     page = Path("pages/the_box.html").read_text()
-    assert "<title>the box</title>" in page and "Permission is hereby granted" in page
+    assert "<title>box</title>" in page and "Permission is hereby granted" in page
     assert not re.search("{(title|licence|parts)}", page) and len(page) < 700_000
     assert "http" not in re.sub("Permission.*?-->", "", page, flags=re.S).partition("<script")[2]
     shutil.rmtree("a")
@@ -174,9 +174,11 @@ def test_what_was_baked_before_is_kept(box, capsys):
         ("--exposure nan", "--exposure nan: is out of range"),
         ("--size 8", "Invalid value for '--size'"),
         ("--field missing.safetensors", "missing.safetensors: is missing"),
+        ("--size 64 --blend a.blend", "GPF_BLENDER=none: is neither Blender"),
     ],
 )
-def test_a_wrong_option_is_told_in_words(box, capsys, words, told):
+def test_a_wrong_option_is_told_in_words(box, capsys, monkeypatch, words, told):
+    monkeypatch.setenv("GPF_BLENDER", "none")
     assert told in refused(capsys, *words.split(), "-o", "a")
     assert not Path("a").exists()
 

@@ -88,6 +88,16 @@ def refused(capfd, *words: str) -> str:
     return text
 
 
+def test_a_scene_of_the_pipeline_gives_an_image_here(room):
+    made = room / "results" / "box" / "scene"
+    made.mkdir(parents=True)
+    (room / "room.xml").rename(made / "scene.xml")
+    with pytest.raises(SystemExit) as outcome:
+        main(["mitsuba", "box", "--spp", "1"])
+    assert outcome.value.code == 0
+    assert (room / "box.exr").is_file() and [*made.iterdir()] == [made / "scene.xml"]
+
+
 @pytest.mark.parametrize("name", ["a.exr", "a.hdr", "a.pfm", "a.png", "a.JPG", "new/a.jpeg"])
 def test_the_ending_chooses_the_format(room, name):
     assert run("-o", name) == 0

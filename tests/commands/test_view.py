@@ -8,8 +8,12 @@ from pathlib import Path
 import pytest
 
 from gpf.cli import main
+from gpf.commands.cameras import file_beside
+from gpf.commands.scenes import title_of
 from gpf.core.files import write_tensors
 from gpf.field.io import load_field, save_field
+from gpf.scene.views import Keyframe, SceneViews
+from gpf.viewing.downloads import add_view
 from gpf.viewing.viewer import Viewer
 
 
@@ -35,6 +39,41 @@ def test_the_field_of_this_scene_is_shown(shown, capsys):
     assert shown[0].field is not None and shown[0].fit is None and shown[0].subject.exposure == 1.5
     assert Path("field.safetensors").read_bytes() == before
     assert not Path("field.fit").exists()
+
+
+def test_a_saved_camera_stays_out_of_later_fits(shown):
+    """It is listed the next time; what `gpf fit` and `render` take is as before."""
+    assert view() == 0
+    viewer = shown[0]
+    camera = viewer.subject.cameras[0]
+    file, known = viewer.subject.views_file, len(viewer.subject.cameras)
+    add_view(
+        file, Keyframe(origin=(0, 1, 3), target=camera.target, fov=40), "mine", (), SceneViews()
+    )
+    assert file == Path("box.views.yaml") and file.exists()
+    assert file_beside(Path("box.xml"), None) is None
+    assert view() == 0
+    names = [camera.name for camera in shown[1].subject.cameras]
+    assert len(names) == known + 1 and names[-1] == "mine"
+    assert view("--views", "own.yaml") == 0
+    assert shown[2].subject.views_file == Path("own.yaml")
+
+
+@pytest.mark.parametrize(
+    ("given", "title"),
+    [
+        ("box.xml", "box"),
+        ("rooms/kitchen/scene.xml", "kitchen"),
+        ("rooms/kitchen", "kitchen"),
+        ("rooms/bath v1.2", "bath v1.2"),
+        ("pool.blend", "pool"),
+        ("veach_ajar", "veach_ajar"),
+    ],
+)
+def test_a_scene_is_called_as_it_is_given(given, title, tmp_path, monkeypatch):
+    (tmp_path / "rooms" / "bath v1.2").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
+    assert title_of(given) == title
 
 
 def no_words(field: Path) -> None:

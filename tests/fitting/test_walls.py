@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import gpf
+from gpf.baking.light import bake_light
 from gpf.core.structs import from_numpy, to_numpy
-from tests.furnace import camera, diffuse, lamp, room
+from tests.furnace import camera, diffuse, floor, lamp, rectangle, rgb, room, two_sided
 
 UP = np.array([0, 0, 1], np.float32)
 HALF = 0.005
@@ -60,3 +61,52 @@ def test_light_neither_leaks_under_a_wall_nor_darkens_before_it(scene):
         # Twelve passes make a smooth field: in the corner it does not get quite as dark.
         assert found[0] == pytest.approx(expected, rel=0.08), (low, high)
         assert found[1] < 0.002 * expected, (low, high)
+
+
+@pytest.fixture(scope="module")
+def sealed() -> mi.Scene:
+    """A box of single sheets on a large floor under sun and sky: inside, it is dark."""
+    around = [(1, 0), (-1, 0), (0, 1), (0, -1)]
+    sheet = two_sided(0.6)
+    walls = {
+        f"wall {k}": rectangle((x, y, 1), (9 * x, 9 * y, 1), 2, 2, sheet)
+        for k, (x, y) in enumerate(around)
+    }
+    roof = {"roof": floor(sheet, z=2, size=2)}
+    sky = {"type": "constant", "radiance": rgb(0.3)}
+    sun = {"type": "directional", "direction": [0.5, 0.3, -0.8], "irradiance": rgb(3)}
+    light = {"sky": sky, "sun": sun}
+    return mi.load_dict(
+        {"type": "scene", "floor": floor(diffuse(0.5), size=20)} | walls | roof | light
+    )
+
+
+OUTSIDE = camera((5, -6, 4), (0, 0, 0.8), 45, (96, 72))
+INSIDE = camera((0.8, -0.8, 1.5), (-0.5, 0.5, 0.3), 70, (96, 72))
+
+
+@pytest.mark.slow
+def test_no_draft_is_handed_out(sealed):
+    """However short the time: photons alone bring 5 % of the light outside to the foot of walls."""
+    cameras = [mi.load_dict(each) for each in (OUTSIDE, INSIDE)]
+    field = gpf.fit(sealed, cameras, seconds=0.1)
+    rng = np.random.default_rng(3)
+    foot = np.column_stack([rng.uniform(-0.9, 0.9, 1000), rng.uniform(0.7, 0.99, 1000)])
+    light = bake_on_floor(sealed, field, foot), bake_on_floor(sealed, field, 3 * foot)
+    assert light[0].mean() < 1e-3 * light[1].mean()
+
+
+@pytest.mark.slow
+def test_baking_tells_of_places_that_no_camera_saw(sealed, caplog):
+    field = gpf.fit(sealed, [mi.load_dict(OUTSIDE)], seconds=0.1)
+    rng = np.random.default_rng(3)
+    bake_on_floor(sealed, field, rng.uniform(1.2, 2.5, (1000, 2)))
+    assert not caplog.records
+    bake_on_floor(sealed, field, rng.uniform(-0.9, 0.9, (1000, 2)))
+    (record,) = caplog.records
+    assert "where the field has learned nothing" in record.message and record.args[0] > 80
+
+
+def bake_on_floor(scene: mi.Scene, field, xy: np.ndarray) -> np.ndarray:
+    p = np.column_stack([xy, np.zeros(len(xy))]).astype(np.float32)
+    return bake_light(scene, field, p, np.tile(UP, (len(p), 1))).total

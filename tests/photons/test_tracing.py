@@ -202,6 +202,18 @@ def test_shading_normals_make_no_photon_much_brighter():
     np.testing.assert_allclose(gain[direct], expected, rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_winding_does_not_matter_beside_normals(side):
+    """Of downloads, many are wound against their normals: these say which side is the front."""
+    normals = np.tile([0.0, 0.0, side], (4, 1))  # the floor is wound upwards
+    sky = floor(diffuse(0), z=side, size=80) | {"flip_normals": side > 0}
+    light = point_light((0, 0, 0.5 * side), *L)
+    scene = {"floor": smooth_floor(diffuse(0.5), normals), "sky": sky, "light": light}
+    by_depth = total_by_depth(record(scene), 2)
+    on_floor = by_depth[0] - PHI / 2
+    np.testing.assert_allclose(by_depth[1], 0.5 * on_floor, rtol=0.02)
+
+
 def test_light_does_not_leak_through_shading_normals():
     """A third of the directions above the shading frame are below the floor."""
     below = floor(diffuse(0), z=-1, size=20)

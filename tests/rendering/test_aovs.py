@@ -80,14 +80,15 @@ GLASS = {
 }
 
 
-def constant_field(scene, relative=ERROR) -> GaussianPhotonField:
+def constant_field(scene, relative=ERROR, direct="field") -> GaussianPhotonField:
     """E on the floor and on the wall, with a relative error."""
     grid = np.stack(np.meshgrid(np.linspace(-3, 3, 13), np.linspace(-3, 3, 13)), -1).reshape(-1, 2)
     floor = np.column_stack([grid, np.zeros(len(grid))])
     g = flat_gaussians(floor, np.tile(E, (len(floor), 1)), size=0.3)
     bounds = scene.bbox().min, scene.bbox().max
     error = np.full(len(floor), relative, np.float32)
-    return GaussianPhotonField(to_device(g), FieldSettings(search_radius=0.8), bounds, error=error)
+    settings = FieldSettings(search_radius=0.8, direct=direct)
+    return GaussianPhotonField(to_device(g), settings, bounds, error=error)
 
 
 def render(scene, aovs, spp=256, field=None, **options):
@@ -142,6 +143,24 @@ def test_lamps_have_an_albedo_of_at_most_one_and_no_irradiance():
     lamp = layers["radiance"][..., 0] > 8.9
     assert lamp.sum() >= 2
     np.testing.assert_allclose(layers["albedo"][lamp], [[1, 0.5, 0]] * lamp.sum(), atol=0.01)
+
+
+@pytest.mark.parametrize("direct", ["emitters", (0,)])
+@pytest.mark.parametrize("options", [{}, {"adaptive": True}, {"record": True}])
+def test_irradiance_is_all_the_light_that_the_picture_has(options, direct):
+    """Also where lamps are sampled: what the field does not store. In floors, and in glass."""
+    scene = make_scene(GLASS)
+    field = constant_field(scene, direct=direct)
+    layers = render(scene, ["irradiance", "albedo"], spp=1024, field=field, **options)
+    level = layers["albedo"] / ALBEDO
+    whole = np.minimum(np.abs(level - 1), np.abs(level - TINT))  # not at its edges
+    floor = (whole < 1e-3).all(-1)
+    assert floor.sum() >= 40
+    found = layers["irradiance"][floor]
+    seen = np.pi * layers["radiance"][floor] / layers["albedo"][floor]
+    assert (found[:, 0] > 1.2 * E[0]).mean() > 0.3  # the lamp is red
+    np.testing.assert_allclose(found.mean(axis=0), seen.mean(axis=0), rtol=0.01)
+    assert np.corrcoef(found[:, 0], seen[:, 0])[0, 1] > 0.99
 
 
 def test_the_error_is_a_share_of_the_radiance_and_lamps_have_none():

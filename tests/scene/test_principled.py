@@ -9,6 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.errors import UserError
 from gpf.core.structs import from_numpy, to_numpy
 from gpf.scene.load import load_scene_file
 from gpf.scene.materials import (
@@ -145,5 +146,5 @@ def test_scene_files_get_it_in_place_of_principled(tmp_path: Path):
 def test_mitsubas_own_are_refused(name):
     """Of scenes that are not loaded from a file by this package."""
     scene = mi.load_dict({"type": "scene", "ball": {"type": "sphere", "bsdf": {"type": name}}})
-    with pytest.raises(ValueError, match=f"of type {name}, whose diffuse part .* separable_"):
+    with pytest.raises(UserError, match=f"of type {name}, whose diffuse part .* separable_"):
         require_separable(scene)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 import time
 import zipfile
@@ -15,6 +16,7 @@ from stages.references.cluster import pack
 
 
 def test_what_travels_is_enough_and_no_more(built):
+    os.utime(built.folder / "results/cornell_box/views.yaml", (0, 0))  # some systems give no dates
     with chdir(built.folder):
         names = set(zipfile.ZipFile(io.BytesIO(pack(Workspace.open("cornell_box")))).namelist())
     assert names == {

@@ -10,6 +10,7 @@ import pytest
 from gpf.core.files import read_json, read_tensors
 from gpf.core.images import read_exr
 from gpf.field.io import read_field
+from gpf.rendering.field_renderer import WEAK_COVERAGE
 
 FIELD = "results/cornell_box/field.safetensors"
 
@@ -70,7 +71,7 @@ def test_how_much_of_the_pictures_has_little_support_is_said(finished):
     assert re.search(r"cornell_box: \d+\.\d\d% of the pixels are weakly covered", outcome.text)
     shares = read_json(finished.results / "costs" / "render.json")["facts"]
     views = sorted((finished.results / "renders" / "gpf").glob("*.exr"))
-    measured = [(read_exr(view)[0]["coverage"] > 1.5).mean() for view in views]
+    measured = [(read_exr(view)[0]["coverage"] > WEAK_COVERAGE).mean() for view in views]
     assert sorted(shares["weakly_covered"]) == pytest.approx(sorted(measured))
 
 

@@ -117,7 +117,7 @@ def test_pictures_cameras_and_films_are_kept(viewer, page):
     # A script whose value is a function would be called.
     page.evaluate("window.kept = {}; download = (blob, name) => { kept[name] = blob; }; 0")
     rows = "document.querySelector('#rows')"  # few, so that the film takes seconds
-    page.evaluate(f"{rows}.prepend(new Option(96)); {rows}.value = 96; look()")
+    page.evaluate(f"{rows}.prepend(new Option(64)); {rows}.value = 64; look()")
     wait_for(page, "viewer.frames > 2")
     for button in ("png", "exr", "key"):
         page.evaluate(f"document.querySelector('#{button}').click()")
@@ -135,7 +135,7 @@ def test_pictures_cameras_and_films_are_kept(viewer, page):
     page.evaluate("document.querySelector('#save').click()")
     wait_for(page, f"viewer.cameras.length === {before + 1}")
     name = page.evaluate("viewer.cameras.at(-1).name")
-    file = Path(f"/proc/{viewer[0].pid}/cwd") / "views.yaml"
+    file = Path(f"/proc/{viewer[0].pid}/cwd") / "cornell_box.views.yaml"
     assert name in {view.name for view in read_views(file.resolve()).train}
 
 

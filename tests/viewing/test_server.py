@@ -95,8 +95,11 @@ def test_without_the_token_there_is_nothing(server, path):
 
 
 def test_another_host_or_origin_is_refused(server):
-    assert ask(server, f"/{server.token}/", host="evil.example")[0] == 403
-    assert ask(server, f"/{server.token}/", host=f"localhost:{server.port}")[0] == 200
+    for host in ("evil.example", f"evil.example:{server.port}", "127.0.0.1.evil.example", "[::1"):
+        assert ask(server, f"/{server.token}/", host=host)[0] == 403
+    # A tunnel may begin at another port.
+    for host in (f"localhost:{server.port}", "localhost:9000", "127.0.0.1:80", "localhost"):
+        assert ask(server, f"/{server.token}/", host=host)[0] == 200
     for origin in ("http://evil.example", "null", None):
         with pytest.raises(InvalidStatus) as refused, page(server, origin=origin):
             pass
@@ -124,6 +127,42 @@ def test_with_another_host_any_name_will_do_but_not_another_origin(ear):
                 assert status in link.recv(100)
     finally:
         server.close()
+
+
+def test_a_page_through_a_tunnel_to_another_port(server, ear):
+    """As of `ssh -L 9000:127.0.0.1:PORT`; another page at a port of this machine is refused."""
+    address = f"ws://localhost:9000/{server.token}/socket"
+
+    def come_from(origin):
+        link = socket.create_connection((server.host, server.port), timeout=5)
+        with connect(address, sock=link, origin=origin):
+            wait(lambda: len(ear.clients) == 1)
+
+    come_from("http://localhost:9000")
+    with pytest.raises(InvalidStatus, match="403"):
+        come_from("http://localhost:9001")
+
+
+@pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="no IPv6 here")
+@pytest.mark.parametrize("host", ["::1", "::"])
+def test_addresses_of_ipv6(ear, host):
+    server = PageServer(ear, host=host)
+    try:
+        shown = "[::1]" if host == "::1" else socket.gethostname()
+        assert server.address.startswith(f"http://{shown}:{server.port}/")
+        for way in ("::1", "127.0.0.1") if host == "::" else ("::1",):
+            with socket.create_connection((way, server.port), timeout=5) as link:
+                request = f"GET /{server.token}/ HTTP/1.1\r\nHost: [::1]:{server.port}\r\n\r\n"
+                link.sendall(request.encode())
+                assert b" 200 " in link.recv(100)
+    finally:
+        server.close()
+
+
+@pytest.mark.parametrize("host", ["no-such-host.invalid", "192.0.2.1"])
+def test_a_host_that_is_not_this_machine_is_named(host):
+    with pytest.raises(UserError, match=rf"--host {host}: cannot be used: .*address of this mach"):
+        PageServer(Ear(), host=host)
 
 
 def test_messages_arrive_and_pictures_leave(server, ear):

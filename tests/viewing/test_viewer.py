@@ -12,6 +12,7 @@ from PIL import Image
 
 from gpf.core.errors import UserError
 from gpf.core.images import read_exr, tone_map
+from gpf.rendering.denoiser import ImageDenoiser
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import views_of_sensors
@@ -147,6 +148,49 @@ def test_every_layer_has_a_picture(viewer, page, layer, monkeypatch):
         assert pixels[32, 2, 0] > 2 * pixels[32, 2, 1]
 
 
+@pytest.mark.parametrize(("aspect", "rows"), [(2.0, 64), (0.5, 128)])
+def test_pictures_of_another_aspect_have_those_of_the_camera_in_their_middle(
+    viewer, page, aspect, rows, monkeypatch
+):
+    monkeypatch.setattr(rendering, "_FRAMES", 16)
+    camera = LEFT.model_copy(update={"shift": (0.1, -0.2)})
+    viewer.received(page, Camera(camera=camera, number=2))
+    rest(viewer)
+    own = page.pictures[-1][1].astype(float)
+    viewer.received(page, Look(number=3, rows=rows, aspect=aspect))
+    rest(viewer)
+    found = page.pictures[-1][1].astype(float)
+    assert found.shape == (rows, rows * aspect, 3)
+    middle = found[:, 32:96] if aspect > 1 else found[32:96]
+    assert np.abs(middle - own).mean() < 6 < np.abs(found[:64, :64] - own).mean()
+
+
+def test_the_photons_of_a_camera_with_a_shift(viewer):
+    plain = viewer.renderer.screens.photons(FRONT, (64, 48))
+    shifted = FRONT.model_copy(update={"shift": (0.25, 0.0)})
+    moved = viewer.renderer.screens.photons(shifted, (64, 48))
+    np.testing.assert_array_equal(moved[:, 1:46], plain[:, 17:62])
+    assert plain[:, 17:62].max() > 100
+
+
+def test_the_depth_is_that_of_the_middle_or_else_of_all():
+    def depth(**shapes):
+        light = {"type": "constant"}
+        scene = mi.load_dict({"type": "scene", "light": light, **shapes}, optimize=False)
+        screen = Screen(scene, mi.load_dict({"type": "path"}), (12, 8))
+        screen.frame(Keyframe(origin=(0, 0, 3), target=(0, 0, 2), fov=60))
+        return screen.depth()
+
+    place = mi.ScalarTransform4f().translate
+    wall = {"type": "rectangle", "to_world": place([0, 0, -2]).scale(50)}
+    post = {"type": "rectangle", "to_world": place([0, 0, 1]).scale(0.5)}
+    aside = {"type": "rectangle", "to_world": place([1, 0, 1]).scale(0.1)}
+    assert depth(wall=wall) == pytest.approx(5, abs=0.01)
+    assert depth(wall=wall, post=post) == pytest.approx(2, abs=0.01)
+    assert depth(aside=aside) == pytest.approx(2, abs=0.01)
+    assert depth() == 0
+
+
 def test_beside_the_path_tracer(viewer, page, monkeypatch):
     monkeypatch.setattr(rendering, "_FRAMES", 4)
     viewer.received(page, Look(number=1, rows=64, compare="path"))
@@ -162,7 +206,8 @@ def test_beside_the_reference_of_its_camera_alone(viewer, page, monkeypatch):
     viewer.subject.references._images = [(camera, reference)]
     own = Keyframe(**camera.model_dump(exclude={"name", "fov_axis"}))
     viewer.received(page, Look(number=1, rows=64, compare="reference"))
-    for camera, shows in ((own, True), (LEFT, False)):
+    shifted = own.model_copy(update={"shift": (0.1, 0.0)})
+    for camera, shows in ((own, True), (LEFT, False), (shifted, False)):
         page.pictures.clear()
         viewer.received(page, Camera(camera=camera, number=2))
         rest(viewer)
@@ -291,3 +336,19 @@ def test_a_moving_camera_is_not_recorded_anew(scene, box):
         if k == 2:
             recordings = integrator.recorded_frames.frozen.n_recordings
     assert integrator.recorded_frames.frozen.n_recordings == recordings <= 3
+
+
+def test_a_first_field_in_the_middle_of_a_film(viewer, page, box, monkeypatch):
+    """Pictures of photon mapping have no layers for the denoiser."""
+    monkeypatch.setattr(screens, "has_denoiser", lambda: True)
+    monkeypatch.setattr(ImageDenoiser, "denoise", lambda _, picture, *guides: picture)
+    viewer.renderer.screens = screens.Screens(viewer.subject.scene, None)
+    viewer.received(page, Look(number=1, rows=64, layer="photons"))
+    viewer.received(page, GetFilm(keyframes=(FRONT, LEFT), frames=2, spp=2))
+    steps = 0
+    while viewer.step():
+        steps += 1
+        if viewer._pages[0].tasks and steps in (2, 3):
+            viewer.renderer.screens.take(box)
+    kinds = [header["type"] for header, _ in page.told]
+    assert kinds[-1] == "file" and "error" not in kinds

@@ -2,7 +2,7 @@
 
 `gpf` runs as a process of its own, with the command in `command.json`. It gets a copy of the scene
 as a .blend file. The field is kept beside the scene's own file, and used again while geometry,
-materials and lamps are the same: a camera that moves needs no other one.
+materials and lamps are the same: a camera that moves needs no other one. More time adds to it.
 """
 
 import json
@@ -56,22 +56,14 @@ def folder_of(scene) -> Path:
     return Path(bpy.app.tempdir or tempfile.gettempdir()) / "photon_field"
 
 
-def find_view(scene, camera, size) -> dict:
-    """The camera as `gpf` describes it."""
-    matrix = np.array(camera.matrix_world)
-    data = camera.data
-    axis = {"AUTO": "larger", "HORIZONTAL": "x", "VERTICAL": "y"}[data.sensor_fit]
-    sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
-    extent = {"larger": max(size), "x": size[0], "y": size[1]}[axis]
-    back, up = (matrix[:3, k] / np.linalg.norm(matrix[:3, k]) for k in (2, 1))
-    return {
-        "origin": matrix[:3, 3].tolist(),
-        "target": (matrix[:3, 3] - back).tolist(),
-        "up": up.tolist(),
-        "fov": float(np.degrees(2 * np.arctan(sensor / (2 * data.lens)))),
-        "fov_axis": axis,
-        "shift": [data.shift_x * extent / size[0], -data.shift_y * extent / size[1]],
-    }
+def find_region(render, size) -> np.ndarray:
+    """The first and last column and row that are rendered, from the upper left: [[x, y], [x, y]],
+    the last not included."""
+    border = [render.border_min_x, render.border_max_y, render.border_max_x, render.border_min_y]
+    corners = np.float32(border if render.use_border else [0, 1, 1, 0]).reshape(2, 2)
+    found = (corners * np.float32(size)).astype(int)  # rounded as by Blender
+    found[:, 1] = size[1] - found[:, 1]
+    return found
 
 
 class Engine(bpy.types.RenderEngine):
@@ -95,8 +87,7 @@ class Engine(bpy.types.RenderEngine):
         if camera is None or camera.data.type != "PERSP":
             self.report({"ERROR"}, "Photon Field needs a perspective camera.")
             return
-        scale = scene.render.resolution_percentage / 100
-        size = [int(scene.render.resolution_x * scale), int(scene.render.resolution_y * scale)]
+        size = [self.resolution_x, self.resolution_y]
         folder = folder_of(scene)
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory() as work:
@@ -108,15 +99,15 @@ class Engine(bpy.types.RenderEngine):
             wanted = {
                 "scene": str(copy),
                 "field": str(folder / "field.safetensors"),
-                "view": find_view(scene, camera, size),
                 "size": size,
+                "region": find_region(scene.render, size).tolist(),
                 "seconds": settings.seconds,
                 "samples": settings.samples,
                 "groups": settings.groups,
             }
             request.write_text(json.dumps(wanted), encoding="utf-8")
             if self._run(request):
-                self._show(Path(work), size, depsgraph.view_layer.name)
+                self._show(Path(work), depsgraph.view_layer.name)
 
     def is_stopped(self) -> bool:
         """Whether the user has pressed Esc."""
@@ -163,13 +154,13 @@ class Engine(bpy.types.RenderEngine):
                 self.update_progress(float(share))
                 self.update_stats("", f"Photon Field: {what}")
 
-    def _show(self, folder: Path, size, layer: str) -> None:
+    def _show(self, folder: Path, layer: str) -> None:
         """Give Blender the layers of a picture; its rows begin at the bottom."""
         for name, channels, letters, _ in PASSES.values():
             self.add_pass(name, channels, letters, layer=layer)
-        result = self.begin_result(0, 0, *size)
-        passes = result.layers[0].passes
         colour = np.load(folder / "radiance.npy")
+        result = self.begin_result(0, 0, *colour.shape[1::-1])
+        passes = result.layers[0].passes
         alpha = np.ones((*colour.shape[:2], 1), np.float32)
         layers = {"Combined": np.concatenate([colour, alpha], axis=2)}
         for key, (name, channels, _, _) in PASSES.items():

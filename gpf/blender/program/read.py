@@ -15,12 +15,9 @@ fit these, nothing else is written.
 
 from __future__ import annotations
 
-import ctypes
 import json
 import math
-import os
 import re
-import signal
 import sys
 from functools import partial
 from pathlib import Path
@@ -29,6 +26,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 import bpy
 from cameras import frame_numbers
+from named_files import named_files
 from reader import Reader
 
 
@@ -102,6 +100,7 @@ def read(file: Path, folder: Path, frames: str | None) -> None:
     for name in ("meshes", "textures"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     reader = Reader(scene, folder, missing, tell)
+    reader.files = named_files(file)
     if frames is None:
         reader.write("scene")
     else:
@@ -140,11 +139,6 @@ def chosen(frames: str, numbers: list[int]) -> list[int]:
 def main(words: list[str]) -> int:
     """The program."""
     file, folder = (Path(word).resolve() for word in words[:2])
-    if sys.platform == "linux":  # end with the process that started this one
-        set_death_signal = 1
-        ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
-        if os.getppid() == 1:
-            return 1
     try:
         read(file, folder, words[2] if len(words) > 2 else None)
     except Unreadable as error:

@@ -32,6 +32,7 @@ class Reader:
     Attributes
     ----------
     tell: is told what is being done.
+    files: further files that the scene uses.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class Reader:
         self._notes = choose_layer(scene)
         if scene.world is not None and answer_as_for_surfaces(scene.world.node_tree):
             self._notes.append("the world: as surfaces see it, also for the camera")
+        self.files: list[str] = []
 
     def _tell(self, what: str) -> None:
         self.tell(what)
@@ -91,7 +93,7 @@ class Reader:
             "images": self._images,
             "missing_images": missing_images(),
             "missing_libraries": self._missing,
-            "files": used_files(),
+            "files": sorted({*used_files(), *self.files}),
             "notes": [*self._notes, *self._world.notes, *self._lamps.notes, *writer.notes],
         }
         (self.folder / f"{name}.json").write_text(json.dumps(found), encoding="utf-8")

@@ -1,0 +1,45 @@
+"""`gpf cache`: what is kept in the user's cache, and how much room it takes."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from gpf.blender.conversion import RECORD, scenes_folder
+from gpf.blender.process import installed_python
+from gpf.core.errors import UserError
+from gpf.core.files import read_json
+from gpf.core.partial import remove_leftovers
+from gpf.core.progress import console, say
+
+
+def show_cache(clear: str | None) -> None:
+    """List the scenes that were converted, and the Blender that was installed.
+
+    ``clear``: "scenes" to remove the scenes before, "all" to remove Blender, too.
+    """
+    scenes, blender = scenes_folder(), installed_python().parent.parent
+    remove_leftovers(scenes)
+    table, total = Table("from", "made", "MB"), 0.0
+    for folder in (*sorted(scenes.glob("*/")), *blender.parent.glob(blender.name)):
+        if clear == "all" or (clear == "scenes" and folder != blender):
+            shutil.rmtree(folder)
+            continue
+        size = sum(file.lstat().st_size for file in folder.rglob("*")) / 1e6
+        made = time.strftime("%Y-%m-%d", time.localtime(folder.stat().st_mtime))
+        table.add_row("Blender" if folder == blender else _source(folder), made, f"{size:.0f}")
+        total += size
+    console.print(table, markup=False)
+    say(f"{scenes.parent}: {total:.0f} MB; `--clear scenes` or `--clear all` removes them")
+
+
+def _source(folder: Path) -> str:
+    """The file that a scene was converted from."""
+    try:
+        return str(read_json(folder / RECORD, dict[str, Any])["file"])
+    except (UserError, KeyError):  # of an earlier version, or damaged
+        return folder.name
