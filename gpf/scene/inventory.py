@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.scene.bounds import bounding_box
 from gpf.scene.materials import NOT_DIFFUSE, require_separable
 from gpf.scene.media_checks import check_media
 from gpf.scene.shapes import all_shapes
+
+MOST_OFFSET = 4e-3
+"""Largest distance of rays from surfaces at which they begin, relative to the scene's diagonal. The
+light of a Cornell Box with a glass ball is right within .2 % at 2.6e-3, and 4 % wrong at 2.6e-2."""
 
 
 def check_scene(scene: mi.Scene, where: str = "scene") -> None:
@@ -23,6 +29,7 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
     """
     check_meshes(scene, where)
     check_media(scene, where)
+    warn_of_rounding(scene, where)
     info = scene_info(scene)
     if info["emitters"]["count"] == 0:
         raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
@@ -38,6 +45,25 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
             where,
             "has no diffuse surface, so no photon can be stored",
             "Give at least one shape a material with a diffuse component.",
+        )
+
+
+def warn_of_rounding(scene: mi.Scene, where: str = "scene") -> None:
+    """Give a Python warning if the scene is too small, or too far from the origin, for Mitsuba.
+
+    Rays begin at a distance from surfaces that depends on the coordinates alone, (1 + max |p|) ε.
+    """
+    box = bounding_box(scene)
+    size = float(np.linalg.norm(box[1] - box[0]))
+    offset = mi.math.RayEpsilon * (1 + float(np.abs(box).max()))
+    if offset > MOST_OFFSET * size > 0:
+        far = np.abs(box).max() > 10 * size
+        todo = "Move it to the origin" if far else "Scale it to a size of 1 or more"
+        warnings.warn(
+            f"{where}: it extends from {box[0].round(4)} to {box[1].round(4)}, where single "
+            f"precision keeps rays {offset:.1g} from surfaces: light is lost in gaps, and leaks at "
+            f"edges. {todo}.",
+            stacklevel=2,
         )
 
 

@@ -44,8 +44,8 @@ def make_sensor(
             "type": "perspective",
             "fov": view.fov,
             "fov_axis": view.fov_axis,
-            "near_clip": 1e-3,
-            "far_clip": 1e5,
+            "near_clip": 1e-7,  # whatever the scene's unit; directions stay as exact
+            "far_clip": 1e9,
             "principal_point_offset_x": view.shift[0],
             "principal_point_offset_y": view.shift[1],
             "to_world": look_at,
