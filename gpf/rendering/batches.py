@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
 from gpf.core.random import Stream, pass_seed
-from gpf.rendering.adaptive import MIN_SPP
 
 LARGEST_WAVEFRONT = 1 << 26
 """Largest number of samples in one batch: about 2 GB of state."""
@@ -22,24 +22,35 @@ def render_in_batches(
     seed: int,
     largest: int = LARGEST_WAVEFRONT,
 ) -> np.ndarray:
-    """An image with ``spp`` samples per pixel and all channels, (H, W, C) float32.
+    """An image with ``spp`` samples per pixel and all channels, (H, W, C) float32: the mean of
+    batches (:func:`mean_of_batches`)."""
 
-    Batches have independent samples: at most ``largest``, but at least one per pixel. The
-    integrator ``gpf`` limits its memory itself if it samples adaptively; it then gets one batch.
-    """
+    def render(share: int, seed: int) -> np.ndarray:
+        image: Any = mi.render(scene, integrator=integrator, sensor=sensor, spp=share, seed=seed)
+        return np.asarray(image.numpy())
+
     width, height = (int(n) for n in sensor.film().crop_size())
-    if getattr(integrator, "adaptive", False) and spp >= MIN_SPP:
-        largest = spp * width * height
+    return mean_of_batches(render, spp, seed, width * height, largest)
+
+
+def mean_of_batches(
+    render: Callable[[int, int], np.ndarray],
+    spp: int,
+    seed: int,
+    pixels: int,
+    largest: int = LARGEST_WAVEFRONT,
+) -> np.ndarray:
+    """The mean of batches with independent samples: at most ``largest``, but at least one per
+    pixel, (H, W, C) float32.
+
+    Parameters
+    ----------
+    render: called as ``render(spp, seed)``; returns an image.
+    """
     total: Any = 0
-    for batch, share in enumerate(split_samples(spp, width * height, largest)):
-        image: Any = mi.render(
-            scene,
-            integrator=integrator,
-            sensor=sensor,
-            spp=share,
-            seed=pass_seed(seed, batch, Stream.BATCHES),
-        )
-        total = total + np.asarray(image.numpy(), dtype=np.float64) * (share / spp)
+    for batch, share in enumerate(split_samples(spp, pixels, largest)):
+        image = render(share, pass_seed(seed, batch, Stream.BATCHES))
+        total = total + np.asarray(image, dtype=np.float64) * (share / spp)
     return np.asarray(total, dtype=np.float32)
 
 

@@ -157,7 +157,6 @@ def test_fields_that_do_not_know_their_scene_are_taken(box):
         (("--aovs", "dept"), "--aovs dept: unknown name 'dept'. Choose from depth"),
         (("--aovs", "error"), "field.safetensors: has no error estimate. Fit it with `gpf fit`"),
         (("--view", "sensr"), "view 'sensr': does not exist. Did you mean 'sensor'?"),
-        (("--denoise", "--seconds", "1"), "--denoise and --seconds: are mutually"),
         (("--cluster", "head:10001"), "--cluster: needs `--executor ray`"),
         (("--frames", "all"), "box.xml: has no camera path"),
         (("--seconds", "nan"), "--seconds: is nan. Give a number above 0"),
