@@ -160,16 +160,11 @@ def nearest_obstacles(
     count = dr.opaque(mi.UInt32, max(dr.width(p), 1))
     lane = dr.arange(mi.UInt32, RAYS * dr.width(p))
     owner = lane % count
-    point, normal = dr.gather(mi.Point3f, p, owner), dr.gather(mi.Normal3f, n, owner)
-    reaches = dr.gather(mi.Float, mi.Float(reach), owner)
-    met = look_along(scene, point, normal, reaches, _direction(lane // count))
-    blocked = dr.select(met.stands, met.t, dr.inf)
-    distance = dr.select(met.stands, met.distance, dr.inf)
-    away = mi.Vector2f(met.away)
-    dr.eval(blocked, distance, away)
-    best, found = _nearest(
-        blocked, away, distance, mi.Float(reach), count, dr.arange(mi.UInt32, dr.width(p))
-    )
+    place = dr.gather(mi.Point3f, p, owner), dr.gather(mi.Normal3f, n, owner)
+    far = dr.gather(mi.Float, mi.Float(reach), owner)
+    met = look_along(scene, *place, far, _direction(lane // count))
+    dr.eval(met)
+    best, found = _nearest(*met, mi.Float(reach), count, dr.arange(mi.UInt32, dr.width(p)))
     return _planes(dr.select(best < reach, mi.Frame3f(n).to_world(found), 0), best)
 
 

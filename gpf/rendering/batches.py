@@ -5,32 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 
 from gpf.core.random import Stream, pass_seed
 
 LARGEST_WAVEFRONT = 1 << 26
 """Largest number of samples in one batch: about 2 GB of state."""
-
-
-def render_in_batches(
-    scene: mi.Scene,
-    integrator: mi.Integrator,
-    sensor: mi.Sensor,
-    spp: int,
-    seed: int,
-    largest: int = LARGEST_WAVEFRONT,
-) -> np.ndarray:
-    """An image with ``spp`` samples per pixel and all channels, (H, W, C) float32: the mean of
-    batches (:func:`mean_of_batches`)."""
-
-    def render(share: int, seed: int) -> np.ndarray:
-        image: Any = mi.render(scene, integrator=integrator, sensor=sensor, spp=share, seed=seed)
-        return np.asarray(image.numpy())
-
-    width, height = (int(n) for n in sensor.film().crop_size())
-    return mean_of_batches(render, spp, seed, width * height, largest)
 
 
 def mean_of_batches(
