@@ -94,16 +94,14 @@ class BakeOptions:
                 raise UserError(f"{option} {value}", "is out of range", "Give a number above 0.")
 
 
-def bake_light(
-    scene_name: str, field_file: Path | None, folder: Path, options: BakeOptions
-) -> None:
+def bake_light(scene_name: str, field_name: str | None, folder: Path, options: BakeOptions) -> None:
     """Bake the light of a field, and write the files of :mod:`gpf.baking.writing` and an index,
     ``index.json``.
 
     Parameters
     ----------
-    scene_name: as for :func:`gpf.commands.scenes.find_scene`.
-    field_file: by default ``field.safetensors``, or that of the trained scene.
+    scene_name, field_name: as for :func:`gpf.commands.scenes.find_scene` and
+        :func:`gpf.commands.scenes.find_field`.
 
     Raises
     ------
@@ -115,8 +113,7 @@ def bake_light(
     for file in options.files.items().values():
         require_new(file, options.overwrite, "give another name")
     scene_file, trained = find_scene(scene_name)
-    if field_file is None:
-        field_file = find_field(scene_name) if trained else Path("field.safetensors")
+    field_file = find_field(field_name, trained)
     choose_variant("auto")
     field = load_field(field_file)
     scene = load_scene_file(scene_file)

@@ -18,7 +18,7 @@ from gpf.scene.views import SceneViews, View, ViewSets
 
 @dataclass(frozen=True)
 class CameraChoice:
-    """Which cameras to use; by default, the scene's own.
+    """Which cameras to use; by default, the novel views of the file or, without any, all.
 
     Attributes
     ----------
@@ -73,7 +73,6 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
     file = file_beside(scene_file, choice.file)
     known = known_cameras(scene, scene_file, file)
     where = str(file or scene_file)
-    named = (*known.train, *known.novel, *known.more)
     if choice.orbit:
         own = views_of_sensors(scene) or list(known.train)
         views = place_orbit(scene, own[0], known.aspect, choice.orbit)
@@ -81,10 +80,8 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
         views = _frames(choice.frames, known.frames(), where)
     elif choice.names:
         views = tuple(known.find(name) for name in choice.names)
-    elif choice.file is not None:
-        views = named
     else:
-        views = known.novel or named
+        views = known.novel or (*known.train, *known.more)
     return Cameras(views, known.aspect, known.given_exposure)
 
 

@@ -6,16 +6,16 @@ import math
 from pathlib import Path
 
 from gpf.commands.overwriting import require_new
-from gpf.commands.scenes import find_field
+from gpf.commands.scenes import find_field, read_given
 from gpf.core.errors import UserError
 from gpf.core.progress import say
-from gpf.field.io import StoredField, read_field, write_field
+from gpf.field.io import StoredField, write_field
 from gpf.field.ply import propose_exposure, write_splats
 from gpf.scene.views import read_views
 
 
 def export_field(
-    field: str,
+    field: str | None,
     ply: Path | None,
     compact: Path | None,
     exposure: float | None,
@@ -25,7 +25,7 @@ def export_field(
 
     Parameters
     ----------
-    field: the field's file, or the name of a trained scene.
+    field: as for :func:`gpf.commands.scenes.find_field`.
     ply, compact: the files to write.
     exposure: exposure of the splats; by default that of ``views.yaml`` beside the field or, without
         that file, one that suits the field.
@@ -42,7 +42,7 @@ def export_field(
             raise UserError(str(target), "is the field itself", "Choose another name.")
         if target is not None:
             require_new(target, overwrite)
-    stored = read(source)
+    stored = read_given(source)
     if ply is not None:
         if exposure is None:
             exposure = known_exposure(source, stored)
@@ -75,14 +75,6 @@ def check_options(ply: Path | None, compact: Path | None, exposure: float | None
             raise UserError(
                 f"--exposure {exposure}", "is not an exposure", "Give a number above 0."
             )
-
-
-def read(source: Path) -> StoredField:
-    """Read the field. Errors do not suggest deleting the file, which may be of another kind."""
-    try:
-        return read_field(source)
-    except UserError as error:
-        raise UserError(error.where, error.what, "Give the file of a field.") from error
 
 
 def known_exposure(source: Path, stored: StoredField) -> float:

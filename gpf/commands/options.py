@@ -18,7 +18,11 @@ Scene = Annotated[
     ),
 ]
 Field = Annotated[
-    str, Argument(metavar="FIELD", help="A field's file, or the name of a trained scene.")
+    str | None,
+    Argument(
+        metavar="FIELD",
+        help="A field's file, or the name of a trained scene. [default: field.safetensors]",
+    ),
 ]
 Groups = Annotated[
     str,
@@ -30,6 +34,14 @@ Groups = Annotated[
 ]
 ChangedScene = Annotated[
     bool, Option("--changed-scene", help="Render even if the scene changed since the fit.")
+]
+Views = Annotated[
+    Path | None,
+    Option(
+        metavar="FILE",
+        help="The scene's cameras: views.yaml or transforms.json. [default: views.yaml beside the "
+        "scene; without it, the scene's own, or for a fit others around them]",
+    ),
 ]
 Seed = Annotated[int, Option(min=0, help="Random seed.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace what exists.")]
@@ -149,14 +161,6 @@ TargetPsnr = Annotated[
     float | None, Option(metavar="DB", help="Stop at this estimated PSNR of the images.")
 ]
 Passes = Annotated[int | None, Option(help="Photon passes. [default without other goals: 300]")]
-FitViews = Annotated[
-    Path | None,
-    Option(
-        metavar="FILE",
-        help="Cameras that the field is for: views.yaml or transforms.json. [default: "
-        "views.yaml beside the scene; without it, cameras are placed in the scene]",
-    ),
-]
 FinishedField = Annotated[
     Path | None,
     Option(
@@ -168,18 +172,8 @@ FinishedField = Annotated[
 
 # `gpf render`.
 
-FieldFile = Annotated[
-    Path | None, Option(metavar="FILE", help="The field. [default: field.safetensors]")
-]
 ViewNames = Annotated[
     list[str] | None, Option(metavar="NAME", help="A camera by name. Repeat it for several.")
-]
-Views = Annotated[
-    Path | None,
-    Option(
-        metavar="FILE",
-        help="Cameras: views.yaml or transforms.json. [default: views.yaml beside the scene]",
-    ),
 ]
 Frames = Annotated[
     str | None,
@@ -241,10 +235,10 @@ Levels = Annotated[
 # `gpf view`.
 
 ShownField = Annotated[
-    Path | None,
-    Option(
-        metavar="FILE",
-        help="The field. [default: --output if it exists; else one is fitted meanwhile]",
+    str | None,
+    Argument(
+        metavar="FIELD",
+        help="A field's file. [default: --output if it exists; else one is fitted meanwhile]",
     ),
 ]
 FittedField = Annotated[

@@ -81,7 +81,7 @@ class Shot:
 
 
 def find_shots(
-    scene_name: str, field_file: Path | None, choice: CameraChoice
+    scene_name: str, field_name: str | None, choice: CameraChoice
 ) -> tuple[list[Shot], Path]:
     """The shots that are asked for, and the folder for their pictures, if none is given.
 
@@ -90,25 +90,25 @@ def find_shots(
     scene_name: as for :func:`gpf.commands.scenes.find_scene`, or, with frames asked for, an
         animation (:func:`gpf.commands.scenes.find_frames`). In a file that Blender reads, these are
         frames of the animation if there is a folder with their fields, else of the camera path.
-    field_file: by default ``field.safetensors``, or that of the trained scene; of an animation, the
-        folder with a field for each frame, by default :data:`gpf.commands.scenes.FIELDS`.
+    field_name: as for :func:`gpf.commands.scenes.find_field`; of an animation, the folder with a
+        field for each frame, by default :data:`gpf.commands.scenes.FIELDS`.
     """
-    scene, fields = Path(scene_name), field_file or FIELDS
-    has_fields = fields.is_dir() and (field_file is not None or is_foreign(scene))
+    scene, fields = Path(scene_name), Path(field_name or FIELDS)
+    has_fields = fields.is_dir() and (field_name is not None or is_foreign(scene))
     if choice.frames and (has_fields or is_animation(scene)):
         return _frames(scene, fields, choice), Path("pictures")
     scene_file, trained = find_scene(scene_name)
-    if field_file is None:
-        field_file = find_field(scene_name) if trained else Path("field.safetensors")
     if trained and choice.file is None and (trained / "views.yaml").exists():
         choice = replace(choice, file=trained / "views.yaml")
-    return [Shot(scene_file, field_file, choice)], (trained or Path()) / "pictures"
+    return [Shot(scene_file, find_field(field_name, trained), choice)], (
+        trained or Path()
+    ) / "pictures"
 
 
 def _frames(animation: Path, fields: Path, choice: CameraChoice) -> list[Shot]:
     """A shot for each frame of an animation."""
     if not fields.is_dir():
-        todo = f"Run `gpf fit {animation} --frames all -o {fields}`, or give --field FOLDER."
+        todo = f"Run `gpf fit {animation} --frames all -o {fields}`, or name their folder."
         raise UserError(str(fields), "is not a folder with the fields of the frames", todo)
     if choice.orbit:
         raise UserError("--frames and --orbit", "are mutually exclusive", "Give one of them.")

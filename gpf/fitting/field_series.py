@@ -49,7 +49,7 @@ class FieldSeries:
 
     Attributes
     ----------
-    origin: the fingerprint of the scene.
+    origin: the scene, as :func:`gpf.fitting.opening.examine` gives it.
     maker: makes the fields.
     state: where photons are saved, or None.
     last: the plan of the last complete field; None before it.
@@ -267,7 +267,7 @@ class FieldSeries:
 
     def origin_of(self, passes: int) -> dict[str, Any]:
         """The record of a field from so many passes; a field that is shown may also be kept."""
-        return {"passes": passes, "fingerprint": self.origin}
+        return {"passes": passes} | self.origin
 
     def tell(self, field: GaussianPhotonField | None = None) -> None:
         """Report the progress, with a field where there is a new one."""

@@ -146,9 +146,8 @@ class _FrameFitter:
             maker.add_error(field, maker.clean(field, lesson, STEPS))
             maker.split(field, lesson)
             self._ending = time.work - begin
-            field.record = {
+            field.record = origin | {
                 "passes": stream.count,
-                "fingerprint": origin,
                 "seconds": time.spent,
                 "seed": stream.seed,
                 "first_radius": opening.shared.radius,

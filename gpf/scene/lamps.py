@@ -43,9 +43,9 @@ class Lamps:
         count = len(scene.emitters())
         if indices and not all(0 <= k < count for k in indices):
             raise UserError(
-                "field.direct",
+                "field",
                 f"names emitters {list(indices)}, but the scene has {count}",
-                "Correct it in params.yaml, or use a field that was fitted to this scene.",
+                "Use a field that was fitted to this scene; in params.yaml, correct field.direct.",
             )
         self.scene, self.indices, self._through_null = scene, indices, through_null
         self._index = mi.UInt32(list(indices)) if indices else mi.UInt32(0)

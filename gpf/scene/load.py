@@ -54,7 +54,7 @@ def load_scene_file(
     of further parameters, by name.
 
     The scene is loaded without its integrator, which may be a plugin that is not installed, or
-    somebody else's ``sppm``.
+    somebody else's ``sppm``. Its id is the file's name or, of a ``scene.xml``, the folder's.
 
     Loads with ``optimize=False``. The optimisation merges shapes that share a material: their ids
     are lost, and merged rectangles get a wrong bounding box. It saves no measurable time (``path``
@@ -73,6 +73,7 @@ def load_scene_file(
     sizes = {key: n for key, n in sizes.items() if key in document.parameters}
     scene = load_with_parameters(file, sizes | dict(parameters or {}), integrator=False)
     check_scene(scene, str(file))
+    scene.set_id(file.absolute().parent.name if file.stem == "scene" else file.stem)
     return scene
 
 

@@ -27,6 +27,7 @@ from gpf.rendering.aovs import expected_psnr
 from gpf.rendering.field_renderer import WEAK_COVERAGE
 from gpf.scene.frames import SceneFrame
 from gpf.scene.transforms import read_transforms
+from gpf.scene.views import read_views
 from tests.commands.box import SOURCE
 from tests.commands.rendering import CHEAP, refused, render, run
 
@@ -50,11 +51,11 @@ def test_places_that_the_field_does_not_know_are_said(box, capsys):
     parts = vars(field.gaussians).items()
     field.update(Gaussians(**{name: dr.gather(type(v), v, known) for name, v in parts}))
     save_field(field, box / "without_floor.safetensors")
-    render("--field", "without_floor.safetensors", "-o", "b")
+    render("without_floor.safetensors", "-o", "b")
     layers, record = read_exr(box / "b" / "sensor.exr")
     assert "coverage" not in layers and 0.03 < record["weakly_covered"] < 0.5
     assert f"{record['weakly_covered']:.2%} of the pixels are weakly" in capsys.readouterr().err
-    render("--field", "without_floor.safetensors", "-o", "c", "--aovs", "coverage")
+    render("without_floor.safetensors", "-o", "c", "--aovs", "coverage")
     layers, again = read_exr(box / "c" / "sensor.exr")
     assert (layers["coverage"] > WEAK_COVERAGE).mean() == again["weakly_covered"]
 
@@ -163,7 +164,7 @@ def test_fields_that_do_not_know_their_scene_are_taken(box):
         (("--seconds", "-1"), "--seconds: is -1.0. Give a number above 0"),
         (("--exposure", "inf"), "--exposure: is inf. Give a number above 0"),
         (("--orbit", "3", "--view", "sensor"), "--orbit and --view: are mutually"),
-        (("--field", "none.safetensors"), "none.safetensors: is missing"),
+        (("none.safetensors",), "none.safetensors: does not exist"),
         (("--views", "none.json"), "none.json: does not exist"),
         (("--orbit", "1000000000"), "less than or equal to"),
         (("--spp", "10000000000"), "less than or equal to"),
@@ -190,8 +191,11 @@ def test_views_beside_the_scene(box):
     shutil.copyfile(SOURCE / "views.yaml", box / "views.yaml")
     render("--view", "front", "-o", "a")
     assert [path.name for path in (box / "a").glob("*.png")] == ["front.png"]
-    render("-o", "novel")  # those that no method trains with
-    assert len(list((box / "novel").glob("*.png"))) >= 4
+    shutil.copyfile(SOURCE / "views.yaml", box / "other.yaml")
+    for folder, words in (("beside", ()), ("named", ("--views", "other.yaml"))):
+        render(*words, "-o", folder)  # those that no method trains with, or all without any
+        found = {path.stem for path in (box / folder).glob("*.png")}
+        assert found == {view.name for view in read_views("views.yaml").novel}
 
 
 def test_what_travels_to_a_cluster_is_the_scene_and_its_files(tmp_path):

@@ -23,7 +23,8 @@ COMMANDS = (
     "export field.safetensors --ply out.ply",
     "export field.safetensors --compact out.safetensors",
     "lights field.safetensors",
-    "view scene.xml --field field.safetensors --no-open --changed-scene",
+    "info field.safetensors",
+    "view scene.xml field.safetensors --no-open --changed-scene",
 )
 
 
