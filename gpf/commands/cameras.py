@@ -9,9 +9,10 @@ import mitsuba as mi
 
 from gpf.blender.conversion import origin_of
 from gpf.core.errors import UserError
+from gpf.core.progress import say
 from gpf.importing.loops import place_orbit
 from gpf.scene.frames import choose_frames
-from gpf.scene.sensors import film_aspect, scene_cameras, views_of_sensors
+from gpf.scene.sensors import film_aspect, scene_cameras, shown_differently, views_of_sensors
 from gpf.scene.transforms import read_cameras
 from gpf.scene.views import SceneViews, View, ViewSets
 
@@ -72,6 +73,8 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
         raise UserError(" and ".join(ways), "are mutually exclusive", "Give one of them.")
     file = file_beside(scene_file, choice.file)
     known = known_cameras(scene, scene_file, file)
+    for what in shown_differently(scene) if file is None else ():
+        say(what)
     where = str(file or scene_file)
     if choice.orbit:
         own = views_of_sensors(scene) or list(known.train)

@@ -87,7 +87,8 @@ def fit(
     if resume == "always" and state is None:
         raise UserError("resume", "needs a state folder", "Give the folder with the photons.")
     origin = opening.examine(scene)
-    cameras = list(place_sensors(scene) if sensors is None else sensors)
+    # Sorted, so that the field does not depend on their order.
+    cameras = sorted(place_sensors(scene) if sensors is None else sensors, key=str)
     with time:
         settings = STREAM.model_copy(update={"seed": seed})
         start = opening.Opening.look(scene, cameras, settings, groups, opening.Shared())

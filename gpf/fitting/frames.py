@@ -193,7 +193,7 @@ class _FrameFitter:
     def _cameras(self, scene: mi.Scene) -> Sequence[mi.Sensor]:
         """The cameras that see what the field of a frame is for."""
         if not self._places:
-            return self._sensors or ()
+            return sorted(self._sensors or (), key=str)  # as for a single field
         own, before = views_of_sensors(scene), self._before
         if self._sensors is None or own != self._own:
             if before is not None and views_of_sensors(before.scene) == own:

@@ -119,7 +119,7 @@ class Opening:
         seed = settings.seed
         plan, made = plan_emission(scene, cameras, seed, shared.plan)
         reference = ReferenceSettings(seed=seed, initial_radius=shared.radius)
-        passes = reference.measure(scene, cameras[0], plan)
+        passes = reference.measure(scene, cameras, plan)
         direct = choose_direct(scene, passes)
         sampled = sampled_lamps(scene, direct)
         own = settings.passes_like(passes)

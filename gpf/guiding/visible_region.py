@@ -92,9 +92,10 @@ class VisibleRegion:
 
 
 def sample_visible_points(
-    scene: mi.Scene, sensor: mi.Sensor, samples: int, seed: int
+    scene: mi.Scene, sensor: mi.Sensor, samples: int, seed: int, elsewhere: float = 0.5
 ) -> VisiblePoints:
-    """Visible points of camera rays and of rays that start on camera rays, (samples,)."""
+    """Visible points of camera rays, (samples,), of which a share starts ``elsewhere`` on a ray, in
+    any direction."""
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(seed, samples)
     on_film = sampler.next_2d()
@@ -102,7 +103,7 @@ def sample_visible_points(
     si = scene.ray_intersect_preliminary(ray)
     along = sampler.next_1d()
     direction = mi.warp.square_to_uniform_sphere(sampler.next_2d())
-    wanders = si.is_valid() & (sampler.next_1d() < 0.5)
+    wanders = si.is_valid() & (sampler.next_1d() < elsewhere)
     ray.o = dr.select(wanders, ray.o + along * si.t * ray.d, ray.o)
     ray.d = dr.select(wanders, direction, ray.d)
     return find_visible_points(scene, sampler, mi.Ray3f(ray))[0]

@@ -24,12 +24,13 @@ light of a Cornell Box with a glass ball is right within .2 % at 2.6e-3, and 4 %
 def check_scene(scene: mi.Scene, where: str = "scene") -> None:
     """Raise a :class:`UserError` if photon mapping cannot render the scene.
 
-    A scene needs emitters, diffuse surfaces, materials whose diffuse part can be separated, and
-    triangles in each mesh. ``where`` names the scene in the message.
+    A scene needs emitters, diffuse surfaces, materials whose diffuse part can be separated,
+    triangles in each mesh, and finite numbers. ``where`` names the scene in the message.
     """
     check_meshes(scene, where)
     check_media(scene, where)
     warn_of_rounding(scene, where)
+    check_numbers(scene, where)
     info = scene_info(scene)
     if info["emitters"]["count"] == 0:
         raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
@@ -95,6 +96,21 @@ def check_meshes(scene: mi.Scene, where: str = "scene") -> None:
         if isinstance(shape, mi.Mesh) and not shape.face_count():
             name = shape.id() or f"a shape ({shape.class_name()})"
             raise UserError(where, f"has no triangles in the mesh of {name}", "Remove the shape.")
+
+
+def check_numbers(scene: mi.Scene, where: str = "scene") -> None:
+    """Raise a :class:`UserError` if a number of an emitter or a material, or a pixel of its images,
+    is NaN or infinite: it would spread to all of the light."""
+    lights = [(emitter.id() or emitter.class_name(), emitter) for emitter in scene.emitters()]
+    for name, part in (*lights, *scene_materials(scene).items()):
+        values = mi.traverse(part)
+        for key in values.properties:
+            value = values[key]
+            if not dr.is_array_v(value) or not dr.is_float_v(value):
+                continue
+            if not dr.all(dr.isfinite(value), axis=None):
+                what = f"has NaN or infinite numbers in {key} of {name}"
+                raise UserError(where, what, "Correct that image or number.")
 
 
 def scene_info(scene: mi.Scene) -> dict[str, Any]:

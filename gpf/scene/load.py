@@ -93,6 +93,8 @@ def check_files(file: Path, parameters: Mapping[str, str] | None = None) -> Scen
         if (file.parent / "build.py").exists():
             build = f"gpf.scene.snapshot.build_scene({file.parent.name!r})"
             todo = f"build.py beside the scene file generates it: call {build}."
+        if "\\" in missing[0].text:
+            todo = "Separate folders with / instead of \\."
         where, path = str(missing[0].place), missing[0].path
         raise UserError(where, f"refers to {path}{more}, which does not exist", todo)
     for path, reference in {r.path: r for r in reversed(document.references)}.items():

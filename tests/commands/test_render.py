@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import io
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -196,6 +197,23 @@ def test_views_beside_the_scene(box):
         render(*words, "-o", folder)  # those that no method trains with, or all without any
         found = {path.stem for path in (box / folder).glob("*.png")}
         assert found == {view.name for view in read_views("views.yaml").novel}
+
+
+def test_what_the_scenes_camera_has_and_views_do_not_is_said(box, capsys):
+    text = (box / "box.xml").read_text(encoding="utf-8")
+    lens = '<sensor type="thinlens" id="sensor"><float name="aperture_radius" value="0.1"/>'
+    crop = '<film type="hdrfilm"><integer name="crop_width" value="9"/>'
+    for old, new in ((r"<sensor .*>", lens), (r"<film .*>", crop)):
+        text, count = re.subn(old, new, text)
+        assert count == 1
+    (box / "box.xml").write_text(text, encoding="utf-8")
+    render()
+    said = capsys.readouterr().err
+    assert "sensor sensor has an aperture: views are in focus everywhere" in said
+    assert "sensor sensor shows a crop of its film: views show the whole film" in said
+    shutil.copyfile(SOURCE / "views.yaml", box / "views.yaml")
+    render("--view", "front")
+    assert "aperture" not in capsys.readouterr().err
 
 
 def test_what_travels_to_a_cluster_is_the_scene_and_its_files(tmp_path):
