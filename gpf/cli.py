@@ -69,7 +69,7 @@ def bake(
     texels_per_unit: options.TexelsPerUnit = None,
     vertex_colours: options.VertexColours = False,
     spp: options.BakeSpp = 16,
-    exposure: options.MapExposure = None,
+    exposure: options.Exposure = None,
     glb: options.SceneGlb = None,
     html: options.ScenePage = None,
     blend: options.SceneBlend = None,
@@ -112,7 +112,7 @@ def export(
     field: options.Field = None,
     ply: options.Splats = None,
     compact: options.CompactField = None,
-    exposure: options.SplatExposure = None,
+    exposure: options.Exposure = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Write a field as 3D Gaussian splats, or in a third of its size."""

@@ -20,7 +20,13 @@ from gpf.blender.process import find_blender
 from gpf.commands.baked_scene import SceneFiles, write_scene
 from gpf.commands.cameras import file_beside
 from gpf.commands.overwriting import require_new
-from gpf.commands.scenes import find_field, find_scene, require_same_scene, title_of
+from gpf.commands.scenes import (
+    find_field,
+    find_scene,
+    known_exposure,
+    require_same_scene,
+    title_of,
+)
 from gpf.core.errors import UserError
 from gpf.core.files import write_json
 from gpf.core.images import propose_exposure
@@ -32,7 +38,6 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
 from gpf.scene.load import load_scene_file
 from gpf.scene.untraceable import telling_untraceable
-from gpf.scene.views import read_views
 
 SIZE = 1024
 """Width and height of the maps, if nothing is asked for."""
@@ -124,7 +129,7 @@ def bake_light(scene_name: str, field_name: str | None, folder: Path, options: B
     if backs := sum(surface.two_sided for surface in surfaces):
         say(f"two-sided: {backs} of {len(surfaces)} shapes, baked on the side of their normals")
     views = file_beside(trained / "scene.xml" if trained else scene_file, None)
-    exposure = options.exposure or _known_exposure(views, field)
+    exposure = options.exposure or known_exposure(views, field)
     start = time.perf_counter()
     with sole_run(folder, inside=True), telling_untraceable(str(scene_file)):
         remove_leftovers(folder)
@@ -136,12 +141,6 @@ def bake_light(scene_name: str, field_name: str | None, folder: Path, options: B
             write_scene(options.files, scene, field, baked, index["exposure"], views, title)
         write_json(folder / INDEX, {**index, "left_out": left_out})
     say(f"{folder}: {len(surfaces)} meshes, {time.perf_counter() - start:.1f} s")
-
-
-def _known_exposure(views: Path | None, field: GaussianPhotonField) -> float | None:
-    """The exposure of the scene's views or of the field; None if neither has one."""
-    known = None if views is None else read_views(views).given_exposure
-    return known or field.record.get("exposure")
 
 
 def _bake_maps(

@@ -46,16 +46,14 @@ class Cameras:
 
 
 def file_beside(scene_file: Path, file: Path | None) -> Path | None:
-    """The cameras' file: ``file``, or else ``views.yaml`` beside the scene, if there is one; for a
-    converted scene in the cache, first beside the file that it was made from."""
-    places = (path.parent / "views.yaml" for path in (origin_of(scene_file), scene_file))
+    """The cameras' file: ``file``, or else ``views.yaml`` beside the scene, or in the folder of an
+    animation, if there is one; for a converted scene in the cache, first beside the file that it
+    was made from."""
+    folders = (
+        path if path.is_dir() else path.parent for path in (origin_of(scene_file), scene_file)
+    )
+    places = (folder / "views.yaml" for folder in folders)
     return file or next((place for place in places if place.exists()), None)
-
-
-def file_in_animation(animation: Path, file: Path | None) -> Path | None:
-    """The cameras' file: ``file``, or else ``views.yaml`` in an animation's folder, if there is
-    one."""
-    return file_beside(animation / "scene.xml", file)
 
 
 def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> Cameras:

@@ -43,6 +43,10 @@ Views = Annotated[
         "scene; without it, the scene's own, or for a fit others around them]",
     ),
 ]
+Exposure = Annotated[
+    float | None,
+    Option(help="Exposure of PNG files, splats and colours. [default: from views.yaml or the fit]"),
+]
 Seed = Annotated[int, Option(min=0, help="Random seed.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace what exists.")]
 
@@ -82,9 +86,6 @@ Splats = Annotated[
 CompactField = Annotated[
     Path | None, Option(metavar="OUT.safetensors", help="Write a field of a third of the size.")
 ]
-SplatExposure = Annotated[
-    float | None, Option(help="Exposure of --ply. [default: from views.yaml or the field]")
-]
 
 # `gpf bake`.
 
@@ -106,10 +107,6 @@ BakeSpp = Annotated[
         max=1_000_000,
         help="Samples per texel of the lamps whose direct light the field leaves out.",
     ),
-]
-MapExposure = Annotated[
-    float | None,
-    Option(help="Exposure of PNG files and colours. [default: from views.yaml or the field]"),
 ]
 
 SceneGlb = Annotated[
@@ -205,7 +202,6 @@ Aovs = Annotated[
         "visible_normal, irradiance, coverage, error.",
     ),
 ]
-Exposure = Annotated[float | None, Option(help="Exposure of the PNG files.")]
 Denoise = Annotated[
     bool | None,
     Option(

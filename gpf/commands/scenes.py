@@ -17,6 +17,7 @@ from gpf.field.io import StoredField, read_field
 from gpf.importing.sources import find_scene_file
 from gpf.scene.fingerprint import SAME, changed_parts, fingerprint
 from gpf.scene.frames import SceneFrame, scene_frames
+from gpf.scene.views import read_views
 
 RESULTS = Path("results")
 """Where the pipeline writes its results, in one folder per scene."""
@@ -106,6 +107,12 @@ def read_given(file: Path) -> StoredField:
         return read_field(file)
     except UserError as error:
         raise UserError(error.where, error.what, "Give the file of a field.") from error
+
+
+def known_exposure(views: Path | None, field: GaussianPhotonField | StoredField) -> float | None:
+    """The exposure of a ``views.yaml`` or of a field; None if neither has one."""
+    known = None if views is None else read_views(views).given_exposure
+    return known or field.record.get("exposure")
 
 
 def _require_file(path: Path, kind: str, suffixes: Sequence[str]) -> None:

@@ -14,7 +14,7 @@ from gpf.commands.cameras import (
     Cameras,
     camera_of_frame,
     choose_cameras,
-    file_in_animation,
+    file_beside,
 )
 from gpf.commands.scenes import (
     FIELDS,
@@ -115,7 +115,7 @@ def _frames(animation: Path, fields: Path, choice: CameraChoice) -> list[Shot]:
     if len(choice.names) > 1:
         what = f"shows one view, but --view is given {len(choice.names)} times"
         raise UserError("--frames", what, "Render one view after the other.")
-    choice = replace(choice, file=file_in_animation(animation, choice.file))
+    choice = replace(choice, file=file_beside(animation, choice.file))
     assert choice.frames is not None
     every = find_frames(animation, choice.frames)
     numbers = range(len(every))[choose_frames(choice.frames, len(every), str(animation))]

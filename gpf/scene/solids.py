@@ -27,22 +27,16 @@ def overlapping_solids(scene: mi.Scene) -> list[tuple[str, str]]:
     """The pairs of refracting shapes that overlap: rays, from outside and straight on through
     everything, leave the one before they leave the other, which they have entered later. Rays that
     stay in a shape tell nothing: it is an open sheet."""
-    shapes = [shape for shape in all_shapes(scene) if _is_solid(shape.bsdf())]
-    if len(shapes) < 2:
+    solids = {_number(shape): shape for shape in all_shapes(scene) if _is_solid(shape.bsdf())}
+    if len(solids) < 2:
         return []
-    pointers = (dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)) for shape in shapes)
-    names = (shape.id() or f"a shape ({shape.class_name()})" for shape in shapes)
-    solids = {int(k[0]): name for k, name in zip(pointers, names, strict=True)}
-    lower, upper = scene_bounds(scene)
-    length = float(dr.norm(upper - lower))
-    rng = np.random.default_rng(0)
-    direction = rng.normal(size=(_RAYS, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    boxes = np.array([[shape.bbox().min, shape.bbox().max] for shape in shapes])
-    aim = boxes[rng.integers(0, len(shapes), _RAYS)]
-    origin = rng.uniform(aim[:, 0], aim[:, 1]) - length * direction
-    ray = mi.Ray3f(from_numpy(mi.Point3f, origin), from_numpy(mi.Vector3f, direction))
-    active = dr.full(mi.Bool, True, _RAYS)
+    names = {k: s.id() or f"a shape ({s.class_name()})" for k, s in solids.items()}
+    boxes = np.array([[shape.bbox().min, shape.bbox().max] for shape in solids.values()])
+    rng, (lower, upper) = np.random.default_rng(0), scene_bounds(scene)
+    aim = boxes[rng.integers(0, len(boxes), _RAYS)]
+    to = from_numpy(mi.Point3f, rng.uniform(aim[:, 0], aim[:, 1]))
+    d = mi.warp.square_to_uniform_sphere(from_numpy(mi.Point2f, rng.random((_RAYS, 2))))
+    ray, active = mi.Ray3f(to - dr.norm(upper - lower) * d, d), dr.full(mi.Bool, True, _RAYS)
     inside: list[list[int]] = [[] for _ in range(_RAYS)]
     crossed: list[set[tuple[str, str]]] = [set() for _ in range(_RAYS)]
     for _ in range(_CROSSINGS):
@@ -55,7 +49,7 @@ def overlapping_solids(scene: mi.Scene) -> list[tuple[str, str]]:
                 entered.append(met)
                 continue
             if entered[-1] != met:
-                first, second = sorted((solids[met], solids[entered[-1]]))
+                first, second = sorted((names[met], names[entered[-1]]))
                 crossed[k].add((first, second))
             entered.remove(met)
         ray = si.spawn_ray(ray.d)
@@ -63,6 +57,10 @@ def overlapping_solids(scene: mi.Scene) -> list[tuple[str, str]]:
     left = (pairs for pairs, entered in zip(crossed, inside, strict=True) if not entered)
     found = Counter(pair for pairs in left for pair in pairs)
     return sorted(pair for pair, rays in found.items() if rays >= _LEAST)
+
+
+def _number(shape: mi.Shape) -> int:
+    return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
 
 
 def _is_solid(bsdf: mi.BSDF | None) -> bool:
