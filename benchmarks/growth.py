@@ -136,7 +136,7 @@ def render_frames(count: int) -> Callable[[], object]:
     gpf.save_field(
         untrained_field(gpf.load_scene_file(scene_file), 50_000), folder / "field.safetensors"
     )
-    options = ["field.safetensors", "--orbit", str(count), "--size", "64", "--spp", "4"]
+    options = ["--field", "field.safetensors", "--orbit", str(count), "--size", "64", "--spp", "4"]
     command = [sys.executable, "-m", "gpf.cli", "render", str(scene_file), *options]
     calls = iter(range(9))
 

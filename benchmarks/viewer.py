@@ -170,7 +170,7 @@ def measure(name: str, folder: Path) -> list[str]:
     gpf.save_field(field, field_file)
     renderer = FieldRenderer.make(measured.scene, field, RenderSettings(spp=SPP))
     alone = time_of(lambda: renderer.render(views[0], measured.size(ROWS), seed=0))
-    with viewing(folder, str(scene_file), str(field_file)) as (_, page):
+    with viewing(folder, str(scene_file), "--field", str(field_file)) as (_, page):
         page.move(WARM_UP)
         delays, heights = page.move(MEASURED)
         page.rest()

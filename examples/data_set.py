@@ -67,7 +67,7 @@ def main(folder: Path, seconds: float = 30, size: int = 256) -> None:
     say(f"Fitting for {seconds:g} seconds.")
     gpf.save_field(gpf.fit(gpf.load_scene_file(SCENE), seconds=seconds), file)
     options = ["--orbit", "8", "--size", f"{size}x{size}", "--aovs", "depth,normal"]
-    command = ["gpf.cli", "render", SCENE, file, "-o", data_set, *options]
+    command = ["gpf.cli", "render", SCENE, "--field", file, "-o", data_set, *options]
     subprocess.run([sys.executable, "-m", *command], check=True)
 
     frame, other = Frame(data_set, 0), Frame(data_set, 1)

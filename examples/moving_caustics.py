@@ -120,7 +120,7 @@ def main(folder: Path, seconds: float = 10, size: int = 256, frames: int = 24) -
     scene, fields = write_scene(folder, frames), folder / "fields"
     say(f"Fitting {frames} frames, for {seconds:g} seconds each.")
     gpf("fit", scene, "--frames", "all", "-o", fields, "--seconds", seconds, "--groups", "auto")
-    options = ["--frames", "all", fields, "--size", f"{size}x{size}"]
+    options = ["--frames", "all", "--field", fields, "--size", f"{size}x{size}"]
     gpf("render", scene, *options, "-o", folder / "sun", "--aovs", "depth,normal", "--mp4")
     gpf("render", scene, *options, "-o", folder / "sky", "--lights", "sun=0", "--mp4")
 

@@ -63,7 +63,7 @@ def set_up(
 @app.command()
 def bake(
     scene: options.Scene,
-    field: options.Field = None,
+    field: options.FieldOfScene = None,
     output: options.BakeFolder = Path("baked"),
     size: options.MapSize = None,
     texels_per_unit: options.TexelsPerUnit = None,
@@ -177,7 +177,7 @@ def fit(
 @app.command()
 def render(
     scene: options.Scene,
-    field: options.Field = None,
+    field: options.FieldOfScene = None,
     view: options.ViewNames = None,
     views: options.Views = None,
     frames: options.Frames = None,

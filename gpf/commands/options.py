@@ -24,6 +24,10 @@ Field = Annotated[
         help="A field's file, or the name of a trained scene. [default: field.safetensors]",
     ),
 ]
+FieldOfScene = Annotated[
+    str | None,
+    Option("--field", metavar="FIELD", help="The scene's field. [default: field.safetensors]"),
+]
 Groups = Annotated[
     str,
     Option(
@@ -232,7 +236,8 @@ Levels = Annotated[
 
 ShownField = Annotated[
     str | None,
-    Argument(
+    Option(
+        "--field",
         metavar="FIELD",
         help="A field's file. [default: --output if it exists; else one is fitted meanwhile]",
     ),

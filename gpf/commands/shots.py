@@ -108,7 +108,7 @@ def find_shots(
 def _frames(animation: Path, fields: Path, choice: CameraChoice) -> list[Shot]:
     """A shot for each frame of an animation."""
     if not fields.is_dir():
-        todo = f"Run `gpf fit {animation} --frames all -o {fields}`, or name their folder."
+        todo = f"Run `gpf fit {animation} --frames all -o {fields}`, or give --field FOLDER."
         raise UserError(str(fields), "is not a folder with the fields of the frames", todo)
     if choice.orbit:
         raise UserError("--frames and --orbit", "are mutually exclusive", "Give one of them.")

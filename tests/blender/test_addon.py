@@ -126,7 +126,7 @@ def test_a_fit_that_is_stopped_goes_on_and_shows_what_gpf_render_shows(blender, 
     assert stopped.record["fitted"] < told["seconds"]
     assert last.record["fitted"] == pytest.approx(told["seconds"] + 2, rel=1e-4)
     assert last.record["passes"] >= stopped.record["passes"]
-    words = ["render", tmp_path / "room.blend", told["field"], "--size", "96x64"]
+    words = ["render", tmp_path / "room.blend", "--field", told["field"], "--size", "96x64"]
     words += ["--spp", 16, "--aovs", "depth,albedo", "-o", tmp_path / "pictures"]
     done = subprocess.run(
         [sys.executable, "-m", "gpf", *map(str, words)],

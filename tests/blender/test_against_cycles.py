@@ -116,7 +116,7 @@ def test_commands_take_a_file_of_blender(tmp_path, monkeypatch):
     gpf("fit", "room.blend", "--passes", 6, "-o", "room.safetensors")
     (scene,) = (tmp_path / "cache" / "gpf" / "scenes").glob("room-*/scene.xml")
     made = scene.stat().st_mtime_ns
-    gpf("render", "room.blend", "room.safetensors", "--size", "48x32", "-o", "pictures")
+    gpf("render", "room.blend", "--field", "room.safetensors", "--size", "48x32", "-o", "pictures")
     assert scene.stat().st_mtime_ns == made
     (picture,) = (tmp_path / "pictures").glob("*.png")
     assert np.asarray(Image.open(picture)).mean() > 20

@@ -113,11 +113,11 @@ def test_fields_and_pictures_of_an_animation(file, tmp_path, monkeypatch, capsys
     fields = sorted(path.name for path in (tmp_path / "fields").glob("*.safetensors"))
     assert fields == ["frame_0005.safetensors", "frame_0007.safetensors"]
     cheap = "--frames", "2:4", "--size", "48x32", "--spp", "2"
-    assert gpf(file, "fields", *cheap, "-o", "film", command="render") == 0
+    assert gpf(file, "--field", "fields", *cheap, "-o", "film", command="render") == 0
     told = json.loads((tmp_path / "film" / "transforms.json").read_text())["frames"]
     assert [frame["file_path"] for frame in told] == ["frame_0005.png", "frame_0007.png"]
     assert [frame["time"] for frame in told] == [0.5, 0.75]
-    one = f"fields/{fields[0]}", "--changed-scene"
+    one = "--field", f"fields/{fields[0]}", "--changed-scene"
     assert gpf(file, *one, *cheap, "-o", "path", command="render") == 0
     capsys.readouterr()
     assert gpf(file, "--frames", "4:5", "--passes", "6", "-o", "fields") == 0

@@ -96,7 +96,7 @@ def test_a_data_set_with_a_time(tmp_path, small, capsys):
     scenes, fields, pictures = animate(tmp_path / "rolling"), tmp_path / "fields", tmp_path / "set"
     assert run(scenes, "--passes", "6", "--frames", "all", "-o", fields) == 0
     cheap = "--frames", "all", "--size", "24", "--spp", "2", "--aovs", "depth"
-    shot = scenes, fields, *cheap, "-o", pictures
+    shot = scenes, "--field", fields, *cheap, "-o", pictures
     assert run(*shot, command="render") == 0
     told = json.loads((pictures / "transforms.json").read_text())["frames"]
     assert [frame["file_path"] for frame in told] == [f"frame_{k:04d}.png" for k in range(3)]
@@ -109,7 +109,7 @@ def test_a_data_set_with_a_time(tmp_path, small, capsys):
     assert run(*shot, command="render") == 0
     assert "3 already done" in capsys.readouterr().err
     (fields / "frame_0001.safetensors").unlink()
-    assert run(scenes, fields, *cheap, "-o", tmp_path / "b", command="render") == 2
+    assert run(scenes, "--field", fields, *cheap, "-o", tmp_path / "b", command="render") == 2
     assert "frame_0001.safetensors: is missing" in capsys.readouterr().err
     assert run(scenes, *cheap, "-o", tmp_path / "b", command="render") == 2
     assert "fields: is not a folder with the fields" in " ".join(capsys.readouterr().err.split())
@@ -135,7 +135,7 @@ def test_a_frame_that_changed_by_little_is_fitted_again(tmp_path, small, capsys)
     assert run(*fit) == 0
     scene = scenes / "frame_0000.xml"
     scene.write_text(scene.read_text().replace('center" x="0.0"', 'center" x="0.0001"'))
-    pictures = fields, "--frames", "0:1", "--size", "16", "-o", tmp_path / "pictures"
+    pictures = "--field", fields, "--frames", "0:1", "--size", "16", "-o", tmp_path / "pictures"
     for other in (fit, (scenes, *pictures)):
         capsys.readouterr()
         assert run(*other, command="fit" if other is fit else "render") == 2
@@ -199,7 +199,7 @@ def test_a_lamp_that_is_off_in_a_frame(tmp_path, small, capsys):
     spark = names[0].index("spark")
     assert lights[1].groups.members[spark] == () and len(lights[0].groups.members[spark]) == 1
     assert np.abs(lights[1].irradiance[spark]).max() <= 1e-6 * lights[1].irradiance.max()
-    shot = scenes, fields, "--frames", "all", "--size", "16", "--lights", "spark=0"
+    shot = scenes, "--field", fields, "--frames", "all", "--size", "16", "--lights", "spark=0"
     assert run(*shot, "-o", tmp_path / "pictures", command="render") == 0
     pictures = [tmp_path / "pictures" / f"frame_000{k}.exr" for k in range(2)]
     assert all(read_exr(file)[0]["radiance"].max() > 0 for file in pictures)
@@ -235,7 +235,7 @@ def test_each_folder_has_its_own_cameras(tmp_path, small, capsys):
 
 def test_a_frame_has_one_view(tmp_path, capsys):
     scenes = animate(tmp_path / "rolling")
-    frames = scenes, tmp_path, "--frames", "all"
+    frames = scenes, "--field", tmp_path, "--frames", "all"
     assert run(*frames, "--orbit", "5", command="render") == 2
     assert "--frames and --orbit: are mutually exclusive" in capsys.readouterr().err
     assert run(*frames, "--view", "front", "--view", "back", command="render") == 2
@@ -251,7 +251,7 @@ def test_folders_of_frames_share_their_cameras(tmp_path, small, capsys):
     frames = folders, "--frames", "all"
     assert run(*frames, "--passes", "6", "-o", tmp_path / "fields") == 0
     assert f"cameras: from {folders}" in "".join(capsys.readouterr().err.split("\n"))
-    shot = *frames, tmp_path / "fields", "--view", "front", "--size", "16"
+    shot = *frames, "--field", tmp_path / "fields", "--view", "front", "--size", "16"
     assert run(*shot, "-o", tmp_path / "pictures", command="render") == 0
 
 

@@ -87,7 +87,7 @@ def test_chunks_begin_with_the_first_frame(rolling, capsys):
 
 @pytest.mark.slow
 def test_pictures_of_a_cluster_are_those_of_one_machine(rolling, capsys):
-    asked = rolling / "scenes", rolling / "fields", *PICTURES
+    asked = rolling / "scenes", "--field", rolling / "fields", *PICTURES
     assert run(*asked, "-o", rolling / "here", command="render") == 0
     assert run(*asked, "-o", rolling / "there", *RAY, command="render") == 0
     assert "4 pictures" in capsys.readouterr().err

@@ -52,11 +52,11 @@ def test_places_that_the_field_does_not_know_are_said(box, capsys):
     parts = vars(field.gaussians).items()
     field.update(Gaussians(**{name: dr.gather(type(v), v, known) for name, v in parts}))
     save_field(field, box / "without_floor.safetensors")
-    render("without_floor.safetensors", "-o", "b")
+    render("--field", "without_floor.safetensors", "-o", "b")
     layers, record = read_exr(box / "b" / "sensor.exr")
     assert "coverage" not in layers and 0.03 < record["weakly_covered"] < 0.5
     assert f"{record['weakly_covered']:.2%} of the pixels are weakly" in capsys.readouterr().err
-    render("without_floor.safetensors", "-o", "c", "--aovs", "coverage")
+    render("--field", "without_floor.safetensors", "-o", "c", "--aovs", "coverage")
     layers, again = read_exr(box / "c" / "sensor.exr")
     assert (layers["coverage"] > WEAK_COVERAGE).mean() == again["weakly_covered"]
 
@@ -165,7 +165,7 @@ def test_fields_that_do_not_know_their_scene_are_taken(box):
         (("--seconds", "-1"), "--seconds: is -1.0. Give a number above 0"),
         (("--exposure", "inf"), "--exposure: is inf. Give a number above 0"),
         (("--orbit", "3", "--view", "sensor"), "--orbit and --view: are mutually"),
-        (("none.safetensors",), "none.safetensors: does not exist"),
+        (("--field", "none.safetensors"), "none.safetensors: does not exist"),
         (("--views", "none.json"), "none.json: does not exist"),
         (("--orbit", "1000000000"), "less than or equal to"),
         (("--spp", "10000000000"), "less than or equal to"),

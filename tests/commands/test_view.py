@@ -1,4 +1,4 @@
-"""`gpf view` without a FIELD where a field is already: it is shown if it is this scene's."""
+"""`gpf view` without `--field` where a field is already: it is shown if it is this scene's."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def test_what_is_no_scene(elsewhere, capsys, command, name, words):
 )
 def test_what_is_no_field(elsewhere, capsys, command, name, words):
     Path("box.xml").write_text((SOURCE / "scene.xml").read_text())
-    scene = () if command in OF_FIELDS else ("box.xml",)
+    scene = () if command in OF_FIELDS else ("box.xml", *(["--field"] if name else []))
     more = ("--ply", "a.ply") if command == "export" else ()
     text = said(capsys, command, *scene, *([name] if name else []), *more)
     assert re.fullmatch(f"error: {words}", text), text

@@ -22,7 +22,7 @@ from tests.faults.wholeness import contents
 from tests.stages.conftest import PROJECT, SCENE
 
 FIT = ("fit", "box.xml", "-o", "box.safetensors", "--passes", "12", "--overwrite")
-RENDER = ("render", "box.xml", "old.safetensors", "-o", "pictures", "--orbit", "3")
+RENDER = ("render", "box.xml", "--field", "old.safetensors", "-o", "pictures", "--orbit", "3")
 RENDER = (*RENDER, "--size", "20x16", "--spp", "4", "--mp4", "--aovs", "depth,normal")
 COMMANDS = {"fit": FIT, "render": RENDER}
 commands = pytest.mark.parametrize("command", COMMANDS)

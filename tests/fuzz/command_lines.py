@@ -18,7 +18,7 @@ FILES = "scene.xml field.safetensors views.yaml transforms.json . missing bytes 
 FILES += " folder/x.safetensors scene.xml/x"
 OUTPUTS = "out out.exr out.PNG out.jpg out.xyz out.ply out.PLY out.safetensors"
 VALUES = {
-    **dict.fromkeys(["FIELD", "--continue"], f"field.safetensors {FILES}"),
+    **dict.fromkeys(["FIELD", "--field", "--continue"], f"field.safetensors {FILES}"),
     **dict.fromkeys(["--output", "--ply", "--compact"], f"{OUTPUTS} {FILES}"),
     **dict.fromkeys(["--spp", "--seed", "--exposure", "--sensor", "--texels-per-unit"], NUMBERS),
     **dict.fromkeys(["--seconds", "--target-psnr"], "1 0.1 nan -1 0 1e-9 -inf"),
@@ -43,18 +43,18 @@ VALUES = {
 }
 # Command lines that work, and options that may follow them.
 COMMANDS = {
-    "render scene.xml --size 5x4 --spp 1": "FIELD --view --views --frames --orbit --output --size"
+    "render scene.xml --size 5x4 --spp 1": "--field --view --views --frames --orbit --output --size"
     " --spp --seconds --aovs --exposure --no-denoise --mp4 --seed --changed-scene --executor"
     " --cluster --lights",
     "fit scene.xml --passes 2": "--output --seconds --target-psnr --views --seed --continue"
     " --groups",
-    "view scene.xml --no-open field.safetensors": "--output --views --host --port --groups"
+    "view scene.xml --no-open --field field.safetensors": "--output --views --host --port --groups"
     " --changed-scene",
     "mitsuba scene.xml --spp 1": "--output --define --sensor --spp --seed",
     "export field.safetensors": "--ply --compact --exposure",
     "lights field.safetensors": "",
     "info": "FIELD",
-    "bake scene.xml --size 128 --spp 1": "FIELD --output --size --texels-per-unit"
+    "bake scene.xml --size 128 --spp 1": "--field --output --size --texels-per-unit"
     " --vertex-colours --spp --exposure --seed --changed-scene",
     "demo scenes": "",
     "profile smoke": "",

@@ -24,7 +24,7 @@ COMMANDS = (
     "export field.safetensors --compact out.safetensors",
     "lights field.safetensors",
     "info field.safetensors",
-    "view scene.xml field.safetensors --no-open --changed-scene",
+    "view scene.xml --field field.safetensors --no-open --changed-scene",
 )
 
 

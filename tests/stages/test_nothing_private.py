@@ -116,7 +116,7 @@ def test_what_the_commands_write(tmp_path, monkeypatch, capsys):
     out = home / "out"
     for words in (
         ("fit", scene, "--output", field, "--passes", "2", "--groups", "auto"),
-        ("render", scene, field, "--output", out / "pictures", "--size", "20x16"),
+        ("render", scene, "--field", field, "--output", out / "pictures", "--size", "20x16"),
         ("export", field, "--ply", out / "a.ply", "--compact", out / "a.safetensors"),
         ("scene", "import", home / "Their Room", "--name", "room"),
     ):

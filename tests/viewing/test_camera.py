@@ -43,7 +43,7 @@ def address(tmp_path_factory):
         scene_bounds(scene),
     )
     save_field(found, folder / "field.safetensors")
-    words = (str(folder / "field.safetensors"),)
+    words = ("--field", str(folder / "field.safetensors"))
     with viewing(folder, *words, scene=folder / "scene.xml") as (_, address):
         yield address
 

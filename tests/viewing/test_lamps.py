@@ -55,7 +55,7 @@ def lamps(tmp_path_factory):
         lights=lights,
     )
     save_field(found, folder / "field.safetensors")
-    words = (str(folder / "field.safetensors"),)
+    words = ("--field", str(folder / "field.safetensors"))
     with viewing(folder, *words, scene=folder / "scene.xml") as found:
         yield found
 

@@ -30,7 +30,7 @@ def field_file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def viewer(field_file, tmp_path_factory):
-    words = (str(field_file), "--changed-scene")
+    words = ("--field", str(field_file), "--changed-scene")
     with viewing(tmp_path_factory.mktemp("view"), *words) as found:
         yield found
 
