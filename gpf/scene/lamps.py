@@ -72,7 +72,7 @@ class Lamps:
             if medium is None and self._media.there:
                 medium = self._media.around(ray, seen)
             with dr.suspend_grad():  # what is in between counts as fixed
-                share = self._arriving_share(ray, light.p, seen, medium)
+                share = self._arriving_share(ray, light.p, sample.x, seen, medium)
             weight *= share
             seen &= dr.any(share > 0)
         else:
@@ -83,17 +83,17 @@ class Lamps:
     @loops_traced_once
     @dr.syntax
     def _arriving_share(  # type: ignore[no-untyped-def]
-        self, ray, target, active, medium
+        self, ray, target, random, active, medium
     ) -> mi.Color3f:
         """The fraction of light from points that goes straight to the origins of rays, (N, 3)."""
         share, walking = dr.select(active, mi.Color3f(1), 0), mi.Bool(active)
         if dr.hint(not self._media.there, mode="scalar"):
             medium = mi.UInt32(0)
-        while dr.hint(walking, exclude=[target]):
+        while dr.hint(walking, exclude=[target, random]):
             si = self.scene.ray_intersect(ray, active=walking)
             if dr.hint(self._media.there, mode="scalar"):
                 distance = dr.minimum(si.t, ray.maxt)
-                share *= self._media.transmittance(medium, ray, distance, walking)
+                share *= self._media.transmittance(medium, ray, distance, random, walking)
                 crossing = walking & si.is_medium_transition()
                 medium = dr.select(crossing, si.target_medium(ray.d), medium)
             walking &= si.is_valid()

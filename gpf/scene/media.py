@@ -143,25 +143,30 @@ class Media:
         return near, far, active & inside & (near < far)
 
     def transmittance(
-        self, medium: mi.MediumPtr, ray: mi.Ray3f, distance: mi.Float, active: mi.Bool
+        self,
+        medium: mi.MediumPtr,
+        ray: mi.Ray3f,
+        distance: mi.Float,
+        random: mi.Float,
+        active: mi.Bool,
     ) -> mi.Color3f:
-        """The share of light that passes a distance without a collision, (N, 3); the expected one
-        in media that are not the same everywhere."""
+        """The share of light that passes a distance without a collision, (N, 3); in media that are
+        not the same everywhere, an estimate that depends on the ray and a random number."""
         near, far, active = self.span(medium, ray, distance, active)
         if not self.homogeneous:
-            return self._track(medium, ray, near, far, active)
+            return self._track(medium, ray, near, far, random, active)
         extinction = medium.get_majorant(Place(ray.o, ray.d, medium).interaction(), active)
         return dr.select(active, dr.exp(-extinction * (far - near)), 1)
 
     @loops_traced_once
     @dr.syntax
     def _track(  # type: ignore[no-untyped-def]
-        self, medium, ray, near, far, active
+        self, medium, ray, near, far, random, active
     ) -> mi.Color3f:
-        """The expected transmittance from ``near`` to ``far``, (N, 3), by ratio tracking (Novák et
-        al. 2014). The random numbers depend on the ray alone."""
+        """Ratio tracking from ``near`` to ``far`` (Novák et al. 2014); another random number, or
+        another ray, gives an independent estimate."""
         majorant = medium.get_majorant(Place(ray.o, ray.d, medium).interaction(), active)
-        rate, seed, number = dr.max(majorant), _hash_of(ray), mi.UInt32(0)
+        rate, seed, number = dr.max(majorant), _hash_of(random, *ray.o, *ray.d), mi.UInt32(0)
         share, t, flying = mi.Color3f(1), mi.Float(near), active & (rate > 0)
         while dr.hint(flying, exclude=[far, rate, seed]):
             t -= dr.log(1 - mi.sample_tea_float32(seed, number)) / rate
@@ -252,10 +257,10 @@ def medium_at(scene: mi.Scene, place: Sequence[float]) -> mi.Medium | None:
     return next((m for m in media.every if dr.all(found == mi.MediumPtr(m))), None)
 
 
-def _hash_of(ray: mi.Ray3f) -> mi.UInt32:
+def _hash_of(*values: mi.Float) -> mi.UInt32:
     """A number that looks random, (N,)."""
     total = mi.UInt32(0)
-    for value in (*ray.o, *ray.d):
+    for value in values:
         total = mi.sample_tea_32(total, dr.reinterpret_array(mi.UInt32, mi.Float(value)))[0]
     return total
 

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from gpf.core.errors import UserError
-from gpf.core.structs import from_numpy, to_numpy
+from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
+from gpf.scene.lamps import Lamps
 from gpf.scene.media import Media
 from gpf.scene.media_checks import check_media, describe_media, wrong_boundaries
+from gpf.sppm.fixed_points import FixedPoints
 from tests.foggy import NULL, cloud, fog_box, medium
-from tests.furnace import camera, cornell_box, point_light
+from tests.furnace import camera, cornell_box, point_light, rgb
 
 COUNT = 200_000
 
@@ -66,7 +68,8 @@ def test_a_medium_without_a_boundary_is_everywhere():
 def test_transmittance_is_exponential_in_each_channel():
     media = Media(load(medium([0.5, 1, 2])))
     ray, every = rays((0.7, -0.9, 0.7), (0, 1, 0), 4), dr.full(mi.Bool, True, 4)
-    found = media.transmittance(media.around(ray, every), ray, mi.Float(1.5), every)
+    length, random = mi.Float(1.5), mi.Float(0)
+    found = media.transmittance(media.around(ray, every), ray, length, random, every)
     expected = np.exp(-1.5 * np.array([0.5, 1, 2]))
     np.testing.assert_allclose(to_numpy(found), np.tile(expected, (4, 1)), rtol=2e-3)
 
@@ -88,12 +91,31 @@ def test_transmittance_of_a_grid_is_right_on_average(density):
     scene = load(cloud(density))
     media, ray = Media(scene), rays((0.6, -0.9, 0.3), (0, 1, 0))
     every = dr.full(mi.Bool, True, COUNT)
-    found = to_numpy(media.transmittance(media.around(ray, every), ray, mi.Float(1.8), every))
+    medium, length, random = media.around(ray, every), mi.Float(1.8), mi.Float(0.5)
+    found = to_numpy(media.transmittance(medium, ray, length, random, every))
     expected = np.exp(-optical_depth(scene, (0.6, -0.9, 0.3), (0, 1, 0), 1.8))
     error = found.std(axis=0) / COUNT**0.5
     np.testing.assert_allclose(
         found.mean(axis=0), expected, atol=4 * error.max() + 2e-3 * expected[0]
     )
+
+
+@pytest.mark.parametrize("kind", ["point", "directional"])
+def test_samples_through_a_grid_are_independent_where_the_ray_is_always_the_same(kind):
+    """At a fixed point, towards a lamp without a size."""
+    lamp = {
+        "point": point_light((0.6, 0.1, 2.8), 16),
+        "directional": {"type": "directional", "direction": [0, 0, -1], "irradiance": rgb(1)},
+    }
+    scene, below = load(cloud(3), lamp=lamp[kind]), (0.6, 0.1, -1.2)
+    points = dr.zeros(VisiblePoints, 1000)
+    points.p += mi.Point3f(*below)
+    points.n = mi.Normal3f(0, 0, 1)
+    fixed = FixedPoints(scene, points)
+    one, many = (fixed.mean_direct(Lamps(scene), samples, seed=7)[:, 0] for samples in (1, 64))
+    expected = np.exp(-optical_depth(scene, (0.6, 0.1, -1), (0, 0, 1), 2)[0])
+    assert 0 < many.std() < 0.15 * one.std()
+    assert many.mean() == pytest.approx(expected, abs=float(many.std()) / 8)
 
 
 @pytest.mark.parametrize("inside", ["gray", "colour", "grid"])
