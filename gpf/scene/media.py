@@ -19,7 +19,8 @@ from gpf.scene.shapes import all_shapes
 
 CROSSING = 4.0
 """Least number of places per crossing of the scene at which a flight asks what is there. In thin
-fog, photons collide rarely; these places show where they pass."""
+fog, photons collide rarely; these places show where they pass. Far from the scene, where fog
+without walls goes on, the distance from it counts instead of its size."""
 
 # Most surfaces behind which a boundary between media is looked for.
 _MOST_SURFACES = 32
@@ -30,6 +31,9 @@ extinction."""
 
 # A segment that leaves the scene, in a medium without a boundary, is so long.
 _FAR = 1e8
+
+# Farther from the scene than this many times its size, photons are too sparse to be found.
+_SPARSE = 32
 
 # Below this, a transmittance that is tracked survives at random.
 _FAINT = 0.1
@@ -107,7 +111,7 @@ class Media:
         self.homogeneous = all(medium.is_homogeneous() for medium in self.every)
         self._everywhere = endless[0] if endless else None
         lower, upper = scene_bounds(scene)
-        self._least = CROSSING / float(dr.norm(upper - lower))
+        self._middle, self._size = (lower + upper) / 2, float(dr.norm(upper - lower))
 
     @loops_traced_once
     @dr.syntax
@@ -222,17 +226,19 @@ class Media:
         weight, ratio = mi.Color3f(1), mi.Color3f(ratio)
         scatters = mi.Bool(False)
         t, far, flying = self.span(medium, ray, distance, active)
-        rate = dr.maximum(medium.get_majorant(place.interaction(), flying), self._least)
-        own = of_channel(rate, channel)
-        while dr.hint(flying, exclude=[far, rate, own]):
-            step = -dr.log(1 - sampler.next_1d(flying)) / own
+        majorant = medium.get_majorant(place.interaction(), flying)
+        middle, size = mi.Point3f(self._middle), dr.opaque(mi.Float, self._size)
+        dr.make_opaque(middle)
+        while dr.hint(flying, exclude=[far, majorant, middle, size]):
+            rate = dr.maximum(majorant, CROSSING / dr.maximum(size, dr.norm(ray(t) - middle)))
+            step = -dr.log(1 - sampler.next_1d(flying)) / of_channel(rate, channel)
             stays = flying & (t + step < far)
             length = dr.minimum(step, far - t)
             t += length
             through = dr.exp(-rate * length)
             weight, ratio = _go_on(weight, ratio, through, through * dr.select(stays, rate, 1))
             place.p = dr.select(stays, ray(t), place.p)
-            visit(place, weight, stays)
+            visit(place, weight, stays & (dr.norm(place.p - middle) < _SPARSE * size))
             scattering, _, extinction = medium.get_scattering_coefficients(
                 place.interaction(), stays
             )
