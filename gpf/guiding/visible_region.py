@@ -17,7 +17,7 @@ import numpy as np
 from gpf.camera.visible_points import find_visible_points
 from gpf.core.errors import UserError
 from gpf.core.random import Stream, pass_seed
-from gpf.core.spatial_hash import SpatialHash
+from gpf.core.spacing import measure_spacing
 from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take
 from gpf.guiding.surface_patch import SurfacePatch
 from gpf.scene.bounds import scene_bounds
@@ -111,10 +111,6 @@ def sample_visible_points(
 
 def _reach(p: mi.Point3f, bounds: tuple[mi.Point3f, mi.Point3f]) -> float:
     """A radius within which 99.9% of the points have at least three neighbours."""
-    diagonal = float(dr.norm(bounds[1] - bounds[0]))
-    grid = SpatialHash(p, cell=1e-2 * diagonal, bounds=bounds, far=True)
     rng = np.random.default_rng(0)
     chosen = from_numpy(mi.UInt32, rng.integers(0, dr.width(p), 16384))
-    x = dr.gather(mi.Point3f, p, chosen)
-    _, distance2 = grid.nearest(x, 4, mi.Float(2e-3 * diagonal), mi.Float(grid.levels.extent))
-    return float(np.sqrt(np.percentile(distance2[3].numpy(), 99.9)))
+    return measure_spacing(p, dr.gather(mi.Point3f, p, chosen), 4, bounds, percentile=99.9)

@@ -122,6 +122,18 @@ def test_the_automatic_radius_finds_16_photons(photons):
     assert mi.render(scene, spp=passes).numpy().mean() == pytest.approx(1, abs=0.02)
 
 
+def test_a_far_horizon_does_not_change_the_automatic_radius():
+    """Of a room that shows none of it."""
+    far, found = floor(diffuse(0.5), z=-1, size=4e4), []
+    for more in ({}, {"ground": far}):
+        parts = {"room": room(diffuse(0.6)), "light": point_light((0, 0, 0.5), 3)}
+        view = {"sensor": camera((-1, -0.8, 0.2), (1, 0.6, -0.2), 70, (24, 18))}
+        scene = mi.load_dict({"type": "scene"} | parts | view | more)
+        plugin = mi.load_dict(sppm(20_000, 0))
+        found.append(plugin.settings(scene, scene.sensors()[0], seed=0).initial_radius)
+    assert found[1] == pytest.approx(found[0], rel=0.02)
+
+
 def test_the_automatic_radius_in_a_white_room():
     """The pilot pass has the longest walks there are."""
     scene = {"type": "scene", "room": room(diffuse(0.99)), "light": point_light((0, 0, 0), 1)}

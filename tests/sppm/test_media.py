@@ -7,7 +7,17 @@ import pytest
 from scipy.integrate import quad
 
 from tests.foggy import NULL, cloud, fog_box, medium
-from tests.furnace import Scene, camera, diffuse, point_light, rectangle, render, rgb, sppm
+from tests.furnace import (
+    Scene,
+    camera,
+    diffuse,
+    lamp,
+    point_light,
+    rectangle,
+    render,
+    rgb,
+    sppm,
+)
 
 VOLPATH = {"type": "volpathmis", "max_depth": 100, "rr_depth": 20}
 
@@ -77,6 +87,34 @@ def test_a_beam():
     error = rows.std(axis=0, ddof=1) / 2 / expected
     assert (error[seen] < 0.02).all()
     np.testing.assert_allclose((rows.mean(axis=0) / expected)[seen], 1, atol=0.02 + 2 * error.max())
+
+
+@pytest.mark.parametrize("direct", ["photons", "emitters"])
+def test_scattered_light_needs_an_edge_of_its_own(direct):
+    """From the camera to a mirror, to the side of the fog, into it, and to the lamp: four edges."""
+    scene: Scene = {
+        "type": "scene",
+        "sensor": camera((0, -2, 0), (0, -4, 0), 20),
+        "mirror": rectangle((0, -4, 0), (0, 0, 0), 4, 4, {"type": "conductor"}),
+        "box": {"type": "cube", "bsdf": NULL, "interior": medium(1)},
+        "light": point_light((0, 0, 0.5), 3),
+        "floor": rectangle((0, 0, -9), (0, 0, 0), 2, 2, diffuse(0.5)),
+    }
+    one_less, enough = (
+        render(scene, sppm(2000, radius=0.3, direct=direct, max_depth=most), 4, 1)
+        for most in (3, 4)
+    )
+    assert not one_less.any() and enough.mean() > 0.01
+
+
+@pytest.mark.parametrize("direct", ["photons", "emitters"])
+def test_fog_that_no_light_reaches(direct):
+    """Its lamp shines away from it; or the path is too long."""
+    away = lamp((0, 0, 2.5), (0, 0, 9), 1, 20)
+    dark = render(fog_box(medium(1), lamp=away), sppm(1000, 0.1, direct=direct), 2, 1)
+    assert not dark.any()
+    short = sppm(1000, 0.1, direct=direct, max_depth=2)
+    assert np.isfinite(render(fog_box(medium(1)), short, 2, 1)).all()
 
 
 MEDIA = {
