@@ -143,6 +143,17 @@ def test_against_volpathmis(inside, direct):
 
 
 @pytest.mark.slow
+def test_a_closed_room_filled_with_fog():
+    """A cube without a surface around the fog would not do: there, Mitsuba's tracers lose light."""
+    fog = {"type": "ref", "id": "fog"}
+    view = camera((-0.7, -0.7, 0.2), (1, 0.8, -0.1), 60, (24, 24)) | {"medium": fog}
+    room = {"type": "cube", "flip_normals": True, "bsdf": diffuse(0.6), "exterior": fog}
+    light = lamp((0, 0, 0.9999), (0, 0, 0), 0.5, 5) | {"exterior": fog}
+    parts = {"fog": medium(1, 0.8) | {"id": "fog"}, "view": view, "room": room, "light": light}
+    agrees({"type": "scene"} | parts, "emitters")
+
+
+@pytest.mark.slow
 def test_a_camera_in_the_medium():
     # With more extinction, the few photons near the camera make the noise of all pixels.
     fog = medium([0.5, 0.8, 1.5], [0.9, 0.8, 0.7]) | {"id": "fog"}
