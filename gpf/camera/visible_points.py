@@ -153,6 +153,7 @@ def walk(
         active &= ~ends
         if active:
             throughput *= weight
+            n = dr.select(mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null), n, si.n)
             lit &= ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
             density = mi.Float(sample.pdf)
             origin = mi.Point3f(si.p)
