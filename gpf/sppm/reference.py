@@ -237,7 +237,7 @@ class ReferenceRenderer:
             radiance=image,
             standard_error=standard_error,
             position=grid(points.p),
-            normal=grid(points.n),
+            normal=grid(dr.select(points.valid, points.n, 0)),
             reflectance=grid(points.reflectance),
             irradiance=irradiance,
             direct=direct,
