@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import mitsuba as mi
 import numpy as np
 
 from baselines.protocol import CannotServe, Task
 from gpf.core.random import Stream, pass_seed
-from gpf.rendering.batches import render_in_batches
+from gpf.rendering.batches import LARGEST_WAVEFRONT, mean_of_batches
 from gpf.rendering.timed_sampling import sample_for
 from gpf.scene.media import medium_at
 from gpf.scene.sensors import make_sensor, views_of_sensors
@@ -137,6 +137,25 @@ class PreparedSampling:
             seed,
             time.perf_counter() - start,
         )
+
+
+def render_in_batches(
+    scene: mi.Scene,
+    integrator: mi.Integrator,
+    sensor: mi.Sensor,
+    spp: int,
+    seed: int,
+    largest: int = LARGEST_WAVEFRONT,
+) -> np.ndarray:
+    """An image with ``spp`` samples per pixel and all channels, (H, W, C) float32: the mean of
+    batches (:func:`mean_of_batches`)."""
+
+    def render(share: int, seed: int) -> np.ndarray:
+        image: Any = mi.render(scene, integrator=integrator, sensor=sensor, spp=share, seed=seed)
+        return np.asarray(image.numpy())
+
+    width, height = (int(n) for n in sensor.film().crop_size())
+    return mean_of_batches(render, spp, seed, width * height, largest)
 
 
 def own_camera(task: Task) -> mi.Sensor:

@@ -109,7 +109,7 @@ def path_halves(
 def sppm(scene: mi.Scene, sensors: Sequence[mi.Sensor], seed: int = 0) -> ReferenceRenderer:
     """Passes of SPPM for views named "0", "1", …, with the settings of references."""
     plan = EmissionPlan.make(scene, sensors, VisibleRegionSettings())
-    settings = ReferenceSettings().measure(scene, sensors[0], plan)
+    settings = ReferenceSettings().measure(scene, sensors, plan)
     named = {f"{k}": sensor for k, sensor in enumerate(sensors)}
     return ReferenceRenderer(scene, named, {}, settings, seed, plan.source)
 

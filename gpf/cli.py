@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -42,7 +42,8 @@ def set_up(
         typer.Option("--version", callback=print_version, is_eager=True, help="Show the version."),
     ] = False,
     quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="No progress bars or messages, only errors.")
+        bool,
+        typer.Option("--quiet", "-q", help="No progress bars or messages, only errors."),
     ] = False,
     variant: Annotated[
         str | None,
@@ -62,13 +63,13 @@ def set_up(
 @app.command()
 def bake(
     scene: options.Scene,
-    field: options.FieldFile = None,
+    field: options.FieldOfScene = None,
     output: options.BakeFolder = Path("baked"),
     size: options.MapSize = None,
     texels_per_unit: options.TexelsPerUnit = None,
     vertex_colours: options.VertexColours = False,
     spp: options.BakeSpp = 16,
-    exposure: options.MapExposure = None,
+    exposure: options.Exposure = None,
     glb: options.SceneGlb = None,
     html: options.ScenePage = None,
     blend: options.SceneBlend = None,
@@ -108,10 +109,10 @@ def demo(folder: options.NewFolder = Path("gpf-demo")) -> None:
 
 @app.command()
 def export(
-    field: options.Field,
+    field: options.Field = None,
     ply: options.Splats = None,
     compact: options.CompactField = None,
-    exposure: options.SplatExposure = None,
+    exposure: options.Exposure = None,
     overwrite: options.Overwrite = False,
 ) -> None:
     """Write a field as 3D Gaussian splats, or in a third of its size."""
@@ -128,7 +129,7 @@ def fit(
     target_psnr: options.TargetPsnr = None,
     passes: options.Passes = None,
     frames: options.FittedFrames = None,
-    views: options.FitViews = None,
+    views: options.Views = None,
     seed: options.Seed = 0,
     go_on: options.FinishedField = None,
     groups: options.Groups = "",
@@ -176,7 +177,7 @@ def fit(
 @app.command()
 def render(
     scene: options.Scene,
-    field: options.FieldFile = None,
+    field: options.FieldOfScene = None,
     view: options.ViewNames = None,
     views: options.Views = None,
     frames: options.Frames = None,
@@ -221,9 +222,17 @@ def render(
 
 
 @app.command()
-def lights(field: options.Field) -> None:
+def info(field: options.Field = None) -> None:
+    """Show what a field is, from which scene, when it was made, how good it is, and its groups."""
+    from gpf.commands.info import print_info
+
+    print_info(field)
+
+
+@app.command()
+def lights(field: options.Field = None) -> None:
     """List the groups of lights in a field."""
-    from gpf.commands.lights import list_lights
+    from gpf.commands.info import list_lights
 
     list_lights(field)
 
@@ -325,12 +334,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
     run_app(app, arguments)
 
 
+def hide_types_of_flags(command: Any) -> None:
+    """Show no type beside a flag in the help of a command and its own commands: a flag has no
+    value."""
+    for option in command.get_params(typer.Context(command)):
+        if getattr(option, "is_flag", False):
+            option.metavar = ""
+    for inner in getattr(command, "commands", {}).values():
+        hide_types_of_flags(inner)
+
+
 def run_app(commands: typer.Typer, arguments: Sequence[str] | None = None) -> None:
     """Run commands; an error that the user can correct is a message and exit code 2."""
     show_log()
+    command = typer.main.get_command(commands)
+    hide_types_of_flags(command)
     with no_lost_interrupts():
         try:
-            commands(args=list(sys.argv[1:] if arguments is None else arguments))
+            command(args=list(sys.argv[1:] if arguments is None else arguments))
         except (UserError, OSError) as error:
             told = error if isinstance(error, UserError) else explain_file_error(error)
             if told is None:

@@ -26,7 +26,7 @@ from rich.text import Text
 from gpf.core.checkout import CHECKOUT
 from gpf.core.errors import UserError
 from gpf.core.machine import count_cores, count_memory, read_cpu_model, read_version
-from gpf.core.runtime import LLVM_INSTALL, LLVM_MINIMUM, LLVM_VARIABLE
+from gpf.core.runtime import LLVM_INSTALL, LLVM_MINIMUM, LLVM_VARIABLE, VARIANT
 from gpf.core.subprocesses import PROBE_SUM, last_line, run_probe, run_python
 
 PYTHONS = ((3, 11), (3, 12), (3, 13))
@@ -185,7 +185,7 @@ def _has_cuda(probe: dict[str, Any]) -> bool:
 def check_cuda(probe: dict[str, Any]) -> Check:
     """A CUDA device that ran a kernel; without one, kernels run on the CPU."""
     if _has_cuda(probe):
-        return Check("CUDA", True, "a device that runs kernels: runtime.variant auto uses it")
+        return Check("CUDA", True, "a device that runs kernels, and is used")
     if "cuda" not in probe:
         return Check(
             "CUDA", None, "the subprocess died before it could check", install_command("drjit")
@@ -194,7 +194,7 @@ def check_cuda(probe: dict[str, Any]) -> Check:
         remedy = "nothing to do; if you have an NVIDIA GPU, install its driver"
         return Check("CUDA", None, "no device: kernels run on the CPU", remedy)
     detail = f"a device, but a small kernel failed on it ({probe.get('died', 'wrong result')})"
-    return Check("CUDA", False, detail, "set runtime.variant: llvm_ad_rgb in params.yaml")
+    return Check("CUDA", False, detail, f"export {VARIANT}=llvm_ad_rgb")
 
 
 def check_torch() -> Check:

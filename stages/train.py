@@ -167,9 +167,9 @@ def _recipe(work: Workspace) -> Recipe:
 
 
 def passes_of(work: Workspace, scene: mi.Scene, plan: EmissionPlan) -> PassSettings:
-    """The settings of the reference passes, measured at the first training view."""
-    sensor = work.sensor(work.views.train[0])
-    return work.params.reference.measure(scene, sensor, plan)
+    """The settings of the reference passes, measured where the training views look."""
+    sensors = [work.sensor(view) for view in work.views.train]
+    return work.params.reference.measure(scene, sensors, plan)
 
 
 def _params(work: Workspace) -> dict[str, Any]:

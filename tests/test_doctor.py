@@ -120,7 +120,12 @@ def test_the_library_that_the_variable_names_is_told(monkeypatch: pytest.MonkeyP
         ({"llvm": [-1, -1, -1], "cuda": True, "cuda_sum": 20.0}, True, "runs kernels", ""),
         (HEALTHY, None, "no device", "install its driver"),
         (SILENT, None, "died before it could check", "pip install"),
-        (HEALTHY | {"cuda": True, "died": "signal 11"}, False, "(signal 11)", "llvm_ad_rgb"),
+        (
+            HEALTHY | {"cuda": True, "died": "signal 11"},
+            False,
+            "(signal 11)",
+            "export GPF_VARIANT=llvm_ad_rgb",
+        ),
     ],
 )
 def test_cuda_is_optional_but_has_to_work_if_it_is_there(

@@ -13,9 +13,8 @@ from baselines.denoised.guides import are_noisy, render_guides
 from baselines.options import DenoisedOptions
 from baselines.path_tracer import make_path_integrator
 from baselines.protocol import CannotServe, Task
-from baselines.sampling import Samples, own_camera
+from baselines.sampling import Samples, own_camera, render_in_batches
 from gpf.core.errors import UserError
-from gpf.rendering.batches import render_in_batches
 from gpf.rendering.denoiser import ImageDenoiser
 from gpf.rendering.timed_sampling import time_of
 from gpf.scene.media import medium_at

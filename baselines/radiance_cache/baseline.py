@@ -26,9 +26,9 @@ from baselines.radiance_cache.cached_irradiance import (
     CacheTrainer,
     CacheTraining,
 )
+from baselines.sampling import render_in_batches
 from gpf.core.structs import VisiblePoints, to_numpy
 from gpf.field.settings import FieldSettings
-from gpf.rendering.batches import render_in_batches
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.bounds import bounding_box, scene_bounds
 from gpf.scene.sensors import make_sensor

@@ -27,6 +27,9 @@ VARIABLE = "GPF_BLENDER"
 LIMIT = 3600.0
 """Seconds that Blender may take between two words of what it does."""
 
+PYTHON_FAILED = 3
+"""Exit code of Blender after an exception in a script; of Python with the package ``bpy``, 1."""
+
 PROGRAMS = Path(__file__).parent / "program"
 
 PACKAGES = {(3, 11): "bpy==5.0.1", (3, 13): "bpy==5.1.2"}
@@ -87,7 +90,7 @@ def _command(program: str) -> list[str]:
         return [program, "-I"]
     # No start-up file and no scripts of the user, and none of the scene's.
     quiet = ["--background", "--factory-startup", "--disable-autoexec", "--offline-mode"]
-    return [program, *quiet, "--python-exit-code", "3", "--python"]
+    return [program, *quiet, "--python-exit-code", str(PYTHON_FAILED), "--python"]
 
 
 def read_with_blender(
@@ -166,16 +169,16 @@ def run_in_blender(
             late.cancel()
             process.kill()
     if refused:
-        raise UserError(str(subject), refused, "Open it in Blender and save it again.")
+        todo = f"See if Blender opens it; {VARIABLE} may name another version."
+        raise UserError(str(subject), refused, todo)
     if timed_out:
         raise UserError(str(subject), f"kept Blender busy for {LIMIT:.0f} s", "Simplify the scene.")
     if code != 0 or not result.is_file():
-        last = "\n".join(said)
-        raise UserError(
-            str(subject),
-            f"made Blender fail (exit code {code}). Its last words:\n{last}\n",
-            "Open it in Blender and save it again.",
-        )
+        what = f"made Blender fail (exit code {code}). Its last words:\n" + "\n".join(said)
+        todo = "If memory was enough, open it in Blender and save it again."
+        if code in (1, PYTHON_FAILED):
+            todo = "The file may be right: report these words, or remove what they name."
+        raise UserError(str(subject), f"{what}\n", todo)
 
 
 def _environment(home: str) -> dict[str, str]:

@@ -45,8 +45,9 @@ def look_through(  # type: ignore[no-untyped-def]
     t, density = _choose_distance(media.scene, ray, extinction, near, far, sampler, inside)
     onward = mi.Ray3f(ray)
     onward.o = ray(t)
-    to_place = media.transmittance(view.medium, ray, t, inside)
-    through = to_place * media.transmittance(view.medium, onward, distance - t, inside)
+    random = sampler.next_1d(inside)
+    to_place = media.transmittance(view.medium, ray, t, random, inside)
+    through = to_place * media.transmittance(view.medium, onward, distance - t, random, inside)
     place = Place(onward.o, ray.d, view.medium).interaction()
     scattering = view.medium.get_scattering_coefficients(place, inside & counts)[0]
     weight = throughput * to_place * scattering / density

@@ -76,7 +76,7 @@ def share_of_bsdf(
     before.p = origin
     light = mi.DirectionSample3f(scene, si, before)
     active = active & (light.emitter != dr.zeros(mi.EmitterPtr))
-    light_pdf = scene.pdf_emitter_direction(before, light, active)
+    light_pdf = Lamps(scene).density(before, light, active)
     return dr.select(active, balance(bsdf_pdf, light_pdf), 1)
 
 

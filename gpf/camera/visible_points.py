@@ -111,7 +111,8 @@ def walk(
     while active:
         si = scene.ray_intersect(ray, mi.RayFlags.All, depth < COHERENT, active=active)
         if dr.hint(media.there, mode="scalar"):
-            seen = ways.sees_light(depth)
+            # Light that is scattered on the last edge would have come by one more.
+            seen = ways.sees_light(depth) & (depth + 1 < deepest)
             view, through = look_through(
                 view, media, ray, si.t, throughput, depth, seen, sampler, active
             )
@@ -152,6 +153,7 @@ def walk(
         active &= ~ends
         if active:
             throughput *= weight
+            n = dr.select(mi.has_flag(sample.sampled_type, mi.BSDFFlags.Null), n, si.n)
             lit &= ~mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
             density = mi.Float(sample.pdf)
             origin = mi.Point3f(si.p)

@@ -20,7 +20,13 @@ from gpf.blender.process import find_blender
 from gpf.commands.baked_scene import SceneFiles, write_scene
 from gpf.commands.cameras import file_beside
 from gpf.commands.overwriting import require_new
-from gpf.commands.scenes import find_field, find_scene, require_same_scene, title_of
+from gpf.commands.scenes import (
+    find_field,
+    find_scene,
+    known_exposure,
+    require_same_scene,
+    title_of,
+)
 from gpf.core.errors import UserError
 from gpf.core.files import write_json
 from gpf.core.images import propose_exposure
@@ -32,7 +38,6 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.io import load_field
 from gpf.scene.load import load_scene_file
 from gpf.scene.untraceable import telling_untraceable
-from gpf.scene.views import read_views
 
 SIZE = 1024
 """Width and height of the maps, if nothing is asked for."""
@@ -94,16 +99,14 @@ class BakeOptions:
                 raise UserError(f"{option} {value}", "is out of range", "Give a number above 0.")
 
 
-def bake_light(
-    scene_name: str, field_file: Path | None, folder: Path, options: BakeOptions
-) -> None:
+def bake_light(scene_name: str, field_name: str | None, folder: Path, options: BakeOptions) -> None:
     """Bake the light of a field, and write the files of :mod:`gpf.baking.writing` and an index,
     ``index.json``.
 
     Parameters
     ----------
-    scene_name: as for :func:`gpf.commands.scenes.find_scene`.
-    field_file: by default ``field.safetensors``, or that of the trained scene.
+    scene_name, field_name: as for :func:`gpf.commands.scenes.find_scene` and
+        :func:`gpf.commands.scenes.find_field`.
 
     Raises
     ------
@@ -115,8 +118,7 @@ def bake_light(
     for file in options.files.items().values():
         require_new(file, options.overwrite, "give another name")
     scene_file, trained = find_scene(scene_name)
-    if field_file is None:
-        field_file = find_field(scene_name) if trained else Path("field.safetensors")
+    field_file = find_field(field_name, trained)
     choose_variant("auto")
     field = load_field(field_file)
     scene = load_scene_file(scene_file)
@@ -127,7 +129,7 @@ def bake_light(
     if backs := sum(surface.two_sided for surface in surfaces):
         say(f"two-sided: {backs} of {len(surfaces)} shapes, baked on the side of their normals")
     views = file_beside(trained / "scene.xml" if trained else scene_file, None)
-    exposure = options.exposure or _known_exposure(views, field)
+    exposure = options.exposure or known_exposure(views, field)
     start = time.perf_counter()
     with sole_run(folder, inside=True), telling_untraceable(str(scene_file)):
         remove_leftovers(folder)
@@ -139,12 +141,6 @@ def bake_light(
             write_scene(options.files, scene, field, baked, index["exposure"], views, title)
         write_json(folder / INDEX, {**index, "left_out": left_out})
     say(f"{folder}: {len(surfaces)} meshes, {time.perf_counter() - start:.1f} s")
-
-
-def _known_exposure(views: Path | None, field: GaussianPhotonField) -> float | None:
-    """The exposure of the scene's views or of the field; None if neither has one."""
-    known = None if views is None else read_views(views).given_exposure
-    return known or field.record.get("exposure")
 
 
 def _bake_maps(

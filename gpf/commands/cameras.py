@@ -9,16 +9,17 @@ import mitsuba as mi
 
 from gpf.blender.conversion import origin_of
 from gpf.core.errors import UserError
+from gpf.core.progress import say
 from gpf.importing.loops import place_orbit
 from gpf.scene.frames import choose_frames
-from gpf.scene.sensors import film_aspect, scene_cameras, views_of_sensors
+from gpf.scene.sensors import film_aspect, scene_cameras, shown_differently, views_of_sensors
 from gpf.scene.transforms import read_cameras
 from gpf.scene.views import SceneViews, View, ViewSets
 
 
 @dataclass(frozen=True)
 class CameraChoice:
-    """Which cameras to use; by default, the scene's own.
+    """Which cameras to use; by default, the novel views of the file or, without any, all.
 
     Attributes
     ----------
@@ -45,16 +46,14 @@ class Cameras:
 
 
 def file_beside(scene_file: Path, file: Path | None) -> Path | None:
-    """The cameras' file: ``file``, or else ``views.yaml`` beside the scene, if there is one; for a
-    converted scene in the cache, first beside the file that it was made from."""
-    places = (path.parent / "views.yaml" for path in (origin_of(scene_file), scene_file))
+    """The cameras' file: ``file``, or else ``views.yaml`` beside the scene, or in the folder of an
+    animation, if there is one; for a converted scene in the cache, first beside the file that it
+    was made from."""
+    folders = (
+        path if path.is_dir() else path.parent for path in (origin_of(scene_file), scene_file)
+    )
+    places = (folder / "views.yaml" for folder in folders)
     return file or next((place for place in places if place.exists()), None)
-
-
-def file_in_animation(animation: Path, file: Path | None) -> Path | None:
-    """The cameras' file: ``file``, or else ``views.yaml`` in an animation's folder, if there is
-    one."""
-    return file_beside(animation / "scene.xml", file)
 
 
 def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> Cameras:
@@ -72,8 +71,9 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
         raise UserError(" and ".join(ways), "are mutually exclusive", "Give one of them.")
     file = file_beside(scene_file, choice.file)
     known = known_cameras(scene, scene_file, file)
+    for what in shown_differently(scene) if file is None else ():
+        say(what)
     where = str(file or scene_file)
-    named = (*known.train, *known.novel, *known.more)
     if choice.orbit:
         own = views_of_sensors(scene) or list(known.train)
         views = place_orbit(scene, own[0], known.aspect, choice.orbit)
@@ -81,10 +81,8 @@ def choose_cameras(scene: mi.Scene, scene_file: Path, choice: CameraChoice) -> C
         views = _frames(choice.frames, known.frames(), where)
     elif choice.names:
         views = tuple(known.find(name) for name in choice.names)
-    elif choice.file is not None:
-        views = named
     else:
-        views = known.novel or named
+        views = known.novel or (*known.train, *known.more)
     return Cameras(views, known.aspect, known.given_exposure)
 
 

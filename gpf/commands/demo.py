@@ -36,5 +36,5 @@ def run_demo(folder: Path, seconds: float = SECONDS) -> None:
     say(f"$ gpf fit {scene} -o {field} --views {views} --seconds {seconds:g}")
     fit_scene_file(str(scene), field, FitOptions(seconds=seconds, views=views))
     say(f"$ gpf render {scene} --field {field} -o {pictures} --spp {SPP}")
-    render_pictures(str(scene), field, CameraChoice(), pictures, PictureOptions(spp=SPP))
+    render_pictures(str(scene), str(field), CameraChoice(), pictures, PictureOptions(spp=SPP))
     say(f"Look at {pictures}. For your own scene: gpf fit SCENE.xml, then gpf render SCENE.xml.")

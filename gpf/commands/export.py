@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from gpf.commands.cameras import file_beside
 from gpf.commands.overwriting import require_new
-from gpf.commands.scenes import find_field
+from gpf.commands.scenes import find_field, known_exposure, read_given
 from gpf.core.errors import UserError
 from gpf.core.progress import say
-from gpf.field.io import StoredField, read_field, write_field
+from gpf.field.io import write_field
 from gpf.field.ply import propose_exposure, write_splats
-from gpf.scene.views import read_views
 
 
 def export_field(
-    field: str,
+    field: str | None,
     ply: Path | None,
     compact: Path | None,
     exposure: float | None,
@@ -25,10 +25,10 @@ def export_field(
 
     Parameters
     ----------
-    field: the field's file, or the name of a trained scene.
+    field: as for :func:`gpf.commands.scenes.find_field`.
     ply, compact: the files to write.
-    exposure: exposure of the splats; by default that of ``views.yaml`` beside the field or, without
-        that file, one that suits the field.
+    exposure: exposure of the splats; by default that of ``views.yaml`` beside the field, or that of
+        the fit, or one that suits the field.
     overwrite: whether to replace files that exist.
 
     Raises
@@ -42,10 +42,11 @@ def export_field(
             raise UserError(str(target), "is the field itself", "Choose another name.")
         if target is not None:
             require_new(target, overwrite)
-    stored = read(source)
+    stored = read_given(source)
     if ply is not None:
         if exposure is None:
-            exposure = known_exposure(source, stored)
+            views = file_beside(source, None)
+            exposure = known_exposure(views, stored) or propose_exposure(stored)
         count = write_splats(ply, stored, exposure)
         if stored.settings.direct != "field":
             say(f"{source} does not store the direct light of all emitters; neither do the splats")
@@ -75,20 +76,6 @@ def check_options(ply: Path | None, compact: Path | None, exposure: float | None
             raise UserError(
                 f"--exposure {exposure}", "is not an exposure", "Give a number above 0."
             )
-
-
-def read(source: Path) -> StoredField:
-    """Read the field. Errors do not suggest deleting the file, which may be of another kind."""
-    try:
-        return read_field(source)
-    except UserError as error:
-        raise UserError(error.where, error.what, "Give the file of a field.") from error
-
-
-def known_exposure(source: Path, stored: StoredField) -> float:
-    """The exposure of the views beside the field or, without them, one that suits the field."""
-    views = source.parent / "views.yaml"
-    return read_views(views).exposure if views.is_file() else propose_exposure(stored)
 
 
 def report(path: Path, what: str) -> None:

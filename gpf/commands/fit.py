@@ -13,7 +13,7 @@ import numpy as np
 from gpf.commands.cameras import file_beside
 from gpf.commands.fit_options import FitOptions
 from gpf.commands.overwriting import require_new
-from gpf.commands.scenes import find_scene
+from gpf.commands.scenes import find_scene, title_of
 from gpf.core.errors import UserError
 from gpf.core.images import propose_exposure, write_png
 from gpf.core.locks import sole_run
@@ -54,6 +54,7 @@ def fit_scene_file(
     choose_variant("auto")
     path, trained = find_scene(scene_name)
     scene = load_scene_file(path)
+    scene.set_id(title_of(scene_name))
     groups, views = LightGroups.parse(options.groups, scene), options.views
     if trained is not None:
         views = views or trained / "views.yaml"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from gpf.commands.cameras import file_beside, file_in_animation
+from gpf.commands.cameras import file_beside
 from gpf.commands.cluster_frames import fit_on_cluster
 from gpf.commands.fit_options import FitOptions
 from gpf.commands.frame_fit import FrameFit, find_stretches
@@ -61,7 +61,7 @@ def fit_scene_frames(
     frames = every[chosen]
     choose_variant("auto")
     first = next(frame for frame in every if frame.file.exists())
-    beside = file_beside(first.file, file_in_animation(animation, options.views))
+    beside = file_beside(first.file, file_beside(animation, options.views))
     say("cameras: placed around the scenes' own" if beside is None else f"cameras: from {beside}")
     cameras = None if beside is None else read_cameras(beside)
     fit = FrameFit(

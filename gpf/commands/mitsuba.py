@@ -61,8 +61,6 @@ def render_scene(
             raise UserError(f"-D {item}", "has a name that Mitsuba reserves", "Choose another.")
         values[name] = value
     scene, trained = find_scene(scene_name)
-    if not scene.is_file():
-        raise UserError(str(scene), "is not a file", "Check the path.")
     target = output or (Path(trained.name) if trained else origin_of(scene)).with_suffix(".exr")
     if target.suffix.lower() not in FORMATS:
         raise UserError(

@@ -18,7 +18,15 @@ Scene = Annotated[
     ),
 ]
 Field = Annotated[
-    str, Argument(metavar="FIELD", help="A field's file, or the name of a trained scene.")
+    str | None,
+    Argument(
+        metavar="FIELD",
+        help="A field's file, or the name of a trained scene. [default: field.safetensors]",
+    ),
+]
+FieldOfScene = Annotated[
+    str | None,
+    Option("--field", metavar="FIELD", help="The scene's field. [default: field.safetensors]"),
 ]
 Groups = Annotated[
     str,
@@ -30,6 +38,18 @@ Groups = Annotated[
 ]
 ChangedScene = Annotated[
     bool, Option("--changed-scene", help="Render even if the scene changed since the fit.")
+]
+Views = Annotated[
+    Path | None,
+    Option(
+        metavar="FILE",
+        help="The scene's cameras: views.yaml or transforms.json. [default: views.yaml beside the "
+        "scene; without it, the scene's own, or for a fit others around them]",
+    ),
+]
+Exposure = Annotated[
+    float | None,
+    Option(help="Exposure of PNG files, splats and colours. [default: from views.yaml or the fit]"),
 ]
 Seed = Annotated[int, Option(min=0, help="Random seed.")]
 Overwrite = Annotated[bool, Option("--overwrite", help="Replace what exists.")]
@@ -70,9 +90,6 @@ Splats = Annotated[
 CompactField = Annotated[
     Path | None, Option(metavar="OUT.safetensors", help="Write a field of a third of the size.")
 ]
-SplatExposure = Annotated[
-    float | None, Option(help="Exposure of --ply. [default: from views.yaml or the field]")
-]
 
 # `gpf bake`.
 
@@ -94,10 +111,6 @@ BakeSpp = Annotated[
         max=1_000_000,
         help="Samples per texel of the lamps whose direct light the field leaves out.",
     ),
-]
-MapExposure = Annotated[
-    float | None,
-    Option(help="Exposure of PNG files and colours. [default: from views.yaml or the field]"),
 ]
 
 SceneGlb = Annotated[
@@ -149,14 +162,6 @@ TargetPsnr = Annotated[
     float | None, Option(metavar="DB", help="Stop at this estimated PSNR of the images.")
 ]
 Passes = Annotated[int | None, Option(help="Photon passes. [default without other goals: 300]")]
-FitViews = Annotated[
-    Path | None,
-    Option(
-        metavar="FILE",
-        help="Cameras that the field is for: views.yaml or transforms.json. [default: "
-        "views.yaml beside the scene; without it, cameras are placed in the scene]",
-    ),
-]
 FinishedField = Annotated[
     Path | None,
     Option(
@@ -168,18 +173,8 @@ FinishedField = Annotated[
 
 # `gpf render`.
 
-FieldFile = Annotated[
-    Path | None, Option(metavar="FILE", help="The field. [default: field.safetensors]")
-]
 ViewNames = Annotated[
     list[str] | None, Option(metavar="NAME", help="A camera by name. Repeat it for several.")
-]
-Views = Annotated[
-    Path | None,
-    Option(
-        metavar="FILE",
-        help="Cameras: views.yaml or transforms.json. [default: views.yaml beside the scene]",
-    ),
 ]
 Frames = Annotated[
     str | None,
@@ -211,7 +206,6 @@ Aovs = Annotated[
         "visible_normal, irradiance, coverage, error.",
     ),
 ]
-Exposure = Annotated[float | None, Option(help="Exposure of the PNG files.")]
 Denoise = Annotated[
     bool | None,
     Option(
@@ -241,10 +235,11 @@ Levels = Annotated[
 # `gpf view`.
 
 ShownField = Annotated[
-    Path | None,
+    str | None,
     Option(
-        metavar="FILE",
-        help="The field. [default: --output if it exists; else one is fitted meanwhile]",
+        "--field",
+        metavar="FIELD",
+        help="A field's file. [default: --output if it exists; else one is fitted meanwhile]",
     ),
 ]
 FittedField = Annotated[

@@ -26,7 +26,7 @@ class PictureOptions:
     ----------
     size: ``WIDTHxHEIGHT`` or the number of rows alone; None for :data:`ROWS` rows.
     spp: samples per pixel; None for the default of :class:`RenderSettings`.
-    seconds: time for a picture, instead of a number of samples.
+    seconds: time for a picture's samples, instead of their number.
     aovs: further layers of the EXR files, separated by commas.
     exposure: exposure of the PNG files; None for that of the views' file or of the field, or else a
         measured one.
@@ -57,10 +57,6 @@ class PictureOptions:
     def check(self) -> None:
         """Raise a :class:`UserError` for what is wrong whatever the scene and the field are."""
         self.layers()
-        if self.denoise and self.seconds is not None:
-            raise UserError(
-                "--denoise and --seconds", "are mutually exclusive", "Give --spp instead."
-            )
         for option, value in (("seconds", self.seconds), ("exposure", self.exposure)):
             if value is not None and not 0 < value < math.inf:  # or NaN
                 raise UserError(
@@ -96,9 +92,7 @@ class PictureOptions:
 
     def render_settings(self) -> RenderSettings:
         """The number of samples, and whether to denoise."""
-        denoise = self.denoise
-        if denoise is None:
-            denoise = has_denoiser() and self.seconds is None
+        denoise = has_denoiser() if self.denoise is None else self.denoise
         if denoise and not has_denoiser():
             raise UserError(
                 "--denoise", "needs the package pyoidn", f"Run `pip install {PACKAGE}`."

@@ -38,7 +38,7 @@ from gpf.scene.views import View
 
 def render_pictures(
     scene_name: str,
-    field_file: Path | None,
+    field_name: str | None,
     choice: CameraChoice,
     folder: Path | None,
     options: PictureOptions,
@@ -50,7 +50,7 @@ def render_pictures(
 
     Parameters
     ----------
-    scene_name, field_file: as for :func:`gpf.commands.shots.find_shots`.
+    scene_name, field_name: as for :func:`gpf.commands.shots.find_shots`.
     folder: by default ``pictures``, or that of the trained scene.
 
     Raises
@@ -58,7 +58,7 @@ def render_pictures(
     UserError: a file, a view or an option is wrong, or the field is for another scene.
     """
     options.check()
-    shots, usual = find_shots(scene_name, field_file, choice)
+    shots, usual = find_shots(scene_name, field_name, choice)
     folder = folder or usual
     choose_variant("auto")
     first = _Opened.of(shots[0], options)

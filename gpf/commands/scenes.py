@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import mitsuba as mi
 
-from gpf.blender.conversion import is_foreign
+from gpf.blender.conversion import SUFFIXES, is_foreign
 from gpf.commands.convert import frames_of, scene_of
+from gpf.core.checkout import CHECKOUT
 from gpf.core.errors import UserError
 from gpf.core.yaml import suggest
 from gpf.field.field import GaussianPhotonField
-from gpf.field.io import StoredField
+from gpf.field.io import StoredField, read_field
 from gpf.importing.sources import find_scene_file
 from gpf.scene.fingerprint import SAME, changed_parts, fingerprint
 from gpf.scene.frames import SceneFrame, scene_frames
+from gpf.scene.views import read_views
 
 RESULTS = Path("results")
 """Where the pipeline writes its results, in one folder per scene."""
+
+FIELD = Path("field.safetensors")
+"""A field, if no file is given."""
 
 FIELDS = Path("fields")
 """Where the fields of an animation are, if no folder is given."""
@@ -38,17 +44,16 @@ def find_scene(name: str) -> tuple[Path, Path | None]:
 
     Raises
     ------
-    UserError: the folder has no scene file or several, there is no scene with that name, or
-        Blender cannot read the file.
+    UserError: there is no such file or no scene with that name, the file is no scene, the folder
+        has no scene file or several, or Blender cannot read the file.
     """
     path = Path(name)
-    if is_foreign(path):
-        return scene_of(path), None
     if path.is_dir():
         return find_scene_file(path, path), None
-    if not _is_name(path):
-        return path, None
-    return _result(name, "scene/scene.xml", "scene"), RESULTS / name
+    if _is_name(path):
+        return _result(name, "scene/scene.xml", "scene"), RESULTS / name
+    _require_file(path, "a scene", (".xml", *SUFFIXES))
+    return scene_of(path) if is_foreign(path) else path, None
 
 
 def title_of(name: str) -> str:
@@ -74,19 +79,50 @@ def find_frames(animation: Path, wanted: str) -> list[SceneFrame]:
     return frames_of(animation, wanted) if is_foreign(animation) else scene_frames(animation)
 
 
-def find_field(name: str) -> Path:
-    """The file of a field, given by its path or by the name of a scene that the pipeline trained.
+def find_field(name: str | None, trained: Path | None = None) -> Path:
+    """The file of a field.
+
+    Parameters
+    ----------
+    name: its path, or the name of a scene that the pipeline trained.
+    trained: the scene's results, as from :func:`find_scene`, which have the default; without them,
+        it is :data:`FIELD`.
 
     Raises
     ------
-    UserError: there is no such file.
+    UserError: there is no such file, or it is no field.
     """
-    path = Path(name)
-    if not _is_name(path):
-        if not path.is_file():
-            raise UserError(name, "does not exist", "Check the path.")
-        return path
-    return _result(name, "field.safetensors", "train")
+    if name is None and trained is None and not FIELD.exists():
+        raise UserError(str(FIELD), "does not exist", "Run `gpf fit SCENE`, or name a field.")
+    path = Path(name or (trained.name if trained else FIELD))
+    if _is_name(path):
+        return _result(str(path), FIELD.name, "train")
+    _require_file(path, "a field", (FIELD.suffix,))
+    return path
+
+
+def read_given(file: Path) -> StoredField:
+    """Read a field. Errors do not suggest deleting the file, which may be of another kind."""
+    try:
+        return read_field(file)
+    except UserError as error:
+        raise UserError(error.where, error.what, "Give the file of a field.") from error
+
+
+def known_exposure(views: Path | None, field: GaussianPhotonField | StoredField) -> float | None:
+    """The exposure of a ``views.yaml`` or of a field; None if neither has one."""
+    known = None if views is None else read_views(views).given_exposure
+    return known or field.record.get("exposure")
+
+
+def _require_file(path: Path, kind: str, suffixes: Sequence[str]) -> None:
+    """Raise a :class:`UserError` unless a file is there, with a name that ends like those of its
+    kind, or without any ending."""
+    if not path.exists():
+        raise UserError(str(path), "does not exist", "Check the path.")
+    if path.suffix.lower() not in ("", *suffixes):
+        todo = f"Give a file whose name ends in {', '.join(suffixes)}."
+        raise UserError(str(path), f"is not {kind}", todo)
 
 
 def _is_name(path: Path) -> bool:
@@ -99,13 +135,11 @@ def _result(scene: str, file: str, stage: str) -> Path:
     if found.is_file():
         return found
     known = [path.name for path in sorted(RESULTS.glob("*")) if (path / file).is_file()]
-    raise UserError(
-        scene,
-        f"is neither a file nor a scene with {found}",
-        suggest(scene, known, "There are")
-        if known
-        else f"Run `gpf stage {stage} --scene {scene}`.",
-    )
+    if CHECKOUT is not None and Path("scenes", scene, "scene.xml").is_file():
+        todo = f"Run `gpf stage {stage} --scene {scene}`."
+    else:
+        todo = suggest(scene, known, "There are") if known else "Check the path."
+    raise UserError(scene, f"is neither a file nor a scene with {found}", todo)
 
 
 def changed_since(

@@ -14,7 +14,7 @@ from gpf.commands.cameras import (
     Cameras,
     camera_of_frame,
     choose_cameras,
-    file_in_animation,
+    file_beside,
 )
 from gpf.commands.scenes import (
     FIELDS,
@@ -81,7 +81,7 @@ class Shot:
 
 
 def find_shots(
-    scene_name: str, field_file: Path | None, choice: CameraChoice
+    scene_name: str, field_name: str | None, choice: CameraChoice
 ) -> tuple[list[Shot], Path]:
     """The shots that are asked for, and the folder for their pictures, if none is given.
 
@@ -90,19 +90,19 @@ def find_shots(
     scene_name: as for :func:`gpf.commands.scenes.find_scene`, or, with frames asked for, an
         animation (:func:`gpf.commands.scenes.find_frames`). In a file that Blender reads, these are
         frames of the animation if there is a folder with their fields, else of the camera path.
-    field_file: by default ``field.safetensors``, or that of the trained scene; of an animation, the
-        folder with a field for each frame, by default :data:`gpf.commands.scenes.FIELDS`.
+    field_name: as for :func:`gpf.commands.scenes.find_field`; of an animation, the folder with a
+        field for each frame, by default :data:`gpf.commands.scenes.FIELDS`.
     """
-    scene, fields = Path(scene_name), field_file or FIELDS
-    has_fields = fields.is_dir() and (field_file is not None or is_foreign(scene))
+    scene, fields = Path(scene_name), Path(field_name or FIELDS)
+    has_fields = fields.is_dir() and (field_name is not None or is_foreign(scene))
     if choice.frames and (has_fields or is_animation(scene)):
         return _frames(scene, fields, choice), Path("pictures")
     scene_file, trained = find_scene(scene_name)
-    if field_file is None:
-        field_file = find_field(scene_name) if trained else Path("field.safetensors")
     if trained and choice.file is None and (trained / "views.yaml").exists():
         choice = replace(choice, file=trained / "views.yaml")
-    return [Shot(scene_file, field_file, choice)], (trained or Path()) / "pictures"
+    return [Shot(scene_file, find_field(field_name, trained), choice)], (
+        trained or Path()
+    ) / "pictures"
 
 
 def _frames(animation: Path, fields: Path, choice: CameraChoice) -> list[Shot]:
@@ -115,7 +115,7 @@ def _frames(animation: Path, fields: Path, choice: CameraChoice) -> list[Shot]:
     if len(choice.names) > 1:
         what = f"shows one view, but --view is given {len(choice.names)} times"
         raise UserError("--frames", what, "Render one view after the other.")
-    choice = replace(choice, file=file_in_animation(animation, choice.file))
+    choice = replace(choice, file=file_beside(animation, choice.file))
     assert choice.frames is not None
     every = find_frames(animation, choice.frames)
     numbers = range(len(every))[choose_frames(choice.frames, len(every), str(animation))]

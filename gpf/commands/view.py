@@ -49,7 +49,7 @@ class ServerOptions:
 
 def view_scene(
     scene_name: str,
-    field_file: Path | None,
+    field_name: str | None,
     out: Path,
     views_file: Path | None,
     options: ServerOptions,
@@ -62,8 +62,8 @@ def view_scene(
     ----------
     scene_name: as for :func:`gpf.commands.scenes.find_scene`; a scene of the pipeline is shown with
         its field and its references.
-    field_file: the field; None to use the one in ``out`` or, if there is none, to fit one and write
-        it there.
+    field_name: as for :func:`gpf.commands.scenes.find_field`; None to use the one in ``out`` or, if
+        there is none, to fit one and write it there.
     views_file: cameras to jump to, and where cameras are saved. By default, those beside the scene,
         and ``NAME.views.yaml`` in the current folder, which other commands do not take by
         themselves.
@@ -76,8 +76,7 @@ def view_scene(
     UserError: a file is wrong, the field is for another scene, or the port cannot be used.
     """
     scene_file, trained = find_scene(scene_name)
-    if trained is not None:
-        field_file = field_file or find_field(scene_name)
+    field_file = find_field(field_name, trained) if field_name or trained else None
     if field_file is None:
         require_field_name(out)
         if groups and out.exists():

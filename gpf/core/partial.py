@@ -12,7 +12,7 @@ import fcntl
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -28,29 +28,48 @@ os.umask(_UMASK)
 @contextmanager
 def partial_file(path: Path) -> Iterator[Path]:
     """A new empty file beside ``path``, removed at the end unless it was renamed."""
-    # The same suffix as the file: some writers choose the format by it.
-    handle, name = tempfile.mkstemp(
-        dir=path.parent, prefix=f"{PREFIX}{path.stem}-", suffix=path.suffix
-    )
-    try:
-        _try_to_lock(handle)
-        yield Path(name)
-    finally:
-        Path(name).unlink(missing_ok=True)
+
+    def make() -> str:
+        # The same suffix as the file: some writers choose the format by it.
+        prefix = f"{PREFIX}{path.stem}-"
+        handle, name = tempfile.mkstemp(path.suffix, prefix, path.parent)
         os.close(handle)
+        return name
+
+    with _locked(make) as file:
+        yield file
 
 
 @contextmanager
 def partial_folder(path: Path) -> Iterator[Path]:
     """A new empty folder beside ``path``, removed at the end unless it was renamed."""
-    folder = Path(tempfile.mkdtemp(dir=path.parent, prefix=f"{PREFIX}{path.name}-"))
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        _try_to_lock(handle)
+    prefix = f"{PREFIX}{path.name}-"
+    with _locked(lambda: tempfile.mkdtemp(prefix=prefix, dir=path.parent)) as folder:
         yield folder
+
+
+@contextmanager
+def _locked(make: Callable[[], str]) -> Iterator[Path]:
+    """The file or folder that ``make`` makes, locked; it is made again if another run removes it
+    as a leftover before it is locked."""
+    while True:
+        path = Path(make())
+        with suppress(FileNotFoundError):
+            handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+            with suppress(OSError):  # a file system without locks
+                fcntl.flock(handle, fcntl.LOCK_EX)  # waits for whoever is removing it
+            if path.exists():
+                break
+            os.close(handle)
+    try:
+        yield path
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        _remove(path)
         os.close(handle)
+
+
+def _remove(path: Path) -> None:
+    shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
 
 
 def remove_leftovers(folder: Path, deep: bool = False) -> None:
@@ -64,7 +83,7 @@ def remove_leftovers(folder: Path, deep: bool = False) -> None:
             handle = os.open(path, os.O_RDONLY)
             try:
                 if _try_to_lock(handle):
-                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+                    _remove(path)
             finally:
                 os.close(handle)
 
@@ -89,7 +108,7 @@ def replace_folder(new: Path, target: Path) -> None:
     exchange = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", lambda *_: -1)
     paths = os.fsencode(new), os.fsencode(target)
     if exchange(_AT_FDCWD, paths[0], _AT_FDCWD, paths[1], _RENAME_EXCHANGE) == 0:
-        shutil.rmtree(new) if new.is_dir() else new.unlink()
+        _remove(new)
     else:
         shutil.rmtree(target)
         os.replace(new, target)

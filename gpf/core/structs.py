@@ -64,7 +64,8 @@ class VisiblePoints:
     Attributes
     ----------
     p: position, world units, (N, 3).
-    n: unit geometric normal on the viewer's side, (N, 3).
+    n: unit geometric normal on the viewer's side, (N, 3). Where there is no such hit, one of a
+        surface that turned the ray, or 0.
     reflectance: diffuse reflectance π f_d(n, wo) at the hit, dimensionless, (N, 3).
     throughput: β, the weight of radiance at the hit in that of the ray, (N, 3).
     emission: L_e, radiance from the emitters along the path and at the hit, W/(m² sr), (N, 3). It
@@ -80,6 +81,10 @@ class VisiblePoints:
     emission: mi.Color3f
     depth: mi.UInt32
     valid: mi.Bool
+
+    def opaque(self) -> mi.Bool:
+        """Whether surfaces ended or turned the ray, (N,), as for an alpha channel."""
+        return dr.any(self.n != 0)
 
     def radiance(self, irradiance: mi.Color3f) -> mi.Color3f:
         """L = L_e + β ρ/π E, W/(m² sr), (N, 3), for the irradiance E at the points, W/m²."""

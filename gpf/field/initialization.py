@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.spatial_hash import SpatialHash
+from gpf.core.spacing import measure_spacing
 from gpf.core.structs import OrientedPoints, Photons, from_numpy, take, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.guiding.density_control import oriented_places
@@ -33,13 +33,9 @@ def propose_search_radius(
     available = dr.width(photons.p)
     chosen = from_numpy(mi.UInt32, rng.permutation(available)[:gaussians])
     means = dr.gather(mi.Point3f, photons.p, chosen)
-    diagonal = float(np.linalg.norm([bounds[1][i] - bounds[0][i] for i in range(3)]))
-    grid = SpatialHash(means, cell=1e-2 * diagonal, bounds=bounds, far=True)
     sample = at[rng.integers(0, len(at), min(len(at), 4096))]
-    x = from_numpy(mi.Point3f, sample)
     k = min(neighbours, dr.width(means))
-    _, distance2 = grid.nearest(x, k, mi.Float(5e-3 * diagonal), mi.Float(grid.levels.extent))
-    return float(np.sqrt(np.median(distance2[k - 1].numpy())))
+    return measure_spacing(means, from_numpy(mi.Point3f, sample), k, bounds)
 
 
 # Distance between the Gaussians in a gap, in search radii: about twelve within one search radius.

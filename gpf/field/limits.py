@@ -1,7 +1,8 @@
 """Where Gaussians end: at whatever stands on their surface, lies over it, or is behind it.
 
 Gaussians are often wider than a wall is thick. So each ends at three planes. One is that of the
-nearest obstacle on its surface (:mod:`gpf.scene.obstacles`). The other two lie before the next
+nearest obstacle on its surface (:mod:`gpf.scene.obstacles`) that hides most of what lies beyond its
+plane. The other two lie before the next
 surfaces above and below its own, and are tilted like them: there is much light between a lamp and
 the cap behind it and none behind the cap, although the lamp's back, the cap and the wall behind it
 face nearly the same way, a finger's breadth apart. A point beyond one of the planes does not use
@@ -37,6 +38,9 @@ CLEAR = 0.75
 
 RAYS = 16
 """Number of directions in which to look for obstacles."""
+
+HIDDEN = 0.5
+"""A plane ends a Gaussian if the obstacles hide at least this part of what lies beyond it."""
 
 VIEWS = 48
 """Number of directions in which Gaussians in media look for walls."""
@@ -145,32 +149,54 @@ def nearest_obstacles(
     """The planes of the nearest obstacles around points, perpendicular to the surface there,
     (N, 4) float32: unit vectors away from the points, and distances from them; or zeros.
 
+    A plane goes on where its obstacle, such as the leg of a table, has ended. So most of what lies
+    beyond it, within reach, has to be hidden.
+
     Parameters
     ----------
     p, n: positions and unit normals, world units, (N, 3).
     reach: how far to look for obstacles, world units, (N,).
     """
-    found, best = _nearest(scene, mi.Point3f(p), mi.Normal3f(n), mi.Float(reach))
-    return _planes(found, best)
+    count = dr.opaque(mi.UInt32, max(dr.width(p), 1))
+    lane = dr.arange(mi.UInt32, RAYS * dr.width(p))
+    owner = lane % count
+    place = dr.gather(mi.Point3f, p, owner), dr.gather(mi.Normal3f, n, owner)
+    far = dr.gather(mi.Float, mi.Float(reach), owner)
+    met = look_along(scene, *place, far, _direction(lane // count))
+    dr.eval(met)
+    best, found = _nearest(*met, mi.Float(reach), count, dr.arange(mi.UInt32, dr.width(p)))
+    return _planes(dr.select(best < reach, mi.Frame3f(n).to_world(found), 0), best)
+
+
+def _direction(number: mi.UInt32) -> mi.Vector2f:
+    sine, cosine = dr.sincos((mi.Float(number) + 0.5) * (2 * np.pi / RAYS))
+    return mi.Vector2f(cosine, sine)
 
 
 @loops_traced_once
 @dr.syntax
 def _nearest(  # type: ignore[no-untyped-def]
-    scene: mi.Scene, p, n, reach
-) -> tuple[mi.Vector3f, mi.Float]:
-    """The directions of the nearest obstacles, (N, 3), and their distances, (N,)."""
-    frame = mi.Frame3f(n)
-    best, found = mi.Float(reach), dr.zeros(mi.Vector3f, dr.width(p))
+    blocked, away, distance, reach, count, row
+) -> tuple[mi.Float, mi.Vector3f]:
+    """The distances of the nearest planes that end a Gaussian, (N,), and their directions."""
+    best, found = mi.Float(reach), dr.zeros(mi.Vector3f, dr.width(row))
     number = mi.UInt32(0)
-    while dr.hint(number < RAYS, exclude=[p, n, reach, frame]):
-        sine, cosine = dr.sincos((mi.Float(number) + 0.5) * (2 * np.pi / RAYS))
-        met = look_along(scene, p, n, reach, mi.Vector2f(cosine, sine))
-        nearer = met.stands & (met.distance < best)
-        best = dr.select(nearer, met.distance, best)
-        found = dr.select(nearer, frame.to_world(mi.Vector3f(met.away.x, met.away.y, 0)), found)
+    while number < RAYS:
+        plane = dr.gather(mi.Vector2f, away, number * count + row)
+        at = dr.gather(mi.Float, distance, number * count + row)
+        # Areas of the disc in the sectors of the rays: beyond the plane, and hidden there.
+        beyond, hidden, other = mi.Float(0), mi.Float(0), mi.UInt32(0)
+        while (other < RAYS) & (at < best):
+            ends = at / dr.maximum(dr.dot(plane, _direction(other)), 1e-6)
+            stops = dr.gather(mi.Float, blocked, other * count + row)
+            beyond += dr.maximum(reach**2 - ends**2, 0)
+            hidden += dr.maximum(reach**2 - dr.maximum(ends, stops) ** 2, 0)
+            other += 1
+        nearer = (at < best) & (hidden >= HIDDEN * beyond)
+        best = dr.select(nearer, at, best)
+        found = dr.select(nearer, mi.Vector3f(plane.x, plane.y, 0), found)
         number += 1
-    return found, best
+    return best, found
 
 
 def surface_before(scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float) -> np.ndarray:

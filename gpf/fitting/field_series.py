@@ -49,7 +49,7 @@ class FieldSeries:
 
     Attributes
     ----------
-    origin: the fingerprint of the scene.
+    origin: the scene, as :func:`gpf.fitting.opening.examine` gives it.
     maker: makes the fields.
     state: where photons are saved, or None.
     last: the plan of the last complete field; None before it.
@@ -223,19 +223,20 @@ class FieldSeries:
     def resume(self, state: FitState, resume: Resume) -> None:
         """Continue from what was saved, if anything was."""
         self.state = state
-        tensors, facts, best = state.load(resume)
+        tensors, facts, fields = state.load(resume)
         if not tensors:
             return
-        self.stream.restore(tensors, best)
+        self.stream.restore(tensors, fields.get("gathering"))
         self.quality.restore(tensors)
         self.last = Plan(*facts["last"]) if facts["last"] else None
         self.time.pass_seconds, *cost = facts["seconds"]
         self.cost = FieldCost(*cost)
-        if best is not None:
+        if best := fields.get("best"):
             self.best.restore(best, facts, self.quality)
             if facts["target_psnr"] != self.goals.target_psnr:
                 self.best.stalls = 0
-            if self.last is not None and self.stream.gathered is None:  # interrupted earlier
+            # Interrupted earlier, or the fit was at its end.
+            if self.last is not None and self.stream.gathering is not best:
                 self.gather()
 
     def save(self) -> None:
@@ -247,7 +248,8 @@ class FieldSeries:
                 "seconds": [self.time.pass_seconds, *dataclasses.astuple(self.cost)],
             }
             tensors = self.stream.tensors() | self.quality.tensors()
-            self.state.save(tensors, facts, self.best.field)
+            fields = {"best": self.best.field, "gathering": self.stream.gathering}
+            self.state.save(tensors, facts, {k: v for k, v in fields.items() if v is not None})
 
     def result(self) -> GaussianPhotonField:
         """The best field with its record."""
@@ -265,7 +267,7 @@ class FieldSeries:
 
     def origin_of(self, passes: int) -> dict[str, Any]:
         """The record of a field from so many passes; a field that is shown may also be kept."""
-        return {"passes": passes, "fingerprint": self.origin}
+        return {"passes": passes} | self.origin
 
     def tell(self, field: GaussianPhotonField | None = None) -> None:
         """Report the progress, with a field where there is a new one."""

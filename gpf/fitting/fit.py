@@ -20,6 +20,7 @@ from gpf.fitting.quality import QualityEstimate
 from gpf.fitting.state import FitState, Resume, fit_identity
 from gpf.importing.placement import place_sensors
 from gpf.scene.light_groups import LightGroups
+from gpf.scene.solids import OVERLAP, overlapping_solids
 from gpf.training.streaming import StreamSettings
 
 # A field whose estimated PSNR is below this, or this far below SPPM with the same passes (dB), has
@@ -87,7 +88,10 @@ def fit(
     if resume == "always" and state is None:
         raise UserError("resume", "needs a state folder", "Give the folder with the photons.")
     origin = opening.examine(scene)
-    cameras = list(place_sensors(scene) if sensors is None else sensors)
+    for pair in overlapping_solids(scene):
+        log.warning(OVERLAP, *pair)
+    # Sorted, so that the field does not depend on their order.
+    cameras = sorted(place_sensors(scene) if sensors is None else sensors, key=str)
     with time:
         settings = STREAM.model_copy(update={"seed": seed})
         start = opening.Opening.look(scene, cameras, settings, groups, opening.Shared())

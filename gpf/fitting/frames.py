@@ -146,9 +146,8 @@ class _FrameFitter:
             maker.add_error(field, maker.clean(field, lesson, STEPS))
             maker.split(field, lesson)
             self._ending = time.work - begin
-            field.record = {
+            field.record = origin | {
                 "passes": stream.count,
-                "fingerprint": origin,
                 "seconds": time.spent,
                 "seed": stream.seed,
                 "first_radius": opening.shared.radius,
@@ -194,7 +193,7 @@ class _FrameFitter:
     def _cameras(self, scene: mi.Scene) -> Sequence[mi.Sensor]:
         """The cameras that see what the field of a frame is for."""
         if not self._places:
-            return self._sensors or ()
+            return sorted(self._sensors or (), key=str)  # as for a single field
         own, before = views_of_sensors(scene), self._before
         if self._sensors is None or own != self._own:
             if before is not None and views_of_sensors(before.scene) == own:

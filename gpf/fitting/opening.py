@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from typing import Any, Literal
 
 import mitsuba as mi
@@ -29,7 +30,8 @@ REGION = VisibleRegionSettings(rays=131_072, pilot_paths=131_072)
 
 
 def examine(scene: mi.Scene) -> dict[str, Any]:
-    """The fingerprint of a scene that can be fitted.
+    """What the record of a field says of its scene: its name, if it has one, its fingerprint, and
+    the time, UTC, to the minute.
 
     Raises
     ------
@@ -38,7 +40,8 @@ def examine(scene: mi.Scene) -> dict[str, Any]:
     check_scene(scene)
     # First: they evaluate parameters of the scene, and earlier kernels could not be reused.
     scene_bounds(scene)
-    return fingerprint(scene)
+    now = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
+    return {"name": scene.id(), "date": now, "fingerprint": fingerprint(scene)}
 
 
 def plan_emission(
@@ -116,7 +119,7 @@ class Opening:
         seed = settings.seed
         plan, made = plan_emission(scene, cameras, seed, shared.plan)
         reference = ReferenceSettings(seed=seed, initial_radius=shared.radius)
-        passes = reference.measure(scene, cameras[0], plan)
+        passes = reference.measure(scene, cameras, plan)
         direct = choose_direct(scene, passes)
         sampled = sampled_lamps(scene, direct)
         own = settings.passes_like(passes)

@@ -26,12 +26,12 @@ from gpf.scene.fingerprint import changed_parts, fingerprint
 PHOTONS = "photons.safetensors"
 
 # Files beside it.
-_FIELD = re.compile(r"field-\d+\.safetensors")
+_FIELD = re.compile(r"field-(\d+)\.safetensors")
 
 SAVE_SECONDS = 60.0
 """Time between saved states while photons are traced."""
 
-FORMAT = 7
+FORMAT = 8
 """Format of the files; those of another format are not read."""
 
 Resume = Literal["if possible", "always", "never"]
@@ -42,10 +42,10 @@ log = logging.getLogger(__name__)
 
 
 class FitState:
-    """A folder with the photons of a fit and its best field.
+    """A folder with the photons of a fit and fields that belong to them.
 
-    The file with the photons names the field that belongs to them, and replaces the old file
-    atomically: a fit killed at any time leaves the old state or the new one.
+    The file with the photons names the fields, which are new files each time, and replaces the old
+    file atomically: a fit killed at any time leaves the old state or the new one.
 
     Parameters
     ----------
@@ -64,24 +64,28 @@ class FitState:
         self,
         tensors: Mapping[str, np.ndarray],
         facts: Mapping[str, Any],
-        best: GaussianPhotonField | None,
+        fields: Mapping[str, GaussianPhotonField],
     ) -> None:
-        """Write the state."""
-        field = None if best is None else f"field-{best.record['passes']}.safetensors"
-        if best is not None and field is not None:
-            save_field(best, self.folder / field)
-            tensors = {**tensors, **_rounded(best)}
-        facts = {"identity": self.identity, "facts": facts, "field": field}
+        """Write the state; ``fields``: by what they are for. One may be there for several uses."""
+        taken = [int(match[1]) for match, _ in self._field_files()]
+        number, names = max(taken, default=0) + 1, dict[int, str]()
+        for field in fields.values():
+            if id(field) not in names:
+                names[id(field)] = name = f"field-{number + len(names)}.safetensors"
+                save_field(field, self.folder / name)
+                tensors = {**tensors, **_rounded(field, name)}
+        named = {use: names[id(field)] for use, field in fields.items()}
+        facts = {"identity": self.identity, "facts": facts, "fields": named}
         write_tensors(self.folder / PHOTONS, "fit", tensors, facts)
-        for file in self.folder.iterdir():
-            if _FIELD.fullmatch(file.name) and file.name != field:  # of the state before
+        for _, file in self._field_files():
+            if file.name not in named.values():  # of the state before
                 file.unlink(missing_ok=True)
         remove_leftovers(self.folder)
         self._saved = time.perf_counter()
 
     def load(
         self, resume: Resume = "if possible"
-    ) -> tuple[dict[str, np.ndarray], dict[str, Any], GaussianPhotonField | None]:
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any], dict[str, GaussianPhotonField]]:
         """What was saved; empty without a state of the same identity.
 
         Raises
@@ -89,7 +93,7 @@ class FitState:
         UserError: there is no such state, but the fit must resume.
         """
         if resume == "never":
-            return {}, {}, None
+            return {}, {}, {}
         try:
             if not (self.folder / PHOTONS).exists():
                 raise UserError(str(self.folder), "has no photons from a fit", "Start a new fit.")
@@ -100,16 +104,23 @@ class FitState:
                     f"has the photons of another fit: different {other}",
                     "Give the same scene and options as before, or start a new fit.",
                 )
-            best = None
-            if facts["field"]:
-                best = _restored(load_field(self.folder / facts["field"]), tensors)
+            names: dict[str, str] = facts["fields"]
+            fields = {
+                name: _restored(load_field(self.folder / name), tensors, name)
+                for name in set(names.values())
+            }
         except UserError as error:
             if resume == "always":
                 raise
             if (self.folder / PHOTONS).exists():
                 log.warning("%s Starting a new fit.", error)
-            return {}, {}, None
-        return tensors, facts["facts"], best
+            return {}, {}, {}
+        return tensors, facts["facts"], {use: fields[name] for use, name in names.items()}
+
+    def _field_files(self) -> list[tuple[re.Match[str], Path]]:
+        """The files of fields, with the matches of their names."""
+        files = self.folder.glob("field-*")
+        return [(match, file) for file in files if (match := _FIELD.fullmatch(file.name))]
 
     def _differences(self, saved: Mapping[str, Any]) -> str:
         """What differs in a saved identity: parts of the scene, cameras, seed, or settings."""
@@ -121,26 +132,25 @@ class FitState:
         return ", ".join(found)
 
 
-_OF_BEST = "best/"
-
-
-def _rounded(field: GaussianPhotonField) -> dict[str, np.ndarray]:
+def _rounded(field: GaussianPhotonField, name: str) -> dict[str, np.ndarray]:
     """The arrays that a field's file rounds: it has positions and sizes in world units."""
     gaussians = field.gaussians
     arrays = {"means": to_numpy(gaussians.means), "log_scales": to_numpy(gaussians.log_scales)}
     if field.limits is not None:
         arrays["limits"] = field.limits
-    return {_OF_BEST + name: array for name, array in arrays.items()}
+    return {f"{name}/{key}": array for key, array in arrays.items()}
 
 
-def _restored(field: GaussianPhotonField, tensors: Mapping[str, np.ndarray]) -> GaussianPhotonField:
+def _restored(
+    field: GaussianPhotonField, tensors: Mapping[str, np.ndarray], name: str
+) -> GaussianPhotonField:
     """A field from a file, with the arrays of :func:`_rounded`, so that the fit gives the same bits
     as without an interruption."""
     exact = {
-        "means": from_numpy(mi.Point3f, tensors[_OF_BEST + "means"]),
-        "log_scales": from_numpy(mi.Vector3f, tensors[_OF_BEST + "log_scales"]),
+        "means": from_numpy(mi.Point3f, tensors[f"{name}/means"]),
+        "log_scales": from_numpy(mi.Vector3f, tensors[f"{name}/log_scales"]),
     }
-    field.limits = tensors.get(_OF_BEST + "limits")
+    field.limits = tensors.get(f"{name}/limits")
     field.update(dataclasses.replace(field.gaussians, **exact), field.error)
     return field
 

@@ -51,15 +51,15 @@ def least_noisy(
     settings: the paths that are traced from each source for the comparison.
     """
     rng = np.random.default_rng(pass_seed(seed, 0, Stream.NOISE_POINTS))
-    chosen = rng.integers(0, dr.width(points.p), POINTS)
+    chosen = rng.permutation(dr.width(points.p))[:POINTS]
     p, n = to_numpy(points.p)[chosen], to_numpy(points.n)[chosen]
-    radius = float(np.median(cKDTree(p).query(p, IN_DISC)[0][:, -1]))
+    radius = float(np.median(cKDTree(p).query(p, min(IN_DISC, len(p)))[0][:, -1]))
     at, facing = from_numpy(mi.Point3f, p), from_numpy(mi.Normal3f, n)
     bounds = scene_bounds(scene)
     half = replace(settings, paths=settings.paths // 2)
 
     def light(source: Source, number: int) -> np.ndarray:
-        """The irradiance of each point, (POINTS,)."""
+        """The irradiance of each point, (N,)."""
         part = replace(half, source=source)
         photons = record_photons(scene, part, pass_seed(seed, number, Stream.NOISE_PHOTONS))
         irradiance = PhotonDensity(photons, radius, bounds).irradiance(at, facing)

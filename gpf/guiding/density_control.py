@@ -13,6 +13,8 @@ from gpf.core.structs import Photons, VisiblePoints, from_numpy, take, to_numpy
 # points: a caustic needs more Gaussians than the wall around it; the inside of a lamp does not.
 MAX_RATIO = 8.0
 
+_MOST_NUMBERS = 2**62
+
 HEIGHTS = 4
 """Number of layers of a cell, which separate surfaces that lie above each other."""
 
@@ -69,21 +71,25 @@ def oriented_places(p: np.ndarray, n: np.ndarray, width: float) -> np.ndarray:
 
 def cell_keys(p: np.ndarray, n: np.ndarray, width: float) -> np.ndarray:
     """A number for the grid cell of each oriented point, (N,); see :func:`oriented_places`."""
-    cells = np.floor(oriented_places(p, n, width) / width).astype(np.int64)
-    cells -= cells.min(axis=0)
-    return np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1))
+    return _number_cells(oriented_places(p, n, width), width)
 
 
 def count_in_cells(at: np.ndarray, width: float, *sets: np.ndarray) -> list[np.ndarray]:
     """The number of points of each set (N, D) in the grid cell of each point of ``at`` (M, D)."""
-    cells = [np.floor(points / width).astype(np.int64) for points in (at, *sets)]
-    lowest = np.min([c.min(axis=0) for c in cells if len(c)], axis=0)
-    size = np.max([c.max(axis=0) for c in cells if len(c)], axis=0) - lowest + 1
-    wanted, *keys = (np.ravel_multi_index((c - lowest).T, size) for c in cells)
-    known, index = np.unique(wanted, return_inverse=True)
-    counts = []
-    for key in keys:
-        place = np.minimum(np.searchsorted(known, key), len(known) - 1)
-        inside = known[place] == key
-        counts.append(np.bincount(place[inside], minlength=len(known))[index])
-    return counts
+    keys = _number_cells(np.concatenate([at, *sets]), width)
+    known, index = np.unique(keys, return_inverse=True)
+    wanted, *found = np.split(index, np.cumsum([len(at), *map(len, sets[:-1])]))
+    return [np.bincount(each, minlength=len(known))[wanted] for each in found]
+
+
+def _number_cells(p: np.ndarray, width: float) -> np.ndarray:
+    """A number for the grid cell of each point (N, D), (N,), in the order of the cells."""
+    cells = np.floor(p / width).astype(np.int64)
+    numbers, count = np.zeros(len(p), np.int64), 1
+    for column in (cells - cells.min(axis=0)).T:
+        size = int(column.max()) + 1
+        if count * size > _MOST_NUMBERS:  # a horizon far away: leave out the cells without points
+            numbers = np.unique(numbers, return_inverse=True)[1]
+            count = int(numbers.max()) + 1
+        numbers, count = numbers * size + column, count * size
+    return numbers

@@ -17,7 +17,7 @@ import numpy as np
 from gpf.camera.visible_points import find_visible_points
 from gpf.core.errors import UserError
 from gpf.core.random import Stream, pass_seed
-from gpf.core.spatial_hash import SpatialHash
+from gpf.core.spacing import measure_spacing
 from gpf.core.structs import Photons, VisiblePoints, concatenate, from_numpy, take
 from gpf.guiding.surface_patch import SurfacePatch
 from gpf.scene.bounds import scene_bounds
@@ -92,9 +92,10 @@ class VisibleRegion:
 
 
 def sample_visible_points(
-    scene: mi.Scene, sensor: mi.Sensor, samples: int, seed: int
+    scene: mi.Scene, sensor: mi.Sensor, samples: int, seed: int, elsewhere: float = 0.5
 ) -> VisiblePoints:
-    """Visible points of camera rays and of rays that start on camera rays, (samples,)."""
+    """Visible points of camera rays, (samples,), of which a share starts ``elsewhere`` on a ray, in
+    any direction."""
     sampler = mi.load_dict({"type": "independent", "sample_count": 1})
     sampler.seed(seed, samples)
     on_film = sampler.next_2d()
@@ -102,7 +103,7 @@ def sample_visible_points(
     si = scene.ray_intersect_preliminary(ray)
     along = sampler.next_1d()
     direction = mi.warp.square_to_uniform_sphere(sampler.next_2d())
-    wanders = si.is_valid() & (sampler.next_1d() < 0.5)
+    wanders = si.is_valid() & (sampler.next_1d() < elsewhere)
     ray.o = dr.select(wanders, ray.o + along * si.t * ray.d, ray.o)
     ray.d = dr.select(wanders, direction, ray.d)
     return find_visible_points(scene, sampler, mi.Ray3f(ray))[0]
@@ -110,10 +111,6 @@ def sample_visible_points(
 
 def _reach(p: mi.Point3f, bounds: tuple[mi.Point3f, mi.Point3f]) -> float:
     """A radius within which 99.9% of the points have at least three neighbours."""
-    diagonal = float(dr.norm(bounds[1] - bounds[0]))
-    grid = SpatialHash(p, cell=1e-2 * diagonal, bounds=bounds, far=True)
     rng = np.random.default_rng(0)
     chosen = from_numpy(mi.UInt32, rng.integers(0, dr.width(p), 16384))
-    x = dr.gather(mi.Point3f, p, chosen)
-    _, distance2 = grid.nearest(x, 4, mi.Float(2e-3 * diagonal), mi.Float(grid.levels.extent))
-    return float(np.sqrt(np.percentile(distance2[3].numpy(), 99.9)))
+    return measure_spacing(p, dr.gather(mi.Point3f, p, chosen), 4, bounds, percentile=99.9)

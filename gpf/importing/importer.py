@@ -26,10 +26,9 @@ from gpf.importing.sources import Source, open_source
 from gpf.scene.folders import scenes_root
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import (
-    differs_from_view,
     film_aspect,
-    looks_through,
     scene_cameras,
+    shown_differently,
     views_of_sensors,
 )
 from gpf.scene.snapshot import make_folders
@@ -127,20 +126,16 @@ def _make(
     with _users_paths({target / "scene.xml": source.xml, target: source.xml.parent}):
         scene = load_scene_file(target / "scene.xml", *_film_size(document))
         own = views_of_sensors(scene)
-        cameras = scene_cameras(scene)
         if not own:
             raise UserError(
                 str(source.xml),
                 "has no perspective sensor at the top level of the scene",
                 "Move the sensor out of the element that contains it.",
             )
-        aspect = film_aspect(cameras[0])
+        aspect = film_aspect(scene_cameras(scene)[0])
         found = examine_scene(scene, own[0], aspect, str(source.xml), photons)
         views = place_views(scene, own, aspect)
-    warnings = describe_leftovers(document, source.xml)
-    for camera, view in zip(cameras, own, strict=True):
-        warnings += [f"sensor {view.name} {what}" for what in differs_from_view(camera, view)]
-        warnings += [f"sensor {view.name} {what}" for what in looks_through(scene, camera, view)]
+    warnings = describe_leftovers(document, source.xml) + shown_differently(scene)
     write_views(
         target / "views.yaml",
         views,

@@ -8,6 +8,7 @@ novel view sees something that no training view sees.
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Sequence
 from itertools import count
@@ -29,7 +30,13 @@ from gpf.importing.view_checks import (
     spacing,
 )
 from gpf.photons.tracing import PathSettings
-from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors
+from gpf.scene.sensors import (
+    film_aspect,
+    make_sensor,
+    scene_cameras,
+    shown_differently,
+    views_of_sensors,
+)
 from gpf.scene.views import SceneViews, View, ViewSets
 from gpf.sppm.passes import PassSettings, propose_radius
 from gpf.sppm.reference import ReferenceRenderer
@@ -53,6 +60,8 @@ _SPREADS = (1, 0.6, 0.35, 0.2)
 
 # The share of a novel view's points that training views see should be between these two.
 _COVERED = (0.6, 0.97)
+
+log = logging.getLogger(__name__)
 
 
 def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneViews:
@@ -79,6 +88,8 @@ def place_sensors(scene: mi.Scene) -> list[mi.Sensor]:
         raise UserError(
             "scene", "has no perspective camera", "Add one to the scene, or give sensors."
         )
+    for what in shown_differently(scene):
+        log.warning(what)
     aspect = film_aspect(scene_cameras(scene)[0])
     placed = place_cameras(scene, own, aspect)
     width = max(1, round(ROWS * aspect))

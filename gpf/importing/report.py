@@ -22,6 +22,7 @@ from gpf.scene.bounds import scene_bounds
 from gpf.scene.inventory import scene_info, scene_materials
 from gpf.scene.media_checks import describe_media
 from gpf.scene.sensors import make_sensor
+from gpf.scene.solids import OVERLAP, overlapping_solids
 from gpf.scene.untraceable import telling_untraceable
 from gpf.scene.views import SceneViews, View
 from gpf.sppm.passes import propose_radius
@@ -236,6 +237,7 @@ def _notes(scene: mi.Scene, emitters: Counter[str], materials: Sequence[Material
     notes = [f"{plugin}: {NOTES[plugin]}" for plugin in plugins if plugin in NOTES]
     if media := describe_media(scene):
         notes.insert(0, media)
+    notes += [OVERLAP % pair for pair in overlapping_solids(scene)]
     for material in materials:
         if material.use == "unsupported":
             notes.append(

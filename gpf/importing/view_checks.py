@@ -16,6 +16,7 @@ from gpf.core.structs import VisiblePoints, from_numpy, take, to_numpy
 from gpf.guiding.surface_patch import SurfacePatch
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
+from gpf.scene.lamps import Lamps
 from gpf.scene.media import medium_at
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.views import View
@@ -144,12 +145,12 @@ def enough_light(own: Sequence[ViewReport]) -> float:
 @dr.syntax
 def _is_lit(scene, points, near, sampler):  # type: ignore[no-untyped-def]
     """Whether light reaches points directly, or photons land ``near`` them, (N,)."""
-    lit = mi.Bool(near)
+    lit, lamps = mi.Bool(near), Lamps(scene)
     here = dr.zeros(mi.SurfaceInteraction3f, dr.width(points.p))
     here.p, here.n = points.p, points.n
     k = mi.UInt32(0)
     while points.valid & ~lit & (k < _EMITTER_SAMPLES):
-        light, weight = scene.sample_emitter_direction(here, sampler.next_2d(), True)
+        light, weight = lamps.sample(here, sampler.next_2d(), mi.Bool(True))
         lit |= (light.pdf > 0) & (dr.dot(light.d, points.n) > 0) & (dr.max(weight) > 0)
         k += 1
     return lit

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.scene.bounds import bounding_box
+from gpf.scene.lamps import Lamps
 
 # Makes one ray per lane of the sampler's wavefront, with its power, W, and its emitter. The
 # expected power of a ray is that of all emitters together.
@@ -47,9 +48,7 @@ def emit_light(scene: mi.Scene, sampler: mi.Sampler) -> Emitted:
 
 def emit_from(scene: mi.Scene, start: EmitterSample) -> Emitted:
     """The rays that these random numbers determine, their powers, W, and emitters: (N,) each."""
-    ray, power, emitter = scene.sample_emitter_ray(
-        mi.Float(0), start.choice, start.place, start.direction, mi.Bool(True)
-    )
+    ray, power, emitter = Lamps(scene).emit(start.choice, start.place, start.direction)
     if any(mi.has_flag(each.flags(), mi.EmitterFlags.Infinite) for each in scene.emitters()):
         power *= _spread_over_scene(scene, ray, emitter, start.place)
     return ray, power, emitter

@@ -66,7 +66,7 @@ def sample_adaptively(
     sums = sets.take(one, pass_seed(seed, 0, Stream.ADAPTIVE_SAMPLES))
     *channels, square, of_sets = sums
     noise = pixel_noise([c / set_size for c in channels[:3]], square / set_size, size)
-    counts = allocate(noise, max(spp // set_size - 1, 0))
+    counts = allocate(noise, max(spp // set_size - 1, 0), one_in_each_neighbourhood(size))
     if further := sets.take(counts, pass_seed(seed, 1, Stream.ADAPTIVE_SAMPLES)):
         *channels, _, of_sets = (a + b for a, b in zip(sums, further, strict=True))
     taken = 1 + mi.Float64(counts)
@@ -75,7 +75,7 @@ def sample_adaptively(
         channels[:3] = [c - e for c, e in zip(channels[:3], brightest.excess(), strict=True)]
     means = [c / (set_size * taken) for c in channels]
     if with_variance:
-        means.append(variance_of_means(scatter / set_size**2, counts, size))
+        means.append(variance_of_means(scatter / set_size**2, counts, means[:3], size))
     flat = dr.ravel(mi.ArrayXf([mi.Float(mean) for mean in means]))
     return mi.TensorXf(flat, (size[1], size[0], len(means)))
 
@@ -112,20 +112,26 @@ def least_visible(level: Any, median: float) -> Any:
     return (level + 0.01 * median) * (1 + (level / (4 * median)) ** 2)
 
 
-def variance_of_means(scatter: mi.Float64, counts: mi.UInt32, size: tuple[int, int]) -> mi.Float64:
+def variance_of_means(
+    scatter: mi.Float64, counts: mi.UInt32, mean: Sequence[mi.Float64], size: tuple[int, int]
+) -> mi.Float64:
     """Variance of each pixel's mean, (N,), from how much the sets differ in the pixels around it.
 
-    Pixels with a single set tell nothing; where all pixels around are such, the variance is zero,
-    because only pixels without noise get no further sets.
+    Pixels with a single set tell nothing, but one in each neighbourhood has more
+    (:func:`one_in_each_neighbourhood`). What counts is the visible noise of the pixels around:
+    that of a lamp's edge is not the noise of the wall behind it.
 
     Parameters
     ----------
     scatter: sum over a pixel's sets of (mean of the set - mean of the pixel)², (N,).
     counts: number of further sets, (N,).
+    mean: mean radiance, (N,) for each of three channels.
     size: width and height of the image.
     """
-    total, free = _sums_around([dr.maximum(scatter, 0), mi.Float64(counts)], size, itself=True)
-    return total / dr.maximum(free, 1) / (1 + mi.Float64(counts))
+    scale = _visible_squares(mean)
+    visible = dr.maximum(scatter, 0) / scale
+    total, free = _sums_around([visible, mi.Float64(counts)], size, itself=True)
+    return total * scale / dr.maximum(free, 1) / (1 + mi.Float64(counts))
 
 
 def pixel_noise(
@@ -145,16 +151,20 @@ def pixel_noise(
     size: width and height of the image.
     """
     variance = dr.maximum(square - _mean_square(mean), 0)
-    level = sum(mean[1:3], mean[0]) / 3
     # Values that are not finite also show in the image, where the caller finds them.
-    variance = dr.select(dr.isfinite(variance), variance, 0)
-    level = dr.select(dr.isfinite(level), dr.maximum(level, 0), 0)
-    lit = dr.compress(level > 0)
-    median = float(dr.median(dr.gather(mi.Float64, level, lit))[0]) if dr.width(lit) else 1.0
-    visible = variance / least_visible(level, dr.opaque(mi.Float64, median))
+    visible = dr.select(dr.isfinite(variance), variance, 0) / _visible_squares(mean)
     # No padding at the border, because its values would come from the pixel itself.
     total, count = _sums_around([visible, dr.full(mi.Float64, 1, dr.width(visible))], size)
     return dr.sqrt(total / dr.maximum(count, 1))
+
+
+def _visible_squares(mean: Sequence[mi.Float64]) -> mi.Float64:
+    """:func:`least_visible` for each pixel of an image, (N,), from its three channels."""
+    level = sum(mean[1:3], mean[0]) / 3
+    level = dr.select(dr.isfinite(level), dr.maximum(level, 0), 0)
+    lit = dr.compress(level > 0)
+    median = float(dr.median(dr.gather(mi.Float64, level, lit))[0]) if dr.width(lit) else 1.0
+    return least_visible(level, dr.opaque(mi.Float64, median))
 
 
 def _mean_square(channels: Sequence[mi.Float64]) -> mi.Float64:
@@ -178,10 +188,22 @@ def _sums_around(
     return sums
 
 
-def allocate(noise: mi.Float64, mean: int) -> mi.UInt32:
+def one_in_each_neighbourhood(size: tuple[int, int]) -> mi.UInt32:
+    """1 for a pixel of each :data:`NEIGHBOURHOOD`, 0 for the others, (N,).
+
+    These have at least one further set, so that the variance is known everywhere, also where
+    others need the samples more.
+    """
+    pixel, width = dr.arange(mi.UInt32, size[0] * size[1]), dr.opaque(mi.UInt32, size[0])
+    middle = [n % NEIGHBOURHOOD == NEIGHBOURHOOD // 2 for n in (pixel % width, pixel // width)]
+    return mi.UInt32(middle[0] & middle[1])
+
+
+def allocate(noise: mi.Float64, mean: int, least: mi.UInt32) -> mi.UInt32:
     """Numbers of further sets in proportion to the noise, rounded, (N,).
 
-    A common scale makes their mean as large as possible without exceeding ``mean``.
+    A common scale makes their mean as large as possible without exceeding ``mean``; ``least``, (N,)
+    with a smaller mean, is given in any case.
     """
     pixels = dr.width(noise)
     whole = float(dr.sum(noise)[0])
@@ -192,7 +214,7 @@ def allocate(noise: mi.Float64, mean: int) -> mi.UInt32:
 
     def rounded(scale: float) -> mi.UInt32:
         wanted = dr.round(dr.opaque(mi.Float64, scale) * noise)
-        return mi.UInt32(dr.minimum(wanted, MAX_RATIO * mean))
+        return dr.maximum(mi.UInt32(dr.minimum(wanted, MAX_RATIO * mean)), least)
 
     low, high = 0.0, 1e6 * mean
     while high - low > 1e-6 * high:

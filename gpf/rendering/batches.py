@@ -2,44 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 
 from gpf.core.random import Stream, pass_seed
-from gpf.rendering.adaptive import MIN_SPP
 
 LARGEST_WAVEFRONT = 1 << 26
 """Largest number of samples in one batch: about 2 GB of state."""
 
 
-def render_in_batches(
-    scene: mi.Scene,
-    integrator: mi.Integrator,
-    sensor: mi.Sensor,
+def mean_of_batches(
+    render: Callable[[int, int], np.ndarray],
     spp: int,
     seed: int,
+    pixels: int,
     largest: int = LARGEST_WAVEFRONT,
 ) -> np.ndarray:
-    """An image with ``spp`` samples per pixel and all channels, (H, W, C) float32.
+    """The mean of batches with independent samples: at most ``largest``, but at least one per
+    pixel, (H, W, C) float32.
 
-    Batches have independent samples: at most ``largest``, but at least one per pixel. The
-    integrator ``gpf`` limits its memory itself if it samples adaptively; it then gets one batch.
+    Parameters
+    ----------
+    render: called as ``render(spp, seed)``; returns an image.
     """
-    width, height = (int(n) for n in sensor.film().crop_size())
-    if getattr(integrator, "adaptive", False) and spp >= MIN_SPP:
-        largest = spp * width * height
     total: Any = 0
-    for batch, share in enumerate(split_samples(spp, width * height, largest)):
-        image: Any = mi.render(
-            scene,
-            integrator=integrator,
-            sensor=sensor,
-            spp=share,
-            seed=pass_seed(seed, batch, Stream.BATCHES),
-        )
-        total = total + np.asarray(image.numpy(), dtype=np.float64) * (share / spp)
+    for batch, share in enumerate(split_samples(spp, pixels, largest)):
+        image = render(share, pass_seed(seed, batch, Stream.BATCHES))
+        total = total + np.asarray(image, dtype=np.float64) * (share / spp)
     return np.asarray(total, dtype=np.float32)
 
 

@@ -23,9 +23,6 @@ LIMIT = 100
 """Largest radiance that the denoiser sees, in medians of the image. Beside a lamp that is a hundred
 thousand times as bright as the wall, its rounding errors would be brighter than the wall."""
 
-VISIBLE_NOISE = 0.015
-"""Images are denoised if their relative noise is at least this."""
-
 Quality = Literal["fast", "balanced", "high"]
 
 
@@ -133,32 +130,18 @@ def denoise(
 ) -> np.ndarray:
     """The image without its noise; radiance above :data:`LIMIT` stays as it is.
 
-    An image whose noise is known and below :data:`VISIBLE_NOISE` is returned unchanged.
-
     Parameters
     ----------
     image: radiance, (H, W, 3).
     guides: albedo and normals, (H, W, 3) each.
     variance: variance of the image's pixels, (H, W); without it, anything may be noise.
     """
-    if variance is not None and relative_noise(image, variance) < VISIBLE_NOISE:
-        return image
     seen = np.minimum(image, limit := LIMIT * median_lit(image))
     clean = denoiser.denoise(seen, *guides)
     if variance is not None:
         clean = blend(seen, clean, np.minimum(variance, limit**2))
     whole: np.ndarray = clean + (image - seen)
     return whole
-
-
-def relative_noise(image: np.ndarray, variance: np.ndarray) -> float:
-    """Root mean square of the relative errors of an image with these variances, (H, W); each counts
-    as 10 % at most, so that a few pixels, such as a lamp's edge, do not dominate."""
-    median = median_lit(image)
-    if median == 0:
-        return 0.0
-    squared = variance / (_least_visible(image) * median)
-    return float(np.sqrt(np.minimum(squared, 0.1**2).mean()))
 
 
 def median_lit(image: np.ndarray) -> float:

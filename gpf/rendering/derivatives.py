@@ -47,7 +47,7 @@ def attached_radiance(
     walks: Walks, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
 ) -> tuple[mi.Color3f, mi.Bool]:
     """Radiance of camera rays, W/(m² sr), (N, 3), attached to whatever parameters are, and whether
-    they end on a diffuse surface, (N,)."""
+    surfaces end or turn them, (N,)."""
     scene, field = walks.scene, walks.field
     with dr.suspend_grad():
         depths = walks.max_depth, walks.rr_depth
@@ -71,7 +71,7 @@ def attached_radiance(
         emission=points.emission + lit,
     )
     value = query(field, field.gaussians, si.p, points.n, points.valid)
-    return field.reflect(shown, value), points.valid
+    return field.reflect(shown, value), points.opaque()
 
 
 class DifferentiableField(mi.ad.integrators.common.ADIntegrator):

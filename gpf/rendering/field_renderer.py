@@ -12,8 +12,9 @@ import numpy as np
 from gpf.core.images import check_finite
 from gpf.core.random import Stream, pass_seed
 from gpf.field.field import GaussianPhotonField
+from gpf.rendering.adaptive import MIN_SPP
 from gpf.rendering.aovs import split_layers
-from gpf.rendering.batches import render_in_batches
+from gpf.rendering.batches import mean_of_batches
 from gpf.rendering.settings import RenderSettings
 from gpf.rendering.timed_sampling import sample_for
 from gpf.scene.sensors import make_sensor
@@ -70,7 +71,8 @@ class FieldRenderer:
         Parameters
         ----------
         size: width and height, pixels.
-        seconds: take as many samples as fit into this time; by default, those of the settings.
+        seconds: take as many samples as fit into this time, before denoising; by default, those of
+            the settings.
 
         Raises
         ------
@@ -78,19 +80,40 @@ class FieldRenderer:
         """
         settings = self.settings
         sensor = make_sensor(view, *size, sampler=settings.sampler)
+        known: list[tuple[int, np.ndarray]] = []
 
         def sample(spp: int, seed: int) -> np.ndarray:
-            return render_in_batches(self.scene, self.integrator, sensor, spp, seed)
+            image, variance = self.integrator.sample_image(self.scene, sensor, seed, spp)
+            if variance is not None:
+                known.append((spp, variance))
+            return np.array(image)
+
+        def sample_in_batches(spp: int, seed: int) -> np.ndarray:
+            # Adaptive samples limit their memory themselves.
+            pixels = 1 if settings.adaptive and spp >= MIN_SPP else size[0] * size[1]
+            return mean_of_batches(sample, spp, seed, pixels)
+
+        def sample_part(spp: int, part: int) -> np.ndarray:
+            return sample_in_batches(spp, pass_seed(seed, part, Stream.TIMED_SAMPLES))
 
         if seconds is None:
-            image = sample(settings.spp, seed)
+            image, spp = sample_in_batches(settings.spp, seed), settings.spp
         else:
-            image, _ = sample_for(
-                seconds, lambda spp, part: sample(spp, pass_seed(seed, part, Stream.TIMED_SAMPLES))
-            )
+            image, spp = sample_for(seconds, sample_part)
+        if settings.denoise:
+            image = self.integrator.denoised(image, variance_of_mean(known, spp))
         layers = split_layers(image, self.aovs)
         check_finite(layers["radiance"], f"view {view.name}")
         return layers
+
+
+def variance_of_mean(known: Sequence[tuple[int, np.ndarray]], spp: int) -> np.ndarray | None:
+    """The variance of an image's pixels, (H, W), from those of parts of it with their numbers of
+    samples; ``spp``: those of the image. Parts that are not known count as noisy as the others."""
+    if not known:
+        return None
+    whole = spp * sum(n for n, _ in known)
+    return np.sum([n * n / whole * variance for n, variance in known], axis=0)
 
 
 def weakly_covered(coverage: np.ndarray) -> float:

@@ -105,7 +105,7 @@ class GPF(DifferentiableField):
         self.levels: dict[str, mi.Color3f] = {}
         self.record = props.get("record", False)
         super().__init__(props)
-        self._guides: tuple[str, ...] = ()  # AOVs of this image that only the denoiser asks for
+        self._guides: tuple[str, ...] = ()  # AOVs of a sample that only the denoiser asks for
         self._denoiser: ImageDenoiser | None = None
         self._check, self._known = SceneCheck(), KnownScene()
         self.recorded_frames = RecordedFrames()
@@ -124,20 +124,37 @@ class GPF(DifferentiableField):
         """Render an image; parameters as for every Mitsuba integrator."""
         if isinstance(sensor, int):
             sensor = scene.sensors()[sensor]
+        image, variance = self.sample_image(scene, sensor, seed, spp, develop, evaluate)
+        if not (self.denoise and develop):
+            return image
+        return from_numpy(mi.TensorXf, self.denoised(np.array(image), variance))
+
+    def sample_image(
+        self,
+        scene: mi.Scene,
+        sensor: mi.Sensor,
+        seed: Any,
+        spp: int,
+        develop: bool = True,
+        evaluate: bool = True,
+    ) -> tuple[Any, np.ndarray | None]:
+        """What :meth:`render` denoises: an image with the channels that the denoiser needs, and
+        the variance of its pixels, (H, W), where that is known; parameters as there."""
         if self.field is None:
-            return super().render(scene, sensor, seed, spp, develop, evaluate)
+            return super().render(scene, sensor, seed, spp, develop, evaluate), None
         self._check.compare(scene, self.field)
         self._known.prepare(scene)
         with mixed(scene, self.field, self.wanted_levels()):
             if not develop:
-                return super().render(scene, sensor, seed, spp, develop, evaluate)
-            missing = [name for name in GUIDES if name not in self.aovs]
-            self._guides = tuple(missing) if self.denoise else ()
+                return super().render(scene, sensor, seed, spp, develop, evaluate), None
+            self._guides = self._further_guides()
             try:
-                image, variance = self._sample_image(scene, sensor, seed, spp, evaluate)
-                return self._denoise(image, variance) if self.denoise else image
+                return self._sample_image(scene, sensor, seed, spp, evaluate)
             finally:
                 self._guides = ()
+
+    def _further_guides(self) -> tuple[str, ...]:
+        return tuple(name for name in GUIDES if self.denoise and name not in self.aovs)
 
     def _sample_image(
         self, scene: mi.Scene, sensor: mi.Sensor, seed: Any, spp: int, evaluate: bool
@@ -199,19 +216,20 @@ class GPF(DifferentiableField):
             film.put_block(mi.ImageBlock(means, offset, border=False))
             return film.develop(), variance
 
-    def _denoise(self, sampled: mi.TensorXf, variance: np.ndarray | None) -> mi.TensorXf:
-        """The image without noise, and without the channels that only the denoiser asks for."""
-        image = np.array(sampled)
+    def denoised(self, image: np.ndarray, variance: np.ndarray | None) -> np.ndarray:
+        """The image without noise, and without the channels that only the denoiser asks for; from
+        :meth:`sample_image`, or the mean of several such images."""
         size = image.shape[1], image.shape[0]
         if self._denoiser is None or self._denoiser.size != size:
             cuda = "cuda" in str(mi.variant())
             self._denoiser = ImageDenoiser(size, prefilter=True, cuda=cuda, quality="balanced")
-        first = image.shape[2] - len(self.aov_names())
-        together = np.concatenate([image[..., :3], image[..., first:]], axis=2)
-        layers = split_layers(together, (*self.aovs, *self._guides))
+        names = (*self.aovs, *self._further_guides())
+        first = image.shape[2] - len(channel_names(names))
+        layers = split_layers(np.concatenate([image[..., :3], image[..., first:]], axis=2), names)
         guides = layers[GUIDES[0]], layers[GUIDES[1]]
-        image[..., :3] = denoise(layers["radiance"], guides, variance, self._denoiser)
-        return from_numpy(mi.TensorXf, image[..., : first + len(channel_names(self.aovs))])
+        clean = denoise(layers["radiance"], guides, variance, self._denoiser)
+        end = first + len(channel_names(self.aovs))
+        return np.concatenate([clean, image[..., 3:end]], axis=2)
 
     def sample(  # type: ignore[no-untyped-def]
         self, mode, scene, sampler, ray, depth=None, active=True, **kwargs

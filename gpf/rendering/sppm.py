@@ -165,7 +165,7 @@ class SPPM(mi.ad.integrators.common.ADIntegrator):
             samples = self._sample(passes.scene, sensor, seed, rows, walks, lamps)
             radiance = photons.radiance(samples.points, samples.haze)
             radiance = samples.merge(radiance) * samples.weight
-            found = dr.select(samples.points.valid, mi.Color3f(1), 0)
+            found = dr.select(samples.points.opaque(), mi.Color3f(1), 0)
             alpha = samples.merge(found).x
             dr.eval(radiance, alpha)
             parts.append((samples.position, radiance, alpha))

@@ -61,7 +61,7 @@ class Walks:
 
     @dr.syntax
     def look(self, sampler, ray, active):  # type: ignore[no-untyped-def]
-        """What rays find: ``radiance``, (N, 3), whether they end on a diffuse surface, ``valid``,
+        """What rays find: ``radiance``, (N, 3), whether surfaces end or turn them, ``valid``,
         (N,), and the AOVs of the visible points.
 
         At the first surface, this is the sum of what is behind smooth glass and what it reflects,
@@ -122,7 +122,7 @@ class Walks:
         unsure: mi.Color3f,
         sampler: mi.Sampler | None = None,
     ) -> dict[str, Any]:
-        found = {"radiance": self.field.reflect(points, value), "valid": points.valid}
+        found = {"radiance": self.field.reflect(points, value), "valid": points.opaque()}
         sampled = mi.Color3f(0)
         if sampler is not None and "irradiance" in self.aovs:
             here = FixedPoints(self.scene, points, lasting=False)

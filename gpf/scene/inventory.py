@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.scene.bounds import bounding_box
@@ -14,15 +16,21 @@ from gpf.scene.materials import NOT_DIFFUSE, require_separable
 from gpf.scene.media_checks import check_media
 from gpf.scene.shapes import all_shapes
 
+MOST_OFFSET = 4e-3
+"""Largest distance of rays from surfaces at which they begin, relative to the scene's diagonal. The
+light of a Cornell Box with a glass ball is right within .2 % at 2.6e-3, and 4 % wrong at 2.6e-2."""
+
 
 def check_scene(scene: mi.Scene, where: str = "scene") -> None:
     """Raise a :class:`UserError` if photon mapping cannot render the scene.
 
-    A scene needs emitters, diffuse surfaces, materials whose diffuse part can be separated, and
-    triangles in each mesh. ``where`` names the scene in the message.
+    A scene needs emitters, diffuse surfaces, materials whose diffuse part can be separated,
+    triangles in each mesh, and finite numbers. ``where`` names the scene in the message.
     """
     check_meshes(scene, where)
     check_media(scene, where)
+    warn_of_rounding(scene, where)
+    check_numbers(scene, where)
     info = scene_info(scene)
     if info["emitters"]["count"] == 0:
         raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
@@ -38,6 +46,25 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
             where,
             "has no diffuse surface, so no photon can be stored",
             "Give at least one shape a material with a diffuse component.",
+        )
+
+
+def warn_of_rounding(scene: mi.Scene, where: str = "scene") -> None:
+    """Give a Python warning if the scene is too small, or too far from the origin, for Mitsuba.
+
+    Rays begin at a distance from surfaces that depends on the coordinates alone, (1 + max |p|) ε.
+    """
+    box = bounding_box(scene)
+    size = float(np.linalg.norm(box[1] - box[0]))
+    offset = mi.math.RayEpsilon * (1 + float(np.abs(box).max()))
+    if offset > MOST_OFFSET * size > 0:
+        far = np.abs(box).max() > 10 * size
+        todo = "Move it to the origin" if far else "Scale it to a size of 1 or more"
+        warnings.warn(
+            f"{where}: it extends from {box[0].round(4)} to {box[1].round(4)}, where single "
+            f"precision keeps rays {offset:.1g} from surfaces: light is lost in gaps, and leaks at "
+            f"edges. {todo}.",
+            stacklevel=2,
         )
 
 
@@ -69,6 +96,21 @@ def check_meshes(scene: mi.Scene, where: str = "scene") -> None:
         if isinstance(shape, mi.Mesh) and not shape.face_count():
             name = shape.id() or f"a shape ({shape.class_name()})"
             raise UserError(where, f"has no triangles in the mesh of {name}", "Remove the shape.")
+
+
+def check_numbers(scene: mi.Scene, where: str = "scene") -> None:
+    """Raise a :class:`UserError` if a number of an emitter or a material, or a pixel of its images,
+    is NaN or infinite: it would spread to all of the light."""
+    lights = [(emitter.id() or emitter.class_name(), emitter) for emitter in scene.emitters()]
+    for name, part in (*lights, *scene_materials(scene).items()):
+        values = mi.traverse(part)
+        for key in values.properties:
+            value = values[key]
+            if not dr.is_array_v(value) or not dr.is_float_v(value):
+                continue
+            if not dr.all(dr.isfinite(value), axis=None):
+                what = f"has NaN or infinite numbers in {key} of {name}"
+                raise UserError(where, what, "Correct that image or number.")
 
 
 def scene_info(scene: mi.Scene) -> dict[str, Any]:

@@ -24,7 +24,9 @@ class Lamps:
 
     Parameters
     ----------
-    indices: indices of the emitters in ``scene.emitters()``, possibly none; all by default.
+    indices: indices of the emitters in ``scene.emitters()``, possibly none; all by default, as
+        often as their ``sampling_weight`` says. If that of one is 0, which leaves its light to
+        rays that meet it by chance, all are sampled equally often.
     through_null: whether their light also passes through surfaces that do not bend it, such as
         cloth with holes or a thin pane of glass (Mitsuba's flag ``Null``). As in ``volpath``, such
         surfaces do not count towards a depth limit.
@@ -43,12 +45,15 @@ class Lamps:
         count = len(scene.emitters())
         if indices and not all(0 <= k < count for k in indices):
             raise UserError(
-                "field.direct",
+                "field",
                 f"names emitters {list(indices)}, but the scene has {count}",
-                "Correct it in params.yaml, or use a field that was fitted to this scene.",
+                "Use a field that was fitted to this scene; in params.yaml, correct field.direct.",
             )
         self.scene, self.indices, self._through_null = scene, indices, through_null
         self._index = mi.UInt32(list(indices)) if indices else mi.UInt32(0)
+        self._count = count if indices is None else len(indices)
+        weighted = all(emitter.sampling_weight() > 0 for emitter in scene.emitters())
+        self._as_mitsuba = indices is None and weighted
         self._groups: list[Lamps] | None = None
 
     def sample(
@@ -72,7 +77,7 @@ class Lamps:
             if medium is None and self._media.there:
                 medium = self._media.around(ray, seen)
             with dr.suspend_grad():  # what is in between counts as fixed
-                share = self._arriving_share(ray, light.p, seen, medium)
+                share = self._arriving_share(ray, light.p, sample.x, seen, medium)
             weight *= share
             seen &= dr.any(share > 0)
         else:
@@ -83,17 +88,17 @@ class Lamps:
     @loops_traced_once
     @dr.syntax
     def _arriving_share(  # type: ignore[no-untyped-def]
-        self, ray, target, active, medium
+        self, ray, target, random, active, medium
     ) -> mi.Color3f:
         """The fraction of light from points that goes straight to the origins of rays, (N, 3)."""
         share, walking = dr.select(active, mi.Color3f(1), 0), mi.Bool(active)
         if dr.hint(not self._media.there, mode="scalar"):
             medium = mi.UInt32(0)
-        while dr.hint(walking, exclude=[target]):
+        while dr.hint(walking, exclude=[target, random]):
             si = self.scene.ray_intersect(ray, active=walking)
             if dr.hint(self._media.there, mode="scalar"):
                 distance = dr.minimum(si.t, ray.maxt)
-                share *= self._media.transmittance(medium, ray, distance, walking)
+                share *= self._media.transmittance(medium, ray, distance, random, walking)
                 crossing = walking & si.is_medium_transition()
                 medium = dr.select(crossing, si.target_medium(ray.d), medium)
             walking &= si.is_valid()
@@ -117,19 +122,40 @@ class Lamps:
         self, origin: mi.Interaction3f, sample: mi.Point2f, active: mi.Bool
     ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
         """Like :meth:`sample`, but without visibility."""
-        if self.indices is None:
+        if self._as_mitsuba:
             return self.scene.sample_emitter_direction(origin, sample, False, active)
-        if not self.indices:
+        if not self:
             return dr.zeros(mi.DirectionSample3f), mi.Color3f(0)
-        count = len(self.indices)
-        place = sample.x * count
-        k = dr.minimum(mi.UInt32(place), count - 1)
-        chosen = dr.gather(mi.UInt32, self._index, k, active)
+        emitter, rest = self._pick(sample.x, active)
+        light, weight = emitter.sample_direction(origin, mi.Point2f(rest, sample.y), active)
+        light.pdf /= self._count
+        return light, weight * self._count
+
+    def _pick(self, number: mi.Float, active: mi.Bool) -> tuple[mi.EmitterPtr, mi.Float]:
+        """One of the emitters, (N,), and what is left of the random number, in [0, 1)."""
+        place = number * self._count
+        k = dr.minimum(mi.UInt32(place), self._count - 1)
+        chosen = k if self.indices is None else dr.gather(mi.UInt32, self._index, k, active)
         emitter = dr.gather(mi.EmitterPtr, self.scene.emitters_dr(), chosen, active)
-        rest = mi.Point2f(place - mi.Float(k), sample.y)
-        light, weight = emitter.sample_direction(origin, rest, active)
-        light.pdf /= count
-        return light, weight * count
+        return emitter, place - mi.Float(k)
+
+    def density(
+        self, origin: mi.Interaction3f, light: mi.DirectionSample3f, active: mi.Bool
+    ) -> mi.Float:
+        """The density with which :meth:`sample` finds a point on one of them, 1/sr, (N,)."""
+        if self._as_mitsuba:
+            return self.scene.pdf_emitter_direction(origin, light, active)
+        return light.emitter.pdf_direction(origin, light, active) / self._count
+
+    def emit(
+        self, choice: mi.Float, place: mi.Point2f, direction: mi.Point2f
+    ) -> tuple[mi.Ray3f, mi.Color3f, mi.EmitterPtr]:
+        """Rays from random numbers in [0, 1), their powers, W, and their emitters, (N,) each."""
+        if self._as_mitsuba:
+            return self.scene.sample_emitter_ray(0, choice, place, direction, True)
+        emitter, rest = self._pick(choice, mi.Bool(True))
+        ray, power = emitter.sample_ray(0, rest, place, direction, True)
+        return ray, power * self._count, emitter
 
     def others(self) -> Lamps:
         """All emitters except these."""

@@ -54,7 +54,7 @@ def load_scene_file(
     of further parameters, by name.
 
     The scene is loaded without its integrator, which may be a plugin that is not installed, or
-    somebody else's ``sppm``.
+    somebody else's ``sppm``. Its id is the file's name or, of a ``scene.xml``, the folder's.
 
     Loads with ``optimize=False``. The optimisation merges shapes that share a material: their ids
     are lost, and merged rectangles get a wrong bounding box. It saves no measurable time (``path``
@@ -73,6 +73,7 @@ def load_scene_file(
     sizes = {key: n for key, n in sizes.items() if key in document.parameters}
     scene = load_with_parameters(file, sizes | dict(parameters or {}), integrator=False)
     check_scene(scene, str(file))
+    scene.set_id(file.absolute().parent.name if file.stem == "scene" else file.stem)
     return scene
 
 
@@ -92,6 +93,8 @@ def check_files(file: Path, parameters: Mapping[str, str] | None = None) -> Scen
         if (file.parent / "build.py").exists():
             build = f"gpf.scene.snapshot.build_scene({file.parent.name!r})"
             todo = f"build.py beside the scene file generates it: call {build}."
+        if "\\" in missing[0].text:
+            todo = "Separate folders with / instead of \\."
         where, path = str(missing[0].place), missing[0].path
         raise UserError(where, f"refers to {path}{more}, which does not exist", todo)
     for path, reference in {r.path: r for r in reversed(document.references)}.items():

@@ -19,7 +19,8 @@ from gpf.scene.shapes import all_shapes
 
 CROSSING = 4.0
 """Least number of places per crossing of the scene at which a flight asks what is there. In thin
-fog, photons collide rarely; these places show where they pass."""
+fog, photons collide rarely; these places show where they pass. Far from the scene, where fog
+without walls goes on, the distance from it counts instead of its size."""
 
 # Most surfaces behind which a boundary between media is looked for.
 _MOST_SURFACES = 32
@@ -30,6 +31,9 @@ extinction."""
 
 # A segment that leaves the scene, in a medium without a boundary, is so long.
 _FAR = 1e8
+
+# Farther from the scene than this many times its size, photons are too sparse to be found.
+_SPARSE = 32
 
 # Below this, a transmittance that is tracked survives at random.
 _FAINT = 0.1
@@ -107,7 +111,7 @@ class Media:
         self.homogeneous = all(medium.is_homogeneous() for medium in self.every)
         self._everywhere = endless[0] if endless else None
         lower, upper = scene_bounds(scene)
-        self._least = CROSSING / float(dr.norm(upper - lower))
+        self._middle, self._size = (lower + upper) / 2, float(dr.norm(upper - lower))
 
     @loops_traced_once
     @dr.syntax
@@ -143,25 +147,30 @@ class Media:
         return near, far, active & inside & (near < far)
 
     def transmittance(
-        self, medium: mi.MediumPtr, ray: mi.Ray3f, distance: mi.Float, active: mi.Bool
+        self,
+        medium: mi.MediumPtr,
+        ray: mi.Ray3f,
+        distance: mi.Float,
+        random: mi.Float,
+        active: mi.Bool,
     ) -> mi.Color3f:
-        """The share of light that passes a distance without a collision, (N, 3); the expected one
-        in media that are not the same everywhere."""
+        """The share of light that passes a distance without a collision, (N, 3); in media that are
+        not the same everywhere, an estimate that depends on the ray and a random number."""
         near, far, active = self.span(medium, ray, distance, active)
         if not self.homogeneous:
-            return self._track(medium, ray, near, far, active)
+            return self._track(medium, ray, near, far, random, active)
         extinction = medium.get_majorant(Place(ray.o, ray.d, medium).interaction(), active)
         return dr.select(active, dr.exp(-extinction * (far - near)), 1)
 
     @loops_traced_once
     @dr.syntax
     def _track(  # type: ignore[no-untyped-def]
-        self, medium, ray, near, far, active
+        self, medium, ray, near, far, random, active
     ) -> mi.Color3f:
-        """The expected transmittance from ``near`` to ``far``, (N, 3), by ratio tracking (Novák et
-        al. 2014). The random numbers depend on the ray alone."""
+        """Ratio tracking from ``near`` to ``far`` (Novák et al. 2014); another random number, or
+        another ray, gives an independent estimate."""
         majorant = medium.get_majorant(Place(ray.o, ray.d, medium).interaction(), active)
-        rate, seed, number = dr.max(majorant), _hash_of(ray), mi.UInt32(0)
+        rate, seed, number = dr.max(majorant), _hash_of(random, *ray.o, *ray.d), mi.UInt32(0)
         share, t, flying = mi.Color3f(1), mi.Float(near), active & (rate > 0)
         while dr.hint(flying, exclude=[far, rate, seed]):
             t -= dr.log(1 - mi.sample_tea_float32(seed, number)) / rate
@@ -217,17 +226,19 @@ class Media:
         weight, ratio = mi.Color3f(1), mi.Color3f(ratio)
         scatters = mi.Bool(False)
         t, far, flying = self.span(medium, ray, distance, active)
-        rate = dr.maximum(medium.get_majorant(place.interaction(), flying), self._least)
-        own = of_channel(rate, channel)
-        while dr.hint(flying, exclude=[far, rate, own]):
-            step = -dr.log(1 - sampler.next_1d(flying)) / own
+        majorant = medium.get_majorant(place.interaction(), flying)
+        middle, size = mi.Point3f(self._middle), dr.opaque(mi.Float, self._size)
+        dr.make_opaque(middle)
+        while dr.hint(flying, exclude=[far, majorant, middle, size]):
+            rate = dr.maximum(majorant, CROSSING / dr.maximum(size, dr.norm(ray(t) - middle)))
+            step = -dr.log(1 - sampler.next_1d(flying)) / of_channel(rate, channel)
             stays = flying & (t + step < far)
             length = dr.minimum(step, far - t)
             t += length
             through = dr.exp(-rate * length)
             weight, ratio = _go_on(weight, ratio, through, through * dr.select(stays, rate, 1))
             place.p = dr.select(stays, ray(t), place.p)
-            visit(place, weight, stays)
+            visit(place, weight, stays & (dr.norm(place.p - middle) < _SPARSE * size))
             scattering, _, extinction = medium.get_scattering_coefficients(
                 place.interaction(), stays
             )
@@ -252,10 +263,10 @@ def medium_at(scene: mi.Scene, place: Sequence[float]) -> mi.Medium | None:
     return next((m for m in media.every if dr.all(found == mi.MediumPtr(m))), None)
 
 
-def _hash_of(ray: mi.Ray3f) -> mi.UInt32:
+def _hash_of(*values: mi.Float) -> mi.UInt32:
     """A number that looks random, (N,)."""
     total = mi.UInt32(0)
-    for value in (*ray.o, *ray.d):
+    for value in values:
         total = mi.sample_tea_32(total, dr.reinterpret_array(mi.UInt32, mi.Float(value)))[0]
     return total
 

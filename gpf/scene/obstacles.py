@@ -6,8 +6,6 @@ beneath it. An obstacle is treated as a plane that stands upright on the surface
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import drjit as dr
 import mitsuba as mi
 
@@ -20,29 +18,12 @@ _HEIGHT = 0.03
 _START = 0.03
 
 
-@dataclass(frozen=True)
-class Obstacle:
-    """What rays along surfaces hit first, (N,) each.
-
-    Attributes
-    ----------
-    stands: whether there is anything other than the surface itself.
-    t: length of the ray up to the obstacle, world units.
-    away: unit vector across the obstacle's plane, away from the point, in the frame of the point's
-        normal.
-    distance: distance of the plane from the point, world units.
-    """
-
-    stands: mi.Bool
-    t: mi.Float
-    away: mi.Vector2f
-    distance: mi.Float
-
-
 def look_along(
     scene: mi.Scene, p: mi.Point3f, n: mi.Normal3f, reach: mi.Float, direction: mi.Vector2f
-) -> Obstacle:
-    """The obstacles that rays from points on surfaces hit.
+) -> tuple[mi.Float, mi.Vector2f, mi.Float]:
+    """The obstacles that rays from points on surfaces hit, other than the surface itself: lengths
+    of the rays, infinite without one; unit vectors across the obstacles' planes, away from the
+    points, in the frame of the normal; and distances of the planes, infinite likewise.
 
     Parameters
     ----------
@@ -61,7 +42,8 @@ def look_along(
     away = mi.Vector2f(facing.x, facing.y)
     away *= dr.sign(dr.dot(away, direction))
     away = dr.select(dr.squared_norm(away) > 0.01, dr.normalize(away), direction)
-    return Obstacle(stands, si.t, away, si.t * dr.dot(away, direction))
+    length = dr.select(stands, si.t, dr.inf)
+    return length, away, dr.select(stands, si.t * dr.dot(away, direction), dr.inf)
 
 
 def next_surface(

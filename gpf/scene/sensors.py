@@ -44,8 +44,8 @@ def make_sensor(
             "type": "perspective",
             "fov": view.fov,
             "fov_axis": view.fov_axis,
-            "near_clip": 1e-3,
-            "far_clip": 1e5,
+            "near_clip": 1e-7,  # whatever the scene's unit; directions stay as exact
+            "far_clip": 1e9,
             "principal_point_offset_x": view.shift[0],
             "principal_point_offset_y": view.shift[1],
             "to_world": look_at,
@@ -77,7 +77,7 @@ def views_of_sensors(scene: mi.Scene) -> list[View]:
     ``target`` is one unit in front of ``origin``, ``up`` is the scene's vertical unless the camera
     rolls (:func:`gpf.scene.upright.upright`), and ``fov`` is the angle across x. Names come from
     the ids of the sensors; without an id, the name is ``camera``. A view is a pinhole camera: it
-    has no aperture, film crop or mirrored image (:func:`differs_from_view` reports these).
+    has no aperture, film crop or mirrored image (:func:`shown_differently` reports these).
 
     Raises
     ------
@@ -142,6 +142,15 @@ def looks_through(scene: mi.Scene, sensor: mi.Sensor, view: View) -> list[str]:
     return [
         f"clips everything nearer than {near:.3g} units: "
         f"views do not, and it covers {100 * share:.0f}% of this one"
+    ]
+
+
+def shown_differently(scene: mi.Scene) -> list[str]:
+    """What the views of the scene's sensors show differently from the sensors, in words."""
+    return [
+        f"sensor {view.name} {what}"
+        for sensor, view in zip(scene_cameras(scene), views_of_sensors(scene), strict=True)
+        for what in (*differs_from_view(sensor, view), *looks_through(scene, sensor, view))
     ]
 
 

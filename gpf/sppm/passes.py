@@ -18,18 +18,25 @@ from pydantic import Field
 from gpf.camera.next_event import samples_every_emitter
 from gpf.core.random import Stream, pass_seed
 from gpf.core.settings import Count, Positive, Settings
-from gpf.core.spatial_hash import Record, SpatialHash
-from gpf.core.structs import Haze, VisiblePoints, from_numpy
+from gpf.core.spacing import measure_spacing
+from gpf.core.spatial_hash import Record
+from gpf.core.structs import Haze, Photons, VisiblePoints, from_numpy
 from gpf.core.surface_tags import UNLIMITED, pack_tag, same_surface
 from gpf.photons.density import PhotonCloud, PhotonDensity
 from gpf.photons.emission import Source, emit_light
-from gpf.photons.tracing import PathSettings, record_all, record_photons
+from gpf.photons.tracing import PathSettings, record_all
 from gpf.scene.bounds import inside_box, scene_bounds
 from gpf.scene.lamps import Lamps
 from gpf.scene.materials import has_gloss
 from gpf.scene.media import Media
 from gpf.sppm.edge_correction import area_correction, ball_correction
 from gpf.sppm.fixed_points import FixedPoints
+
+# The photons around a point or a photon, up to this one, show how dense they are.
+_NEIGHBOURS = 8
+
+# The largest radius, in units of the scene's diagonal.
+_WIDEST = 5e-2
 
 
 class PassSettings(Settings):
@@ -208,34 +215,25 @@ def propose_radius(
     per pass.
 
     A pilot pass measures the photon density at the points: the distance to the 8th nearest photon
-    on the same surface, median over 4096 samples. The radius is clamped to 1e-4 … 5e-2 of the
-    scene's diagonal.
+    on the same surface, median over 4096 samples. The radius is clamped to what single precision
+    tells apart, and to 5e-2 of the scene's diagonal.
     """
-    k = 8
     bounds = scene_bounds(scene)
-    diagonal = float(dr.norm(bounds[1] - bounds[0]))
-    paths = min(settings.paths, 200_000)
-    pilot = replace(settings, paths=paths, indirect=False)
-    photons = record_photons(scene, pilot, pass_seed(seed, 0, Stream.RADIUS_PHOTONS))
+    photons, _, share = _trace_pilot(scene, settings, seed)
     lanes = dr.compress(points.valid)
-    if dr.width(lanes) == 0 or dr.width(photons.p) < k:
-        return 1e-2 * diagonal
-    rng = np.random.default_rng(pass_seed(seed, 0, Stream.RADIUS_POINTS))
-    chosen = from_numpy(mi.UInt32, rng.integers(0, dr.width(lanes), 4096))
-    lanes = dr.gather(mi.UInt32, lanes, chosen)
+    if min(dr.width(lanes), dr.width(photons.p)) == 0:
+        return _clamped(np.inf, bounds)
+    lanes = dr.gather(mi.UInt32, lanes, _choose(dr.width(lanes), seed))
     x, n = dr.gather(mi.Point3f, points.p, lanes), dr.gather(mi.Normal3f, points.n, lanes)
-    tag = pack_tag(photons.n)
-    grid = SpatialHash(photons.p, cell=1e-2 * diagonal, bounds=bounds, far=True, tag=tag)
-    start, limit = mi.Float(5e-3 * diagonal), mi.Float(0.2 * diagonal)
 
     def accept(index: mi.UInt32, record: Record, inside: mi.Bool) -> mi.Bool:
         """Photons behind a thin wall do not count; there may be many more of them."""
         return inside & same_surface(record, x, n, dr.squared_norm(record.p - x))
 
-    _, distance2 = grid.nearest(x, k, start, limit, accept)
-    typical2 = float(np.median(distance2[k - 1].numpy()))
-    radius = np.sqrt(typical2 * photons_in_disc / k * paths / settings.paths)
-    return float(np.clip(radius, 1e-4 * diagonal, 5e-2 * diagonal))
+    tag = pack_tag(photons.n)
+    options = {"limit": _WIDEST, "tag": tag, "accept": accept}
+    typical = measure_spacing(photons.p, x, _NEIGHBOURS, bounds, **options)
+    return _clamped(typical * np.sqrt(photons_in_disc / _NEIGHBOURS * share), bounds)
 
 
 def propose_media_radius(
@@ -244,20 +242,35 @@ def propose_media_radius(
     """A radius, world units, within which a typical photon in a medium has ``photons_in_ball``
     others per pass: from the distance to the 8th nearest, median over 4096 photons. Beyond all
     surfaces, where fog without walls holds photons, too, none counts."""
-    k = 8
-    diagonal = float(dr.norm(bounds[1] - bounds[0]))
+    _, floating, share = _trace_pilot(scene, settings, seed)
+    within = mi.UInt32()
+    if dr.width(floating.p):  # operations on nothing fail
+        within = dr.compress(inside_box(floating.p, bounds))
+    if dr.width(within) == 0:
+        return _clamped(np.inf, bounds)
+    near = dr.gather(mi.Point3f, floating.p, within)
+    x = dr.gather(mi.Point3f, near, _choose(dr.width(within), seed))
+    typical = measure_spacing(near, x, _NEIGHBOURS + 1, bounds, limit=_WIDEST)
+    return _clamped(typical * (photons_in_ball / _NEIGHBOURS * share) ** (1 / 3), bounds)
+
+
+def _trace_pilot(
+    scene: mi.Scene, settings: PathSettings, seed: int
+) -> tuple[Photons, Photons, float]:
+    """The photons of at most 200,000 paths, on surfaces and in media, and their share of a pass."""
     paths = min(settings.paths, 200_000)
     pilot = replace(settings, paths=paths, indirect=False)
-    _, floating = record_all(scene, pilot, pass_seed(seed, 0, Stream.RADIUS_PHOTONS))
-    within = dr.compress(inside_box(floating.p, bounds))
-    count = dr.width(within)
-    if count <= k:
-        return 1e-2 * diagonal
+    photons = record_all(scene, pilot, pass_seed(seed, 0, Stream.RADIUS_PHOTONS))
+    return *photons, paths / settings.paths
+
+
+def _choose(count: int, seed: int) -> mi.UInt32:
+    """4096 indices below ``count``."""
     rng = np.random.default_rng(pass_seed(seed, 0, Stream.RADIUS_POINTS))
-    near = dr.gather(mi.Point3f, floating.p, within)
-    x = dr.gather(mi.Point3f, near, from_numpy(mi.UInt32, rng.integers(0, count, 4096)))
-    grid = SpatialHash(near, cell=1e-2 * diagonal, bounds=bounds, far=True)
-    _, distance2 = grid.nearest(x, k + 1, mi.Float(5e-3 * diagonal), mi.Float(diagonal))
-    typical = float(np.sqrt(np.median(distance2[k].numpy())))
-    radius = typical * (photons_in_ball / k * paths / settings.paths) ** (1 / 3)
-    return float(np.clip(radius, 1e-4 * diagonal, 5e-2 * diagonal))
+    return from_numpy(mi.UInt32, rng.integers(0, count, 4096))
+
+
+def _clamped(radius: float, bounds: Any) -> float:
+    """A radius that suits a scene."""
+    diagonal = float(dr.norm(bounds[1] - bounds[0]))
+    return float(np.clip(radius, 1e-7 * diagonal, _WIDEST * diagonal))

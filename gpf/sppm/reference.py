@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -16,6 +16,7 @@ from gpf.core.random import Stream, pass_seed, random_start, stream_of
 from gpf.core.settings import AutoCount, Count, Length, NotNegative, Seed
 from gpf.core.structs import VisiblePoints, concatenate, from_numpy, take, to_numpy
 from gpf.guiding.emission_plan import EmissionPlan
+from gpf.guiding.visible_region import sample_visible_points
 from gpf.photons.emission import Source, emit_light
 from gpf.photons.tracing import PathSettings
 from gpf.scene.lamps import Lamps
@@ -26,6 +27,9 @@ from gpf.sppm.passes import PassSettings, PhotonPasses, propose_radius
 # With `photons_per_pass: auto`, a pass is as good as this many photon paths of equal power.
 EQUAL_PATHS = 50_000
 
+# With `initial_radius: auto`, the radius is measured at this many points that the views see.
+RADIUS_POINTS = 65_536
+
 
 class ReferenceSettings(PassSettings):
     """Settings of the references and of the training targets.
@@ -35,7 +39,7 @@ class ReferenceSettings(PassSettings):
     passes: maximum number of passes.
     photons_per_pass: emitted paths; ``auto``: depends on what they contribute to the visible
         region.
-    initial_radius: world units; ``auto``: from the photon density at the first view.
+    initial_radius: world units; ``auto``: from the photon density where the views look.
     view_points, surface_points: maximum number of supervised points seen by training views, and of
         supervised surface samples.
     images: number of training views with images; ``auto``: as many as the systems to be run need.
@@ -52,18 +56,24 @@ class ReferenceSettings(PassSettings):
     seed: Seed = 1
     target_psnr: NotNegative = 0.0
 
-    def measure(self, scene: mi.Scene, sensor: mi.Sensor, plan: EmissionPlan) -> PassSettings:
+    def measure(
+        self, scene: mi.Scene, sensors: Sequence[mi.Sensor], plan: EmissionPlan
+    ) -> PassSettings:
         """Settings of the passes, with measured values in place of ``auto``: the number of paths
-        depends on what they contribute to the visible region, the radius on the points that the
-        sensor sees.
+        depends on what they contribute to the visible region, the radius on the points that all
+        sensors see.
         """
         paths, radius = self.photons_per_pass, self.initial_radius
         if paths == "auto":
             paths = plan.paths_for_passes(EQUAL_PATHS)
         if radius == "auto":
-            film = sample_film(scene, sensor, pass_seed(self.seed, 0, Stream.CAMERA))
+            each, seed = (
+                max(1, RADIUS_POINTS // len(sensors)),
+                pass_seed(self.seed, 0, Stream.CAMERA),
+            )
+            seen = [sample_visible_points(scene, sensor, each, seed, 0) for sensor in sensors]
             pilot = PathSettings(paths, rr_depth=self.rr_depth, source=plan.source)
-            measured = propose_radius(scene, film.points, pilot, self.seed)
+            measured = propose_radius(scene, concatenate(seen), pilot, self.seed)
             # Rounded in steps of a fifth, so that a new training view rarely changes the radius:
             # with a different radius, all novel views would have to be rendered again.
             radius = float(f"{2 ** (round(4 * np.log2(measured)) / 4):.4g}")
@@ -227,7 +237,7 @@ class ReferenceRenderer:
             radiance=image,
             standard_error=standard_error,
             position=grid(points.p),
-            normal=grid(points.n),
+            normal=grid(dr.select(points.valid, points.n, 0)),
             reflectance=grid(points.reflectance),
             irradiance=irradiance,
             direct=direct,

@@ -157,6 +157,11 @@ class PhotonStream:
         kinds = self._direct, self.gathered
         return sum(kind.per_pass * kind.seconds for kind in kinds if kind)
 
+    @property
+    def gathering(self) -> GaussianPhotonField | None:
+        """The field in which rays end, if light is gathered; :meth:`tensors` does not have it."""
+        return self.gathered.field if self.gathered else None
+
     def _gathered_by(self, field: GaussianPhotonField, since: int) -> GatheredLight:
         seed = pass_seed(self.seed, since, Stream.GATHER_RAYS)
         return GatheredLight(self._points, field, seed, since)
@@ -196,7 +201,7 @@ class PhotonStream:
         self, tensors: Mapping[str, np.ndarray], field: GaussianPhotonField | None = None
     ) -> None:
         """Continue from :meth:`tensors` of a stream with the same arguments; ``field`` is the one
-        given to its :meth:`light_by`, if any."""
+        of its :attr:`gathering`, if any."""
 
         def part(start: str) -> dict[str, np.ndarray]:
             return {k.removeprefix(start): v for k, v in tensors.items() if k.startswith(start)}

@@ -151,7 +151,9 @@ class Trainer:
         return self.history[-1]
 
     def finish(self) -> GaussianPhotonField:
-        """The field in its best state."""
+        """The field in its best state; that after the last step is judged, too."""
+        if self.step_count > (self.history[-1].step if self.history else 0):  # ended early
+            self.judge()
         if self.history and not np.isfinite(self.best_error):
             raise UserError(
                 "training",

@@ -77,8 +77,8 @@ class Job:
         costs.parts.pop("radius", None)
         with costs.measure("radius"):
             plan = work.emission_plan(scene)
-            sensor = work.sensor(work.views.train[0])
-            settings = work.params.reference.measure(scene, sensor, plan)
+            sensors = [work.sensor(view) for view in work.views.train]
+            settings = work.params.reference.measure(scene, sensors, plan)
         return cls(work, scene, plan, settings, costs)
 
     def target_points(self, views: Sequence[View], surfaces: int) -> dict[str, VisiblePoints]:

@@ -10,9 +10,9 @@ from pydantic import TypeAdapter, ValidationError
 from baselines import sampling
 from baselines.options import BaselineOptions
 from baselines.protocol import CannotServe
-from baselines.sampling import Samples, own_camera
+from baselines.sampling import Samples, own_camera, render_in_batches
 from gpf.core.structs import from_numpy
-from gpf.rendering.batches import render_in_batches, split_samples
+from gpf.rendering.batches import split_samples
 from gpf.scene.sensors import make_sensor
 from tests.baselines.classical import INSIDE, SIZE, lit_floor, task_for
 from tests.furnace import camera, furnace

@@ -201,15 +201,24 @@ def test_the_container_has_a_python_for_blender():
 @pytest.mark.parametrize(
     ("script", "words"),
     [
-        ("echo gpf-error: is of no use; exit 2", "is of no use"),
-        ("echo some last words >&2; exit 11", "exit code 11.*\nsome last words"),
-        ("kill -9 $$", "exit code -9"),
+        ("echo gpf-error: is of no use; exit 2", "is of no use. See if Blender opens it; GPF_B"),
+        ("echo some last words >&2; exit 11", "exit code 11.*\nsome last words\n. If memory was"),
+        ("kill -9 $$", "exit code -9.* If memory was enough, open it in Blender"),
         ("exit 0", "exit code 0"),
+        # An exception of our own program is no fault of the file.
+        (
+            "echo KeyError: 4 >&2; exit 3",
+            "KeyError: 4\n. The file may be right: report these words",
+        ),
+        (
+            "echo KeyError: 4 >&2; exit 1",
+            "KeyError: 4\n. The file may be right: report these words",
+        ),
     ],
 )
 def test_blender_fails(blender, scene_file, tmp_path, script, words):
     blender(script)
-    with pytest.raises(UserError, match=words):
+    with pytest.raises(UserError, match=f"(?s){words}"):
         convert(scene_file, tmp_path / "out", print)
     assert not [p for p in tmp_path.iterdir() if p.name not in ("scene.blend", "blender-stand-in")]
 

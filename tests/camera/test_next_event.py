@@ -78,9 +78,11 @@ def test_it_is_what_a_path_tracer_finds(kind, max_depth):
     assert (np.abs(found.mean(0) - expected) < 4 * error + 1e-3 * expected).all()
 
 
-def test_the_weights_of_both_ways_to_a_lamp_add_up_to_one():
+@pytest.mark.parametrize("weight", [0, 0.5])
+def test_the_weights_of_both_ways_to_a_lamp_add_up_to_one(weight):
     """The density of a direction that was sampled at a lamp is the one found on meeting it."""
     panel = lamp((-0.7, 0.2, 0.6), (-0.4, 0, 0), 0.8, 6, 9, 12)
+    panel["emitter"]["sampling_weight"] = weight
     lights = {"panel": panel, "sky": EMITTERS["sky"]}
     scene = mi.load_dict({"type": "scene", "floor": floor(TWO_SIDED, size=2)} | lights)
     sampler = mi.load_dict({"type": "independent"})
@@ -88,7 +90,7 @@ def test_the_weights_of_both_ways_to_a_lamp_add_up_to_one():
     place = 2 * sampler.next_2d() - 1
     ray = mi.Ray3f(mi.Point3f(place.x, place.y, 0.01), mi.Vector3f(0, 0, -1))
     lit = scene.ray_intersect(ray)
-    light, _ = scene.sample_emitter_direction(lit, sampler.next_2d(), False)
+    light, _ = Lamps(scene).sample(lit, sampler.next_2d(), mi.Bool(True))
     hit = scene.ray_intersect(lit.spawn_ray(light.d))
     met = ((hit.emitter(scene) == light.emitter) & (light.pdf > 0)).numpy()
     met &= light.d.z.numpy() > 0

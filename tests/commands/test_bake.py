@@ -173,7 +173,7 @@ def test_what_was_baked_before_is_kept(box, capsys):
         ("--texels-per-unit 0", "--texels-per-unit 0.0: is out of range"),
         ("--exposure nan", "--exposure nan: is out of range"),
         ("--size 8", "Invalid value for '--size'"),
-        ("--field missing.safetensors", "missing.safetensors: is missing"),
+        ("--field missing.safetensors", "missing.safetensors: does not exist"),
         ("--size 64 --blend a.blend", "GPF_BLENDER=none: is neither Blender"),
     ],
 )

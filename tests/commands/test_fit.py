@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import mitsuba as mi
@@ -31,7 +32,8 @@ def test_the_command_writes_a_field_and_a_picture(tmp_path, monkeypatch, capsys)
     assert not ended.value.code
     assert f"cameras: from {SOURCE.parent / 'views.yaml'}" in capsys.readouterr().err
     stored = read_field(tmp_path / "box.safetensors")
-    assert stored.record["passes"] == 24
+    assert stored.record["passes"] == 24 and stored.record["name"] == "cornell_box"
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC", stored.record["date"])
     assert stored.record["exposure"] == read_views(SOURCE.parent / "views.yaml").exposure
     assert stored.tensors["error"].shape == (len(stored.tensors["means"]),)
     assert tuple(mi.Bitmap(str(tmp_path / "box.png")).size()) == (32, 32)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import io
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -27,6 +28,7 @@ from gpf.rendering.aovs import expected_psnr
 from gpf.rendering.field_renderer import WEAK_COVERAGE
 from gpf.scene.frames import SceneFrame
 from gpf.scene.transforms import read_transforms
+from gpf.scene.views import read_views
 from tests.commands.box import SOURCE
 from tests.commands.rendering import CHEAP, refused, render, run
 
@@ -157,14 +159,13 @@ def test_fields_that_do_not_know_their_scene_are_taken(box):
         (("--aovs", "dept"), "--aovs dept: unknown name 'dept'. Choose from depth"),
         (("--aovs", "error"), "field.safetensors: has no error estimate. Fit it with `gpf fit`"),
         (("--view", "sensr"), "view 'sensr': does not exist. Did you mean 'sensor'?"),
-        (("--denoise", "--seconds", "1"), "--denoise and --seconds: are mutually"),
         (("--cluster", "head:10001"), "--cluster: needs `--executor ray`"),
         (("--frames", "all"), "box.xml: has no camera path"),
         (("--seconds", "nan"), "--seconds: is nan. Give a number above 0"),
         (("--seconds", "-1"), "--seconds: is -1.0. Give a number above 0"),
         (("--exposure", "inf"), "--exposure: is inf. Give a number above 0"),
         (("--orbit", "3", "--view", "sensor"), "--orbit and --view: are mutually"),
-        (("--field", "none.safetensors"), "none.safetensors: is missing"),
+        (("--field", "none.safetensors"), "none.safetensors: does not exist"),
         (("--views", "none.json"), "none.json: does not exist"),
         (("--orbit", "1000000000"), "less than or equal to"),
         (("--spp", "10000000000"), "less than or equal to"),
@@ -191,8 +192,28 @@ def test_views_beside_the_scene(box):
     shutil.copyfile(SOURCE / "views.yaml", box / "views.yaml")
     render("--view", "front", "-o", "a")
     assert [path.name for path in (box / "a").glob("*.png")] == ["front.png"]
-    render("-o", "novel")  # those that no method trains with
-    assert len(list((box / "novel").glob("*.png"))) >= 4
+    shutil.copyfile(SOURCE / "views.yaml", box / "other.yaml")
+    for folder, words in (("beside", ()), ("named", ("--views", "other.yaml"))):
+        render(*words, "-o", folder)  # those that no method trains with, or all without any
+        found = {path.stem for path in (box / folder).glob("*.png")}
+        assert found == {view.name for view in read_views("views.yaml").novel}
+
+
+def test_what_the_scenes_camera_has_and_views_do_not_is_said(box, capsys):
+    text = (box / "box.xml").read_text(encoding="utf-8")
+    lens = '<sensor type="thinlens" id="sensor"><float name="aperture_radius" value="0.1"/>'
+    crop = '<film type="hdrfilm"><integer name="crop_width" value="9"/>'
+    for old, new in ((r"<sensor .*>", lens), (r"<film .*>", crop)):
+        text, count = re.subn(old, new, text)
+        assert count == 1
+    (box / "box.xml").write_text(text, encoding="utf-8")
+    render()
+    said = capsys.readouterr().err
+    assert "sensor sensor has an aperture: views are in focus everywhere" in said
+    assert "sensor sensor shows a crop of its film: views show the whole film" in said
+    shutil.copyfile(SOURCE / "views.yaml", box / "views.yaml")
+    render("--view", "front")
+    assert "aperture" not in capsys.readouterr().err
 
 
 def test_what_travels_to_a_cluster_is_the_scene_and_its_files(tmp_path):

@@ -44,6 +44,29 @@ def test_what_is_being_written_stays(tmp_path):
     assert names(below) == []
 
 
+@pytest.mark.parametrize(
+    ("make", "partial_one"), [("mkstemp", partial_file), ("mkdtemp", partial_folder)]
+)
+def test_what_is_about_to_be_locked_may_be_taken_for_a_leftover(
+    tmp_path, monkeypatch, make, partial_one
+):
+    """By another run, between the two calls; then a new one is made."""
+    plain, made = getattr(partial.tempfile, make), []
+
+    def slow(*where, **named):
+        made.append(plain(*where, **named))
+        if len(made) == 1:
+            remove_leftovers(tmp_path)
+            assert names(tmp_path) == []
+        return made[-1]
+
+    monkeypatch.setattr(partial.tempfile, make, slow)
+    with partial_one(tmp_path / "table.csv") as path:
+        assert path.exists() and len(made) == 2
+        path.rename(tmp_path / "table.csv")
+    assert names(tmp_path) == ["table.csv"]
+
+
 def test_the_old_folder_is_removed_after_the_new_one_has_its_place(tmp_path, monkeypatch):
     def stop(path, **more):
         raise KeyboardInterrupt

@@ -73,6 +73,26 @@ def test_the_nearest_obstacle_is_found(scene):
     np.testing.assert_array_equal(planes[2], 0)
 
 
+def test_what_hides_little_ends_nothing():
+    """A leg of a table, which hides a few percent, has no plane; the wall behind it does."""
+    leg = mi.ScalarTransform4f().translate([0, 0, 0.5]).scale([0.02, 0.02, 0.5])
+    wall = mi.ScalarTransform4f().translate([0.21, 0, 0.5]).scale([0.01, 2, 0.5])
+    shapes = {
+        "floor": {"type": "rectangle"},
+        "leg": {"type": "cube", "to_world": leg},
+        "wall": {"type": "cube", "to_world": wall},
+    }
+    rng = np.random.default_rng(4)
+    turn, away = rng.uniform(0, 2 * np.pi, 2000), np.sqrt(rng.uniform(0.06**2, 0.15**2, 2000))
+    places = np.column_stack([away * np.cos(turn), away * np.sin(turn), 0 * turn])
+    planes = planes_at(mi.load_dict({"type": "scene"} | shapes), places)
+    at_wall = 0.2 - places[:, 0]
+    by_wall = np.abs(planes - np.column_stack([0 * places + [1, 0, 0], at_wall])).max(axis=1) < 1e-5
+    assert by_wall[at_wall < 0.8 * RADIUS].mean() > 0.9  # between both, more is hidden
+    del shapes["wall"]
+    assert not planes_at(mi.load_dict({"type": "scene"} | shapes), places).any()
+
+
 def test_no_light_comes_from_behind_a_wall(scene):
     field = lit_on_one_side(scene)
     y = np.linspace(-0.4, 0.4, 33)

@@ -192,3 +192,21 @@ def test_lamps_without_a_size_have_sharp_shadows():
     error = tone_map(renderer.render(view, size, seed=5)["radiance"], 0.5) - tone_map(truth, 0.5)
     psnr = -10 * np.log10(np.mean(np.square(error)))
     assert psnr > 42  # 39 with all light in the field
+
+
+def test_the_order_of_the_cameras_does_not_matter(monkeypatch):
+    """One sees a spot of light, where photons are dense, the other a wide floor in the dusk."""
+    monkeypatch.setattr(plan, "FIRST_PASSES", 4)
+    down = mi.ScalarTransform4f().look_at([0, 0, 4], [0, 0, 0], [0, 1, 0])
+    spot = {"type": "spot", "to_world": down, "cutoff_angle": 10, "intensity": 100.0}
+    sky = {"type": "constant", "radiance": 0.05}
+    parts = {"floor": floor(diffuse(0.5), size=40), "spot": spot, "sky": sky}
+    scene = mi.load_dict({"type": "scene", **parts})
+    near = View(name="near", origin=(0, -2, 2), target=(0, 0, 0), up=(0, 0, 1), fov=20)
+    far = View(name="far", origin=(0, -19, 6), target=(0, 10, 0), up=(0, 0, 1), fov=60)
+    cameras = [make_sensor(view, 32, 24) for view in (near, far)]
+    fields = [gpf.fit(scene, order, passes=4) for order in (cameras, cameras[::-1])]
+    found = [field.gaussians for field in fields]
+    assert fields[0].settings == fields[1].settings
+    for name in ("means", "log_scales", "irradiance"):
+        np.testing.assert_array_equal(*(getattr(each, name).numpy() for each in found))

@@ -68,6 +68,31 @@ def test_a_fit_that_was_interrupted_before_light_was_gathered_gathers_it(
     assert_same_gaussians(field, whole)
 
 
+def test_light_that_one_field_has_gathered_is_not_continued_by_another(
+    scene, monkeypatch, tmp_path
+):
+    """The draft gathers light for the last field of a fit, which nothing follows."""
+    gathering, light_by, restore = [], PhotonStream.light_by, PhotonStream.restore
+
+    def gather(stream, field, *arguments):
+        gathering.append(field)
+        light_by(stream, field, *arguments)
+
+    def go_on(stream, tensors, field):
+        gathering.append(field)
+        restore(stream, tensors, field)
+
+    monkeypatch.setattr(PhotonStream, "light_by", gather)
+    monkeypatch.setattr(PhotonStream, "restore", go_on)
+    state = tmp_path / "box.fit"
+    best = gpf.fit(scene, sensors(), passes=12, state=state)
+    draft = gathering[-1]
+    assert draft is not best
+    gpf.fit(scene, sensors(), passes=18, state=state)
+    assert_same_gaussians(gathering[1], draft)
+    assert_same_gaussians(gathering[2], best)  # from now on
+
+
 def test_a_field_whose_judgement_was_interrupted_is_fitted_again(scene, monkeypatch, tmp_path):
     monkeypatch.setattr(plan, "FIRST_PASSES", 12)
     add_error = FieldSeries.add_error

@@ -18,7 +18,7 @@ FILES = "scene.xml field.safetensors views.yaml transforms.json . missing bytes 
 FILES += " folder/x.safetensors scene.xml/x"
 OUTPUTS = "out out.exr out.PNG out.jpg out.xyz out.ply out.PLY out.safetensors"
 VALUES = {
-    **dict.fromkeys(["--field", "--continue"], f"field.safetensors {FILES}"),
+    **dict.fromkeys(["FIELD", "--field", "--continue"], f"field.safetensors {FILES}"),
     **dict.fromkeys(["--output", "--ply", "--compact"], f"{OUTPUTS} {FILES}"),
     **dict.fromkeys(["--spp", "--seed", "--exposure", "--sensor", "--texels-per-unit"], NUMBERS),
     **dict.fromkeys(["--seconds", "--target-psnr"], "1 0.1 nan -1 0 1e-9 -inf"),
@@ -53,6 +53,7 @@ COMMANDS = {
     "mitsuba scene.xml --spp 1": "--output --define --sensor --spp --seed",
     "export field.safetensors": "--ply --compact --exposure",
     "lights field.safetensors": "",
+    "info": "FIELD",
     "bake scene.xml --size 128 --spp 1": "--field --output --size --texels-per-unit"
     " --vertex-colours --spp --exposure --seed --changed-scene",
     "demo scenes": "",
@@ -81,7 +82,7 @@ def words_of(draw: st.DrawFn) -> list[str]:
     words = command.split()
     for _ in range(draw(st.integers(0, 3)) if options else 0):
         option = draw(st.sampled_from(options))
-        words.append(option)
+        words += [option] if option.startswith("-") else []
         if VALUES[option]:
             values = odd.TEXTS if odd.rarely(draw, 10) else st.sampled_from(VALUES[option].split())
             words.append(draw(values))
@@ -104,5 +105,5 @@ def cases(draw: st.DrawFn) -> Case:
     # Errors of the library name an option as it is called there.
     names = [word.strip("-").replace("-", "_") for word in words if len(word) > 1]
     names += [f"error: {word.strip() or '.'}: " for word in words]
-    names += ["-D ", "params.yaml", "view '", "name '", "lights: "]
+    names += ["-D ", "params.yaml", "error: field.safetensors: ", "view '", "name '", "lights: "]
     return Case(tuple(words), tuple(WRITTEN.split()), tuple(names), files)

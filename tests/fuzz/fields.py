@@ -23,6 +23,7 @@ COMMANDS = (
     "export field.safetensors --ply out.ply",
     "export field.safetensors --compact out.safetensors",
     "lights field.safetensors",
+    "info field.safetensors",
     "view scene.xml --field field.safetensors --no-open --changed-scene",
 )
 

@@ -7,6 +7,7 @@ import pytest
 from gpf.core.structs import Photons, from_numpy, to_numpy
 from gpf.guiding.density_control import (
     MAX_RATIO,
+    cell_keys,
     control_density,
     count_in_cells,
     oriented_places,
@@ -21,6 +22,19 @@ def test_counts_are_those_of_a_histogram():
         cells = [tuple(c) for c in np.floor(points / 0.4).astype(int)]
         expected = [cells.count(tuple(c)) for c in np.floor(at / 0.4).astype(int)]
         assert counts.tolist() == expected
+
+
+def test_cells_are_told_apart_however_many_there_are():
+    """A room of two metres with a view of ten kilometres, in cells of .01 mm."""
+    rng = np.random.default_rng(3)
+    p = rng.normal(size=(3000, 3)) * np.where(rng.random(3000) < 0.1, 1e4, 1)[:, None]
+    p, n = np.repeat(p, 2, axis=0), rng.normal(size=(6000, 3))
+    places = np.floor(oriented_places(p, n, 1e-5) / 1e-5)
+    _, expected = np.unique(places, axis=0, return_inverse=True)
+    _, found = np.unique(cell_keys(p, n, 1e-5), return_inverse=True)
+    np.testing.assert_array_equal(found, expected.ravel())
+    (counts,) = count_in_cells(p, 1e-5, p)
+    assert (counts == 2).all()
 
 
 def test_points_that_none_looks_at_count_none():

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.core.structs import take
+from gpf.guiding.arriving_noise import least_noisy
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
 from gpf.guiding.pilot import Pilot, trace_pilot
-from gpf.photons.emission import emit_light
+from gpf.photons.emission import Emitted, emit_light
 from gpf.photons.tracing import PathSettings
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
@@ -63,6 +66,22 @@ def test_emission_is_guided_where_most_photons_would_miss_the_region():
     assert guided.pilot.efficiency > 1.2 * plain.pilot.efficiency
     assert everywhere.region is None and plain.region is not None
     assert everywhere.pilot.photons_per_path > 10 * plain.pilot.photons_per_path
+
+
+@pytest.mark.parametrize("count", [8, 100])
+def test_few_visible_points_tell_which_source_has_less_noise(count):
+    rooms = two_rooms(gap=0.1)
+    region = make_plan(rooms, RIGHT_ROOM, guide=False).region
+    assert region is not None
+    few = take(region.points, dr.arange(mi.UInt32, count))
+
+    def unsteady(scene: mi.Scene, sampler: mi.Sampler) -> Emitted:
+        """Most of the light comes from one path in ten."""
+        ray, power, emitter = emit_light(scene, sampler)
+        return ray, power * dr.select(sampler.next_1d() < 0.1, 10, 0), emitter
+
+    for sources, best in (([emit_light, unsteady], 0), ([unsteady, emit_light], 1)):
+        assert least_noisy(rooms, few, sources, PathSettings(200_000), seed=1) == best
 
 
 def test_a_source_serves_frames_that_it_lights_as_well():

@@ -7,10 +7,11 @@ import pytest
 from benchmarks.check_scenes import SCENES
 from benchmarks.measured_scenes import open_scene
 from gpf.core.errors import UserError
+from gpf.importing import placement
 from gpf.importing.orbit import Orbit
 from gpf.importing.placement import measure_exposure, place_views
 from gpf.importing.view_checks import report_views
-from gpf.scene.views import View
+from gpf.scene.views import View, ViewSets
 
 T = mi.ScalarTransform4f
 OWN = View(name="own", origin=(0, 0, 3.9), target=(0, 0, 2.9), fov=39.3)
@@ -31,6 +32,15 @@ def test_the_own_camera_comes_first_and_names_are_new(placed):
     assert [v.name for v in placed.train] == ["own", "train_2", "train_3"]
     assert [v.name for v in placed.novel] == [f"novel_{k}" for k in range(1, 6)]
     assert placed.aspect == 1.25
+
+
+def test_what_the_scenes_camera_has_and_views_do_not_is_said(monkeypatch, caplog):
+    lens = {"type": "thinlens", "aperture_radius": 0.1, "focus_distance": 3.9}
+    lens["to_world"] = T().look_at(OWN.origin, OWN.target, OWN.up)
+    scene = mi.load_dict(mi.cornell_box() | {"sensor": lens}, optimize=False)
+    monkeypatch.setattr(placement, "place_cameras", lambda *_: ViewSets(train=(OWN,)))
+    assert len(placement.place_sensors(scene)) == 1
+    assert caplog.messages == ["sensor sensor has an aperture: views are in focus everywhere"]
 
 
 def test_all_views_and_frames_are_fit_for_use(scene, placed):

@@ -95,6 +95,32 @@ def test_the_variance_is_that_of_many_images():
         assert told[:, WIDTH // 2 + 2 :].max() < 1e-12
 
 
+@pytest.mark.parametrize("kind", ["independent", "stratified", "multijitter", "ldsampler"])
+def test_the_variance_is_known_where_no_pixel_needs_more_samples(kind):
+    """From left to right: rare bright samples, which get all further ones; a little noise; none;
+    and the edge of a lamp, whose noise is not that of what lies beside it."""
+    size, edge = (64, 16), 56
+
+    def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
+        one, other = sampler.next_2d()
+        rare = dr.select((one < 0.3) & (other < 0.3), mi.Float(10), 0)
+        little = dr.select(pixel.x < 40, 0.9 + 0.2 * other, 1)
+        value = dr.select(pixel.x < 24, rare, little)
+        value = dr.select((pixel.x == edge) & (one < 0.37), mi.Float(1000), value)
+        return [value, 2 * value, 3 * value]
+
+    sampler = mi.load_dict({"type": kind})
+    runs = np.stack(
+        [np.array(sample_adaptively(sample, sampler, size, 64, s, False, True)) for s in range(30)]
+    )
+    measured = runs[..., :3].var(axis=0, ddof=1).mean(axis=-1)
+    told = runs[..., 3].mean(axis=0)
+    little, none, beside = (np.s_[:, a:b] for a, b in ((28, 38), (44, 54), (edge + 1, edge + 3)))
+    assert told[little].mean() == pytest.approx(measured[little].mean(), rel=0.3)
+    assert told[none].max() < 1e-12
+    assert told[beside].max() < 0.001 * measured[:, edge].mean()
+
+
 def test_the_same_seed_gives_the_same_bits():
     def sample(sampler: mi.Sampler, pixel: mi.Vector2u) -> list[mi.Float]:
         return [sampler.next_1d() for _ in range(3)]
@@ -108,9 +134,13 @@ def test_the_same_seed_gives_the_same_bits():
 @pytest.mark.parametrize("mean", [1, 3, 10])
 def test_allocation_keeps_to_the_budget(mean):
     noise = np.random.default_rng(5).lognormal(0, 1.5, 5000)
-    sets = allocate(from_numpy(mi.Float64, noise), mean).numpy()
+    least = np.arange(5000) % 25 == 0
+    sets = allocate(
+        from_numpy(mi.Float64, noise), mean, from_numpy(mi.UInt32, least.astype(np.uint32))
+    ).numpy()
     assert 0.95 * mean < sets.mean() <= mean
-    assert sets.min() >= 0 and sets.max() <= MAX_RATIO * mean
+    assert (sets >= least).all() and sets.max() <= MAX_RATIO * mean
+    noise, sets = noise[~least], sets[~least]
     assert (np.diff(sets[np.argsort(noise)]) >= 0).all()
     typical = (sets > 0) & (sets < MAX_RATIO * mean)
     ratio = sets[typical] / noise[typical]
@@ -119,7 +149,7 @@ def test_allocation_keeps_to_the_budget(mean):
 
 @pytest.mark.parametrize("noise", [0.0, 0.3, 1e30])
 def test_equal_noise_is_treated_equally(noise):
-    assert set(allocate(dr.full(mi.Float64, noise, 100), 3)) == {3}
+    assert set(allocate(dr.full(mi.Float64, noise, 100), 3, mi.UInt32(0))) == {3}
 
 
 def test_a_pixel_says_nothing_of_itself():
@@ -203,4 +233,4 @@ def test_radiance_below_zero_is_no_obstacle():
     mean[:30] = 1
     noise = noise_of(mean, 1.5 * (mean**2).mean(axis=1), (10, 6))
     assert np.isfinite(noise).all()
-    assert allocate(from_numpy(mi.Float64, noise.ravel()), 3).numpy().mean() <= 3
+    assert allocate(from_numpy(mi.Float64, noise.ravel()), 3, mi.UInt32(0)).numpy().mean() <= 3

@@ -13,6 +13,9 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
+from gpf.field.field import GaussianPhotonField
+from gpf.field.settings import FieldSettings
+from gpf.scene.bounds import scene_bounds
 from tests.furnace import (
     bitmap,
     camera,
@@ -24,7 +27,10 @@ from tests.furnace import (
     room,
     sppm,
 )
+from tests.plain_field import flat_gaussians, to_device
 
+GAUZE = {"type": "mask", "opacity": 0.5, "nested": {"type": "twosided", "b": diffuse(0.5)}}
+GLASS = {"type": "dielectric"}
 PATH = {"type": "path", "max_depth": -1}
 
 
@@ -122,6 +128,18 @@ def test_the_automatic_radius_finds_16_photons(photons):
     assert mi.render(scene, spp=passes).numpy().mean() == pytest.approx(1, abs=0.02)
 
 
+def test_a_far_horizon_does_not_change_the_automatic_radius():
+    """Of a room that shows none of it."""
+    far, found = floor(diffuse(0.5), z=-1, size=4e4), []
+    for more in ({}, {"ground": far}):
+        parts = {"room": room(diffuse(0.6)), "light": point_light((0, 0, 0.5), 3)}
+        view = {"sensor": camera((-1, -0.8, 0.2), (1, 0.6, -0.2), 70, (24, 18))}
+        scene = mi.load_dict({"type": "scene"} | parts | view | more)
+        plugin = mi.load_dict(sppm(20_000, 0))
+        found.append(plugin.settings(scene, scene.sensors()[0], seed=0).initial_radius)
+    assert found[1] == pytest.approx(found[0], rel=0.02)
+
+
 def test_the_automatic_radius_in_a_white_room():
     """The pilot pass has the longest walks there are."""
     scene = {"type": "scene", "room": room(diffuse(0.99)), "light": point_light((0, 0, 0), 1)}
@@ -193,6 +211,32 @@ def test_the_alpha_channel_tells_surfaces_from_nothing():
     image = mi.render(mi.load_dict(scene | {"integrator": sppm(1000)}), spp=4).numpy()
     assert image.shape == (6, 8, 4)
     assert image[..., 3].max() == 1 and image[0, 0, 3] == 0
+
+
+@pytest.mark.parametrize("kind", ["sppm", "gpf"])
+def test_the_alpha_channel_is_that_of_path(kind):
+    """A mirror that shows nothing, cloth, and a ball of glass, before nothing."""
+    scene = {
+        "type": "scene",
+        "sensor": camera((0, 0, 3), (0, 0, 0), 60, pixel_format="rgba"),
+        "mirror": rectangle((-0.8, 0, 0), (-0.8, 0, 1), 0.6, 1, {"type": "conductor"}),
+        "cloth": rectangle((0, 0, 0), (0, 0, 1), 0.6, 1, GAUZE),
+        "ball": {"type": "sphere", "center": [0.9, 0, 0], "radius": 0.4, "bsdf": GLASS},
+        "light": point_light((0, 0, 1), 1),
+    }
+    if kind == "gpf":
+        del scene["cloth"]  # both ways at once, whose alpha is that of the likelier
+    loaded = mi.load_dict(scene)
+    plugin = mi.load_dict({"type": "gpf"} if kind == "gpf" else sppm(1000, 0.1))
+    if kind == "gpf":
+        dark = flat_gaussians(np.zeros((1, 3)), np.zeros((1, 3)), size=5)
+        settings = FieldSettings(search_radius=9)
+        plugin.field = GaussianPhotonField(to_device(dark), settings, scene_bounds(loaded))
+    found = mi.render(loaded, integrator=plugin, spp=256).numpy()[..., 3]
+    expected = mi.render(loaded, integrator=mi.load_dict(PATH), spp=256).numpy()[..., 3]
+    assert expected.min() == 0 and 0.8 < expected.max() <= 1
+    np.testing.assert_allclose(found, expected, atol=0.15)
+    assert found.mean() == pytest.approx(expected.mean(), abs=0.01)
 
 
 def test_later_passes_run_the_kernels_of_the_first():

@@ -17,7 +17,18 @@ from gpf.field.settings import FieldSettings
 from gpf.scene.bounds import scene_bounds
 from gpf.scene.lamps import MOST_AT_ONCE, Lamps, small_lamps
 from gpf.sppm.fixed_points import FixedPoints
-from tests.furnace import Scene, camera, diffuse, floor, lamp, point_light, rgb
+from tests.furnace import (
+    Scene,
+    camera,
+    diffuse,
+    floor,
+    furnace,
+    lamp,
+    point_light,
+    render,
+    rgb,
+    sppm,
+)
 from tests.plain_field import flat_gaussians, to_device
 
 LIGHTS: dict[str, Scene] = {
@@ -106,6 +117,16 @@ def test_the_others_are_all_but_some(scene):
     count = len(scene.emitters())
     assert list(Lamps(scene, [1, 3]).others().indices) == [0, 2, *range(4, count)]
     assert Lamps(scene, ()).others().indices is None and not Lamps(scene).others()
+
+
+@pytest.mark.parametrize("direct", ["photons", "emitters"])
+def test_lamps_shine_that_mitsuba_does_not_sample(direct):
+    """Two lamps in the middle of a furnace, of which one has the sampling weight 0."""
+    scene = furnace("point")
+    half = scene["light"] | {"intensity": rgb(np.pi / 2)}
+    scene |= {"light": half, "more": half | {"sampling_weight": 0.0}}
+    image = render(scene, sppm(20_000, 0.1, direct=direct), 4, 1)
+    assert image.mean() == pytest.approx(1, abs=0.02)
 
 
 GAUZE = {"type": "mask", "opacity": 0.3, "nested": diffuse(0.5)}

@@ -1,5 +1,6 @@
 """The benchmark scenes themselves, and the words for scenes that are not in order."""
 
+import gc
 import re
 import shutil
 import subprocess
@@ -322,3 +323,29 @@ def seeded(lanes: int) -> mi.Sampler:
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(1, lanes)
     return sampler
+
+
+@pytest.mark.parametrize("part", ["sky.exr", "tex.exr"])
+def test_images_with_pixels_that_are_no_numbers_are_named(tmp_path, part):
+    """Before the light is blamed on cameras, or ends a fit with a traceback."""
+    for file in ("sky.exr", "tex.exr"):
+        pixels = np.full((4, 8, 3), 0.5, np.float32)
+        pixels[1, 2] = np.nan if file == part else 0.5
+        mi.util.write_bitmap(str(tmp_path / file), mi.Bitmap(pixels), write_async=False)
+    texture = '<texture type="bitmap" name="reflectance"><string name="filename" value="tex.exr"/>'
+    (tmp_path / "scene.xml").write_text(
+        '<scene version="3.0.0"><emitter type="envmap" id="sky"><string name="filename" '
+        f'value="sky.exr"/></emitter><shape type="sphere"><bsdf type="diffuse" id="wood">{texture}'
+        "</texture></bsdf></shape></scene>"
+    )
+    what = "data of sky" if part == "sky.exr" else "reflectance.data of wood"
+    with pytest.raises(UserError, match=rf"scene\.xml: has NaN or infinite numbers in {what}\."):
+        load_scene_file(tmp_path / "scene.xml")
+    gc.collect()  # the error's traceback holds the scene
+
+
+def test_a_name_from_windows_gets_a_hint(tmp_path):
+    text = '<scene version="3.0.0"><shape type="ply"><string name="filename" value="a\\b.ply"/>'
+    (tmp_path / "scene.xml").write_text(f"{text}</shape></scene>")
+    with pytest.raises(UserError, match=r"does not exist\. Separate folders with / instead of \\"):
+        load_scene_file(tmp_path / "scene.xml")

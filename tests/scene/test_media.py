@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from gpf.core.errors import UserError
-from gpf.core.structs import from_numpy, to_numpy
+from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
+from gpf.photons.tracing import PathSettings, record_all
+from gpf.scene.lamps import Lamps
 from gpf.scene.media import Media
 from gpf.scene.media_checks import check_media, describe_media, wrong_boundaries
+from gpf.sppm.fixed_points import FixedPoints
 from tests.foggy import NULL, cloud, fog_box, medium
-from tests.furnace import camera, cornell_box, point_light
+from tests.furnace import camera, cornell_box, point_light, rgb
 
 COUNT = 200_000
 
@@ -49,16 +52,20 @@ def test_the_medium_around_a_place(origin, direction, inside):
     assert dr.all(found == mi.MediumPtr(own if inside else None))
 
 
-def test_a_medium_without_a_boundary_is_everywhere():
-    own = medium(0.5) | {"id": "air"}
-    view = camera((0, -5, 0), (0, 0, 0)) | {"medium": {"type": "ref", "id": "air"}}
+def endless(extinction):
+    """A ball in a medium without a boundary, and a lamp above it."""
+    named = {"medium": {"type": "ref", "id": "air"}}
     parts = {
-        "air": own,
-        "view": view,
-        "light": point_light((0, 0, 1), 1),
+        "air": medium(extinction) | {"id": "air"},
+        "view": camera((0, -5, 0), (0, 0, 0)) | named,
+        "light": point_light((0, 0, 2), 1) | named,
         "ball": {"type": "sphere"},
     }
-    scene = mi.load_dict({"type": "scene"} | parts)
+    return mi.load_dict({"type": "scene"} | parts)
+
+
+def test_a_medium_without_a_boundary_is_everywhere():
+    scene = endless(0.5)
     found = Media(scene).around(rays((9, 0, 0), (1, 0, 0), 2), dr.full(mi.Bool, True, 2))
     assert dr.all(found == mi.MediumPtr(scene.sensors()[0].get_medium()))
 
@@ -66,7 +73,8 @@ def test_a_medium_without_a_boundary_is_everywhere():
 def test_transmittance_is_exponential_in_each_channel():
     media = Media(load(medium([0.5, 1, 2])))
     ray, every = rays((0.7, -0.9, 0.7), (0, 1, 0), 4), dr.full(mi.Bool, True, 4)
-    found = media.transmittance(media.around(ray, every), ray, mi.Float(1.5), every)
+    length, random = mi.Float(1.5), mi.Float(0)
+    found = media.transmittance(media.around(ray, every), ray, length, random, every)
     expected = np.exp(-1.5 * np.array([0.5, 1, 2]))
     np.testing.assert_allclose(to_numpy(found), np.tile(expected, (4, 1)), rtol=2e-3)
 
@@ -88,7 +96,8 @@ def test_transmittance_of_a_grid_is_right_on_average(density):
     scene = load(cloud(density))
     media, ray = Media(scene), rays((0.6, -0.9, 0.3), (0, 1, 0))
     every = dr.full(mi.Bool, True, COUNT)
-    found = to_numpy(media.transmittance(media.around(ray, every), ray, mi.Float(1.8), every))
+    medium, length, random = media.around(ray, every), mi.Float(1.8), mi.Float(0.5)
+    found = to_numpy(media.transmittance(medium, ray, length, random, every))
     expected = np.exp(-optical_depth(scene, (0.6, -0.9, 0.3), (0, 1, 0), 1.8))
     error = found.std(axis=0) / COUNT**0.5
     np.testing.assert_allclose(
@@ -96,13 +105,46 @@ def test_transmittance_of_a_grid_is_right_on_average(density):
     )
 
 
-@pytest.mark.parametrize("inside", ["gray", "colour", "grid"])
-def test_flights(inside):
+@pytest.mark.parametrize("kind", ["point", "directional"])
+def test_samples_through_a_grid_are_independent_where_the_ray_is_always_the_same(kind):
+    """At a fixed point, towards a lamp without a size."""
+    lamp = {
+        "point": point_light((0.6, 0.1, 2.8), 16),
+        "directional": {"type": "directional", "direction": [0, 0, -1], "irradiance": rgb(1)},
+    }
+    scene, below = load(cloud(3), lamp=lamp[kind]), (0.6, 0.1, -1.2)
+    points = dr.zeros(VisiblePoints, 1000)
+    points.p += mi.Point3f(*below)
+    points.n = mi.Normal3f(0, 0, 1)
+    fixed = FixedPoints(scene, points)
+    one, many = (fixed.mean_direct(Lamps(scene), samples, seed=7)[:, 0] for samples in (1, 64))
+    expected = np.exp(-optical_depth(scene, (0.6, 0.1, -1), (0, 0, 1), 2)[0])
+    assert 0 < many.std() < 0.15 * one.std()
+    assert many.mean() == pytest.approx(expected, abs=float(many.std()) / 8)
+
+
+def test_thin_fog_without_walls_leaves_few_photons():
+    _, floating = record_all(endless([1, 1, 1e-6]), PathSettings(1000), seed=1)
+    assert 1e4 < dr.width(floating.p) < 5e4
+    assert np.abs(to_numpy(floating.p)).max() < 200
+
+
+@pytest.mark.parametrize(
+    ("inside", "extinction", "length"),
+    [
+        ("gray", [1, 1, 1], 1.5),
+        ("colour", [0.3, 1, 3], 1.5),
+        ("endless", [0.3, 0.05, 3], 60),
+        ("grid", None, 1.5),
+    ],
+)
+def test_flights(inside, extinction, length):
     """The visits' weights add up to the integral of the transmittance, and the weights of the
     collisions, divided by the albedo, to what the transmittance lacks."""
-    extinction = np.array({"gray": [1, 1, 1], "colour": [0.3, 1, 3], "grid": [0, 0, 0]}[inside])
-    scene = load(cloud(2) if inside == "grid" else medium(extinction))
-    media, ray = Media(scene), rays((0.6, -0.9, 0.3), (0, 1, 0))
+    makes = {"endless": endless, "grid": lambda _: load(cloud(2))}
+    scene = makes.get(inside, lambda each: load(medium(each)))(extinction)
+    start = (2, -30, 0) if inside == "endless" else (0.6, -0.9, 0.3)
+    media, ray = Media(scene), rays(start, (0, 1, 0))
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(1, COUNT)
     every, total = dr.full(mi.Bool, True, COUNT), dr.zeros(mi.Color3f, 1)
@@ -114,7 +156,14 @@ def test_flights(inside):
 
     channel = mi.UInt32(3 * sampler.next_1d())
     flight = media.fly(
-        media.around(ray, every), ray, mi.Float(1.5), channel, mi.Color3f(1), sampler, every, visit
+        media.around(ray, every),
+        ray,
+        mi.Float(length),
+        channel,
+        mi.Color3f(1),
+        sampler,
+        every,
+        visit,
     )
     lost = to_numpy(dr.select(flight.scatters, flight.weight, 0)).mean(axis=0) / 0.9
     passed = to_numpy(dr.select(flight.scatters, 0, flight.weight)).mean(axis=0)
@@ -124,7 +173,8 @@ def test_flights(inside):
         within = [np.exp(-optical_depth(scene, (0.6, -0.9, 0.3), (0, 1, 0), t)) for t in lengths]
         integral = (np.mean(within, axis=0) + (1 - through) / 120) * 1.5
     else:
-        through = np.exp(-1.5 * extinction)
+        extinction = np.array(extinction)
+        through = np.exp(-length * extinction)
         integral = (1 - through) / extinction
     np.testing.assert_allclose(passed, through, atol=0.01)
     np.testing.assert_allclose(lost, 1 - through, atol=0.01)

@@ -7,7 +7,17 @@ import pytest
 from scipy.integrate import quad
 
 from tests.foggy import NULL, cloud, fog_box, medium
-from tests.furnace import Scene, camera, diffuse, point_light, rectangle, render, rgb, sppm
+from tests.furnace import (
+    Scene,
+    camera,
+    diffuse,
+    lamp,
+    point_light,
+    rectangle,
+    render,
+    rgb,
+    sppm,
+)
 
 VOLPATH = {"type": "volpathmis", "max_depth": 100, "rr_depth": 20}
 
@@ -79,6 +89,34 @@ def test_a_beam():
     np.testing.assert_allclose((rows.mean(axis=0) / expected)[seen], 1, atol=0.02 + 2 * error.max())
 
 
+@pytest.mark.parametrize("direct", ["photons", "emitters"])
+def test_scattered_light_needs_an_edge_of_its_own(direct):
+    """From the camera to a mirror, to the side of the fog, into it, and to the lamp: four edges."""
+    scene: Scene = {
+        "type": "scene",
+        "sensor": camera((0, -2, 0), (0, -4, 0), 20),
+        "mirror": rectangle((0, -4, 0), (0, 0, 0), 4, 4, {"type": "conductor"}),
+        "box": {"type": "cube", "bsdf": NULL, "interior": medium(1)},
+        "light": point_light((0, 0, 0.5), 3),
+        "floor": rectangle((0, 0, -9), (0, 0, 0), 2, 2, diffuse(0.5)),
+    }
+    one_less, enough = (
+        render(scene, sppm(2000, radius=0.3, direct=direct, max_depth=most), 4, 1)
+        for most in (3, 4)
+    )
+    assert not one_less.any() and enough.mean() > 0.01
+
+
+@pytest.mark.parametrize("direct", ["photons", "emitters"])
+def test_fog_that_no_light_reaches(direct):
+    """Its lamp shines away from it; or the path is too long."""
+    away = lamp((0, 0, 2.5), (0, 0, 9), 1, 20)
+    dark = render(fog_box(medium(1), lamp=away), sppm(1000, 0.1, direct=direct), 2, 1)
+    assert not dark.any()
+    short = sppm(1000, 0.1, direct=direct, max_depth=2)
+    assert np.isfinite(render(fog_box(medium(1)), short, 2, 1)).all()
+
+
 MEDIA = {
     "gray": lambda: medium(1.0),
     "colour": lambda: medium([0.5, 1.0, 3.0], [0.9, 0.8, 0.7]),
@@ -102,6 +140,17 @@ MEDIA = {
 )
 def test_against_volpathmis(inside, direct):
     agrees(fog_box(MEDIA[inside](), size=(64, 64)), direct)
+
+
+@pytest.mark.slow
+def test_a_closed_room_filled_with_fog():
+    """A cube without a surface around the fog would not do: there, Mitsuba's tracers lose light."""
+    fog = {"type": "ref", "id": "fog"}
+    view = camera((-0.7, -0.7, 0.2), (1, 0.8, -0.1), 60, (24, 24)) | {"medium": fog}
+    room = {"type": "cube", "flip_normals": True, "bsdf": diffuse(0.6), "exterior": fog}
+    light = lamp((0, 0, 0.9999), (0, 0, 0), 0.5, 5) | {"exterior": fog}
+    parts = {"fog": medium(1, 0.8) | {"id": "fog"}, "view": view, "room": room, "light": light}
+    agrees({"type": "scene"} | parts, "emitters")
 
 
 @pytest.mark.slow

@@ -112,7 +112,7 @@ def test_a_compact_field(trained):
         ),
         (
             ["params.yaml", "--compact", "a.safetensors"],
-            r"params\.yaml: is truncated or damaged \(.+\)\. Give the file of a field\.",
+            r"params\.yaml: is not a field\. Give a file whose name ends in \.safetensors\.",
         ),
         (
             ["cornell_box", "--ply", "a.obj"],

@@ -138,6 +138,17 @@ def test_the_best_state_is_kept(monkeypatch):
     np.testing.assert_array_equal(*values)
 
 
+def test_training_that_ends_early_keeps_its_last_state_if_it_is_the_best():
+    trainer = make_trainer()
+    for _ in trainer.steps():
+        if trainer.step_count == SETTINGS.evaluate_every + SETTINGS.evaluate_every // 2:
+            break
+    last = trainer.gaussians
+    before = trainer.best_error
+    trainer.finish()
+    assert trainer.best is last and trainer.best_error < before
+
+
 def test_round_gaussians_stay_round():
     trainer = make_trainer(isotropic=True, anisotropic=False)
     field, reports = run(trainer)
