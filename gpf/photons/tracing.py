@@ -14,7 +14,7 @@ import mitsuba as mi
 from gpf.core.loops import loops_traced_once
 from gpf.core.structs import Photons
 from gpf.photons.emission import Source, emit_light
-from gpf.scene.materials import diffuse_transfer, has_diffuse, has_null, reflected_share
+from gpf.scene.materials import bsdf_flags, diffuse_transfer, has_diffuse, reflected_share
 from gpf.scene.media import Media, Place, Visit
 
 # Upper limit of a photon's power, relative to its initial power. The adjoint of shading normals
@@ -90,7 +90,10 @@ def trace_photons(
     context = mi.BSDFContext(mi.TransportMode.Importance)
     deepest = dr.opaque(mi.UInt32, max_depth - 1 if max_depth > 0 else 0xFFFFFFFF)
     roulette_from = dr.opaque(mi.UInt32, settings.rr_depth)
-    stores_direct, asks_null = dr.opaque(mi.Bool, not settings.indirect), has_null(scene)
+    stores_direct, flags = dr.opaque(mi.Bool, not settings.indirect), bsdf_flags(scene)
+    asks_null = any(each & int(mi.BSDFFlags.Null) for each in flags)
+    layers = int(mi.BSDFFlags.Diffuse), int(mi.BSDFFlags.Glossy)
+    has_layers = any(all(each & flag for flag in layers) for each in flags)
 
     ray, power, _ = settings.source(scene, sampler)
     power /= dr.opaque(mi.Float, paths)
@@ -142,11 +145,13 @@ def trace_photons(
         if dr.hint(asks_null, mode="scalar"):
             # Some wrappers, such as bumpmap, let photons through, but not the samples of lamps.
             straight &= dr.any(bsdf.eval_null_transmission(si, surface & straight) > 0)
-        # Which of its components the light leaves a surface by.
-        share = reflected_share(bsdf, si, sample, surface)
-        chance = dr.sum(share) / 3
-        reflected = sampler.next_1d(surface) < chance
-        weight *= dr.select(reflected, share / chance, (1 - share) / (1 - chance))
+        scattered = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Diffuse)
+        reflected = mi.Bool(scattered)
+        if dr.hint(has_layers, mode="scalar"):  # which of them the light goes through
+            share = reflected_share(bsdf, si, sample, surface)
+            chance = dr.sum(share) / 3
+            reflected = sampler.next_1d(surface) < chance
+            weight *= dr.select(reflected, share / chance, (1 - share) / (1 - chance))
         diffused = dr.select(straight, diffused, reflected)
         direct &= straight
         wo = si.to_world(sample.wo)
@@ -169,8 +174,7 @@ def trace_photons(
             )
             direct &= ~scatters
             diffused &= ~scatters
-            turns = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Diffuse)
-            scattered_once |= scatters | (surface & turns)
+            scattered_once |= scatters | (surface & scattered)
             lives = dr.select(scatters, _LIVES_IN_MEDIA, lives)
         power = _limited(power * factor, _MAX_GAIN * brightest)
         active &= surface | scatters
