@@ -294,7 +294,7 @@ def test_a_file_is_converted_again_when_it_or_what_it_uses_changes(
 
 
 def test_what_belongs_to_a_file_is_beside_it_and_not_in_the_cache(
-    blender, scene_file, tmp_path, monkeypatch
+    blender, scene_file, tmp_path, monkeypatch, two_threads
 ):
     """Its cameras, and the image of `gpf mitsuba`."""
     write_json(tmp_path / "found.json", EMPTY | {"lamps": [SUN], "cameras": [CAMERA]})

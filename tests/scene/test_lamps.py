@@ -238,7 +238,5 @@ def test_a_renderer_adds_their_light_to_the_field(names):
 def test_emitters_that_do_not_exist_are_told(places):
     lamp = {"type": "point", "position": [0, 1, 0]}
     scene = mi.load_dict({"type": "scene", "a": lamp, "b": lamp, "c": {"type": "sphere"}})
-    with pytest.raises(
-        UserError, match=r"direct: names emitters .*, but the scene has 2\. Correct it"
-    ):
+    with pytest.raises(UserError, match=r"field: names emitters .*, but the scene has 2\. Use a"):
         Lamps(scene, places)

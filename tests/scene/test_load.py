@@ -326,7 +326,7 @@ def seeded(lanes: int) -> mi.Sampler:
 
 
 @pytest.mark.parametrize("part", ["sky.exr", "tex.exr"])
-def test_images_with_pixels_that_are_no_numbers_are_named(tmp_path, part):
+def test_images_with_pixels_that_are_no_numbers_are_named(tmp_path, two_threads, part):
     """Before the light is blamed on cameras, or ends a fit with a traceback."""
     for file in ("sky.exr", "tex.exr"):
         pixels = np.full((4, 8, 3), 0.5, np.float32)

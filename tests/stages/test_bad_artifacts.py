@@ -23,8 +23,6 @@ ALL = ("scene", "reference", "photons", "train", "render", "metrics", "amortize"
 
 # --- NaN --------------------------------------------------------------------------------------
 
-LOOK = r"Look for a zero-area emitter, a mesh with broken normals or a material"
-
 
 def test_nan_radiance(finished):
     # A lamp that the cameras see, beside the one that works.
@@ -34,19 +32,12 @@ def test_nan_radiance(finished):
         '<rgb name="radiance" value="nan, 1, 1"/></emitter></shape></scene>'
     )
     finished.replace(XML, "</scene>", lamp)
-    assert finished.stage("scene").code == 0
-    assert_refused(
-        finished,
-        "reference",
-        rf"cornell_box, view front, radiance: \d+ of 320 pixels are NaN or infinite, the first at "
-        rf"x=\d+, y=\d+\. {LOOK}",
-    )
+    assert_refused(finished, "scene", r"scene\.xml: has NaN .* in radiance\.value of AreaLight")
 
 
 def test_nan_reflectance(finished):
     finished.replace(XML, "0.105421, 0.37798, 0.076425", "nan, 0.37798, 0.076425")
-    assert finished.stage("scene").code == 0
-    assert_refused(finished, "reference", rf"cornell_box, .*NaN or infinite, .*{LOOK}")
+    assert_refused(finished, "scene", r"scene\.xml: has NaN .* in reflectance\.value of green")
 
 
 def test_nan_in_a_field(finished):
