@@ -7,7 +7,8 @@ from typing import Literal
 
 import mitsuba as mi
 
-from gpf.scene.inventory import scene_info, scene_materials
+from gpf.scene.inventory import scene_materials
+from stages.common.inventory import scene_info
 
 Use = Literal["queried", "traced through", "both", "unsupported"]
 
