@@ -14,7 +14,6 @@ import numpy as np
 from gpf.camera.film import sample_film
 from gpf.core.errors import UserError
 from gpf.core.structs import Photons, VisiblePoints, to_numpy
-from gpf.field.initialization import propose_search_radius
 from gpf.guiding.pilot import trace_pilot
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
@@ -25,6 +24,7 @@ from gpf.scene.untraceable import telling_untraceable
 from gpf.scene.views import SceneViews, View
 from gpf.sppm.passes import propose_radius
 from stages.importing.materials import PLUGINS, Material, list_materials
+from stages.training.photon_gaussians import propose_search_radius
 
 PHOTONS = 100_000
 """Photon paths per pass, and Gaussians, for which radii are proposed."""
