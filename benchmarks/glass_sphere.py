@@ -13,14 +13,14 @@ from benchmarks.timing import Timings, time_in_turn
 from gpf.core.structs import from_numpy, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.field.gaussians import Gaussians
-from gpf.field.initialization import TYPICAL_SCALE, propose_search_radius
+from gpf.field.initialization import TYPICAL_SCALE
 from gpf.field.settings import FieldSettings
 from gpf.field.volume import VolumeField
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
 from gpf.training.volume_light import DISTANCE
 from stages.config.training import InitialFieldSettings
-from stages.training.photon_gaussians import initialize_gaussians
+from stages.training.photon_gaussians import initialize_gaussians, propose_search_radius
 
 PHOTONS = 100_000
 

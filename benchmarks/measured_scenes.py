@@ -16,7 +16,6 @@ import gpf
 from benchmarks import check_scenes, lit_scenes
 from gpf.core.progress import progress_bar
 from gpf.field.field import GaussianPhotonField
-from gpf.importing.placement import place_views
 from gpf.rendering.field_renderer import FieldRenderer
 from gpf.rendering.settings import RenderSettings
 from gpf.scene.folders import load_views
@@ -24,6 +23,7 @@ from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import film_aspect, make_sensor, views_of_sensors
 from gpf.scene.snapshot import snapshot_scene
 from gpf.scene.views import SceneViews, View
+from stages.importing.views import place_views
 
 BUILT = {**check_scenes.SCENES, **lit_scenes.SCENES}
 """Scenes that functions build, by name."""

@@ -17,7 +17,7 @@ from benchmarks import check_scenes, cli
 from benchmarks.measured_scenes import BUILT, open_scene
 from gpf.core.runtime import choose_variant
 from gpf.fitting.fit import FitProgress
-from gpf.importing.placement import place_sensors
+from gpf.placement.cameras import place_sensors
 from gpf.scene.folders import list_scenes
 from gpf.scene.snapshot import snapshot_scene
 

@@ -18,7 +18,7 @@ The packages, each of which imports only from those above it:
 :mod:`gpf.rendering`    the integrators ``sppm`` and ``gpf``
 :mod:`gpf.baking`       a field and the surfaces of a scene -> light maps, light at vertices
 :mod:`gpf.blender`      files that Blender reads -> scenes of Mitsuba
-:mod:`gpf.importing`    other people's Mitsuba scenes -> scenes with views
+:mod:`gpf.placement`    a scene and its own camera -> cameras around it
 :mod:`gpf.fitting`      a scene and cameras -> a field and an estimate of its quality
 :mod:`gpf.commands`     the commands ``gpf fit``, ``gpf render`` and ``gpf demo``
 :mod:`gpf.modelling`    meshes and textures for generated scenes

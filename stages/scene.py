@@ -8,9 +8,9 @@ from gpf.core.errors import UserError
 from gpf.core.files import write_json
 from gpf.core.partial import partial_folder, replace_folder
 from gpf.scene.folders import load_views, scene_folder
-from gpf.scene.inventory import scene_info
 from gpf.scene.snapshot import snapshot_scene
 from stages.common.costs import CostMeter
+from stages.common.inventory import scene_info
 from stages.common.workspace import Workspace
 
 

@@ -10,7 +10,7 @@ import pytest
 # File of tests -> words of the reason for which tests there may be skipped.
 ALLOWED = {
     "tests/baselines/test_renderformer.py": "needs the published network, a repository of its own",
-    "tests/importing/test_importer.py": "needs the original scenes, no part of this repository",
+    "tests/stages/importing/test_importer.py": "needs the original scenes",
     "tests/scenes/test_originals.py": "needs the original scenes, no part of this repository",
     "tests/faults/test_commands.py": "only root can mount a file system with a size limit",
     "tests/faults/test_disks.py": "only root can mount a file system with a size limit",

@@ -16,7 +16,7 @@ MODULES = {
 }
 ORDER = [
     *("core", "scene", "photons", "camera", "guiding", "sppm", "field", "training", "rendering"),
-    *("baking", "blender", "importing", "fitting", "viewing", "commands", "modelling"),
+    *("baking", "blender", "placement", "fitting", "viewing", "commands", "modelling"),
 ]
 # `gpf` is what stands above its packages: the command line, which loads stages by name. `config`
 # is stages/config; the other modules of `stages` may import everything.

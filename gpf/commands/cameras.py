@@ -10,7 +10,7 @@ import mitsuba as mi
 from gpf.blender.conversion import origin_of
 from gpf.core.errors import UserError
 from gpf.core.progress import say
-from gpf.importing.loops import place_orbit
+from gpf.placement.loops import place_orbit
 from gpf.scene.frames import choose_frames
 from gpf.scene.sensors import film_aspect, scene_cameras, shown_differently, views_of_sensors
 from gpf.scene.transforms import read_cameras

@@ -24,7 +24,7 @@ from gpf.field.field import GaussianPhotonField
 from gpf.field.io import save_field
 from gpf.fitting.fit import FitProgress, fit
 from gpf.fitting.state import Resume
-from gpf.importing.placement import ROWS
+from gpf.placement.cameras import ROWS
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import film_aspect, make_sensor, scene_cameras, views_of_sensors

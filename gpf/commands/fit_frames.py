@@ -18,7 +18,7 @@ from gpf.core.progress import progress_bar, say
 from gpf.core.runtime import choose_variant
 from gpf.field.io import StoredField, load_field, read_field, save_field
 from gpf.fitting.frames import Frame
-from gpf.importing.placement import ROWS
+from gpf.placement.cameras import ROWS
 from gpf.scene.fingerprint import SAME_FRAME
 from gpf.scene.frames import SceneFrame, choose_frames
 from gpf.scene.light_groups import LightGroups

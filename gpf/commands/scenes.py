@@ -14,9 +14,8 @@ from gpf.core.errors import UserError
 from gpf.core.yaml import suggest
 from gpf.field.field import GaussianPhotonField
 from gpf.field.io import StoredField, read_field
-from gpf.importing.sources import find_scene_file
 from gpf.scene.fingerprint import SAME, changed_parts, fingerprint
-from gpf.scene.frames import SceneFrame, scene_frames
+from gpf.scene.frames import SceneFrame, is_animation, scene_frames
 from gpf.scene.views import read_views
 
 RESULTS = Path("results")
@@ -27,6 +26,9 @@ FIELD = Path("field.safetensors")
 
 FIELDS = Path("fields")
 """Where the fields of an animation are, if no folder is given."""
+
+DEPTH = 3
+"""Levels of folders searched for a scene file."""
 
 
 def field_of_frame(folder: Path, frame: SceneFrame) -> Path:
@@ -54,6 +56,43 @@ def find_scene(name: str) -> tuple[Path, Path | None]:
         return _result(name, "scene/scene.xml", "scene"), RESULTS / name
     _require_file(path, "a scene", (".xml", *SUFFIXES))
     return scene_of(path) if is_foreign(path) else path, None
+
+
+def find_scene_file(folder: Path, named: Path) -> Path:
+    """The scene file of a folder: ``scene.xml``, or the only XML file on its level.
+
+    The folder itself is searched first, then the folders in it, level by level. ``named`` is the
+    path that the user gave, for messages.
+
+    Raises
+    ------
+    UserError: there is no XML file, or several, none of them ``scene.xml``.
+    """
+    for level in range(DEPTH):
+        found = sorted(
+            file
+            for file in folder.glob("*/" * level + "*.[xX][mM][lL]")
+            if file.is_file() and not any(_is_hidden(p) for p in file.relative_to(folder).parts)
+        )
+        chosen = [file for file in found if file.name == "scene.xml"] or found
+        if len(chosen) == 1:
+            return chosen[0]
+        if chosen:
+            names = ", ".join(file.relative_to(folder).as_posix() for file in chosen)
+            how = "Give" if folder == named else "Unpack it and give"
+            todo = f"{how} the path of one of them."
+            if is_animation(named):
+                todo += " If they are frames, `gpf fit` and `gpf render` take them by --frames all."
+            raise UserError(str(named), f"has several XML files ({names})", todo)
+    raise UserError(
+        str(named),
+        "has no XML file",
+        "Give a folder with a Mitsuba scene, its XML file, or a zip archive with an XML file.",
+    )
+
+
+def _is_hidden(part: str) -> bool:
+    return part.startswith(".") or part == "__MACOSX"
 
 
 def title_of(name: str) -> str:

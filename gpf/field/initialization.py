@@ -1,16 +1,14 @@
-"""Where Gaussians start: the search radius for their number, and gaps between them."""
+"""Where Gaussians start: their distances and sizes in search radii, and gaps between them."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from gpf.core.spacing import measure_spacing
-from gpf.core.structs import OrientedPoints, Photons, from_numpy, take, to_numpy
+from gpf.core.structs import OrientedPoints, from_numpy, take, to_numpy
 from gpf.field.field import GaussianPhotonField
 from gpf.guiding.density_control import oriented_places
 
@@ -19,24 +17,6 @@ DISTANCE = math.sqrt(math.pi / 16)
 
 # Initial standard deviation with ``initial_scale: auto``, in search radii.
 TYPICAL_SCALE = 0.6
-
-
-def propose_search_radius(
-    photons: Photons, gaussians: int, at: np.ndarray, bounds: tuple[Any, Any], neighbours: int = 16
-) -> float:
-    """A radius, world units, within which a typical supervised point has ``neighbours`` Gaussians.
-
-    The median, over up to 4096 of the points ``at`` (P, 3), of the distance to the n-th nearest
-    photon, with n = ``neighbours`` and as many random photons as there will be Gaussians.
-    """
-    rng = np.random.default_rng(0)
-    available = dr.width(photons.p)
-    chosen = from_numpy(mi.UInt32, rng.permutation(available)[:gaussians])
-    means = dr.gather(mi.Point3f, photons.p, chosen)
-    sample = at[rng.integers(0, len(at), min(len(at), 4096))]
-    k = min(neighbours, dr.width(means))
-    return measure_spacing(means, from_numpy(mi.Point3f, sample), k, bounds)
-
 
 # Distance between the Gaussians in a gap, in search radii: about twelve within one search radius.
 SPACING = 0.5

@@ -18,7 +18,7 @@ from gpf.fitting.goals import Goals, TimeBudget, require_seed
 from gpf.fitting.progress import FitProgress, Reporter
 from gpf.fitting.quality import QualityEstimate
 from gpf.fitting.state import FitState, Resume, fit_identity
-from gpf.importing.placement import place_sensors
+from gpf.placement.cameras import place_sensors
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.solids import OVERLAP, overlapping_solids
 from gpf.training.streaming import StreamSettings

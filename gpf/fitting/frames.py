@@ -24,7 +24,7 @@ from gpf.field.field import GaussianPhotonField
 from gpf.fitting.field_maker import FieldMaker, Lesson
 from gpf.fitting.goals import Goals, TimeBudget, require_seed
 from gpf.fitting.opening import Opening, Shared, examine, plan_emission
-from gpf.importing.placement import place_sensors
+from gpf.placement.cameras import place_sensors
 from gpf.scene.bounds import bounding_box
 from gpf.scene.light_groups import LightGroups
 from gpf.scene.motion import Motion

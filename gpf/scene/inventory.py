@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -31,8 +30,7 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
     check_media(scene, where)
     warn_of_rounding(scene, where)
     check_numbers(scene, where)
-    info = scene_info(scene)
-    if info["emitters"]["count"] == 0:
+    if not scene.emitters():
         raise UserError(where, "has no emitters, so there are no photons", "Add a light.")
     require_separable(scene, where)
     if loses_dim_sky(scene):
@@ -41,7 +39,8 @@ def check_scene(scene: mi.Scene, where: str = "scene") -> None:
             "has an envmap with mis_compensation, whose dim parts would emit no photons",
             "Load the scene with gpf.load_scene_file, or remove mis_compensation.",
         )
-    if not any(bsdf["queried"] for bsdf in info["bsdfs"].values()):
+    materials = scene_materials(scene).values()
+    if not any(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse) for bsdf in materials):
         raise UserError(
             where,
             "has no diffuse surface, so no photon can be stored",
@@ -111,46 +110,6 @@ def check_numbers(scene: mi.Scene, where: str = "scene") -> None:
             if not dr.all(dr.isfinite(value), axis=None):
                 what = f"has NaN or infinite numbers in {key} of {name}"
                 raise UserError(where, what, "Correct that image or number.")
-
-
-def scene_info(scene: mi.Scene) -> dict[str, Any]:
-    """The parts of a scene as JSON values.
-
-    Keys: ``bbox`` (``min``, ``max``), ``emitters`` (``count``, ``types``: number by class),
-    ``shapes`` (``id``, ``type``, ``bsdf`` each) and ``bsdfs``. The last has, for each material
-    name (:func:`scene_materials`), its ``type``, whether the field is ``queried`` there (it has a
-    diffuse component) and whether paths are ``traced`` further (it has another component). For a
-    layered material, both are true.
-    """
-    lobes = mi.BSDFFlags
-    materials = scene_materials(scene)
-    names = {id(bsdf): name for name, bsdf in materials.items()}
-    shapes = [
-        {"id": shape.id(), "type": shape.class_name(), "bsdf": names.get(id(shape.bsdf()))}
-        for shape in scene.shapes()
-    ]
-    bsdfs = {}
-    for name, bsdf in materials.items():
-        flags = bsdf.flags()
-        bsdfs[name] = {
-            "type": bsdf.class_name(),
-            "queried": bool(mi.has_flag(flags, lobes.Diffuse)),
-            "traced": any(
-                bool(mi.has_flag(flags, lobe))
-                for lobe in (lobes.Glossy, lobes.Delta, lobes.Delta1D, lobes.Null)
-            ),
-        }
-    emitters = scene.emitters()
-    lower, upper = bounding_box(scene).tolist()
-    return {
-        "bbox": {"min": lower, "max": upper},
-        "emitters": {
-            "count": len(emitters),
-            "types": dict(sorted(Counter(emitter.class_name() for emitter in emitters).items())),
-        },
-        "shapes": shapes,
-        "bsdfs": bsdfs,
-    }
 
 
 def scene_materials(scene: mi.Scene) -> dict[str, mi.BSDF]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
@@ -19,16 +17,6 @@ RAYS = 4096
 # Boundaries that a ray may cross, and the share of them that may be wrong: rays along an edge can
 # miss one of two surfaces.
 _CROSSINGS, _WRONG = 16, 0.01
-
-
-def describe_media(scene: mi.Scene) -> str:
-    """The scene's participating media in words; empty if it has none."""
-    kinds = Counter("homogeneous" if m.is_homogeneous() else "grid" for m in Media(scene).every)
-    if not kinds:
-        return ""
-    parts = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
-    noun = "medium" if kinds.total() == 1 else "media"
-    return f"participating {noun}: {parts}"
 
 
 def check_media(scene: mi.Scene, where: str = "scene") -> None:

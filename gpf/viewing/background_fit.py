@@ -124,7 +124,7 @@ def main(
     from gpf.core.runtime import choose_variant
     from gpf.field.io import save_field
     from gpf.fitting.fit import FitProgress, fit
-    from gpf.importing.placement import ROWS
+    from gpf.placement.cameras import ROWS
     from gpf.scene.light_groups import LightGroups
     from gpf.scene.load import load_scene_file
     from gpf.scene.transforms import read_sensors

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gpf.core.images import read_exr, tone_map
-from gpf.importing.orbit import unit_vector
+from gpf.placement.orbit import unit_vector
 from gpf.scene.views import Keyframe, View
 
 

@@ -11,11 +11,11 @@ from rich.table import Table
 from gpf.core.errors import UserError
 from gpf.core.progress import progress_bar
 from gpf.core.runtime import choose_variant
-from gpf.importing.preview import Preview, choose_views, draw_contact_sheet, render_previews
 from gpf.scene.folders import load_views, scenes_root
 from gpf.scene.load import load_scene_file
 from gpf.scene.snapshot import snapshot_scene
 from stages.config.params import read_params
+from stages.importing.preview import Preview, choose_views, draw_contact_sheet, render_previews
 
 
 def preview_scene(name: str, out: Path | None, height: int, passes: int, whole: bool) -> None:

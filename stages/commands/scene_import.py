@@ -11,12 +11,12 @@ from gpf.core.files import write_text
 from gpf.core.progress import console
 from gpf.core.runtime import choose_variant
 from gpf.core.yaml import load_yaml
-from gpf.importing.description import print_report
-from gpf.importing.importer import import_scene
-from gpf.importing.placement import place_views
 from gpf.scene.folders import scenes_root
 from stages.commands.profiles import dump_yaml, open_yaml
 from stages.config.params import Params, read_params
+from stages.importing.description import print_report
+from stages.importing.importer import import_scene
+from stages.importing.views import place_views
 
 
 def import_into_project(path: Path, name: str) -> None:

@@ -1,4 +1,4 @@
-"""Initial Gaussians at photons."""
+"""Initial Gaussians at photons, and the search radius for their number."""
 
 from __future__ import annotations
 
@@ -8,11 +8,29 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from gpf.core.spacing import measure_spacing
 from gpf.core.spatial_hash import SpatialHash
 from gpf.core.structs import OrientedPoints, Photons, concatenate, from_numpy, take
 from gpf.field.gaussians import Gaussians
 from gpf.photons.density import PhotonDensity
 from stages.config.training import InitialFieldSettings
+
+
+def propose_search_radius(
+    photons: Photons, gaussians: int, at: np.ndarray, bounds: tuple[Any, Any], neighbours: int = 16
+) -> float:
+    """A radius, world units, within which a typical supervised point has ``neighbours`` Gaussians.
+
+    The median, over up to 4096 of the points ``at`` (P, 3), of the distance to the n-th nearest
+    photon, with n = ``neighbours`` and as many random photons as there will be Gaussians.
+    """
+    rng = np.random.default_rng(0)
+    available = dr.width(photons.p)
+    chosen = from_numpy(mi.UInt32, rng.permutation(available)[:gaussians])
+    means = dr.gather(mi.Point3f, photons.p, chosen)
+    sample = at[rng.integers(0, len(at), min(len(at), 4096))]
+    k = min(neighbours, dr.width(means))
+    return measure_spacing(means, from_numpy(mi.Point3f, sample), k, bounds)
 
 
 def initialize_gaussians(

@@ -15,7 +15,7 @@ from gpf.core.progress import say
 from gpf.core.structs import Photons, SurfacePoints, take
 from gpf.field.checks import smallest_search_radius
 from gpf.field.field import GaussianPhotonField
-from gpf.field.initialization import TYPICAL_SCALE, find_gaps, propose_search_radius
+from gpf.field.initialization import TYPICAL_SCALE, find_gaps
 from gpf.field.settings import sampled_lamps
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.sppm.passes import PassSettings
@@ -27,7 +27,7 @@ from gpf.training.streaming import PhotonStream, StreamSettings
 from gpf.training.targets import Targets
 from gpf.training.trainer import Trainer
 from stages.config.training import FieldTrainingSettings, InitialFieldSettings
-from stages.training.photon_gaussians import initialize_gaussians
+from stages.training.photon_gaussians import initialize_gaussians, propose_search_radius
 
 
 @dataclass(frozen=True)

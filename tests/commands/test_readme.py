@@ -23,7 +23,7 @@ def viewers(tmp_path, monkeypatch, two_threads):
     monkeypatch.chdir(tmp_path)
     Path("scene.xml").write_text(SCENE)
     make_small(monkeypatch, passes=4, steps=20, paths=5_000)
-    monkeypatch.setattr("gpf.importing.placement.ROWS", 32)
+    monkeypatch.setattr("gpf.placement.cameras.ROWS", 32)
     monkeypatch.setattr("webbrowser.open", lambda address: None)
     served = []
     monkeypatch.setattr(Viewer, "run", lambda viewer: served.append(viewer))

@@ -54,7 +54,7 @@ FEWER = {
 def small(monkeypatch):
     """The first complete field of a fit, from few photons and steps."""
     make_small(monkeypatch, passes=16, steps=40, paths=20_000)
-    monkeypatch.setattr("gpf.importing.placement.ROWS", 32)
+    monkeypatch.setattr("gpf.placement.cameras.ROWS", 32)
     monkeypatch.setattr("gpf.guiding.emission_plan.BATCH", 20_000)
 
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import Photons, from_numpy
-from gpf.field.initialization import propose_search_radius
 from stages.config.training import InitialFieldSettings
-from stages.training.photon_gaussians import initialize_gaussians
+from stages.training.photon_gaussians import initialize_gaussians, propose_search_radius
 
 # A sheet of 3 by 2 at height 0.25, in a box that is larger.
 BOUNDS = (mi.ScalarPoint3f(-0.5, -0.25, 0), mi.ScalarPoint3f(3.5, 2.25, 1))

@@ -154,11 +154,11 @@ def run_case(case: Case, folder: Path) -> Outcome:
 
 def take_shortcuts() -> None:
     """Make sizes and waiting shorter, so that a case takes a part of a second."""
-    from gpf.importing import importer
     from gpf.viewing import viewer
     from stages.commands import scene_import
-    from tests.importing.foreign_scene import place_two
+    from stages.importing import importer
     from tests.small_fit import make_small
+    from tests.stages.importing.foreign_scene import place_two
 
     few = partial(importer.import_scene, photons=500)
     scene_import.import_scene = few  # type: ignore[assignment]

@@ -17,9 +17,10 @@ import pytest
 from gpf.core.errors import UserError
 from gpf.photons.emission import emit_light
 from gpf.scene.folders import list_scenes, load_views, scene_files, scenes_root
-from gpf.scene.inventory import check_scene, scene_info, scene_materials
+from gpf.scene.inventory import check_scene, scene_materials
 from gpf.scene.load import load_scene, load_scene_file
 from gpf.scene.snapshot import build_scene
+from stages.common.inventory import scene_info
 
 PROJECT = Path(__file__).parents[2]
 NAMES = ("cornell_box", "water_caustic")

@@ -12,8 +12,9 @@ from gpf.core.structs import VisiblePoints, from_numpy, to_numpy
 from gpf.photons.tracing import PathSettings, record_all
 from gpf.scene.lamps import Lamps
 from gpf.scene.media import Media
-from gpf.scene.media_checks import check_media, describe_media, wrong_boundaries
+from gpf.scene.media_checks import check_media, wrong_boundaries
 from gpf.sppm.fixed_points import FixedPoints
+from stages.importing.report import describe_media
 from tests.foggy import NULL, cloud, fog_box, medium
 from tests.furnace import camera, cornell_box, point_light, rgb
 

@@ -10,7 +10,7 @@ import pytest
 
 from gpf.baking.gltf import is_z_up
 from gpf.blender.conversion import _write_views
-from gpf.importing.orbit import Orbit
+from gpf.placement.orbit import Orbit
 from gpf.scene.pinhole import make_pinhole
 from gpf.scene.sensors import views_of_sensors
 from gpf.scene.transforms import read_cameras, write_transforms

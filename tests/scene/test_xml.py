@@ -7,8 +7,8 @@ import pytest
 
 from gpf.cli import main
 from gpf.core.errors import UserError
-from gpf.importing.sources import open_source
 from gpf.scene.xml import DEEPEST_INCLUDE, read_scene_xml
+from stages.importing.sources import open_source
 
 PLY = """\
 ply

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.importing.view_checks import covered, report_views, spacing
+from gpf.placement.view_checks import covered, report_views, spacing
 from gpf.scene.folders import list_scenes, load_views
 from gpf.scene.load import load_scene
 from gpf.scene.sensors import make_sensor

@@ -16,9 +16,9 @@ import pytest
 
 from gpf.cli import main
 from gpf.core.files import read_json
-from tests.importing.foreign_scene import place_two, write_original
 from tests.small_fit import make_small
 from tests.stages.conftest import PROJECT
+from tests.stages.importing.foreign_scene import place_two, write_original
 
 SECRET = "hf_7dQsecretTokenOfTheUser"
 FOLDER = "somebodys_private_folder"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from stages.config.params import read_params
-from tests.importing.foreign_scene import pack, write_original
 from tests.readme import blocks, commands
+from tests.stages.importing.foreign_scene import pack, write_original
 from tests.stages.pipeline import Checkout
 
 pytest.importorskip("dvc")

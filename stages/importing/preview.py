@@ -13,13 +13,13 @@ from PIL import Image, ImageDraw, ImageFont
 
 from gpf.core.files import write_atomically
 from gpf.core.images import tone_map
-from gpf.importing.report import PHOTONS
-from gpf.importing.view_checks import ViewReport, report_views
 from gpf.photons.tracing import PathSettings
+from gpf.placement.view_checks import ViewReport, report_views
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import SceneViews, View
 from gpf.sppm.passes import PassSettings, propose_radius
 from gpf.sppm.reference import ReferenceRenderer
+from stages.importing.report import PHOTONS
 
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 

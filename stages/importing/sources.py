@@ -12,17 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from gpf.blender.conversion import converted, is_foreign
+from gpf.commands.scenes import find_scene_file
 from gpf.core.errors import UserError
 from gpf.core.places import make_place
 from gpf.core.progress import say
-from gpf.scene.frames import is_animation
 
 MOST_FILES = 10_000
 MOST_BYTES = 4 * 2**30
 """Limits on an unpacked archive: ten times the largest of the usual test scenes."""
-
-DEPTH = 3
-"""Levels of folders searched for a scene file."""
 
 
 @dataclass(frozen=True)
@@ -69,43 +66,6 @@ def open_source(path: Path, unpacked: Path) -> Source:
         "is not a folder, an XML file, a zip archive, or a file that Blender reads",
         "Unpack other archives first.",
     )
-
-
-def find_scene_file(folder: Path, named: Path) -> Path:
-    """The scene file of a folder: ``scene.xml``, or the only XML file on its level.
-
-    The folder itself is searched first, then the folders in it, level by level. ``named`` is the
-    path that the user gave, for messages.
-
-    Raises
-    ------
-    UserError: there is no XML file, or several, none of them ``scene.xml``.
-    """
-    for level in range(DEPTH):
-        found = sorted(
-            file
-            for file in folder.glob("*/" * level + "*.[xX][mM][lL]")
-            if file.is_file() and not any(_is_hidden(p) for p in file.relative_to(folder).parts)
-        )
-        chosen = [file for file in found if file.name == "scene.xml"] or found
-        if len(chosen) == 1:
-            return chosen[0]
-        if chosen:
-            names = ", ".join(file.relative_to(folder).as_posix() for file in chosen)
-            how = "Give" if folder == named else "Unpack it and give"
-            todo = f"{how} the path of one of them."
-            if is_animation(named):
-                todo += " If they are frames, `gpf fit` and `gpf render` take them by --frames all."
-            raise UserError(str(named), f"has several XML files ({names})", todo)
-    raise UserError(
-        str(named),
-        "has no XML file",
-        "Give a folder with a Mitsuba scene, its XML file, or a zip archive with an XML file.",
-    )
-
-
-def _is_hidden(part: str) -> bool:
-    return part.startswith(".") or part == "__MACOSX"
 
 
 def unpack_archive(archive: Path, target: Path) -> None:

@@ -2,7 +2,7 @@
 
 Candidate cameras orbit the middle of what the scene's own camera sees, in the free space around
 that camera. Views are chosen from the candidates without faults
-(:mod:`gpf.importing.view_checks`): the training views together see as much as possible, and each
+(:mod:`gpf.placement.view_checks`): the training views together see as much as possible, and each
 novel view sees something that no training view sees.
 """
 
@@ -17,11 +17,8 @@ import mitsuba as mi
 import numpy as np
 
 from gpf.core.errors import UserError
-from gpf.core.images import propose_exposure
-from gpf.importing.loops import place_path
-from gpf.importing.orbit import Orbit, unit_vector
-from gpf.importing.report import PHOTONS
-from gpf.importing.view_checks import (
+from gpf.placement.orbit import Orbit, unit_vector
+from gpf.placement.view_checks import (
     COVERED_WITHIN,
     ViewReport,
     covered,
@@ -29,7 +26,6 @@ from gpf.importing.view_checks import (
     report_views,
     spacing,
 )
-from gpf.photons.tracing import PathSettings
 from gpf.scene.sensors import (
     film_aspect,
     make_sensor,
@@ -37,9 +33,7 @@ from gpf.scene.sensors import (
     shown_differently,
     views_of_sensors,
 )
-from gpf.scene.views import SceneViews, View, ViewSets
-from gpf.sppm.passes import PassSettings, propose_radius
-from gpf.sppm.reference import ReferenceRenderer
+from gpf.scene.views import View, ViewSets
 
 TRAINING, NOVEL = 3, 5
 LEAST_NOVEL = 4
@@ -62,18 +56,6 @@ _SPREADS = (1, 0.6, 0.35, 0.2)
 _COVERED = (0.6, 0.97)
 
 log = logging.getLogger(__name__)
-
-
-def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneViews:
-    """Training and novel views, a camera path and an exposure; see :func:`place_cameras`."""
-    cameras = place_cameras(scene, own, aspect)
-    return SceneViews(
-        exposure=measure_exposure(scene, cameras.train[0], aspect),
-        aspect=round(aspect, 6),
-        fov_axis="x",
-        views=cameras,
-        path=place_path(scene, own[0], aspect),
-    )
 
 
 def place_sensors(scene: mi.Scene) -> list[mi.Sensor]:
@@ -164,18 +146,6 @@ def _fit(reports: Sequence[ViewReport], own: int) -> list[int]:
         for k, report in enumerate(reports)
         if not report.faults(home) and (k < own or report.light_share >= enough)
     ]
-
-
-def measure_exposure(scene: mi.Scene, view: View, aspect: float, passes: int = 8) -> float:
-    """An exposure for a view, from a small image; see :func:`gpf.core.images.propose_exposure`."""
-    height = 48
-    sensor = make_sensor(view, max(1, round(height * aspect)), height)
-    points = report_views(scene, [view], aspect)[0].points
-    radius = 2 * propose_radius(scene, points, PathSettings(PHOTONS))
-    settings = PassSettings(photons_per_pass=PHOTONS, initial_radius=radius, direct="photons")
-    renderer = ReferenceRenderer(scene, {view.name: sensor}, {}, settings, seed=0)
-    sums = renderer.run(passes)
-    return float(f"{propose_exposure(renderer.image(view.name, sums)):.2g}")
 
 
 def _cover(

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import drjit as dr
 import mitsuba as mi
@@ -15,56 +14,20 @@ import numpy as np
 from gpf.camera.film import sample_film
 from gpf.core.errors import UserError
 from gpf.core.structs import Photons, VisiblePoints, to_numpy
-from gpf.field.initialization import propose_search_radius
 from gpf.guiding.pilot import trace_pilot
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.bounds import scene_bounds
-from gpf.scene.inventory import scene_info, scene_materials
-from gpf.scene.media_checks import describe_media
+from gpf.scene.media import Media
 from gpf.scene.sensors import make_sensor
 from gpf.scene.solids import OVERLAP, overlapping_solids
 from gpf.scene.untraceable import telling_untraceable
 from gpf.scene.views import SceneViews, View
 from gpf.sppm.passes import propose_radius
+from stages.importing.materials import PLUGINS, Material, list_materials
+from stages.training.photon_gaussians import propose_search_radius
 
 PHOTONS = 100_000
 """Photon paths per pass, and Gaussians, for which radii are proposed."""
-
-Use = Literal["queried", "traced through", "both", "unsupported"]
-
-PLUGINS = {
-    "AreaLight": "area",
-    "BlendBSDF": "blendbsdf",
-    "BumpMap": "bumpmap",
-    "CircularPolarizer": "circular",
-    "ConstantBackgroundEmitter": "constant",
-    "DirectionalArea": "directionalarea",
-    "DirectionalEmitter": "directional",
-    "EnvironmentMapEmitter": "envmap",
-    "Hair": "hair",
-    "LinearPolarizer": "polarizer",
-    "LinearRetarder": "retarder",
-    "MaskBSDF": "mask",
-    "Measured": "measured",
-    "MeasuredPolarized": "measured_polarized",
-    "NormalMap": "normalmap",
-    "Null": "null",
-    "PointLight": "point",
-    "PolarizedPlastic": "pplastic",
-    "Projector": "projector",
-    "RoughConductor": "roughconductor",
-    "RoughDielectric": "roughdielectric",
-    "RoughPlastic": "roughplastic",
-    "SmoothConductor": "conductor",
-    "SmoothDielectric": "dielectric",
-    "SmoothDiffuse": "diffuse",
-    "SmoothPlastic": "plastic",
-    "SpotLight": "spot",
-    "SunskyEmitter": "sunsky",
-    "ThinDielectric": "thindielectric",
-    "TwoSidedBRDF": "twosided",
-}
-"""Mitsuba's class names -> plugin names, as in scene files."""
 
 NOTES = {
     "circular": "in RGB, a neutral filter that halves the light it transmits",
@@ -76,23 +39,6 @@ NOTES = {
     "retarder": "no effect in RGB: all light passes",
 }
 """Plugin -> how photon mapping treats it, where that may be unexpected."""
-
-
-@dataclass(frozen=True)
-class Material:
-    """A material in use.
-
-    Attributes
-    ----------
-    name: its id, or a name made from its shape's id.
-    kind: its plugins, outermost first.
-    use: ``queried``: photons are stored and camera rays end there; ``traced through``: paths go on;
-        ``both``: one of the two, at random; ``unsupported``: paths end and nothing is stored.
-    """
-
-    name: str
-    kind: str
-    use: Use
 
 
 @dataclass(frozen=True)
@@ -194,27 +140,6 @@ def examine_scene(
     )
 
 
-def list_materials(scene: mi.Scene) -> tuple[Material, ...]:
-    """The materials in use, each with how photon mapping treats it."""
-    uses: dict[tuple[bool, bool], Use] = {
-        (True, False): "queried",
-        (False, True): "traced through",
-        (True, True): "both",
-        (False, False): "unsupported",
-    }
-    info = scene_info(scene)["bsdfs"]
-    return tuple(
-        Material(name, kind_of(bsdf), uses[info[name]["queried"], info[name]["traced"]])
-        for name, bsdf in scene_materials(scene).items()
-    )
-
-
-def kind_of(bsdf: mi.BSDF) -> str:
-    """The plugins of a material, outermost first: ``twosided diffuse``."""
-    nested = [o for o in mi.traverse(bsdf).hierarchy if isinstance(o, mi.BSDF)]
-    return " ".join(dict.fromkeys(PLUGINS.get(o.class_name(), o.class_name()) for o in nested))
-
-
 def _trace(
     scene: mi.Scene, view: View, aspect: float, where: str, photons: int
 ) -> tuple[VisiblePoints, float, Photons]:
@@ -244,6 +169,16 @@ def _notes(scene: mi.Scene, emitters: Counter[str], materials: Sequence[Material
                 f"{material.name} ({material.kind}): paths end there and nothing is stored"
             )
     return notes
+
+
+def describe_media(scene: mi.Scene) -> str:
+    """The scene's participating media in words; empty if it has none."""
+    kinds = Counter("homogeneous" if m.is_homogeneous() else "grid" for m in Media(scene).every)
+    if not kinds:
+        return ""
+    parts = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
+    noun = "medium" if kinds.total() == 1 else "media"
+    return f"participating {noun}: {parts}"
 
 
 def _clipping(diagonal: float) -> list[str]:

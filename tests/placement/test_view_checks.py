@@ -4,7 +4,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from gpf.importing.view_checks import covered, look_around, report_views, spacing
+from gpf.placement.view_checks import covered, look_around, report_views, spacing
 from gpf.scene.views import View
 
 T = mi.ScalarTransform4f

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from gpf.core.errors import UserError
-from gpf.importing import sources
-from gpf.importing.importer import import_scene
 from gpf.scene.views import SceneViews
-from tests.importing.foreign_scene import LIGHT, MESH, SCENE, bring, files_of, pack
+from stages.importing import sources
+from stages.importing.importer import import_scene
+from tests.stages.importing.foreign_scene import LIGHT, MESH, SCENE, bring, files_of, pack
 
 
 def assert_refused(path: Path, root: Path, words: str, name: str = "room") -> UserError:

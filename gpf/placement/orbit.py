@@ -10,7 +10,7 @@ import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.structs import from_numpy
-from gpf.importing.view_checks import report_views
+from gpf.placement.view_checks import report_views
 from gpf.scene.views import View
 
 

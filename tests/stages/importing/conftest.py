@@ -11,7 +11,7 @@ import pytest
 def original(tmp_path) -> Path:
     """A folder with a scene in it, as somebody else would have made it."""
     # Mitsuba comes with it, and this file may be read before a variant is set.
-    from tests.importing.foreign_scene import write_original
+    from tests.stages.importing.foreign_scene import write_original
 
     return write_original(tmp_path / "Their Room")
 

@@ -19,10 +19,6 @@ import mitsuba as mi
 from gpf.core.errors import UserError
 from gpf.core.partial import grant_as_usual, partial_folder, remove_leftovers
 from gpf.core.places import make_place
-from gpf.importing.checks import check_scene_xml, describe_leftovers
-from gpf.importing.description import describe_scene
-from gpf.importing.report import PHOTONS, ImportReport, examine_scene
-from gpf.importing.sources import Source, open_source
 from gpf.scene.folders import scenes_root
 from gpf.scene.load import load_scene_file
 from gpf.scene.sensors import (
@@ -35,6 +31,10 @@ from gpf.scene.snapshot import make_folders
 from gpf.scene.views import SceneViews, View
 from gpf.scene.views_file import write_views
 from gpf.scene.xml import SceneXml, read_scene_xml
+from stages.importing.checks import check_scene_xml, describe_leftovers
+from stages.importing.description import describe_scene
+from stages.importing.report import PHOTONS, ImportReport, examine_scene
+from stages.importing.sources import Source, open_source
 
 PlaceViews = Callable[["mi.Scene", Sequence[View], float], SceneViews]
 """(scene, views of its own sensors, width / height of the first one's film) -> all views."""
@@ -74,8 +74,8 @@ def import_scene(
     Raises
     ------
     UserError: the name is taken or not allowed, or the scene is rejected by
-        :mod:`gpf.importing.sources`, :mod:`gpf.importing.checks`,
-        :func:`gpf.scene.load.load_scene_file` or :func:`gpf.importing.report.examine_scene`.
+        :mod:`stages.importing.sources`, :mod:`stages.importing.checks`,
+        :func:`gpf.scene.load.load_scene_file` or :func:`stages.importing.report.examine_scene`.
     """
     root = root or scenes_root()
     check_name(name, root)
@@ -151,7 +151,7 @@ def _make(
 
 
 def copy_files(source: Source, document: SceneXml, target: Path) -> list[Path]:
-    """Copy a scene that :mod:`gpf.importing.checks` accepted; return the copies."""
+    """Copy a scene that :mod:`stages.importing.checks` accepted; return the copies."""
     home = source.xml.parent
     copies = {make_place(target, "scene.xml", str(source.xml)): source.xml}
     for file in document.files():

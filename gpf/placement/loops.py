@@ -10,8 +10,8 @@ import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.structs import from_numpy
-from gpf.importing.orbit import Orbit
-from gpf.importing.view_checks import ViewReport, enough_light, report_views
+from gpf.placement.orbit import Orbit
+from gpf.placement.view_checks import ViewReport, enough_light, report_views
 from gpf.scene.views import CameraPath, Keyframe, SceneViews, View
 
 # Frames of a path.

@@ -7,11 +7,11 @@ import pytest
 from benchmarks.check_scenes import SCENES
 from benchmarks.measured_scenes import open_scene
 from gpf.core.errors import UserError
-from gpf.importing import placement
-from gpf.importing.orbit import Orbit
-from gpf.importing.placement import measure_exposure, place_views
-from gpf.importing.view_checks import report_views
+from gpf.placement import cameras
+from gpf.placement.orbit import Orbit
+from gpf.placement.view_checks import report_views
 from gpf.scene.views import View, ViewSets
+from stages.importing.views import place_views
 
 T = mi.ScalarTransform4f
 OWN = View(name="own", origin=(0, 0, 3.9), target=(0, 0, 2.9), fov=39.3)
@@ -38,8 +38,8 @@ def test_what_the_scenes_camera_has_and_views_do_not_is_said(monkeypatch, caplog
     lens = {"type": "thinlens", "aperture_radius": 0.1, "focus_distance": 3.9}
     lens["to_world"] = T().look_at(OWN.origin, OWN.target, OWN.up)
     scene = mi.load_dict(mi.cornell_box() | {"sensor": lens}, optimize=False)
-    monkeypatch.setattr(placement, "place_cameras", lambda *_: ViewSets(train=(OWN,)))
-    assert len(placement.place_sensors(scene)) == 1
+    monkeypatch.setattr(cameras, "place_cameras", lambda *_: ViewSets(train=(OWN,)))
+    assert len(cameras.place_sensors(scene)) == 1
     assert caplog.messages == ["sensor sensor has an aperture: views are in focus everywhere"]
 
 
@@ -103,15 +103,6 @@ def test_under_water_candidates_stay_under_water():
     placed = place_views(mi.load_dict(box, optimize=False), [inside], aspect=1)
     assert placed.train[0] == inside
     assert all(view.origin[1] < 0.9 for view in (*placed.train, *placed.novel))
-
-
-def test_exposure_brings_a_picture_into_range(scene):
-    exposure = measure_exposure(scene, OWN, 1)
-    brighter = mi.cornell_box()
-    brighter["light"]["emitter"]["radiance"]["value"] = [184, 155, 80]
-    ten_times = measure_exposure(mi.load_dict(brighter, optimize=False), OWN, 1)
-    assert 0.5 < exposure < 5
-    assert exposure / ten_times == pytest.approx(10, rel=0.15)
 
 
 def test_a_camera_that_sees_nothing_is_told_so(scene):

@@ -8,8 +8,8 @@ from pathlib import Path
 import mitsuba as mi
 import numpy as np
 
-from gpf.importing.importer import ImportReport, import_scene
 from gpf.scene.views import SceneViews, View, ViewSets
+from stages.importing.importer import ImportReport, import_scene
 
 SCENE = """\
 <?xml version="1.0" encoding="utf-8"?>

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from gpf.importing.report import ImportReport, SceneReport
+from stages.importing.report import ImportReport, SceneReport
 
 _LISTED = 8
 

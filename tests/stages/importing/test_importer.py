@@ -13,16 +13,17 @@ import pytest
 from rich.console import Console
 
 from gpf.guiding.pilot import trace_pilot
-from gpf.importing.description import print_report
-from gpf.importing.report import Material, examine_scene, list_materials
 from gpf.photons.tracing import PathSettings, record_photons
 from gpf.scene.folders import list_scenes, load_views
 from gpf.scene.load import load_scene
 from gpf.scene.snapshot import snapshot_scene
 from gpf.scene.views import View
-from tests.importing.foreign_scene import LIGHT, SCENE, bring, files_of, pack
+from stages.importing.description import print_report
+from stages.importing.materials import Material, list_materials
+from stages.importing.report import examine_scene
+from tests.stages.importing.foreign_scene import LIGHT, SCENE, bring, files_of, pack
 
-ORIGINALS = Path(__file__).parents[3] / "shared/scenes"
+ORIGINALS = Path(__file__).parents[4] / "shared/scenes"
 
 IMPORTED = [
     "LICENSE.txt",

@@ -11,7 +11,7 @@ import pytest
 from gpf.core.errors import UserError
 from gpf.scene.load import load_scene
 from gpf.scene.snapshot import snapshot_scene
-from tests.importing.foreign_scene import LIGHT, MESH, SCENE, bring, pack
+from tests.stages.importing.foreign_scene import LIGHT, MESH, SCENE, bring, pack
 
 VIEWS = """\
 views:
