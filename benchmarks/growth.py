@@ -30,8 +30,8 @@ from gpf.modelling import shapes
 from gpf.modelling.meshes import grid
 from gpf.scene.folders import scene_folder
 from gpf.sppm.passes import PassSettings
-from gpf.sppm.reference import ReferenceRenderer
 from stages.common.costs import peak_memory
+from stages.references.renderer import ReferenceRenderer
 
 ROWS, PATHS, RADIUS = 256, 100_000, 0.02
 

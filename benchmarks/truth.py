@@ -17,8 +17,9 @@ import numpy as np
 from gpf.core.images import tone_map
 from gpf.core.progress import progress_bar
 from gpf.guiding.emission_plan import EmissionPlan, VisibleRegionSettings
-from gpf.sppm.reference import ReferenceRenderer, ReferenceSettings
+from gpf.sppm.reference import ReferenceSettings
 from metrics.flip import evaluate_ldr
+from stages.references.renderer import ReferenceRenderer
 
 TRIMMED = 0.005
 """Fraction of the pixels, the brightest, that do not count in :meth:`Truth.energy`."""

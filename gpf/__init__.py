@@ -12,7 +12,7 @@ The packages, each of which imports only from those above it:
 :mod:`gpf.photons`      emitters -> photons
 :mod:`gpf.camera`       camera rays -> visible points (first diffuse hits)
 :mod:`gpf.guiding`      emission plan: the visible region, and more photons towards it
-:mod:`gpf.sppm`         photons and points -> irradiance; references
+:mod:`gpf.sppm`         photons and points -> irradiance
 :mod:`gpf.field`        photons -> initial Gaussians; Gaussians and points -> irradiance
 :mod:`gpf.training`     Gaussians and target irradiance -> fitted Gaussians
 :mod:`gpf.rendering`    the integrators ``sppm`` and ``gpf``

@@ -21,7 +21,6 @@ from .scene.views import SceneViews as SceneViews
 from .scene.views import View as View
 from .scene.views import read_views as read_views
 from .sppm.passes import PassSettings as PassSettings
-from .sppm.reference import ReferenceRenderer as ReferenceRenderer
 from .sppm.reference import ReferenceSettings as ReferenceSettings
 from .training.settings import TrainingSettings as TrainingSettings
 from .training.streaming import StreamSettings as StreamSettings

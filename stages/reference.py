@@ -21,13 +21,13 @@ from gpf.core.files import read_tensors, require_finite, write_tensors
 from gpf.core.images import check_finite, read_exr, write_exr
 from gpf.core.progress import say
 from gpf.core.structs import to_numpy
-from gpf.sppm.pass_sums import PassSums
 from gpf.training.targets import SURFACES, Targets
 from metrics.equivalent_passes import snapshot_passes
 from stages.common.publishing import prepare_files, publish_files
 from stages.common.workspace import Workspace
 from stages.references.group_passes import GroupPasses
 from stages.references.groups import GROUPS, Group, GroupRequest, Job
+from stages.references.pass_sums import PassSums
 from stages.references.pass_times import time_kinds_of_passes
 
 

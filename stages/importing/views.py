@@ -14,8 +14,8 @@ from gpf.placement.view_checks import report_views
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import SceneViews, View
 from gpf.sppm.passes import PassSettings, propose_radius
-from gpf.sppm.reference import ReferenceRenderer
 from stages.importing.report import PHOTONS
+from stages.references.renderer import ReferenceRenderer
 
 
 def place_views(scene: mi.Scene, own: Sequence[View], aspect: float) -> SceneViews:

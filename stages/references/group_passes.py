@@ -10,14 +10,14 @@ import numpy as np
 
 from gpf.core.images import check_finite
 from gpf.core.progress import Bar, progress_bar
-from gpf.sppm.pass_sums import PassSums
-from gpf.sppm.reference import ReferenceRenderer
 from gpf.training.targets import SURFACES
 from metrics.equivalent_passes import snapshot_passes
 from stages.common.costs import KINDS, CostMeter
 from stages.common.workspace import Workspace
 from stages.references.pass_files import PassParts
+from stages.references.pass_sums import PassSums
 from stages.references.previews import Previews
+from stages.references.renderer import ReferenceRenderer
 
 # With ``target_psnr``, the noise is measured each time this many more passes are done.
 CHECK_EVERY = 25

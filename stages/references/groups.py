@@ -33,13 +33,13 @@ from gpf.core.structs import VisiblePoints
 from gpf.guiding.emission_plan import EmissionPlan
 from gpf.scene.views import View
 from gpf.sppm.passes import PassSettings
-from gpf.sppm.reference import ReferenceRenderer
 from gpf.training.surface_points import share_of_pixels, target_points
 from stages.common.code import digest_of
 from stages.common.costs import CostMeter
 from stages.common.workspace import Workspace
 from stages.references.group_passes import GroupPasses
 from stages.references.pass_files import PassParts
+from stages.references.renderer import ReferenceRenderer
 from stages.references.views_with_images import count_views_with_images
 
 GROUPS = {

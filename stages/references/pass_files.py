@@ -12,7 +12,7 @@ from typing import Any
 
 from gpf.core.errors import UserError
 from gpf.core.files import read_json, read_tensors, write_json, write_tensors
-from gpf.sppm.pass_sums import PassSums
+from stages.references.pass_sums import PassSums
 
 _FINGERPRINT = "fingerprint.json"
 _NAME = re.compile(r"(\d+)-(\d+)\.safetensors")

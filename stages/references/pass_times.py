@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gpf.sppm.reference import ReferenceRenderer
 from stages.references.groups import Job
+from stages.references.renderer import ReferenceRenderer
 
 SAMPLES, ONE_IN = 8, 16
 """Timed passes of each kind: one in 16 of all passes, but at most 8."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from gpf.core.images import write_png
 from gpf.core.progress import say
-from gpf.sppm.pass_sums import PassSums, ViewTally
-from gpf.sppm.reference import ReferenceRenderer
 from stages.common.workspace import Workspace
+from stages.references.pass_sums import PassSums, ViewTally
+from stages.references.renderer import ReferenceRenderer
 
 
 class Previews:
@@ -28,8 +28,8 @@ class Previews:
     def update(self, *sums: PassSums) -> float | None:
         """Write a picture of each view from the passes in all of ``sums``.
 
-        Returns the lowest expected PSNR of all views, dB
-        (:meth:`gpf.sppm.pass_sums.ViewTally.expected_psnr`), or None if nothing was written.
+        Returns the lowest :meth:`ViewTally.expected_psnr` of all views, dB, or None if nothing was
+        written.
         """
         passes = sum(part.passes for part in sums)
         if not self.work.params.progress.preview_seconds or not passes or not self.renderer.sizes:

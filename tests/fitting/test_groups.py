@@ -20,7 +20,7 @@ from gpf.scene.light_groups import LightGroups
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from gpf.sppm.passes import PassSettings
-from gpf.sppm.reference import ReferenceRenderer
+from stages.references.renderer import ReferenceRenderer
 from tests.small_fit import make_small
 
 VIEW = View(name="front", origin=(0, 0, 3.9), target=(0, 0, 0), fov=39.3)

@@ -17,7 +17,7 @@ from gpf.scene.lamps import Lamps
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from gpf.sppm.passes import PassSettings
-from gpf.sppm.reference import ReferenceRenderer
+from stages.references.renderer import ReferenceRenderer
 from tests.furnace import diffuse, floor
 from tests.small_fit import make_small
 

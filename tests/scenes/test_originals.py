@@ -10,7 +10,7 @@ import pytest
 from gpf.scene.load import load_scene, load_scene_file
 from gpf.scene.sensors import make_sensor, views_of_sensors
 from gpf.sppm.passes import PassSettings
-from gpf.sppm.reference import ReferenceRenderer
+from stages.references.renderer import ReferenceRenderer
 
 ORIGINALS = Path(__file__).parents[3] / "shared/scenes"
 BLOCKS = 8

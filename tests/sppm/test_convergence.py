@@ -15,7 +15,7 @@ import pytest
 
 from gpf.core.structs import VisiblePoints, from_numpy
 from gpf.sppm.passes import PassSettings
-from gpf.sppm.reference import ReferenceRenderer
+from stages.references.renderer import ReferenceRenderer
 from tests.furnace import diffuse, floor, point_light
 
 HEIGHT, INTENSITY = 0.35, 2.0

@@ -16,8 +16,8 @@ import pytest
 from gpf.core.files import read_tensors
 from gpf.core.images import read_exr
 from gpf.field.io import load_field
-from gpf.sppm.reference import ReferenceRenderer
 from gpf.training.descent import GaussianDescent
+from stages.references.renderer import ReferenceRenderer
 from tests.stages.results import NOVEL, TRAIN, assert_whole, files_below
 
 

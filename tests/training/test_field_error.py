@@ -16,9 +16,9 @@ from gpf.rendering.settings import RenderSettings
 from gpf.scene.sensors import make_sensor
 from gpf.scene.views import View
 from gpf.sppm.passes import PassSettings
-from gpf.sppm.reference import ReferenceRenderer
 from gpf.training.field_error import estimate_error
 from gpf.training.half_colours import HalfColours
+from stages.references.renderer import ReferenceRenderer
 from tests.plain_field import flat_gaussians, make_field, surface_points
 from tests.small_fit import make_small
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 
-from gpf.sppm.pass_sums import ViewTally
+from stages.references.pass_sums import ViewTally
 
 
 def test_the_standard_error_of_few_passes_by_hand():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gpf.core.structs import from_numpy
-from gpf.sppm.pass_sums import ExactSum
+from stages.references.pass_sums import ExactSum
 
 NUMBERS = ("whole", "steps")
 
