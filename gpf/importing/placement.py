@@ -18,8 +18,9 @@ import numpy as np
 
 from gpf.core.errors import UserError
 from gpf.core.images import propose_exposure
+from gpf.core.vectors import normalise
 from gpf.importing.loops import place_path
-from gpf.importing.orbit import Orbit, unit_vector
+from gpf.importing.orbit import Orbit
 from gpf.importing.report import PHOTONS
 from gpf.importing.view_checks import (
     COVERED_WITHIN,
@@ -223,5 +224,5 @@ def _choose_novel(
 
 
 def _pose(view: View, unit: float) -> np.ndarray:
-    forward = unit_vector(np.subtract(view.target, view.origin))
+    forward = normalise(np.subtract(view.target, view.origin))
     return np.concatenate([np.array(view.origin) / unit, forward])
