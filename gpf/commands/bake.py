@@ -133,25 +133,29 @@ def bake_light(scene_name: str, field_name: str | None, folder: Path, options: B
     start = time.perf_counter()
     with sole_run(folder, inside=True), telling_untraceable(str(scene_file)):
         remove_leftovers(folder)
-        if options.vertex_colours:
-            index = _bake_vertices(folder, scene, field, surfaces, options, exposure)
-        else:
-            index, baked = _bake_maps(folder, scene, field, surfaces, options, exposure)
+        index, baked = _bake(folder, scene, field, surfaces, options, exposure)
+        if baked is not None:
             title = title_of(scene_name)
             write_scene(options.files, scene, field, baked, index["exposure"], views, title)
         write_json(folder / INDEX, {**index, "left_out": left_out})
     say(f"{folder}: {len(surfaces)} meshes, {time.perf_counter() - start:.1f} s")
 
 
-def _bake_maps(
+def _bake(
     folder: Path,
     scene: mi.Scene,
     field: GaussianPhotonField,
     surfaces: list[Surface],
     options: BakeOptions,
     exposure: float | None,
-) -> tuple[dict[str, Any], LightMaps]:
-    """Bake and write light maps; what the index says about them, and the maps."""
+) -> tuple[dict[str, Any], LightMaps | None]:
+    """Bake and write light maps, or light at vertices; what the index says about them, and the
+    maps."""
+    if options.vertex_colours:
+        with progress_bar("light at vertices", 1) as bar:
+            lit = bake_vertices(scene, field, surfaces, options.spp, options.seed, bar)
+        exposure = exposure or _measured_exposure(np.concatenate([part.light[""] for part in lit]))
+        return {**write_vertices(folder, lit, exposure), "exposure": exposure}, None
     say(f"unwrapping {sum(len(surface.faces) for surface in surfaces)} triangles")
     size = options.size or (None if options.texels_per_unit else SIZE)
     atlas = unwrap(surfaces, size, options.texels_per_unit)
@@ -164,21 +168,6 @@ def _bake_maps(
     exposure = exposure or _measured_exposure(baked.maps[""])
     index = write_maps(folder, baked, exposure)
     return {**index, "exposure": exposure, "texels_per_unit": atlas.texels_per_unit}, baked
-
-
-def _bake_vertices(
-    folder: Path,
-    scene: mi.Scene,
-    field: GaussianPhotonField,
-    surfaces: list[Surface],
-    options: BakeOptions,
-    exposure: float | None,
-) -> dict[str, Any]:
-    """Bake and write light at vertices; what the index says about it."""
-    with progress_bar("light at vertices", 1) as bar:
-        lit = bake_vertices(scene, field, surfaces, options.spp, options.seed, bar)
-    exposure = exposure or _measured_exposure(np.concatenate([part.light[""] for part in lit]))
-    return {**write_vertices(folder, lit, exposure), "exposure": exposure}
 
 
 def _measured_exposure(irradiance: np.ndarray) -> float:
